@@ -16,13 +16,13 @@ module viscovib_command_line
   end type scene_path
 
   type :: command_line
-    !> Scenes to be computed, in their order.
+    !> Scenes in the given order.
     type(scene_path), allocatable :: scenes(:)
     character(len=:), allocatable :: folder
     logical :: plan = .false., quiet = .false., count = .false., allow_paths = .false.
-    !> Bounds: time (s; 0: none) and memory (bytes; 0: by the machine).
+    !> Limits: time (s; 0: none) and memory (bytes; 0: depends on the machine).
     real(wp) :: seconds = 0.0_wp, memory = 0.0_wp
-    !> To print instead of running (--help, --version); else empty.
+    !> Text to print and exit (--help, --version); otherwise empty.
     character(len=:), allocatable :: text
   end type command_line
 
@@ -73,8 +73,8 @@ contains
         command%text = 'viscovib-solve '//version
       case ('--out')
         i = i + 1
-        ! The argument past the last is empty, like the one of --out "": the
-        ! table would go to the root folder.
+        ! An argument past the last is empty, like that of --out "". The table would then be
+        ! written to the root folder.
         command%folder = argument(i)
         if (len(command%folder) == 0) then
           call fail(status, status_input_error, 'out', '--out needs a folder; '//usage)
@@ -96,7 +96,7 @@ contains
     end if
   end subroutine read_command_line
 
-  !> One more scene; its tables must have names of their own.
+  !> Add a scene. Its table names must be unique.
   subroutine add_scene(command, path, status)
     type(command_line), intent(inout) :: command
     character(len=*), intent(in) :: path
@@ -119,7 +119,7 @@ contains
     call move_alloc(longer, command%scenes)
   end subroutine add_scene
 
-  !> A number behind an option.
+  !> Read the number of an option.
   subroutine read_bound(name, word, value, status)
     character(len=*), intent(in) :: name, word
     real(wp), intent(out) :: value

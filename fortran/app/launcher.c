@@ -1,5 +1,5 @@
-/* viscovib-solve of a wheel: becomes the driver that was compiled for what this machine has. The
-   drivers are in the same folder, viscovib-solve-x86-64-v2 and so on. */
+/* viscovib-solve in a wheel: executes the driver compiled for the instruction set of this machine.
+   The drivers are in the same folder (viscovib-solve-x86-64-v2 and others). */
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>

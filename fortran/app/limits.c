@@ -1,7 +1,7 @@
-/* Bounds on time and memory of a whole program. At the first, computations are asked to end with
-   what they have (viscovib_stop, which their loops look at); what does not hear is ended a little
-   later. Memory that cannot be had ends the program at once. Both ways one line is said, the file
-   in the making is removed, and the exit status is 1. */
+/* Limits on time and memory of the program. At the time limit, computations stop with partial
+   results (their loops check viscovib_stop); otherwise the program is terminated after a grace
+   period. A failed allocation terminates the program at once. Termination prints one line, removes
+   the unfinished file, and returns the exit status 1. */
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -35,13 +35,13 @@ static void set_timer(double seconds) {
 
 static void at_alarm(int number) {
   (void)number;
-  /* What is computed is written to the end. */
+  /* Do not interrupt the writing of results. */
   if (viscovib_stop && !viscovib_unfinished[0]) end_now(time_message);
   viscovib_stop = 1;
   set_timer(grace);
 }
 
-/* From now on; what does not hear it is ended a quarter of it later, three seconds at least. */
+/* Start the time limit. The grace period is a quarter of it, at least three seconds. */
 void viscovib_limit_seconds(double seconds) {
   struct sigaction action;
   grace = seconds < 12.0 ? 3.0 : 0.25 * seconds;
@@ -54,7 +54,7 @@ void viscovib_limit_seconds(double seconds) {
   set_timer(seconds);
 }
 
-/* The stack grows up to its limit, which may be raised up to the hard one. */
+/* Raise the stack limit, up to the hard limit. */
 __attribute__((constructor)) static void need_stack(void) {
   struct rlimit limit;
   const rlim_t wanted = 8u << 20, least = 1u << 20;
@@ -73,7 +73,7 @@ __attribute__((constructor)) static void need_stack(void) {
   _exit(2);
 }
 
-/* Memory that this program may use: that of the machine or of its control group. */
+/* Memory available to this program: that of the machine or of its control group. */
 static double available(void) {
   double most = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE), bound;
   FILE *file = fopen("/sys/fs/cgroup/memory.max", "r");
@@ -84,8 +84,8 @@ static double available(void) {
   return most;
 }
 
-/* Bytes; 0: three quarters of what there is, since with more the system, which needs some itself,
-   pages for hours or kills this or another program. */
+/* Limit in bytes; 0: three quarters of the available memory. With more, the system would swap for
+   hours or kill this or another program. */
 void viscovib_limit_memory(double bytes) {
   struct rlimit limit;
   if (bytes <= 0.0) bytes = 0.75 * available();
@@ -102,7 +102,7 @@ void viscovib_limit_memory(double bytes) {
 #endif
 }
 
-/* What compiled Fortran calls instead of malloc and so on in the driver (link option --wrap). */
+/* Replace malloc, calloc and realloc in Fortran code of the driver (link option --wrap). */
 void *__real_malloc(size_t n);
 void *__real_calloc(size_t n, size_t size);
 void *__real_realloc(void *old, size_t n);

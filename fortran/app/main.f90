@@ -1,8 +1,8 @@
 !> viscovib-solve: runs a scene without Python.
 !!
-!! Exit status: 0 done; 1 computed, but some points have no solution (the rows
-!! say which), a motion stopped early or a bound on time or memory was reached; 2 bad input;
-!! 3 a file cannot be read or written. Of several scenes each is tried; the largest counts.
+!! Exit status: 0 done; 1 computed, but some points have no solution (see the rows), a solution
+!! stopped early or a limit on time or memory was reached; 2 invalid input; 3 a file cannot be read
+!! or written. All scenes are tried; the largest status is returned.
 program viscovib_solve
   use, intrinsic :: iso_c_binding, only: c_double
   use, intrinsic :: iso_fortran_env, only: error_unit
@@ -18,7 +18,7 @@ program viscovib_solve
   implicit none
 
   interface
-    !> From app/limits.c.
+    !> In app/limits.c.
     subroutine limit_seconds(seconds) bind(c, name='viscovib_limit_seconds')
       import :: c_double
       real(c_double), value :: seconds
@@ -32,7 +32,7 @@ program viscovib_solve
 
   type(command_line) :: command
   type(status_type) :: status
-  !> What was wrong with the standard output, once.
+  !> First error of writing to standard output.
   type(status_type) :: printed
   integer :: i, exit_status
 
@@ -63,7 +63,7 @@ program viscovib_solve
 
 contains
 
-  !> Compute a scene, or tell its plan; the exit status if it were the only one.
+  !> Run or plan a scene. Returns its exit status.
   integer function status_of(path)
     character(len=*), intent(in) :: path
     type(scene_type) :: scene
@@ -104,7 +104,7 @@ contains
     write (error_unit, '(2a)') 'viscovib-solve: ', one_line(status%message)
   end subroutine tell
 
-  !> Words about a bound that was reached.
+  !> Text about a limit that was reached.
   function told_stop(report)
     type(scene_report), intent(in) :: report
     character(len=:), allocatable :: told_stop
@@ -123,7 +123,7 @@ contains
     end do
   end subroutine say_counts
 
-  !> A line on the standard output.
+  !> Print a line to standard output.
   subroutine put(line)
     character(len=*), intent(in) :: line
     type(status_type) :: failed
@@ -133,7 +133,7 @@ contains
     printed = failed
   end subroutine put
 
-  !> Warnings, each ended by a new-line character.
+  !> Print warnings, each terminated by a new-line character.
   subroutine warn(text)
     character(len=*), intent(in) :: text
     integer :: first, last

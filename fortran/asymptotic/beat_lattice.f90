@@ -25,7 +25,7 @@ module viscovib_beat_lattice
     real(wp) :: beat(max_beats) = 0.0_wp
     !> Each term's multiples, shape (max_beats, n_terms).
     integer, allocatable :: turns(:, :)
-    !> Orders kept, shape (max_beats, n), the first of them 0; points of the grid in each angle.
+    !> Included orders, shape (max_beats, n), the first of them 0; grid points in each angle.
     integer :: bound = 0, points = 1
     integer, allocatable :: orders(:, :)
   contains
@@ -42,7 +42,7 @@ contains
   !> Base frequencies of the rotating terms; `known` is false if there are more than max_beats.
   pure subroutine find_beats(turn, scale, lattice, known)
     real(wp), intent(in) :: turn(:)
-    !> The highest frequency among those whose differences are given.
+    !> The highest of the frequencies whose differences are given.
     real(wp), intent(in) :: scale
     type(beat_lattice_type), intent(out) :: lattice
     logical, intent(out) :: known
@@ -52,7 +52,7 @@ contains
     allocate (lattice%turns(max_beats, size(turn)), source=0)
     known = .true.
     waits = abs(turn) > same*scale
-    ! Begin with the lowest: others are more likely to be its multiples.
+    ! Begin with the lowest frequency: higher ones are more likely to be its multiples.
     do while (any(waits))
       i = minloc(abs(turn), 1, mask=waits)
       waits(i) = .false.
@@ -130,7 +130,7 @@ contains
       if (btest(mask, i - 1)) first = i
     end do
     if (first == 0) return
-    ! beat_first = 2 half - the others of the sum.
+    ! beat_first = 2 half - the remaining beats of the sum.
     do j = 1, self%d
       if (j == first .or. .not. btest(mask, j - 1)) cycle
       self%beat(first) = self%beat(first) + self%beat(j)

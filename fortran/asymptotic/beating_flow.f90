@@ -5,7 +5,7 @@
 !! where B are the beat frequencies (`viscovib_beat_lattice`).
 !!
 !! The equations are integrated until the initial transient has decayed. A least-squares fit of
-!! waves to the motion after that is the first approximation of Newton's method for
+!! Fourier terms to the motion after that is the first approximation of Newton's method for
 !!
 !!   i m.B A_jm = F_m[rates_j(a(theta), theta)],
 !!
@@ -35,7 +35,7 @@ module viscovib_beating_flow
   !! to a motion found before.
   integer, parameter, public :: beats_found = 1, beats_unsettled = 2, beats_beyond = 3, &
                                 beats_known = 4
-  !> Bounds of the orders that are tried one after the other, by the number of beats; of the fit.
+  !> Bounds of the orders tried in turn, by the number of beats; bound of the fit.
   integer, parameter :: bounds(3, 0:max_beats) = reshape([0, 0, 0, 8, 16, 32, 4, 6, 9, 3, 4, 5], &
                                                          [3, max_beats + 1])
   integer, parameter :: first_bound(0:max_beats) = [0, 8, 4, 2]
@@ -112,7 +112,7 @@ contains
     call find_growth(flow, slowest, beats)
   end subroutine find_beating_flow
 
-  !> Times from t on, over some beats, with uneven spacing, so that no beats are aliased.
+  !> Unevenly spaced times from t, over some beats, so that no beats are aliased.
   pure function sample_times(lattice, t) result(times)
     type(beat_lattice_type), intent(in) :: lattice
     real(wp), intent(in) :: t
@@ -201,7 +201,7 @@ contains
     if (beats%lattice%d == 0) tail_of = 0.0_wp
   end function tail_of
 
-  !> Fit waves with the frequencies of the beats, or with one more that is half a sum of them.
+  !> Fit Fourier terms with the frequencies of the beats, or with half a sum of them added.
   subroutine first_fit(times, a, beats, found)
     real(wp), intent(in) :: times(:)
     complex(wp), intent(in) :: a(:, :)
@@ -236,7 +236,7 @@ contains
     call move_alloc(waves, beats%a)
   end subroutine first_fit
 
-  !> Largest difference between the waves and the samples.
+  !> Largest difference between the Fourier sum and the samples.
   pure real(wp) function misfit_of(beats, times, a)
     type(beating_flow_type), intent(in) :: beats
     real(wp), intent(in) :: times(:)
@@ -248,7 +248,7 @@ contains
     end do
   end function misfit_of
 
-  !> Waves of the lattice by least squares.
+  !> Fourier coefficients on the lattice by least squares.
   subroutine fit_samples(lattice, times, a, waves)
     type(beat_lattice_type), intent(in) :: lattice
     real(wp), intent(in) :: times(:)
@@ -265,7 +265,7 @@ contains
     end do
     matrix = matmul(conjg(transpose(basis)), basis)
     do i = 1, n
-      ! Waves that the samples cannot distinguish share the amplitude.
+      ! Terms that the samples cannot distinguish share the amplitude.
       matrix(i, i) = matrix(i, i)*(1.0_wp + 1.0e-9_wp)
     end do
     allocate (waves(size(a, 1), n))
@@ -276,7 +276,7 @@ contains
     end do
   end subroutine fit_samples
 
-  !> The zeros of rates - i m.B A for the modes that move.
+  !> Newton's method for rates - i m.B A = 0, for the active modes.
   subroutine newton(flow, moving, beats, found)
     type(slow_flow_type), intent(in) :: flow
     integer, intent(in) :: moving(:)
@@ -317,7 +317,7 @@ contains
     found = moved <= 1.0e-7_wp*size_of
   end subroutine newton
 
-  !> Transforms over the grid of the rates and their slopes, of the modes that move.
+  !> Fourier coefficients over the grid of the rates and their derivatives, for the active modes.
   subroutine evaluate(flow, moving, beats, rates, p, q)
     type(slow_flow_type), intent(in) :: flow
     integer, intent(in) :: moving(:)
@@ -365,7 +365,7 @@ contains
     end associate
   end subroutine evaluate
 
-  !> Matrix and right side for real parts, then imaginary ones, order by order.
+  !> Matrix and right-hand side: real parts, then imaginary parts, order by order.
   pure subroutine fill(moving, beats, rates, p, q, matrix, x)
     integer, intent(in) :: moving(:)
     type(beating_flow_type), intent(in) :: beats
@@ -410,7 +410,7 @@ contains
   !> Growth rates of perturbations of the motion.
   subroutine find_growth(flow, slowest, beats)
     type(slow_flow_type), intent(in) :: flow
-    !> Decay of the mode that decays most slowly.
+    !> Decay rate of the mode with the slowest decay.
     real(wp), intent(in) :: slowest
     type(beating_flow_type), intent(inout) :: beats
     real(wp), allocatable :: columns(:, :), grown(:, :), middle(:, :), k1(:, :), k2(:, :), k3(:, :)

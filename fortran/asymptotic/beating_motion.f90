@@ -2,8 +2,8 @@
 !! not autonomous in any frame (`viscovib_beating_flow`), as motions of third order with lines.
 !!
 !! A product of generators rotates at the sum of their frequencies, and its amplitude beats. So the
-!! motion is a sum of waves, u = mean + sum_k Re X_k exp(i f_k t), where each f_k is an integer
-!! combination of the frequencies of the frame and the loads. Waves of equal frequency are one line.
+!! motion is u = mean + sum_k Re X_k exp(i f_k t), where each f_k is an integer combination of the
+!! frequencies of the frame and the loads. Terms of equal frequency form one line.
 module viscovib_beating_motion
   use viscovib_beat_lattice, only: transform
   use viscovib_beating_flow, only: amplitudes_at, beating_flow_type, beats_found, find_beating_flow
@@ -36,7 +36,7 @@ module viscovib_beating_motion
     !! (n_dof, n_lines).
     real(wp), allocatable :: frequency(:)
     complex(wp), allocatable :: x(:, :)
-    !> Root mean square over the beats of each mode's |a|, with the phase of its largest wave.
+    !> Root mean square over the beats of each mode's |a|, with the phase of its largest term.
     complex(wp), allocatable :: typical(:)
     real(wp) :: sizes(n_sizes) = 0.0_wp, left_out = 0.0_wp
   end type beating_motion_type
@@ -69,7 +69,7 @@ contains
       if (.not. (scales%normal%choosing .and. wants_more(scales%normal, largest))) exit
       expected = max(expected, largest)
     end do
-    ! Only this test includes distant terms that make a mode grow: their influence is >= 1/2.
+    ! Distant terms that make a mode grow have an influence >= 1/2; only this test includes them.
     motion%left_out = max(left_out(scales%normal, largest), &
                           least_fall/0.5_wp*far_influence(scales%normal, largest, .true.))
     call harmonic_of(scales, cmplx(largest, 0.0_wp, wp), 1.0_wp, x, motion%sizes)
@@ -111,7 +111,7 @@ contains
     end do
   end subroutine on_grid
 
-  !> The waves of all products, as lines.
+  !> The Fourier terms of all products, as lines.
   subroutine find_lines(scales, motion)
     type(multiple_scales_type), intent(in) :: scales
     type(beating_motion_type), intent(inout) :: motion
@@ -135,7 +135,7 @@ contains
       n_carriers = 0
       allocate (wave(size(a, 1), d, max_carriers), product(size(a, 1)))
       do i = 1, g
-        ! The list contains the conjugates of products, but not those of single generators.
+        ! The list contains the conjugates of products, but not the conjugates of single generators.
         if (moves(i)) call add(turn(i), y(:, i), normal%right(:d, i))
         if (moves(i)) call add(-turn(i), conjg(y(:, i)), conjg(normal%right(:d, i)))
       end do
@@ -184,7 +184,7 @@ contains
 
   end subroutine find_lines
 
-  !> Waves of all carriers, sorted by frequency; those of equal frequency are added.
+  !> Terms of all carriers, sorted by frequency; terms of equal frequency are added.
   subroutine collect(scales, motion, carrier, wave)
     type(multiple_scales_type), intent(in) :: scales
     type(beating_motion_type), intent(inout) :: motion

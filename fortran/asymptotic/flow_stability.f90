@@ -11,8 +11,8 @@ module viscovib_flow_stability
 
 contains
 
-  !> Of da' = P da + Q conj(da). An uncoupled mode has s = Re P +- sqrt(|Q|^2 - (Im P)^2);
-  !! the others are eigenvalues of the matrix of the coupled modes; NaN if these do not converge.
+  !> Eigenvalues of da' = P da + Q conj(da). An uncoupled mode has s = Re P +- sqrt(|Q|^2 - (Im
+  !! P)^2); coupled modes have the eigenvalues of their matrix, NaN if these do not converge.
   pure subroutine flow_eigenvalues(flow, a, values)
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(in) :: a(flow%n_modes)

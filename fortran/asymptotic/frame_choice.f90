@@ -1,9 +1,9 @@
-!> Selection of resonant terms that are constant in a common frame, one after the other.
+!> Selection of resonant terms that are constant in a common frame, in sequence.
 !!
 !! Each term is a linear condition on the frame's frequencies W: the frequency of the driven mode is
 !! the sum of the frequencies of the factors, loads included. A term is rejected if its condition
-!! contradicts the accepted ones, or if it would couple more modes than the solver accepts. It then
-!! remains a separate wave, which is not periodic in the frame (quasi-periodic motion).
+!! contradicts the accepted ones, or if it would couple more modes than the solver accepts. It is
+!! then a separate harmonic term, which is not periodic in the frame (quasi-periodic motion).
 module viscovib_frame_choice
   use viscovib_kinds, only: wp
   implicit none
@@ -19,7 +19,7 @@ module viscovib_frame_choice
     !> Natural frequencies, and orthonormal conditions on W - natural, a column each.
     real(wp), allocatable :: natural(:), basis(:, :), offset(:)
     integer :: n = 0
-    !> Of the accepted terms that are not only shifts: modes that occur, and whether loads occur.
+    !> For the accepted terms that are not mere shifts: modes that occur, and whether loads occur.
     logical, allocatable, private :: tied(:, :), loaded(:)
     integer, private :: n_tied = 0
   contains
@@ -48,7 +48,7 @@ contains
     integer, intent(in) :: powers(:)
     !> Frequency of the loads among the factors.
     real(wp), intent(in) :: drive
-    !> Whether there are any.
+    !> True if loads are among the factors.
     logical, intent(in) :: loaded
     logical, intent(out) :: taken
     real(wp) :: condition(size(powers)), wanted
@@ -100,7 +100,7 @@ contains
     end do
   end function frame
 
-  !> Modes that loads reach through the terms taken.
+  !> Number of modes that loads excite through the accepted terms.
   pure integer function n_moving(self)
     class(frame_choice_type), intent(in) :: self
     logical :: moves(size(self%natural))

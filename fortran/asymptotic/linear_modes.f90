@@ -94,7 +94,7 @@ contains
     found = found .and. aimag(s) > 0.1_wp*abs(s) .and. aimag(s) > 1.0e-3_wp*start_speed
   end subroutine follow
 
-  !> Units of equations and unknowns, by the sizes of the terms of L.
+  !> Units of equations and unknowns, from the magnitudes of the terms of L.
   pure subroutine find_units(form, speed, rows, columns)
     type(polynomial_form_type), intent(in) :: form
     !> Size of the exponent.
@@ -119,7 +119,7 @@ contains
     residual = largest/scale
   end function residual
 
-  !> The largest coordinate 1.
+  !> Scale the largest coordinate to 1.
   pure subroutine normalize(n_dof, r)
     integer, intent(in) :: n_dof
     complex(wp), intent(inout) :: r(:)
@@ -128,7 +128,7 @@ contains
     if (abs(largest) > 0.0_wp) r = r/largest
   end subroutine normalize
 
-  !> s of l L(s) r = 0 by Newton's method.
+  !> Solve l L(s) r = 0 for s by Newton's method.
   subroutine rayleigh(form, r, l, s, found)
     type(polynomial_form_type), intent(in) :: form
     complex(wp), intent(in) :: r(:), l(:)

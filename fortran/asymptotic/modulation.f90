@@ -1,6 +1,6 @@
-!> The amplitudes in time: modulation equations integrated by the pair of Dormand and
-!! Prince of orders 5 and 4, its own interpolation between the steps (Hairer, Norsett,
-!! Wanner, Solving ordinary differential equations I, 1993, II.4-II.6).
+!> Time integration of the modulation equations by the Dormand-Prince pair of orders 5 and 4, with
+!! its interpolant between the steps (Hairer, Norsett, Wanner, Solving ordinary differential
+!! equations I, 1993, II.4-II.6).
 module viscovib_modulation
   use viscovib_kinds, only: wp
   use viscovib_slow_flow, only: slow_flow_type
@@ -33,14 +33,14 @@ module viscovib_modulation
 
 contains
 
-  !> Amplitudes at the times wanted, from a at time 0.
+  !> Amplitudes at the requested times, from `start` at time 0.
   subroutine modulate(flow, start, times, tolerance, max_steps, a, n_reached, n_steps, outcome, &
                       cancel)
     type(slow_flow_type), intent(in) :: flow
     complex(wp), intent(in) :: start(:)
     !> Not negative, ascending.
     real(wp), intent(in) :: times(:)
-    !> Of a step, relative to the largest amplitude.
+    !> Tolerance of a step, relative to the largest amplitude.
     real(wp), intent(in) :: tolerance
     integer, intent(in) :: max_steps
     !> Shape (n_modes, size(times)); columns beyond n_reached are 0.

@@ -3,15 +3,15 @@
 !!
 !! For fixed amplitudes the motion is a function of the angles of its generators
 !! (`viscovib_motion_lattice`). The motion and its derivatives are substituted into the full
-!! equations (all degrees) at the points of a lattice over these angles. The waves of the residual,
-!! E_h exp(i h.theta) with orders |h| <= 4, give
+!! equations (all degrees) at the points of a lattice over these angles. The Fourier terms of the
+!! residual, E_h exp(i h.theta) with orders |h| <= 4, give
 !!
 !!   L(s_h) U_h + sum_j g_jh L[s_h, s_j] r_j = -E_h
 !!
-!! as for waves of the expansion: a motion U_h if no mode is near, otherwise a change g_jh of the
+!! as for terms of the expansion: a motion U_h if no mode is near, otherwise a change g_jh of the
 !! amplitude of this mode. Quadratic terms of U and the motion are as large as the next order of E.
 !! So with quadratic terms the motion plus U is substituted a second time: the new correction is
-!! added to U, and g is then the whole change. For a wave whose amplitude changes slowly, memory is
+!! added to U, and g is then the whole change. If the amplitude of a term changes slowly, memory is
 !! represented by (1 - R)(s_h) and its first two derivatives.
 module viscovib_motion_defect
   use viscovib_fourier, only: real_spectrum
@@ -25,18 +25,18 @@ module viscovib_motion_defect
 
   public :: defect_type, find_defect
 
-  !> In natural units, one column for each wave; of a wave and its conjugate, the one that
-  !! has a negative frequency is omitted.
+  !> In natural units, one column for each Fourier term; of a term and its conjugate, the one with a
+  !! negative frequency is omitted.
   type :: defect_type
     integer :: n = 0
     !> False: there are more angles than the limit, and the defect was not computed.
     logical :: known = .true.
     real(wp), allocatable :: frequency(:)
-    !> Frequency in the frame: the phase of the wave at time t is this times t.
+    !> Frequency in the frame: the phase of the term at time t is this times t.
     real(wp), allocatable :: phase_rate(:)
     !> U_h, shape (n, n_waves), and g_jh, shape (n_modes, n_waves).
     complex(wp), allocatable :: u(:, :), rates(:, :)
-    !> h, and the angle of each mode that shares it with no load and no other mode; 0: none.
+    !> h, and the angle of each mode whose angle no load and no other mode has; 0: none.
     integer, allocatable :: orders(:, :), own_angle(:)
   end type defect_type
 
@@ -49,11 +49,11 @@ contains
     !> Amplitudes in natural units and the frame.
     complex(wp), intent(in) :: a(:)
     type(defect_type), intent(out) :: defect
-    !> Relative distance from a mode within which waves belong to g; default: the tolerance.
+    !> Relative distance from a mode within which terms belong to g; default: the tolerance.
     real(wp), intent(in), optional :: band
     !> As in `find_angles`.
     real(wp), intent(in), optional :: turns(:)
-    !> Only g is needed, of the waves near a mode.
+    !> Compute only g, for the terms near a mode.
     logical, intent(in), optional :: rates_only
     type(angles_type) :: angles
     real(wp), allocatable :: y(:, :, :), load(:, :), e(:, :), w(:, :, :)
@@ -94,7 +94,7 @@ contains
     end associate
   end subroutine find_defect
 
-  !> The exponent with which the wave of order i changes as a whole.
+  !> The exponent with which the term of order i changes.
   pure complex(wp) function exponent_of(angles, orders, defect, i)
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: orders(:, :), i
@@ -103,9 +103,9 @@ contains
                         defect%frequency(i), wp)
   end function exponent_of
 
-  !> The motion U and its derivatives at the points of the lattice, on top of y. All waves at once:
-  !! Re sum_t c_t exp(2 pi i t k/n) is Re C + Im D, with the transforms C and D of the real and the
-  !! imaginary parts of c.
+  !> Add U and its derivatives at the points of the lattice to y, for all terms at once: Re sum_t
+  !! c_t exp(2 pi i t k/n) is Re C + Im D, with the transforms C and D of the real and the imaginary
+  !! parts of c.
   subroutine add_waves(angles, step, orders, defect, y)
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: step(:), orders(:, :)
@@ -211,13 +211,13 @@ contains
     end associate
   end subroutine slow_sides
 
-  !> One pass: add the response to the waves of the residual to U; compute g.
+  !> One iteration: add the response to the terms of the residual to U; compute g.
   subroutine answer_waves(scales, angles, step, orders, y, e, w, rates_only, defect, band)
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: step(:), orders(:, :)
     real(wp), intent(in) :: y(:, :, 0:), e(:, :), w(:, :, :)
-    !> Only of the waves near a mode.
+    !> True: only for the terms near a mode.
     logical, intent(in) :: rates_only
     type(defect_type), intent(inout) :: defect
     real(wp), intent(in), optional :: band

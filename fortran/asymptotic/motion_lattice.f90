@@ -10,8 +10,8 @@ module viscovib_motion_lattice
   public :: angles_type, find_angles, lattice_of, list_orders, sample_motion
 
   integer, parameter, public :: max_angles = 6, highest_order = 4
-  !> Points k (1, g, g^2, ...)/n turns, k = 0, ..., n - 1, for each number of angles: the fewest
-  !! that distinguish waves of orders |h| <= 4 (those of order 1 from all up to 7), by search.
+  !> Points k (1, g, g^2, ...)/n turns, k = 0, ..., n - 1, for each number of angles: the smallest n
+  !! that distinguishes terms of orders |h| <= 4 (terms of order 1 from all up to 7), by search.
   integer, parameter :: lattice_points(0:max_angles) = [1, 20, 41, 147, 435, 1023, 2285], &
                         lattice_steps(0:max_angles) = [1, 1, 9, 19, 41, 29, 787]
   real(wp), parameter :: two_pi = 6.283185307179586_wp, same = 1.0e-9_wp
@@ -136,8 +136,8 @@ contains
 
   contains
 
-    !> Products with coefficients other than 0, of modes that move. Of a product and its conjugate,
-    !! which adds the same real part, only the first is listed, with its weight.
+    !> Products with nonzero coefficients of active modes. Of a product and its conjugate, which
+    !! adds the same real part, only the first is listed, with its weight.
     subroutine find_worthwhile(u, factors, which, times)
       complex(wp), intent(in) :: u(:, :)
       integer, intent(in) :: factors(:, :)
@@ -168,7 +168,7 @@ contains
 
   end subroutine sample_motion
 
-  !> Add the real part of a wave with these coefficients to all unknowns and derivatives.
+  !> Add the real part of a term with these coefficients to all unknowns and derivatives.
   pure subroutine add(wave, u, y)
     complex(wp), intent(in) :: wave(:, 0:), u(:)
     real(wp), intent(inout) :: y(:, :, 0:)
@@ -181,7 +181,7 @@ contains
     end do
   end subroutine add
 
-  !> Product of two, and its derivatives (Leibniz).
+  !> Product of two functions, and its derivatives (Leibniz).
   pure function product_of(f, g) result(p)
     complex(wp), intent(in) :: f(:, 0:), g(:, 0:)
     complex(wp) :: p(size(f, 1), 0:2)
@@ -190,7 +190,7 @@ contains
     p(:, 2) = f(:, 2)*g(:, 0) + 2.0_wp*(f(:, 1)*g(:, 1)) + f(:, 0)*g(:, 2)
   end function product_of
 
-  !> Generators, waves of the loads, and their first two derivatives by the modulation
+  !> Generators, terms exp(i p t) of the loads, and their first two derivatives by the modulation
   !! equations Y_j' = s_j Y_j + sum g_jM Y_M + ..., at all points.
   pure subroutine generators_at(scales, angles, turn, a, g, wave)
     type(multiple_scales_type), intent(in) :: scales

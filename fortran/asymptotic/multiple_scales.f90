@@ -106,7 +106,7 @@ contains
     end do
   end subroutine reach_of
 
-  !> Shapes of the modes in the caller's units, columns, the largest coordinate 1.
+  !> Shapes of the modes in the caller's units, one per column; the largest coordinate is 1.
   pure function shapes(self)
     class(multiple_scales_type), intent(in) :: self
     complex(wp) :: shapes(self%form%n, self%flow%n_modes)

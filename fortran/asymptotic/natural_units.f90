@@ -103,7 +103,7 @@ contains
     end where
   end function factors_of_equations
 
-  !> Rounded to 20 binary digits.
+  !> Round to 20 binary digits.
   elemental real(wp) function few_digits(x)
     real(wp), intent(in) :: x
     integer, parameter :: digits_kept = 20

@@ -23,7 +23,7 @@
 !! There are three kinds of exponents. Free motion: with decay. A mode that a load keeps in motion:
 !! i times the frequencies. Steady motion in a frame W: i W_j. This is exact since the amplitudes
 !! are constant there; for the same reason there are no slow changes. A load that resonates with a
-!! mode contributes g_jk to its rate of change and the rest u_k of its wave to y; u_k is a factor
+!! mode contributes g_jk to its rate of change and the remaining response u_k to y; u_k is a factor
 !! of products if it is not small compared with the motion of the mode.
 !!
 !! Sources: Nayfeh, Introduction to perturbation techniques, 1981, chapters 7, 15 (scales);
@@ -155,7 +155,7 @@ contains
     if (present(reach)) has_modes = allocated(reach%s)
   end function has_modes
 
-  !> Waves of the loads; those that are factors of products become generators.
+  !> Responses to the loads; those that are factors of products become generators.
   subroutine add_waves(normal, form, status)
     type(normal_form_type), intent(inout) :: normal
     type(polynomial_form_type), intent(in) :: form

@@ -1,5 +1,5 @@
-!> Second and third order of a normal form: the right sides of its products and the responses to
-!! them, as in `viscovib_normal_form`.
+!> Second and third order of a normal form: the right-hand sides of its products and the responses,
+!! as in `viscovib_normal_form`.
 module viscovib_normal_orders
   use viscovib_kinds, only: wp
   use viscovib_normal_products, only: normal_form_type
@@ -10,12 +10,12 @@ module viscovib_normal_orders
 
   public :: second_sides, second_order, third_sides, third_order
 
-  !> Relative distance to an undamped mode's exponent below which the linear part is singular.
+  !> Relative distance to an undamped mode's exponent below which the operator L is singular.
   real(wp), parameter :: singular_within = 1.0e-9_wp
 
 contains
 
-  !> R_M of products of two.
+  !> R_M of products of two generators.
   subroutine second_sides(self, form, sides)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -98,7 +98,7 @@ contains
     end do
   end subroutine second_order
 
-  !> R_M of products of three.
+  !> R_M of products of three generators.
   subroutine third_sides(self, form, sides)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -163,7 +163,7 @@ contains
     end do
   end subroutine third_order
 
-  !> The response to the right side of one product, and whether the equations are singular.
+  !> The response to the right-hand side of one product; fails if the equations are singular.
   subroutine answer_product(self, form, s, factors, side, chosen, u, g, status)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -181,7 +181,7 @@ contains
     if (singular) call no_stiffness(s, status)
   end subroutine answer_product
 
-  !> By the tolerance; in a frame only products for which the linear part alone is singular.
+  !> Resonance by the tolerance; in a frame only if the operator L alone is singular.
   pure function near_product(self, s, factors) result(acts)
     class(normal_form_type), intent(in) :: self
     complex(wp), intent(in) :: s
@@ -199,8 +199,8 @@ contains
   end function near_product
 
   !> Effect of changes of second order: Y_p Y_q changes by g_p,Q Y_q Y_Q, so that product T = q Q
-  !! gets L[s_T, s_pq] U_pq, with memory (1 - R)[s_T, s_pq] N_2,pq and, where Y_p Y_q is itself
-  !! in the change of a mode j, L[s_T, s_pq, s_j] r_j g_j,pq.
+  !! gets L[s_T, s_pq] U_pq, with memory (1 - R)[s_T, s_pq] N_2,pq, and, if the change of a mode j
+  !! contains Y_p Y_q, L[s_T, s_pq, s_j] r_j g_j,pq.
   subroutine slow_changes(self, form, i, load)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form

@@ -1,6 +1,6 @@
 !> Components of a normal form: generators, their products, and the response to a product.
 !!
-!! See `viscovib_normal_form`, which builds it.
+!! `viscovib_normal_form` builds it.
 module viscovib_normal_products
   use viscovib_dense, only: solve_complex
   use viscovib_kinds, only: wp
@@ -29,16 +29,16 @@ module viscovib_normal_products
     !> Frequencies that differ by less than this fraction of the highest of them are resonant,
     !! unless resonant terms are selected by influence.
     real(wp) :: tolerance = 0.0_wp
-    !> Loads whose waves are factors of products (generators n_modes + 1, ...), the others, and
-    !! those that are in the modes' changes.
+    !> Loads whose responses are factors of products (generators n_modes + 1, ...), the remaining
+    !! loads, and loads that occur in the modes' changes.
     integer, allocatable :: hard(:), weak(:), direct(:)
     !> Products are those of steady motion; the same in a selected frame.
     logical :: steady = .false., framed = .false.
-    !> As of `reach_type`.
+    !> As in `reach_type`.
     logical :: with_far = .false.
     !> Resonant terms are selected by influence.
     logical :: choosing = .false.
-    !> That frame, or the natural frequencies.
+    !> The selected frame, or the natural frequencies.
     real(wp), allocatable :: frame(:)
     !> Terms near a mode, selected or not; loads alone (no products) come first.
     type(candidate_type), allocatable :: candidates(:)
@@ -62,7 +62,7 @@ module viscovib_normal_products
     logical, allocatable :: acts_pair(:, :), acts_triple(:, :), acts_load(:, :)
     !> Arguments x of the terms of first and second order.
     complex(wp), allocatable :: x_one(:, :), x_pair(:, :)
-    !> N_2 of each product of two, kernels left out, with memory and slow changes alone.
+    !> N_2 of each product of two, without kernels; only with memory and slow changes.
     complex(wp), allocatable :: n_pair(:, :)
   contains
     procedure :: conjugate_of
@@ -85,8 +85,8 @@ contains
     conjugate_of = modulo(a - 1 + self%n_generators, 2*self%n_generators) + 1
   end function conjugate_of
 
-  !> Whether mode generator a resonates with the exponent s of factors the highest of
-  !! whose frequencies is given.
+  !> True if mode generator a resonates with the exponent s, for the highest frequency of the
+  !! factors.
   pure logical function near(self, s, highest, a)
     class(normal_form_type), intent(in) :: self
     complex(wp), intent(in) :: s
@@ -101,13 +101,13 @@ contains
     end associate
   end function near
 
-  !> The same for all modes and conjugates and a wave of this frequency, including those that have
-  !! the same frequency in the frame.
+  !> The same for all modes and conjugates and a term of this frequency, including modes with the
+  !! same frequency in the frame.
   pure function near_modes(self, frequency, frame, band) result(acts)
     class(normal_form_type), intent(in) :: self
-    !> Of the wave; and of the modes.
+    !> Frequency of the term, and of the modes.
     real(wp), intent(in) :: frequency, frame(:)
-    !> Instead of the tolerance, in parts of the mode's own frequency.
+    !> Replaces the tolerance; relative to the mode's own frequency.
     real(wp), intent(in), optional :: band
     logical :: acts(2*self%n_generators)
     integer :: a
@@ -127,7 +127,7 @@ contains
     place_of = self%triple_at(low, a + b + c - low - high, high)
   end function place_of
 
-  !> l_j F_k/2 over l_j L[i p, s_j] r_j; rounding of a load that does not touch the mode is 0.
+  !> l_j F_k/2 over l_j L[i p, s_j] r_j; 0 if a load acts on the mode by rounding errors only.
   complex(wp) function drive_of(self, form, j, k)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form

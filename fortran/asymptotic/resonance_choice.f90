@@ -1,12 +1,12 @@
 !> Selection of resonant terms by their effect.
 !!
-!! A product M of generators whose frequency is near that of mode j adds c M to the change of Y_j,
-!! c = l_j R_M/(l_j L[s_M, s_j] r_j), or, if omitted there, the wave c M/(s_M - s_j) to Y_j. This
-!! is a small change of variables as long as its derivative by each amplitude is small,
+!! A product M of generators whose frequency is near that of mode j adds c M to the change of Y_j, c
+!! = l_j R_M/(l_j L[s_M, s_j] r_j), or, if omitted there, c M/(s_M - s_j) to Y_j. This is a small
+!! change of variables as long as its derivative by each amplitude is small,
 !!
 !!   influence = max_f |c| |dM/dY_f|/|s_M - s_j|,
 !!
-!! where f runs over the modes among the factors. For a mode at rest and waves of loads this is
+!! where f runs over the modes among the factors. For a mode at rest and oscillating loads this is
 !! parametric excitation: the mode grows from rest if |c dM/dY_f| > |s_M - s_j|/2, that is, from an
 !! influence of 1/2 on. Products of loads alone are compared with the motion.
 module viscovib_resonance_choice
@@ -16,7 +16,7 @@ module viscovib_resonance_choice
 
   public :: candidate_type, influence
 
-  !> Influence from which a term is resonant; below it the error of its wave is of second order.
+  !> Influence from which a term is resonant; below it the error of its effect is of second order.
   real(wp), parameter, public :: least_influence = 0.05_wp
   !> Terms farther from a mode than this fraction of its frequency are not part of the modulation
   !! equations, but may make modes at rest grow: examined from half of this threshold on.
@@ -25,7 +25,7 @@ module viscovib_resonance_choice
   real(wp), parameter, public :: default_band = 0.05_wp
 
   type :: candidate_type
-    !> Number of factors, place of the product, mode; factors as generators, 0: none.
+    !> Number of factors, index of the product, mode; factors as generators, 0: none.
     integer :: order = 0, at = 0, mode = 0, factors(3) = 0
     real(wp) :: coupling = 0.0_wp, divisor = 0.0_wp
     !> Farther than `far`.

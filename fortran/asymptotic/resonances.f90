@@ -1,13 +1,12 @@
-!> The conditions of resonance up to third order among natural frequencies w_j and those of
-!! loads p_k, enumerated.
+!> List of the conditions of resonance up to third order among natural frequencies w_j and load
+!! frequencies p_k.
 !!
-!! In the method a product of one to three generators, each with its frequency or the
-!! opposite, resonates with mode j when sum = w_j. Conditions that hold whatever the
-!! frequencies are (w_j = w_j + w_k - w_k) are no conditions; sign changes, and what
-!! moves from one side to the other, give the same one. What is left are integer vectors
-!! c, the first entry that is not 0 positive, with sum_i c_i f_i = 0: at least one mode in it,
-!! |c_1| + |c_2| + ... = 2 (loads near modes, modes near each other), 3 or 4; as a condition
-!! on a mode, of order 1, 2 or 3.
+!! A product of one to three generators, each with its frequency or the opposite, resonates with
+!! mode j if the sum of frequencies equals w_j. Identities for all frequencies (w_j = w_j + w_k -
+!! w_k) are not conditions. Changes of sign or of the side of the equation give the same condition.
+!! The conditions are integer vectors c with sum_i c_i f_i = 0, whose first nonzero entry is
+!! positive, with at least one mode and |c_1| + |c_2| + ... = 2 (loads near modes, modes near each
+!! other), 3 or 4; as a condition on a mode, of order 1, 2 or 3.
 module viscovib_resonances
   use viscovib_kinds, only: wp
   implicit none
@@ -48,7 +47,7 @@ contains
       end do
     end subroutine enumerate
 
-    !> Distribute the rest of the sum of moduli over the entries from i on.
+    !> Distribute the remaining sum of moduli over the entries from i on.
     recursive subroutine place(i, left)
       integer, intent(in) :: i, left
       integer :: value
@@ -57,7 +56,7 @@ contains
         return
       end if
       do value = -left, left
-        ! The first that is not 0 is positive.
+        ! The first nonzero entry is positive.
         if (value < 0 .and. all(c(:i - 1) == 0)) cycle
         c(i) = value
         call place(i + 1, left - abs(value))

@@ -20,9 +20,9 @@ module viscovib_resonant_terms
 
 contains
 
-  !> Loads in the rates of change of each mode, and their waves. In a frame: loads that are so
-  !! near that the mode can be shifted to them, or that they shift the mode; the amplitudes that
-  !! they cause are added to `expected`.
+  !> Select the loads in the rates of change of each mode. In a frame: loads so near that the mode
+  !! can be shifted to them, or that they shift the mode; the amplitudes that they cause are added
+  !! to `expected`.
   subroutine choose_loads(self, form, choice, expected, status, reach)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -69,7 +69,7 @@ contains
         end if
       end do
     end do
-    ! Begin with the nearest.
+    ! Begin with the nearest load.
     do while (any(candidate))
       at = minloc(distance/spread(aimag(self%exponents(:self%n_modes)), 2, size(form%drives)), &
                   mask=candidate)
@@ -116,8 +116,8 @@ contains
     if (reach%quadratic(j) > 0.0_wp) a = min(a, sqrt(strength/reach%quadratic(j)))
   end function limited
 
-  !> Candidates of this order, the largest influence first: terms that are constant in the frame
-  !! of those before are accepted. Without a frame, or within the tolerance, all are accepted.
+  !> Select candidates of this order, largest influence first. In a frame, a term is accepted if it
+  !! is constant in a frame with the accepted terms. Otherwise all are accepted.
   subroutine choose_products(self, form, order, sides, expected, choice, reach)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
@@ -197,8 +197,8 @@ contains
 
   end subroutine choose_products
 
-  !> True if loads and the mode itself can sustain an amplitude that shifts the mode's frequency
-  !! to that of the product (subharmonic and superharmonic resonance away from the linear one).
+  !> True if loads and the mode itself can sustain an amplitude that shifts the mode's frequency to
+  !! that of the product (subharmonic and superharmonic resonance away from the linear one).
   pure logical function sustains(self, reach, c)
     class(normal_form_type), intent(in) :: self
     type(reach_type), intent(in) :: reach
@@ -227,7 +227,7 @@ contains
     sustains = c%coupling*a**(n_own - 1) >= decay
   end function sustains
 
-  !> Amplitude at which mode j has this shift, 0: there is none.
+  !> Amplitude at which mode j has this shift; 0 if there is none.
   pure real(wp) function amplitude_of_shift(reach, j, wanted) result(a)
     type(reach_type), intent(in) :: reach
     integer, intent(in) :: j
@@ -316,7 +316,7 @@ contains
     if (abs(drive) <= 1.0e-12_wp*maxval(abs(self%exponents))) drive = 0.0_wp
   end subroutine net_of
 
-  !> |Y| of the generators for amplitudes of the modes; and the largest motion of first order.
+  !> |Y| of the generators for amplitudes of the modes; and the largest first-order motion.
   pure subroutine sizes_of_generators(self, sizes, all_sizes, reference)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)
@@ -330,7 +330,7 @@ contains
     end do
   end subroutine sizes_of_generators
 
-  !> The largest motion of first order, for amplitudes of the modes.
+  !> The largest first-order motion, for amplitudes of the modes.
   pure real(wp) function first_size(self, sizes)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)
@@ -356,7 +356,7 @@ contains
   pure real(wp) function far_influence(self, sizes, moving_too)
     class(normal_form_type), intent(in) :: self
     real(wp), intent(in) :: sizes(:)
-    !> Include the influence on modes that move.
+    !> Include the influence on active modes.
     logical, intent(in), optional :: moving_too
     real(wp) :: all_sizes(self%n_generators), reference
     integer :: i

@@ -2,7 +2,7 @@
 !!
 !! With y = y_0 + u and A_0 y_0 + N_2(y_0) + N_3(y_0) = load_0 the equations for u have no constant
 !! load, and terms of the same degrees: dN/dx is added to A_k, and the second derivatives of N_3 to
-!! N_2. So a constant load may have any size; as one of the other loads it would have to be small.
+!! N_2. So a constant load may have any size, whereas loads in the expansion must be small.
 !! The load is increased in steps. Newton's method computes y_0 and the modes at each step.
 module viscovib_rest_position
   use viscovib_dense, only: factorize, solve
@@ -41,7 +41,7 @@ contains
       form%load(:, k) = 0.0_wp
     end do
     if (.not. any(abs(load) > 0.0_wp)) return
-    ! The modes are undamped.
+    ! The modes of the equilibrium are computed without damping.
     call form%copy_to(here)
     do step = 1, n_steps
       call find_rest(form, load*step/n_steps, rest, found)
@@ -117,7 +117,7 @@ contains
     end if
   end function term_of
 
-  !> Arguments if all unknowns are at rest in y.
+  !> Arguments for constant unknowns y.
   pure function at_rest(form, y) result(x)
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: y(:)
@@ -125,7 +125,7 @@ contains
     x = merge(y(form%source), 0.0_wp, form%derivative == 0)
   end function at_rest
 
-  !> Terms of u = y - y_0; the modes are not changed.
+  !> Expand the terms about y, in u = y - y_0; the modes are not changed.
   subroutine expand_about(form, y, here)
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: y(:)
@@ -142,7 +142,7 @@ contains
       do i = 1, merge(size(form%quadratic), size(form%cubic), n == 2)
         t = term_of(form, n, i)
         do q = 1, n
-          ! Factor q moves, the others are at rest.
+          ! Factor q varies, the other factors are constant.
           other(:n - 1) = pack(t%at, [1, 2, 3] /= q .and. [1, 2, 3] <= n)
           factor = t%coefficient*product(x(other(:n - 1)))
           if (.not. abs(factor) > 0.0_wp) cycle
@@ -152,7 +152,7 @@ contains
         end do
         if (n == 2) cycle
         do q = 1, n
-          ! Factor q is at rest.
+          ! Factor q is constant.
           factor = t%coefficient*x(t%at(q))
           if (.not. abs(factor) > 0.0_wp) cycle
           other = pack(t%at, [1, 2, 3] /= q)
@@ -162,7 +162,7 @@ contains
     end do
   end subroutine expand_about
 
-  !> omega, r and l without damping, from the present ones.
+  !> Update omega, r and l without damping, starting from the present values.
   subroutine follow_modes(form, found)
     type(polynomial_form_type), intent(inout) :: form
     logical, intent(out) :: found

@@ -27,12 +27,12 @@ module viscovib_resting_modes
 
   public :: resting_growth, far_growth, resting_error
 
-  !> Largest width of such a tongue, relative to a mode's frequency.
+  !> Largest width of such an instability tongue, relative to a mode's frequency.
   real(wp), parameter :: reach = 0.3_wp
   !> Amplitude of a mode at rest, relative to the motion.
   real(wp), parameter :: little = 3.0e-4_wp
   integer, parameter :: order = 3
-  !> Relative distance from a mode within which waves contribute to its rate of change.
+  !> Relative distance from a mode within which terms contribute to its rate of change.
   real(wp), parameter :: still = 1.0e-7_wp
 
   !> Modes at rest, and the coupling of pairs of them.
@@ -172,11 +172,11 @@ contains
     end associate
   end subroutine probe
 
-  !> Changes of all modes by the amplitude of mode j at rest and by its conjugate, from the residual
-  !! of a small amplitude of it in the full equations, for each wave of the residual. Two opposite
-  !! directions of the amplitude cancel the residual of the motion itself. Then the order of a wave
-  !! in the angle of the mode distinguishes both changes. If a load or another mode shares this
-  !! angle, four directions do.
+  !> Changes of all modes by the amplitude of mode j at rest and by its conjugate: residual of a
+  !! small amplitude in the full equations, for each of its Fourier terms. Two opposite amplitudes
+  !! cancel the residual of the motion itself; the order of a term in the angle of the mode then
+  !! distinguishes both changes. If a load or another mode shares this angle, four phases of the
+  !! amplitude are used.
   subroutine find_changes_by(scales, full, a, j, band, frequency, by_own, by_other)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
@@ -185,7 +185,7 @@ contains
     integer, intent(in) :: j
     !> As in `find_defect`.
     real(wp), intent(in) :: band
-    !> Size 0: they are not known.
+    !> Size 0 if they cannot be computed.
     real(wp), allocatable, intent(out) :: frequency(:)
     !> Shape (n_modes, n_waves).
     complex(wp), allocatable, intent(out) :: by_own(:, :), by_other(:, :)
@@ -222,7 +222,7 @@ contains
     frequency = defect%frequency
   end subroutine find_changes_by
 
-  !> A small amplitude of a mode at rest, relative to the motion or, if no mode moves, to the
+  !> A small amplitude of a mode at rest, relative to the motion or, if no mode is active, to the
   !! response to loads alone. A small number of natural units may be much larger than both.
   pure real(wp) function little_of(scales, a)
     type(multiple_scales_type), intent(in) :: scales

@@ -27,7 +27,7 @@ contains
     !> Amplitudes in natural units; a frequency.
     complex(wp), intent(in) :: a(:)
     real(wp), intent(in) :: p
-    !> Of the harmonic of p, and of the sum over all frequencies, shape (n_dof).
+    !> Error of the harmonic of p, and of the sum over all frequencies, shape (n_dof).
     real(wp), intent(out) :: of_harmonic(:), of_motion(:)
     type(defect_type) :: defect
     complex(wp) :: rho(size(a)), change(size(a))
@@ -40,8 +40,8 @@ contains
     of_harmonic = ieee_value(1.0_wp, ieee_positive_inf)
     of_motion = ieee_value(1.0_wp, ieee_positive_inf)
     margin = 1.0e-7_wp
-    ! Only terms that are constant in a mode's frame change its amplitude. A near term is a wave
-    ! whose size the mode's dynamic stiffness determines; quadratic terms act back on the mode.
+    ! Only terms that are constant in a mode's frame change its amplitude. For a near term the
+    ! mode's dynamic stiffness determines the response; quadratic terms act back on the mode.
     call find_defect(scales, full, a, defect, margin)
     if (.not. defect%known) return
     associate (frame => scales%flow%frame, normal => scales%normal)
@@ -72,7 +72,7 @@ contains
     of_motion = scales%columns(:d)*of_motion
   end subroutine steady_error
 
-  !> P da + Q conj(da) = -rho for the modes that move or are excited.
+  !> Solve P da + Q conj(da) = -rho for the modes that are active or excited.
   subroutine steady_change(scales, a, rho, change, singular)
     type(multiple_scales_type), intent(in) :: scales
     complex(wp), intent(in) :: a(:), rho(:)
@@ -109,7 +109,7 @@ contains
     !! be interpolated by cubics.
     real(wp), intent(in) :: times(:)
     complex(wp), intent(in) :: a(:, :)
-    !> Of each coordinate, in the caller's units, shape (n_dof, n).
+    !> Error of each coordinate, in the caller's units, shape (n_dof, n).
     real(wp), intent(out) :: errors(:, :)
     integer, intent(inout) :: cancel
     type(defect_type) :: here, next
@@ -170,7 +170,7 @@ contains
     call move_alloc(from%rates, to%rates)
   end subroutine move_defect
 
-  !> sum_j 2 Re r_j da_j = -(sum of the waves) for coordinates and velocities.
+  !> Solve sum_j 2 Re r_j da_j = -(sum of the terms) for coordinates and velocities.
   function first_change(scales, defect, t, d) result(change)
     type(multiple_scales_type), intent(in) :: scales
     type(defect_type), intent(in) :: defect
@@ -205,7 +205,7 @@ contains
     change = cmplx(x(1::2), x(2::2), wp)
   end function first_change
 
-  !> Sum of the moduli of modes, and root sum of squares of the waves.
+  !> Sum of the moduli of modes, and root sum of squares of the Fourier terms.
   pure function size_of_error(scales, defect, change, d) result(size_of)
     type(multiple_scales_type), intent(in) :: scales
     type(defect_type), intent(in) :: defect

@@ -23,7 +23,7 @@ contains
     complex(wp), intent(in) :: a(:)
     !> In the caller's units, shape (n_dof).
     real(wp), intent(out) :: q(:), v(:)
-    !> Upper bounds of the terms of each order, as of `sizes_of`.
+    !> Upper bounds of the terms of each order, as in `sizes_of`.
     real(wp), intent(out) :: sizes(n_sizes)
     complex(wp) :: y(2*scales%normal%n_generators), dy(2*scales%normal%n_generators)
     complex(wp) :: da(size(a)), wave, product, change
@@ -86,8 +86,8 @@ contains
     end associate
   end subroutine motion_at
 
-  !> Each order in the coordinate in which it is largest. Coordinates are compared in natural
-  !! units; results are in the unit of the first order, which comes last.
+  !> Bound of each order in the coordinate in which it is largest. Coordinates are compared in
+  !! natural units; results are in the unit of the first order, which is the last element.
   pure function sizes_of(scales, bounds) result(sizes)
     type(multiple_scales_type), intent(in) :: scales
     real(wp), intent(in) :: bounds(:, :)
@@ -99,8 +99,8 @@ contains
     sizes = [maxval(relative, 1)*unit, unit]
   end function sizes_of
 
-  !> Of a steady motion, u = Re(X exp(i p t)) + other frequencies; and the sizes of the orders. For
-  !! p = 0 the mean.
+  !> Harmonic of a steady motion, u = Re(X exp(i p t)) + other frequencies, and the sizes of the
+  !! orders; the mean for p = 0.
   pure subroutine harmonic_of(scales, a, p, x, sizes)
     type(multiple_scales_type), intent(in) :: scales
     !> In natural units.
@@ -156,7 +156,7 @@ contains
           x = x + 2.0_wp*u*(y(f(1))*y(f(2))*y(f(3)))
         end associate
       end do
-      ! A wave of frequency 0 is real: it is not doubled by a conjugate.
+      ! A term of frequency 0 is real: it is not doubled by a conjugate.
       if (.not. p > 0.0_wp) x = 0.5_wp*x
       x = scales%columns(:d)*x
       if (.not. p > 0.0_wp) x = x + scales%rest(:d)
@@ -169,7 +169,7 @@ contains
     turned = cmplx(cos(angle), sin(angle), wp)
   end function turned
 
-  !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections with the linear part.
+  !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections with the linear modes.
   !! The ratio of successive corrections is proportional to the amplitude.
   subroutine amplitudes_of_state(scales, q, v, a, status)
     type(multiple_scales_type), intent(in) :: scales

@@ -23,9 +23,8 @@ module viscovib_scales_response
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2
   integer, parameter :: max_rounds = 4
   !> The slow flow neglects terms of fourth order and above. If these shift a motion by e, they
-  !! change its rates by |eigenvalue| e, and eigenvalues by the terms' order times e/amplitude.
-  !! With twice this bound, 3 of 13 000 random motions had a decided stability that differed from
-  !! Floquet's.
+  !! change its rates by |eigenvalue| e, and eigenvalues by the terms' order times e/amplitude. The
+  !! factor is twice this bound.
   real(wp), parameter :: slopes_of_left_out = 8.0_wp
   !> Largest ratio of successive orders up to which motions are accepted.
   real(wp), parameter :: least_fall = 0.3_wp
@@ -50,8 +49,8 @@ module viscovib_scales_response
     real(wp), allocatable :: harmonic_errors(:, :), motion_errors(:, :)
     !> Error of the largest growth.
     real(wp), allocatable :: growth_errors(:)
-    !> Number of beats of each motion, 0: it is steady. Lines of all beating motions, one after
-    !! the other: index of the point, frequency, X, shape (n_dof, n_lines).
+    !> Number of beats of each motion, 0 if it is steady. Lines of all beating motions in sequence:
+    !! index of the point, frequency, X, shape (n_dof, n_lines).
     integer, allocatable :: beats(:), line_of(:)
     real(wp), allocatable :: line_frequency(:)
     complex(wp), allocatable :: line(:, :)
@@ -64,7 +63,7 @@ contains
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: load, vary
     real(wp), intent(in) :: values(:), tolerance
-    !> Estimate errors: about ten times the work.
+    !> Estimate errors, at about ten times the cost.
     logical, intent(in) :: with_errors
     type(steady_points_type), intent(out) :: points
     type(status_type), intent(out) :: status
@@ -336,7 +335,7 @@ contains
                                                                    tiny(1.0_wp))
   end function relative_error
 
-  !> All steady motions, with resonant terms selected at the largest of those in range.
+  !> All steady motions; resonant terms are selected at the largest motion within the valid range.
   subroutine find_steady(form, tolerance, reach, scales, solver, a, n_found, status, cancel)
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
@@ -372,7 +371,7 @@ contains
     end do
   end subroutine find_steady
 
-  !> Increase the capacity to so many points; existing points are kept.
+  !> Increase the capacity to `room` points; existing points are kept.
   pure subroutine reserve(points, n_modes, n_dof, room)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: n_modes, n_dof, room

@@ -5,9 +5,9 @@
 !!          + sum_M g_jM a_M exp(i (W_M - W_j) t),
 !!
 !! where a_M is the product of the amplitudes of M (1 for a load) and W_M the sum of their
-!! frequencies. The frame is the nearest one to the natural frequencies in which every
-!! exponential is constant, if there is one: then steady motions are the zeros of the
-!! right side. The real amplitude of mode j is 2 |a_j|.
+!! frequencies. The frame is the nearest one to the natural frequencies in which every exponential
+!! is constant, if there is one: then steady motions are the zeros of the right-hand side. The real
+!! amplitude of mode j is 2 |a_j|.
 module viscovib_slow_flow
   use viscovib_kinds, only: wp
   use viscovib_normal_products, only: normal_form_type
@@ -67,8 +67,8 @@ contains
         terms(n) = flow_term_type(j, 0, normal%g_load(j, k), form%drives(k), 0.0_wp, [k, 0, 0])
       end do
     end do
-    ! Coefficients at the level of rounding errors are set to 0. They are compared with those that
-    ! have the same number of loads as factors, and so the same units.
+    ! Coefficients at the level of rounding errors are set to 0. They are compared with coefficients
+    ! of the same number of loads as factors, and so the same units.
     largest = largest_of(normal%pair, normal%g_pair)
     do i = 1, size(normal%pair, 2)
       scale = largest(n_loads(normal%pair(:, i)))
@@ -93,7 +93,7 @@ contains
 
   contains
 
-    !> Largest coefficient of a term with so many loads.
+    !> Largest coefficient of the terms with a given number of loads.
     pure function largest_of(factors, g) result(largest)
       integer, intent(in) :: factors(:, :)
       complex(wp), intent(in) :: g(:, :)
@@ -170,7 +170,7 @@ contains
         end do
         wanted = -t%drive - sum(condition*aimag(self%s))
       end associate
-      ! A shift holds in every frame.
+      ! A shift is constant in every frame.
       if (.not. any(abs(condition) > 0.0_wp) .and. .not. abs(wanted) > 0.0_wp) cycle
       do pass = 1, 2
         do k = 1, n
@@ -208,7 +208,7 @@ contains
     end do
   end subroutine turn_frame
 
-  !> a'.
+  !> The rates a'.
   pure subroutine rates(self, t, a, da)
     class(slow_flow_type), intent(in) :: self
     real(wp), intent(in) :: t

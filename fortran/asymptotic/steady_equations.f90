@@ -1,5 +1,5 @@
-!> The conditions of steady motion of a slow flow as systems of polynomials for the modes that
-!! move, with amplitudes in a natural unit.
+!> The conditions of steady motion of a slow flow as systems of polynomials for the active modes,
+!! with amplitudes in a natural unit.
 module viscovib_steady_equations
   use viscovib_kinds, only: wp
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
@@ -10,7 +10,7 @@ module viscovib_steady_equations
 
 contains
 
-  !> Modes that can move, and whether their terms only shift exponents.
+  !> Find the active modes, and whether their terms only shift exponents.
   pure subroutine find_moving(flow, active, shifts_only)
     type(slow_flow_type), intent(in) :: flow
     integer, allocatable, intent(out) :: active(:)
@@ -50,7 +50,7 @@ contains
                .and. count(t%loads > 0) == count(t%loads < 0)
   end function is_shift
 
-  !> A mode moves if a load acts on it, or if a term other than a shift couples it to a moving
+  !> A mode is active if a load acts on it, or if a term other than a shift couples it to an active
   !! mode or to a load.
   pure subroutine spread_motion(t, moves)
     type(flow_term_type), intent(in) :: t
@@ -73,7 +73,7 @@ contains
   !! detuning.
   pure real(wp) function natural_unit(flow, active) result(unit)
     type(slow_flow_type), intent(in) :: flow
-    !> Numbers of the modes that move.
+    !> Numbers of the active modes.
     integer, intent(in) :: active(:)
     real(wp) :: load, linear, quadratic, cubic
     integer :: i, j
@@ -108,12 +108,12 @@ contains
     if (.not. (unit > 0.0_wp .and. unit < huge(unit))) unit = 1.0_wp
   end function natural_unit
 
-  !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squares in units.
+  !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squared amplitudes, in `unit`.
   subroutine square_terms(flow, active, unit, row, at, coefficients)
     type(slow_flow_type), intent(in) :: flow
-    !> Numbers of the modes that move.
+    !> Numbers of the active modes.
     integer, intent(in) :: active(:)
-    !> Of amplitudes.
+    !> Unit of the amplitudes.
     real(wp), intent(in) :: unit
     integer, allocatable, intent(out) :: row(:), at(:, :)
     complex(wp), allocatable, intent(out) :: coefficients(:)
@@ -152,12 +152,12 @@ contains
 
   end subroutine square_terms
 
-  !> sigma_j a_j + sum_k gamma_jk |a_k|^2 a_j + g_j = 0, amplitudes in units.
+  !> sigma_j a_j + sum_k gamma_jk |a_k|^2 a_j + g_j = 0, amplitudes in `unit`.
   pure subroutine shifts(flow, active, unit, sigma, gamma, load)
     type(slow_flow_type), intent(in) :: flow
-    !> Numbers of the modes that move.
+    !> Numbers of the active modes.
     integer, intent(in) :: active(:)
-    !> Of amplitudes.
+    !> Unit of the amplitudes.
     real(wp), intent(in) :: unit
     complex(wp), intent(out) :: sigma(:), gamma(:, :), load(:)
     integer :: i, j, k, q, n
@@ -189,12 +189,12 @@ contains
     end do
   end subroutine shifts
 
-  !> The flow of the active modes, unknowns a_1..a_n, conjugates after them.
+  !> The flow of the active modes; unknowns a_1..a_n, followed by their conjugates.
   subroutine general_terms(flow, active, unit, row, at, coefficients)
     type(slow_flow_type), intent(in) :: flow
-    !> Numbers of the modes that move.
+    !> Numbers of the active modes.
     integer, intent(in) :: active(:)
-    !> Of amplitudes.
+    !> Unit of the amplitudes.
     real(wp), intent(in) :: unit
     integer, allocatable, intent(out) :: row(:), at(:, :)
     complex(wp), allocatable, intent(out) :: coefficients(:)

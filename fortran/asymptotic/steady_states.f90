@@ -1,9 +1,9 @@
 !> All steady motions of a slow flow that is autonomous in its frame.
 !!
-!! The terms determine which modes can move. There are three cases, by the coupling of modes:
-!! one mode with its own shift, sigma a + gamma |a|^2 a + g = 0, is a cubic equation for
-!! x = |a|^2; several modes that only shift each other are equations of third degree for
-!! their squares; the rest is solved for amplitudes and conjugates as independent unknowns.
+!! The terms determine which modes are active. There are three cases, by the coupling of modes. One
+!! mode with its own shift, sigma a + gamma |a|^2 a + g = 0, is a cubic equation for x = |a|^2.
+!! Several modes that only shift each other are equations of third degree for their squares. The
+!! general case is solved for amplitudes and conjugates as independent unknowns.
 !! `viscovib_homotopy` finds all solutions in the last two cases.
 module viscovib_steady_states
   use viscovib_homotopy, only: family_type, max_unknowns, new_family
@@ -22,12 +22,12 @@ module viscovib_steady_states
   integer, parameter :: kind_none = 0, kind_one = 1, kind_squares = 2, kind_general = 3
 
   type :: steady_solver_type
-    !> Numbers of the modes that can move.
+    !> Numbers of the active modes.
     integer, allocatable :: active(:)
     integer :: kind = kind_none
     !> Unit of the amplitudes.
     real(wp) :: unit = 1.0_wp
-    !> All patterns of terms found so far, and the present one: patterns recur at other values.
+    !> All patterns of terms so far, and the index of the present one: patterns recur.
     type(family_type), allocatable, private :: families(:)
     integer, private :: present = 0
   contains
@@ -39,8 +39,8 @@ module viscovib_steady_states
 
 contains
 
-  !> From the flow at one value of the varied quantity. Other values have the same terms with
-  !! other coefficients. A solver for the same terms reuses its former solutions.
+  !> Prepare from the flow at one value of the varied quantity. Other values have the same terms
+  !! with other coefficients. A solver for the same terms reuses its former solutions.
   subroutine new_steady_solver(solver, flow, status, cancel)
     type(steady_solver_type), intent(inout) :: solver
     type(slow_flow_type), intent(in) :: flow
@@ -96,7 +96,7 @@ contains
     call move_alloc(more, self%families)
   end subroutine choose_family
 
-  !> Amplitudes of all steady motions, the smallest first; modes that cannot move are 0.
+  !> Amplitudes of all steady motions, the smallest first; 0 for inactive modes.
   subroutine solve(self, flow, a, n_found, cancel)
     class(steady_solver_type), intent(inout) :: self
     type(slow_flow_type), intent(in) :: flow

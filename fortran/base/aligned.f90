@@ -1,9 +1,8 @@
-!> Memory that starts on a cache line.
+!> Memory aligned to a cache line.
 !!
-!! A vector register of 64 bytes that straddles two cache lines is stored and
-!! read back at half the speed, and Fortran has no word for alignment: arrays of
-!! hot loops are therefore cut out of a longer one, from the first element that
-!! lies on a boundary.
+!! A vector register of 64 bytes across two cache lines is stored and loaded at half the speed, and
+!! Fortran has no alignment attribute. Arrays of hot loops are therefore sections of longer arrays,
+!! starting at the first element on a boundary.
 module viscovib_aligned
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
   use viscovib_kinds, only: wp
@@ -13,7 +12,7 @@ module viscovib_aligned
   public :: first_aligned, settle
 
   integer(c_intptr_t), parameter :: line = 64, bytes = storage_size(1.0_wp)/8
-  !> Elements to add to a length, so that the wanted ones fit from any start.
+  !> Elements to add to a length, so that an aligned section fits.
   integer, parameter, public :: alignment_slack = int(line/bytes) - 1
 
 contains
@@ -24,8 +23,8 @@ contains
     first_aligned = 1 + int(modulo(-transfer(c_loc(x(1)), 0_c_intptr_t), line)/bytes)
   end function first_aligned
 
-  !> Bring what begins at `first` to the first boundary: a copy of an array may
-  !! lie differently from the original.
+  !> Move the section that starts at `first` to the first boundary, since a copy of an array may
+  !! have a different alignment.
   pure subroutine settle(x, first)
     real(wp), intent(inout) :: x(:)
     integer, intent(inout) :: first

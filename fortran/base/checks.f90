@@ -1,5 +1,5 @@
-!> Checks of input values, each failing with one line that names the
-!! argument, its value and what is allowed.
+!> Checks of input values. Each failure message is one line with the argument, its value and the
+!! allowed range.
 module viscovib_checks
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_kinds, only: wp

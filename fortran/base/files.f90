@@ -1,4 +1,4 @@
-!> Folders and whole files: what Fortran's own statements leave out.
+!> Operations on folders and files that Fortran lacks.
 module viscovib_files
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
   use viscovib_status, only: fail, set_ok, status_io_error, status_type
@@ -43,14 +43,14 @@ module viscovib_files
       integer(c_int), value :: n
     end function c_print
 
-    !> Writing beyond the largest size allowed is an error then, not the end of the program.
+    !> Make writing beyond the file size limit an error instead of terminating the program.
     subroutine ignore_file_limit() bind(c, name='viscovib_ignore_file_limit')
     end subroutine ignore_file_limit
   end interface
 
 contains
 
-  !> Make a folder and its parents; one that exists is left as it is.
+  !> Create a folder and its parents; an existing folder is unchanged.
   subroutine make_folder(path)
     character(len=*), intent(in) :: path
     integer(c_int) :: code
@@ -61,7 +61,7 @@ contains
     code = c_make_folder(path//c_null_char)
   end subroutine make_folder
 
-  !> Put a finished file in the place of another in one step. A link is replaced, not followed.
+  !> Replace a file by a finished file atomically. A link is replaced, not followed.
   subroutine replace_file(from, to, status)
     character(len=*), intent(in) :: from, to
     type(status_type), intent(out) :: status
@@ -77,7 +77,7 @@ contains
     code = c_remove(path//c_null_char)
   end subroutine remove_file
 
-  !> Print a line on the standard output.
+  !> Print a line to standard output.
   subroutine print_line(line, status)
     character(len=*), intent(in) :: line
     type(status_type), intent(out) :: status
@@ -88,7 +88,7 @@ contains
                                    'standard output: cannot be written ('//reason(code)//')')
   end subroutine print_line
 
-  !> What the system says about a failure of a file.
+  !> System message for an error code.
   function reason(code)
     integer(c_int), intent(in) :: code
     character(len=:), allocatable :: reason
@@ -98,7 +98,7 @@ contains
     reason = text(:n)
   end function reason
 
-  !> A path with links and dots resolved; empty if nothing is there.
+  !> Absolute path with links and dots resolved; empty if it does not exist.
   function real_path(path)
     character(len=*), intent(in) :: path
     character(len=:), allocatable :: real_path
@@ -108,7 +108,7 @@ contains
     real_path = text(:n)
   end function real_path
 
-  !> File name without folder and without its last ending.
+  !> File name without folder and last extension.
   pure function stem(path)
     character(len=*), intent(in) :: path
     character(len=:), allocatable :: stem

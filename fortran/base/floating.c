@@ -1,9 +1,9 @@
-/* What compilers of Fortran do differently or not at all: quadruple precision, of which C libraries
-   have functions, and the mode of subnormal numbers. */
+/* Features that Fortran compilers lack or implement differently: functions in quadruple precision
+   and the mode of subnormal numbers. */
 #define _GNU_SOURCE
 #include <math.h>
 
-/* Where the C library has no 128 bits, the widest type it has. */
+/* Without 128-bit functions in the C library, use its widest type. */
 #if defined(__GLIBC__) && defined(__HAVE_FLOAT128) && __HAVE_FLOAT128
 typedef _Float128 wide;
 #define wide_fmod fmodf128
@@ -20,11 +20,11 @@ typedef long double wide;
 #include <xmmintrin.h>
 #endif
 
-/* Gamma(x) correct to the last digit but for rare ties: the C library's double version errs by
+/* Gamma(x), correctly rounded except for rare ties. The C library's double version has errors of
    several ulp. */
 double viscovib_gamma(double x) { return (double)wide_gamma((wide)x); }
 
-/* frequency time less whole turns, in [0, 2 pi), in two parts. */
+/* frequency*time modulo 2 pi, in [0, 2 pi), in two parts. */
 void viscovib_split_phase(double frequency, double time, double *high, double *low) {
   wide exact;
   *high = *low = 0.0;
@@ -35,7 +35,7 @@ void viscovib_split_phase(double frequency, double time, double *high, double *l
   *low = (double)(exact - (wide)*high);
 }
 
-/* Results below the smallest normal number become 0. Returns the mode before, for the next call. */
+/* Flush results below the smallest normal number to 0. Returns the previous mode. */
 unsigned viscovib_flush_subnormals(void) {
 #if defined(__SSE2__)
   unsigned before = _mm_getcsr();
@@ -46,7 +46,7 @@ unsigned viscovib_flush_subnormals(void) {
 #endif
 }
 
-/* The mode of subnormal numbers as it was; other modes and what was raised stay as they are. */
+/* Restore the mode of subnormal numbers. Other modes and exception flags are unchanged. */
 void viscovib_restore_subnormals(unsigned before) {
 #if defined(__SSE2__)
   _mm_setcsr((_mm_getcsr() & ~0x8000u) | (before & 0x8000u));

@@ -1,5 +1,5 @@
-!> A text that is put together from many pieces: the room for it doubles, so that the time it
-!! takes grows with its length alone.
+!> A text assembled from many pieces. Its capacity doubles when needed, so the time is proportional
+!! to the length.
 module viscovib_growing_text
   implicit none
   private
@@ -34,7 +34,7 @@ contains
     self%n = self%n + len(piece)
   end subroutine add
 
-  !> All of it.
+  !> The text so far.
   pure function text(self)
     class(growing_text), intent(in) :: self
     character(len=:), allocatable :: text

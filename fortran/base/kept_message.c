@@ -1,6 +1,6 @@
-/* The message of the call that failed last on this thread. f2py returns texts of a fixed length
-   only, so a caller that sees a failure asks how long it is, makes room and takes it; programs in C
-   read it where it is (viscovib_message). */
+/* The message of the last failed call on this thread. f2py returns only texts of a fixed length, so
+   a caller gets the length of the message, allocates memory and copies the message. C programs read
+   it directly (viscovib_message). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,7 +19,7 @@ void viscovib_keep_message(const char *text, int n) {
 
 int viscovib_kept_length(void) { return length; }
 
-/* Room has at least the kept length; nothing is kept afterwards. */
+/* Copy the message to `room`, which has at least the kept length, and delete it. */
 void viscovib_take_message(char *room) {
   if (kept) memcpy(room, kept, (size_t)length);
   free(kept);
@@ -27,5 +27,5 @@ void viscovib_take_message(char *room) {
   length = 0;
 }
 
-/* Until the next call that fails; empty if none did. */
+/* Valid until the next failed call; empty if no call has failed. */
 const char *viscovib_message(void) { return kept ? kept : ""; }

@@ -1,8 +1,7 @@
-!> Several problems of one shape side by side, one a lane of the vector unit.
+!> Several problems of the same shape in parallel, one per lane of the vector unit.
 !!
-!! Arrays carry the lane as their first index. Every lane does the same
-!! arithmetic whatever its neighbours hold, so a result does not depend on
-!! which problems travel together.
+!! The lane is the first index of arrays. All lanes do the same operations independently of each
+!! other, so a result does not depend on the other problems in its block.
 module viscovib_lanes
   use viscovib_kinds, only: wp
   implicit none
@@ -10,13 +9,12 @@ module viscovib_lanes
 
   public :: add_multiple, add_two, lane_product, multiply_lanes, turn
 
-  !> Lanes in a block: one register of 8 doubles where there are such, two of
-  !! 4 or four of 2 elsewhere.
+  !> Lanes in a block: one register of 8 doubles if available, otherwise two of 4 or four of 2.
   integer, parameter, public :: n_lanes = 8
-  !> Coordinates there is room for in time integration; they are taken three at
-  !! a time, so that their sums stay in registers.
+  !> Largest number of coordinates for vectorized time integration. They are processed three at a
+  !! time, so that their sums stay in registers.
   integer, parameter, public :: max_dof = 6
-  !> Coordinates of a system of which all derivatives are asked for at once, at most.
+  !> Largest number of coordinates for computing all derivatives at once.
   integer, parameter, public :: most_sloped = 2
 
 contains
@@ -59,7 +57,7 @@ contains
     end do
   end subroutine lane_product
 
-  !> total + c x. This and what follows: gfortran 12 makes whole registers of a loop along the lanes
+  !> total + c x. For this and the following loops: gfortran 12 vectorizes a loop over lanes fully
   !! only if it is not unrolled before.
   pure subroutine add_multiple(total, c, x)
     real(wp), intent(inout) :: total(n_lanes)
@@ -96,7 +94,7 @@ contains
     end do
   end subroutine multiply_lanes
 
-  !> cos and sin of an angle, turned by another, of which both are given.
+  !> Rotate cos and sin of an angle by another angle, given by its cos and sin.
   pure subroutine turn(c, s, by)
     real(wp), intent(inout) :: c(n_lanes), s(n_lanes)
     real(wp), intent(in) :: by(n_lanes, 2)

@@ -1,4 +1,4 @@
-/* One lock for tables that threads share. Whoever does not get it at once works without the table. */
+/* A lock for tables shared by threads, which work without the table if the lock is taken. */
 #include <stdatomic.h>
 
 static atomic_flag taken = ATOMIC_FLAG_INIT;

@@ -1,5 +1,5 @@
-!> One lock for tables that threads share: a thread that does not get it at once works without the
-!! table. Another one for texts.
+!> A lock for tables shared by threads, which work without the table if the lock is taken, and a
+!! lock for texts.
 module viscovib_locks
   use, intrinsic :: iso_c_binding, only: c_int
   implicit none
@@ -12,8 +12,8 @@ module viscovib_locks
       import :: c_int
     end function c_take_lock
 
-    !> Wait until no other thread makes texts of any length, of which gfortran keeps the lengths in
-    !! static memory. A thread that has this lock may take it again.
+    !> Wait until no other thread creates texts of deferred length, whose lengths gfortran keeps in
+    !! static memory. A thread that has this lock may acquire it again.
     subroutine lock_texts() bind(c, name='viscovib_lock_texts')
     end subroutine lock_texts
 

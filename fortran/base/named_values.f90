@@ -1,7 +1,7 @@
-!> Numbers, arrays and texts by name: what a task of the interface is given and what it finds.
+!> Numbers, arrays and texts by name: the input and output of a task of the interface.
 !!
-!! All numbers stand in one array in the order of their names, complex ones as two each. So they are
-!! copied once on their way in and once on their way out.
+!! All numbers are in one array in the order of their names; a complex number takes two. They are
+!! copied only once each way.
 module viscovib_named_values
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
   use viscovib_kinds, only: i8, wp
@@ -13,14 +13,14 @@ module viscovib_named_values
   !> Kinds of values.
   integer, parameter, public :: real_value = 1, complex_value = 2, integer_value = 3, &
                                 text_value = 4
-  !> Dimensions of an array at most; letters of a name at most.
+  !> Largest number of dimensions; largest length of a name.
   integer, parameter, public :: most_dimensions = 4, longest_name = 32
 
-  !> Where a value stands.
+  !> Location of a value.
   type :: value_place
     character(len=longest_name) :: name = ''
     integer :: kind = 0, rank = 0, extents(most_dimensions) = 1
-    !> Elements before its first one, and how many it has: of numbers, integers or letters.
+    !> Numbers of elements before it, and of its own: numbers, integers or letters.
     integer(i8) :: before = 0, size = 0
   end type value_place
 
@@ -31,7 +31,7 @@ module viscovib_named_values
     integer(i8), allocatable :: integers(:)
     character(len=:), allocatable :: letters
     integer(i8) :: n_numbers = 0, n_integers = 0, n_letters = 0
-    !> The place found last: callers usually ask in the order of the values.
+    !> Index of the last value found, since callers usually read values in order.
     integer, private :: latest = 0
   contains
     procedure :: find
@@ -48,17 +48,17 @@ module viscovib_named_values
     procedure :: put_integer
   end type named_values
 
-  ! What an array without elements is.
+  ! Target for an array without elements.
   complex(wp), target :: no_complexes(0)
 
 contains
 
-  !> The place of a value; 0: there is none.
+  !> Index of a value; 0: it does not exist.
   integer function find(self, name) result(place)
     class(named_values), intent(inout) :: self
     character(len=*), intent(in) :: name
     integer :: first, i
-    ! Threads may look for values of an object at the same time.
+    ! Threads may search values of an object concurrently.
     first = self%latest
     do i = 1, self%n
       place = modulo(first + i - 1, self%n) + 1
@@ -70,12 +70,12 @@ contains
     place = 0
   end function find
 
-  !> The next value, whose elements follow those of the values before.
+  !> Declare the next value. Its elements follow those of the previous values.
   subroutine declare(self, name, kind, extents)
     class(named_values), intent(inout) :: self
     character(len=*), intent(in) :: name
     integer, intent(in) :: kind
-    !> None: a single value.
+    !> Size 0: a single value.
     integer, intent(in) :: extents(:)
     type(value_place), allocatable :: more(:)
 
@@ -152,7 +152,7 @@ contains
     self%integers(self%n_integers) = value
   end subroutine put_integer
 
-  !> An array of any shape, its elements in a row.
+  !> Store an array of any shape, given as a vector.
   subroutine put_reals(self, name, values, extents)
     class(named_values), intent(inout) :: self
     character(len=*), intent(in) :: name
@@ -176,7 +176,7 @@ contains
     there = values
   end subroutine put_complexes
 
-  !> An array that is still to be filled, to save a copy of a long one.
+  !> Declare an array and return a pointer to fill it, which avoids a copy.
   function new_complexes(self, name, n) result(there)
     class(named_values), intent(inout), target :: self
     character(len=*), intent(in) :: name
@@ -213,7 +213,7 @@ contains
     self%letters = self%letters//text
   end subroutine put_text
 
-  !> Room for all that is declared; what is there stays.
+  !> Extend the arrays to all declared values, keeping their content.
   subroutine make_room(self)
     type(named_values), intent(inout) :: self
     real(wp), allocatable :: numbers(:)

@@ -1,16 +1,16 @@
-!> Words as messages about scenes need them: quoted, listed, and which of them one is nearest to.
+!> Words for messages about scenes: quoting, listing and search for the most similar word.
 module viscovib_near_words
   implicit none
   private
 
   public :: closest, doubled, listed, means, off_by
 
-  !> Letters of a word that count.
+  !> Number of letters of a word that are compared.
   integer, parameter, public :: longest = 32
 
 contains
 
-  !> Quotes doubled, as inside a quoted text.
+  !> Double the quotes, as inside a quoted text.
   pure function doubled(text)
     character(len=*), intent(in) :: text
     character(len=:), allocatable :: doubled
@@ -26,7 +26,7 @@ contains
     end do
   end function doubled
 
-  !> Words with commas between, each in such quotes.
+  !> List words separated by commas, each in quotes.
   pure function listed(words, quote)
     character(len=*), intent(in) :: words(:), quote
     character(len=:), allocatable :: listed
@@ -38,8 +38,8 @@ contains
     end do
   end function listed
 
-  !> The word that is meant by another word, else the word that differs least, if by at most a
-  !! third of its letters; 0 if there is none.
+  !> Index of the word that another word means, or of the most similar word if it differs in at most
+  !! a third of the letters; 0 if there is none.
   pure integer function closest(key, words)
     character(len=*), intent(in) :: key, words(:)
     integer :: i, best, d
@@ -57,7 +57,7 @@ contains
     end do
   end function closest
 
-  !> True if a word is a beginning of another word, of three letters or more, or its synonym.
+  !> True if a word is the beginning of another word (three letters or more), or a synonym.
   pure logical function means(given, word)
     character(len=*), intent(in) :: given, word
     select case (given)
@@ -72,8 +72,8 @@ contains
     end select
   end function means
 
-  !> The distance of a name from another name that may be meant. A name of one letter is a symbol,
-  !! so only the other case of this letter is near.
+  !> Distance between a name and a name that may be meant. A name of one letter is a symbol, which
+  !! is only similar to the same letter in the other case.
   pure integer function off_by(given, name)
     character(len=*), intent(in) :: given, name
     off_by = shiftr(huge(1), 2)
@@ -84,8 +84,8 @@ contains
     end if
   end function off_by
 
-  !> Letters to change, add, drop or exchange with the next one; what is longer
-  !! than any key counts with its first letters only.
+  !> Number of letters to change, add, remove or swap with the next one. Only the first letters of
+  !! long words are compared.
   pure integer function distance(a, b)
     character(len=*), intent(in) :: a, b
     integer :: d(-1:min(len(a), 2*longest), -1:len(b)), i, j

@@ -4,8 +4,8 @@
 
 static int is_digit(char c) { return c >= '0' && c <= '9'; }
 
-/* "-1.2345678901234567e+100" is the longest; a Fortran text has no end mark. The point is one
-   whatever the program that calls has set as its locale. */
+/* The longest text is "-1.2345678901234567e+100", without a terminating null. The decimal separator
+   is a point in every locale. */
 void viscovib_format(double value, char *text, int *length) {
   char buffer[40], *point, *rest;
   snprintf(buffer, sizeof buffer, "%.16e", value);

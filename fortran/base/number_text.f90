@@ -14,7 +14,7 @@ module viscovib_number_text
   integer, parameter :: width = 24
 
   interface
-    !> The C library writes numbers several times faster than the compiler's run-time library.
+    !> The C library formats numbers several times faster than the compiler's run-time library.
     pure subroutine c_format(value, text, length) bind(c, name='viscovib_format')
       import :: c_char, c_double, c_int
       real(c_double), value :: value
@@ -25,9 +25,9 @@ module viscovib_number_text
 
 contains
 
-  !> A number such as 1, -0.5, .5, 1.e5, 1e-3, 1d-3. Stricter than the
-  !! compiler's own reading, which takes 1-2 for 1e-2 and stops at a slash.
-  !! Not ok: also what is too large to be finite or too small to differ from 0.
+  !> Read a number such as 1, -0.5, .5, 1.e5, 1e-3, 1d-3. Stricter than the compiler's reading,
+  !! which accepts 1-2 for 1e-2 and stops at a slash. Also fails for numbers that overflow or
+  !! underflow.
   subroutine parse_real(text, value, ok)
     character(len=*), intent(in) :: text
     real(wp), intent(out) :: value
@@ -43,7 +43,7 @@ contains
     if (.not. ok) return
     call parse_short(text, mantissa, value, short)
     if (short) return
-    ! A number too large becomes infinite and is refused below; do not trap.
+    ! A number that overflows becomes infinite and is rejected below; do not trap.
     call ieee_get_halting_mode(ieee_overflow, halting)
     call ieee_set_halting_mode(ieee_overflow, .false.)
     read (text, *, iostat=io) value
@@ -54,10 +54,10 @@ contains
     if (.not. ok) value = 0.0_wp
   end subroutine parse_real
 
-  !> A number of at most 15 digits and a small exponent: digits and power of ten are then exact and
-  !! one division or product rounds as it should, many times faster than the general reading.
+  !> Read a number of at most 15 digits with a small exponent. Digits and power of ten are exact, so
+  !! one division or product is rounded correctly, many times faster than the general method.
   pure subroutine parse_short(text, mantissa, value, short)
-    !> Decimal up to `mantissa`, then an exponent or nothing.
+    !> Decimal up to `mantissa`, followed by an exponent or nothing.
     character(len=*), intent(in) :: text
     integer, intent(in) :: mantissa
     real(wp), intent(inout) :: value
@@ -107,7 +107,7 @@ contains
     if (text(1:1) == '-') value = -value
   end subroutine parse_short
 
-  !> A default integer; not ok if it is too large for one.
+  !> Read a default integer; fails if it overflows.
   subroutine parse_integer(text, value, ok)
     character(len=*), intent(in) :: text
     integer, intent(out) :: value
@@ -130,7 +130,7 @@ contains
     end if
   end function after_sign
 
-  !> Digits, with a sign before them or not.
+  !> True for digits with an optional sign.
   pure logical function is_whole(text)
     character(len=*), intent(in) :: text
     integer :: first
@@ -138,7 +138,7 @@ contains
     is_whole = first <= len(text) .and. verify(text(first:), digits) == 0
   end function is_whole
 
-  !> Digits with at most one point among them, and a sign or not.
+  !> True for digits with at most one point and an optional sign.
   pure logical function is_decimal(text)
     character(len=*), intent(in) :: text
     integer :: first, point
@@ -148,8 +148,8 @@ contains
     if (point > 0) is_decimal = is_decimal .and. index(text(point + 1:), '.') == 0
   end function is_decimal
 
-  !> Text that reads back to the same number, as other languages write it too: 17 digits, an
-  !! exponent of two digits or, where it takes them, three; "nan", "inf".
+  !> Text that reads back to the same number, in the format of other languages: 17 digits, an
+  !! exponent of two or, if necessary, three digits; "nan", "inf".
   pure function exact(value)
     real(wp), intent(in) :: value
     character(len=width) :: exact
@@ -164,13 +164,13 @@ contains
     exact(length + 1:) = ''
   end function exact
 
-  !> Numbers in lines of four, each after a blank; made in one piece, since a
-  !! list may have a million.
+  !> Numbers in lines of four, each after a blank, written to one preallocated text, since a list
+  !! may have a million.
   pure function exact_list(values) result(text)
     real(wp), intent(in) :: values(:)
     character(len=:), allocatable :: text
     character(len=*), parameter :: next_line = new_line('a')//'    '
-    ! The shortest numbers, of which a text of a given length has most, are written once.
+    ! Format small integers once, since they dominate in long lists.
     integer, parameter :: n_known = 99
     character(len=width) :: known(0:merge(n_known, 0, size(values) > 1000)), written
     integer :: i, at, whole

@@ -1,7 +1,7 @@
-!> Modulus and argument of complex numbers, to the last bit as the C library has them.
+!> Modulus and argument of complex numbers, bit-identical to the C library.
 !!
-!! One by one: loops over them would be given to vector functions, whose last bit is another, and
-!! tables of Python and of the driver would differ.
+!! Evaluated one by one: vector functions may differ in the last bit, so tables from Python and from
+!! the driver would differ.
 module viscovib_polar
   use viscovib_kinds, only: wp
   implicit none

@@ -1,8 +1,8 @@
-!> How a routine reports an error to its caller.
+!> Reports errors to the caller.
 !!
-!! Nothing below `app/` stops or prints: a routine that can fail has a
-!! `type(status_type), intent(out)` argument. An *outcome* of a computation
-!! (converged, diverged, ...) is not an error; it is part of the result.
+!! No routine below `app/` stops or prints. A routine that can fail has a `type(status_type),
+!! intent(out)` argument. An *outcome* of a computation (converged, diverged, ...) is not an error;
+!! it is part of the result.
 module viscovib_status
   use viscovib_kinds, only: wp
   implicit none
@@ -10,7 +10,7 @@ module viscovib_status
 
   public :: status_type, set_ok, fail, show, things, clipped, one_line
 
-  !> Categories of failure; the driver's exit statuses follow them.
+  !> Categories of failure; the driver's exit codes follow them.
   integer, parameter, public :: status_ok = 0
   integer, parameter, public :: status_input_error = 2
   integer, parameter, public :: status_io_error = 3
@@ -19,15 +19,15 @@ module viscovib_status
   type :: status_type
     !> One of the `status_*` categories.
     integer :: category = status_ok
-    !> One line that names the thing, its value and what is allowed.
+    !> One line with the name, its value and what is allowed.
     character(len=:), allocatable :: message
-    !> The argument or key at fault, for callers that point at a place.
+    !> Name of the invalid argument or key, for callers that report its location.
     character(len=:), allocatable :: subject
   contains
     procedure :: failed
   end type status_type
 
-  !> A number as it should look inside a message.
+  !> Format a number for a message.
   interface show
     module procedure show_real, show_integer
   end interface show
@@ -44,7 +44,7 @@ contains
     status%category = status_ok
   end subroutine set_ok
 
-  !> Mark a failure.
+  !> Set a failure.
   subroutine fail(status, category, subject, message)
     type(status_type), intent(out) :: status
     integer, intent(in) :: category
@@ -54,8 +54,8 @@ contains
     status%message = message
   end subroutine fail
 
-  !> A message as it is shown: what would end its line, such as a new line in the name of a file,
-  !! or steer a terminal is a question mark.
+  !> A message for display: characters that would end the line (such as a new line in a file name)
+  !! or control a terminal become question marks.
   pure function one_line(text) result(shown)
     character(len=*), intent(in) :: text
     character(len=len(text)) :: shown
@@ -66,7 +66,7 @@ contains
     end do
   end function one_line
 
-  !> A text that a user wrote, as it should look inside a message: not too long for a line.
+  !> User text for a message, clipped to fit a line.
   pure function clipped(text) result(shown)
     character(len=*), intent(in) :: text
     character(len=:), allocatable :: shown
@@ -76,7 +76,7 @@ contains
       shown = text
       return
     end if
-    ! Not within a letter of UTF-8.
+    ! Not within a multibyte UTF-8 character.
     n = longest - 3
     do while (n > longest - 7 .and. iand(iachar(text(n + 1:n + 1)), 192) == 128)
       n = n - 1
@@ -92,8 +92,8 @@ contains
     text = trim(buffer)
   end function show_integer
 
-  !> The shortest of a few formats that still distinguishes the value, plain
-  !! between 1e-4 and 1e7 and with an exponent outside.
+  !> Shortest of a few formats that reproduces the value: fixed point between 1e-4 and 1e7,
+  !! otherwise with an exponent.
   pure function show_real(value) result(text)
     real(wp), intent(in) :: value
     character(len=:), allocatable :: text
@@ -114,7 +114,7 @@ contains
       return
     end if
     if (abs(value) >= nearest(huge(value), -1.0_wp)) then
-      ! Rounded to fewer digits it would be infinite.
+      ! Rounding to fewer digits would give infinity.
       text = trim(merge('-1.7976931348623157e308', '1.7976931348623157e308 ', value < 0.0_wp))
       return
     end if
@@ -142,11 +142,11 @@ contains
     end if
   end function show_real
 
-  !> A number of things in words: 1 fold, 2 folds.
+  !> A count with its noun: 1 fold, 2 folds.
   pure function things(n, name, many) result(text)
     integer, intent(in) :: n
     character(len=*), intent(in) :: name
-    !> Where an s makes no plural.
+    !> Irregular plural.
     character(len=*), intent(in), optional :: many
     character(len=:), allocatable :: text
     text = show(n)//' '//name

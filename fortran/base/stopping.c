@@ -1,5 +1,5 @@
-/* What bounds on a whole program share with the library: whether it shall stop, and the file in the
-   making, to be removed if it ends at once. */
+/* Stop requests, and the unfinished file to remove if the program is terminated. Shared by the
+   library and the limits of the driver. */
 #define _GNU_SOURCE
 #include <string.h>
 #if defined(__unix__) || defined(__APPLE__)
@@ -12,11 +12,11 @@
 
 enum { longest = 4200 };
 
-/* 0: go on. Set by the driver's alarm (app/limits.c). */
+/* 0: continue. Set by the driver's alarm (app/limits.c). */
 volatile int viscovib_stop = 0;
 char viscovib_unfinished[longest] = "";
 
-/* The empty name: none. Its first letter comes last, since an alarm may come between. */
+/* An empty name means no file. The first letter is written last, since an alarm may interrupt. */
 void viscovib_set_unfinished(const char *path) {
   size_t n = strlen(path);
   viscovib_unfinished[0] = 0;
@@ -25,16 +25,16 @@ void viscovib_set_unfinished(const char *path) {
   viscovib_unfinished[0] = path[0];
 }
 
-/* A flag as it is now. */
+/* Current value of a flag. */
 int viscovib_is_set(const volatile int *flag) { return *flag != 0; }
 
-/* The flag that this thread listens to, besides that of the whole program. Other threads set it. */
+/* Stop flag of this thread, in addition to the flag of the program. Other threads set it. */
 static _Thread_local const volatile int *listened = 0;
 
 void viscovib_listen(const volatile int *flag) { listened = flag; }
 
-/* Ctrl-C and the like during a call of Python's main thread, which Python itself hears only after
-   the call. */
+/* Ctrl-C and similar signals during a call from Python's main thread. Python handles them only
+   after the call. */
 static volatile int interrupted = 0;
 static _Thread_local int hears = 0;
 
@@ -56,7 +56,7 @@ static void hear(int number, siginfo_t *info, void *context) {
   }
 }
 
-/* Whether the program handles a signal by itself. */
+/* 1 if the program has a handler for a signal. */
 static int is_handled(const struct sigaction *action) {
   return (action->sa_flags & SA_SIGINFO)
          || (action->sa_handler != SIG_DFL && action->sa_handler != SIG_IGN);
@@ -70,8 +70,8 @@ static int is_main_thread(void) {
 #endif
 }
 
-/* Let signals that the program handles end loops of this call, too, if this is the main thread.
-   1: they do. */
+/* Let signals that the program handles also stop loops of this call, on the main thread only.
+   Returns 1 if enabled. */
 int viscovib_hear(void) {
   struct sigaction own;
   int i;
@@ -89,7 +89,7 @@ int viscovib_hear(void) {
   return 1;
 }
 
-/* After the call: 1 if there was such a signal. */
+/* Restore the handlers after the call. Returns 1 if there was such a signal. */
 int viscovib_heard(void) {
   int i;
   for (i = 0; i < n_signals; ++i) {
@@ -103,7 +103,7 @@ int viscovib_hear(void) { return 0; }
 int viscovib_heard(void) { return 0; }
 #endif
 
-/* Whether the whole program or this thread shall stop. */
+/* 1 if the program or this thread must stop. */
 int viscovib_stop_wanted(void) {
   return viscovib_stop != 0 || (listened && *listened != 0) || (hears && interrupted);
 }

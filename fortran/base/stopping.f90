@@ -1,5 +1,5 @@
-!> Whether the whole program shall stop, which the driver sets when its time is over, or a thread,
-!! which Python sets after Ctrl-C: loops that may take long look at it and end with what they have.
+!> Stop requests, for the whole program (set by the driver at its time limit) or for a thread (set
+!! by Python after Ctrl-C). Long loops check them and return partial results.
 module viscovib_stopping
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
   implicit none
@@ -10,11 +10,11 @@ module viscovib_stopping
 
   integer(c_int), bind(c, name='viscovib_stop'), volatile :: stop_flag
 
-  !> Pieces of long work begun since the program started, which shows that it continues; about, with
-  !! several threads.
+  !> Number of pieces of long work started so far, which shows progress; approximate with several
+  !! threads.
   integer(c_int), volatile :: pieces = 0
 
-  !> Whether something was left out since the program shall stop.
+  !> True if work was omitted because of a stop request.
   logical, volatile :: cut = .false.
 
   interface
@@ -39,16 +39,15 @@ contains
     stop_wanted = c_stop_wanted() /= 0_c_int
   end function stop_wanted
 
-  !> Whether a flag is not 0 that another thread may set meanwhile. It is read by C, of which the
-  !! compiler knows nothing, so that no loop keeps an old value; a volatile argument, which says the
-  !! same, is not known to every compiler.
+  !> True if a flag that another thread may set is not 0. It is read by a C function, so that the
+  !! compiler cannot keep an old value in a loop; not every compiler supports a volatile argument.
   logical function is_set(flag)
     integer(c_int), intent(inout) :: flag
     is_set = c_is_set(flag) /= 0_c_int
   end function is_set
 
-  !> Whether a loop shall leave out what is left: the caller has cancelled, or the program shall
-  !! stop, which is noted.
+  !> True if a loop must skip its remaining work: the caller has cancelled it, or the program must
+  !! stop, which is recorded.
   logical function given_up(cancel)
     integer(c_int), intent(inout), optional :: cancel
     given_up = .false.
@@ -58,12 +57,12 @@ contains
     given_up = .true.
   end function given_up
 
-  !> Whether a loop has left something out since the program shall stop.
+  !> True if a loop has skipped work since the stop request.
   logical function cut_short()
     cut_short = cut
   end function cut_short
 
-  !> Called by a loop before each piece that takes long: a point of a curve, a value.
+  !> Call before each long piece of work in a loop: a point of a curve, a value.
   subroutine begin_piece()
     pieces = modulo(pieces, huge(pieces)) + 1
   end subroutine begin_piece
@@ -77,7 +76,7 @@ contains
     stop_flag = merge(1_c_int, 0_c_int, wanted)
   end subroutine want_stop
 
-  !> The file to remove if the program ends at once; empty: none.
+  !> Set the file to remove if the program is terminated; empty: none.
   subroutine set_unfinished(path)
     character(len=*), intent(in) :: path
     call c_set_unfinished(path//c_null_char)

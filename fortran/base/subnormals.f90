@@ -1,5 +1,4 @@
-!> Numbers that fade below 1e-308: as 0 instead of subnormal, which would make each operation on
-!! them ten times as long.
+!> Flushes subnormal numbers (below 1e-308) to 0, since operations with them take ten times as long.
 module viscovib_subnormals
   use, intrinsic :: iso_c_binding, only: c_int
   implicit none
@@ -7,8 +6,8 @@ module viscovib_subnormals
 
   public :: flushing_type
 
-  !> A local variable of this type flushes from `begin` on until its procedure returns, which
-  !! restores the caller's mode.
+  !> A local variable of this type flushes from `begin` until its procedure returns, which restores
+  !! the caller's mode.
   type :: flushing_type
     private
     logical :: begun = .false.

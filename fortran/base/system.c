@@ -1,8 +1,8 @@
-/* All that the library wants of POSIX; the bounds of the driver are in app/limits.c.
+/* All POSIX functions that the library uses; the limits of the driver are in app/limits.c.
 
-   Files are opened as Fortran's own statements cannot: regular files only, names to the last blank,
-   no links followed where a file is made. Failures are the negative of errno; not_regular for
-   what is there but is no file. */
+   Files are opened with options that Fortran lacks: regular files only, names with trailing blanks,
+   no links followed when a file is created. Failures return the negative errno, or not_regular for
+   an object that is not a regular file. */
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
@@ -16,7 +16,7 @@
 
 enum { not_regular = -100000 };
 
-/* Open a regular file and say how long it is. A pipe is not waited for. */
+/* Open a regular file and return its size. Does not wait for a pipe. */
 int viscovib_open_to_read(const char *path, int64_t *size) {
   struct stat found;
   char byte;
@@ -28,7 +28,7 @@ int viscovib_open_to_read(const char *path, int64_t *size) {
     close(file);
     return why;
   }
-  /* What the system makes up while it is read says that it is empty. */
+  /* Virtual files that the system generates on reading report a size of 0. */
   if (S_ISDIR(found.st_mode) || !S_ISREG(found.st_mode) ||
       (found.st_size == 0 && pread(file, &byte, 1, 0) == 1)) {
     close(file);
@@ -38,7 +38,7 @@ int viscovib_open_to_read(const char *path, int64_t *size) {
   return file;
 }
 
-/* Read so many bytes and close; 0, or why not. */
+/* Read `size` bytes and close the file. Returns 0 or an error code. */
 int viscovib_read_and_close(int file, char *text, int64_t size) {
   int64_t done = 0;
   int why = 0;
@@ -52,7 +52,8 @@ int viscovib_read_and_close(int file, char *text, int64_t size) {
   return why;
 }
 
-/* Write to the standard output at once; 0, or why not. Fortran's own statements hide a full disk. */
+/* Write to standard output without buffering. Returns 0 or an error code. Fortran output statements
+   do not report a full disk. */
 int viscovib_print(const char *text, int n) {
   while (n > 0) {
     ssize_t written = write(STDOUT_FILENO, text, (size_t)n);
@@ -66,8 +67,8 @@ int viscovib_print(const char *text, int n) {
 
 void viscovib_close(int file) { close(file); }
 
-/* Make a new file to write into. What stands there under this name is removed first, and is not
-   followed if it is a link. */
+/* Create a file for writing. An existing file of this name is removed first; a link is not
+   followed. */
 FILE *viscovib_open_to_write(const char *path, int *why) {
   struct stat found;
   FILE *stream;
@@ -87,7 +88,7 @@ FILE *viscovib_open_to_write(const char *path, int *why) {
   return stream;
 }
 
-/* All that is written, on its way to the disk; 0, or why not. */
+/* Flush and close. Returns 0 or an error code. */
 int viscovib_close_written(FILE *stream, int failed_before) {
   int why = failed_before;
   if (fclose(stream) != 0 && why == 0) why = -errno;
@@ -100,7 +101,7 @@ int viscovib_write(const char *text, int64_t n, FILE *stream) {
   return errno != 0 ? -errno : -EIO;
 }
 
-/* In words; the length of the text. */
+/* Text of an error code. Returns its length. */
 int viscovib_reason(int code, char *text, int room) {
   const char *words = code == not_regular ? "not a regular file" : strerror(-code);
   int n = (int)strlen(words);
@@ -109,7 +110,7 @@ int viscovib_reason(int code, char *text, int room) {
   return n;
 }
 
-/* The name of a file with links and dots resolved; the length of the text, 0 if there is none. */
+/* Path with links and dots resolved. Returns its length, 0 if the file does not exist. */
 int viscovib_real_path(const char *path, char *text, int room) {
   char *found = realpath(path, NULL);
   int n = found == NULL ? 0 : (int)strlen(found);
@@ -119,36 +120,37 @@ int viscovib_real_path(const char *path, char *text, int room) {
   return n;
 }
 
-/* A file that grows beyond what is allowed is then an error of writing, not the end. */
+/* Make exceeding the file size limit a write error instead of terminating the program. */
 void viscovib_ignore_file_limit(void) { signal(SIGXFSZ, SIG_IGN); }
 
-/* 0, or not: it is there already, or cannot be made. */
+/* Returns 0, or another value if the folder exists or cannot be created. */
 int viscovib_make_folder(const char *path) { return mkdir(path, 0777); }
 
-/* In one step; 0, or not. A link is replaced; a device, a pipe or a link to one keeps its place. */
+/* Rename atomically. Returns 0 if successful. A link is replaced; a device, a pipe or a link to one
+   is an error. */
 int viscovib_replace(const char *from, const char *to) {
   struct stat found;
   if (stat(to, &found) == 0 && !S_ISREG(found.st_mode) && !S_ISDIR(found.st_mode)) return -1;
   return rename(from, to);
 }
 
-/* One thread at a time makes plans: FFTW allows no more. Fortran has no lock that works on every
-   system, and Python's is not held where the balance of a pendulum runs. */
+/* Lock for FFTW plans, which only one thread may create at a time. Fortran has no portable lock,
+   and Python's lock is released during the harmonic balance of a pendulum. */
 static pthread_mutex_t planner = PTHREAD_MUTEX_INITIALIZER;
 
 void viscovib_lock_planner(void) { pthread_mutex_lock(&planner); }
 
 void viscovib_unlock_planner(void) { pthread_mutex_unlock(&planner); }
 
-/* The same for the list of objects that have a handle. */
+/* Lock for the list of objects with handles. */
 static pthread_mutex_t handles = PTHREAD_MUTEX_INITIALIZER;
 
 void viscovib_lock_handles(void) { pthread_mutex_lock(&handles); }
 
 void viscovib_unlock_handles(void) { pthread_mutex_unlock(&handles); }
 
-/* One thread at a time makes texts of any length: gfortran keeps the lengths of such results of
-   functions in static memory. A thread that has the lock may take it again. */
+/* Lock for texts of deferred length, since gfortran keeps the lengths of such function results in
+   static memory. The lock is recursive. */
 static pthread_mutex_t texts;
 static pthread_once_t texts_made = PTHREAD_ONCE_INIT;
 

@@ -1,4 +1,4 @@
-!> A result as a table: notes, then comma separated columns with names.
+!> A result as a table: notes, followed by named columns of comma-separated values.
 module viscovib_table
   use viscovib_files, only: make_folder
   use viscovib_kinds, only: wp
@@ -11,17 +11,17 @@ module viscovib_table
   public :: table_type, listed, listed_units
 
   character(len=*), parameter :: nl = new_line('a')
-  !> Length of a cell that holds a number.
+  !> Length of a cell with a number.
   integer, parameter :: width = 24
 
-  !> A column sees its values, which outlive it, or holds them.
+  !> A column points to its values, which must outlive it, or contains a copy.
   type :: column_type
     character(len=:), allocatable :: name
     real(wp), pointer :: reals(:) => null()
     integer, pointer :: integers(:) => null()
     real(wp), allocatable :: held(:)
     integer, allocatable :: codes(:)
-    !> Words that the integers stand for; without, they are numbers.
+    !> Words for the integer codes; not allocated: the integers are numbers.
     character(len=:), allocatable :: words(:)
   end type column_type
 
@@ -32,16 +32,16 @@ module viscovib_table
     integer :: n = 0
   contains
     procedure :: note
-    !> Of values that outlive the table.
+    !> Point to values that outlive the table.
     procedure :: add_reals
     procedure :: add_complex
     procedure :: add_integers
     procedure :: add_words
-    !> Of values that do not.
+    !> Copy the values.
     procedure :: hold_reals
     procedure :: hold_integers
     procedure :: write => write_table
-    !> What it holds, for callers that write no file.
+    !> Access to the content, for callers that write no file.
     procedure :: n_columns
     procedure :: n_rows
     procedure :: name
@@ -106,12 +106,12 @@ contains
     self%columns(self%n)%integers => values
   end subroutine add_integers
 
-  !> Codes, written as the words they stand for.
+  !> Add a column of integer codes, written as words.
   subroutine add_words(self, name, codes, words)
     class(table_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     integer, intent(in), target :: codes(:)
-    !> Those of 0, 1, ...
+    !> Words for the codes 0, 1, ...
     character(len=*), intent(in) :: words(0:)
     call self%add_integers(name, codes)
     allocate (self%columns(self%n)%words, source=words)
@@ -160,7 +160,7 @@ contains
     end associate
   end function n_rows
 
-  !> Of column j, from 1.
+  !> Name of column j, from 1.
   pure function name(self, j)
     class(table_type), intent(in) :: self
     integer, intent(in) :: j
@@ -176,7 +176,7 @@ contains
     if (allocated(self%notes)) text = self%notes
   end function all_notes
 
-  !> The values of column j, whole ones too.
+  !> Values of column j as reals, also if they are integers.
   pure function numbers(self, j) result(values)
     class(table_type), intent(in) :: self
     integer, intent(in) :: j
@@ -194,14 +194,14 @@ contains
     end associate
   end function numbers
 
-  !> Whether the values of column j are integers.
+  !> True if the values of column j are integers.
   pure logical function is_whole(self, j)
     class(table_type), intent(in) :: self
     integer, intent(in) :: j
     is_whole = associated(self%columns(j)%integers) .or. allocated(self%columns(j)%codes)
   end function is_whole
 
-  !> How many words column j has, for 0, 1, ...; 0: it has numbers.
+  !> Number of words of column j, for codes 0, 1, ...; 0: the column has numbers.
   pure integer function n_words(self, j)
     class(table_type), intent(in) :: self
     integer, intent(in) :: j
@@ -209,7 +209,7 @@ contains
     if (allocated(self%columns(j)%words)) n_words = size(self%columns(j)%words)
   end function n_words
 
-  !> The word for `code` in column j.
+  !> Word of `code` in column j.
   pure function word(self, j, code)
     class(table_type), intent(in) :: self
     integer, intent(in) :: j, code
@@ -217,8 +217,8 @@ contains
     word = trim(self%columns(j)%words(code))
   end function word
 
-  !> Write the table NAME into a folder, which is made if need be; the table is there whole or
-  !! not at all.
+  !> Write the table as the file NAME into a folder, which is created if necessary. The file is
+  !! complete or does not exist.
   subroutine write_table(self, folder, name, header, status)
     class(table_type), intent(in) :: self
     character(len=*), intent(in) :: folder, name
@@ -279,7 +279,7 @@ contains
     end subroutine append
   end subroutine write_table
 
-  !> A name as a cell of CSV: in quotes if it has a comma or a quote, which is then doubled.
+  !> A name as a CSV cell: in quotes if it contains a comma or a quote; quotes are doubled.
   pure function quoted(name)
     character(len=*), intent(in) :: name
     character(len=:), allocatable :: quoted

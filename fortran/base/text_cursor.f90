@@ -1,4 +1,4 @@
-!> A text that is read character by character, and what is wrong with it.
+!> A text read character by character, with error messages.
 module viscovib_text_cursor
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
@@ -11,8 +11,8 @@ module viscovib_text_cursor
   character(len=*), parameter, public :: digits = '0123456789'
   character(len=*), parameter :: white = achar(9)//achar(10)//achar(11)//achar(12)//achar(13)
   character(len=*), parameter :: names = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
-  !> Signs of typesetting (UTF-8) that stand for others: minus and dashes; a middle dot, a dot
-  !! operator and a cross; raised 2 and 3; an apostrophe, a prime and a closing quote.
+  !> Typographic characters (UTF-8) used in place of ASCII: minus and dashes; middle dot, dot
+  !! operator and cross; superscript 2 and 3; apostrophe, prime and closing quote.
   character(len=*), parameter :: page = char(226)//char(128)
   character(len=*), parameter :: dashes(3) = [char(226)//char(136)//char(146), &
                                               page//char(147), page//char(148)]
@@ -22,7 +22,7 @@ module viscovib_text_cursor
   character(len=*), parameter :: raised(2) = [char(194)//char(178), char(194)//char(179)]
   character(len=*), parameter :: primes(3) = ["'  ", page//char(178), page//char(153)]
 
-  !> The text, a blank at its end, and where in it the reader stands; `fault` says what is wrong.
+  !> The text followed by a blank, and the current position; `fault` describes an error.
   type :: text_cursor
     character(len=:), allocatable :: text, fault
     integer :: at = 1, depth = 0
@@ -37,7 +37,7 @@ module viscovib_text_cursor
 
 contains
 
-  !> At the beginning of a text, whose tabs and ends of lines are blanks.
+  !> Start at the beginning of a text. Tabs and line ends become blanks.
   subroutine begin(self, text)
     class(text_cursor), intent(inout) :: self
     character(len=*), intent(in) :: text
@@ -49,7 +49,7 @@ contains
     end do
   end subroutine begin
 
-  !> The next character that is not blank.
+  !> The next nonblank character.
   character function peek(self)
     class(text_cursor), intent(inout) :: self
     do while (self%at < len(self%text))
@@ -72,7 +72,7 @@ contains
 
     if (self%fault /= '') return
     last = self%at
-    ! Whole, where it has several bytes (UTF-8): half of one is no text.
+    ! Include all bytes of a UTF-8 character.
     do while (last < len(self%text))
       if (iand(iachar(self%text(last + 1:last + 1)), 192) /= 128) exit
       last = last + 1
@@ -92,7 +92,7 @@ contains
     if (sign == "'") quoted = '"'//sign//'"'
   end function quoted
 
-  !> How a law writes what people write in other ways; nothing if that is not known.
+  !> Hint for common notation that laws do not support; empty if there is none.
   pure function meant(self, sign)
     class(text_cursor), intent(in) :: self
     character(len=*), intent(in) :: sign
@@ -112,10 +112,10 @@ contains
     if (meant /= '') meant = '; '//meant
   end function meant
 
-  !> A number such as 2, .5, 1e-3.
+  !> Read a number such as 2, .5, 1e-3.
   subroutine read_digits(self, exponents, value)
     class(text_cursor), intent(inout) :: self
-    !> Letters that may stand before the power of ten.
+    !> Letters allowed before the power of ten.
     character(len=*), intent(in) :: exponents
     real(wp), intent(out) :: value
     integer :: first, last

@@ -1,8 +1,7 @@
-!> Text files read and written as a whole.
+!> Reads and writes whole text files.
 !!
-!! Writing goes through the C library: the compiler's run-time library loses
-!! the error when a buffer cannot be written out, so that a table cut short by
-!! a full disk would pass for a whole one.
+!! Writing uses the C library. The compiler's run-time library ignores the error if a buffer cannot
+!! be written, so a table truncated by a full disk would go unnoticed.
 module viscovib_text_file
   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_int64_t, c_null_char, &
     c_null_ptr, c_ptr
@@ -14,15 +13,15 @@ module viscovib_text_file
 
   public :: count_line_ends, read_text_file, text_writer
 
-  !> Longest text that is read (bytes).
+  !> Longest text that can be read (bytes).
   integer, parameter :: max_size = 100000000
 
-  !> A new file PATH.part, which takes the name PATH in one step at the end, whole,
-  !! or is removed. A link of either name is replaced and never followed.
+  !> Writes a new file PATH.part, which is renamed to PATH at the end or removed. A link of either
+  !! name is replaced and never followed.
   type :: text_writer
     character(len=:), allocatable, private :: path
     type(c_ptr), private :: handle = c_null_ptr
-    !> Why writing failed; 0: it did not.
+    !> Error code of writing; 0: no error.
     integer(c_int), private :: broken = 0
   contains
     procedure :: create
@@ -74,8 +73,8 @@ module viscovib_text_file
 
 contains
 
-  !> The whole file. Bytes that no UTF-8 text has are an input error with their
-  !! line; a mark of byte order at the start is dropped.
+  !> Read a whole file. Bytes that are invalid in UTF-8 text are an input error with their line. A
+  !! byte order mark at the start is removed.
   subroutine read_text_file(path, text, status)
     character(len=*), intent(in) :: path
     character(len=:), allocatable, intent(out) :: text
@@ -124,7 +123,7 @@ contains
     end if
   end subroutine create
 
-  !> Add a line; an error is reported at the end.
+  !> Add a line; an error is reported by `finish`.
   subroutine add_line(self, line)
     class(text_writer), intent(inout) :: self
     character(len=*), intent(in) :: line
@@ -132,7 +131,7 @@ contains
     self%broken = c_write(line//new_line('a'), len(line, c_int64_t) + 1, self%handle)
   end subroutine add_line
 
-  !> Add lines, separated by new-line characters, each behind a "# "; empty ones are left out.
+  !> Add lines separated by new-line characters, each prefixed by "# ". Empty lines are omitted.
   subroutine add_comments(self, text)
     class(text_writer), intent(inout) :: self
     character(len=*), intent(in) :: text
@@ -146,7 +145,7 @@ contains
     end do
   end subroutine add_comments
 
-  !> Put the file in its place; on any failure nothing is left.
+  !> Rename the file to its final name, or remove it after a failure.
   subroutine finish(self, status)
     class(text_writer), intent(inout) :: self
     type(status_type), intent(out) :: status
@@ -163,7 +162,7 @@ contains
     call set_unfinished('')
   end subroutine finish
 
-  !> Position of the first control byte, or byte out of place in UTF-8; else 0.
+  !> Position of the first control byte or invalid UTF-8 byte; otherwise 0.
   pure integer function first_strange_byte(text) result(start)
     character(len=*), intent(in) :: text
     integer :: i, code, following

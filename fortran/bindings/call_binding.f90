@@ -1,6 +1,6 @@
-! The routines of the core for f2py: `viscovib_calls` explains their arguments.
+! Routines of the core for f2py; see `viscovib_calls` for their arguments.
 
-!> Do a task, its values packed. The status is -1 after a signal: nothing is kept.
+!> Run a task and pack its values. The status is -1 after a signal; no result is kept then.
 subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, handle, sizes, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_int64_t
   use viscovib_binding_tools, only: report
@@ -37,7 +37,7 @@ subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, ha
   status = -1
 end subroutine begin_call
 
-!> What a task found, packed; its handle is freed where keep is 0.
+!> Return the packed results of a task. Its handle is freed if keep is 0.
 subroutine end_call(handle, keep, text, n_text, integers, n_integers, numbers, n_numbers, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_int64_t
   use viscovib_binding_tools, only: report
@@ -56,7 +56,7 @@ subroutine end_call(handle, keep, text, n_text, integers, n_integers, numbers, n
   call report(outcome, status)
 end subroutine end_call
 
-!> Free an object; what builds on it keeps it.
+!> Free an object. Objects that depend on it keep it alive.
 subroutine free_object(handle, status)
   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t
   use viscovib_binding_tools, only: report
@@ -71,7 +71,7 @@ subroutine free_object(handle, status)
   call report(outcome, status)
 end subroutine free_object
 
-!> Ask loops that may take long to end with what they have (1), or to go on (0).
+!> Request long loops to stop with partial results (1), or to continue (0).
 subroutine stop_loops(flag)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_stopping, only: want_stop
@@ -80,8 +80,8 @@ subroutine stop_loops(flag)
   call want_stop(flag /= 0)
 end subroutine stop_loops
 
-!> Let loops of this thread end with what they have once another thread sets flag(1), which must
-!! exist as long as this thread.
+!> Stop loops of this thread with partial results when another thread sets flag(1), which must exist
+!! as long as this thread.
 subroutine listen(flag)
   use, intrinsic :: iso_c_binding, only: c_int
   implicit none
@@ -95,7 +95,7 @@ subroutine listen(flag)
   call c_listen(flag)
 end subroutine listen
 
-!> Points of curves and values that loops have begun since the program started.
+!> Number of curve points and values that loops have started so far.
 subroutine pieces_of_work(n)
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_stopping, only: pieces_begun

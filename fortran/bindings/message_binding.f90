@@ -1,6 +1,6 @@
-! Flat routines that give the message of a call that failed, for f2py.
+! Routines for f2py that return the message of a failed call.
 
-!> How long the message of the call is that failed last on this thread.
+!> Length of the message of the last failed call on this thread.
 subroutine last_message_length(n)
   use, intrinsic :: iso_c_binding, only: c_int
   implicit none
@@ -13,7 +13,7 @@ subroutine last_message_length(n)
   n = kept_length()
 end subroutine last_message_length
 
-!> Return the message, n from last_message_length, and delete it.
+!> Return and delete the message; n is from last_message_length.
 subroutine last_message(text, n)
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   implicit none

@@ -1,5 +1,5 @@
-!> Points of a curve between two neighbours z_0, z_1, z = (x, p): those on the planes
-!! <z_1 - z_0, z - z_0> = sigma <z_1 - z_0, z_1 - z_0>, also where p turns back.
+!> Points of a curve between two adjacent points z_0, z_1, z = (x, p). Each point lies on a plane
+!! <z_1 - z_0, z - z_0> = sigma <z_1 - z_0, z_1 - z_0>, which also works at folds.
 module viscovib_chord
   use viscovib_curve, only: curve_type
   use viscovib_dense, only: factorize, solve
@@ -11,26 +11,26 @@ module viscovib_chord
 
   integer, parameter :: max_corrections = 12
   real(wp), parameter :: correction_tolerance = 1.0e-12_wp, as_rounding_lets = 1.0e-6_wp
-  !> For an estimate: the part of the first correction that matters no more.
+  !> For an error estimate: tolerance relative to the first correction.
   real(wp), parameter :: part_of_first = 1.0e-5_wp
-  !> Corrections that shrink by this factor need no new derivatives.
+  !> The factorized derivatives are reused while corrections shrink by at least this factor.
   real(wp), parameter :: fast = 0.1_wp
 
   type :: chord_point
     real(wp) :: sigma = 0.0_wp, p = 0.0_wp
-    !> dp/dsigma, where `go_to` has found the point.
+    !> dp/dsigma of a point that `go_to` computed.
     real(wp) :: slope = 0.0_wp
-    !> The correction that would follow, of x against its size and of p: rounding, or next to it.
+    !> Estimated next correction: of x relative to its norm, and of p. It is near rounding error.
     real(wp) :: left = 0.0_wp, left_p = 0.0_wp
-    !> Unknowns, and dx/dsigma where `go_to` has found the point, shapes (n).
+    !> Unknowns, and dx/dsigma of a point that `go_to` computed, shapes (n).
     real(wp), allocatable :: x(:), x_slope(:)
   end type chord_point
 
-  !> Factors of the bordered derivatives at the last point of a series of neighbours.
+  !> Factors of the bordered derivatives at the last point of a series of nearby points.
   type :: chord_factors
-    !> Points are needed for an estimate of what the first correction changes.
+    !> True if the points serve an estimate, which needs the change by the first correction only.
     logical :: estimate = .false.
-    !> Relative correction that is small enough; < 0: not known yet.
+    !> Relative tolerance of the corrections; < 0: not yet determined.
     real(wp), private :: enough = -1.0_wp
     real(wp), allocatable, private :: matrix(:, :)
     integer, allocatable, private :: pivots(:)
@@ -53,7 +53,7 @@ contains
   pure subroutine new_chord(chord, curve, p, x)
     type(chord_type), intent(out) :: chord
     class(curve_type), intent(in) :: curve
-    !> The neighbours, shapes (2) and (n, 2).
+    !> The adjacent points, shapes (2) and (n, 2).
     real(wp), intent(in) :: p(2), x(:, :)
     real(wp), allocatable :: weights(:)
     real(wp) :: total
@@ -62,7 +62,7 @@ contains
     chord%x = x(:, 1)
     allocate (weights(size(x, 1)), source=1.0_wp)
     if (allocated(curve%weights)) weights = curve%weights
-    ! Squares are weighed by inertia, and against the size of the motion and of p.
+    ! Squares are weighted by inertia and scaled by the norm of the solution and by p.
     total = sum(weights*x(:, 2)**2)
     chord%normal_x = x(:, 2) - x(:, 1)
     if (total > 0.0_wp) chord%normal_x = chord%normal_x*weights/total
@@ -70,7 +70,7 @@ contains
     chord%length = sum(chord%normal_x*(x(:, 2) - x(:, 1))) + chord%normal_p*(p(2) - p(1))
   end subroutine new_chord
 
-  !> On which plane a point lies.
+  !> The coordinate sigma of the plane through a point.
   pure real(wp) function sigma_of(self, p, x)
     class(chord_type), intent(in) :: self
     real(wp), intent(in) :: p, x(:)
@@ -89,8 +89,8 @@ contains
     matrix(n + 1, n + 1) = self%normal_p
   end subroutine border
 
-  !> The point of the curve on the plane sigma, by Newton's method from between two others. Factors
-  !! of the derivatives serve further corrections as long as these fall fast.
+  !> The point of the curve on the plane sigma, by Newton's method from a guess between a and b. The
+  !! factorized derivatives are reused while the corrections shrink fast.
   subroutine go_to(self, curve, sigma, a, b, found, made, factors)
     class(chord_type), intent(in) :: self
     class(curve_type), intent(inout) :: curve
@@ -98,7 +98,7 @@ contains
     type(chord_point), intent(in) :: a, b
     type(chord_point), intent(out) :: found
     logical, intent(out) :: made
-    !> Of the neighbour before, in and out.
+    !> Factors from the previous point, updated.
     type(chord_factors), intent(inout), optional :: factors
     type(chord_factors) :: own
     real(wp) :: part
@@ -154,10 +154,10 @@ contains
       if (factors%enough < 0.0_wp) then
         factors%enough = max(part_of_first*change/size_x, correction_tolerance)
       end if
-      ! The next correction is smaller by as much as this one, or by more.
+      ! The next correction shrinks by at least the same factor.
       shrunk = 1.0_wp
       if (k > 1) shrunk = min(change/max(last, tiny(last)), 1.0_wp)
-      ! To rounding, or as far as rounding lets it come.
+      ! Converged to the tolerance, or to the rounding error.
       made = change*shrunk <= factors%enough*size_x .and. abs(right(n + 1))*shrunk &
              <= factors%enough*abs(found%p)
       made = made .or. (.not. factorized .and. change <= as_rounding_lets*size_x &

@@ -1,9 +1,9 @@
-!> Whether two crossings may lie between two neighbours at which as many exponents grow.
+!> Detection of two crossings between adjacent points with equal numbers of growing exponents.
 !!
 !! With multipliers mu the products of (mu - 1)/|mu|^(1/2), (mu + 1)/|mu|^(1/2) and, over pairs,
 !! (mu mu' - 1)/|mu mu'|^(1/2) are smooth along a curve, also where multipliers meet, and vanish
 !! at folds and branch points, at period doublings and at Neimark-Sacker bifurcations. A cubic
-!! through four neighbours shows whether one of them dips between the middle two.
+!! through four adjacent points shows whether a product dips toward 0 between the middle two.
 module viscovib_crossing_dips
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_kinds, only: wp
@@ -13,17 +13,17 @@ module viscovib_crossing_dips
   public :: tests_of, find_dip
 
   integer, parameter, public :: n_tests = 3
-  !> A dip is looked into below the first part of the lower end, and below the second part of the
-  !! largest of the four, by which the cubic may be wrong.
+  !> A dip is examined below the first fraction of the smaller end value, or below the second
+  !! fraction of the largest of the four values, the possible error of the cubic.
   real(wp), parameter :: deep = 0.2_wp, wrong = 0.03_wp
   integer, parameter :: n_places = 19
-  !> Logarithms of multipliers that are far from the unit circle, and of the largest; the largest
-  !! product.
+  !> Limits of |log mu| in the scaling of factors, of |log mu| of all multipliers, and of the
+  !! products.
   real(wp), parameter :: level = 20.0_wp, largest_log = 300.0_wp, largest = 1.0e100_wp
 
 contains
 
-  !> The three products; 0: unknown.
+  !> The three products; 0 if not computable.
   pure function tests_of(eta) result(tests)
     !> Logarithms of multipliers.
     complex(wp), intent(in) :: eta(:)
@@ -52,8 +52,8 @@ contains
     tests = real(products)
   end function tests_of
 
-  !> (m - m_0)/|m|^(1/2) of m = exp(log_m); beyond `level` the root is taken as it is there, so that
-  !! what is far from the unit circle does not outgrow the range of numbers.
+  !> (m - m_0)/|m|^(1/2) of m = exp(log_m). Beyond `level` the scaling |m|^(1/2) is kept constant,
+  !! so that multipliers far from the unit circle do not overflow.
   pure complex(wp) function factor_of(log_m, m_0)
     complex(wp), intent(in) :: log_m
     real(wp), intent(in) :: m_0
@@ -62,7 +62,7 @@ contains
     end associate
   end function factor_of
 
-  !> The test that may vanish between points i and i + 1, 0: none, and where, 0 to 1.
+  !> The test that may vanish between points i and i + 1 (0: none), and its location, 0 to 1.
   pure subroutine find_dip(tests, p, x, i, which, at)
     !> Shape (n_tests, n); the points, shapes (n) and (n_unknowns, n).
     real(wp), intent(in) :: tests(:, :), p(:), x(:, :)
@@ -84,7 +84,7 @@ contains
       if (.not. length > 0.0_wp) return
       s(j - first + 2) = s(j - first + 1) + length
     end do
-    ! Lagrange's polynomials of the neighbours at places between points i and i + 1.
+    ! Lagrange polynomials of the adjacent points, at locations between points i and i + 1.
     n = last - first + 1
     weights = 1.0_wp
     do m = 1, n_places

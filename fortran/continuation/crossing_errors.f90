@@ -1,12 +1,12 @@
-!> How far off places are where exponents of a curve's solutions cross the imaginary axis and
-!! where other branches leave: each is sought on the curve of more unknowns. That gives both what
-!! those left out change and how far from its location the search has ended; rounding errors
-!! of solutions and exponents are added.
+!> Errors of bifurcation points: crossings of the imaginary axis by exponents, and branch points.
+!! Each point is located again on the curve with more unknowns. The difference includes the
+!! truncation error and the error of the first search; rounding errors of solutions and exponents
+!! are added.
 !!
-!! At the place itself the equations may be singular. So what vanishes there, the real part of the
-!! exponent or the determinant of the bordered derivatives, is computed at points near it. Its zero
-!! is that of the line through two points where the place has moved further than the line is wrong,
-!! and of the cubic through four points otherwise.
+!! The equations may be singular at the point itself. The test function is the real part of the
+!! exponent or the determinant of the bordered derivatives. It is computed at nearby points. Its
+!! zero is that of the line through two points if the location has moved further than the error of
+!! the line, and of the cubic through four points otherwise.
 module viscovib_crossing_errors
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_positive_inf, ieee_value
   use viscovib_chord, only: chord_factors, chord_point, chord_type, new_chord
@@ -20,35 +20,35 @@ module viscovib_crossing_errors
 
   public :: exponent_error, branch_point_error
 
-  !> Where the points lie, in units of how far, and this, in sigma: one after the other.
+  !> Locations of the points in sigma, in units of the reach, in order of computation.
   integer, parameter :: n_nodes = 4, n_line = 2
   real(wp), parameter :: steps(n_nodes) = [-1.0_wp, 1.0_wp, 2.0_wp, -2.0_wp]
-  !> Where the equations are singular, and where they are not.
+  !> Reaches for singular and for regular equations, in order of trial.
   real(wp), parameter :: singular_reaches(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-4_wp]
   real(wp), parameter :: regular_reaches(3) = [1.0e-4_wp, 1.0e-3_wp, 1.0e-2_wp]
-  !> Exponents nearer to 0 belong to equations that are nearly singular.
+  !> The equations are nearly singular for exponents smaller than this.
   real(wp), parameter :: nearly_nothing = 1.0e-3_wp
-  !> The zero of the cubic is good so many reaches away; that of the line serves as an estimate so
-  !! far away, in sigma.
+  !> The zero of the cubic is accepted within this many reaches of the centre. The zero of the line
+  !! is accepted as an estimate within this distance, in sigma.
   real(wp), parameter :: close = 3.0_wp, close_enough = 0.05_wp
-  !> A line serves where the place has moved by this times the square of the reach, in sigma. The
-  !! square is added to the error.
+  !> The line is used if the location has moved by this times the squared reach, in sigma. The
+  !! squared reach is added to the error.
   real(wp), parameter :: line_serves = 30.0_wp
-  !> The place may be so far away, in sigma, and is looked for so often.
+  !> Largest distance from the first estimate, in sigma, and largest number of iterations.
   real(wp), parameter :: furthest = 2.0_wp
   integer, parameter :: max_turns = 10
-  !> Change of a motion, relative, by which its effect on an exponent is measured.
+  !> Relative change of a solution that measures its effect on an exponent.
   real(wp), parameter :: nudge = 1.0e-5_wp
-  !> It is measured where the error is less than this times what is left of the motion.
+  !> The effect is measured where the error is below this times the remaining correction.
   real(wp), parameter :: seen = 1.0e4_wp
-  !> Of determinants near a location, relative to those a reach away.
+  !> Noise of determinants near a location, relative to those one reach away.
   real(wp), parameter :: noise_of_determinants = 1.0e-9_wp
 
-  !> Takes the determinant of the bordered derivatives for an exponent.
+  !> A spectrum whose only exponent is the determinant of the bordered derivatives.
   type, extends(spectrum_type) :: determinant_type
     type(chord_type) :: chord
     logical :: referred = .false.
-    !> Logarithm of the first one, which is 1.
+    !> Logarithm of the first determinant, which is scaled to 1.
     real(wp) :: reference = 0.0_wp
   contains
     procedure :: look
@@ -57,26 +57,26 @@ module viscovib_crossing_errors
 
 contains
 
-  !> Of the place where an exponent crosses.
+  !> Error of the location where an exponent crosses the imaginary axis.
   subroutine exponent_error(curve, spectrum, p, x, at_p, at_x, eta, error, cancel)
-    !> With more unknowns than the place was found with, and its exponents.
+    !> A curve with more unknowns than that of the search, and its exponents.
     class(curve_type), intent(inout) :: curve
     class(spectrum_type), intent(inout) :: spectrum
-    !> Neighbours of the place on the curve, shapes (2) and (n, 2), and the place; all in the
+    !> The adjacent points on the curve, shapes (2) and (n, 2), and the crossing; all in the
     !! unknowns of this curve, shape (n).
     real(wp), intent(in) :: p(2), x(:, :), at_p, at_x(:)
-    !> What crosses.
+    !> The exponent that crosses.
     complex(wp), intent(in) :: eta
-    !> In the unit of p; infinite where no such place is found nearby.
+    !> In the unit of p; infinite if no crossing is found nearby.
     real(wp), intent(out) :: error
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(chord_type) :: chord
     call new_chord(chord, curve, p, x)
     call find_error(curve, spectrum, chord, p, x, at_p, at_x, eta, error, cancel)
   end subroutine exponent_error
 
-  !> Of a branch point; arguments as above.
+  !> Error of a branch point; arguments as above.
   subroutine branch_point_error(curve, p, x, at_p, at_x, error, cancel)
     class(curve_type), intent(inout) :: curve
     real(wp), intent(in) :: p(2), x(:, :), at_p, at_x(:)
@@ -85,7 +85,7 @@ contains
     type(determinant_type) :: spectrum
     spectrum%n = 1
     spectrum%noise = noise_of_determinants
-    ! A large determinant is no growth that amplifies rounding errors.
+    ! A large determinant is not a growth that amplifies rounding errors.
     spectrum%complete = .false.
     call new_chord(spectrum%chord, curve, p, x)
     call find_error(curve, spectrum, spectrum%chord, p, x, at_p, at_x, (0.0_wp, 0.0_wp), error, &
@@ -105,7 +105,7 @@ contains
     complex(wp) :: last, values(n_nodes)
     real(wp) :: reaches(3), begun, centre, reach, off, moved, slope, by_p, left, growth
     real(wp) :: growths(n_nodes)
-    !> Of the nodes: where on the chord, and the parameter.
+    !> Of the nodes: sigma and the parameter.
     real(wp) :: s(n_nodes), there_p(n_nodes)
     logical :: made
     integer :: turn, n, k, try
@@ -114,7 +114,7 @@ contains
     here%sigma = chord%sigma_of(at_p, at_x)
     here%p = at_p
     here%x = at_x
-    ! The end that is further away.
+    ! The end with the larger distance.
     k = merge(1, 2, here%sigma > 0.5_wp)
     there%sigma = k - 1.0_wp
     there%p = p(k)
@@ -173,8 +173,8 @@ contains
 
   contains
 
-    !> Points of the curve around the centre and what vanishes there; each begins at the tangent of
-    !! the one before.
+    !> Points of the curve around the centre and the exponents there. Each search starts on the
+    !! tangent at the previous point.
     subroutine take_nodes(first, final)
       integer, intent(in) :: first, final
       integer :: i
@@ -192,7 +192,7 @@ contains
 
   end subroutine find_error
 
-  !> The exponent nearest to another, and the largest real part of all.
+  !> The exponent nearest to `near`, and the largest real part of all exponents.
   subroutine exponent_at(curve, spectrum, p, x, near, eta, growth, made)
     class(curve_type), intent(inout) :: curve
     class(spectrum_type), intent(inout) :: spectrum
@@ -220,16 +220,16 @@ contains
     if (spectrum%complete) growth = maxval(real(all), ieee_is_finite(real(all)))
   end subroutine exponent_at
 
-  !> A point on the tangent of the curve at a point that `go_to` has found.
+  !> A point on the tangent of the curve at a point that `go_to` computed.
   pure type(chord_point) function along_tangent(point) result(next)
     type(chord_point), intent(in) :: point
     next%sigma = point%sigma + 1.0_wp
     next%p = point%p + point%slope
-    ! Allocated, else gfortran 12 takes the assignment for a use.
+    ! Allocated explicitly: gfortran 12 otherwise warns about an uninitialized use.
     allocate (next%x, source=point%x + point%x_slope)
   end function along_tangent
 
-  !> Divided differences of values v at places s.
+  !> Divided differences of values v at nodes s.
   pure function differences(s, v) result(d)
     real(wp), intent(in) :: s(:), v(:)
     real(wp) :: d(size(s))
@@ -242,7 +242,7 @@ contains
     end do
   end function differences
 
-  !> The polynomial of divided differences d, and its derivative.
+  !> The polynomial with divided differences d, and its derivative.
   pure real(wp) function polynomial_at(at, s, d) result(value)
     real(wp), intent(in) :: at, s(:), d(:)
     integer :: k
@@ -264,8 +264,8 @@ contains
     end do
   end function tilt_at
 
-  !> Where the polynomial through values v at places s vanishes, next to where the line through the
-  !! first two does; `huge` where that is level.
+  !> The zero of the polynomial through values v at nodes s that is nearest to the zero of the line
+  !! through the first two; `huge` if this line is constant.
   pure real(wp) function zero_of(s, v) result(zero)
     real(wp), intent(in) :: s(:), v(:)
     real(wp) :: d(size(s)), tilt

@@ -1,4 +1,4 @@
-!> Points between two neighbours of a curve, with their exponents.
+!> Points between two adjacent points of a curve, with their exponents.
 module viscovib_crossing_nodes
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_chord, only: chord_point, chord_type
@@ -9,17 +9,17 @@ module viscovib_crossing_nodes
 
   public :: node_type, spectrum_type, look_at, put_between
 
-  !> Exponents of the solutions of a curve: logarithms of multipliers, those that grow first,
-  !! imaginary parts within pi.
+  !> Exponents of the solutions of a curve: logarithms of multipliers, growing ones first, imaginary
+  !! parts within pi.
   type, abstract :: spectrum_type
     integer :: n = 0
-    !> Real parts above it grow.
+    !> Exponents with larger real parts count as growing.
     real(wp) :: threshold = 0.0_wp
-    !> How far off exponents near the axis may be, if other exponents do not grow.
+    !> Error of exponents near the axis if no other exponent grows.
     real(wp) :: noise = 1.0e-12_wp
-    !> Whether multipliers are those of half a period.
+    !> True if the multipliers are those of half a period.
     logical :: half_wave = .false.
-    !> Whether all exponents are always known, else some of those that decay may lack.
+    !> True if all exponents are always computed. Otherwise decaying exponents may be missing.
     logical :: complete = .true.
   contains
     procedure(look_interface), deferred :: look
@@ -28,19 +28,19 @@ module viscovib_crossing_nodes
 
   abstract interface
 
-    !> Exponents at a solution (p, x), NaN behind the last, and how many grow, -1: unknown.
+    !> Exponents at a solution (p, x), padded with NaN, and the number that grow, -1: unknown.
     subroutine look_interface(self, curve, p, x, near, eta, n_growing)
       import :: curve_type, spectrum_type, wp
       class(spectrum_type), intent(inout) :: self
       class(curve_type), intent(inout) :: curve
       real(wp), intent(in) :: p, x(:)
-      !> Those of a solution nearby.
+      !> Exponents of a nearby solution.
       complex(wp), intent(in) :: near(:)
       complex(wp), intent(out) :: eta(:)
       integer, intent(out) :: n_growing
     end subroutine look_interface
 
-    !> One exponent near another.
+    !> The exponent near a given one.
     subroutine follow_interface(self, curve, p, x, near, eta, made)
       import :: curve_type, spectrum_type, wp
       class(spectrum_type), intent(inout) :: self
@@ -62,7 +62,7 @@ module viscovib_crossing_nodes
 
 contains
 
-  !> The point on the plane sigma between two others, with its exponents.
+  !> The point on the plane sigma between nodes a and b, with its exponents.
   subroutine look_at(curve, spectrum, chord, sigma, a, b, node)
     class(curve_type), intent(inout) :: curve
     class(spectrum_type), intent(inout) :: spectrum
@@ -91,7 +91,7 @@ contains
                        node%n_growing)
   end subroutine look_at
 
-  !> A point on the straight line between two.
+  !> Linear interpolation between two nodes.
   subroutine put_between(a, b, sigma, node)
     type(node_type), intent(in) :: a, b
     real(wp), intent(in) :: sigma

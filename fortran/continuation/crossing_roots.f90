@@ -1,4 +1,4 @@
-!> Where the real part of an exponent vanishes between two points of a curve, by false position
+!> Zeros of the real part of an exponent between two points of a curve, by false position
 !! (Illinois: Dowell and Jarratt, BIT 11 (1971) 168).
 module viscovib_crossing_roots
   use viscovib_chord, only: chord_type
@@ -13,23 +13,23 @@ module viscovib_crossing_roots
   public :: bracket
 
   integer, parameter :: max_evaluations = 60, max_halvings = 12
-  !> Wanted part of the distance between the two neighbours, and of a real part.
+  !> Tolerances: part of the distance between the two end points, and a real part.
   real(wp), parameter :: narrow = 1.0e-11_wp, small = 1.0e-12_wp
-  !> Nodes distinguished by counts alone end this close, where what crosses is this small.
+  !> The bisection by counts ends at this distance. The real part must then be this small.
   real(wp), parameter :: near = 1.0e-9_wp, vanishing = 1.0e-5_wp
-  !> How far off the real axis, or off i pi, an exponent on it may be.
+  !> Distance from the real axis, or from i pi, within which an exponent counts as on it.
   real(wp), parameter, public :: on_line = 1.0e-5_wp
-  !> Between points this close the curve is straight to rounding.
+  !> Between points this close the curve is straight to rounding error.
   real(wp), parameter :: straight = 1.0e-4_wp
-  !> How far to both sides of where that cannot be, in parts of the interval, one after the other.
+  !> Distances from a singular point at which it is bracketed, in parts of the interval, in order.
   real(wp), parameter :: aside(3) = [1.0e-3_wp, 1.0e-2_wp, 0.1_wp]
-  !> Real parts beyond this say nothing more.
+  !> Real parts below minus this are set to minus this.
   real(wp), parameter :: deepest = 100.0_wp
 
 contains
 
-  !> Where the exponent that is next to cross does so: nodes on both sides, and the place, with
-  !! that exponent first.
+  !> Locate where the next exponent crosses: nodes on both sides, and the crossing with that
+  !! exponent first.
   subroutine bracket(curve, spectrum, chord, lo, hi, root, located, cancel)
     class(curve_type), intent(inout) :: curve
     class(spectrum_type), intent(inout) :: spectrum
@@ -37,7 +37,7 @@ contains
     type(node_type), intent(inout) :: lo, hi
     type(node_type), intent(out) :: root
     logical, intent(out) :: located
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
     type(node_type) :: kept_lo, kept_hi
 
@@ -48,15 +48,15 @@ contains
       kept_hi = hi
       call bracket_by_following(curve, spectrum, chord, lo, hi, root, located, cancel)
       if (located .or. given_up(cancel)) return
-      ! Exponents may turn so fast that none is followed: their number still gives the location.
+      ! Exponents may vary too fast to be followed: their number still gives the location.
       lo = kept_lo
       hi = kept_hi
       call bracket_by_count(curve, spectrum, chord, lo, hi, root, located, cancel)
     end if
   end subroutine bracket
 
-  !> The middle of nodes between which the number of those that grow changes, halved until they
-  !! are close.
+  !> Bisection on the number of growing exponents, until the nodes are close; the result is the
+  !! middle.
   subroutine bracket_by_count(curve, spectrum, chord, lo, hi, root, located, cancel)
     class(curve_type), intent(inout) :: curve
     class(spectrum_type), intent(inout) :: spectrum
@@ -123,7 +123,7 @@ contains
       if (sigma <= lo%at%sigma .or. sigma >= hi%at%sigma) exit
       call look_at(curve, spectrum, chord, sigma, lo, hi, trial)
       if (trial%n_growing < 0) then
-        ! Where another branch crosses the equations are singular.
+        ! The equations are singular where another branch crosses.
         if (hi%at%sigma - lo%at%sigma > straight) then
           call close_in()
           if (narrowed) cycle
@@ -154,7 +154,7 @@ contains
 
   contains
 
-    !> Nodes on both sides of sigma, where the equations cannot be solved, take the ends' places.
+    !> Replace the ends by nodes on both sides of sigma, where the equations are singular.
     subroutine close_in()
       type(node_type) :: sides(2)
       integer :: j
@@ -179,15 +179,15 @@ contains
 
   end subroutine bracket_by_size
 
-  !> Real part of the exponent of a place.
+  !> Real part of the exponent with number `place`.
   pure real(wp) function height(node, place)
     type(node_type), intent(in) :: node
     integer, intent(in) :: place
     height = max(real(node%eta(place)), -deepest)
   end function height
 
-  !> Where exponents that decay may lack: halved until the one that grows can be followed to
-  !! where it decays.
+  !> Search if decaying exponents may be missing: bisection until the growing exponent can be
+  !! followed to where it decays, then false position.
   subroutine bracket_by_following(curve, spectrum, chord, lo, hi, root, located, cancel)
     class(curve_type), intent(inout) :: curve
     class(spectrum_type), intent(inout) :: spectrum
@@ -230,7 +230,7 @@ contains
       else
         lo = middle
       end if
-      ! More may grow there than at the end.
+      ! More exponents may grow at the new node than at the end.
       place = max(lo%n_growing, hi%n_growing)
     end do
     if (.not. made) return

@@ -1,11 +1,10 @@
-!> Where exponents of a curve's solutions cross the imaginary axis, and what is crossed there.
+!> Bifurcations of a curve: where exponents cross the imaginary axis, and of which type.
 !!
-!! Every change of the number of growing exponents between two neighbours is explained: folds and
-!! branch points that the continuation has located split the way between them, with the number
-!! known on both sides; in the rest the real part of an exponent, by size, is made 0, and what is
-!! left on both sides of the place found is searched on. Where nothing changes two crossings may
-!! still lie within a step: functions of all exponents that vanish at crossings, smooth along the
-!! curve, determine where.
+!! The search explains every change of the number of growing exponents between adjacent points.
+!! Located folds and branch points split the interval, with the number computed on both sides.
+!! Elsewhere the search finds a zero of the real part of an exponent and continues on both sides.
+!! Two crossings may lie within a step without a change of the number: smooth test functions of all
+!! exponents, zero at crossings, show where.
 module viscovib_crossing_search
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_chord, only: chord_type, new_chord
@@ -22,72 +21,72 @@ module viscovib_crossing_search
 
   public :: crossing_type, find_changes
 
-  !> An error that is not known yet.
+  !> Marks an error that has not been computed.
   real(wp), parameter, public :: unknown = -1.0_wp
 
-  !> What is crossed: a multiplier 1 where p turns back, or where it does not; -1 of half a
-  !! period; -1; a pair.
+  !> Types of crossings: a multiplier 1 at a fold, or elsewhere; -1 of half a period; -1; a complex
+  !! pair.
   integer, parameter, public :: crossing_fold = 1, crossing_branch_point = 2, &
                                 crossing_symmetry = 3, crossing_doubling = 4, crossing_pair = 5
 
   integer, parameter :: max_depth = 12, max_looks = 8
-  !> How far to both sides of a place the number is looked at, in sigma: one after the other.
+  !> Distances on both sides of a location at which exponents are counted, in sigma, in order.
   real(wp), parameter :: beside(4) = [1.0e-3_wp, 1.0e-4_wp, 1.0e-2_wp, 5.0e-2_wp]
-  !> How far a change may be that belongs to a fold: in points, else in parts of p and x.
+  !> Largest distance between a fold and its change: in points, otherwise relative to p and x.
   integer, parameter :: furthest = 1
   real(wp), parameter :: displaced = 0.02_wp, turned = 0.3_wp
-  !> Where dp/dsigma is so small a part of what it is at the ends, p turns back.
+  !> A fold is where dp/dsigma is below this fraction of its mean value between the ends.
   real(wp), parameter :: turning = 0.05_wp
 
   type :: crossing_type
-    !> One of those above, and the last point before it.
+    !> One of the types above, and the index of the last point before it.
     integer :: kind = 0, before = 0
-    !> Whether p and x are known.
+    !> True if p and x are computed.
     logical :: located = .false.
-    !> How far off p is: known of folds and branch points that the continuation has located, of
-    !! others what `viscovib_crossing_errors` finds.
+    !> Error of p: set for folds and branch points that the continuation has located. For the other
+    !! types `viscovib_crossing_errors` computes it.
     real(wp) :: p = 0.0_wp, error = unknown
     !> Unknowns of the curve.
     real(wp), allocatable :: x(:)
-    !> The exponent there.
+    !> The exponent at the crossing.
     complex(wp) :: eta = (0.0_wp, 0.0_wp)
   end type crossing_type
 
-  !> A search along a branch, and what it knows between two neighbours.
+  !> A search along a branch, and its data between two adjacent points.
   type :: search_type
     class(curve_type), pointer :: curve => null()
     class(spectrum_type), pointer :: spectrum => null()
     type(special_points), pointer :: folds => null(), branch_points => null()
-    !> As find_changes has them; what the tests are at each point.
+    !> Points and exponents as in find_changes; the test functions at each point.
     real(wp), pointer :: p(:) => null(), x(:, :) => null()
     complex(wp), pointer :: eta(:, :) => null()
     integer, pointer :: n_growing(:) => null()
     real(wp), allocatable :: tests(:, :)
     type(crossing_type), allocatable :: crossings(:)
-    !> The neighbours looked at are points i and i + 1, the ends of the chord.
+    !> The current points are i and i + 1, the ends of the chord.
     integer :: i = 0
     type(chord_type) :: chord
     type(node_type) :: first, last
-    !> Known places between them: sigma, p, unknowns and kinds.
+    !> Located folds and branch points between them: sigma, p, errors, unknowns and types.
     real(wp), allocatable :: places(:), place_p(:), place_errors(:), place_x(:, :)
     integer, allocatable :: place_kinds(:)
   end type search_type
 
 contains
 
-  !> All crossings between neighbours whose stability is known, in their order.
+  !> All crossings between adjacent points of known stability, in their order.
   subroutine find_changes(curve, spectrum, p, x, eta, n_growing, folds, branch_points, crossings, &
                           cancel)
     class(curve_type), intent(inout), target :: curve
     class(spectrum_type), intent(inout), target :: spectrum
-    !> Points of the curve, shapes (n) and (n_unknowns, n); their exponents, shape (slots, n),
-    !! and how many grow, -1: unknown.
+    !> Points of the curve, shapes (n) and (n_unknowns, n); their exponents, shape (slots, n), and
+    !! the number of growing exponents, -1: unknown.
     real(wp), intent(in), target :: p(:), x(:, :)
     complex(wp), intent(in), target :: eta(:, :)
     integer, intent(in), target :: n_growing(:)
     type(special_points), intent(in), target :: folds, branch_points
     type(crossing_type), allocatable, intent(out) :: crossings(:)
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
     type(search_type) :: s
     real(wp) :: dip
@@ -126,8 +125,8 @@ contains
     call move_alloc(s%crossings, crossings)
   end subroutine find_changes
 
-  !> Whether the number of growing exponents changes between the neighbours, or a known place
-  !! lies there.
+  !> True if the number of growing exponents changes between the two points, or a located fold or
+  !! branch point lies there.
   pure logical function something_changes(s) result(it_does)
     type(search_type), intent(in) :: s
     it_does = s%n_growing(s%i) /= s%n_growing(s%i + 1)
@@ -137,11 +136,11 @@ contains
     end if
   end function something_changes
 
-  !> What changes between the neighbours: known locations split the interval. Two more may be near
-  !! them where a test dips.
+  !> Find the changes between the points; known locations split the interval. Two more crossings may
+  !! lie where a test function dips.
   subroutine explain_all(s, which, dip, cancel)
     type(search_type), intent(inout) :: s
-    !> As of find_dip.
+    !> Results of find_dip.
     integer, intent(in) :: which
     real(wp), intent(in) :: dip
     integer, intent(inout), optional :: cancel
@@ -178,9 +177,9 @@ contains
 
   end subroutine explain_all
 
-  !> With few orders exponents vanish a little before or behind where p turns back: a fold that
-  !! no change was found at has the nearest change, if it is near, that is at no other fold
-  !! and no branch point that the equations know.
+  !> With few harmonics exponents vanish a little before or after the turning point of p. A fold
+  !! without a change gets the nearest change if it is close, belongs to no other fold, and is not
+  !! at a branch point of the equations.
   subroutine give_folds(s)
     type(search_type), intent(inout) :: s
     logical :: free(size(s%crossings)), taken
@@ -211,7 +210,7 @@ contains
     end do
   end subroutine give_folds
 
-  !> Whether a crossing may be where fold j is.
+  !> True if a crossing may belong to fold j.
   pure logical function near_fold(s, j, crossing)
     type(search_type), intent(in) :: s
     integer, intent(in) :: j
@@ -224,7 +223,7 @@ contains
     end associate
   end function near_fold
 
-  !> Whether a crossing is at p.
+  !> True if a crossing is at p.
   elemental logical function same(p, crossing)
     real(wp), intent(in) :: p
     type(crossing_type), intent(in) :: crossing
@@ -232,7 +231,7 @@ contains
     if (same) same = .not. abs(crossing%p - p) > 0.0_wp
   end function same
 
-  !> Whether a known place explains all that changes: only a real multiplier crosses 1.
+  !> True if a located point explains all changes: only one real multiplier crosses 1.
   pure logical function alone(s)
     type(search_type), intent(in) :: s
     alone = size(s%places) == 1 .and. abs(s%n_growing(s%i + 1) - s%n_growing(s%i)) == 1 &
@@ -253,7 +252,7 @@ contains
     node%n_growing = s%n_growing(j)
   end subroutine put_node
 
-  !> The known places behind point i, by sigma.
+  !> The located folds and branch points after point i, sorted by sigma.
   subroutine gather(s)
     type(search_type), intent(inout) :: s
     integer :: j, m
@@ -294,7 +293,7 @@ contains
     s%place_x = reshape([s%place_x, at_x], [size(at_x), size(s%places)])
   end subroutine put
 
-  !> Nodes on both sides of the known place k, between which one exponent crosses.
+  !> Nodes on both sides of the located point k, between which one exponent crosses.
   subroutine look_around(s, k, left, lower, upper, told)
     type(search_type), intent(inout) :: s
     integer, intent(in) :: k
@@ -318,7 +317,7 @@ contains
     end do
   end subroutine look_around
 
-  !> What changes between two nodes.
+  !> Find the changes between two nodes.
   recursive subroutine explain(s, a, b, depth, cancel)
     type(search_type), intent(inout) :: s
     type(node_type), intent(in) :: a, b
@@ -355,7 +354,7 @@ contains
     call explain(s, hi, b, depth + 1, cancel)
   end subroutine explain
 
-  !> Nodes close to a place on both sides.
+  !> Nodes close to a location on both sides.
   subroutine look_beside(s, a, b, sigma, lo, hi)
     type(search_type), intent(inout) :: s
     type(node_type), intent(in) :: a, b
@@ -371,7 +370,7 @@ contains
     end do
   end subroutine look_beside
 
-  !> Changes whose places are not found: kinds by the exponents where they grow.
+  !> Add changes without a location: types by the exponents on the side where they grow.
   subroutine report(s, a, b)
     type(search_type), intent(inout) :: s
     type(node_type), intent(in) :: a, b
@@ -398,7 +397,7 @@ contains
     type(search_type), intent(inout) :: s
     integer, intent(in) :: kind
     real(wp), intent(in) :: at_p, at_x(:), error
-    !> Of the multiplier.
+    !> Argument of the multiplier.
     real(wp), intent(in) :: turn
     s%crossings = [s%crossings, crossing_type(kind, s%i, .true., at_p, error, at_x, &
                                               cmplx(0.0_wp, turn, wp))]
@@ -407,7 +406,7 @@ contains
   pure integer function kind_of(half_wave, exponent, slope, a, b) result(kind)
     logical, intent(in) :: half_wave
     complex(wp), intent(in) :: exponent
-    !> dp/dsigma there.
+    !> dp/dsigma at the crossing.
     real(wp), intent(in) :: slope
     type(node_type), intent(in) :: a, b
 
@@ -423,7 +422,7 @@ contains
     end if
   end function kind_of
 
-  !> Two crossings within a step, near the least of a test there.
+  !> Find two crossings within a step, near the minimum of a test function.
   subroutine dive(s, a, b, which, sigma, cancel)
     type(search_type), intent(inout) :: s
     type(node_type), intent(in) :: a, b
@@ -471,7 +470,7 @@ contains
         value(3) = all(which)
       end if
       place = [left%at%sigma, middle%at%sigma, right%at%sigma]
-      ! The least of the parabola through the three.
+      ! The minimum of the parabola through the three points.
       slope = (value(2) - value(1))/(place(2) - place(1))
       curvature = ((value(3) - value(2))/(place(3) - place(2)) - slope)/(place(3) - place(1))
       if (.not. curvature*value(2) > 0.0_wp) return

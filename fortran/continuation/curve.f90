@@ -7,26 +7,25 @@ module viscovib_curve
 
   public :: curve_type
 
-  !> Part of all that a group of unknowns may have without being looked at alone, anywhere.
+  !> Lower limit of `negligible`.
   real(wp), parameter, public :: negligible_at_least = 1.0e-5_wp
 
   type, abstract :: curve_type
     !> Number of unknowns.
     integer :: n = 0
-    !> Values of p below which, exclusively, there is nothing.
+    !> Exclusive lower bound of p.
     real(wp) :: lowest = -huge(1.0_wp)
-    !> What counts as a large unknown: numbers may leave their range beyond it.
+    !> Limit of the unknowns; beyond it numbers may overflow.
     real(wp) :: largest = 1.0e60_wp
-    !> By which squares of unknowns weigh in lengths, such as inertia, shape (n); 1 if
-    !! not allocated.
+    !> Weights of squared unknowns in lengths, such as inertia, shape (n); 1 if not allocated.
     real(wp), allocatable :: weights(:)
-    !> Unknowns that are one number with a phase, such as an order of a coordinate: the last of
-    !! each such group, ascending; not allocated where that means nothing.
+    !> Unknowns that form one amplitude with a phase, such as a harmonic of a coordinate: the index
+    !! of the last one of each such group, ascending; not allocated if there are no groups.
     integer, allocatable :: last_of_group(:)
-    !> Groups smaller than this part of all are not looked at alone.
+    !> Groups below this fraction of the total are not checked separately.
     real(wp) :: negligible = negligible_at_least
-    !> An unknown without a weight whose relative error counts as that of the others does, such as
-    !! a frequency; 0: none.
+    !> Index of an unknown without a weight whose relative error counts like that of the other
+    !! unknowns, such as a frequency; 0: none.
     integer :: alone = 0
     real(wp), allocatable, private :: work(:, :), slope(:)
   contains
@@ -45,15 +44,15 @@ module viscovib_curve
       real(wp), intent(in) :: x(:)
       real(wp), intent(in) :: p
       real(wp), intent(out) :: r(:)
-      !> At least (n, n); what lies beyond is left alone.
+      !> Shape at least (n, n); elements beyond (n, n) are not changed.
       real(wp), intent(inout) :: jacobian(:, :)
       real(wp), intent(out) :: slope(:)
-      !> False, and nothing computed, where the equations describe nothing.
+      !> False, without a result, if the equations are not defined at (x, p).
       logical, intent(out) :: inside
     end subroutine equations_interface
 
-    !> Raise the size of the largest term of each equation, by which it rounds, to that of terms
-    !! that derivatives do not show, for they cancel there or round elsewhere.
+    !> Raise the size of the largest term of each equation, which determines its rounding error, by
+    !! terms that the derivatives do not show because they cancel or round elsewhere.
     subroutine terms_interface(self, x, p, terms)
       import :: curve_type, wp
       class(curve_type), intent(in) :: self
@@ -66,7 +65,7 @@ module viscovib_curve
 
 contains
 
-  !> R alone; a curve for which that is less work than all overrides this.
+  !> R alone; a curve overrides this if R alone is cheaper.
   subroutine residual(self, x, p, r, inside)
     class(curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p

@@ -1,5 +1,5 @@
 !> A branch of solutions by pseudo-arclength continuation: along the curve (x, p)
-!! through folds, noting branch points and stopping at requested values.
+!! through folds, recording branch points and stopping at requested values.
 !!
 !! Steps by the angle between successive tangents (Keller, in: Applications of
 !! Bifurcation Theory, Academic Press (1977) 359). The determinant of the bordered
@@ -29,62 +29,62 @@ module viscovib_curve_branch
   public :: curve_closed, curve_completed, curve_fold_limit, curve_overflow, curve_returned, &
             curve_step_limit, curve_stopped, curve_stuck, curve_unphysical
 
-  !> Steps in units of the present point, at first and at least; where the equations
-  !! end, steps this short are enough.
+  !> Step sizes relative to the present point: initial and smallest. At the end of the domain of the
+  !! equations, steps of the third size are sufficient.
   real(wp), parameter :: first_step = 0.01_wp, smallest_step = 1.0e-9_wp, edge_step = 1.0e-5_wp
-  !> Over a longer step than that a change of sign of the determinant may be another branch.
+  !> After a longer step a change of sign of the determinant may come from another branch.
   real(wp), parameter :: careful_step = 0.01_wp
-  !> How far a point may lie off its prediction, as a part of each order of the motion, and how
-  !! far it is wanted to lie, which goes with the fourth power of the step.
+  !> Largest distance of a point from its prediction, as a fraction of each harmonic of the
+  !! solution, and the target, which scales with the fourth power of the step.
   real(wp), parameter :: most_surprise = 0.3_wp, wanted_surprise = 0.2_wp
-  !> How far p may be off its prediction, as a part of its changes, and a group of unknowns that
-  !! vanishes from where its tangents lead, as a part of it.
+  !> Largest deviation of p from its prediction, relative to its changes, and of a vanishing group
+  !! of unknowns from its tangents, relative to the group.
   real(wp), parameter :: most_drift = 0.5_wp, most_bend = 0.3_wp
-  !> What the unknowns left out push is rounding where it is no more than so many times that.
+  !> The effect of neglected unknowns counts as rounding error up to this multiple of it.
   real(wp), parameter :: as_rounding = 8.0_wp
 
-  !> A curve on the way: what its steps share.
+  !> State of a continuation.
   type :: follower_type
     class(curve_type), pointer :: curve => null()
-    !> The same, if the number of unknowns is chosen.
+    !> The same curve, if the number of unknowns is adapted.
     class(sized_curve_type), pointer :: sized => null()
     type(curve_options) :: options
     type(corrector_type) :: corrector
     type(curve_point) :: points(3), first, stop_point
     type(haunt_type) :: haunt
-    !> Three of those points, by turns.
+    !> Three of those points, in turn.
     type(curve_point), pointer :: before => null(), here => null(), next => null()
-    !> Wanted values, and the steps to those met since `here`.
+    !> Requested values, and the steps to those reached since `here`.
     real(wp), allocatable :: stops(:), places(:)
     real(wp) :: step = 0.0_wp, sign_wanted = 1.0_wp
-    !> Of the point measured last: size of the unknowns left out, and the effect of rounding errors
+    !> Of the point measured last: size of the neglected unknowns, and the effect of rounding errors
     !! on it.
     real(wp) :: own = 0.0_wp, rounding = 0.0_wp
-    !> Of the step just made: the angle between its tangents, and how far it lies off.
+    !> Of the last step: the angle between its tangents, and the distance from the prediction.
     real(wp) :: angle = 0.0_wp, off = 0.0_wp
-    !> Whether it began by leaving a branch point, whether it has left its first point, and whether
-    !! the step just made passes the branch point again, where the branch closes.
+    !> True if the curve began by leaving a branch point; if it has left its first point; and if the
+    !! last step passes the branch point again, where the branch closes.
     logical :: leaves = .false., away = .false., passes = .false.
-    !> The branch point at which the last step has turned back, if it has.
+    !> The branch point at which the last step turned back, if `turned`.
     type(curve_point) :: turn
     logical :: turned = .false.
   end type follower_type
 
 contains
 
-  !> Follow the branch on from a solution x at p = options%start, or, with `along`,
-  !! leave the point (x, p) in that direction.
+  !> Follow the branch from a solution x at p = options%start, or, with `along`, leave the point (x,
+  !! p) in that direction.
   subroutine follow_curve(curve, options, x, branch, p, along, cancel)
     class(curve_type), intent(inout), target :: curve
     type(curve_options), intent(in) :: options
     !> Shape (n).
     real(wp), intent(in) :: x(:)
     type(curve_branch_type), intent(out) :: branch
-    !> Where x lies, if not at the start.
+    !> Parameter of x, if not the start.
     real(wp), intent(in), optional :: p
     !> Shape (n + 1).
     real(wp), intent(in), optional :: along(:)
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(follower_type), target :: f
     logical :: made, ended
@@ -122,7 +122,7 @@ contains
     end do
   end subroutine follow_curve
 
-  !> A follower at the beginning, not yet corrected.
+  !> Initialize a follower, without correcting the first point.
   subroutine prepare(f, curve, options, x)
     type(follower_type), intent(inout), target :: f
     class(curve_type), intent(inout), target :: curve
@@ -176,7 +176,7 @@ contains
       if (.not. made) return
     end do
     if (f%next%slope_p*f%sign_wanted < 0.0_wp) call reverse(f%next)
-    ! Once more, so that the determinant belongs to the tangent.
+    ! Correct again, so that the determinant belongs to the tangent.
     call copy_point(f%next, f%here)
     call correct_upright(f, made)
     if (.not. made) return
@@ -184,7 +184,7 @@ contains
     call blur(f, f%here)
   end subroutine begin
 
-  !> Correct `here` as `next`; by how little p is moved then is rounding.
+  !> Correct `here` as `next` at fixed p; the change of p is rounding error.
   subroutine correct_upright(f, made)
     type(follower_type), intent(inout) :: f
     logical, intent(out) :: made
@@ -192,7 +192,7 @@ contains
     f%next%p = f%here%p
   end subroutine correct_upright
 
-  !> Try a step: `next` is on the curve, or the step is shortened or the number of unknowns
+  !> Try a step: `next` is on the curve, or the step is shortened, or the number of unknowns is
   !! changed, or the branch ends here.
   subroutine make_step(f, branch, made, ended)
     type(follower_type), intent(inout) :: f
@@ -228,7 +228,7 @@ contains
     end if
   end subroutine make_step
 
-  !> True if tangent, prediction and determinant are those of the point meant.
+  !> True if tangent, prediction and determinant show that the point is on the same branch.
   logical function is_on_course(f, branch) result(it_is)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(in) :: branch
@@ -241,7 +241,7 @@ contains
     if (f%step > careful_step) it_is = it_is .and. .not. sign_changes(f, branch)
   end function is_on_course
 
-  !> Add the point reached, with what lies before it, or end the branch with it.
+  !> Add the new point and the events before it, or end the branch with it.
   subroutine take_step(f, branch, ended)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -283,7 +283,7 @@ contains
     end if
   end subroutine take_step
 
-  !> The next step begins where this one has ended; how long it is.
+  !> Begin the next step at the end of the last one, and choose its size.
   subroutine go_on(f, branch)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(in) :: branch
@@ -300,7 +300,7 @@ contains
     f%step = min(f%step, f%options%max_step)
   end subroutine go_on
 
-  !> Whether `next` needs more unknowns.
+  !> True (`again`) if `next` needs more unknowns.
   subroutine examine(f, again)
     type(follower_type), intent(inout) :: f
     logical, intent(out) :: again
@@ -308,7 +308,7 @@ contains
     call f%sized%choose_size(f%next%x, f%next%missed, f%own, f%rounding, again)
   end subroutine examine
 
-  !> What the unknowns left out change of a point just corrected, if their number is chosen.
+  !> Truncation error of a point just corrected, if the number of unknowns is adapted.
   subroutine measure(f, point)
     type(follower_type), intent(inout) :: f
     type(curve_point), intent(inout) :: point
@@ -319,7 +319,7 @@ contains
     point%missed = max(f%own, short*moved)
     point%truncation = max(point%missed, min(1.0_wp, short*at_value))
     f%rounding = 0.0_wp
-    ! Of what is hardly there the push may be rounding.
+    ! If the neglected unknowns are tiny, their effect may be rounding error.
     if (point%missed > f%options%tolerance .and. f%own <= f%options%tolerance) then
       call rounding_of(f%curve, f%corrector, point, blurred, all_patterns)
       call least_error(f%curve, f%corrector, point, error, off)
@@ -341,7 +341,7 @@ contains
     point%error = max(point%error, point%off, error)
   end subroutine blur
 
-  !> Go on with the number of unknowns chosen.
+  !> Change to the chosen number of unknowns.
   subroutine change_size(f, branch)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(in) :: branch
@@ -364,7 +364,7 @@ contains
     if (branch%n_points > 1) call aim(f%corrector, f%before, f%here)
   end subroutine change_size
 
-  !> Give a point n unknowns.
+  !> Resize a point to n unknowns.
   pure subroutine refit(blocks, n, point)
     integer, intent(in) :: blocks, n
     type(curve_point), intent(inout) :: point
@@ -372,7 +372,7 @@ contains
     point%slope_x = refitted(blocks, point%slope_x, n)
   end subroutine refit
 
-  !> The first step off a branch point has nothing to compare with.
+  !> True on the first step from a branch point, which has no previous step to compare with.
   pure logical function leaving(f, branch)
     type(follower_type), intent(in) :: f
     type(curve_branch_type), intent(in) :: branch
@@ -385,22 +385,22 @@ contains
     sign_changes = f%here%sign*f%next%sign < 0 .and. .not. leaving(f, branch)
   end function sign_changes
 
-  !> Whether a value of p is a stop.
+  !> True if a value of p is a stop.
   pure logical function at_stop(f, p)
     type(follower_type), intent(in) :: f
     real(wp), intent(in) :: p
     at_stop = any(abs(f%stops - p) <= 0.0_wp)
   end function at_stop
 
-  !> Whether the change of sign of dp/ds in the step is that at the branch point it passes.
+  !> True if the change of sign of dp/ds in the step is that at the branch point it passes.
   pure logical function turns_at_first(f)
     type(follower_type), intent(in) :: f
     turns_at_first = f%passes .and. abs(f%first%slope_p) &
                      < min(abs(f%here%slope_p), abs(f%next%slope_p))
   end function turns_at_first
 
-  !> End at the first point. It is a fold if the branch turns back there, whether the last step has
-  !! passed it or not.
+  !> End at the first point. It is a fold if the branch turns back there, whether or not the last
+  !! step has passed it.
   subroutine close_branch(f, branch)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -415,9 +415,9 @@ contains
     if (turns) branch%folds%before(branch%folds%n) = branch%n_points - 1
   end subroutine close_branch
 
-  !> Folds, branch points and stops between `here` and `next`, which lies a step `ahead`. Where the
-  !! branch began by leaving another, which it may pass or not before it closes, it has no branch
-  !! point, and `close_branch` finds the fold.
+  !> Folds, branch points and stops between `here` and `next`, at distance `ahead`. The branch point
+  !! at which the branch began is not recorded again when the branch closes; `close_branch` finds
+  !! the fold there.
   subroutine record_events(f, branch, ahead)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -449,7 +449,7 @@ contains
     end if
   end subroutine record_events
 
-  !> A fold of the step: at its branch point, or elsewhere.
+  !> Find a fold of the step: at its branch point, or elsewhere.
   subroutine find_fold(f, branch, ahead, at_branch_point, at)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -480,14 +480,14 @@ contains
     f%turned = turned
   end subroutine find_fold
 
-  !> Points between `here` and a place of the step, which may lie a little off it.
+  !> Number of points between `here` and a location of the step, which may lie slightly outside it.
   pure integer function passed(f, at, ahead)
     type(follower_type), intent(in) :: f
     real(wp), intent(in) :: at, ahead
     passed = count(f%places < at) + merge(1, 0, at > ahead) - merge(1, 0, at < 0.0_wp)
   end function passed
 
-  !> Add the stops between two places of the step, in the order met.
+  !> Add the stops between two locations of the step, in the order met.
   subroutine add_stops(f, branch, from, to, p_from, p_to)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -497,7 +497,7 @@ contains
     integer :: k
     last = p_from
     do while (branch%n_points < f%options%max_points)
-      ! The next one strictly between.
+      ! The next stop strictly between.
       k = minloc(abs(f%stops - last), 1, (f%stops - last)*(p_to - f%stops) > 0.0_wp)
       if (k == 0) return
       last = f%stops(k)
@@ -510,7 +510,7 @@ contains
     end do
   end subroutine add_stops
 
-  !> The last point lies at the end itself.
+  !> Compute the last point exactly at the end of the range of p.
   subroutine finish_at(f, branch, end, outcome)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -531,7 +531,7 @@ contains
     end if
   end subroutine finish_at
 
-  !> Where the values of p end at the finish nothing lies beyond it: the last point at fixed p.
+  !> If the equations are not defined beyond the finish: compute the last point at fixed p.
   subroutine end_at_edge(f, branch)
     type(follower_type), intent(inout) :: f
     type(curve_branch_type), intent(inout) :: branch
@@ -554,8 +554,8 @@ contains
     end if
   end subroutine end_at_edge
 
-  !> Between 1/2 and 2, rounded to an eighth power of 2: rounding errors in angles would add
-  !! up along a branch, and move its points from build to build.
+  !> Between 1/2 and 2, rounded to an eighth power of 2: otherwise rounding errors in angles would
+  !! accumulate along a branch and move its points between builds.
   elemental real(wp) function rounded_factor(factor)
     real(wp), intent(in) :: factor
     rounded_factor = 2.0_wp**(0.125_wp*anint(8.0_wp*log(min(2.0_wp, max(0.5_wp, factor))) &

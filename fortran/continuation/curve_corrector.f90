@@ -1,11 +1,10 @@
 !> Steps along a curve: predictor and corrector of pseudo-arclength continuation, with
 !! the unit tangent and the determinant of the bordered derivatives at each point.
 !!
-!! The predictor is the cubic through the last two points and their tangents. The
-!! corrector is Newton's method on the equations together with
-!! <t, z - predicted> = 0, t being the tangent before; in passing (`exact` false) it
-!! keeps the factors of its first step as long as that converges fast, so that a point
-!! takes one factorization.
+!! The predictor is the cubic through the last two points and their tangents. The corrector is
+!! Newton's method on the equations together with <t, z - predicted> = 0, with the previous tangent
+!! t. With `exact` false it keeps the factors of its first step while they converge fast, so that a
+!! point needs one factorization.
 module viscovib_curve_corrector
   use viscovib_curve, only: curve_type
   use viscovib_curve_factors, only: curve_factors, new_factors
@@ -22,50 +21,50 @@ module viscovib_curve_corrector
             displace
 
   integer, parameter :: max_iterations = 12, longest = 8
-  !> With the factors kept, corrections must shrink by this each time.
+  !> With the factors kept, each correction must shrink by this factor.
   real(wp), parameter :: fast_enough = 0.1_wp
-  !> Errors of a tangent in passing, in units of the rate of convergence.
+  !> Error of a tangent from kept factors, in units of the rate of convergence.
   real(wp), parameter :: doubtful = 40.0_wp
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
-  !> Next to a point, relative.
+  !> Relative distance to a nearby point.
   real(wp), parameter :: beside = 1.0e-9_wp
-  !> A last correction that changes determinant and tangent no more than rounding does.
+  !> A last correction below this changes determinant and tangent by rounding error only.
   real(wp), parameter :: nearly_rounding = 1.0e-13_wp
-  !> What is left then, against the tolerance: Newton steps would leave its square.
+  !> With kept factors: target for the remaining error, relative to the tolerance.
   real(wp), parameter :: far_below = 1.0e-4_wp
-  !> Corrections of Newton's method that no longer shrink by this are rounding, if they are as
-  !! small as rounding can be where the equations are all but singular.
+  !> Corrections of Newton's method that no longer shrink by this factor are rounding error, if they
+  !! are below the second value: the equations are then nearly singular.
   real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-6_wp
-  !> Those smaller than the first part may surprise more: high orders are powers of the low ones.
+  !> Groups below the first fraction of the solution may deviate more, by the second factor.
   real(wp), parameter :: minor = 1.0e-2_wp, lenience = 1.0_wp/3.0_wp
-  !> A group vanishes if a step leaves this part of it.
+  !> A group vanishes if a step reduces it below this fraction.
   real(wp), parameter :: vanished = 1.0e-3_wp
-  !> Cosine of the angle that a motion as a whole may turn by within a step.
+  !> Cosine of the largest angle between the solutions at the ends of a step.
   real(wp), parameter :: least_alike = 0.5_wp
-  !> Pivots in so wide a range may let rounding move a solution by more than the tolerance.
+  !> With pivots in a wider range, rounding may move a solution by more than the tolerance.
   real(wp), parameter :: wide = 1.0e-5_wp
 
-  !> What the corrector works in, and whether it last met the end of the range.
+  !> Workspace of the corrector. `outside`: the last point was outside the range of the equations.
   type, extends(curve_metric) :: corrector_type
     real(wp) :: tolerance = 0.0_wp
-    !> Allowed besides, in the norm of the weights.
+    !> Additional absolute tolerance, in the weighted norm.
     real(wp) :: least = 0.0_wp
     logical :: outside = .false.
-    !> True if the curve provides its groups of unknowns, so that steps and rounding are looked at.
+    !> True if the curve provides its groups of unknowns, so that steps and rounding are checked.
     logical, private :: looks_at_groups = .false.
-    !> Whether the derivatives factorized last are nearly singular.
+    !> True if the derivatives factorized last are nearly singular.
     logical :: nearly_singular = .false.
     integer, private :: n = 0
     type(curve_factors), private :: factors
     real(wp), allocatable, private :: right(:), r(:), slope_p(:)
-    !> What each unknown amounts to, and the largest of each equation, for pivots free of units.
+    !> Typical size of each unknown, and the largest term of each equation, to scale pivots.
     real(wp), allocatable, private :: sizes(:), largest_of(:)
     !> The largest term of each equation, by the derivatives factorized last.
     real(wp), allocatable :: terms(:)
-    !> The last correction, and what part of it is left.
+    !> The last correction, and the part of it that remains as error.
     real(wp), allocatable, private :: last(:)
     real(wp), private :: left = 1.0_wp
-    !> Prediction, and what it adds to the tangent: h^2 second + h^3 third.
+    !> Prediction, and its terms after the tangent: h^2 second + h^3 third.
     real(wp), allocatable, private :: predicted(:), second(:), third(:)
   end type corrector_type
 
@@ -75,10 +74,10 @@ contains
     type(corrector_type), intent(out) :: corrector
     class(curve_type), intent(in) :: curve
     real(wp), intent(in) :: tolerance
-    !> Size of the parameters met.
+    !> Typical size of the parameter.
     real(wp), intent(in) :: p_scale
     real(wp), intent(in) :: x(:)
-    !> Error of unknowns that is allowed besides, in their units.
+    !> Additional absolute error of the unknowns, in their units.
     real(wp), intent(in), optional :: absolute
     real(wp) :: lightest
     integer :: blocks, n
@@ -101,7 +100,7 @@ contains
     allocate (corrector%sizes(n + 1), corrector%largest_of(n + 1), source=1.0_wp)
     corrector%tolerance = tolerance
     if (present(absolute)) then
-      ! Half: of a pair, |Re| + |Im| is up to the root of 2 of its length.
+      ! Half: for a complex pair, |Re| + |Im| is at most sqrt(2) times its length.
       lightest = minval(corrector%weights, corrector%weights > 0.0_wp)
       if (absolute > 0.0_wp) corrector%least = absolute*sqrt(0.5_wp*lightest)
     end if
@@ -110,8 +109,8 @@ contains
     corrector%largest = sum(corrector%weights*x**2)
   end subroutine new_corrector
 
-  !> Let predictions from `here` bend as the curve did from `before` on: the cubic
-  !! with both points and tangents, over the length measured as at `here`.
+  !> Predict from `here` with the curvature since `before`: the cubic through both points and
+  !! tangents, with the length measured as at `here`.
   subroutine aim(c, before, here)
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: before, here
@@ -128,7 +127,7 @@ contains
       call aim_straight(c)
       return
     end if
-    ! Of an arc over its chord.
+    ! Length of an arc over its chord.
     chord = chord*(1.0_wp + angle**2/24.0_wp)
     call bend(n, chord, length, before%x, before%slope_x, here%x, here%slope_x, c%second, c%third)
     call bend(1, chord, length, [before%p], [before%slope_p], [here%p], [here%slope_p], &
@@ -142,7 +141,7 @@ contains
     integer :: i
     do i = 1, n
       if (.not. (abs(z_0(i)) > 0.0_wp .or. abs(t_0(i)) > 0.0_wp)) then
-        ! Not kept before.
+        ! This unknown was not included before.
         second(i) = 0.0_wp
         third(i) = 0.0_wp
         cycle
@@ -152,23 +151,23 @@ contains
     end do
   end subroutine bend
 
-  !> Predictions along the tangent alone.
+  !> Predict along the tangent only.
   pure subroutine aim_straight(c)
     type(corrector_type), intent(inout) :: c
     c%second = 0.0_wp
     c%third = 0.0_wp
   end subroutine aim_straight
 
-  !> The point a step from `here`, on the curve, with its tangent.
+  !> Compute the point on the curve at a step from `here`, with its tangent.
   subroutine correct(curve, c, here, step, next, made, exact)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: step
-    !> As `new_point` leaves it, or used before.
+    !> From `new_point`, or reused.
     type(curve_point), intent(inout) :: next
     logical, intent(out) :: made
-    !> Take derivatives anew each time, for a point and tangent to rounding.
+    !> Recompute the derivatives in each iteration, for a point and tangent to rounding error.
     logical, intent(in) :: exact
     real(wp) :: weight_x, weight_p, change, before, rate, allowed
     integer :: k
@@ -197,7 +196,7 @@ contains
       call move(c, here, weight_x, weight_p, next, change)
       if (.not. change <= 1.0e3_wp) return
       if (was_fresh) rate = change/before
-      ! Rounding is all that is left to correct.
+      ! Only rounding error is left to correct.
       settled = fresh .and. k > 4 .and. change > shrinking*before &
                 .and. max(change, before) <= small_enough
       was_fresh = fresh
@@ -210,21 +209,21 @@ contains
                                                          > fast_enough*before))) exit
       if (.not. exact .and. k >= longest) return
       if (.not. exact .and. k > 1) then
-        ! Corrections fall as a geometric series: what is left of it.
+        ! Corrections shrink as a geometric series: estimate its remainder.
         if (c%nearly_singular) then
-          ! Other factors may not show the direction that hardly changes the equations.
+          ! Kept factors may miss the direction that hardly changes the equations.
           fresh = .true.
         else if (change < fast_enough*before) then
           if (change**2 <= max(far_below*allowed, rounding)*(before - change)) then
-            ! By factors of the first step, which left b a^2 of an error a, each
-            ! later one leaves 2 b a of it.
+            ! The factors of the first step reduced an error a to b a^2; each later step multiplies
+            ! it by 2 b a.
             c%left = 2.0_wp*change/(before - change)
             exit
           end if
           fresh = .false.
         else
-          ! After factors from elsewhere that did not serve, a small correction by them would show
-          ! nothing of what is left.
+          ! Kept factors did not converge fast, so a small correction by them would not show the
+          ! remaining error.
           fresh = .true.
         end if
       else
@@ -242,8 +241,8 @@ contains
     c%largest = max(c%largest, sum(c%weights*next%x**2))
     call normalize(c, next)
     if (exact .or. k == 1) return
-    ! Factors from elsewhere make the second correction this part of the first, and the
-    ! tangent wrong by as much: enough for the next prediction, but is this a fold?
+    ! Kept factors make the second correction this part of the first, and the tangent as inaccurate:
+    ! enough for the next prediction, but not to decide whether this is a fold.
     call metric(c, next, weight_x, weight_p)
     if (sqrt(weight_p)*abs(next%slope_p) > doubtful*rate) return
     call metric(c, here, weight_x, weight_p)
@@ -255,8 +254,8 @@ contains
     call normalize(c, next)
   end subroutine correct
 
-  !> What a correction may be, in the units of `metric`, for the tolerance to hold for the motion
-  !! itself, even if it is smaller than other unknowns.
+  !> Largest accepted correction, in the units of `metric`. It applies the tolerance to the solution
+  !! itself, even if that is smaller than other unknowns.
   pure real(wp) function allowed_at(c, point) result(allowed)
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
@@ -266,7 +265,7 @@ contains
     allowed = c%tolerance*own + c%least*sqrt(weight_x)
   end function allowed_at
 
-  !> A point a step ahead on the cubic.
+  !> Predict a point at a step on the cubic.
   pure subroutine predict(c, here, step, next)
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
@@ -283,7 +282,7 @@ contains
     next%p = c%predicted(n + 1)
   end subroutine predict
 
-  !> One correction, by the residuals and factors there are, and its size.
+  !> One correction with the present residuals and factors, and its norm.
   subroutine move(c, here, weight_x, weight_p, next, change)
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
@@ -308,7 +307,7 @@ contains
     change = sqrt(change)
   end subroutine move
 
-  !> [J, R_p; tangent before] t = (0, 1), by the factors there are; with their determinant.
+  !> [J, R_p; previous tangent] t = (0, 1), with the present factors; also their determinant.
   subroutine find_tangent(c, exact, point)
     type(corrector_type), intent(inout) :: c
     logical, intent(in) :: exact
@@ -321,11 +320,11 @@ contains
     point%slope_p = c%right(c%n + 1)
   end subroutine find_tangent
 
-  !> How a point moves, (x, p), on the plane of the last correction, if the equations are pushed by
-  !! these residuals.
+  !> Displacement (x, p) of a point on the plane of the last correction due to residuals in the
+  !! equations.
   subroutine displace(c, pushed, off)
     type(corrector_type), intent(in) :: c
-    !> Shape (n), and (n + 1).
+    !> Shapes (n) and (n + 1).
     real(wp), intent(in) :: pushed(:)
     real(wp), intent(out) :: off(:)
     off(:c%n) = pushed
@@ -333,10 +332,10 @@ contains
     call c%factors%solve(off)
   end subroutine displace
 
-  !> Border the derivatives by slope and tangent, and factorize.
+  !> Border the derivatives by slope and tangent, and factorize them.
   subroutine decompose(c, here, next, weight_x, weight_p, singular)
     type(corrector_type), intent(inout) :: c
-    !> The point before, and that of the derivatives.
+    !> The previous point, and that of the derivatives.
     type(curve_point), intent(in) :: here, next
     real(wp), intent(in) :: weight_x, weight_p
     logical, intent(out) :: singular
@@ -351,7 +350,7 @@ contains
       end do
       matrix(n + 1, n + 1) = weight_p*here%slope_p
       if (c%looks_at_groups) then
-        ! In units of what each unknown and each equation amounts to.
+        ! In units of the typical size of each unknown and equation.
         do i = 1, n
           c%sizes(i) = 1.0_wp/sqrt(weight_x*c%weights(i))
         end do
@@ -364,7 +363,7 @@ contains
     if (c%looks_at_groups .and. .not. singular) c%nearly_singular = has_small_pivots(c)
   end subroutine decompose
 
-  !> Whether pivots, in the units of `sizes` and `largest_of`, spread too wide.
+  !> True if the pivots, in the units of `sizes` and `largest_of`, spread too widely.
   logical function has_small_pivots(c) result(small_ones)
     type(corrector_type), intent(in) :: c
     real(wp) :: largest, smallest
@@ -372,7 +371,7 @@ contains
     small_ones = .not. smallest > wide*largest
   end function has_small_pivots
 
-  !> Sign and, if wanted, logarithm of the determinant, from its factors.
+  !> Sign and, if requested, logarithm of the determinant, from its factors.
   subroutine determinant(c, wanted, point)
     type(corrector_type), intent(in) :: c
     logical, intent(in) :: wanted
@@ -380,15 +379,14 @@ contains
     call c%factors%determinant(wanted, point%sign, point%log_determinant)
   end subroutine determinant
 
-  !> How far the point a step from `here` lies off its prediction: the largest part of any group
-  !! of unknowns, such as an order of a coordinate, and how far off p is as a part of its
-  !! changes at both ends. Both are small on the way along a curve. The former is of order 1
-  !! where a step has met another part of it. Straight through rest a prediction may lead from
-  !! one flank of a resonance to the other, over a pole as narrow as damping is light: there the
-  !! motion as a whole is turned round, or p goes back although it rises at both ends. `bend` is how
-  !! far a group that vanishes alone is from where the mean of its tangents at both ends leads, as a
-  !! part of the group: near 1/2 or more where a branch of broken symmetry ends on the symmetric one
-  !! and the step has met the latter, on which that group is 0 and has no tangent.
+  !> Compare the point at a step from `here` with its prediction. `surprise` is the largest relative
+  !! deviation of a group of unknowns, such as a harmonic of a coordinate; `drift` that of p
+  !! relative to its changes at both ends. Both are small along one curve; `surprise` is of order 1
+  !! on another part of it. A prediction straight through zero can jump across a resonance whose
+  !! width is the light damping: then the solution reverses its sign, or p decreases although it
+  !! increases at both ends. `bend` is the deviation of a vanishing group from the mean of its
+  !! tangents, relative to the group: about 1/2 or more if a step reaches the symmetric branch,
+  !! where the group and its tangent are 0.
   pure subroutine compare(curve, c, here, step, next, surprise, drift, bend)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c
@@ -426,7 +424,7 @@ contains
         size_next = size_next + next%x(i)**2
       end do
       first = last + 1
-      ! What was 0 so far, as before a symmetry breaks or an order was kept, is news anyway.
+      ! A group that was 0, as before symmetry breaking or before it was included, is new anyway.
       if (.not. size_here > 0.0_wp) cycle
       unit = total/c%weights(last)
       largest = max(size_here, size_next)
@@ -444,7 +442,7 @@ contains
                  10.0_wp*c%tolerance*max(abs(next%p), 0.1_wp*c%p_scale))
   end subroutine compare
 
-  !> The direction across the branch: null vector of the bordered matrix, by inverse
+  !> The direction of the bifurcating branch: null vector of the bordered matrix, by inverse
   !! iteration; 0 if that fails.
   subroutine null_vector(curve, c, here, point, across)
     class(curve_type), intent(inout) :: curve
@@ -458,7 +456,7 @@ contains
     n = curve%n
     across = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, n + 1)]
     call metric(c, here, weight_x, weight_p)
-    ! Where the matrix has no inverse at all, one next to it.
+    ! If the matrix is exactly singular, use one of a nearby point.
     do k = 0, 2
       call curve%equations(point%x*(1.0_wp + k*beside), point%p + k*beside*c%p_scale, c%r, &
                            c%factors%matrix, c%slope_p, inside)

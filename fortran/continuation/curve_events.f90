@@ -1,5 +1,5 @@
-!> Places between two points of a branch that are found exactly: where the parameter
-!! turns back, where another branch leaves, where the parameter has a wanted value.
+!> Special points between two points of a branch: folds, branch points, and points with a requested
+!! parameter.
 module viscovib_curve_events
   use viscovib_constants, only: pi
   use viscovib_curve, only: curve_type
@@ -14,50 +14,50 @@ module viscovib_curve_events
   public :: special_points, empty, locate_fold, locate_branch_point, locate_value, turn_at, &
             drop_last_near
 
-  !> Where nothing was found.
+  !> Marks that nothing was found.
   real(wp), parameter, public :: nowhere = huge(1.0_wp)
 
   integer, parameter :: max_turns = 60
-  !> From so near a value of p, relative, Newton's method at that value finds the point meant.
+  !> Within this relative distance in p, Newton's method at fixed p converges to the same point.
   real(wp), parameter :: near_enough = 1.0e-6_wp
-  !> Error of a fold along the curve, relative, and the width of a bracket, as a part of the first
-  !! one, that rounding errors of dp/ds make no narrower.
+  !> Relative error of a fold along the curve, and the smallest width of a bracket relative to its
+  !! initial width; rounding errors of dp/ds limit it.
   real(wp), parameter :: fold_tolerance = 1.0e-15_wp, narrowest = 1.0e-10_wp
-  !> Relative distance of parameters at folds that are one.
+  !> Folds with a smaller relative distance in p are the same.
   real(wp), parameter :: same = 1.0e-10_wp
-  !> Points by which the determinant is interpolated, and the least left of them.
+  !> Nodes that interpolate the determinant, and their smallest number.
   integer, parameter :: n_nodes = 9, enough = 4
-  !> How far they go beyond a step, as a part of it.
+  !> Extension of the nodes beyond a step, as a fraction of it.
   real(wp), parameter :: beyond = 0.2_wp
-  !> Tangents in passing are a little off, so that a sign may change these parts of a step
-  !! before or behind it.
+  !> Tangents from kept factors are slightly inaccurate. The sign may change this fraction of a step
+  !! before or after it.
   real(wp), parameter :: margins(0:3) = [0.0_wp, 0.1_wp, 0.3_wp, 0.9_wp]
-  !> Nearer to the zero than this part of the nodes' reach, equations are so nearly
-  !! singular that their solution may lie on the other branch.
+  !> Nodes closer to the zero than this fraction of their reach are dropped: the equations are
+  !! nearly singular there and the solution may lie on the other branch.
   real(wp), parameter :: too_near = 0.1_wp
-  !> How far from a branch point the branch is looked at there, as a part of a step.
+  !> Distance from a branch point at which the branch is examined, as a fraction of a step.
   real(wp), parameter :: next_to = 0.3_wp
 
-  !> Points of one kind, in the order met, all unknowns there may be.
+  !> Points of one type, in the order met, with the largest number of unknowns.
   type :: special_points
     integer :: n = 0, blocks = 1
-    !> p, shape (n), how far off it is, where that is known, and x, shape (n_unknowns, n).
+    !> p, shape (n); its error if known, else 0; and x, shape (n_unknowns, n).
     real(wp), allocatable :: p(:), error(:), x(:, :)
     !> Error of x at folds, relative to its size, shape (n).
     real(wp), allocatable :: error_x(:)
     !> Null vectors (x, p) at branch points, shape (n_unknowns + 1, n).
     real(wp), allocatable :: across(:, :)
-    !> The point of the branch before it.
+    !> Index of the point of the branch before it.
     integer, allocatable :: before(:)
   end type special_points
 
-  !> Points of the curve that polynomials go through, by the step to each.
+  !> Points of the curve as nodes of polynomials in the step.
   type :: nodes_type
     integer :: n = 0
     real(wp), dimension(n_nodes) :: place = 0.0_wp, p = 0.0_wp, value = 0.0_wp, weight = 0.0_wp
     !> Shape (n_unknowns, n_nodes).
     real(wp), allocatable :: x(:, :)
-    !> The point sampled last, and the logarithm that determinants are measured against.
+    !> The last sample, and the logarithm of the determinant used as reference.
     type(curve_point) :: trial
     real(wp) :: reference = 0.0_wp
   contains
@@ -68,22 +68,22 @@ contains
 
   subroutine empty(points, n, blocks)
     type(special_points), intent(out) :: points
-    !> Unknowns at most, and blocks they come in.
+    !> Largest number of unknowns, and number of blocks.
     integer, intent(in) :: n, blocks
     points%blocks = blocks
     allocate (points%p(0), points%error(0), points%error_x(0), points%x(n, 0), &
               points%across(n + 1, 0), points%before(0))
   end subroutine empty
 
-  !> Where dp/ds vanishes.
+  !> Locate a zero of dp/ds.
   subroutine locate_fold(curve, c, here, step, folds, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: step
-    !> Added to.
+    !> The fold is appended.
     type(special_points), intent(inout) :: folds
-    !> The step to it, or `nowhere`.
+    !> Step to the fold, or `nowhere`.
     real(wp), intent(out) :: at
     type(fold_place) :: fold
     real(wp) :: nothing(curve%n + 1), error, error_x
@@ -92,7 +92,7 @@ contains
     if (at >= nowhere) return
     associate (found => fold%point)
       if (folds%n > 0) then
-        ! Of two flips of a sign next to a fold the second finds it again.
+        ! The second of two changes of sign near a fold finds the same fold again.
         if (abs(found%p - folds%p(folds%n)) <= same*abs(found%p) &
             .and. norm2(found%x - refitted(folds%blocks, folds%x(:, folds%n), curve%n)) &
             <= sqrt(same)*norm2(found%x)) at = nowhere
@@ -104,21 +104,21 @@ contains
     end associate
   end subroutine locate_fold
 
-  !> The fold at a branch point at which the branch turns back, as where a branch of broken symmetry
-  !! meets the symmetric one. The equations are too nearly singular there for `locate_fold`. Of a
-  !! fold located within a step of it nothing is kept; errors are those next to it.
+  !> The fold at a branch point where the branch turns back, such as a branch of broken symmetry
+  !! that meets the symmetric branch. The equations are too nearly singular there for `locate_fold`.
+  !! A fold located within a step of it is dropped; the errors are those at a nearby point.
   subroutine turn_at(curve, c, here, step, at, p, x, folds, turns, slope_before)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
-    !> The length of a step, and that to the branch point.
+    !> The length of a step, and the step to the branch point.
     real(wp), intent(in) :: step, at
     !> The branch point, shape (n).
     real(wp), intent(in) :: p, x(:)
-    !> Added to if the branch turns back.
+    !> The fold is appended if the branch turns back.
     type(special_points), intent(inout) :: folds
     logical, intent(out) :: turns
-    !> dp/ds before the branch point, if it is known.
+    !> dp/ds before the branch point, if known.
     real(wp), intent(in), optional :: slope_before
     type(fold_place) :: near
     real(wp) :: nothing(curve%n + 1), apart, slope, error, error_x
@@ -146,7 +146,7 @@ contains
     call keep(folds, near%point, nothing, error, error_x)
   end subroutine turn_at
 
-  !> Drop the last of these places if it is within a distance of a point.
+  !> Drop the last special point if it lies within a distance of `point`.
   subroutine drop_last_near(curve, c, point, apart, places, dropped)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c
@@ -172,7 +172,7 @@ contains
     places%before = places%before(:places%n)
   end subroutine drop_last_near
 
-  !> Where the determinant vanishes, and the null vector there.
+  !> Locate a zero of the determinant, and compute the null vector there.
   subroutine locate_branch_point(curve, c, here, step, branch_points, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
@@ -206,8 +206,8 @@ contains
     points%before = [points%before, 0]
   end subroutine keep
 
-  !> The zero of dp/ds by the secant method within a bracket. The last secant step is a step along
-  !! the tangent, so that the error of the state is of second order too.
+  !> The zero of dp/ds by the secant method within a bracket. The last secant step follows the
+  !! tangent, so that the error of the solution is also of second order.
   subroutine bracket_fold(curve, c, here, step, fold, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
@@ -257,7 +257,7 @@ contains
         high = at
       end if
       fold%bend = (value - value_before)/(at - before)
-      ! The next secant step leaves the product of the last two errors over the width.
+      ! The error after the next secant step is the product of the last two errors over the width.
       if (abs(value*(at - before)) <= abs(fold%bend)*fold_tolerance*width &
           .or. high - low <= narrowest*width) exit
     end do
@@ -282,9 +282,9 @@ contains
     end associate
   end subroutine step_to_fold
 
-  !> The determinant, and the curve, as polynomials in the step: at the zero itself
-  !! the equations cannot be solved. Over a step as short as `follow_curve` makes it there,
-  !! that is good to rounding.
+  !> Zero of the determinant by polynomial interpolation in the step: at the zero itself the
+  !! equations are singular. Over the short steps of `follow_curve` there, the error is rounding
+  !! error.
   subroutine bracket_branch_point(curve, c, here, step, found, at)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
@@ -322,7 +322,7 @@ contains
     end do
   end subroutine bracket_branch_point
 
-  !> The point a step from `here`, as `trial`, and its determinant against the reference.
+  !> Compute `trial` at a step from `here`, and its determinant relative to the reference.
   subroutine sample(nodes, curve, c, here, step, value, made)
     type(nodes_type), intent(inout) :: nodes
     class(curve_type), intent(inout) :: curve
@@ -337,7 +337,7 @@ contains
                                                nodes%trial%log_determinant - nodes%reference)))
   end subroutine sample
 
-  !> Nodes around a centre, as far as its reach.
+  !> Sample nodes within `reach` of a centre.
   subroutine sample_around(nodes, curve, c, here, centre, reach)
     type(nodes_type), intent(inout) :: nodes
     class(curve_type), intent(inout) :: curve
@@ -362,8 +362,8 @@ contains
     nodes%n = n
   end subroutine sample_around
 
-  !> The zero of the polynomial through nodes around `centre`; from those near the change
-  !! of sign the other branch may have been met.
+  !> The zero of the polynomial through nodes around `centre`. Nodes near the change of sign are
+  !! dropped, since they may lie on the other branch.
   subroutine find_zero(nodes, centre, reach, zero)
     type(nodes_type), intent(inout) :: nodes
     real(wp), intent(in) :: centre, reach
@@ -373,7 +373,7 @@ contains
 
     zero = nowhere
     associate (n => nodes%n, place => nodes%place, value => nodes%value)
-      ! The change of sign nearest to the middle.
+      ! The change of sign nearest to the centre.
       i = minloc(abs(place(:n - 1) + place(2:n) - 2.0_wp*centre), 1, &
                  value(:n - 1)*value(2:n) < 0.0_wp)
       if (i == 0) return
@@ -399,7 +399,7 @@ contains
     end do
   end subroutine find_zero
 
-  !> Leave out some of the nodes.
+  !> Drop the marked nodes.
   pure subroutine drop(nodes, those)
     type(nodes_type), intent(inout) :: nodes
     logical, intent(in) :: those(:)
@@ -416,7 +416,7 @@ contains
     nodes%n = kept
   end subroutine drop
 
-  !> The polynomial through values at the places, in barycentric form.
+  !> The polynomial through values at the nodes, in barycentric form.
   pure real(wp) function at_place(self, s, values)
     class(nodes_type), intent(in) :: self
     real(wp), intent(in) :: s, values(:)
@@ -431,14 +431,14 @@ contains
     end associate
   end function at_place
 
-  !> The point where p has a value it passes between two steps from `here`.
+  !> Locate a value of p between two steps from `here`.
   subroutine locate_value(curve, c, here, from, to, value, found, at, made)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c
     type(curve_point), intent(in) :: here
     real(wp), intent(in) :: from, to, value
     type(curve_point), intent(inout) :: found
-    !> The step to it.
+    !> Step to the point.
     real(wp), intent(out) :: at
     logical, intent(out) :: made
     real(wp) :: low, high, low_p, high_p
@@ -469,15 +469,15 @@ contains
       call at_value(curve, c, value, found, made)
       return
     end if
-    ! The rest along the tangent.
+    ! Remaining distance along the tangent.
     if (abs(found%p - value) <= 1.0e-8_wp*abs(found%slope_p)) then
       found%x = found%x + found%slope_x*((value - found%p)/found%slope_p)
     end if
     found%p = value
   end subroutine locate_value
 
-  !> Corrected at a fixed p, next to it: where the equations are nearly singular rounding moves
-  !! points along the curve by more than the distance at which points are distinct.
+  !> Correct at a nearby fixed p: where the equations are nearly singular, rounding moves points
+  !! along the curve by more than the distance between distinct points.
   subroutine at_value(curve, c, value, found, made)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: c

@@ -1,10 +1,10 @@
 !> Factors of the derivatives along a curve, bordered by slope and tangent.
 !!
-!! Of unknowns in blocks, such as the harmonics of each coordinate, those of what is linear meet
-!! others in pairs alone, order by order. They are eliminated first, a pair of each such block at
-!! a time, A x + B y = a, C x + D y = b: (D - C A^-1 B) y = b - C A^-1 a and x = A^-1 (a - B y).
-!! Where the entries of A^-1 B are large, as near a resonance of what is linear with the rest
-!! held, pivots would be small: these pairs stay among the others.
+!! Unknowns come in blocks, such as the harmonics of each coordinate. Those of linear coordinates
+!! couple to other blocks only in pairs, harmonic by harmonic. They are eliminated first, one pair
+!! of each linear block at a time, A x + B y = a, C x + D y = b: (D - C A^-1 B) y = b - C A^-1 a and
+!! x = A^-1 (a - B y). If entries of A^-1 B are large, as near a resonance of the linear subsystem,
+!! pivots would be small: these pairs are not eliminated.
 module viscovib_curve_factors
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_dense, only: factorize, factorize_padded, solve, solve_columns, solve_padded
@@ -14,19 +14,19 @@ module viscovib_curve_factors
 
   public :: curve_factors, new_factors
 
-  !> Unknowns up to which whole vectors pay more than blocks.
+  !> Up to this number of unknowns, vectorized padded columns are faster than blocks.
   integer, parameter :: small = 64, vector = 8
   !> Largest entry of A^-1 B in the units of the unknowns.
   real(wp), parameter :: most_growth = 30.0_wp
 
   type :: curve_factors
-    !> Unknowns with the parameter, and rows of the matrix, padded.
+    !> Unknowns including the parameter, and padded rows of the matrix.
     integer :: n = 0, rows = 0
     real(wp), allocatable :: matrix(:, :)
     integer, private :: blocks = 1
     integer, allocatable, private :: pivots(:)
-    !> Of unknowns that are left when pairs were eliminated: which they are, and factors; none if
-    !! nothing was.
+    !> Unknowns that remain after the elimination: indices, and factors; empty without an
+    !! elimination.
     integer, allocatable, private :: left(:), left_pivots(:)
     real(wp), allocatable, private :: rest(:, :)
     type(pair_factors), allocatable, private :: pairs(:)
@@ -37,8 +37,8 @@ module viscovib_curve_factors
     procedure :: pivots_of
   end type curve_factors
 
-  !> A pair of each block that is eliminated: the unknowns it holds, which of those left it meets,
-  !! the factors of A, with A^-1 B, and C.
+  !> A pair of each eliminated block: its unknowns, the remaining unknowns that it couples to, the
+  !! factors of A, A^-1 B, and C.
   type :: pair_factors
     integer, allocatable :: own(:), met(:), pivots(:)
     real(wp), allocatable :: a(:, :), inverse_b(:, :), c(:, :)
@@ -46,7 +46,7 @@ module viscovib_curve_factors
 
 contains
 
-  !> For n unknowns in blocks of one length, and a parameter.
+  !> Create factors for n unknowns in blocks of equal length, and a parameter.
   subroutine new_factors(self, n, blocks)
     type(curve_factors), intent(out) :: self
     integer, intent(in) :: n, blocks
@@ -61,7 +61,7 @@ contains
   !> Factorize the matrix.
   subroutine decompose(self, sizes, singular)
     class(curve_factors), intent(inout) :: self
-    !> What each unknown amounts to, shape (n).
+    !> Typical size of each unknown, shape (n).
     real(wp), intent(in) :: sizes(:)
     logical, intent(out) :: singular
     logical :: loose(self%blocks)
@@ -83,7 +83,7 @@ contains
     call factorize_blocks(self%n, self%matrix, self%pivots, singular)
   end subroutine decompose
 
-  !> Which blocks meet all blocks in pairs alone.
+  !> Find the blocks that couple to all blocks in pairs only.
   pure subroutine find_loose(n, blocks, rows, matrix, loose)
     integer, intent(in) :: n, blocks, rows
     real(wp), intent(in) :: matrix(rows, *)
@@ -110,7 +110,7 @@ contains
     loose = .not. (any(tied, 1) .or. any(tied, 2))
   end subroutine find_loose
 
-  !> Take what is linear out of the equations, pair by pair.
+  !> Eliminate the linear coordinates, pair by pair.
   subroutine eliminate_pairs(self, loose, sizes)
     class(curve_factors), intent(inout) :: self
     logical, intent(in) :: loose(:)
@@ -162,7 +162,7 @@ contains
     end do
   end subroutine eliminate_pairs
 
-  !> Factors of a pair; not fine if it has to stay.
+  !> Factors of a pair; `fine` is false if it cannot be eliminated.
   subroutine make_pair(matrix, sizes, pair, fine)
     real(wp), intent(in) :: matrix(:, :), sizes(:)
     type(pair_factors), intent(inout) :: pair
@@ -189,7 +189,7 @@ contains
     end do
   end subroutine make_pair
 
-  !> The solution in place of the right side.
+  !> Solve the system; x is the right-hand side on entry.
   subroutine solve_bordered(self, x)
     class(curve_factors), intent(in) :: self
     real(wp), intent(inout) :: x(self%n)
@@ -225,8 +225,8 @@ contains
 
   end subroutine solve_bordered
 
-  !> Sign of the determinant and, if wanted, the logarithm of its size, else 0. Equations and
-  !! unknowns are taken in the same order, which changes no sign.
+  !> Sign of the determinant and, if requested, the logarithm of its magnitude, else 0. Equations
+  !! and unknowns have the same order, which changes no sign.
   subroutine determinant(self, wanted, sign, logarithm)
     class(curve_factors), intent(in) :: self
     logical, intent(in) :: wanted
@@ -265,7 +265,7 @@ contains
   !> Largest and smallest of the pivots, in the units of unknowns and equations.
   subroutine pivots_of(self, sizes, largest_of, largest, smallest)
     class(curve_factors), intent(in) :: self
-    !> Of each unknown and equation, shape (n).
+    !> Sizes of the unknowns and of the equations, shapes (n).
     real(wp), intent(in) :: sizes(:), largest_of(:)
     real(wp), intent(out) :: largest, smallest
     integer :: k
@@ -292,7 +292,7 @@ contains
       integer :: i
       row = rows
       do i = 1, size(row)
-        ! Rows were exchanged.
+        ! Apply the row exchanges.
         one = row(pivots(i))
         row(pivots(i)) = row(i)
         pivot = abs(matrix(i, i))*size_of(i)/one

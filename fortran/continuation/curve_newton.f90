@@ -1,5 +1,5 @@
-!> One solution of the equations of a curve at a fixed parameter, by Newton's method,
-!! which keeps its factors as long as corrections then shrink fast.
+!> One solution of the equations of a curve at a fixed parameter, by Newton's method. The factors
+!! are kept while corrections shrink fast.
 module viscovib_curve_newton
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
@@ -13,35 +13,35 @@ module viscovib_curve_newton
 
   public :: solve_on_curve
 
-  !> Newton either settles within a few iterations or not at all.
+  !> Newton's method converges within a few iterations or not at all.
   integer, parameter :: max_iterations = 25
-  !> With the factors kept, corrections must shrink by this each time, and go on to this
-  !! part of the tolerance: Newton's leave their squares.
+  !> With the factors kept, each correction must shrink by the first factor. The target for the
+  !! remaining error is the second factor times the tolerance.
   real(wp), parameter :: fast_enough = 0.1_wp, far_below = 1.0e-4_wp
-  !> A correction this much larger than the smallest so far leads away.
+  !> A correction this much larger than the smallest so far means divergence.
   real(wp), parameter :: growth_limit = 1.0e4_wp
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
-  !> Where the second correction of Newton's method is at most this part of the first, the solution
-  !! is near, by the theorem of Kantorovich with room to spare.
+  !> If the second correction of Newton's method is at most this fraction of the first, a solution
+  !! is near, with a margin to the theorem of Kantorovich.
   real(wp), parameter, public :: surely_near = 0.1_wp
 
 contains
 
-  !> From x on; x is left as it was found unless the outcome is converged. Leaving
-  !! the range of the equations counts as diverged.
+  !> Solve from the initial guess x; x is unchanged unless the outcome is converged. Leaving the
+  !! range of the equations counts as diverged.
   subroutine solve_on_curve(curve, p, tolerance, x, outcome, iterations, cancel, second)
     class(curve_type), intent(inout) :: curve
     real(wp), intent(in) :: p
-    !> Largest part of the last correction, relative to the largest part of x.
+    !> Tolerance: largest component of the last correction, relative to the largest component of x.
     real(wp), intent(in) :: tolerance
     !> Shape (n).
     real(wp), intent(inout) :: x(:)
     integer, intent(out) :: outcome
-    !> Added to.
+    !> Iterations are added to it.
     integer, intent(inout) :: iterations
-    !> May be set from elsewhere to give up, as stalled.
+    !> May be set by another thread to cancel the solution, with outcome stalled.
     integer, intent(inout), optional :: cancel
-    !> The second correction as a part of the first; 0 if there is none.
+    !> The second correction relative to the first; 0 if there is none.
     real(wp), intent(out), optional :: second
     real(wp), allocatable :: new(:), step(:), slope(:), jacobian(:, :)
     integer, allocatable :: pivots(:)
@@ -79,7 +79,7 @@ contains
       call solve(curve%n, jacobian, pivots, step)
       new = new - step
       iterations = iterations + 1
-      ! What is not a number may pass unseen through a maximum, but not through a sum.
+      ! NaN may pass unseen through a maximum, but not through a sum.
       change = maxval(abs(step)) + 0.0_wp*sum(step)
       norm = maxval(abs(new)) + 0.0_wp*sum(new)
       if (present(second) .and. k == 2) second = change/before
@@ -87,7 +87,7 @@ contains
         outcome = outcome_overflow
         return
       end if
-      ! With factors kept corrections fall as a geometric series: what is left of it.
+      ! With factors kept corrections shrink as a geometric series: estimate its remainder.
       if (fresh .and. change <= tolerance*norm &
           .or. change**2 <= max(far_below*tolerance, rounding)*norm*(before - change)) then
         outcome = outcome_converged

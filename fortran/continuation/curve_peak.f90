@@ -1,6 +1,6 @@
-!> The place on a curve of motions where a harmonic is largest: from a motion on, along
-!! the curve, to where its size stops growing. That goes through folds, which are no
-!! harm to steps along the curve, and never leaves the curve for another.
+!> The point on a curve of solutions at which a harmonic is largest. The search follows the curve
+!! from a solution until the amplitude no longer grows. It passes folds and never changes to another
+!! curve.
 module viscovib_curve_peak
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: aim, correct, corrector_type, new_corrector
@@ -12,14 +12,14 @@ module viscovib_curve_peak
 
   public :: harmonic_measure, climb, growth_along
 
-  !> Steps in units of the present point, at first, at least and at most.
+  !> Step sizes relative to the present point: initial, smallest and largest.
   real(wp), parameter :: first_step = 0.02_wp, smallest_step = 1.0e-10_wp, largest_step = 0.1_wp
-  !> Largest angle between successive tangents, and the one wanted.
+  !> Largest angle between successive tangents, and its target.
   real(wp), parameter :: largest_angle = 0.4_wp, wanted_angle = 0.12_wp
   integer, parameter :: max_steps = 2000, max_turns = 80
 
-  !> Which unknowns are the parts of a harmonic, and what is added to them: an offset, and
-  !! one in proportion to p, as of a base that moves. Its size is the root of their squares.
+  !> Unknowns that are the components of a harmonic, and their offsets: a constant, and a term
+  !! proportional to p, as for a moving base. The amplitude is the norm of the sum.
   type :: harmonic_measure
     integer :: place(2) = 0
     real(wp) :: offset(2) = 0.0_wp, offset_by_p(2) = 0.0_wp
@@ -36,7 +36,7 @@ contains
     size_at = norm2(x(self%place) + self%offset + self%offset_by_p*p)
   end function size_at
 
-  !> Half of what the square of the size grows by along the tangent.
+  !> Half the derivative of the squared amplitude along the tangent.
   pure real(wp) function growth(self, point)
     class(harmonic_measure), intent(in) :: self
     type(curve_point), intent(in) :: point
@@ -44,8 +44,8 @@ contains
                  *(point%slope_x(self%place) + self%offset_by_p*point%slope_p))
   end function growth
 
-  !> Whether the harmonic does not go from one point to the next as its slopes say: it may be small
-  !! compared with other coordinates, and a resonance of its own no turn of the whole curve.
+  !> True if the harmonic between two points does not follow its slopes. It may be small compared
+  !! with other coordinates, so that its resonance hardly turns the curve.
   pure logical function hides(self, here, next, step)
     class(harmonic_measure), intent(in) :: self
     type(curve_point), intent(in) :: here, next
@@ -56,14 +56,14 @@ contains
     hides = norm2(secant - mean) > 0.3_wp*norm2(secant)
   end function hides
 
-  !> Whether the size grows (1), stays (0) or falls (-1) where p grows; 0 too where that
-  !! cannot be said.
+  !> Whether the amplitude grows (1), is constant (0) or falls (-1) as p increases; also 0 if that
+  !! cannot be determined.
   subroutine growth_along(curve, measure, tolerance, x, p, sign_of, slope)
     class(curve_type), intent(inout) :: curve
     type(harmonic_measure), intent(in) :: measure
     real(wp), intent(in) :: tolerance, x(:), p
     integer, intent(out) :: sign_of
-    !> dx/dp, shape (n); 0 where that cannot be said.
+    !> dx/dp, shape (n); 0 if it cannot be determined.
     real(wp), intent(out) :: slope(:)
     type(corrector_type) :: corrector
     type(curve_point) :: here
@@ -81,23 +81,23 @@ contains
     if (abs(here%slope_p) > tiny(value)**0.5_wp) slope = here%slope_x/here%slope_p
   end subroutine growth_along
 
-  !> From a solution (x, p), which is left at the summit if that is found between two values
-  !! of p; else it stays as it was. With `through` the curve is followed until it leaves them,
-  !! since it may have several summits there, and (x, p) is left at the highest.
+  !> Climb from a solution (x, p) to the maximum, if it lies between two values of p; otherwise (x,
+  !! p) is unchanged. With `through` the curve is followed until it leaves this range, which may
+  !! contain several maxima, and (x, p) becomes the highest one.
   subroutine climb(curve, measure, tolerance, low, high, x, p, found, cancel, through, &
                    upwards)
     class(curve_type), intent(inout) :: curve
     type(harmonic_measure), intent(in) :: measure
-    !> Relative, of the corrections.
+    !> Relative tolerance of the corrections.
     real(wp), intent(in) :: tolerance, low, high
     !> Shape (n).
     real(wp), intent(inout) :: x(:), p
     logical, intent(out) :: found
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
-    !> True on return: it left them where it went, not back where it came from.
+    !> True on return if the curve left the range forwards, not back at the side where it started.
     logical, intent(inout), optional :: through
-    !> Set out to where p grows, even if the size falls there.
+    !> Start towards larger p, even if the amplitude falls there.
     logical, intent(in), optional :: upwards
     type(corrector_type) :: corrector
     type(curve_point), target :: points(3)
@@ -132,7 +132,7 @@ contains
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
-      ! Exactly: a tangent by factors from elsewhere may see the summit before it is there.
+      ! Exact: a tangent from kept factors may show the maximum too early.
       call correct(curve, corrector, here, step, next, made, .true.)
       if (made) then
         angle = angle_between(corrector, here, next)
@@ -190,13 +190,13 @@ contains
     call correct(curve, corrector, upright, 0.0_wp, here, made, .true.)
     if (.not. made) return
     here%p = p
-    ! Once more, so that the determinant belongs to the tangent.
+    ! Correct again, so that the determinant belongs to the tangent.
     call copy_point(here, upright)
     call correct(curve, corrector, upright, 0.0_wp, here, made, .true.)
     here%p = p
   end subroutine stand
 
-  !> Where growth vanishes within a step, by false position.
+  !> Zero of the growth within a step, by false position.
   subroutine find_summit(curve, corrector, measure, here, step, found, made)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(inout) :: corrector
@@ -214,7 +214,7 @@ contains
     high_value = measure%growth(found)
     made = .true.
     do k = 1, max_turns
-      ! False position, kept off the ends; every third time the middle.
+      ! False position, kept off the ends; every third iteration bisects.
       at = low + (high - low)*min(0.95_wp, max(0.05_wp, low_value/(low_value - high_value)))
       if (mod(k, 3) == 0) at = 0.5_wp*(low + high)
       call correct(curve, corrector, here, at, found, made, .true.)
@@ -227,7 +227,7 @@ contains
         high = at
         high_value = value
       end if
-      ! The size is stationary here: errors of the place count by their squares.
+      ! The amplitude is stationary here: errors of the location enter squared.
       if (.not. abs(value) > 0.0_wp .or. high - low <= 1.0e-9_wp*max(step, first_step)) exit
     end do
   end subroutine find_summit

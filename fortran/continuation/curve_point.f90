@@ -8,34 +8,34 @@ module viscovib_curve_point
   public :: angle_between, copy_point, distance, goes_to_and_fro, haunt_type, is_ahead, &
             metric, new_point, normalize, off_at_value, reverse
 
-  !> A point of the curve with its unit tangent and what its bordered determinant is.
+  !> A point of the curve with its unit tangent and its bordered determinant.
   type :: curve_point
     real(wp), allocatable :: x(:), slope_x(:)
     real(wp) :: p = 0.0_wp, slope_p = 1.0_wp
-    !> Of the determinant's size; kept if the point was corrected exactly.
+    !> Logarithm of the magnitude of the determinant; set if the point was corrected exactly.
     real(wp) :: log_determinant = 0.0_wp
     integer :: iterations = 0, sign = 1
-    !> How far x is off at its value of p, and how far (x, p) is off the curve, as a part of both:
-    !! what the last correction leaves, and rounding.
+    !> Error of x at its value of p, and distance of (x, p) from the curve, both relative: error of
+    !! the last correction, and rounding error.
     real(wp) :: error = 0.0_wp, off = 0.0_wp
-    !> The same by unknowns left out, where their number is chosen.
+    !> The same errors due to neglected unknowns, if their number is adapted.
     real(wp) :: truncation = 0.0_wp, missed = 0.0_wp
   end type curve_point
 
-  !> Where the curve last got away from, and how many points it has had since.
+  !> The last point the curve moved away from, and the number of points since.
   type :: haunt_type
     type(curve_point) :: anchor
     integer :: n = 0
   end type haunt_type
 
-  !> More points than that within so short a way go to and fro: grazing a law that jumps the curve
-  !! may have an edge at which it turns back on itself, and steps pass it both ways without end.
-  !! Steps that shrink to the least before an edge and grow again behind it take some thirty.
+  !> More points than this within a short distance mean that the steps oscillate: at grazing of a
+  !! discontinuous law the curve may turn back on itself, and steps would pass this edge without
+  !! end. Steps that shrink to the smallest before an edge and grow after it take about thirty.
   integer, parameter :: most_points = 50
   real(wp), parameter :: hardly_away = 1.0e-5_wp
 
-  !> What lengths are measured by: the weight of each unknown, the size of the parameters met and
-  !! that of the largest solution so far.
+  !> Metric of lengths: the weight of each unknown, the typical size of the parameter and the
+  !! largest solution so far.
   type :: curve_metric
     real(wp), allocatable :: weights(:)
     real(wp) :: p_scale = 1.0_wp, largest = 0.0_wp
@@ -51,7 +51,7 @@ contains
     allocate (point%x(n), point%slope_x(n), source=0.0_wp)
   end subroutine new_point
 
-  !> Without new memory.
+  !> Copy without allocating memory.
   pure subroutine copy_point(from, to)
     type(curve_point), intent(in) :: from
     type(curve_point), intent(inout) :: to
@@ -84,8 +84,8 @@ contains
     point%slope_p = -point%slope_p
   end subroutine reverse
 
-  !> Squares are weighed against the size of the solution, at least a tenth of the
-  !! largest so far, and of p.
+  !> Weights of squares: relative to the size of the solution, which is at least a tenth of the
+  !! largest so far, and relative to p.
   pure subroutine metric(c, point, weight_x, weight_p)
     class(curve_metric), intent(in) :: c
     type(curve_point), intent(in) :: point
@@ -115,7 +115,7 @@ contains
     distance = sqrt(weight_x*sum(c%weights*(a%x - b%x)**2) + weight_p*(a%p - b%p)**2)
   end function distance
 
-  !> Whether b lies ahead of a, by the tangent there.
+  !> True if b is ahead of a, by the tangent there.
   pure logical function is_ahead(c, a, b)
     class(curve_metric), intent(in) :: c
     type(curve_point), intent(in) :: a, b
@@ -125,7 +125,7 @@ contains
                + weight_p*a%slope_p*(b%p - a%p) > 0.0_wp
   end function is_ahead
 
-  !> Whether the curve does not get away from where it is, which `point` is added to.
+  !> True if the curve stays near one point; `point` is counted.
   logical function goes_to_and_fro(haunt, c, point) result(it_does)
     type(haunt_type), intent(inout) :: haunt
     class(curve_metric), intent(in) :: c
@@ -140,9 +140,9 @@ contains
     it_does = haunt%n > most_points
   end function goes_to_and_fro
 
-  !> How far off x is at its value of p, relative to its size, if (x, p) is off by this: what lies
-  !! along the curve is no error of x alone, x - t_x p/t_p is, t being the tangent. At a fold, where
-  !! that has no meaning, it is 1.
+  !> Relative error of x at its value of p, for an error `off` of (x, p). A displacement along the
+  !! curve is not an error of x alone; x - t_x p/t_p is, with the tangent t. At a fold, where this
+  !! is undefined, it is 1.
   pure real(wp) function off_at_value(c, point, off) result(moved)
     class(curve_metric), intent(in) :: c
     type(curve_point), intent(in) :: point

@@ -1,4 +1,4 @@
-!> What following a curve gives: the points of the branch, and how it ended.
+!> The result of following a curve: the points of the branch, and how it ended.
 module viscovib_curve_record
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_curve_events, only: empty, special_points
@@ -10,10 +10,9 @@ module viscovib_curve_record
 
   public :: curve_branch_type
 
-  !> How a branch ended: at the wanted end; back where it began; points used up; no
-  !! step small enough; out of the range of numbers; at the end of what the equations
-  !! describe; closed, back at its first point; the time for it over; as many folds as wanted;
-  !! where the unknowns kept no longer hold the solution.
+  !> How a branch ended: at the finish; back at the start value; number of points exhausted; no step
+  !! small enough; numerical overflow; at the end of the range of the equations; closed at its first
+  !! point; time limit; number of folds reached; solution not resolved by the number of unknowns.
   integer, parameter, public :: curve_completed = 0, curve_returned = 1, curve_step_limit = 2, &
                                 curve_stuck = 3, curve_overflow = 4, curve_unphysical = 5, &
                                 curve_closed = 6, curve_stopped = 7, curve_fold_limit = 8, &
@@ -22,32 +21,32 @@ module viscovib_curve_record
     [character(len=10) :: 'completed', 'returned', 'step limit', 'stuck', 'overflow', &
      'unphysical', 'closed', 'stopped', 'fold limit', 'unresolved']
 
-  !> How far a fold may be moved, in units of its estimated error.
+  !> Largest displacement of a fold, in units of its estimated error.
   real(wp), parameter :: past_fold = 2.0_wp
-  !> How far from a fold, relative to x, the curve is a parabola.
+  !> Distance from a fold, relative to x, within which the curve is a parabola.
   real(wp), parameter :: beside_fold = 0.2_wp
 
   type :: curve_branch_type
     integer :: n_points = 0, outcome = curve_completed
-    !> Blocks of unknowns.
+    !> Number of blocks of unknowns.
     integer :: blocks = 1
     !> p, its part of the unit tangent and iterations, shape (max_points); x, shape
     !! (n_unknowns at most, max_points).
     real(wp), allocatable :: parameter(:), direction(:), x(:, :)
     integer, allocatable :: iterations(:)
-    !> What the last correction and rounding leave of each point: the estimated relative error of x
-    !! at its value of p, which near a fold grows without bounds, and how far (x, p) is off the
+    !> Errors of each point by the last correction and by rounding: the estimated relative error of
+    !! x at its value of p, which is unbounded near a fold, and the distance of (x, p) from the
     !! curve, shape (max_points).
     real(wp), allocatable :: error(:), off(:)
-    !> Where the number of unknowns is chosen: how many were kept, and what leaving out others
-    !! changes of x at its value of p, relative to its size, which near a fold grows without
-    !! bounds, and how far that is off the curve, shape (max_points).
+    !> If the number of unknowns is adapted: their number, the relative truncation error of x at its
+    !! value of p, which is unbounded near a fold, and the relative truncation error as a distance
+    !! from the curve, shape (max_points).
     integer, allocatable :: kept(:)
     real(wp), allocatable :: truncation(:), missed(:)
-    !> Relative error that was allowed there, where the curve is of motions of an oscillator.
+    !> Allowed relative error at each point, for solutions of an oscillator.
     real(wp), allocatable :: allowed(:)
     type(special_points) :: folds, branch_points
-    !> Which points are stops.
+    !> Indices of points that are stops.
     integer, allocatable :: stops(:)
   contains
     procedure :: end_with_numbers
@@ -60,12 +59,12 @@ module viscovib_curve_record
 
 contains
 
-  !> Make room for so many points of n unknowns, of as many as are ever kept where their number is
-  !! chosen.
+  !> Allocate arrays for `max_points` points of n unknowns, or of the largest number if it is
+  !! adapted.
   subroutine make_room(self, max_points, n, sized)
     class(curve_branch_type), intent(inout) :: self
     integer, intent(in) :: max_points, n
-    !> The curve, if the number of unknowns is chosen.
+    !> The curve, if the number of unknowns is adapted.
     class(sized_curve_type), pointer, intent(in) :: sized
     integer :: most
     most = n
@@ -102,7 +101,7 @@ contains
     if (stop) self%stops = [self%stops, self%n_points]
   end subroutine add
 
-  !> What is not known at the first point off another branch is that of the next.
+  !> If the errors are unknown at the first point off another branch, use those of the next point.
   pure subroutine take_from_next(branch)
     type(curve_branch_type), intent(inout) :: branch
     if (.not. branch%error(1) > 0.0_wp) branch%error(1) = branch%error(2)
@@ -113,12 +112,12 @@ contains
     branch%missed(1) = branch%missed(2)
   end subroutine take_from_next
 
-  !> Near a fold, p - p_fold = a s^2 with s how far x is from it: a fold moved by e has, at the
-  !! same p, the motion at s sqrt(1 - e/|p - p_fold|). Where it may be moved past a point, there may
-  !! be no solution at its value of p.
+  !> Near a fold, p - p_fold = a s^2 with the distance s of x from it. After a displacement of the
+  !! fold by e, the solution at the same p is at s sqrt(1 - e/|p - p_fold|). If the fold may move
+  !! past a point, there may be no solution at its p.
   subroutine doubt_beside_folds(self, weights)
     class(curve_branch_type), intent(inout) :: self
-    !> Of each block.
+    !> Weight of each block.
     real(wp), intent(in) :: weights(:)
     real(wp), allocatable :: w(:)
     real(wp) :: apart, last, off
@@ -151,7 +150,7 @@ contains
     end do
   end subroutine doubt_beside_folds
 
-  !> A point that is no number ends the branch before it.
+  !> End the branch before the first point that is not finite.
   subroutine end_with_numbers(self)
     class(curve_branch_type), intent(inout) :: self
     logical :: finite
@@ -167,7 +166,7 @@ contains
     end do
   end subroutine end_with_numbers
 
-  !> End the branch before a point whose numbers leave their range.
+  !> End the branch before point i because of overflow.
   pure subroutine end_before(self, i)
     class(curve_branch_type), intent(inout) :: self
     integer, intent(in) :: i
@@ -178,8 +177,8 @@ contains
     self%stops = pack(self%stops, self%stops < i)
   end subroutine end_before
 
-  !> From where the unknowns left out are as large as those kept, to its end, a branch is not one of
-  !! solutions, as near a homoclinic orbit, whose period is without bounds: it ends before.
+  !> End a branch before the points, up to its end, whose neglected unknowns are as large as the
+  !! solution, as near a homoclinic orbit with its unbounded period. They are not solutions.
   pure subroutine end_resolved(self)
     class(curve_branch_type), intent(inout) :: self
     integer :: i

@@ -1,4 +1,4 @@
-!> How far off points of a curve are: by equations left out, and by rounding.
+!> Errors of points of a curve: by neglected equations, and by rounding.
 module viscovib_curve_rounding
   use viscovib_curve, only: curve_type
   use viscovib_curve_corrector, only: correct, corrector_type, displace
@@ -10,18 +10,18 @@ module viscovib_curve_rounding
 
   public :: truncation_shift, rounding_of, least_error, all_patterns, fold_error, fold_place
 
-  !> The largest of so many ulps of unknowns determines how far rounding moves a solution.
+  !> Perturbation of the unknowns, in ulps, that measures the effect of rounding on a solution.
   real(wp), parameter :: ulps = 4.0_wp
-  !> Ways to change unknowns by ulps: what one of them moves little another does not.
+  !> Number of perturbation patterns: one may have a large effect where another has none.
   integer, parameter :: all_patterns = 6
-  !> Rounding of an equation, a sum of products, in units of its largest term; and how many signs
-  !! of these are tried, so that one at least does not cancel.
+  !> Rounding error of an equation, a sum of products, relative to its largest term; and the number
+  !! of sign patterns tried, so that the errors do not cancel in at least one.
   real(wp), parameter :: usual_rounding = 4.0_wp*epsilon(1.0_wp)
   integer, parameter :: all_signs = 3
-  !> An error this far below the tolerance matters to no one, however it is estimated.
+  !> An error this far below the tolerance needs no closer estimate.
   real(wp), parameter :: far_below = 1.0e-2_wp
 
-  !> A fold: the point, the step to it, and the derivative of dp/ds by the step.
+  !> A fold: the point, the step to it, and the derivative of dp/ds with respect to the step.
   type :: fold_place
     type(curve_point) :: point
     real(wp) :: at = 0.0_wp, bend = 0.0_wp
@@ -29,14 +29,14 @@ module viscovib_curve_rounding
 
 contains
 
-  !> How far a point moves on the plane of the last correction, relative to its size, if
-  !! the equations are pushed by these residuals.
+  !> Displacement of a point on the plane of the last correction, relative to its size, due to
+  !! residuals `pushed` in the equations.
   subroutine truncation_shift(c, point, pushed, moved, at_value)
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(in) :: pushed(:)
     real(wp), intent(out) :: moved
-    !> How far x moves at its value of p.
+    !> Relative displacement of x at its value of p.
     real(wp), intent(out), optional :: at_value
     real(wp) :: weight_x, weight_p, off(size(pushed) + 1)
     call displace(c, pushed, off)
@@ -45,20 +45,20 @@ contains
     if (present(at_value)) at_value = off_at_value(c, point, off)
   end subroutine truncation_shift
 
-  !> Errors of a fold by unknowns left out, if their number is chosen, and by rounding: of p, and of
-  !! x relative to its size. Residuals r move a point by -M^-1 r, M being the bordered derivatives.
-  !! For w, the left null vector of the derivatives J by x, takes x out of J x + R_p p = r, that
-  !! moves p of the fold by w.r/(w.R_p). Its change along the curve moves the zero of dp/ds.
+  !> Errors of a fold by neglected unknowns, if their number is adapted, and by rounding: of p, and
+  !! of x relative to its size. Residuals r displace a point by -M^-1 r with the bordered
+  !! derivatives M. The left null vector w of J = dR/dx eliminates x from J x + R_p p = r, so p of
+  !! the fold moves by w.r/(w.R_p). The change of this along the curve moves the zero of dp/ds.
   subroutine fold_error(curve, c, here, fold, apart, error, error_x)
     class(curve_type), intent(inout) :: curve
-    !> With the derivatives at the fold.
+    !> Contains the derivatives at the fold.
     type(corrector_type), intent(inout) :: c
-    !> Where the step to the fold begins.
+    !> The point where the step to the fold begins.
     type(curve_point), intent(in) :: here
     type(fold_place), intent(in) :: fold
-    !> How far from the fold the change along the curve is found.
+    !> Distance from the fold over which the change along the curve is computed.
     real(wp), intent(in) :: apart
-    !> In the unit of p, and relative.
+    !> Error in the unit of p, and relative error of x.
     real(wp), intent(out) :: error, error_x
     type(curve_point) :: trial
     real(wp), dimension(curve%n + 1) :: off, off_apart
@@ -90,7 +90,7 @@ contains
 
   contains
 
-    !> How the unknowns left out move a point just corrected.
+    !> Displacement of a point just corrected due to the neglected unknowns.
     subroutine push(point, moved, by, size_of)
       type(curve_point), intent(in) :: point
       real(wp), intent(out) :: moved(:), by, size_of
@@ -104,16 +104,16 @@ contains
 
   end subroutine fold_error
 
-  !> How far off the rounding of the equations alone leaves a point, relative to its size: x at its
-  !! value of p, and both from the curve. It is |J^-1| times the unit roundoff times the largest
-  !! term of each equation (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7), by
-  !! a few choices of signs; by one where that is far below the tolerance.
+  !> Relative error of a point due to the rounding of the equations: of x at its value of p, and of
+  !! both from the curve. It is |J^-1| times the unit roundoff times the largest term of each
+  !! equation (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7), with a few sign
+  !! patterns, or one if the error is far below the tolerance.
   subroutine least_error(curve, c, point, error, off, in_p)
     class(curve_type), intent(in) :: curve
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(out) :: error, off
-    !> p from the curve, in its unit.
+    !> Error of p, in its unit.
     real(wp), intent(out), optional :: in_p
     real(wp) :: terms(curve%n), pushed(curve%n), moved(curve%n + 1), weight_x, weight_p
     integer :: i, k
@@ -141,15 +141,15 @@ contains
     end do
   end subroutine least_error
 
-  !> How far rounding moves a solution relative to its size: from residuals an ulp apart.
-  !! Where the derivatives factorized last are not nearly singular it is 0, unless patterns are
-  !! given.
+  !> Displacement of a solution by rounding, relative to its size, from residuals at unknowns that
+  !! differ by a few ulps. It is 0 if the derivatives factorized last are not nearly singular,
+  !! unless `patterns` is given.
   subroutine rounding_of(curve, c, point, moved, patterns)
     class(curve_type), intent(inout) :: curve
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
     real(wp), intent(out) :: moved
-    !> How many ways to look at, `all_patterns` at most.
+    !> Number of patterns, at most `all_patterns`.
     integer, intent(in), optional :: patterns
     real(wp), dimension(curve%n) :: r, beside
     real(wp) :: one

@@ -1,5 +1,5 @@
-!> One step of Newton's method from a point that nearly solves the equations of a curve, at right
-!! angles to the curve: what solving them would change.
+!> One step of Newton's method from a point near a curve, orthogonal to the curve: an estimate of
+!! the error of the point.
 module viscovib_curve_step
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_curve, only: curve_type
@@ -10,10 +10,10 @@ module viscovib_curve_step
 
   public :: curve_step, new_curve_step
 
-  !> Unknowns up to which whole vectors pay more than blocks.
+  !> Up to this number of unknowns, vectorized padded columns are faster than blocks.
   integer, parameter :: small = 64, vector = 8
 
-  !> What a step of Newton's method works in.
+  !> Workspace of a Newton step.
   type :: curve_step
     integer :: rows = 0
     real(wp), allocatable :: matrix(:, :), weights(:), r(:), slope(:), change(:)
@@ -37,15 +37,15 @@ contains
     if (allocated(curve%weights)) step%weights = curve%weights
   end subroutine new_curve_step
 
-  !> The step from a point.
+  !> Compute the step from a point.
   subroutine find(self, curve, p, x, chord, step, moved)
     class(curve_step), intent(inout) :: self
     class(curve_type), intent(inout) :: curve
     real(wp), intent(in) :: p, x(:)
-    !> Along the curve; the step is across it. Shape (n + 1).
+    !> Direction along the curve; the step is orthogonal to it. Shape (n + 1).
     real(wp), intent(in) :: chord(:)
-    !> Of x relative to its size, in the norm of the weights, or of what counts alone, whichever is
-    !! larger; and of p. 1 and |p| where nothing is known, at most.
+    !> Step in x relative to its size, in the weighted norm, or the relative step of the unknown
+    !! `alone`, whichever is larger; and step in p. At most 1 and |p|, which also mark failure.
     real(wp), intent(out) :: step, moved
     real(wp) :: size_x
     integer :: n
@@ -71,7 +71,7 @@ contains
     call solve_padded(self%rows, n + 1, self%matrix, self%pivots, self%change)
     step = norm2(sqrt(self%weights)*self%change(:n))/sqrt(size_x)
     if (curve%alone > 0) step = max(step, abs(self%change(curve%alone)/x(curve%alone)))
-    ! No number either: nearly singular.
+    ! Also NaN: nearly singular.
     if (.not. step <= 1.0_wp) step = 1.0_wp
     if (abs(self%change(n + 1)) < moved) moved = abs(self%change(n + 1))
   end subroutine find

@@ -6,17 +6,17 @@ module viscovib_outcomes
 
   !> The solution meets the tolerance.
   integer, parameter, public :: outcome_converged = 0
-  !> Iterations used up, with corrections neither small nor growing.
+  !> Iteration limit reached, with corrections neither small nor growing.
   integer, parameter, public :: outcome_stalled = 1
-  !> Corrections grow: this iteration has no limit here.
+  !> Corrections grow: the iteration does not converge here.
   integer, parameter, public :: outcome_diverged = 2
   !> The dynamic stiffness is singular: undamped resonance.
   integer, parameter, public :: outcome_singular = 3
 
-  !> Parameters so extreme that the solution leaves the range of numbers.
+  !> Parameters so extreme that the numbers overflow.
   integer, parameter, public :: outcome_overflow = 4
 
-  !> Not computed: the time for it was over.
+  !> Not computed: time limit reached.
   integer, parameter, public :: outcome_stopped = 5
 
   character(len=*), parameter, public :: outcome_names(0:5) = &

@@ -1,7 +1,7 @@
-!> A curve along which the number of unknowns changes: as many as a tolerance needs.
+!> A curve with an adaptive number of unknowns, as many as a tolerance requires.
 !!
-!! Unknowns come in blocks of one length, such as the harmonics of each coordinate. What
-!! lies beyond that length is 0.
+!! Unknowns come in blocks of equal length, such as the harmonics of each coordinate. Unknowns
+!! beyond that length are 0.
 module viscovib_sized_curve
   use viscovib_curve, only: curve_type
   use viscovib_kinds, only: wp
@@ -11,7 +11,7 @@ module viscovib_sized_curve
   public :: sized_curve_type, refitted
 
   type, abstract, extends(curve_type) :: sized_curve_type
-    !> Whether the number changes at all, the blocks, and unknowns at most.
+    !> Whether the number is adapted, the number of blocks, and the largest number of unknowns.
     logical :: adaptive = .false.
     integer :: blocks = 1, n_most = 0
   contains
@@ -22,31 +22,31 @@ module viscovib_sized_curve
 
   abstract interface
 
-    !> What the unknowns left out do at a solution (x, p).
+    !> Effect of the neglected unknowns at a solution (x, p).
     subroutine left_out_interface(self, x, p, pushed, short, own, closely)
       import :: sized_curve_type, wp
       class(sized_curve_type), intent(inout) :: self
       !> Shape (n).
       real(wp), intent(in) :: x(:), p
-      !> Residuals they leave in the equations of those kept, shape (n), and by what factor these
-      !! may fall short.
+      !> Their residuals in the included equations, shape (n), and the factor by which these may be
+      !! too small.
       real(wp), intent(out) :: pushed(:), short
       !> Their size relative to x.
       real(wp), intent(out) :: own
-      !> Whether signs of residuals count, not their size alone: more is spent on them.
+      !> True if the signs of the residuals matter, not only their size; this costs more.
       logical, intent(in) :: closely
     end subroutine left_out_interface
 
-    !> How many unknowns to go on with, which `resize` brings about.
+    !> Choose the number of unknowns; `resize` applies it.
     subroutine choose_interface(self, x, truncation, own, rounding, again)
       import :: sized_curve_type, wp
       class(sized_curve_type), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      !> What leaving unknowns out changes, relative to x, and from `left_out`.
+      !> Truncation error relative to x, and `own` from `left_out`.
       real(wp), intent(in) :: truncation, own
-      !> Below this no number of unknowns brings it.
+      !> Lower limit of the truncation error for any number of unknowns.
       real(wp), intent(in) :: rounding
-      !> The point is to be solved again, with more.
+      !> True if the point must be solved again with more unknowns.
       logical, intent(out) :: again
     end subroutine choose_interface
 
@@ -59,7 +59,7 @@ module viscovib_sized_curve
 
 contains
 
-  !> Unknowns in n rows instead: each block is cut off, or goes on with zeros.
+  !> Resize to n unknowns: each block is truncated or padded with zeros.
   pure function refitted(blocks, x, n) result(y)
     integer, intent(in) :: blocks, n
     real(wp), intent(in) :: x(:)

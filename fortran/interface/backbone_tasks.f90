@@ -1,4 +1,4 @@
-!> Tasks about backbones: curves of free motions without losses.
+!> Tasks about backbones: curves of undamped free vibrations.
 module viscovib_backbone_tasks
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
@@ -30,9 +30,9 @@ contains
     end select
   end subroutine backbone_task
 
-  !> The backbone of a `mode`, counted from 0, along the amplitude of coordinate `dof`, counted from
-  !! 1 (0: the one that moves most; `name` is its name): `harmonics` orders, 0: as many as the
-  !! tolerance needs. Its plan, and cosines (m, n_dof, n); no points where it has no beginning.
+  !> Backbone of a `mode`, from 0, by the amplitude of coordinate `dof`, from 1 (0: the coordinate
+  !! that moves most; `name` is its name). `harmonics`: number of orders, 0: set by the tolerance.
+  !! Returns its plan and cosines (m, n_dof, n); no points if no start is found.
   subroutine follow_oscillator(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -68,13 +68,13 @@ contains
     end associate
   end subroutine follow_oscillator
 
-  !> Free motions of the pendulum, whose damping must be 0, along their amplitude (the cosine of
-  !! an order of coordinate `dof`, counted from 1) or, for `dof` = 0, their energy. `pattern` is 1
-  !! where an order of a coordinate is an unknown, and repeats from order 0 on; `unit` the base
-  !! frequency of small motions. Orders go to `harmonics` times `order`, or as far as the tolerance
-  !! needs, to `most` times `order`. They begin near the cosines `begin`, which are only scaled to
-  !! size, or, with a direction `along`, at these cosines, the frequency `begin_nu` and the size
-  !! `begin_p`; both to `harmonics` times `order`.
+  !> Free vibrations of the pendulum, whose damping must be 0, by their amplitude (the cosine of an
+  !! order of coordinate `dof`, counted from 1) or, for `dof` = 0, their energy. `pattern` is 1
+  !! where an order of a coordinate is an unknown, and repeats from order 0 on; `unit`: base
+  !! frequency of small vibrations. The highest order is `harmonics` times `order`, or set by the
+  !! tolerance up to `most` times `order`. The curve starts near the cosines `begin`, which are only
+  !! scaled, or, with a direction `along`, at these cosines, the frequency `begin_nu` and the size
+  !! `begin_p`; both up to order `harmonics` times `order`.
   subroutine follow_pendulum(task)
     type(task_type), intent(inout) :: task
     type(pendulum_type), pointer :: system
@@ -109,8 +109,8 @@ contains
     if (.not. task%failed()) call put_family(task, family)
   end subroutine follow_pendulum
 
-  !> Cosines are those of all orders, (m, 3, n); `multipliers` (6, n) largest first, NaN where
-  !! unknown, and how many are outside the circle, -1: unknown.
+  !> Cosines are for all orders, (m, 3, n); `multipliers` (6, n) in descending order, NaN if
+  !! unknown, and the number outside of the unit circle, -1: unknown.
   subroutine put_family(task, family)
     type(task_type), intent(inout) :: task
     type(free_family_type), intent(in) :: family

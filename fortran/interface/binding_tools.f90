@@ -1,4 +1,4 @@
-!> What tasks share: building systems from arrays, and turning a status into numbers and text.
+!> Tools for tasks: create systems from arrays, and convert a status to a number and a message.
 module viscovib_binding_tools
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   use viscovib_body_vector, only: body_from_vector
@@ -20,23 +20,21 @@ module viscovib_binding_tools
 
   public :: make_load, make_mount, make_pendulum, make_system, report, to_complex
 
-  !> Length of the flat mount: mass, inertia, offset, stiffness_x,
-  !! stiffness_phi, damping (4, column by column), cubic_scale, memory_scale,
-  !! geometry.
+  !> Length of the vector of a mount: mass, inertia, offset, stiffness_x, stiffness_phi, damping (4,
+  !! column-major), cubic_scale, memory_scale, geometry.
   integer, parameter, public :: mount_length = 12
-  !> Kernel kind of the rotation that stands for "the same as in x".
+  !> Kernel kind of the rotation that means "the same as in x".
   integer, parameter, public :: kernel_as_x = -1
-  !> Kernel kind in x that stands for "a polynomial system, whose vector holds all
-  !! of its kernels".
+  !> Kernel kind in x that means "a polynomial system, whose vector contains all its kernels".
   integer, parameter, public :: kernels_in_vector = -2
-  !> The same of a condensed structure, whose vector holds its loads too.
+  !> Same for a condensed structure, whose vector also contains its loads.
   integer, parameter, public :: structure_in_vector = -3
-  !> The same of a body under finite rotations.
+  !> Same for a body with finite rotations.
   integer, parameter, public :: body_in_vector = -4
 
 contains
 
-  !> Any oscillator: a mount and its two kernels, a polynomial system, or a condensed structure.
+  !> Create an oscillator: a mount and its two kernels, a polynomial system, a structure or a body.
   subroutine make_system(system, flat, kind_x, data_x, kind_phi, data_phi, status)
     class(oscillator_type), allocatable, intent(out) :: system
     real(wp), intent(in) :: flat(:), data_x(:), data_phi(:)
@@ -115,7 +113,7 @@ contains
                                           frequency=flat(11:13), equations=nint(flat(14))), status)
   end subroutine make_pendulum
 
-  !> Rows of `series`: forces on the coordinates, then the motion of the base.
+  !> Rows of `series`: forces on the coordinates, followed by the base motion.
   subroutine make_load(load, orders, series, status)
     type(load_type), intent(out) :: load
     !> A term of order k, or -1 - k: what the base moves each coordinate by, or -k - 10^6: forces
@@ -145,7 +143,7 @@ contains
     call new_load(load, n, places, force, series(n + 1, :), status, moved, inertial)
   end subroutine make_load
 
-  !> Harmonics as numbers of their own, from real and imaginary parts by turns.
+  !> Complex harmonics from alternating real and imaginary parts.
   pure subroutine to_complex(x, coefficients)
     !> Shape (2 n_orders n_dof, n).
     real(wp), intent(in) :: x(:, :)
@@ -162,8 +160,7 @@ contains
     end do
   end subroutine to_complex
 
-  !> The category of what a routine ends with; the message of one that failed is kept for this
-  !! thread (`last_message`).
+  !> Category of a status. The message of a failure is kept for this thread (`last_message`).
   subroutine report(outcome, status)
     type(status_type), intent(in) :: outcome
     integer, intent(out) :: status

@@ -1,12 +1,12 @@
-!> A body under finite rotations as one vector of numbers:
+!> Conversion of a vector of numbers to a body with finite rotations:
 !!
-!!   coordinates n, springs, kernels, whether loads turn with it (1); h (3); M (n^2); C (n^2); base
-!!   direction (n); of each spring: kernel (0: none), whether it holds rotations (1), direction (3),
-!!   arm (3), stiffness, damping, what it carries at rest, coordinate of its track (0: none), number
-!!   of coefficients of d^2, d^3, ... and these, number of laws that are no polynomials, and each
-!!   (`new_law_term`, of one coordinate); of each kernel: kind, number of data, data.
+!!   number of coordinates n, of springs, of kernels; loads in body axes (1); h (3); M (n^2); C
+!!   (n^2); base direction (n); for each spring: kernel (0: none), rotational (1), direction (3),
+!!   arm (3), stiffness, damping, static load, coordinate of its track (0: none), number of
+!!   coefficients of d^2, d^3, ... and these, number of nonpolynomial laws, and each law
+!!   (`new_law_term`, for one coordinate); for each kernel: kind, number of data, data.
 !!
-!! Matrices are column by column.
+!! Matrices are in column-major order.
 module viscovib_body_vector
   use viscovib_catalogue, only: new_kernel
   use viscovib_kernel_holder, only: kernel_holder

@@ -1,4 +1,4 @@
-!> Tasks about branches of steady motions of oscillators. System and load are given as in
+!> Tasks about branches of periodic solutions of oscillators. System and load are given as in
 !! `viscovib_response_tasks`.
 module viscovib_branch_tasks
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -50,7 +50,7 @@ contains
     end select
   end subroutine branch_task
 
-  !> Bounds that callers check arguments by, and the words for how curves end, with commas between.
+  !> Bounds for checks of arguments, and the comma-separated words for the ends of curves.
   subroutine put_limits(task)
     type(task_type), intent(inout) :: task
     character(len=:), allocatable :: words
@@ -63,19 +63,19 @@ contains
       call found%put_text('endings', words)
       call found%put_integer('harmonics', int(max_harmonics, i8))
       call found%put_integer('iterations', int(max_iterations_allowed, i8))
-      ! Orders of free motions of a pendulum at first, and at most.
+      ! Initial and largest number of orders for free vibrations of a pendulum.
       call found%put_integer('first_free', int(first_chosen, i8))
       call found%put_integer('most_free', int(highest_chosen, i8))
       call found%put_reals('tolerance', [min_tolerance, max_tolerance], [2])
       call found%put_real('smooth_tolerance', smooth_tolerance)
       call found%put_real('corner_tolerance', corner_tolerance)
       call found%put_reals('time_tolerance', [min_time_tolerance, max_time_tolerance], [2])
-      ! What stands for 0 where a number varies.
+      ! Replaces 0 in a parameter that varies.
       call found%put_real('nearly_nothing', nearly_nothing)
     end associate
   end subroutine put_limits
 
-  !> The first lines of the plan of a branch along `name`, with `n_orders`, or `most` at most.
+  !> First lines of the plan of a branch in `name`, with `n_orders`, or at most `most` orders.
   subroutine plan_branch(task)
     type(task_type), intent(inout) :: task
     call task%found%put_text( &
@@ -84,8 +84,8 @@ contains
                          task%get_flag('stability')))
   end subroutine plan_branch
 
-  !> How to follow a curve: the options of `curve_table` by name, `start`, `finish`, and points that
-  !! shall lie on it, `stops` (n).
+  !> Options for following a curve: those of `curve_table` by name, `start`, `finish`, and parameter
+  !! values at which a point is required, `stops` (n).
   function given_curve(task) result(options)
     type(task_type), intent(inout) :: task
     type(curve_options) :: options
@@ -111,8 +111,8 @@ contains
     options%stops = stops
   end function given_curve
 
-  !> What every curve has: `p`, `iterations`, `error`, `off` of its points, how it `ended`, which
-  !! points are `stops` (from 1); `folds` and branch points with errors and points before (from 1).
+  !> Results of every curve: `p`, `iterations`, `error`, `off` of points, outcome `ended`, points at
+  !! `stops` (from 1); folds and branch points with errors and the points before them (from 1).
   subroutine put_curve(task, branch)
     type(task_type), intent(inout) :: task
     type(curve_branch_type), intent(in) :: branch
@@ -134,8 +134,8 @@ contains
     end associate
   end subroutine put_curve
 
-  !> Changes of stability: `kinds` as of `viscovib_crossings`, points before (from 1), where, NaN if
-  !! not located, with errors.
+  !> Changes of stability: `kinds` as in `viscovib_crossings`, points before them (from 1),
+  !! locations, NaN if unknown, with errors.
   subroutine put_crossings(task, crossings)
     type(task_type), intent(inout) :: task
     type(crossing_type), intent(in) :: crossings(:)
@@ -149,12 +149,12 @@ contains
     end associate
   end subroutine put_crossings
 
-  !> A branch of motions along what `varies`: the frequency, at `at_nu` the factor of the load, or
-  !! numbers of the system. `harmonics` orders at most, 0: chosen at each point; without `symmetric`
-  !! the mean and even orders are kept though odd ones would do. It begins at the motion `begin`
-  !! (2 m n_dof), `begin_p` in the direction `along` (2 m n_dof + 1), all orders that the plan may
-  !! keep, or near `begin` if `along` is 0; if neither is given at a motion found at `start`.
-  !! Without a beginning nothing is found.
+  !> Branch of solutions in the parameter `varies`: the frequency, the load factor at the frequency
+  !! `at_nu`, or system parameters. `harmonics`: largest number of orders, 0: chosen at each point;
+  !! unless `symmetric`, the mean and even orders are kept even if odd ones suffice. The branch
+  !! starts at the solution `begin` (2 m n_dof) and `begin_p` in the direction `along` (2 m
+  !! n_dof + 1), for all orders that the plan may keep, or near `begin` if `along` is 0. Without
+  !! these it starts at a solution found at `start`. If no start is found there are no results.
   subroutine follow_branch(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -219,8 +219,8 @@ contains
     if (judged) call judge_branch(task, system, curve, branch, set, parameter, nu)
   end subroutine follow_branch
 
-  !> Points of a branch, and its special ones; unknowns at branch points are those of all
-  !! `n_planned` orders that it could have kept.
+  !> Points of a branch and its special points. Unknowns at branch points are for all `n_planned`
+  !! orders that the branch may keep.
   subroutine put_branch(task, branch, set, n_planned)
     type(task_type), intent(inout) :: task
     type(curve_branch_type), intent(in) :: branch
@@ -267,7 +267,7 @@ contains
     call task%found%put_complexes(name, motions, shape(motions))
   end subroutine put_motions
 
-  !> Stability along a branch, and where it changes.
+  !> Stability along a branch, and its changes.
   subroutine judge_branch(task, system, curve, branch, set, parameter, nu)
     type(task_type), intent(inout) :: task
     class(oscillator_type), intent(in), target :: system

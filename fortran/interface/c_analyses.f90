@@ -1,4 +1,4 @@
-!> The C interface: what is computed of systems.
+!> C interface: analyses of systems.
 module viscovib_c_analyses
   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, &
     c_loc, c_null_char, c_null_ptr, c_ptr
@@ -22,7 +22,7 @@ module viscovib_c_analyses
   character(len=*), parameter :: nl = new_line('a')
   !> As in include/viscovib.h.
   integer(c_int), parameter :: this_interface = 1
-  !> A list of a scene is no longer, and no record.
+  !> Largest lengths of a list in a scene and of a signal.
   integer, parameter :: max_values = 1000000, max_signal = 2**28
   character(kind=c_char, len=*), parameter :: version_text = version//c_null_char
   character(kind=c_char, len=len(version_text)), target :: kept_version = version_text
@@ -37,7 +37,7 @@ contains
     library_version = c_loc(kept_version)
   end function library_version
 
-  !> Do what groups ask for; the handle of the result.
+  !> Run the analysis that groups define. Returns the handle of the result.
   subroutine compute(groups, handle, status)
     character(len=*), intent(in) :: groups
     type(c_ptr), intent(out) :: handle
@@ -64,7 +64,7 @@ contains
     handle = c_loc(result)
   end subroutine compute
 
-  !> As `compute`, of a system and one more group.
+  !> Like `compute`, for a system and one more group.
   integer(c_int) function computed(system_handle, group, room)
     type(c_ptr), intent(in) :: system_handle, room
     character(len=*), intent(in) :: group
@@ -130,7 +130,7 @@ contains
       return
     end if
     group = '&transient'//numbers_text('t_end', [t_end])
-    ! What is not a number is refused as any other.
+    ! A nonfinite value is rejected when the group is read.
     if (.not. ieee_is_finite(nu)) then
       group = group//numbers_text('nu', [nu])
     else if (abs(nu) > 0.0_wp) then

@@ -1,4 +1,4 @@
-!> The C interface: what results hold. Places are counted from 0, as C does.
+!> C interface: access to results. Indices start at 0, as in C.
 module viscovib_c_results
   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr
   use viscovib_c_systems, only: text_of
@@ -8,7 +8,7 @@ module viscovib_c_results
 
 contains
 
-  !> The result of a handle; not associated if there is none.
+  !> Result of a handle; not associated if there is none.
   function result_of(handle) result(found)
     type(c_ptr), intent(in) :: handle
     type(kept_result), pointer :: found
@@ -16,7 +16,7 @@ contains
     if (c_associated(handle)) call c_f_pointer(handle, found)
   end function result_of
 
-  !> Its table; not associated if there is none.
+  !> Table of a result; not associated if there is none.
   function table_of(handle, table) result(found)
     type(c_ptr), intent(in) :: handle
     integer(c_int), intent(in) :: table
@@ -30,7 +30,7 @@ contains
     found => owner%tables(table + 1)
   end function table_of
 
-  !> As `table_of`, if it has that column.
+  !> Like `table_of`, if the table has that column.
   function table_with(handle, table, column) result(found)
     type(c_ptr), intent(in) :: handle
     integer(c_int), intent(in) :: table, column

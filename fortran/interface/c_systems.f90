@@ -1,7 +1,7 @@
-!> The C interface: systems. include/viscovib.h declares and documents the calls.
+!> C interface: systems. include/viscovib.h declares and documents the calls.
 !!
-!! A system is kept as the groups of a scene. So scenes, the driver and C have one grammar, the same
-!! checks and the same messages, and numbers are written such that they read back to the last bit.
+!! A system is stored as the groups of a scene. Scenes, the driver and C thus share the syntax, the
+!! checks and the messages. Numbers are written so that they read back exactly.
 module viscovib_c_systems
   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, &
     c_loc, c_null_ptr, c_ptr, c_size_t
@@ -17,11 +17,11 @@ module viscovib_c_systems
   public :: c_system, told, text_of, numbers_text, read_call, room_of, system_of
 
   character(len=*), parameter :: nl = new_line('a')
-  !> What messages of calls begin with, which is taken off, since no file is read.
+  !> Prefix of messages of calls, which is removed, since no file is read.
   character(len=*), parameter, public :: call_path = 'call'
 
   type :: c_system
-    !> Its groups, a line each.
+    !> Groups of the system, one per line.
     character(len=:), allocatable :: text
     integer :: n_coordinates = 0
   end type c_system
@@ -41,7 +41,7 @@ module viscovib_c_systems
 
 contains
 
-  !> The status as C gets it; its message is kept.
+  !> Convert a status for C and keep its message.
   integer(c_int) function told(status)
     type(status_type), intent(in) :: status
     character(len=:), allocatable :: text
@@ -52,7 +52,7 @@ contains
     text = one_line(status%message)
     if (index(text, call_path//':') == 1) then
       text = text(len(call_path) + 2:)
-      ! Of the line, too.
+      ! Remove the line number as well.
       last = verify(text, '0123456789')
       if (last > 1) then
         if (text(last:last) == ':') text = text(last + 1:)
@@ -62,7 +62,7 @@ contains
     call keep_message(text, int(len(text), c_int))
   end function told
 
-  !> A text of C; empty for none.
+  !> Convert a C string; NULL gives an empty text.
   function text_of(place) result(text)
     type(c_ptr), intent(in) :: place
     character(len=:), allocatable :: text
@@ -81,7 +81,7 @@ contains
     end do
   end function text_of
 
-  !> ' name = ' and numbers, which read back to the last bit.
+  !> ' name = ' followed by numbers that read back exactly.
   function numbers_text(name, values) result(text)
     character(len=*), intent(in) :: name
     real(wp), intent(in) :: values(:)
@@ -96,7 +96,7 @@ contains
     text = room%text()//','
   end function numbers_text
 
-  !> The system of a handle; a failure if there is none.
+  !> System of a handle; fails if there is none.
   subroutine system_of(handle, system, status)
     type(c_ptr), intent(in) :: handle
     type(c_system), pointer, intent(out) :: system
@@ -112,7 +112,7 @@ contains
     end if
   end subroutine system_of
 
-  !> Where a call puts the handle that it makes, nothing yet; a failure if the caller has no room.
+  !> Pointer to the caller's handle, set to NULL; fails if `room` is NULL.
   subroutine room_of(room, handle, status)
     type(c_ptr), intent(in) :: room
     type(c_ptr), pointer, intent(out) :: handle
@@ -129,7 +129,7 @@ contains
     end if
   end subroutine room_of
 
-  !> Read groups as a scene. Files that they name may be anywhere: a program asks for them.
+  !> Read groups as a scene. Files that they name may be anywhere, since a program requests them.
   subroutine read_call(groups, scene, status)
     character(len=*), intent(in) :: groups
     type(scene_type), intent(out), target :: scene
@@ -137,7 +137,7 @@ contains
     call read_scene(call_path, scene, status, groups, allow_paths=.true.)
   end subroutine read_call
 
-  !> Whether groups make a system, and of how many coordinates.
+  !> Check that groups define a system. Returns its number of coordinates.
   subroutine check_system(groups, n, status)
     character(len=*), intent(in) :: groups
     integer, intent(out) :: n
@@ -145,12 +145,12 @@ contains
     type(scene_type) :: scene
 
     n = 0
-    ! What any system can be asked for, without a load.
+    ! An analysis that is valid for any system without a load.
     call read_call(groups//'&modes /'//nl, scene, status)
     if (.not. status%failed()) n = size(scene%subject%coordinates)
   end subroutine check_system
 
-  !> Make a handle of groups, if they are a system.
+  !> Create a handle for groups that define a system.
   subroutine make_handle(groups, handle, status)
     character(len=*), intent(in) :: groups
     type(c_ptr), intent(out) :: handle
@@ -199,7 +199,7 @@ contains
     system_new = told(status)
   end function system_new
 
-  !> A matrix of C as a key.
+  !> A C matrix as a key.
   function matrix_text(name, place, n) result(text)
     character(len=*), intent(in) :: name
     type(c_ptr), intent(in) :: place
@@ -248,7 +248,7 @@ contains
     system_add_spring = told(status)
   end function system_add_spring
 
-  !> Add a group to a system, if that is one then.
+  !> Add a group to a system if the result is valid.
   subroutine add(handle, group, status)
     type(c_ptr), intent(in) :: handle
     character(len=*), intent(in) :: group

@@ -1,12 +1,12 @@
-!> Calls of the interface: values in, values out. What f2py and C see of the core are thin layers
-!! over these.
+!> Calls of the interface, with packed input and output. The f2py and C interfaces are thin layers
+!! over these calls.
 !!
-!! A call takes a text, integers and numbers. The text is the kind of the task, a semicolon, the
-!! names of the values with commas between, a semicolon, and the letters of all texts. The integers
-!! are the number of objects that the task builds on and their handles; of each value its kind and
-!! rank, and its extents; then the elements of all integers. The numbers are the elements of all
-!! real and complex values. What a task finds comes back in the same form, without the kind and the
-!! handles; a comma follows each name.
+!! A call has a text, integers and numbers. The text consists of the kind of the task, a semicolon,
+!! the comma-separated names of the values, a semicolon, and the letters of all texts. The integers
+!! are the number of objects that the task uses and their handles; for each value its kind, rank and
+!! extents; then the elements of all integer values. The numbers are the elements of all real and
+!! complex values. Results have the same form, without the kind and the handles; each name is
+!! followed by a comma.
 module viscovib_calls
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_handles, only: add_object, find_objects, release, remove_object
@@ -22,15 +22,15 @@ module viscovib_calls
 
 contains
 
-  !> Do a task. Its handle is that of what it found, or of the object made.
+  !> Run a task. The handle belongs to its results, or to the created object.
   subroutine begin_call(text, integers, numbers, cancel, handle, sizes, status)
     character(len=*), intent(in) :: text
     integer(i8), intent(in) :: integers(:)
     real(wp), intent(in) :: numbers(:)
-    !> Not 0 once another thread gives up.
+    !> Set to a nonzero value by another thread to cancel the task.
     integer(c_int), intent(inout), target :: cancel
     integer(i8), intent(out) :: handle
-    !> Letters, integers and numbers that `end_call` gives.
+    !> Numbers of letters, integers and numbers for `end_call`.
     integer(i8), intent(out) :: sizes(3)
     type(status_type), intent(out) :: status
     type(task_type), pointer :: task
@@ -55,7 +55,7 @@ contains
     handle = add_object(task)
   end subroutine begin_call
 
-  !> What a task found. Its handle is freed unless it is kept.
+  !> Return the results of a task. Its handle is freed unless `keep` is true.
   subroutine end_call(handle, keep, text, integers, numbers, status)
     integer(i8), intent(in) :: handle
     logical, intent(in) :: keep

@@ -1,8 +1,8 @@
-!> Tasks about periodic and quasi-periodic motions of a pendulum under its loads. `orders`
+!> Tasks about periodic and quasi-periodic solutions of a pendulum with its loads. `orders`
 !! (n_axes, m), `drive_orders` (n_axes, 3), base frequencies `omega` (n_axes) and `amplitude` (3) of
-!! the loads are those of torus and torus_balance; `kept` (m, 3) is 1 where an order of a coordinate
-!! is an unknown. What varies is a base frequency (`vary` = 1) or an amplitude (2), that of the axis
-!! or load `which`.
+!! the loads are as in torus and torus_balance; `kept` (m, 3) is 1 if an order of a coordinate is an
+!! unknown. The parameter is a base frequency (`vary` = 1) or an amplitude (2), with the index
+!! `which` of the axis or load.
 module viscovib_drive_tasks
   use viscovib_branch_tasks, only: given_curve, put_crossings, put_curve
   use viscovib_crossings, only: crossing_type
@@ -29,7 +29,7 @@ module viscovib_drive_tasks
 
   public :: drive_task
 
-  !> What a task is given of the loads and of the orders.
+  !> Input about the loads and the orders.
   type :: drive_type
     integer, allocatable :: orders(:, :), drive_orders(:, :)
     logical, allocatable :: kept(:, :)
@@ -99,7 +99,7 @@ contains
     if (drive%vary == vary_frequency) balance%lowest = 0.0_wp
   end subroutine given_balance
 
-  !> Balances with orders to |k_1| + ... = `first`, up to `last`, and `step` more shells.
+  !> Balances with orders up to |k_1| + ... = `first`, up to `last`, and `step` more shells.
   subroutine given_ladder(task, first, last, drive, ladder)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: first, last
@@ -115,7 +115,7 @@ contains
                     drive%amplitude, drive%vary, drive%which, first, last, step)
   end subroutine given_ladder
 
-  !> X_k (m, 3, n) from unknowns; the mean as its imaginary part.
+  !> X_k (m, 3, n) from unknowns; the mean is the imaginary part.
   subroutine put_harmonics(task, name, x)
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
@@ -136,11 +136,11 @@ contains
     call task%found%put_complexes(name, harmonics, shape(harmonics))
   end subroutine put_harmonics
 
-  !> Solutions at the values `p` (n) of what varies, with orders to |k_1| + ... = `first`, or to as
-  !! many as the tolerance needs, to `last`; `step` more shells, whose orders are given too, judge
-  !! them (0: no judgement). With a `duration` > 0 for stability: Floquet `multipliers` (6, n), NaN
-  !! where unknown, and how many are outside the unit circle (-1: unknown) if there is one axis,
-  !! else `rates` (6, n) of growth and how far they are off.
+  !> Solutions at parameter values `p` (n), with orders up to |k_1| + ... = `first`, increased up to
+  !! `last` until the tolerance is met. The truncation error is estimated with `step` more shells,
+  !! whose orders are also given (0: no estimate). With a `duration` > 0 for stability: for one axis
+  !! Floquet `multipliers` (6, n), NaN if unknown, and the number outside of the unit circle (-1:
+  !! unknown); otherwise growth `rates` (6, n) and their errors.
   subroutine solve_rows(task)
     type(task_type), intent(inout) :: task
     type(drive_type) :: drive
@@ -226,10 +226,10 @@ contains
     call task%found%put_reals('rates_off', rates_off, shape(rates_off))
   end subroutine put_rates
 
-  !> Estimated `truncation` of the points `p` (n), `x` (m, n) of a branch, the worst of them, found
-  !! with orders to `bound`, the bound (to `most`) that would bring it below the tolerance, `next`,
-  !! and how far orders left out move its folds `fold_p`, `fold_x`, of which `fold_before` are the
-  !! points before, from 1.
+  !> Estimated `truncation`: largest error of the points `p` (n), `x` (m, n) of a branch computed
+  !! with orders up to `bound`; `next`: the bound (up to `most`) that would meet the tolerance;
+  !! errors of its folds `fold_p`, `fold_x` by omitted orders, with the points before them,
+  !! `fold_before`, from 1.
   subroutine find_truncation(task)
     type(task_type), intent(inout) :: task
     type(drive_type) :: drive
@@ -265,9 +265,9 @@ contains
     call task%found%put_reals('moved', moved, shape(moved))
   end subroutine find_truncation
 
-  !> How far off the branch points and crossings of a branch are, found with orders to `bound`, by
-  !! `step` more shells; points before them, from 1. `turns` are the angles of the multipliers that
-  !! cross, `known` the errors where these are known, else -1.
+  !> Errors of branch points and crossings of a branch computed with orders up to `bound`, estimated
+  !! with `step` more shells; points before them from 1. `turns`: angles of the multipliers that
+  !! cross; `known`: errors if known, else -1.
   subroutine find_errors(task)
     type(task_type), intent(inout) :: task
     type(drive_type) :: drive
@@ -312,9 +312,9 @@ contains
     call task%found%put_reals('crossing_errors', crossing_errors, shape(crossing_errors))
   end subroutine find_errors
 
-  !> A branch along what varies. It begins at the point `begin` (m), `begin_p` in the direction
-  !! `along` (m + 1), else at a solution found at `start`; without a beginning it has no points.
-  !! Stability as above.
+  !> Branch in the parameter. It starts at the point `begin` (m), `begin_p` in the direction `along`
+  !! (m + 1), or at a solution found at `start`; without a start it has no points. Stability as
+  !! above.
   subroutine follow_branch(task)
     type(task_type), intent(inout) :: task
     type(torus_type) :: torus
@@ -376,7 +376,7 @@ contains
     end associate
   end subroutine put_branch
 
-  !> Solutions in full, as unknowns and as harmonics.
+  !> All unknowns of solutions, and their harmonics.
   subroutine put_points(task, prefix, balance, x)
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: prefix
@@ -400,8 +400,8 @@ contains
     end do
   end function expanded
 
-  !> Stability along a branch, and where it changes: errors of folds are those of rounding, of other
-  !! places -1; `turns` are the angles of the multipliers that cross.
+  !> Stability along a branch, and its changes. Errors of folds are rounding errors, of other points
+  !! -1; `turns` are the angles of the multipliers that cross.
   subroutine judge_branch(task, balance, branch, duration, n_axes)
     type(task_type), intent(inout) :: task
     type(torus_balance_type), intent(inout), target :: balance
@@ -443,8 +443,8 @@ contains
     call put_points(task, 'crossing_', balance, places)
   end subroutine judge_branch
 
-  !> The summit of order `place` (from 1) of coordinate `dof` that the branch leads up to from the
-  !! solution `x` (m), `p` between `low` and `high`.
+  !> Peak of order `place` (from 1) of coordinate `dof` that follows on the branch from the solution
+  !! `x` (m), with `p` between `low` and `high`.
   subroutine find_peak(task)
     type(task_type), intent(inout) :: task
     type(torus_type) :: torus
@@ -465,7 +465,7 @@ contains
     call task%check_extents('x', shape(x), [3*torus%n])
     if (task%failed()) return
     at = balance%reduced(x)
-    ! The mean is one unknown, the other orders two.
+    ! The mean has one unknown, other orders two.
     first = (dof - 1)*torus%n + max(1, 2*place - 2)
     measure%place = [row_of(first), row_of(min(first + 1, dof*torus%n))]
     peak_size = -1.0_wp
@@ -481,7 +481,7 @@ contains
 
   contains
 
-    !> Where an unknown of all is among those kept; 0: it is not.
+    !> Index of an unknown among the kept unknowns; 0: not kept.
     integer function row_of(j)
       integer, intent(in) :: j
       real(wp) :: one(size(x))

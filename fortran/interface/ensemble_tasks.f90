@@ -1,4 +1,4 @@
-!> Tasks about many motions side by side, and basins of attraction.
+!> Tasks about ensembles of trajectories and basins of attraction.
 module viscovib_ensemble_tasks
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_basin_rules, only: disturbances, find_orbits, judge_orbit
@@ -22,7 +22,7 @@ module viscovib_ensemble_tasks
 
   public :: ensemble_task
 
-  !> What all runs are given and find; what is not wanted has no columns.
+  !> Input and results of all runs. Results not requested have no columns.
   type :: runs_type
     type(ensemble_job) :: job
     real(wp), pointer, contiguous :: initial(:, :), h(:)
@@ -58,10 +58,10 @@ contains
     end select
   end subroutine ensemble_task
 
-  !> Given: `initial` (2 d, n), `h` (n), `method`, `n_steps`, `n_discard`; `ahead`: so much of a
-  !! step before the last discarded one peaks and means begin; `sample_every`, `section_every`,
-  !! `points` of a section, `moments`: whether peaks and means are wanted, `n_exponents`, `lines`
-  !! (m).
+  !> Input: `initial` (2 d, n), `h` (n), `method`, `n_steps`, `n_discard`; `ahead`: fraction of a
+  !! step before the end of the discarded steps at which peaks and means start; `sample_every`,
+  !! `section_every`, `points` of a section, `moments`: whether to compute peaks and means,
+  !! `n_exponents`, `lines` (m).
   subroutine read_runs(self, task)
     class(runs_type), intent(out) :: self
     type(task_type), intent(inout) :: task
@@ -94,7 +94,7 @@ contains
     self%sections = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine read_runs
 
-  !> A block that begins with run `first`.
+  !> Fill a block with the runs from `first` on.
   subroutine fill(self, block, first, n_drives)
     class(runs_type), intent(in) :: self
     type(ensemble_block), intent(inout) :: block
@@ -129,7 +129,7 @@ contains
     end associate
   end subroutine put_runs
 
-  !> Runs from time 0, run i with the pendulum `flat`(:, i) (14, n).
+  !> Runs from time 0 with the pendulum `flat`(:, i) (14, n) in run i.
   subroutine run_pendulums(task)
     type(task_type), intent(inout) :: task
     type(runs_type) :: runs
@@ -164,11 +164,11 @@ contains
     call runs%put(task)
   end subroutine run_pendulums
 
-  !> Runs from time 0; run i with the frequency `nu`(i) of the load, the `scales`(:, i) (4, n) of
-  !! `viscovib_lane_motion`; `own` (d, d, 2 m): what is scaled of stiffness and damping. The systems
-  !! are `flat` (k, m): one for all runs (m = 1), or one for each (m = n), which differ in their
-  !! numbers only; the load as of a run without memory. Found too: `missed`(i) /= 0: steps of run i
-  !! may have missed a thin layer of a force.
+  !> Runs from time 0 with the load frequency `nu`(i) and the `scales`(:, i) (4, n) of
+  !! `viscovib_lane_motion` in run i; `own` (d, d, 2 m): scaled parts of stiffness and damping. The
+  !! systems are `flat` (k, m): one for all runs (m = 1), or one per run (m = n), which may only
+  !! differ in parameters. The load is as for a run without memory. Additional result:
+  !! `missed`(i) /= 0: steps of run i may have skipped a thin layer of a force.
   subroutine run_oscillators(task)
     type(task_type), intent(inout) :: task
     type(runs_type) :: runs
@@ -237,7 +237,7 @@ contains
 
   contains
 
-    !> The numbers of run i in lane l.
+    !> Copy the parameters of run i to lane l.
     subroutine take_system(block_motion)
       type(lane_motion_type), intent(inout) :: block_motion
       type(lane_motion_type) :: other
@@ -256,8 +256,8 @@ contains
 
   end subroutine run_oscillators
 
-  !> Which orbits the last `points` (w, k, n) of n motions repeat, see `viscovib_basin_rules`;
-  !! `ended` (n) /= 0: the motion reached its end. Orbits are shown by motions counted from 0.
+  !> Periodic orbits in the last `points` (w, k, n) of n solutions, see `viscovib_basin_rules`;
+  !! `ended` (n) /= 0: end time reached. `shown`: a solution on each orbit, from 0.
   subroutine find_last_orbits(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: largest(:), points(:, :, :)
@@ -285,7 +285,7 @@ contains
     end associate
   end subroutine find_last_orbits
 
-  !> By what orbits are disturbed, of the scale, a column for each of `n` motions: `pushes`.
+  !> Perturbations of orbits relative to the scale, one column for each of `n` solutions: `pushes`.
   subroutine find_disturbances(task)
     type(task_type), intent(inout) :: task
     real(wp), allocatable :: pushes(:, :)
@@ -294,8 +294,8 @@ contains
     call task%found%put_reals('pushes', pushes, shape(pushes))
   end subroutine find_disturbances
 
-  !> Whether an orbit attracts, by the ends of motions that begin near it; `rest`: the part of a
-  !! disturbance that is left.
+  !> Check whether an orbit is attracting, from the ends of solutions that start near it; `rest`:
+  !! the remaining fraction of a perturbation.
   subroutine judge(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: ends(:, :), orbit(:, :), scale(:)

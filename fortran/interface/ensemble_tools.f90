@@ -1,4 +1,4 @@
-!> What tasks about many motions share: a block of lanes filled and emptied.
+!> Tools for ensemble tasks: fill and read a block of vector lanes.
 module viscovib_ensemble_tools
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_ensemble, only: ensemble_block
@@ -10,14 +10,14 @@ module viscovib_ensemble_tools
 
 contains
 
-  !> A block that begins with run `first`; lanes past the last run repeat it.
+  !> Fill a block with the runs from `first` on. Lanes past the last run repeat it.
   subroutine fill_block(block, first, n_drives, n_points, initial, h, sections)
     type(ensemble_block), intent(out) :: block
-    !> The number of frequencies of the load, and of points of a section.
+    !> Number of load frequencies, and of section points.
     integer, intent(in) :: first, n_drives, n_points
-    !> Displacements and velocities by turns, and steps, a column a run.
+    !> Alternating displacements and velocities, and step sizes; one column per run.
     real(c_double), intent(in) :: initial(:, :), h(:)
-    !> As they are before, of every run; no run if none are wanted.
+    !> Previous sections of all runs; size 0 if sections are not requested.
     real(c_double), intent(in) :: sections(:, :, :)
     integer :: d, i, l
 
@@ -33,7 +33,7 @@ contains
     end do
   end subroutine fill_block
 
-  !> What was learnt, handed to the runs from `first` on; results not wanted have no columns.
+  !> Copy the results of a block to the runs from `first` on. Results not requested have no columns.
   subroutine empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, &
                          sections, lyapunov, lyapunov_error)
     type(ensemble_block), intent(in) :: block
@@ -65,7 +65,7 @@ contains
     end do
   end subroutine empty_block
 
-  !> Of displacements and of velocities, by turns.
+  !> Interleave the values of displacements and velocities.
   pure subroutine put_moments(of_block, of_run)
     real(c_double), intent(in) :: of_block(:, :)
     real(c_double), intent(inout) :: of_run(:)

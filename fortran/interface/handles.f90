@@ -1,5 +1,5 @@
-!> Objects by handle: each has a number, which is not used again after it was removed. A number of
-!! no object is an error, not a crash. Threads may use different objects at the same time.
+!> Objects by handle, a number that is never reused. An invalid number is an error, not a crash.
+!! Threads may use different objects concurrently.
 module viscovib_handles
   use viscovib_kinds, only: i8
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
@@ -9,7 +9,7 @@ module viscovib_handles
 
   public :: add_object, find_objects, remove_object, release
 
-  !> Bits of a handle that are the place of its object.
+  !> Number of bits of a handle for the slot of its object.
   integer, parameter :: place_bits = 32
 
   type :: slot_type
@@ -19,7 +19,7 @@ module viscovib_handles
 
   type(slot_type), allocatable :: slots(:)
   integer :: n_slots = 0
-  !> Places that are free again, the last first.
+  !> Stack of free slots.
   integer, allocatable :: free(:)
   integer :: n_free = 0
 
@@ -32,7 +32,7 @@ module viscovib_handles
 
 contains
 
-  !> Keep an object, which belongs to its handle from now on.
+  !> Store an object, which the handle owns from now on.
   integer(i8) function add_object(object) result(handle)
     type(task_type), pointer, intent(in) :: object
     type(slot_type), allocatable :: more(:)
@@ -61,7 +61,7 @@ contains
     call unlock()
   end function add_object
 
-  !> The objects of handles, each needed by one more from now on; a failure if one has none.
+  !> Objects of handles, with their numbers of users increased. Fails if a handle is invalid.
   subroutine find_objects(handles, links, status)
     integer(i8), intent(in) :: handles(:)
     type(task_link), intent(out) :: links(:)
@@ -86,7 +86,7 @@ contains
     call unlock()
   end subroutine find_objects
 
-  !> Take the handle from an object, which is removed once nothing builds on it.
+  !> Remove the handle of an object. The object is deleted when no other object depends on it.
   subroutine remove_object(handle, status)
     integer(i8), intent(in) :: handle
     type(status_type), intent(out) :: status
@@ -111,7 +111,7 @@ contains
     end if
   end subroutine remove_object
 
-  !> One needs an object no longer.
+  !> Decrease the number of users of an object, and delete it if there are none.
   recursive subroutine release(link)
     type(task_link), intent(inout) :: link
     integer :: i, users
@@ -129,7 +129,7 @@ contains
     deallocate (link%to)
   end subroutine release
 
-  !> The place of a handle; 0: it has none.
+  !> Slot of a handle; 0: invalid.
   integer function place_of(handle) result(place)
     integer(i8), intent(in) :: handle
     integer(i8) :: low

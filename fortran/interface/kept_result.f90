@@ -1,4 +1,4 @@
-!> Results kept in memory as C reads them: texts that end with a null, columns of doubles.
+!> Results in memory for C: null-terminated texts, columns of doubles.
 module viscovib_kept_result
   use, intrinsic :: iso_c_binding, only: c_char, c_double, c_loc, c_null_char, c_null_ptr, c_ptr
   use viscovib_job, only: table_sink
@@ -20,8 +20,8 @@ module viscovib_kept_result
     type(c_text), allocatable :: columns(:)
     !> Shape (rows, columns).
     real(c_double), allocatable :: values(:, :)
-    !> Words of each column, from 0, shape (most words, columns), empty where there is none; and how
-    !! many each column has.
+    !> Words of each column, from code 0, shape (most words, columns), empty where missing; and the
+    !! number of words of each column.
     type(c_text), allocatable :: words(:, :)
     integer, allocatable :: n_words(:)
   end type kept_table
@@ -36,7 +36,7 @@ module viscovib_kept_result
 
 contains
 
-  !> A text as C has it.
+  !> Convert a text to a C string.
   pure function new_text(text) result(made)
     character(len=*), intent(in) :: text
     type(c_text) :: made
@@ -48,7 +48,7 @@ contains
     made%letters(len(text) + 1) = c_null_char
   end function new_text
 
-  !> Where it is.
+  !> Address of the text.
   function place(self)
     class(c_text), intent(in), target :: self
     type(c_ptr) :: place
@@ -56,7 +56,7 @@ contains
     if (allocated(self%letters)) place = c_loc(self%letters)
   end function place
 
-  !> Copy a table, whose values live no longer than the job.
+  !> Copy a table, whose values exist only as long as the job.
   subroutine put(self, name, table, status)
     class(kept_result), intent(inout) :: self
     character(len=*), intent(in) :: name

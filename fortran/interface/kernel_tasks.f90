@@ -16,7 +16,7 @@ module viscovib_kernel_tasks
 
 contains
 
-  !> An object: `kind` (integer), `data` (n).
+  !> Create an object from `kind` (integer) and `data` (n).
   subroutine build_kernel(task)
     type(task_type), intent(inout) :: task
     type(built_kernel), allocatable :: own
@@ -31,7 +31,7 @@ contains
     if (.not. task%failed()) call move_alloc(own, task%built)
   end subroutine build_kernel
 
-  !> What is asked of a kernel at all points at once.
+  !> Evaluate a property of a kernel at all points.
   subroutine kernel_task(task, name)
     type(task_type), intent(inout), target :: task
     character(len=*), intent(in) :: name
@@ -54,7 +54,7 @@ contains
         transform => task%found%new_complexes('values', size(points))
         call transform_at(kernel, points, transform)
       case ('laplace')
-        ! At complex `s` (n).
+        ! Laplace transform at complex `s` (n).
         s => task%get_complexes('s')
         transform => task%found%new_complexes('values', size(s))
         call kernel%laplace(s, transform)
@@ -71,11 +71,11 @@ contains
         call kernel%accumulated(points, values)
         call task%found%put_reals('values', values, shape(values))
       case ('integral')
-        ! +infinity where there is none; `unseen`: the part before the first time of a table.
+        ! +infinity if there is none; `unseen`: the part before the first time of a table.
         call task%found%put_real('integral', kernel%integral())
         call task%found%put_real('unseen', unseen_integral(kernel))
       case ('exponentials')
-        ! R(t) as a sum of exponentials from t_min to t_max; empty where there is no such sum.
+        ! R(t) as a sum of exponentials from t_min to t_max; empty if there is no such sum.
         call kernel%exponentials(task%get_real('tolerance'), task%get_real('t_min'), &
                                  task%get_real('t_max'), weights, rates)
         call task%found%put_reals('weights', weights, shape(weights))
@@ -116,7 +116,7 @@ contains
     class(kernel_type), intent(in) :: kernel
     real(wp), intent(in) :: mu(:)
     complex(wp), intent(out) :: transform(:)
-    !> Parts small enough to stay in cache between the two passes.
+    !> Size of parts that stay in cache between both passes.
     integer, parameter :: part = 1024
     real(wp) :: cosine(part), sine(part)
     integer :: first, m

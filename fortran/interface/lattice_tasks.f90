@@ -1,4 +1,4 @@
-!> Tasks about the base frequencies of loads and the lattices of harmonics of these.
+!> Tasks about the base frequencies of loads and their lattices of harmonics.
 module viscovib_lattice_tasks
   use viscovib_drive_torus, only: default_bound, drive_torus_type, kept_by_symmetry, &
     largest_bound, lattice, lowest_bound, max_unknowns, max_without_matrix, sort_drives
@@ -30,10 +30,10 @@ contains
     end select
   end subroutine lattice_task
 
-  !> Base frequencies of loads, `frequency` and `amplitude` (3). `varies`: 1 to 3 a frequency, 4 to
-  !! 6 an amplitude, 7 all frequencies together, 0 nothing; `subharmonic`, `max_denominator`.
-  !! Found: `base` (n_axes), `drive_orders` (n_axes, 3), `named` (n_axes): the load that has this
-  !! frequency, 0: several have it; the `axis` that varies, and the `multiple` of it that varies.
+  !> Base frequencies of loads, from `frequency` and `amplitude` (3). `varies`: 1 to 3 a frequency,
+  !! 4 to 6 an amplitude, 7 all frequencies together, 0 nothing; `subharmonic`, `max_denominator`.
+  !! Returns `base` (n_axes), `drive_orders` (n_axes, 3), `named` (n_axes): the load with this
+  !! frequency, 0: several loads; `axis` that varies, and its `multiple` that varies.
   subroutine sort_loads(task)
     type(task_type), intent(inout) :: task
     type(drive_torus_type) :: torus
@@ -58,8 +58,8 @@ contains
     call task%found%put_integer('multiple', int(torus%multiple, i8))
   end subroutine sort_loads
 
-  !> Largest `bound` of a lattice with `n_axes` if a `share` of its unknowns is kept, and they need
-  !! a `matrix` or not.
+  !> Largest `bound` of a lattice with `n_axes` if a `share` of its unknowns is kept, with or
+  !! without a `matrix` for them.
   subroutine find_bound(task)
     type(task_type), intent(inout) :: task
     real(wp) :: share
@@ -73,7 +73,7 @@ contains
   end subroutine find_bound
 
   !> Highest harmonics that a branch must keep for its loads, `lowest`, and keeps by default,
-  !! `usual`: `drive_orders` (n_axes, 3).
+  !! `usual`, from `drive_orders` (n_axes, 3).
   subroutine find_usual_bounds(task)
     type(task_type), intent(inout) :: task
     type(drive_torus_type) :: torus
@@ -109,8 +109,8 @@ contains
     if (.not. count_only) call task%found%put_integers('orders', orders, shape(orders))
   end subroutine list_orders
 
-  !> `kept` (n, 3): 1 where a harmonic of a coordinate is an unknown of the motion raised from rest.
-  !! `drive_orders` (n_axes, 3), `orders` (n_axes, n), `amplitude` (3), `varies` as in `sort_loads`.
+  !> `kept` (n, 3): 1 if a harmonic of a coordinate is an unknown of the solution from rest. Input:
+  !! `drive_orders` (n_axes, 3), `orders` (n_axes, n), `amplitude` (3), `varies` (see `sort_loads`).
   subroutine find_kept(task)
     type(task_type), intent(inout) :: task
     type(drive_torus_type) :: torus

@@ -1,4 +1,4 @@
-!> Tasks about force laws as programs, and about elements with hysteresis.
+!> Tasks about force laws as programs, and about hysteresis elements.
 module viscovib_law_tasks
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_hysteresis_catalogue, only: new_hysteresis, state_user
@@ -15,10 +15,9 @@ module viscovib_law_tasks
 
   public :: law_task
 
-  !> Letters of the name of an argument or a parameter at most: texts of names have fields of
-  !! that length.
+  !> Largest length of the name of an argument or parameter; length of a field in a text of names.
   integer, parameter :: longest_name = 64
-  !> Instructions at most.
+  !> Largest number of instructions.
   integer, parameter :: max_code = 2000
 
 contains
@@ -47,7 +46,7 @@ contains
   end subroutine law_task
 
   !> Values of a program, `code` and `number` (m) of each instruction, at `arguments`
-  !! (n, n_arguments); `with_slopes`: derivatives too, which take most of the time.
+  !! (n, n_arguments); `with_slopes`: also derivatives, which take most of the time.
   subroutine find_values(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: arguments(:, :)
@@ -72,8 +71,8 @@ contains
     call task%found%put_reals('values', values, shape(values))
   end subroutine find_values
 
-  !> The program of a `text` with the names of its `arguments` and `names` of its parameters,
-  !! `values` (n_names): `code` and `number` of each instruction, its parity and degree.
+  !> Compile a `text` with the names of its `arguments` and `names` of its parameters, `values`
+  !! (n_names): `code` and `number` of each instruction, parity and degree of the law.
   subroutine compile_once(task)
     type(task_type), intent(inout) :: task
     character(len=longest_name), allocatable :: arguments(:), names(:)
@@ -99,10 +98,9 @@ contains
     call task%found%put_integer('degree', int(degree, i8))
   end subroutine compile_once
 
-  !> Programs of a `text` for `values` (n_names, n) of its parameters: `code` and `number`
-  !! (n_code, n), 0 after the `lengths` (n); `slopes` (n_arguments, n) where all arguments are 0;
-  !! `flaws` (n): 1 if there is no such law with these values, if it has no value `near` rest on
-  !! all sides, or if it is too long.
+  !> Compile a `text` for `values` (n_names, n) of its parameters: `code` and `number` (n_code, n),
+  !! 0 after the `lengths` (n); `slopes` (n_arguments, n) at zero arguments; `flaws` (n): 1 if the
+  !! law is invalid with these values, undefined within `near` of 0, or too long.
   subroutine compile_many(task)
     type(task_type), intent(inout) :: task
     character(len=longest_name), allocatable :: arguments(:), names(:)
@@ -153,7 +151,7 @@ contains
   end subroutine compile_many
 
   !> Forces of an element, `state` and `numbers` (m), over cycles of deflections `d` (n, n_cycles),
-  !! straight between samples, and the energy lost in each.
+  !! linear between samples, and the energy lost in each cycle.
   subroutine find_loops(task)
     type(task_type), intent(inout) :: task
     class(hysteresis_type), allocatable :: element
@@ -172,7 +170,7 @@ contains
     call task%found%put_reals('lost', lost, shape(lost))
   end subroutine find_loops
 
-  !> df/dd of an element, `state` and `numbers` (m), where nothing has moved yet.
+  !> df/dd of an element, `state` and `numbers` (m), at zero states.
   subroutine find_stiffness(task)
     type(task_type), intent(inout) :: task
     class(hysteresis_type), allocatable :: element
@@ -193,8 +191,8 @@ contains
     if (.not. task%failed()) call new_hysteresis(element, state, numbers)
   end subroutine make_element
 
-  !> Elements of users: `states` and `odd` (n), 1 for an odd one; `names`: a line for each, its
-  !! name and those of its numbers.
+  !> User-defined elements: `states` and `odd` (n), 1 for an odd element; `names`: one line per
+  !! element, with its name and the names of its parameters.
   subroutine list_user_elements(task)
     type(task_type), intent(inout) :: task
     integer :: states(n_user_elements), odd(n_user_elements), i
@@ -211,7 +209,7 @@ contains
     call task%found%put_text('names', names)
   end subroutine list_user_elements
 
-  !> Fails if a user's element, `state`, cannot have these `numbers` (m).
+  !> Check the parameters `numbers` (m) of a user-defined element, `state`.
   subroutine check_user_element(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: numbers(:)
@@ -225,7 +223,7 @@ contains
     if (fault /= '') call fail(task%status, status_input_error, 'element', fault)
   end subroutine check_user_element
 
-  !> Names in a text that has a field for each.
+  !> Split a text with one field per name.
   pure function names_in(text) result(names)
     character(len=*), intent(in) :: text
     character(len=longest_name), allocatable :: names(:)

@@ -1,4 +1,4 @@
-!> What tasks about motions in time are given, and what they return.
+!> Input and output of tasks about solutions in time.
 module viscovib_motion_inputs
   use viscovib_binding_tools, only: make_load
   use viscovib_kinds, only: i8, wp
@@ -19,7 +19,7 @@ module viscovib_motion_inputs
   !> Kinds of equations.
   integer, parameter, public :: of_pendulum = 1, without_memory = 2, with_memory = 3, &
                                 of_structure = 4
-  !> Columns of what a watch gathers: peaks, integrals of values and of squares.
+  !> Number of columns gathered for events: peaks, integrals of values and of squares.
   integer, parameter :: n_gathered = 3
 
 contains
@@ -60,7 +60,7 @@ contains
     allocate (piece%sides, source=task%get_integers('sides'))
   end subroutine read_piece
 
-  !> What a piece has found; with events `most` passages at most.
+  !> Output of a piece; with events at most `most` of them.
   subroutine put_piece(task, piece)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(inout) :: piece
@@ -90,14 +90,14 @@ contains
     allocate (found(n_told + 3*(size(piece%initial)/2), task%get_integer('most')), source=0.0_wp)
     n_found = 0
     if (allocated(piece%watch)) call piece%watch%hand_over(piece%sides, found, n_found)
-    ! Behind the passages stands what was gathered along the motion.
+    ! The events are followed by the gathered columns.
     n = min(n_found + n_gathered, size(found, 2))
     call task%found%put_reals('found', found(:, :n), [size(found, 1), n])
     call task%found%put_integer('n_found', int(n_found, i8))
     call task%found%put_integers('sides', piece%sides, shape(piece%sides))
   end subroutine put_piece
 
-  !> The equations of a piece.
+  !> Read the equations of a piece.
   subroutine read_equations(task, kind, piece, equations)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind
@@ -115,7 +115,7 @@ contains
     end select
   end subroutine read_equations
 
-  !> `method`: its place in `transient_methods`; `swings`: false: of the spring alone.
+  !> `method`: index in `transient_methods`; `swings` = false: only the spring.
   subroutine read_pendulum(task, piece, equations)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(in) :: piece
@@ -131,7 +131,7 @@ contains
   end subroutine read_pendulum
 
   !> The load as `orders` (k) and `series` (n + 1, k) of `make_load`, its frequency `nu`; `method`,
-  !! `reach`, `moves` (n) and what else `polynomial_equations` has, by these names.
+  !! `reach`, `moves` (n) and the other components of `polynomial_equations` by name.
   subroutine read_polynomial(task, piece, equations)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(in) :: piece
@@ -167,7 +167,7 @@ contains
     call move_alloc(own, equations)
   end subroutine read_polynomial
 
-  !> What `oscillator_equations` has, by these names; `moves` (n): see 'moving coordinates'.
+  !> Components of `oscillator_equations` by name; `moves` (n): see 'moving coordinates'.
   subroutine read_oscillator(task, piece, equations)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(in) :: piece
@@ -206,15 +206,15 @@ contains
     call move_alloc(own, equations)
   end subroutine read_oscillator
 
-  !> What `structure_equations` has: the linear rest by `squares`, `rates` (n), `seen` and `pushed`
-  !! (n, s); the load Im sum_k `waves`(:, k) exp(i `frequencies`(k) t) on the modes, and columns of
-  !! the cubics `pieces` (c, 4, b) between `breaks` (b = 1: none), which push them by `patterns`
-  !! (n, c). A base moves what is kept by `direction` (m), and the modes by `inner` (n), itself by
-  !! `base_waves` (k) and `base_pieces` (4, c) between `base_breaks` (c = 1: none). The start is
-  !! `start`, `start_rates` and `start_others`. What has no real modes, as `viscovib_pole_maps`
-  !! takes it, are `poles` (p), of conjugates one each, the last `n_at_once` of them follow their
-  !! forces at once; `left` (p, s), `right` (p, s + c), `shown_left` (p, m), `sine` and `cosine` (p,
-  !! k); `by_base` (p, 2): by a jump of the base, and of its velocity.
+  !> Components of `structure_equations`: the linear subsystem by `squares`, `rates` (n), `seen` and
+  !! `pushed` (n, s); the load Im sum_k `waves`(:, k) exp(i `frequencies`(k) t) on the modes, and
+  !! the cubics `pieces` (c, 4, b) between `breaks` (b = 1: none), which act on modes by `patterns`
+  !! (n, c). The base moves output coordinates by `direction` (m) and modes by `inner` (n); its
+  !! motion is `base_waves` (k) and `base_pieces` (4, c) between `base_breaks` (c = 1: none).
+  !! Initial values: `start`, `start_rates` and `start_others`. Complex modes, as in
+  !! `viscovib_pole_maps`: `poles` (p), one of each conjugate pair; the last `n_at_once` of them
+  !! follow their forces statically; `left` (p, s), `right` (p, s + c), `shown_left` (p, m), `sine`
+  !! and `cosine` (p, k); `by_base` (p, 2): response to a jump of the base, and of its velocity.
   subroutine read_structure(task, piece, equations)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(in) :: piece
@@ -254,7 +254,7 @@ contains
     call move_alloc(own, equations)
   end subroutine read_structure
 
-  !> The linear rest of a structure, and what acts on it.
+  !> The linear subsystem of a structure, and its loads.
   subroutine read_sections(task, n_shown, own)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: n_shown
@@ -317,7 +317,7 @@ contains
       associate (others => sections%others)
         others%n_at_once = task%get_integer('n_at_once')
         used = size(poles)
-        ! A single pole of 0 stands for none.
+        ! A single pole of 0 means no poles.
         if (used == 1 .and. others%n_at_once == 0) used = count(abs(poles) > 0.0_wp)
         others%poles = poles(:used)
         others%left = left(:used, :)
@@ -336,7 +336,7 @@ contains
                    spread(base_pieces, 2, 1))
   end subroutine read_sections
 
-  !> The polynomial system of a task; a failure if its system is another one.
+  !> The polynomial system of a task; fails for another kind of system.
   function polynomial_of(task) result(it)
     type(task_type), intent(inout) :: task
     type(polynomial_type), pointer :: it

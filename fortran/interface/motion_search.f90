@@ -1,4 +1,4 @@
-!> A motion in time in steps that are found, or with the error of given steps, as a task.
+!> Task that computes a solution in time with a step size search, or the error of a given step size.
 module viscovib_motion_search
   use viscovib_kinds, only: i8, wp
   use viscovib_motion_inputs, only: read_equations, read_piece
@@ -16,18 +16,18 @@ module viscovib_motion_search
 
 contains
 
-  !> Find the step of a motion, or (`estimate`) the error of one in `n_steps` steps, as
-  !! `viscovib_step_search` does. Given besides what its pieces are: `t_end_of_run`; as of
+  !> Find the step size of a solution, or (`estimate`) its error for `n_steps` steps; see
+  !! `viscovib_step_search`. Input in addition to the data of pieces: `t_end_of_run`; for
   !! `piece_runs` `at_times`, `last_only`, `looks`, `tail`, `holds_places`, `most_direct`, `later`;
-  !! `rows` (m): those of states by which runs are compared; `absolute`, `relative`: errors allowed,
-  !! both 0: as a part of the size of the motion; `fills`: so many states that peaks between them
-  !! are low.
+  !! `rows` (m): states by which runs are compared; `absolute`, `relative`: tolerances, both 0:
+  !! relative to the size of the solution; `fills`: so many states that peaks between them are
+  !! small.
   !!
-  !! Found: `verdict` (0: the step is found), `change`, `grown`, `error`; `t` (k) and `states` (m,
-  !! k), all rows; `last`, `memory` and what else a piece leaves; `step`, `factor`: by what it is
-  !! shorter than the first, `per_step`: states of each; `found`, `n_found`, `sides` and
-  !! `passage_errors` of events. Without a step: `coarse_t`, `coarse_states`, ... of the run before,
-  !! `looks`.
+  !! Output: `verdict` (0: step size found), `change`, `grown`, `error`; `t` (k) and `states`
+  !! (m, k), all rows; `last`, `memory` and other final data of a piece; `step`, `factor`: ratio of
+  !! the first step size to it, `per_step`: states per step; `found`, `n_found`, `sides` and
+  !! `passage_errors` of events. If no step size is found: `coarse_t`, `coarse_states`, ... of the
+  !! previous run, `looks`.
   subroutine search_step(task, kind)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind

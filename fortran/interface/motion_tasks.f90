@@ -1,7 +1,7 @@
-!> Tasks about motions in time: pieces of runs, what goes before them, and what a plan says.
+!> Tasks about solutions in time: pieces of runs, their preparation, and plans.
 !!
-!! A run goes piece by piece. What it needs to go on is `memory`, which a piece finds and the next
-!! one is given.
+!! A run consists of pieces. The data to continue is `memory`, an output of one piece and an input
+!! of the next.
 module viscovib_motion_tasks
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion
@@ -38,7 +38,7 @@ contains
     character(len=*), intent(in) :: name
     select case (name)
     case ('given')
-      ! An object that holds values for the tasks that build on it.
+      ! An object that contains values for the tasks that use it.
       return
     case ('of pendulum')
       call run_motion(task, of_pendulum)
@@ -77,7 +77,7 @@ contains
     end select
   end subroutine motion_task
 
-  !> A piece of a run, or with `estimate` (see `search_step`) a whole one whose error is found.
+  !> A piece of a run, or with `estimate` (see `search_step`) a whole run with its error.
   subroutine run_motion(task, kind)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind
@@ -175,9 +175,9 @@ contains
     call task%found%put_integers('moves', moves, shape(moves))
   end subroutine find_moving
 
-  !> How many coordinates the memory of a system takes in a motion without memory, in steps `h` to
-  !! the time `reach`: `n_hidden`; h = 0: at most; -1: not all of its kernels are sums of
-  !! exponentials, or have any. `fitted`: whether some kernel is fitted.
+  !> Number of memory coordinates `n_hidden` of a system for steps `h` up to the time `reach`;
+  !! h = 0: upper bound; -1: a kernel is not, and cannot be fitted by, a sum of exponentials.
+  !! `fitted`: whether a kernel is fitted.
   subroutine count_hidden_coordinates(task)
     type(task_type), intent(inout) :: task
     type(polynomial_type), pointer :: system
@@ -197,7 +197,7 @@ contains
     call task%found%put_integer('fitted', merge(1_i8, 0_i8, needs_fit(system)))
   end subroutine count_hidden_coordinates
 
-  !> Upper bound of the rates of the linear rest of a polynomial system (rad/s): `fastest`.
+  !> Upper bound of the rates of the linear subsystem of a polynomial system (rad/s): `fastest`.
   subroutine find_fastest(task)
     type(task_type), intent(inout) :: task
     type(polynomial_type), pointer :: system
@@ -208,13 +208,13 @@ contains
     if (task%failed()) return
     allocate (forces(system%n_dof(), 0), none(0))
     call new_load(load, system%n_dof(), [integer ::], forces, none, task%status)
-    ! Of any steps and times: rates are those of coordinates.
+    ! Step size and times do not affect the rates of coordinates.
     call new_fitted_motion(motion, system, load, 0.0_wp, 1.0_wp, 1.0_wp, task%status)
     if (.not. task%failed()) call task%found%put_real('fastest', motion%fastest())
   end subroutine find_fastest
 
-  !> What plans are given: `initial`, `t_end`, `dt` (0: it is found by `tolerance`), `method`,
-  !! `save_every`, `last_only`. Their `text` is found.
+  !> Input of plans: `initial`, `t_end`, `dt` (0: found by `tolerance`), `method`, `save_every`,
+  !! `last_only`. The output is their `text`.
   subroutine read_plan(task, job)
     type(task_type), intent(inout) :: task
     class(transient_job), intent(inout) :: job
@@ -251,7 +251,7 @@ contains
     call task%found%put_text('text', plan_polynomial(job, system, load, reach))
   end subroutine plan_without_memory
 
-  !> `past`: the place in `past_names`.
+  !> `past`: index in `past_names`.
   subroutine plan_with_memory(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system

@@ -1,5 +1,5 @@
-!> Tasks about steady motions of oscillators. The load is a Fourier series: `orders` (m) and
-!! `series` (n_dof + 1, m), forces on the coordinates, then the motion of the base, as of
+!> Tasks about periodic solutions of oscillators. The load is a Fourier series: `orders` (m) and
+!! `series` (n_dof + 1, m), forces on the coordinates followed by the base motion, as for
 !! `make_load`.
 module viscovib_response_tasks
   use viscovib_binding_tools, only: make_load
@@ -31,7 +31,7 @@ module viscovib_response_tasks
   public :: response_task
   public :: given_builder, given_load, given_options, given_variation, planned_orders, put_stability
 
-  !> What varies where it is neither the frequency nor the load: numbers of the system.
+  !> Third kind of parameter, after frequency and load factor: system parameters.
   integer, parameter, public :: vary_system = vary_load + 1
 
 contains
@@ -73,7 +73,7 @@ contains
     if (.not. task%failed()) call make_load(load, orders, series, task%status)
   end subroutine given_load
 
-  !> System and load of a task, which fit each other.
+  !> System and load of a task, with matching sizes.
   subroutine given_system(task, system, load)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer, intent(out) :: system
@@ -85,7 +85,7 @@ contains
                                                      [system%n_dof()])
   end subroutine given_system
 
-  !> What `varies`: "nu", "load_factor", or numbers of the system by another name.
+  !> Kind of the parameter `varies`: "nu", "load_factor", or system parameters (any other name).
   integer function given_variation(task) result(parameter)
     type(task_type), intent(inout) :: task
     character(len=:), allocatable :: varies
@@ -100,8 +100,8 @@ contains
     end select
   end function given_variation
 
-  !> Systems whose numbers are `flat` (n) + p `direction` (:n) + p^2 `direction` (n + 1:) + ...,
-  !! their kernels those of the object.
+  !> Systems with the vector `flat` (n) + p `direction` (:n) + p^2 `direction` (n + 1:) + ... and
+  !! the kernels of the object.
   function given_builder(task) result(builder)
     type(task_type), intent(inout) :: task
     type(vector_builder) :: builder
@@ -118,7 +118,7 @@ contains
     end if
   end function given_builder
 
-  !> `harmonics` 0: chosen on the way; `relaxation` 0: halved where needed.
+  !> `harmonics` = 0: chosen automatically; `relaxation` = 0: halved if needed.
   function given_options(task) result(options)
     type(task_type), intent(inout) :: task
     type(response_options) :: options
@@ -154,8 +154,8 @@ contains
                            options, task%status)
   end subroutine new_plan
 
-  !> What `solve` will do: the orders it keeps, or may keep, the method, and the plan in words;
-  !! `rest` are its lines that hold for a branch.
+  !> What `solve` would do: the orders kept, or that may be kept, the method, and the plan as text;
+  !! `rest`: the lines that are also valid for a branch.
   subroutine plan_response(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -184,13 +184,13 @@ contains
     orders = plan%set%orders
     if (.not. plan%chosen) return
     most = plan%most
-    ! Along a branch fewer may be chosen.
+    ! Along a branch fewer orders may be chosen.
     if (plan%options%keep_idle) most = min(most, most_along(system, load))
     orders = [(k, k=merge(1, 0, plan%set%half_wave), most, merge(2, 1, plan%set%half_wave))]
   end function planned_orders
 
-  !> The response at each `nu` (n), which Newton's method may begin at a motion `start`: unknowns
-  !! relative to the base of all orders that the plan allows.
+  !> Response at each `nu` (n). `start`: initial value for Newton's method, with unknowns relative
+  !! to the base for all orders that the plan allows.
   subroutine solve_response(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -209,11 +209,11 @@ contains
     else
       call forced_response(plan, system, load, nu, response, task%cancel)
     end if
-    ! Nobody waits for what was given up.
+    ! A cancelled task needs no results.
     if (is_set(task%cancel)) return
     associate (found => task%found)
       call found%put_integers('kept', response%orders, shape(response%orders))
-      ! Where each was computed by another method, a number for each.
+      ! One number per frequency if the methods differ.
       method = plan%method
       if (method == method_auto) then
         if (all(response%method == response%method(1))) then
@@ -240,8 +240,8 @@ contains
     if (plan%options%stability) call put_stability(task, response%stability, system%n_dof())
   end subroutine solve_response
 
-  !> `stable` is 2 where exponents may lack that decay more slowly than the first; of `multipliers`
-  !! and `exponents` those that grow most, NaN where there are none.
+  !> `stable` is 2 if exponents that decay more slowly may be missing; `multipliers` and `exponents`
+  !! are those with the largest growth, NaN if there are none.
   subroutine put_stability(task, stability, n_dof)
     type(task_type), intent(inout) :: task
     type(stability_type), intent(in) :: stability
@@ -258,10 +258,10 @@ contains
     end associate
   end subroutine put_stability
 
-  !> The largest size of harmonic `place` (in `kept`) of coordinate `dof`, both from 1: at one of
-  !! the motions at `p`, ascending, or at a summit between two of them (`enclosed` = 1); of a single
-  !! motion, the summit that the branch leads up to from it between `low` and `high`. With `wide`
-  !! = 0 only next to the largest motion. `samples`: absolute harmonics (m, n_dof, n).
+  !> Largest amplitude of harmonic `place` (in `kept`) of coordinate `dof`, both from 1: at a
+  !! solution at `p` (ascending), or at a peak between two (`enclosed` = 1); for a single solution,
+  !! the next peak on the branch, between `low` and `high`. With `wide` = 0, only near the largest
+  !! solution. `samples`: absolute harmonics (m, n_dof, n).
   subroutine find_peak(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -338,8 +338,8 @@ contains
     call task%found%put_integer('enclosed', merge(1_i8, 0_i8, summit))
   end subroutine find_peak
 
-  !> Unknowns of absolute motions, which are relative to the base, and where the harmonic measured
-  !! is among them, with what it has besides.
+  !> Unknowns (relative to the base) of absolute solutions, and the location and offset of the
+  !! measured harmonic.
   function peak_unknowns(system, load, moved, kept, samples, p, parameter, dof, place, measure) &
     result(x)
     class(oscillator_type), intent(in) :: system
@@ -384,7 +384,7 @@ contains
     end do
   end function peak_unknowns
 
-  !> Unknowns of a motion: real and imaginary parts by turns.
+  !> Unknowns of a solution: alternating real and imaginary parts.
   pure function unknowns_of(motion) result(x)
     complex(wp), intent(in) :: motion(:, :)
     real(wp) :: x(2*size(motion, 1), size(motion, 2))
@@ -392,9 +392,9 @@ contains
     x(2::2, :) = aimag(motion)
   end function unknowns_of
 
-  !> Relative `errors` of motions by the samples of their forces: `motions` (m, n_dof, n) at `p` (n)
-  !! of harmonics `kept` (m) relative to the base, of which the first `used` (n) are there; -1 where
-  !! that is not known.
+  !> Relative `errors` of solutions due to sampling of their forces. `motions` (m, n_dof, n) at `p`
+  !! (n) with harmonics `kept` (m), relative to the base, of which the first `used` (n) are present;
+  !! -1 if unknown.
   subroutine find_sampling_errors(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -451,8 +451,8 @@ contains
     call task%check_extents('motions', shape(motions), [size(kept), size(motions, 2), n])
   end subroutine given_motions
 
-  !> Relative `errors` of motions at `nu` (n) as solutions of their equations, or of those next to
-  !! rest (`linear`); motions as above.
+  !> Relative `errors` of solutions at `nu` (n) due to rounding errors in their equations, or in the
+  !! linearized equations (`linear`). `motions` as in `find_sampling_errors`.
   subroutine find_rounding_errors(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -480,8 +480,8 @@ contains
     call task%found%put_reals('errors', errors, shape(errors))
   end subroutine find_rounding_errors
 
-  !> Energy `lost` in a period (J) by motions at frequencies `nu` (n) and factors of the load
-  !! `factor` (n), of orders up to `highest` (n); NaN where it is not known.
+  !> Energy `lost` per period (J) by solutions at frequencies `nu` (n) and load factors `factor`
+  !! (n), with orders up to `highest` (n); NaN if unknown.
   subroutine find_losses(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system

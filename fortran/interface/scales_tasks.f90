@@ -22,7 +22,7 @@ module viscovib_scales_tasks
 
   public :: scales_task
 
-  !> A system to third order, and its numbers as of `viscovib_packed_form`.
+  !> A system to third order, and its vector as in `viscovib_packed_form`.
   type :: built_form
     type(polynomial_form_type) :: it
     real(wp), allocatable :: packed(:)
@@ -73,8 +73,8 @@ contains
     end select
   end subroutine use_form
 
-  !> An object: a pendulum to third order by an `ordering`; an oscillator under a `load` (n_dof)
-  !! times cos(nu t), `nu`; or a system by its numbers alone, `packed` (n).
+  !> Create an object: a pendulum to third order with an `ordering`; an oscillator with a `load`
+  !! (n_dof) times cos(nu t), `nu`; or a system from its vector alone, `packed` (n).
   subroutine build_form(task)
     type(task_type), intent(inout) :: task
     type(built_form), allocatable :: own
@@ -116,8 +116,8 @@ contains
     if (.not. task%failed()) call move_alloc(own, task%built)
   end subroutine build_form
 
-  !> Modes, their interaction and the modulation equations. `tolerance`: the band of resonances.
-  !! Found: `exponents` (n_modes), `shapes` (n_unknowns, n_modes), `interaction` (n_modes, n_modes),
+  !> Modes, interaction and modulation equations. `tolerance`: bandwidth of resonances. Output:
+  !! `exponents` (n_modes), `shapes` (n_unknowns, n_modes), `interaction` (n_modes, n_modes),
   !! `frame` (n_modes), `units` (n_unknowns), `autonomous`, `terms` (7, n), `coefficients` (n).
   subroutine find_equations(task, form)
     type(task_type), intent(inout) :: task
@@ -151,12 +151,12 @@ contains
     call task%found%put_complexes('coefficients', coefficients, shape(coefficients))
   end subroutine find_equations
 
-  !> Amplitudes at `times` (n) and the motion that belongs to them, from amplitudes `start`
-  !! (n_modes) or, unless it is given, from the `state` (n_modes, 2), q and v, at time 0.
-  !! `tolerance` of resonances, `accuracy` of a step, `max_steps`.
-  !! Found for the m times that are reached: `amplitudes` (n_modes, m), `motion` (n_modes, 2, m),
-  !! `sizes` (4, m); the amplitudes at time 0, `first` (n_modes); `frame` (n_modes); the amplitudes
-  !! that resonances were chosen for, `expected` (n_modes), in natural units; `n_steps`, `outcome`.
+  !> Amplitudes at `times` (n) and the corresponding solution, from amplitudes `start` (n_modes) or,
+  !! if not given, from the `state` (n_modes, 2), q and v, at time 0. `tolerance` of resonances,
+  !! `accuracy` of a step, `max_steps`. Output for the m times reached: `amplitudes` (n_modes, m),
+  !! `motion` (n_modes, 2, m), `sizes` (4, m); amplitudes at time 0, `first` (n_modes); `frame`
+  !! (n_modes); amplitudes for which resonances were chosen, `expected` (n_modes), in natural units;
+  !! `n_steps`, `outcome`.
   subroutine find_motion(task, form)
     type(task_type), intent(inout) :: task
     type(polynomial_form_type), intent(in) :: form
@@ -193,7 +193,7 @@ contains
     call task%found%put_integer('outcome', int(outcome, i8))
   end subroutine find_motion
 
-  !> An expansion whose resonances are chosen for the amplitudes at time 0 of a motion, and these
+  !> Expansion whose resonances are chosen for the initial amplitudes of a solution, and these
   !! amplitudes in natural units.
   subroutine choose_start(task, form, scales, a, expected)
     type(task_type), intent(inout) :: task
@@ -231,7 +231,7 @@ contains
       end if
       if (task%failed() .or. .not. scales%normal%choosing) exit
       if (round == 1 .and. .not. wants_more(scales%normal, abs(a))) exit
-      ! What resonates is chosen for the amplitudes that follow: the same ones choose the same.
+      ! Choose resonances for the new amplitudes. Equal amplitudes give the same choice.
       if (round > 1 .and. .not. any(abs(a - before) > 0.0_wp)) exit
       if (round == max_rounds) exit
       before = a
@@ -239,8 +239,8 @@ contains
     end do
   end subroutine choose_start
 
-  !> Estimated `errors` (n_dof, n) of a motion at `times` (n), from `amplitudes` (n_modes, n) and
-  !! `expected` (n_modes) as `find_motion` finds them; `tolerance` of resonances.
+  !> Estimated `errors` (n_dof, n) of a solution at `times` (n), from `amplitudes` (n_modes, n) and
+  !! `expected` (n_modes) of `find_motion`; `tolerance` of resonances.
   subroutine find_errors(task, form)
     type(task_type), intent(inout) :: task
     type(polynomial_form_type), intent(in) :: form
@@ -267,13 +267,13 @@ contains
     call task%found%put_reals('errors', errors, shape(errors))
   end subroutine find_errors
 
-  !> Steady motions for `values` (n) of the frequency (`vary` = 1) or the amplitude (`vary` = 2) of
-  !! a `load`; `tolerance` of resonances; `with_errors`: errors too.
-  !! Found for m motions: `which` (m) value, `amplitudes` (n_modes, m), `frames` (n_modes, m),
-  !! `eigenvalues` (2 n_modes, m), `harmonics` (n_dof, m), `sizes` (4, m), `left_out` (m), `resting`
-  !! (m), `beats` (m); with errors `harmonic_errors` and `motion_errors` (n_dof, m) and
-  !! `growth_errors` (m). Lines of motions that beat: `line_of` (k), `line_frequencies` (k), `lines`
-  !! (n_dof, k). For each value `may_lack` (n), 1 if a motion may be missing.
+  !> Steady solutions for `values` (n) of the frequency (`vary` = 1) or the amplitude (`vary` = 2)
+  !! of a `load`; `tolerance` of resonances; `with_errors`: also compute errors. Output for m
+  !! solutions: `which` (m) value, `amplitudes` (n_modes, m), `frames` (n_modes, m), `eigenvalues`
+  !! (2 n_modes, m), `harmonics` (n_dof, m), `sizes` (4, m), `left_out` (m), `resting` (m), `beats`
+  !! (m); with errors `harmonic_errors` and `motion_errors` (n_dof, m) and `growth_errors` (m).
+  !! Spectral lines of beating solutions: `line_of` (k), `line_frequencies` (k), `lines` (n_dof, k).
+  !! For each value `may_lack` (n), 1 if a solution may be missing.
   subroutine find_response(task, form)
     type(task_type), intent(inout) :: task
     type(polynomial_form_type), intent(in) :: form
@@ -324,8 +324,8 @@ contains
 
   end subroutine find_response
 
-  !> All resonance conditions up to third order among `natural` (n) frequencies and those of loads,
-  !! `drives` (m): `coefficients` (n + m, k), `orders` (k), `divisors` (k).
+  !> All resonance conditions up to third order between `natural` (n) frequencies and load
+  !! frequencies `drives` (m): `coefficients` (n + m, k), `orders` (k), `divisors` (k).
   subroutine find_resonances(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: natural(:), drives(:)

@@ -16,10 +16,9 @@ module viscovib_scene_tasks
 
   character(len=*), parameter :: nl = new_line('a')
 
-  !> Tables as named values: of table i, from 1, "name_i", "notes_i", "columns_i" (their names, a
-  !! line each), "values_i" (rows, columns), "whole_i" (whether the values of a column are
-  !! integers) and "words_i" (those of 0, 1, ... in each column, a line for each word after its
-  !! column, from 1).
+  !> Tables as named values. For table i, from 1: "name_i", "notes_i", "columns_i" (names, one per
+  !! line), "values_i" (rows, columns), "whole_i" (whether a column contains integers) and "words_i"
+  !! (for codes 0, 1, ... of each column, one line per word, after the column number, from 1).
   type, extends(table_sink) :: values_sink
     type(named_values), pointer :: found => null()
     integer :: n = 0
@@ -46,8 +45,8 @@ contains
     end select
   end subroutine scene_task
 
-  !> The scene of a `text`, which `path` names in messages, or of the file `path`; `allow_paths`:
-  !! files that it names may be anywhere, not only in its folder or below.
+  !> The scene from `text`, called `path` in messages, or from the file `path`. `allow_paths`: files
+  !! that it names may be anywhere, not only in its folder or below.
   subroutine read_one(task, scene)
     type(task_type), intent(inout) :: task
     type(scene_type), intent(out) :: scene
@@ -83,8 +82,8 @@ contains
     if (.not. task%failed()) call task%found%put_text('plan', lines)
   end subroutine plan_one
 
-  !> What a scene asks for: its tables (see `values_sink`), `summary`, and `complete`, 1 if nothing
-  !! is missing.
+  !> Run a scene. Returns its tables (see `values_sink`), `summary`, and `complete`, 1 if nothing is
+  !! missing.
   subroutine run_one(task)
     type(task_type), intent(inout), target :: task
     type(scene_type) :: scene

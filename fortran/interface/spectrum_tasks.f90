@@ -21,7 +21,7 @@ contains
     character(len=*), intent(in) :: name
     select case (name)
     case ('signal')
-      ! An object that keeps a `signal` for several tasks.
+      ! An object that contains a `signal` for several tasks.
     case ('transform')
       call transform_signal(task)
     case ('windowed')
@@ -55,7 +55,7 @@ contains
     call task%found%put_complexes('spectrum', spectrum, shape(spectrum))
   end subroutine transform_signal
 
-  !> One-sided complex amplitudes of `signals` (n, m), a column each, under a `window`: `spectra`
+  !> One-sided complex amplitudes of `signals` (n, m), one per column, with a `window`: `spectra`
   !! (n/2 + 1, m); `bandwidth` of the window.
   subroutine find_spectra(task)
     type(task_type), intent(inout) :: task
@@ -75,9 +75,9 @@ contains
     call task%found%put_real('bandwidth', noise_bandwidth(window))
   end subroutine find_spectra
 
-  !> Sums of a least squares fit of `lines` (4, n_lines), each a column (omega, decay, a, b), and
-  !! a `mean` to a `signal` (n). The first `n_free` frequencies are free, and the rates of decay of
-  !! the lines that `free_decay` lists.
+  !> Sums of a least-squares fit of `lines` (4, n_lines), with columns (omega, decay, a, b), and a
+  !! `mean` to a `signal` (n). Free parameters are the first `n_free` frequencies, and the decay
+  !! rates of the lines in `free_decay`.
   subroutine find_sums(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: signal(:)
@@ -99,7 +99,7 @@ contains
     call task%found%put_real('total', total)
   end subroutine find_sums
 
-  !> The difference of a `signal` (n) and its `lines` (4, n_lines) with their `mean`.
+  !> Difference between a `signal` (n) and its `lines` (4, n_lines) plus `mean`.
   subroutine find_residual(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: signal(:)
@@ -127,8 +127,8 @@ contains
     if (.not. task%failed()) call new_lines(fitted, lines, mean)
   end subroutine read_lines
 
-  !> Part of a displacement `u` (n) with velocity `v` (n), a `step` apart, that is folded to other
-  !! frequencies; `is_large`: 1 if it is worth a warning.
+  !> Aliased fraction of a displacement `u` (n) with velocity `v` (n), sampled with `step`;
+  !! `is_large`: 1 if it deserves a warning.
   subroutine find_aliased(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: u(:), v(:)
@@ -144,8 +144,8 @@ contains
     call task%found%put_integer('is_large', merge(1_i8, 0_i8, is_aliased(share, size(u))))
   end subroutine find_aliased
 
-  !> `count` decaying oscillations in coordinates `q` (n, n_dof) at times `t` (n): `roots` (count),
-  !! `amplitudes` (count, n_dof) and the `residual`.
+  !> Fit `count` decaying oscillations to coordinates `q` (n, n_dof) at times `t` (n): `roots`
+  !! (count), `amplitudes` (count, n_dof) and the `residual`.
   subroutine find_decay(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: t(:), q(:, :)

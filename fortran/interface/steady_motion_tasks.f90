@@ -1,4 +1,4 @@
-!> Tasks about periodic motions in time by shooting.
+!> Tasks about periodic solutions in time by shooting.
 module viscovib_steady_motion_tasks
   use viscovib_binding_tools, only: kernels_in_vector
   use viscovib_kinds, only: i8, wp
@@ -20,7 +20,7 @@ module viscovib_steady_motion_tasks
 
   public :: find_motion_extremes, run_period, steady_motion, trace_branch
 
-  !> Along a number of the system, which is built anew at each value.
+  !> Family in a parameter of the system, which is rebuilt at each value.
   type, extends(map_family) :: built_family
     type(period_map) :: map
     type(vector_builder) :: builder
@@ -50,8 +50,8 @@ contains
     end select
   end subroutine built_map
 
-  !> The map of a polynomial system under the load `orders` (k), `series` (n + 1, k) of frequency
-  !! `nu`, over `n_periods`, by `method` as of `viscovib_method_catalogue`.
+  !> Map of a polynomial system with the load `orders` (k), `series` (n + 1, k) at the frequency
+  !! `nu`, over `n_periods`, by `method` of `viscovib_method_catalogue`.
   subroutine read_map(task, map)
     type(task_type), intent(inout) :: task
     type(period_map), intent(out) :: map
@@ -66,11 +66,11 @@ contains
                         task%get_integer('method'), task%status)
   end subroutine read_map
 
-  !> A motion over the time of the map from the state `begin`, in `n_steps`, 0: as many as a search
-  !! begins with. `by_start`(i, j) is the derivative of number i of the `last` state by number j of
-  !! `begin`; empty without `derivatives`, which take most of the time. `at_times`: states at the
-  !! ascending `times` as far as they were reached, without hidden states. `n_passed`: switches of
-  !! laws; `known` = 0: the derivatives do not exist.
+  !> Solution over the time of the map from the state `begin`, in `n_steps`, 0: the initial number
+  !! of a search. `by_start`(i, j): derivative of entry i of the `last` state by entry j of `begin`;
+  !! empty without `derivatives`, which take most of the time. `at_times`: states at the ascending
+  !! `times` that were reached, without memory coordinates. `n_passed`: number of switches of laws;
+  !! `known` = 0: the derivatives do not exist.
   subroutine run_period(task)
     type(task_type), intent(inout) :: task
     type(period_map) :: map
@@ -99,9 +99,9 @@ contains
     end associate
   end subroutine run_period
 
-  !> The motion that repeats after the time of the map, near the state `begin`, or if that is not
-  !! given after the motion from rest. Errors of the state may be `absolute` + `relative` times its
-  !! largest entry. `outcome`: as of `viscovib_outcomes`; `stable`: 1, 0, or -1 if it is undecided.
+  !> Periodic solution of the map near the state `begin`, or, without it, near the solution from
+  !! rest. The tolerance of the state is `absolute` + `relative` times its largest entry. `outcome`:
+  !! as in `viscovib_outcomes`; `stable`: 1, 0, or -1 if undecided.
   subroutine steady_motion(task)
     type(task_type), intent(inout) :: task
     type(period_map) :: map
@@ -141,7 +141,7 @@ contains
     end associate
   end subroutine steady_motion
 
-  !> Extremes `low`, `high` of each displacement in the motion from `begin` in `n_steps`, between
+  !> Extremes `low`, `high` of each displacement of the solution from `begin` in `n_steps`, between
   !! the ascending `times`, with a relative error of `tolerance`.
   subroutine find_motion_extremes(task)
     type(task_type), intent(inout) :: task
@@ -162,9 +162,9 @@ contains
     call task%found%put_reals('high', high, shape(high))
   end subroutine find_motion_extremes
 
-  !> A branch of periodic motions from `start` to `finish` of what `varies`: 'nu', 'load_factor', or
-  !! else a number of the system: then `flat` and `direction` are as of a branch of responses. The
-  !! first motion as of `steady_motion`; `max_step`, `max_points`.
+  !> Branch of periodic solutions from `start` to `finish` of the parameter `varies`: 'nu',
+  !! 'load_factor', or a system parameter, with `flat` and `direction` as for a branch of responses.
+  !! The first solution is as in `steady_motion`; `max_step`, `max_points`.
   subroutine trace_branch(task)
     type(task_type), intent(inout) :: task
     class(map_family), allocatable, target :: family
@@ -206,9 +206,9 @@ contains
     call put_branch(task, branch)
   end subroutine trace_branch
 
-  !> `ended` as of `viscovib_motion_branch`; points in columns of `begin`, `low`, `high`,
-  !! `multipliers`; events by their kinds of `viscovib_motion_events`, the points `before` them
-  !! (from 1), NaN where they are not located.
+  !> `ended` as in `viscovib_motion_branch`; points in columns of `begin`, `low`, `high`,
+  !! `multipliers`; events with their kinds of `viscovib_motion_events`, the points `before` them
+  !! (from 1), NaN if they are not located.
   subroutine put_branch(task, branch)
     type(task_type), intent(inout) :: task
     type(motion_branch), intent(in) :: branch

@@ -1,14 +1,14 @@
-!> A condensed structure as one vector of numbers:
+!> Conversion of a vector of numbers to a condensed structure:
 !!
-!!   coordinates q, real modes m, complex modes p, harmonics of the load; squares (m); rates (m);
-!!   losses (m); seen (m q); pushed (m q); poles (p); left (p q); right (p q); flexibility (q^2);
-!!   flexibility_rate (q^2); stiffness at rest (q^2); of each harmonic: order, of the forces and of
-!!   the base the push on real modes (m), on complex ones (p), flexible deflections (q) and their
-!!   rates (q), and the load at rest (q); then laws, linear stiffness of elements with a kernel, and
-!!   kernels as a polynomial system of q coordinates (`viscovib_system_vector`), whose mass weighs
-!!   them.
+!!   coordinates q, real modes m, complex modes p, load harmonics; squares (m); rates (m); losses
+!!   (m); seen (m q); pushed (m q); poles (p); left (p q); right (p q); flexibility,
+!!   flexibility_rate and static stiffness (q^2 each); number n of uncondensed coordinates (0:
+!!   none), their damping and stiffness (n^2 each), pushed and seen (n q each); for each harmonic:
+!!   order; for forces and base: push on real modes (m), on complex modes (p), flexible deflections
+!!   (q) and their rates (q); static load (q); then laws, linear stiffness of elements with a
+!!   kernel, and kernels as a polynomial system (`viscovib_system_vector`), whose mass is a weight.
 !!
-!! Poles, left, right and all of loads are complex: two numbers each. Arrays are column by column.
+!! Poles, left, right and loads are complex: two numbers each. Arrays are in column-major order.
 module viscovib_structure_vector
   use viscovib_compliance, only: push_type
   use viscovib_kinds, only: wp
@@ -83,7 +83,7 @@ contains
       at = at + count
     end function next
 
-    !> Complex numbers, real and imaginary parts by turns.
+    !> Complex numbers, with alternating real and imaginary parts.
     function next_pairs(count) result(values)
       integer, intent(in) :: count
       complex(wp) :: values(count)

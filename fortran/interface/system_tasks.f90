@@ -1,4 +1,4 @@
-!> Objects that are systems, and properties of these.
+!> Objects that are systems, and their properties.
 module viscovib_system_tasks
   use viscovib_binding_tools, only: make_pendulum, make_system
   use viscovib_characteristic_matrix, only: characteristic_matrix, oscillator_matrix
@@ -43,7 +43,7 @@ contains
     end select
   end subroutine system_task
 
-  !> An oscillator: `flat` (n), `kind_x`, `data_x` (m), `kind_phi`, `data_phi` (k) as of
+  !> An oscillator: `flat` (n), `kind_x`, `data_x` (m), `kind_phi`, `data_phi` (k) as for
   !! `make_system`.
   subroutine build_system(task)
     type(task_type), intent(inout) :: task
@@ -62,7 +62,7 @@ contains
     if (.not. task%failed()) call move_alloc(own, task%built)
   end subroutine build_system
 
-  !> A pendulum: `flat` (14) as of `make_pendulum`.
+  !> A pendulum: `flat` (14) as for `make_pendulum`.
   subroutine build_pendulum(task)
     type(task_type), intent(inout) :: task
     type(built_pendulum), allocatable :: own
@@ -112,7 +112,7 @@ contains
   end subroutine find_stiffness
 
   !> Roots of the characteristic equation: `oscillatory` (n) and `real` (m); `n_unstable` and
-  !! `n_missing` by the argument principle, `complete`, and the `region` that was searched.
+  !! `n_missing` by the argument principle, `complete`, and the searched `region`.
   subroutine find_roots(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -167,7 +167,7 @@ contains
     call task%found%put_reals('omega', omega, shape(omega))
   end subroutine find_frequencies
 
-  !> `state` (6, n) of a pendulum, (z, z', phi, phi', psi, psi'), and `drive` (3, n), cos(p_j t).
+  !> Read `state` (6, n), (z, z', phi, phi', psi, psi'), and `drive` (3, n), cos(p_j t).
   subroutine read_states(task, system, drive, state)
     type(task_type), intent(inout) :: task
     type(pendulum_type), pointer, intent(out) :: system
@@ -179,7 +179,7 @@ contains
     call task%check_extents('drive', shape(drive), [3, size(state, 2)])
   end subroutine read_states
 
-  !> At states as of `read_states`: `acceleration` (3, n), `energy` (n) and its rate of change,
+  !> For states as in `read_states`: `acceleration` (3, n), `energy` (n) and its rate of change,
   !! `power` (n).
   subroutine evaluate_pendulum(task)
     type(task_type), intent(inout) :: task
@@ -209,8 +209,8 @@ contains
     call task%found%put_reals('power', power, shape(power))
   end subroutine evaluate_pendulum
 
-  !> At states as of `read_states`: derivatives of the accelerations by the state, `jacobian`
-  !! (3, 6, n).
+  !> For states as in `read_states`: derivatives of the accelerations by the state, `jacobian` (3,
+  !! 6, n).
   subroutine differentiate_pendulum(task)
     type(task_type), intent(inout) :: task
     type(pendulum_type), pointer :: system

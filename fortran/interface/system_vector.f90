@@ -1,13 +1,12 @@
-!> A polynomial system and its kernels as one vector of numbers, as the flat
-!! routines take it:
+!> Conversion of a vector of numbers to a polynomial system and its kernels:
 !!
-!!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2);
-!!   base direction (n); of each spring: kernel, K (n^2); of each monomial:
-!!   coefficient, equation, kernel, powers (n); of each kernel: kind, number of data,
-!!   data; how many laws are no polynomials, and each (`new_law_term`); damping and stiffness that
-!!   hang on space (n^2 each). The last two, or the last, may be missing.
+!!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2); base direction
+!!   (n); for each spring: kernel, K (n^2); for each monomial: coefficient, equation, kernel, powers
+!!   (n); for each kernel: kind, number of data, data; number of nonpolynomial laws, and each law
+!!   (`new_law_term`); absolute damping and stiffness (n^2 each; see `space_damping`). The last two
+!!   parts, or the last part, may be missing.
 !!
-!! Matrices are column by column.
+!! Matrices are in column-major order.
 module viscovib_system_vector
   use viscovib_catalogue, only: new_kernel
   use viscovib_checks, only: check_finite

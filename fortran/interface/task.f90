@@ -1,7 +1,7 @@
-!> A task of the interface: what it is given and what it finds, by name, and the objects that it
-!! builds on. An object is a task whose result is kept, such as a system or a run that goes on.
+!> A task of the interface: its input and output by name, and the objects that it uses. An object is
+!! a task whose result is kept, such as a system or a run that can be continued.
 !!
-!! Values that a task is not given itself are those of the objects it builds on.
+!! Values that are not given to a task are taken from the objects that it uses.
 module viscovib_task
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_kernel_holder, only: kernel_holder
@@ -24,13 +24,13 @@ module viscovib_task
     character(len=:), allocatable :: kind
     type(named_values) :: given, found
     type(task_link), allocatable :: parents(:)
-    !> What was built, and is kept with the object.
+    !> The created data, kept with the object.
     class(*), allocatable :: built
-    !> The first thing that went wrong.
+    !> The first error.
     type(status_type) :: status
-    !> Handles and objects that need it: it is removed with the last of them.
+    !> Number of handles and objects that use this one. It is deleted with the last of them.
     integer :: users = 1
-    !> Not 0 once another thread gives up.
+    !> Set to a nonzero value by another thread to cancel the task.
     integer(c_int), pointer :: cancel => null()
   contains
     procedure :: has
@@ -58,7 +58,7 @@ module viscovib_task
     procedure, private :: place_of
   end type task_type
 
-  !> What objects hold.
+  !> Data of objects.
   type :: built_system
     class(oscillator_type), allocatable :: it
   end type built_system
@@ -73,7 +73,7 @@ module viscovib_task
   character(len=*), parameter :: wanted(3) = [character(len=13) :: 'an oscillator', 'a pendulum', &
                                               'a kernel']
 
-  ! What stands for an array that was not given.
+  ! Targets for arrays that were not given.
   real(wp), target :: no_row(0), no_matrix(0, 0), no_cube(0, 0, 0)
   complex(wp), target :: no_complexes(0), no_complex_matrix(0, 0), no_complex_cube(0, 0, 0)
 
@@ -84,15 +84,15 @@ contains
     failed = self%status%failed()
   end function failed
 
-  !> There is no such task.
+  !> Fail because the kind of the task is unknown.
   subroutine refuse_kind(self)
     class(task_type), intent(inout) :: self
     call fail(self%status, status_input_error, 'task', "task '"//clipped(self%kind) &
               //"': is not known")
   end subroutine refuse_kind
 
-  !> The task that has a value, and its place there; where there is none a failure, unless the
-  !! value may be missing.
+  !> The task that has a value, and the index of the value there. Fails if there is none, unless it
+  !! is optional.
   recursive subroutine place_of(self, name, kind, rank, holder, place, optional)
     class(task_type), intent(inout), target :: self
     character(len=*), intent(in) :: name
@@ -124,7 +124,7 @@ contains
     end if
   end subroutine place_of
 
-  !> Whether a value was given, of whatever kind.
+  !> True if a value was given, of any kind.
   recursive logical function has(self, name)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
@@ -191,9 +191,9 @@ contains
     end if
   end function get_flag
 
-  !> A text, also where threads run the same task: gfortran keeps the length of what `get_text`
-  !! gives in static memory, so that only tasks of texts, which one thread at a time runs, call
-  !! that.
+  !> Get a text, also if threads run the same task. gfortran keeps the length of the result of
+  !! `get_text` in static memory, so only tasks about texts, which one thread at a time runs, may
+  !! call `get_text`.
   subroutine take_text(self, name, text, default)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
@@ -221,7 +221,7 @@ contains
     call self%take_text(name, text, default)
   end function get_text
 
-  !> The elements of an array, which live as long as the task; none where it is not given.
+  !> Elements of an array, valid as long as the task exists; empty if not given.
   function get_reals(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
@@ -358,7 +358,7 @@ contains
     end if
   end function get_integer_matrix
 
-  !> A failure where an array has not the extents that others ask for.
+  !> Fail if an array does not have the required extents.
   subroutine check_extents(self, name, found, wanted)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
@@ -373,7 +373,7 @@ contains
     end do
   end subroutine check_extents
 
-  !> The oscillator that the task is about; a failure if there is none.
+  !> The oscillator of the task; fails if there is none.
   function system(self) result(it)
     class(task_type), intent(inout), target :: self
     class(oscillator_type), pointer :: it
@@ -422,7 +422,7 @@ contains
     end select
   end function kernel
 
-  !> The object that holds what a task needs; none: a failure of the task.
+  !> The object with the required data; the task fails if there is none.
   function holder_of(task, what) result(holder)
     type(task_type), intent(inout), target :: task
     integer, intent(in) :: what

@@ -1,4 +1,4 @@
-!> All tasks by name. The first word names the family; each has a module.
+!> All tasks by name. The first word of the name is the family, which has a module.
 module viscovib_tasks
   use viscovib_backbone_tasks, only: backbone_task
   use viscovib_branch_tasks, only: branch_task
@@ -22,7 +22,7 @@ module viscovib_tasks
 
 contains
 
-  !> Do what the kind of a task says.
+  !> Run a task by its kind.
   subroutine run_task(task)
     type(task_type), intent(inout) :: task
     character(len=:), allocatable :: name
@@ -31,7 +31,7 @@ contains
 
     space = index(task%kind//' ', ' ')
     name = task%kind(space + 1:)
-    ! What compiles or plans makes many texts.
+    ! Compiling and planning create many texts.
     of_texts = index(name, 'plan') > 0 .or. index(name, 'compile') > 0
     if (of_texts) call lock_texts()
     select case (task%kind(:space - 1))

@@ -1,4 +1,4 @@
-!> Systems whose numbers are polynomials in p: flat + p direction_1 + p^2 direction_2 + ...
+!> Systems whose vectors are polynomials in p: flat + p direction_1 + p^2 direction_2 + ...
 module viscovib_vector_builder
   use viscovib_binding_tools, only: make_system
   use viscovib_family_curve, only: system_builder
@@ -12,7 +12,7 @@ module viscovib_vector_builder
   public :: vector_builder, vector_at
 
   type, extends(system_builder) :: vector_builder
-    !> As of `make_system`; directions one behind the other.
+    !> As for `make_system`; the directions are concatenated.
     real(wp), allocatable :: flat(:), direction(:), data_x(:), data_phi(:)
     integer :: kind_x = 0, kind_phi = 0
   contains
@@ -21,7 +21,7 @@ module viscovib_vector_builder
 
 contains
 
-  !> The numbers at p.
+  !> System vector at p.
   pure function vector_at(flat, direction, p) result(vector)
     real(wp), intent(in) :: flat(:), direction(:), p
     real(wp) :: vector(size(flat)), x

@@ -1,5 +1,5 @@
-!> Free motions of a system without losses, grown from a linear mode; of a pendulum also families
-!! that leave them.
+!> Free motions of a system without losses, continued from a linear mode; for a pendulum also
+!! bifurcating families.
 module viscovib_backbone_job
   use viscovib_backbone, only: follow_backbone
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
@@ -28,14 +28,14 @@ module viscovib_backbone_job
   type, extends(job_type) :: backbone_job
     !> The linear mode, counted from 0.
     integer :: mode = 0
-    !> Place in `backbone_parameters`, and the coordinate whose amplitude counts.
+    !> Index in `backbone_parameters`, and the coordinate whose amplitude is used.
     integer :: parameter = 1, dof = 0
     type(curve_options) :: options
-    !> Highest order of the mode's frequency, the first one tried if they are chosen.
+    !> Highest order of the mode's frequency; the first one if orders are chosen.
     integer :: harmonics = first_chosen
     logical :: choose_harmonics = .true.
-    !> Of a pendulum: periods of the mode in one of the motion; whether only motions that
-    !! share the symmetry are kept; branch points to leave at.
+    !> For a pendulum: periods of the mode in one of the motion; whether only symmetric motions
+    !! are kept; branch points at which to switch.
     integer :: subharmonic = 1
     logical :: stability = .false., symmetric = .false.
     integer, allocatable :: switch(:)
@@ -76,7 +76,7 @@ contains
     text = text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_backbone
 
-  !> What will be computed of a pendulum.
+  !> Text of the plan for a pendulum.
   function plan_free(job, pendulum) result(text)
     type(backbone_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
@@ -103,7 +103,7 @@ contains
     end if
   end function plan_free
 
-  !> A table for the backbone and one for each family that leaves it.
+  !> A table for the backbone and one for each bifurcating family.
   subroutine run(self, subject, sink, report, status)
     class(backbone_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -167,8 +167,8 @@ contains
     largest = max(maxval(abs(x), 1), tiny(1.0_wp))
   end function largest
 
-  !> What moves freely, and which of its unknowns the amplitude is of: of a structure one without
-  !! damping, memory and loads, condensed to that coordinate too.
+  !> The free system, and the index of the unknown with the amplitude: for a structure without
+  !! damping, memory and loads, also condensed to that coordinate.
   subroutine set_free(job, subject, free, dof, status)
     type(backbone_job), intent(in) :: job
     type(subject_type), intent(in) :: subject
@@ -216,7 +216,7 @@ contains
     call check_begun(family, job, status)
   end subroutine run_backbone
 
-  !> The family of a pendulum, then those that leave it, in the order asked for.
+  !> The family of a pendulum, then the bifurcating families, in the given order.
   subroutine run_free(job, pendulum, families, status)
     type(backbone_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
@@ -254,7 +254,7 @@ contains
       call follow_family(first, system, options, [begin], status)
       if (.not. status%failed()) call check_begun(first, job, status)
       if (status%failed()) return
-      ! Those that leave it begin with its orders.
+      ! Bifurcating families begin with its orders.
       options%highest = first%highest
       do i = 1, size(job%switch)
         n = abs(job%switch(i))
@@ -280,8 +280,8 @@ contains
               //': no solution was found there: begin lower')
   end subroutine check_begun
 
-  !> Which orders of z, phi, psi are unknowns, shape (highest + 1, 3): the printed equations
-  !! keep energy in z only; motions that share the symmetry are mirrored in phi and psi half a
+  !> Orders of z, phi, psi that are unknowns, shape (highest + 1, 3): the printed equations
+  !! keep energy in z only; symmetric motions are mirrored in phi and psi half a
   !! period later, and those of mode 0 do not swing.
   pure function kept_orders(pendulum, mode, highest, multiple, symmetric) result(kept)
     type(pendulum_type), intent(in) :: pendulum
@@ -299,7 +299,7 @@ contains
     end if
   end function kept_orders
 
-  !> A row a motion.
+  !> One row per motion.
   subroutine tabulate(self, subject, family, table)
     type(backbone_job), intent(in) :: self
     type(subject_type), intent(in) :: subject

@@ -1,6 +1,6 @@
-!> Basins of attraction: what motions of any system, from a grid of starts, settle on. A start is a
-!! state at t = 0 before which nothing was: where forces remember, it is not the whole state, and so
-!! starts are compared, not states on orbits.
+!> Basins of attraction of motions of any system, from a grid of starts. A start is a state
+!! at t = 0 after rest. With memory it is not the whole state, so starts are perturbed, not
+!! states on orbits.
 module viscovib_basins_job
   use viscovib_basin_rules, only: disturbances, find_orbits, has_left, judge_orbit, n_disturbed, &
     unsettled
@@ -23,28 +23,28 @@ module viscovib_basins_job
 
   !> Length of the name of a velocity, which ends in _dot.
   integer, parameter, public :: length = name_length + 4
-  !> Motions by which the step is found, how exact they are, and over how many periods.
+  !> Number of motions for the search of the step, their accuracy, and the number of periods.
   integer, parameter :: n_probes = 16
   real(wp), parameter :: probed = 1.0e-6_wp, probed_periods = 3.0_wp
-  !> Part of the run after which a state without a load is looked at again.
+  !> Relative time after the run at which the state is compared again, without a load.
   real(wp), parameter :: again = 0.1_wp
 
   type, extends(job_type) :: basins_job
-    !> What varies: two numbers of the state, their places in it, and their values.
+    !> The two varied numbers of the state, their indices in it, and their values.
     character(len=length) :: names(2) = ''
     integer :: places(2) = [1, 2]
     real(wp), allocatable :: x(:), y(:)
-    !> The start in all else.
+    !> The other numbers of the start.
     real(wp), allocatable :: initial(:)
     !> Frequency of the load of a polynomial system.
     real(wp) :: nu = 0.0_wp
     !> Length of the runs: a time, or periods of load `sections` if that is not 0.
     real(wp) :: t_end = 0.0_wp
     integer :: n_periods = 0, sections = 0
-    !> The longest period looked for, and how near states are that count as the same.
+    !> Longest period considered, and largest distance of states that count as equal.
     integer :: max_period = 8
     real(wp) :: tolerance = 1.0e-4_wp
-    !> Step, 0: found by some of the motions.
+    !> Step size; 0: determined from some of the motions.
     real(wp) :: dt = 0.0_wp
   contains
     procedure, nopass :: kind => this_kind
@@ -55,13 +55,13 @@ module viscovib_basins_job
     procedure, private :: make
   end type basins_job
 
-  !> What was found: of each start, and of each attractor.
+  !> Results for each start, and for each attractor.
   type :: basins_type
     integer, allocatable :: labels(:), ended(:)
     real(wp), allocatable :: moved(:)
     real(wp), allocatable :: rest(:)
-    !> Attractors by their points, those of the first one first, shape (width, n), and how many each
-    !! has.
+    !> Points of the attractors, those of the first one first, shape (width, n), and the number of
+    !! points of each.
     real(wp), allocatable :: points(:, :)
     integer, allocatable :: periods(:)
     integer(i8) :: n_steps = 0
@@ -143,7 +143,7 @@ contains
                      //things(int(min(found%n_steps, int(huge(1), i8))), 'step')//' each'
   end subroutine run
 
-  !> All starts, x running faster.
+  !> All starts; x varies faster.
   subroutine starts(self, n_dof, states)
     class(basins_job), intent(in) :: self
     integer, intent(in) :: n_dof
@@ -162,7 +162,7 @@ contains
     end do
   end subroutine starts
 
-  !> The step that follows some of the motions over three periods of the fastest linear one.
+  !> Step size that is accurate for some of the motions over three periods of the fastest mode.
   subroutine find_step(self, subject, states, fastest, dt, status)
     class(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -235,24 +235,24 @@ contains
       return
     end if
     if (subject%has_kernels()) then
-      ! What it remembers is not in its state.
+      ! Its memory is not part of its state.
       call make_some(self, subject, states, (1.0_wp + again)*self%t_end, dt, 0, more, n_more, &
                      status)
     else
-      ! Of a short run a tenth may be less than a step.
+      ! A tenth of a short run may be less than a step.
       call make_some(self, subject, many%state, again*self%t_end, &
                      min(self%t_end/found%n_steps, again*self%t_end), 0, more, n_more, status)
     end if
     if (status%failed()) return
-    ! One that leaves within that has no state to be looked at.
+    ! A motion that leaves within that time has no state to compare.
     where (found%ended == run_completed) found%ended = more%ended
     allocate (points(size(states, 1), 2, size(states, 2)))
     points(:, 1, :) = many%state
     points(:, 2, :) = more%state
   end subroutine make
 
-  !> The largest of each number of a state in all starts, and in motions from some of them: what
-  !! starts and ends at 0 may be far from it on the way.
+  !> Largest absolute value of each number of a state in all starts, and in some of the motions:
+  !! numbers that start and end at 0 may be large on the way.
   subroutine find_largest(self, subject, states, dt, largest, status)
     type(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -265,7 +265,7 @@ contains
     integer :: i
 
     largest = maxval(abs(states), 2)
-    ! From the start on, whatever is kept of others.
+    ! From the start on, independent of the kept states.
     whole = self
     whole%sections = 0
     whole%n_periods = 0
@@ -285,7 +285,7 @@ contains
     end do
   end subroutine find_largest
 
-  !> Motions from some states, and of how many steps each is.
+  !> Motions from some states, and the number of steps of each.
   subroutine make_some(self, subject, states, t_end, dt, n_points, many, n, status, peaks)
     type(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -295,7 +295,7 @@ contains
     type(many_motions), intent(out) :: many
     integer(i8), intent(out) :: n
     type(status_type), intent(out) :: status
-    !> Whether the largest of each number on the way are wanted.
+    !> Whether to compute the largest value of each number on the way.
     logical, intent(in), optional :: peaks
     type(many_runs) :: runs
     real(wp) :: of_all
@@ -331,13 +331,13 @@ contains
     end if
   end subroutine make_some
 
-  !> Leave out orbits that do not attract: what settles on them has not settled.
+  !> Remove orbits that do not attract; motions that settle on them count as unsettled.
   subroutine judge_all(self, subject, states, points, shown, periods, scale, dt, found, good, &
                        status)
     class(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
     real(wp), intent(in) :: states(:, :), points(:, :, :), scale(:), dt
-    !> Motions that show the orbits, and the period of each motion.
+    !> Representative motions of the orbits, and the period of each motion.
     integer, intent(in) :: shown(:), periods(:)
     type(basins_type), intent(inout) :: found
     logical, allocatable, intent(out) :: good(:)

@@ -1,6 +1,6 @@
-!> Bodies on mounts that differ in one number: 'mass', 'inertia_scale', 'center[x]', and of a mount
-!! 'mounts[front].stiffness[z]' or 'mounts[front].stiffness_scale', of stiffness, damping and
-!! position. Each rests where its weight takes it.
+!> Bodies on mounts that differ in one number: 'mass', 'inertia_scale', 'center[x]', or for a mount
+!! 'mounts[front].stiffness[z]' or 'mounts[front].stiffness_scale', with stiffness, damping or
+!! position. Each is at its static equilibrium under its weight.
 module viscovib_body_builder
   use viscovib_family_curve, only: system_builder
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
@@ -22,7 +22,7 @@ module viscovib_body_builder
     type(mounted_body) :: body
     type(kernel_holder), allocatable :: kernels(:)
     real(wp) :: center(3) = 0.0_wp
-    !> Which number: a place in `of_mounts` or one of the others; which mount, and along which axis
+    !> The varied number: an index in `of_mounts` or one of the others; its mount and axis
     !! (0: all of them are multiplied).
     integer :: which = 0, mount = 0, axis = 0
   contains
@@ -32,7 +32,7 @@ module viscovib_body_builder
 
 contains
 
-  !> From a body, whose number by this name will differ.
+  !> Create a builder for a body and the name of its varied number.
   subroutine new_body_builder(builder, body, kernels, center, name, status)
     type(body_builder), intent(out) :: builder
     type(mounted_body), intent(in) :: body
@@ -102,7 +102,7 @@ contains
     call move_alloc(made, system)
   end subroutine build
 
-  !> Give the body the number p.
+  !> Set the varied number of the body to p.
   subroutine change(self, p, body, status)
     class(body_builder), intent(in) :: self
     real(wp), intent(in) :: p
@@ -126,7 +126,7 @@ contains
     end select
   end subroutine change
 
-  !> The same of one of its mounts.
+  !> The same for one of its mounts.
   subroutine change_mount(self, p, body, status)
     class(body_builder), intent(in) :: self
     real(wp), intent(in) :: p

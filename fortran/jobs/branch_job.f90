@@ -31,18 +31,18 @@ module viscovib_branch_job
   public :: branch_job, plan_along
 
   type, extends(job_type) :: branch_job
-    !> What varies: 'nu', 'load_factor' or one of `mount_numbers`, whose place is `number`; or, with
-    !! `number` 1, that of `builder`.
+    !> The varied quantity: 'nu', 'load_factor' or one of `mount_numbers` with index `number`; or,
+    !! with `number` 1, the number of `builder`.
     character(len=:), allocatable :: varies
     integer :: number = 0
-    !> Of a body whose number varies.
+    !> For a body with a varied number.
     class(system_builder), allocatable :: builder
-    !> The frequency, that at the beginning if it varies (rad/s).
+    !> The frequency, or its first value if it varies (rad/s).
     real(wp) :: nu = 0.0_wp
     type(response_options) :: options
     type(curve_options) :: curve
     logical :: stability = .true.
-    !> What the table tells besides, of a branch over the frequency or the load.
+    !> Additional columns, for a branch over the frequency or the load.
     type(extra_columns) :: extra
   contains
     procedure, nopass :: kind => this_kind
@@ -54,7 +54,7 @@ module viscovib_branch_job
 
 contains
 
-  !> Not where a number of the system varies, or columns need all coordinates.
+  !> False if a number of the system varies, or columns need all coordinates.
   subroutine may_condense(self, may, stability)
     class(branch_job), intent(in) :: self
     logical, intent(out) :: may, stability
@@ -67,7 +67,7 @@ contains
     kind = 'branch'
   end function this_kind
 
-  !> What is decided of each of its points as of a single response.
+  !> Plan of each point, as for a single response.
   subroutine response_plan(self, subject, plan, status)
     class(branch_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -99,12 +99,12 @@ contains
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_branch
 
-  !> What will be computed; the rest of the plan is that of a single response.
+  !> Text of the plan; the remainder is that of a single response.
   function plan_along(varies, from, to, n_orders, most, stability) result(text)
     !> 'nu', 'load factor' or a parameter.
     character(len=*), intent(in) :: varies
     real(wp), intent(in) :: from, to
-    !> 0: chosen at each point, up to `most`.
+    !> Number of orders, 0: chosen at each point, up to `most`.
     integer, intent(in) :: n_orders, most
     logical, intent(in) :: stability
     character(len=:), allocatable :: text
@@ -164,7 +164,7 @@ contains
 
   contains
 
-    !> The motions solved for, their frequencies and the factors of their loads.
+    !> The computed motions, their frequencies and the factors of their loads.
     subroutine take_motions(nu, factor, motions)
       real(wp), allocatable, intent(out) :: nu(:), factor(:)
       complex(wp), allocatable, intent(out) :: motions(:, :, :)
@@ -187,7 +187,7 @@ contains
                       motions)
     end subroutine find_extra
 
-    !> From deflections to the coordinates wanted.
+    !> Convert deflections to the requested coordinates.
     subroutine show_structure()
       complex(wp), allocatable :: motions(:, :, :)
       real(wp), allocatable :: nu(:), factor(:)
@@ -212,7 +212,7 @@ contains
     type(curve_branch_type), intent(out) :: branch
     !> Orders kept at any point, and the highest at each.
     integer, allocatable, intent(out) :: orders(:), highest(:)
-    !> Left without arrays where it is not wanted.
+    !> Not allocated if not requested.
     type(stability_type), intent(out) :: stability
     type(crossing_type), allocatable, intent(out) :: crossings(:)
     type(status_type), intent(out) :: status
@@ -263,17 +263,17 @@ contains
         end if
         call find_crossings(judge, curve, job%nu, branch%parameter(:n), branch%x(:, :n), &
                             stability, branch%folds, branch%branch_points, crossings)
-        ! Where verdicts change is sought with those of the motions as they are.
+        ! Changes of stability were located with the multipliers of the computed motions.
         call doubt_curve(judge, curve, job%nu, branch%parameter(:n), motions, &
                          branch%missed(:n), branch%allowed(:n), stability)
       end associate
     end if
-    ! Of a structure its coordinates have it, not the deflections.
+    ! For a structure the coordinates include the base motion, not the deflections.
     if (.not. system%condensed) call add_base_motion()
 
   contains
 
-    !> From coordinates relative to the base to absolute ones.
+    !> Convert coordinates relative to the base to absolute ones.
     subroutine add_base_motion()
       real(wp), allocatable :: factor(:)
       complex(wp), allocatable :: moved(:)
@@ -287,7 +287,7 @@ contains
           y = load%shift(system, j)
           do d = 1, system%n_dof()
             k = 2*(i + size(orders)*(d - 1))
-            ! On their own, so that sums are rounded as elsewhere.
+            ! Computed separately, so that sums are rounded as elsewhere.
             moved = factor*y(d)
             branch%x(k - 1, :branch%n_points) = branch%x(k - 1, :branch%n_points) + real(moved)
             branch%x(k, :branch%n_points) = branch%x(k, :branch%n_points) + aimag(moved)
@@ -298,10 +298,10 @@ contains
 
   end subroutine follow_branch
 
-  !> A row a point.
+  !> One row per point.
   subroutine tabulate(varies, orders, highest, branch, stability, crossings, names, units, extra, &
                       table)
-    !> What varies, the first column.
+    !> The varied quantity, the first column.
     character(len=*), intent(in) :: varies
     integer, intent(in) :: orders(:)
     integer, intent(in), target :: highest(:)

@@ -1,4 +1,4 @@
-!> A polynomial system whose forces act in few of its coordinates, as the structure that it is.
+!> Condensation of a polynomial system whose forces act in few of its coordinates to a structure.
 module viscovib_condensed_subject
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
@@ -13,7 +13,7 @@ module viscovib_condensed_subject
 
 contains
 
-  !> Condense a subject where motions, and their stability if wanted, take less time so.
+  !> Condense a subject if this makes motions, and their stability if requested, faster.
   subroutine condense_subject(subject, stability)
     type(subject_type), intent(inout) :: subject
     logical, intent(in) :: stability
@@ -29,7 +29,7 @@ contains
     if (is_overdamped(subject%polynomial, t_end)) call condense(subject, .true.)
   end subroutine condense_in_time
 
-  !> A polynomial system as a structure; without modes that give the compliance it stays whole.
+  !> Convert a polynomial system to a structure, unless its modes do not give the compliance.
   subroutine condense(subject, in_time)
     type(subject_type), intent(inout) :: subject
     logical, intent(in) :: in_time

@@ -1,4 +1,4 @@
-!> What tables of curves share: columns and notes about stability.
+!> Common parts of tables of curves: columns and notes about stability.
 module viscovib_curve_columns
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_crossings, only: crossing_names, crossing_type
@@ -12,7 +12,7 @@ module viscovib_curve_columns
 
   public :: add_stability, note_crossings, note_folds
 
-  !> What the columns about stability are.
+  !> Description of the columns about stability.
   character(len=*), parameter, public :: &
     stability_note = '; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit ' &
                      //'circle, unknown: -1; multiplier: size of the largest, nan: unknown or ' &
@@ -20,10 +20,10 @@ module viscovib_curve_columns
 
 contains
 
-  !> How a curve ended, where it turns back, and how far off these places are.
+  !> Note the outcome of a curve, its folds, and their errors.
   subroutine note_folds(table, curve, outcome, varies, folds, errors)
     type(table_type), intent(inout) :: table
-    !> What the curve is, how it ended, what varies along it.
+    !> Name of the curve, its outcome, name of the varied quantity.
     character(len=*), intent(in) :: curve, outcome, varies
     real(wp), intent(in) :: folds(:), errors(:)
     call table%note(curve//' '//trim(outcome)//'; folds at '//varies//' ='//listed(folds))
@@ -34,7 +34,7 @@ contains
   subroutine note_crossings(table, crossings, varies)
     type(table_type), intent(inout) :: table
     type(crossing_type), intent(in) :: crossings(:)
-    !> What varies along the branch.
+    !> Name of the varied quantity.
     character(len=*), intent(in) :: varies
     character(len=:), allocatable :: row
     integer :: i
@@ -50,8 +50,8 @@ contains
                                    crossings%located)))
   end subroutine note_crossings
 
-  !> Columns about stability: how many multipliers are outside the unit circle, -1: unknown, and
-  !! the largest of all, NaN: unknown.
+  !> Columns about stability: number of multipliers outside the unit circle, -1: unknown, and
+  !! the largest multiplier, NaN: unknown.
   subroutine add_stability(table, growing, largest)
     type(table_type), intent(inout) :: table
     integer, intent(in), target :: growing(:)

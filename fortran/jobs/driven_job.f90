@@ -1,5 +1,5 @@
 !> A branch of driven motions of the pendulum along a frequency or an amplitude of its loads, and
-!! others that leave it.
+!! branches that bifurcate from it.
 module viscovib_driven_job
   use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
@@ -28,23 +28,23 @@ module viscovib_driven_job
   implicit none
   private
 
-  !> Orders are added up to this part of the unknowns that may be asked for.
+  !> Largest number of unknowns with added harmonics, relative to the allowed number.
   real(wp), parameter :: fewer = 2.0_wp
 
   public :: driven_job
 
   type, extends(job_type) :: driven_job
-    !> Place in `varied_names`.
+    !> Index in `varied_names`.
     integer :: parameter = 1
     type(curve_options) :: options
-    !> Highest order, the first one tried if they are chosen.
+    !> Highest order; the first one if orders are chosen.
     integer :: harmonics = 0
     logical :: choose_harmonics = .true.
     logical :: stability = .true.
-    !> Only motions that share the symmetry of system and loads.
+    !> Only motions with the symmetry of system and loads.
     logical :: symmetric = .false.
     integer :: subharmonic = 1, max_denominator = 12
-    !> Branch points to leave at, counted from 1, negative: the other way.
+    !> Branch points at which to switch, counted from 1; negative: in the other direction.
     integer, allocatable :: switch(:)
     type(drive_torus_type) :: torus
   contains
@@ -57,31 +57,31 @@ module viscovib_driven_job
   !> A branch, its values in units of the parameter.
   type :: driven_branch
     integer :: outcome = curve_completed
-    !> Highest order kept, and the estimated relative error of leaving out others where it is
-    !! largest.
+    !> Highest order kept, and the largest estimated relative error of omitting higher
+    !! orders.
     integer :: harmonics = 0
     real(wp) :: truncation = 0.0_wp
-    !> Shape (n); base frequencies, shape (n_axes, n); unknowns, those left out as 0, shape
+    !> Shape (n); base frequencies, shape (n_axes, n); unknowns, with omitted ones as 0, shape
     !! (torus%n n_dof, n).
     real(wp), allocatable :: parameter(:), base(:, :), x(:, :)
-    !> What the last correction and rounding leave, at the value of the parameter and off the
-    !! curve, shape (n).
+    !> Remaining error of the last correction and of rounding, at the value of the parameter and off
+    !! the curve, shape (n).
     real(wp), allocatable :: error(:), off(:)
     real(wp), allocatable :: folds(:), fold_errors(:), branch_points(:), branch_errors(:)
-    !> Largest first, NaN where unknown, shape (6, n), and changes of stability; left without
-    !! arrays where not wanted, or with several base frequencies.
+    !> Largest first, NaN if unknown, shape (6, n), and changes of stability; not allocated
+    !! if not requested, or with several base frequencies.
     complex(wp), allocatable :: multipliers(:, :)
     type(crossing_type), allocatable :: crossings(:)
   end type driven_branch
 
-  !> Branches of one pendulum, with orders to a bound.
+  !> Branches of one pendulum, with orders up to a bound.
   type :: tracing_type
-    !> Loads of size 1, their amplitudes apart, as what varies may be one of them.
+    !> System with loads of size 1 and separate amplitudes, since one of them may be varied.
     type(pendulum_type) :: system
     real(wp) :: load(n_drives) = 0.0_wp
     type(torus_type) :: torus
     type(torus_balance_type) :: balance
-    !> In units of what the balance varies, of which the parameter holds `unit`.
+    !> In units of the varied quantity of the balance; `unit` is its ratio to the parameter.
     type(curve_options) :: options
     real(wp) :: unit = 1.0_wp
     integer :: bound = 0
@@ -142,7 +142,7 @@ contains
     text = text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_driven
 
-  !> A table for the branch and one for each that leaves it, in the order asked for.
+  !> A table for the branch and one for each bifurcating branch, in the given order.
   subroutine run(self, subject, sink, report, status)
     class(driven_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -182,7 +182,7 @@ contains
                                                       'branches that leave it')
   end subroutine run
 
-  !> The branch, with as many orders as it needs, then those that leave it.
+  !> The branch, with as many orders as it needs, then the bifurcating branches.
   subroutine trace(job, pendulum, branches, status)
     type(driven_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
@@ -218,7 +218,7 @@ contains
     end do
   end subroutine trace
 
-  !> The branch from its beginning, with more orders until they are enough or in vain.
+  !> The branch from its beginning, with more orders until they suffice or bring no gain.
   subroutine follow_with_enough(job, pendulum, tracing, branch, truncation, status)
     type(driven_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
@@ -304,7 +304,7 @@ contains
               //': begin elsewhere')
   end subroutine follow_first
 
-  !> Which orders of which coordinates are unknowns.
+  !> Orders and coordinates that are unknowns.
   function kept_of(self, orders, load) result(kept)
     class(driven_job), intent(in) :: self
     integer, intent(in) :: orders(:, :)
@@ -314,7 +314,7 @@ contains
     if (self%symmetric) kept = kept_by_symmetry(self%torus, orders, load, self%parameter)
   end function kept_of
 
-  !> Largest change by more harmonics; folds and branch points get estimates of their error.
+  !> Largest change by more harmonics; errors of folds and branch points.
   subroutine judge(self, job, branch, truncation, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
@@ -344,7 +344,7 @@ contains
     end associate
   end subroutine judge
 
-  !> Orders to the bound, and shells more that judge motions with these.
+  !> Orders up to the bound, and additional shells for the error estimate.
   subroutine new_judging_ladder(self, job, shells, ladder)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
@@ -358,7 +358,7 @@ contains
                     self%balance%which, self%bound, self%bound, shells)
   end subroutine new_judging_ladder
 
-  !> How many shells more judge places.
+  !> Number of additional shells for the errors of bifurcation points.
   pure integer function shells_of_places(bound, torus) result(shells)
     integer, intent(in) :: bound
     type(drive_torus_type), intent(in) :: torus
@@ -366,7 +366,7 @@ contains
                            largest_bound(torus%n_axes, 1.0_wp, max_unknowns))
   end function shells_of_places
 
-  !> How far off other places are where stability changes.
+  !> Errors of the locations of changes of stability.
   subroutine judge_crossings(self, job, branch, crossings, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
@@ -393,7 +393,7 @@ contains
     crossings%error = errors
   end subroutine judge_crossings
 
-  !> Unknowns with those left out as 0, a column each.
+  !> Unknowns with omitted ones as 0, a column each.
   pure function in_full(self, x) result(whole)
     class(tracing_type), intent(in) :: self
     real(wp), intent(in) :: x(:, :)
@@ -411,7 +411,7 @@ contains
     type(curve_branch_type), intent(in) :: from
     type(driven_branch), intent(out) :: to
     type(status_type), intent(out) :: status
-    ! Its steps are those of the branch, whatever was computed before.
+    ! Its steps are those of the branch, independent of earlier computations.
     type(orbit_floquet_type) :: floquet
     integer :: n
 
@@ -441,7 +441,7 @@ contains
     to%crossings%error = to%crossings%error*self%unit
   end subroutine keep
 
-  !> A row a point.
+  !> One row per point.
   subroutine tabulate(self, subject, branch, table)
     type(driven_job), intent(in) :: self
     type(subject_type), intent(in) :: subject

@@ -2,7 +2,7 @@
 !!
 !!   sum_g (1 - int_0^inf R_g dt) [K_g u + f_g(u)] = F,
 !!
-!! order 0 of harmonic balance, by Newton's method along loads that grow from nothing.
+!! order 0 of harmonic balance, by Newton's method along loads that increase from 0.
 module viscovib_equilibrium_job
   use viscovib_forced_response, only: forced_response
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
@@ -18,7 +18,7 @@ module viscovib_equilibrium_job
 
   public :: equilibrium_job
 
-  !> That of harmonics which are 0; and the factor of the load.
+  !> Frequency of harmonics that are 0; also used as the factor of the load.
   real(wp), parameter :: any_frequency(1) = 1.0_wp
 
   type, extends(job_type) :: equilibrium_job

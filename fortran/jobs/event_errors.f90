@@ -1,4 +1,4 @@
-!> How sure the passages of a run are whose step was found, by the run before.
+!> Errors of the events of a run whose step was searched, from the run before.
 module viscovib_event_errors
   use viscovib_kinds, only: wp
   use viscovib_passage_errors, only: passage_errors
@@ -11,21 +11,21 @@ module viscovib_event_errors
 
   !> Relative error of the time of a stop inside a step.
   real(wp), parameter, public :: located = 1.0e-12_wp
-  !> Part of the end of a run by which times of states of two runs may differ by rounding.
+  !> Relative rounding error of the times of states of two runs.
   real(wp), parameter :: one_time = 1.0e-12_wp
 
-  !> By how much states of two runs differ, a column each, and when; the least is what roundings
-  !! become, which these do not tell.
+  !> Differences of the states of two runs, a column each, and their times; `least` is the amplified
+  !! rounding error, which the differences do not show.
   type :: differences_type
     real(wp), allocatable :: times(:), apart(:, :)
     real(wp) :: least = 0.0_wp
-    !> True if states have a single form, so that those of events can be compared.
+    !> True if states have a unique form, so that those of events can be compared.
     logical :: one_way = .true.
   end type differences_type
 
 contains
 
-  !> Of two runs, the second the finer one; `grown`: what roundings become; `one_way`: as above.
+  !> Differences of two runs; `grown`: amplified rounding errors; `one_way`: as above.
   pure subroutine find_differences(coarse, fine, grown, one_way, found)
     type(trajectory_type), intent(in) :: coarse, fine
     real(wp), intent(in) :: grown
@@ -55,7 +55,7 @@ contains
     if (allocated(fine%rows)) call spread_rows(found%apart, fine%rows, size(fine%whole, 1))
   end subroutine find_differences
 
-  !> From some rows of states to all n: what is not compared is off by as much as what is, at most.
+  !> Extend some rows of differences to all n: other rows get the largest difference.
   pure subroutine spread_rows(apart, rows, n)
     real(wp), allocatable, intent(inout) :: apart(:, :)
     integer, intent(in) :: rows(:), n
@@ -65,13 +65,13 @@ contains
     call move_alloc(all_rows, apart)
   end subroutine spread_rows
 
-  !> The error of a run, by how much it changed, of its passages, and of where it stops.
+  !> Set the errors of a run, from its change, of its events, and of its stop.
   subroutine tell_error(run, coarse, change, differences, watched)
     type(trajectory_type), intent(inout) :: run
     type(trajectory_type), intent(in) :: coarse
     real(wp), intent(in) :: change
     type(differences_type), intent(in) :: differences
-    !> Events, as of `new_watch`; not allocated: none.
+    !> Events, as in `new_watch`; not allocated: none.
     real(wp), allocatable, intent(in) :: watched(:)
     real(wp) :: least, late
     integer :: n
@@ -80,7 +80,7 @@ contains
     late = -1.0_wp
     if (allocated(watched) .and. allocated(run%watch) .and. allocated(coarse%watch)) then
       least = max(rounding_of(run), differences%least)
-      ! Two runs may be wrong alike at kinks.
+      ! Two runs may have the same error at kinks.
       if (run%over_kinks .or. .not. differences%one_way) least = run%error
       n = size(run%states, 1)/2
       if (allocated(run%rows)) n = size(run%whole, 1)/2
@@ -95,7 +95,7 @@ contains
       end associate
     end if
     if (run%outcome == run_completed) return
-    ! Where it stops is found by the same small steps every time.
+    ! The same small steps locate the stop every time.
     if (.not. late >= 0.0_wp) late = located*max(1.0_wp, run%t_reached)
     run%error = max(run%error, late)
   end subroutine tell_error

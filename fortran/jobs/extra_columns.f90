@@ -1,4 +1,4 @@
-!> Columns that tables of responses and branches have where a scene asks for them.
+!> Optional columns in tables of responses and branches.
 module viscovib_extra_columns
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
@@ -11,15 +11,15 @@ module viscovib_extra_columns
 
   public :: extra_columns
 
-  !> What the columns are.
+  !> Descriptions of the columns.
   character(len=*), parameter :: &
     sampling_note = 'sampling: estimated relative error by the samples of forces', &
     dissipation_note = 'dissipation: energy lost in a period (J)'
 
   type :: extra_columns
-    !> Which are wanted.
+    !> True if requested.
     logical :: sampling = .false., dissipation = .false.
-    !> Their values, where they are.
+    !> Their values, once computed.
     real(wp), allocatable :: errors(:), lost(:)
   contains
     procedure :: check
@@ -48,7 +48,7 @@ contains
     end if
   end subroutine check
 
-  !> The values of all motions.
+  !> Compute the values of all motions.
   subroutine find(self, subject, orders, nu, factor, highest, linear, absolute, found)
     class(extra_columns), intent(inout) :: self
     type(subject_type), intent(in), target :: subject
@@ -58,7 +58,7 @@ contains
     integer, intent(in) :: highest(:)
     !> True if the motions are linear, and if they are absolute (with the base motion).
     logical, intent(in) :: linear, absolute
-    !> Harmonics of what was solved for, shape (n_orders, n_dof, n).
+    !> Harmonics of the unknowns, shape (n_orders, n_dof, n).
     complex(wp), intent(in) :: found(:, :, :)
     complex(wp), allocatable :: motions(:, :, :)
 

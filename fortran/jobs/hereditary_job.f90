@@ -22,33 +22,33 @@ module viscovib_hereditary_job
 
   public :: hereditary_job, run_hereditary_job, run_with_memory, plan_hereditary, plan_forces
 
-  !> Methods by their nodes a step, and steps a fastest period to begin with.
+  !> Methods by their nodes per step, and first number of steps per fastest period.
   character(len=*), parameter, public :: hereditary_methods(5) = &
     [character(len=6) :: 'gauss8', 'gauss6', 'gauss4', 'gauss3', 'gauss2']
   integer, parameter, public :: nodes(5) = [8, 6, 4, 3, 2], per_period(5) = [2, 3, 6, 8, 12]
-  !> How the past is kept; 'auto': as exponentials where the kernels are such sums.
+  !> Storage of the past; 'auto': as exponentials if the kernels are such sums.
   character(len=*), parameter, public :: past_names(3) = &
     [character(len=12) :: 'auto', 'exponentials', 'direct']
   integer, parameter :: past_auto = 1, keep_exponentials = 2, keep_direct = 3
-  !> Steps up to which all of the past is affordable without being asked for.
+  !> Largest number of steps for which 'auto' stores the whole past.
   integer(i8), parameter :: most_direct = 20000_i8
-  !> Kernels as exponentials reach so much further than the run.
+  !> Kernels as exponentials are fitted for this multiple of the run time.
   real(wp), parameter, public :: reach = 100.0_wp
   real(wp), parameter :: rounding = 1.0e-15_wp
-  !> Part of the usual error of equations of memory where that met no tolerance.
+  !> Factor of the usual error of equations of memory if that met no tolerance.
   real(wp), parameter :: sharper = 1.0e-4_wp
 
-  !> `method` is the place in `hereditary_methods`.
+  !> `method` is the index in `hereditary_methods`.
   type, extends(transient_job) :: hereditary_job
     !> Circular frequency of the load (rad/s), if it has one.
     real(wp) :: nu = 0.0_wp
-    !> Place in `past_names`.
+    !> Index in `past_names`.
     integer :: past = past_auto
   end type hereditary_job
 
 contains
 
-  !> The motion wanted; coordinates that nothing moves are left out of the equations.
+  !> Compute the motion; coordinates that do not move are omitted from the equations.
   subroutine run_hereditary_job(job, system, load, fastest, trajectory, status)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in), target :: system
@@ -91,7 +91,7 @@ contains
                          trajectory, status)
   end subroutine run_hereditary_job
 
-  !> Coordinates that the load, the start or the past moves; of a watched motion all are computed.
+  !> Coordinates that the load, the start or the past moves; with events all are computed.
   pure function driven(job, system, load)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
@@ -102,14 +102,14 @@ contains
              .or. allocated(job%watched)
   end function driven
 
-  !> A motion by equations with memory, of which steps and past are those of the job. A motion with
-  !! memory that is unstable enlarges what is left in equations and kernels: where no step meets the
-  !! tolerance, they are solved better.
+  !> A motion by equations with memory, with steps and past as in the job. An unstable
+  !! motion with memory amplifies the errors of equations and kernels: if no step meets the
+  !! tolerance, they are solved more accurately.
   subroutine run_with_memory(job, system, equations, fastest, trajectory, status)
     type(hereditary_job), intent(in), target :: job
     class(oscillator_type), intent(in), target :: system
     class(memory_equations), intent(inout), target :: equations
-    !> The frequency that tells first steps (rad/s).
+    !> The frequency that determines the first steps (rad/s).
     real(wp), intent(in) :: fastest
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
@@ -125,7 +125,7 @@ contains
     runs%first%past = merge(past_direct, past_exponentials, job%past == keep_direct)
     if (job%past == past_auto) runs%most_direct = most_direct
     runs%first%tolerance = rounding
-    ! Without memory the step alone shall decide the error.
+    ! Without memory the step alone determines the error.
     if (remembers .or. job%dt > 0.0_wp) then
       runs%first%tolerance = max(0.1_wp*job%wanted(), rounding)
     end if
@@ -137,7 +137,7 @@ contains
     call run_motion(runs, job, wanted, trajectory, status)
   end subroutine run_with_memory
 
-  !> What will be computed and what is skipped, with the reasons.
+  !> Text of the plan: computed and skipped parts, with reasons.
   function plan_hereditary(job, system, load) result(text)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
@@ -160,7 +160,7 @@ contains
     text = text//tell_laws(system)//tell_zeros(system, load)
   end function plan_hereditary
 
-  !> The lines about forces and what is remembered of them.
+  !> Lines of the plan about forces and their memory.
   function plan_forces(job, system, load) result(text)
     type(hereditary_job), intent(in) :: job
     class(oscillator_type), intent(in) :: system
@@ -190,7 +190,7 @@ contains
       first = count(channels%kernel_of == k)
       if (first == 0) cycle
       text = text//'computes: memory of '//things(first, 'force')//' with kernel '//show(k)//', '
-      ! The step is not known before it is found; one of 1/4 tells the size.
+      ! The step is not yet known; a step of 1/4 gives the order of magnitude.
       call system%kernels(k)%exponentials(error_of_sums(0.1_wp*job%wanted(), least), &
                                                  least*table%points(1), reach*job%t_end, weights, &
                                                  rates)

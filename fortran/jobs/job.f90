@@ -1,7 +1,7 @@
-!> What every job is: options that were read and checked, a plan, a run that gives tables.
+!> Base type of jobs: options that were read and checked, a plan, a run that gives tables.
 !!
-!! The driver and the bindings know jobs by this alone. A new analysis extends `job_type` in a
-!! file of its own, and is named where scenes are read (`viscovib_scene_results`).
+!! The driver and the bindings use jobs only through this type. A new analysis extends `job_type` in
+!! a separate file, and is named where scenes are read (`viscovib_scene_results`).
 module viscovib_job
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
@@ -14,7 +14,7 @@ module viscovib_job
   public :: job_type, job_report, table_sink, plan_unwanted, told_error
 
   type, abstract :: job_type
-    !> Which coordinates the tables show.
+    !> Coordinates that the tables show.
     integer, allocatable :: wanted(:)
   contains
     procedure(plan_interface), deferred :: plan
@@ -24,12 +24,12 @@ module viscovib_job
   end type job_type
 
   type :: job_report
-    !> A sentence about the result, and whether all of it was found.
+    !> A sentence about the result, and true if all of it was found.
     character(len=:), allocatable :: summary
     logical :: complete = .true.
   end type job_report
 
-  !> Where tables go while their values are at hand.
+  !> Receiver of tables, called while their values exist.
   type, abstract :: table_sink
   contains
     procedure(put_interface), deferred :: put
@@ -37,12 +37,12 @@ module viscovib_job
 
   abstract interface
 
-    !> The name of the group that asks for it, and of its first table.
+    !> The name of the group that requests it, and of its first table.
     pure function kind_interface() result(kind)
       character(len=:), allocatable :: kind
     end function kind_interface
 
-    !> What will be computed and what is skipped, with the reasons, a line each.
+    !> Text of the plan: computed and skipped parts, with reasons, one per line.
     subroutine plan_interface(self, subject, text, status)
       import :: job_type, status_type, subject_type
       class(job_type), intent(in) :: self
@@ -73,7 +73,7 @@ module viscovib_job
 
 contains
 
-  !> Whether the motions may be those of a condensed system, and whether their stability is judged.
+  !> Whether the motions may be those of a condensed system, and whether stability is computed.
   subroutine may_condense(self, may, stability)
     class(job_type), intent(in) :: self
     logical, intent(out) :: may, stability
@@ -81,7 +81,7 @@ contains
     stability = .false.
   end subroutine may_condense
 
-  !> The line about columns, or what else, of coordinates that are not wanted, if there are any.
+  !> The line about columns or other results of coordinates that are not requested, if any.
   function plan_unwanted(what, subject, wanted) result(text)
     character(len=*), intent(in) :: what
     type(subject_type), intent(in) :: subject
@@ -102,7 +102,7 @@ contains
     if (text /= '') text = 'skips: '//what//' of '//text(3:)//' (not asked for)'//new_line('a')
   end function plan_unwanted
 
-  !> What lines above tables say of an estimated error; nothing of one that is not known, below 0.
+  !> Text of an estimated error for the line above a table; empty if it is unknown (below 0).
   function told_error(error) result(text)
     real(wp), intent(in) :: error
     character(len=:), allocatable :: text

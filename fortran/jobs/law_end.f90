@@ -1,4 +1,4 @@
-!> Where a motion stops because a force law has no value beyond.
+!> The position at which a motion stops because a force law has no value beyond it.
 module viscovib_law_end
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term
@@ -9,17 +9,17 @@ module viscovib_law_end
 
   public :: told_law_end
 
-  !> Places of the way that are looked at.
+  !> Number of sample points on the way, and of bisections.
   integer, parameter :: n_places = 41, halvings = 40
 
 contains
 
-  !> "; the law 'log(1 + x)' has no value beyond x = -1", or nothing where all laws have values.
+  !> "; the law 'log(1 + x)' has no value beyond x = -1", or empty if all laws have values.
   function told_law_end(laws, names, state, reach) result(text)
     type(law_term), intent(in) :: laws(:)
-    !> Of the coordinates.
+    !> Names of the coordinates.
     character(len=*), intent(in) :: names(:)
-    !> At the stop, (q_1, v_1, q_2, ...); how far the motion may go on (s).
+    !> At the stop, (q_1, v_1, q_2, ...); largest further time of the motion (s).
     real(wp), intent(in) :: state(:), reach
     character(len=:), allocatable :: text
     real(wp) :: part(n_places), middle
@@ -29,7 +29,7 @@ contains
     text = ''
     do i = 1, size(laws)
       if (laws(i)%state > 0) cycle
-      ! From the state itself on, in equal parts, then in halves of one of them.
+      ! From the state itself in equal parts, then bisection of one of them.
       part = [(reach*real(k - 1, wp)/real(n_places - 1, wp), k=1, n_places)]
       outside = beyond(laws(i), state, part)
       if (.not. any(outside)) cycle
@@ -56,7 +56,7 @@ contains
     end do
   end function told_law_end
 
-  !> Where on a way a law has no value.
+  !> True at times on the way at which a law has no value.
   pure function beyond(law, state, part)
     type(law_term), intent(in) :: law
     real(wp), intent(in) :: state(:), part(:)
@@ -68,11 +68,11 @@ contains
     end do
     call law%program%evaluate(matmul(q, transpose(law%arguments)) &
                               + spread(matmul(law%rates, state(2::2)), 1, size(part)), value)
-    ! What has no value is a wall, exactly.
+    ! A missing value is represented by exactly `wall`.
     beyond = abs(value - wall) <= 0.0_wp
   end function beyond
 
-  !> As near as the place is known.
+  !> Rounded to the accuracy of the position.
   pure real(wp) function six_digits(x)
     real(wp), intent(in) :: x
     real(wp) :: unit

@@ -1,5 +1,5 @@
 !> Many motions of a pendulum or a polynomial system without memory, one for each value of a
-!! number, eight side by side: last states, peaks, exponents and sections.
+!! number, eight at a time in lanes: last states, peaks, exponents and sections.
 module viscovib_many_job
   use viscovib_constants, only: pi
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
@@ -18,22 +18,22 @@ module viscovib_many_job
   public :: many_job
 
   type, extends(job_type) :: many_job
-    !> What varies and its values; its place among the names.
+    !> The varied number and its values; its index among the names.
     character(len=:), allocatable :: vary
     integer :: place = 1
     real(wp), allocatable :: values(:)
-    !> Who makes the systems, where a parameter of laws varies.
+    !> Builds the systems if a parameter of laws varies.
     class(varied_system), allocatable :: varied
-    !> One start for all; the frequency of the load of a polynomial system, where it is given.
+    !> One start for all; the frequency of the load of a polynomial system, if it is given.
     real(wp), allocatable :: initial(:)
     real(wp) :: nu = 0.0_wp
-    !> Length of the runs, and what is left out before anything is gathered: times, or periods of
+    !> Length of the runs, and of the part before accumulation begins: times, or periods of
     !! load `sections` if that is not 0.
     real(wp) :: t_end = 0.0_wp, discard = 0.0_wp
     integer :: n_periods = 0, sections = 0
-    !> Step, 0: found by the tolerance of the last states.
+    !> Step size; 0: determined by the tolerance of the last states.
     real(wp) :: dt = 0.0_wp, tolerance = 1.0e-8_wp
-    !> Place in `lane_methods`.
+    !> Index in `lane_methods`.
     integer :: method = 4
     logical :: lyapunov = .false.
   contains
@@ -122,7 +122,7 @@ contains
     if (change >= 0.0_wp) report%summary = report%summary//', estimated error '//show(change)
   end subroutine run
 
-  !> The motions as the core makes them.
+  !> Set up the motions.
   subroutine lay_out(self, subject, runs, fastest, status)
     class(many_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -155,7 +155,7 @@ contains
     class(many_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(many_motions), intent(in), target :: many
-    !> Negative: not known.
+    !> Negative: unknown.
     real(wp), intent(in) :: error
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status

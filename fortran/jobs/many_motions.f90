@@ -8,10 +8,10 @@ module viscovib_many_motions
 
   public :: compare
 
-  !> A coordinate is compared to this part of the largest at least.
+  !> Smallest unit of comparison of a coordinate, relative to the largest coordinate.
   real(wp), parameter :: smallest = 1.0e-6_wp
 
-  !> What was learnt, run last.
+  !> Results; the run is the last index.
   type, public :: many_motions
     real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
     real(wp), allocatable :: lyapunov(:), lyapunov_error(:), t_reached(:)
@@ -22,8 +22,8 @@ module viscovib_many_motions
 
 contains
 
-  !> Whether motions in steps half as long tell the same, and how much they differ; where they do
-  !! tell the same, the error that rounding leaves is in the difference.
+  !> Test if motions with half the step size agree, and compute their difference; if they agree, the
+  !! difference includes the rounding error.
   subroutine compare(coarse, fine, absolute, relative, change, met)
     type(many_motions), intent(in) :: coarse
     !> Exponents get an error of at least their difference between the two runs.
@@ -40,14 +40,14 @@ contains
 
     alive = coarse%ended == run_completed .and. fine%ended == run_completed
     parts = abs(fine%state - coarse%state)
-    ! Of a state that has run away the time is what is known.
+    ! For a diverged state only the time is compared.
     where (spread(fine%ended == run_diverged, 1, size(parts, 1))) parts = 0.0_wp
     moved = abs(fine%t_reached - coarse%t_reached)
     along = 0.0_wp
     tops = 0.0_wp
     rounded = 0.0_wp
     do i = 1, size(alive)
-      ! Of a motion that stopped peaks and means are no numbers.
+      ! Peaks and means of a motion that stopped are NaN.
       if (.not. alive(i)) cycle
       along(:, i) = max(abs(fine%peak(:, i) - coarse%peak(:, i)), &
                         abs(fine%mean(:, i) - coarse%mean(:, i)), &
@@ -71,7 +71,7 @@ contains
     end do
     if (.not. met) return
     do i = 1, size(alive)
-      ! Of others both are NaN.
+      ! For stopped motions both are NaN.
       if (alive(i)) fine%lyapunov_error(i) = max(fine%lyapunov_error(i), &
                                                  abs(fine%lyapunov(i) - coarse%lyapunov(i)))
     end do

@@ -1,5 +1,5 @@
-!> Many motions of a pendulum or of a polynomial system without memory, eight side by side, in a
-!! step given or found. One whose steps may have missed a thin layer is made again, in parts.
+!> Many motions of a pendulum or a polynomial system without memory, eight at a time in lanes, with
+!! a step given or found. A motion whose steps may have missed a thin layer is repeated in parts.
 module viscovib_many_runs
   use viscovib_constants, only: pi
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, &
@@ -28,44 +28,44 @@ module viscovib_many_runs
 
   public :: many_runs, many_motions
 
-  !> Numbers of a polynomial system that vary (the scales in the order of the lanes).
+  !> Varied numbers of a polynomial system (the scales in the order of the lanes).
   character(len=*), parameter, public :: system_numbers(5) = &
     [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
   integer, parameter :: of_nu = 1, of_load = 2, of_stiffness = 3, of_damping = 4
-  !> The place of a parameter of laws, behind all of these.
+  !> Index of a parameter of laws, after all of these.
   integer, parameter, public :: of_parameter = size(system_numbers) + 1
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
-  !> Steps of a motion; numbers of one that is made by itself.
+  !> Largest number of steps of a motion; largest number of stored numbers of a separate motion.
   real(wp), parameter :: most_steps = 1.0e10_wp
   integer(i8), parameter :: most_kept = 2_i8**27
-  !> Relative error with which equations of steps are solved.
+  !> Relative error of the solution of the equations of steps.
   real(wp), parameter :: solved = 1.0e-15_wp
 
-  !> What is to be made.
+  !> The motions to compute.
   type :: many_runs
     type(subject_type), pointer :: subject => null()
-    !> What varies, its place among the numbers (0: nothing), its values.
+    !> The varied number: its index (0: none), and its values.
     integer :: place = 0
     real(wp), allocatable :: values(:)
-    !> Who makes the systems, where a parameter of laws varies.
+    !> Builds the systems if a parameter of laws varies.
     class(varied_system), allocatable :: varied
-    !> Starts, a column a motion, and how long each is.
+    !> Starts, one column per motion, and duration of each motion.
     real(wp), allocatable :: starts(:, :), spans(:)
     !> Frequency of the load of a polynomial system, unless it varies.
     real(wp) :: nu = 0.0_wp
-    !> Place in `lane_methods`.
+    !> Index in `lane_methods`.
     integer :: method = 4
-    !> Periods of load `sections` in all and before anything is gathered; without sections 0, and
-    !! the time before anything is.
+    !> Periods of load `sections` in all and before accumulation begins; without sections 0, and
+    !! `discard` is the time before.
     integer :: sections = 0, n_periods = 0, periods_before = 0
     real(wp) :: discard = 0.0_wp
-    !> Whether peaks and means, and the largest exponent, are wanted.
+    !> Whether to compute peaks and means, and the largest exponent.
     logical :: moments = .false., lyapunov = .false.
-    !> Steps of the first runs (0: none yet), and which motions are made by themselves since.
+    !> Steps of the first runs (0: none yet), and motions that are computed separately since.
     integer(i8) :: n_first = 0
     logical, allocatable :: alone(:)
-    !> Motions of each block, the last one again in idle lanes, and the kind of its systems.
+    !> Motions of each block, with the last one repeated in idle lanes, and the kind of its systems.
     integer, allocatable, private :: members(:, :), kinds(:)
   contains
     procedure :: lay_out
@@ -81,10 +81,10 @@ module viscovib_many_runs
 
 contains
 
-  !> How long each motion is, and the fastest frequency of all.
+  !> Durations of the motions, and the fastest frequency of all.
   subroutine lay_out(self, t_end, fastest, status)
     class(many_runs), intent(inout) :: self
-    !> The time of each, if no periods are counted.
+    !> Duration of each, if no periods are counted.
     real(wp), intent(in) :: t_end
     real(wp), intent(out) :: fastest
     type(status_type), intent(out) :: status
@@ -140,7 +140,7 @@ contains
 
   end subroutine lay_out
 
-  !> Steps of each motion of a given length, so many in each period that is counted.
+  !> Number of steps per motion for a given step length, a multiple of the number of periods.
   subroutine steps_of(self, dt, n, status)
     class(many_runs), intent(in) :: self
     real(wp), intent(in) :: dt
@@ -198,7 +198,7 @@ contains
     end if
   end subroutine system_of
 
-  !> The same as one of many that go side by side, without scales.
+  !> The motion as one of many in lanes, without scales.
   subroutine motion_of(self, i, motion, status)
     class(many_runs), intent(in) :: self
     integer, intent(in) :: i
@@ -214,8 +214,8 @@ contains
     call new_lane_motion(motion, system, self%subject%load, own)
   end subroutine motion_of
 
-  !> Which motions go side by side. A parameter may change the form of a system, as a factor of 0
-  !! that leaves a term out: those go in blocks of their own.
+  !> Assign motions to blocks. A parameter may change the form of a system, as a factor of 0
+  !! that removes a term: systems of different form are in different blocks.
   subroutine arrange(self, status)
     type(many_runs), intent(inout) :: self
     type(status_type), intent(out) :: status
@@ -234,7 +234,7 @@ contains
     call fill_blocks(kind_of, self%members, self%kinds)
   end subroutine arrange
 
-  !> All motions in n steps each.
+  !> Compute all motions in n steps each.
   subroutine make(self, n, many, status)
     class(many_runs), intent(inout) :: self
     integer(i8), intent(in) :: n
@@ -316,7 +316,7 @@ contains
     end do
   end subroutine make
 
-  !> A block of some motions.
+  !> Fill a block with some motions.
   subroutine fill_block(self, n, runs, points, motion, pendulum, block, status)
     type(many_runs), intent(in) :: self
     integer(i8), intent(in) :: n
@@ -343,7 +343,7 @@ contains
     end do
   end subroutine fill_block
 
-  !> The numbers of motion i in a lane, and the frequencies of its loads.
+  !> Set the numbers of motion i in a lane, and the frequencies of its loads.
   subroutine set_lane(self, i, l, motion, pendulum, frequencies, status)
     type(many_runs), intent(in) :: self
     integer, intent(in) :: i, l
@@ -377,7 +377,7 @@ contains
     end if
   end subroutine set_lane
 
-  !> What a lane has learnt.
+  !> Copy the results of a lane.
   subroutine take(block, l, many, i)
     type(ensemble_block), intent(in) :: block
     integer, intent(in) :: l, i
@@ -401,7 +401,7 @@ contains
     many%sections(:, :, i) = block%sections(l, :, :)
   end subroutine take
 
-  !> Motion i by itself, in parts of steps that see thin layers of laws.
+  !> Compute motion i separately, in parts of steps that resolve thin layers of laws.
   subroutine make_alone(self, i, job, many, status)
     class(many_runs), intent(in) :: self
     integer, intent(in) :: i
@@ -436,16 +436,16 @@ contains
     end if
     if (status%failed()) return
     h = self%spans(i)/job%n_steps
-    ! Those in steps shorter than the first have parts as much shorter.
+    ! With steps shorter than the first, the parts are shorter in proportion.
     motion%thin = h/(self%spans(i)/self%n_first)
-    ! A method that is of motions side by side only gives way to the first.
+    ! A method that exists only for lanes is replaced by the first method.
     method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
     call new_stepper(stepper, motion, method, self%starts(1::2, i), self%starts(2::2, i), &
                      0.0_wp, h, solved)
     allocate (states(size(self%starts, 1), job%n_steps/every))
     since = h*(job%n_discard - job%ahead)
     length = h*job%n_steps - since
-    ! No events; peaks and means from a time on.
+    ! No events; peaks and means from the time `since`.
     call new_watch(watch, [0.0_wp, since])
     watch%extremes%wanted = self%moments
     call simulate(stepper, motion, 0_i8, job%n_steps, every, no_times, states, no_states, made, &
@@ -465,16 +465,16 @@ contains
     end do
   end subroutine make_alone
 
-  !> Halve the step until last states, peaks and means stand still, as `simulate_ensemble` of
-  !! Python does.
+  !> Halve the step until last states, peaks and means change by less than is allowed, as
+  !! `simulate_ensemble` of Python does.
   subroutine refine(self, n, absolute, relative, many, change, met, status)
     class(many_runs), intent(inout) :: self
-    !> Steps to begin with; those that were enough, or vain.
+    !> Number of steps of the first run; on return of the last run.
     integer(i8), intent(inout) :: n
-    !> Error allowed in them, and in parts of the largest of each coordinate.
+    !> Allowed absolute error, and allowed error relative to the largest value of each coordinate.
     real(wp), intent(in) :: absolute, relative
     type(many_motions), intent(out) :: many
-    !> By how much the last halving changed any of them at most.
+    !> Largest change by the last halving.
     real(wp), intent(out) :: change
     logical, intent(out) :: met
     type(status_type), intent(out) :: status

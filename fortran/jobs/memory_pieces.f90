@@ -21,27 +21,27 @@ module viscovib_memory_pieces
 
   public :: make_base, memory_equations, oscillator_equations, structure_equations
 
-  !> The data that both kinds of equations have.
+  !> Common data of both kinds of equations.
   type, abstract, extends(motion_equations) :: memory_equations
-    !> Nodes a step; the end of any run that goes on.
+    !> Nodes per step; the end of any run that continues.
     integer :: nodes = 8
     real(wp) :: t_end = 0.0_wp
     !> The displacement for all t < 0 (n), or before the first of the times `before` (m) with
-    !! displacements `moved` (n, m), ascending to 0; of structures of what their elements see.
+    !! displacements `moved` (n, m), ascending to 0; for structures the deflections of elements.
     real(wp), pointer, contiguous :: held(:), before(:), moved(:, :)
   contains
     procedure :: set_nodes
   end type memory_equations
 
-  !> Those of an oscillator, its past kept as exponentials or step by step.
+  !> Equations of an oscillator; its past is stored as exponentials or step by step.
   type, extends(memory_equations) :: oscillator_equations
     class(oscillator_type), pointer :: system => null()
-    !> Coordinates that anything moves; the others stay 0.
+    !> Coordinates that move; the others stay 0.
     logical, allocatable :: moves(:)
     !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), and its cubics
     !! `pieces` (n, 4, b) between `breaks` (b); the base by `waves` (w, k), w = 1: along the
     !! direction of the system, and by the cubics `base_pieces` (4, w, c) between `base_breaks`
-    !! (c = 1: none), its acceleration being in the load already.
+    !! (c = 1: none). The load already includes the acceleration of the base.
     real(wp), pointer, contiguous :: frequencies(:), breaks(:), pieces(:, :, :), base_breaks(:), &
                                      base_pieces(:, :, :)
     complex(wp), pointer, contiguous :: amplitudes(:, :), waves(:, :)
@@ -49,13 +49,13 @@ module viscovib_memory_pieces
     procedure :: run => run_oscillator
   end type oscillator_equations
 
-  !> Those of a structure, whose state are modes.
+  !> Equations of a structure, whose state consists of modes.
   !!
-  !! The linear rest are sections q'' + rates q' + squares q = pushes, its elements a polynomial
-  !! system in the deflections seen^T q. Kept are coordinates `shown`^T q and their velocities, of a
-  !! body whose base moves them by the direction of `base`. The start, `q` and `v`, is relative to
-  !! the base; of what has no real modes, shown by `shown_left`, they hold real and imaginary parts.
-  !! Under other loads the base jumps back by `kick`, its displacement and its velocity.
+  !! The linear subsystem is a set of sections q'' + rates q' + squares q = pushes, its elements a
+  !! polynomial system in the deflections seen^T q. The results are the coordinates `shown`^T q and
+  !! their velocities, of a body whose base moves them by the direction of `base`. The start, `q`
+  !! and `v`, is relative to the base; for the part without real modes, shown by `shown_left`, they
+  !! are real and imaginary parts. Under other loads the base jumps back by `kick`.
   type, extends(memory_equations) :: structure_equations
     type(polynomial_type), pointer :: system => null()
     type(sections_type) :: sections
@@ -70,7 +70,7 @@ module viscovib_memory_pieces
 
 contains
 
-  !> Nodes a step.
+  !> Set the number of nodes per step.
   pure subroutine set_nodes(self, nodes)
     class(memory_equations), intent(inout) :: self
     integer, intent(in) :: nodes
@@ -81,7 +81,7 @@ contains
 
   !> A piece of a run of an oscillator. `reason` (not 0: no run, see `viscovib_hereditary`);
   !! `resolution`: largest last Legendre coefficient of a displacement on a step, relative to its
-  !! largest value; `too_long`: how many times as long steps are as those whose nodes see every thin
+  !! largest value; `too_long`: length of steps relative to that at which nodes resolve every thin
   !! layer of a law.
   subroutine run_oscillator(self, piece, status)
     class(oscillator_equations), intent(in) :: self
@@ -108,7 +108,7 @@ contains
     dofs = pack([(i, i=1, n)], moves)
     rows = pack([(i, i=1, 2*n)], state_mask(moves))
     if (piece%sign /= 0) then
-      ! With the start forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.
+      ! With the changed start, forces have changed arguments, u/(1 + s), and values, by 1 + 2 s.
       allocate (other, source=system)
       call other%weigh(1.0_wp - 2.0_wp*shaken)
       system => other
@@ -173,7 +173,7 @@ contains
     piece%too_long = too_long/(unseen_by_node*self%nodes)
   end subroutine run_oscillator
 
-  !> The shortest step after corners, and whether the base has some; not allocated: none follows.
+  !> The shortest step after corners, and true if the base has corners; not allocated: no corners.
   pure subroutine take_shortest(piece, shortest, kinks)
     type(piece_type), intent(in) :: piece
     real(wp), allocatable, intent(out) :: shortest
@@ -186,7 +186,7 @@ contains
   !> Loads and base of the coordinates `dofs`.
   subroutine take_loads(self, system, dofs, load, base)
     class(oscillator_equations), intent(in) :: self
-    !> Of these coordinates alone.
+    !> Of these coordinates only.
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: dofs(:)
     type(time_load_type), intent(out) :: load
@@ -206,10 +206,10 @@ contains
     end if
   end subroutine take_loads
 
-  !> A base that moves by waves and cubics.
+  !> Set a base motion by harmonics and cubics.
   subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
     type(base_motion_type), intent(inout) :: base
-    !> How the coordinates move with it; none: each has a displacement of its own.
+    !> Motion of the coordinates with the base; empty: each has its own displacement.
     real(wp), intent(in) :: direction(:)
     !> Shapes (n), (m), (4, q, m) and (q, n).
     real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :, :)
@@ -222,8 +222,8 @@ contains
     base%pieces = pieces
   end subroutine make_base
 
-  !> A piece of a run of a structure, as of an oscillator. Found besides: `phased`, as
-  !! `phase_errors` has it of what is kept.
+  !> A piece of a run of a structure, as of an oscillator. Additional result: `phased`, the
+  !! `phase_errors` of the results.
   subroutine run_structure(self, piece, status)
     class(structure_equations), intent(in) :: self
     type(piece_type), intent(inout) :: piece
@@ -290,7 +290,7 @@ contains
     piece%too_long = too_long/(unseen_by_node*self%nodes)
   end subroutine run_structure
 
-  !> Forces of loads and elements so many times as large.
+  !> Multiply the forces of loads and elements by a factor.
   pure subroutine push_harder(sections, times)
     type(sections_type), intent(inout) :: sections
     real(wp), intent(in) :: times

@@ -29,18 +29,18 @@ module viscovib_motion_job
 
   public :: decay_job, motion_job, spectrum_job, told_event
 
-  !> What &spectrum asks for.
+  !> Options of &spectrum.
   type :: spectrum_job
     logical :: wanted = .false.
-    !> Place in `window_names`.
+    !> Index in `window_names`.
     integer :: window = window_hann
     !> States before this time are left out.
     real(wp) :: discard = 0.0_wp
-    !> Coordinates of which there are spectra.
+    !> Coordinates with a spectrum.
     integer, allocatable :: transformed(:)
   end type spectrum_job
 
-  !> What &free_decay asks for.
+  !> Options of &free_decay.
   type :: decay_job
     logical :: wanted = .false.
     !> Number of oscillations.
@@ -57,13 +57,13 @@ module viscovib_motion_job
   end type told_event
 
   type, extends(job_type) :: motion_job
-    !> Of a system with memory a `hereditary_job`.
+    !> A `hereditary_job` for a system with memory.
     class(transient_job), allocatable :: motion
     !> Frequency of the load of a system without memory (rad/s).
     real(wp) :: nu = 0.0_wp
     type(spectrum_job) :: spectrum
     type(decay_job) :: decay
-    !> Events as they were written, a line each; not allocated: none.
+    !> Events as given, one per line; not allocated: none.
     type(told_event), allocatable :: events(:)
   contains
     procedure, nopass :: kind => this_kind
@@ -183,7 +183,7 @@ contains
     end if
   end subroutine run
 
-  !> How much of each coordinate swings faster than the last `kept` states tell, by its velocity.
+  !> Part of each coordinate above the Nyquist frequency of the last `kept` states, by its velocity.
   function aliased_shares(self, trajectory, kept) result(shares)
     type(spectrum_job), intent(in) :: self
     type(trajectory_type), intent(in) :: trajectory
@@ -200,7 +200,7 @@ contains
     end do
   end function aliased_shares
 
-  !> Coordinates that swing faster than the last `kept` states tell.
+  !> Coordinates with components above the Nyquist frequency of the last `kept` states.
   function aliases(self, subject, trajectory, kept, shares) result(text)
     type(spectrum_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
@@ -222,7 +222,7 @@ contains
     end do
   end function aliases
 
-  !> Which events could not be found: their functions have no value anywhere on the way, or change
+  !> Events that could not be found: their functions have no value on the way, or change
   !! too fast.
   function undefined_events(self, trajectory) result(text)
     class(motion_job), intent(in) :: self
@@ -239,13 +239,13 @@ contains
     end do
   end function undefined_events
 
-  !> Which place a law ends at, if that is why a motion stopped.
+  !> The position at which a law ends, if the motion stopped there.
   function law_end(self, subject, trajectory) result(text)
     class(motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
     character(len=:), allocatable :: text
-    !> Part of a step that the stop is located within, where it is.
+    !> Relative accuracy of the stop in a step, if it is located.
     real(wp), parameter :: located = 1.0e-6_wp
     real(wp), allocatable :: state(:)
     real(wp) :: further
@@ -255,7 +255,7 @@ contains
     m = size(trajectory%t)
     if (subject%is_pendulum .or. subject%is_turning) return
     if (m == 0) return
-    ! With memory a motion leaves a law within a step: the last state kept is before that.
+    ! With memory a motion leaves a law within a step: the last state is before that.
     state = trajectory%states(:, m)
     further = 2.0_wp*(trajectory%t_reached - trajectory%t(m)) + trajectory%h
     select type (motion => self%motion)
@@ -268,7 +268,7 @@ contains
       if (.not. allocated(trajectory%places)) return
       do i = 1, size(subject%model%elements)
         associate (element => subject%model%elements(i), places => trajectory%places)
-          ! What an element reads must be kept.
+          ! The arguments of an element must have been kept.
           if (abs(sum(abs(element%direction)) - sum(abs(element%direction(places)))) > 0.0_wp) cycle
           text = told_law_end(element%laws, ['d'], [dot_product(element%direction(places), &
                                                                 state(1::2)), &
@@ -282,7 +282,7 @@ contains
     end if
   end function law_end
 
-  !> Coordinates that tables hold, and spectra, and that events read.
+  !> Coordinates that tables, spectra and events need.
   pure function places(self)
     class(motion_job), intent(in) :: self
     integer, allocatable :: places(:)
@@ -296,7 +296,7 @@ contains
     end associate
   end function places
 
-  !> Places, and others that are not among them.
+  !> Union of two lists of coordinates.
   pure function union(places, others)
     integer, intent(in) :: places(:), others(:)
     integer, allocatable :: union(:)
@@ -338,7 +338,7 @@ contains
     call sink%put(this_kind(), table, status)
   end subroutine put_motion
 
-  !> A row a passage, those of the first event first.
+  !> One row per event, ordered by the event functions.
   subroutine put_events(self, subject, trajectory, sink, status)
     class(motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
@@ -389,13 +389,13 @@ contains
            //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted))
   end function units_of
 
-  !> A row a frequency, of the last `kept` states.
+  !> One row per frequency, from the last `kept` states.
   subroutine put_spectrum(self, subject, trajectory, kept, shares, sink, status)
     type(spectrum_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
     integer, intent(in) :: kept
-    !> As of `aliased_shares`.
+    !> As in `aliased_shares`.
     real(wp), intent(in) :: shares(:)
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status
@@ -426,13 +426,13 @@ contains
     call sink%put('spectrum', table, status)
   end subroutine put_spectrum
 
-  !> A row an oscillation, the largest first.
+  !> One row per oscillation, the largest first.
   subroutine put_decay(self, subject, trajectory, sink, folded, status)
     type(decay_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
     class(table_sink), intent(inout) :: sink
-    !> Coordinates that swing faster than the states tell.
+    !> Coordinates with components above the Nyquist frequency.
     character(len=:), allocatable, intent(out) :: folded
     type(status_type), intent(out) :: status
     type(table_type) :: table

@@ -13,32 +13,32 @@ module viscovib_motion_piece
 
   public :: check_memory, memory_under_other_loads, motion_equations, piece_type
 
-  !> How a run goes on: from a start, as before, or under other loads.
+  !> Start of a run: from a start, continued as before, or continued under other loads.
   integer, parameter, public :: from_start = 0, as_before = 1, under_other_loads = 2
 
-  ! Of a run that is to keep no states at given times, or goes on without a memory of its own.
+  ! For a run without states at given times, or without saved memory.
   real(wp), target, public :: nothing(0)
 
   !> The start of a run, its steps, and its results.
   type :: piece_type
-    !> Steps made before, steps to make, and steps between states that are kept.
+    !> Number of steps before, number of steps to make, and steps between states that are kept.
     integer(i8) :: first = 0, n_steps = 0, save_every = 1
     integer :: resume = from_start
     real(wp) :: h = 0.0_wp, tolerance = 0.0_wp
     !> The factor by which steps of a mesh are shorter; the sign of a perturbation, 0: none.
     integer :: factor = 1, sign = 0
-    !> Whether steps are made in parts that see thin layers of forces, and how thin one may be for
-    !! a part.
+    !> True if steps are made in parts that resolve thin layers of forces; largest change of an
+    !! argument of a law in a part, relative to the resolved change.
     logical :: in_parts = .false.
     real(wp) :: thin = 1.0_wp
-    !> How the past is kept; the shortest step after corners, and whether the base has some.
+    !> Storage of the past; the shortest step after corners, and true if the base has corners.
     integer :: past = 0
     real(wp) :: shortest = 0.0_wp
     logical :: kinks = .false.
-    !> Whether a step with memory that is too large ends it, wherever inside the motion may stop.
+    !> True if a step with memory that is too large ends the run, without locating the stop inside.
     logical :: gives_up = .false.
     real(wp), pointer, contiguous :: initial(:), times(:), memory(:)
-    !> Where steps end, as of `new_mesh`, before they are shorter; not allocated: they are equal.
+    !> Ends of steps, as in `new_mesh`, before they are shortened; not allocated: equal steps.
     real(wp), allocatable :: ends(:)
     integer(i8), allocatable :: made_by(:)
     real(wp), allocatable :: states(:, :), at_times(:, :), last(:), kept(:), phased(:)
@@ -48,7 +48,7 @@ module viscovib_motion_piece
     integer(i8) :: n_done = 0, counted = 0
     integer :: n_reached = 0, ended = 0, reason = 0
     real(wp) :: t_reached = 0.0_wp, resolution = 0.0_wp, too_long = 0.0_wp
-    !> Events, as of `new_watch`; sides not allocated: a run begins.
+    !> Events, as in `new_watch`; sides not allocated: a run begins.
     logical :: is_watched = .false.
     real(wp), pointer, contiguous :: watched(:)
     integer, allocatable :: sides(:)
@@ -61,16 +61,16 @@ module viscovib_motion_piece
 
   !> Equations of motion under loads, with their past.
   type, abstract :: motion_equations
-    !> A body with large rotations, whose states have equivalent forms; null: they have none.
+    !> A body with large rotations, whose states have equivalent forms; null: no such body.
     class(oscillator_type), pointer :: turning => null()
     !> Relative change of the start in shaken runs.
     real(wp) :: change = shaken
-    !> Whether steps are polynomials through nodes, solved to the tolerance, also between their
-    !! ends; whether these have the degree that a search compares.
+    !> True if steps are polynomials through nodes, solved to the tolerance, also between their
+    !! ends; true if these have the degree that a search compares.
     logical :: collocated = .false., of_high_degree = .false.
-    !> Whether steps go over kinks of laws; whether kernels are fitted by sums of exponentials.
+    !> True if steps cross kinks of laws; true if kernels are fitted by sums of exponentials.
     logical :: over_kinks = .false., fitted = .false.
-    !> True if rounding errors of the energy accumulate; whether modes have damping of their own.
+    !> True if rounding errors of the energy accumulate; true if modes have their own damping.
     logical :: keeps_energy = .false., damps_modes = .false.
   contains
     procedure(run_interface), deferred :: run
@@ -120,7 +120,7 @@ contains
     allocate (self%at_times(n_rows, size(self%times)), self%last(n_rows), source=0.0_wp)
   end subroutine make_room
 
-  !> Look for events, whose signals read some of n coordinates alone.
+  !> Start the search for events, whose signals read only some of n coordinates.
   subroutine begin_watch(self, n)
     class(piece_type), intent(inout) :: self
     integer, intent(in) :: n
@@ -128,7 +128,7 @@ contains
     call new_watch(self%watch, self%watched, self%sides, n)
   end subroutine begin_watch
 
-  !> Where steps end that are shorter by the factor.
+  !> Mesh of steps shortened by the factor.
   subroutine mesh_of_piece(self, mesh)
     class(piece_type), intent(in) :: self
     type(mesh_type), intent(out) :: mesh
@@ -139,7 +139,7 @@ contains
     end if
   end subroutine mesh_of_piece
 
-  !> A failure where a run is to go on with less than it needs.
+  !> Fail if a run is to continue with less data than it needs.
   subroutine check_memory(piece, needed, status)
     type(piece_type), intent(in) :: piece
     integer, intent(in) :: needed

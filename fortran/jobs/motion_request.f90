@@ -1,4 +1,4 @@
-!> What a motion in time is asked for.
+!> Options of a motion in time.
 module viscovib_motion_request
   use viscovib_kinds, only: i8, wp
   use viscovib_trajectory, only: trajectory_type
@@ -8,37 +8,37 @@ module viscovib_motion_request
   public :: transient_job
 
   real(wp), parameter :: rounding = 1.0e-15_wp
-  !> Looks on the way to a last state, first steps between two.
+  !> Largest number of states on the way to a last state; smallest distance in first steps.
   integer(i8), parameter :: most_looks = 24_i8, least_between = 8_i8
-  !> By what steps are shorter than the first from which on a motion that stops is followed to
-  !! its stop: those before are given up where they are too large.
+  !> Factor by which steps are shorter than the first from which on a stop is located: earlier
+  !! runs end where steps are too large.
   integer, parameter, public :: located_from = 4
-  !> Error that is wanted if none is given, as a part of the size of the motion.
+  !> Default error, relative to the size of the motion.
   real(wp), parameter, public :: part_of_size = 1.0e-10_wp
 
   type :: transient_job
     !> (q_1, v_1, q_2, v_2, ...) at time 0.
     real(wp), allocatable :: initial(:)
     real(wp) :: t_end = 0.0_wp
-    !> Step, shortened to fit; 0: found by `tolerance`.
+    !> Step size, shortened to fit; 0: determined by `tolerance`.
     real(wp) :: dt = 0.0_wp
-    !> Wanted error of the states; 0: to rounding where dt is given, else relative (`by_size`).
+    !> Allowed error of the states; 0: rounding if dt is given, else relative (`by_size`).
     real(wp) :: tolerance = 0.0_wp
-    !> Place in `transient_methods`.
+    !> Index in `transient_methods`.
     integer :: method = 1
-    !> Steps between states kept.
+    !> Number of steps between kept states.
     integer :: save_every = 1
-    !> Keep the state at the end alone; those of so long a time at the end, 0: all.
+    !> Keep only the state at the end; or the states of the last `tail`, 0: all.
     logical :: last_only = .false.
     real(wp) :: tail = 0.0_wp
     !> Times at which states are kept, ascending; not allocated: at the ends of steps.
     real(wp), allocatable :: times(:)
-    !> Where every state is kept: so many that peaks between them are low.
+    !> If every state is kept: keep so many that peaks between them are low.
     logical :: fills = .true.
-    !> Wanted error relative to the largest value of each coordinate and velocity, on top
-    !! of `tolerance`, which may be 0 then.
+    !> Allowed error relative to the largest value of each coordinate and velocity, in addition
+    !! to `tolerance`, which may then be 0.
     real(wp) :: relative = 0.0_wp
-    !> Events to look for, as `new_watch` takes them; not allocated: none.
+    !> Events, as in `new_watch`; not allocated: none.
     real(wp), allocatable :: watched(:)
     !> Whether accelerations of the states kept are wanted; whether a run without memory finds them
     !! at its `times`.
@@ -56,7 +56,7 @@ module viscovib_motion_request
 
 contains
 
-  !> Largest error allowed of a motion that stops: absolute of 1 or of a state that runs away.
+  !> Allowed error of a motion that stops, relative to 1 or to its largest number.
   pure real(wp) function allowed_at_stop(self, run) result(allowed)
     class(transient_job), intent(in) :: self
     type(trajectory_type), intent(in) :: run
@@ -73,7 +73,7 @@ contains
     by_size = .not. max(self%dt, self%tolerance, self%relative) > 0.0_wp
   end function by_size
 
-  !> The smallest error that is wanted, of a motion of size 1; 0: to rounding.
+  !> The smallest allowed error, for a motion of size 1; 0: rounding.
   pure real(wp) function wanted(self)
     class(transient_job), intent(in) :: self
     wanted = self%tolerance
@@ -93,22 +93,22 @@ contains
       allowed(1::2) = part_of_size*maxval(allowed(1::2))
       return
     end if
-    ! A row that is hardly more than rounding of the others is not judged by itself.
+    ! A row hardly above the rounding errors of other rows is not checked separately.
     allowed = self%tolerance + self%relative*max(allowed, 1.0e-6_wp*maxval(allowed))
   end function allowed
 
-  !> Steps between states that are looked at on the way to the last of two runs; odd: four of the
+  !> Steps between states on the way to the last states of two runs; odd, since four of the
   !! first steps may be a period.
   pure integer(i8) function steps_between_looks(n) result(between)
     integer(i8), intent(in) :: n
     between = ior(max(min(least_between, n/4), n/most_looks), 1_i8)
   end function steps_between_looks
 
-  !> Relative error with which equations of steps are solved where they are cheap.
+  !> Relative error of the solution of the equations of steps, if they are cheap.
   pure real(wp) function solved(self)
     class(transient_job), intent(in) :: self
     solved = rounding
-    ! Where the step is found it alone shall decide the error.
+    ! If the step is searched, it alone determines the error.
     if (self%dt > 0.0_wp) solved = max(0.1_wp*self%tolerance, rounding)
   end function solved
 

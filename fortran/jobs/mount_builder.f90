@@ -18,7 +18,7 @@ module viscovib_mount_builder
   type, extends(system_builder) :: mount_builder
     type(mount_parameters) :: parameters
     type(kernel_holder), allocatable :: kernels(:)
-    !> Place in `mount_numbers`.
+    !> Index in `mount_numbers`.
     integer :: which = 0
   contains
     procedure :: build
@@ -26,7 +26,7 @@ module viscovib_mount_builder
 
 contains
 
-  !> From a mount, whose number `which` will differ.
+  !> Create a builder for a mount with a varied number `which`.
   subroutine new_mount_builder(builder, mount, which)
     class(system_builder), allocatable, intent(out) :: builder
     type(mount_type), intent(in) :: mount
@@ -55,7 +55,7 @@ contains
     call move_alloc(mount, system)
   end subroutine build
 
-  !> Give a mount another value of number `which`.
+  !> Set number `which` of a mount to p.
   subroutine change_mount(mount, which, p, status)
     type(mount_type), intent(inout) :: mount
     integer, intent(in) :: which

@@ -1,5 +1,5 @@
-!> A motion in time of the pendulum as one job; where nothing makes it swing, of its
-!! spring alone.
+!> A motion in time of the pendulum as one job; if it cannot swing, a motion of its
+!! spring only.
 module viscovib_pendulum_job
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -40,7 +40,7 @@ contains
     call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
   end subroutine run_pendulum_job
 
-  !> What will be computed and what is skipped, with the reasons.
+  !> Text of the plan: computed and skipped parts, with reasons.
   function plan_pendulum(job, pendulum) result(text)
     type(transient_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum

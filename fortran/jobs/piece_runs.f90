@@ -16,9 +16,9 @@ module viscovib_piece_runs
 
   public :: piece_runs, shared_type
 
-  !> Part of a step for which kernels are fitted where a run stops inside it.
+  !> Part of a step for which kernels are fitted if a run stops inside it.
   real(wp), parameter :: fine = 2.0_wp**(-14)
-  !> Relative error to which equations are solved at best.
+  !> Smallest relative error of the solution of equations.
   real(wp), parameter :: rounding = 1.0e-15_wp
 
   !> Findings of one run that all runs of a search use.
@@ -32,20 +32,20 @@ module viscovib_piece_runs
   type :: piece_runs
     class(motion_equations), pointer :: equations => null()
     type(shared_type), pointer :: shared => null()
-    !> The first run to `t_end`; where steps end, if they are not equal.
+    !> The first run to `t_end`; ends of steps, if they are not equal.
     type(piece_type) :: first
     logical :: has_mesh = .false.
     type(mesh_type) :: mesh
     real(wp) :: t_end = 0.0_wp
-    !> What is kept: states at given times, the last one, or those of the last `tail`, 0: all;
-    !! whether states on the way are looked at.
+    !> States to keep: at given times, the last one, or those of the last `tail`, 0: all;
+    !! true if states on the way are kept for comparison.
     logical :: at_times = .false., last_only = .false., looks = .false.
     real(wp) :: tail = 0.0_wp
-    !> Rows of states by which runs are compared; whether shakes leave displacements as they are.
+    !> Rows of states by which runs are compared; true if a changed start keeps its displacements.
     integer, allocatable :: rows(:)
     logical :: holds_places = .false.
-    !> Steps up to which all of the past may be kept where kernels are not sums of exponentials; the
-    !! shortest step of a run that goes on, 0: there is none.
+    !> Largest number of steps with the whole past if kernels are not sums of exponentials; the
+    !! shortest step of a run that continues, 0: none.
     integer(i8) :: most_direct = 0
     real(wp) :: later = 0.0_wp
   contains
@@ -59,7 +59,7 @@ module viscovib_piece_runs
     procedure :: goes_in_parts
   end type piece_runs
 
-  !> One run: its steps and their length, the states wanted, where it begins, and its only or last
+  !> One run: its steps and their length, the requested states, its start, and its only or last
   !! piece.
   type :: course_type
     integer(i8) :: steps = 0
@@ -67,14 +67,14 @@ module viscovib_piece_runs
     real(wp) :: h = 0.0_wp, shortest = 0.0_wp
     real(wp), allocatable :: times(:), start(:), memory(:)
     type(piece_type) :: piece
-    !> Steps of that piece whose states are not wanted; whether the state at its end alone is left.
+    !> Steps of that piece without requested states; true if only the state at its end remains.
     integer(i8) :: dropped = 0
     logical :: cut_off = .false.
   end type course_type
 
 contains
 
-  !> Get ready for the first run.
+  !> Prepare the first run.
   subroutine begin(self, shared)
     class(piece_runs), intent(inout) :: self
     type(shared_type), intent(inout), target :: shared
@@ -86,8 +86,8 @@ contains
     shared%past = self%first%past
   end subroutine begin
 
-  !> One run in n*factor steps, keeping `parts` states in each of n steps, of which there is one in
-  !! save_every; on a mesh its steps are those of the mesh. `parts` divides the factor, or where
+  !> One run in n*factor steps, with `parts` states in each of n steps, and one state per
+  !! save_every steps; on a mesh the steps are those of the mesh. `parts` divides the factor, or if
   !! a run `goes_inside` is a multiple of it.
   subroutine make(self, job, n, factor, parts, trajectory, status)
     class(piece_runs), intent(in) :: self
@@ -122,15 +122,15 @@ contains
       if (course%piece%ended /= run_diverged .and. course%piece%ended /= run_coarse) exit
       if (course%shortest > 0.0_wp .and. course%shortest <= fine*course%h) exit
       if (course%piece%ended == run_coarse .and. course%piece%gives_up) exit
-      ! Where it stops is seen by steps that the exponentials were not fitted for.
+      ! The stop is located by steps for which the exponentials were not fitted.
       course%shortest = fine*course%h
     end do
     self%shared%shortest = course%shortest
     call take(self, course, trajectory)
   end subroutine make
 
-  !> The run from its start; what is not kept of it is passed over first, unless events are looked
-  !! for.
+  !> The run from its start; the part without requested states is run first, unless events are
+  !! requested.
   subroutine run_once(self, job, n, parts, course, trajectory, status)
     class(piece_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
@@ -146,7 +146,7 @@ contains
     course%start = self%first%initial
     if (self%first%sign /= 0) call shake(self, course%start)
     course%piece = self%first
-    ! Steps of a search that are too large become shorter anyway.
+    ! In a search, steps that are too large become shorter anyway.
     course%piece%gives_up = job%dt <= 0.0_wp .and. course%factor < located_from
     course%cut_off = .false.
     apart = job%save_every*course%factor
@@ -163,7 +163,7 @@ contains
       call go(self, course, skipped, between, status)
       if (status%failed()) return
       allocate (looks, source=states_of(course%piece))
-      ! What was wanted lies beyond a stop: the state there is all there is.
+      ! The requested states are after a stop: only the state there exists.
       course%cut_off = course%piece%ended /= run_completed
       if (.not. course%cut_off) then
         course%memory = course%piece%kept
@@ -201,7 +201,7 @@ contains
     allocate (states, source=piece%states(:, :kept))
   end function states_of
 
-  !> So many steps on from where the piece begins, keeping a state after so many of them.
+  !> Make `count` steps from the start of the piece, and keep every `apart`-th state.
   subroutine go(self, course, count, apart, status)
     class(piece_runs), intent(in) :: self
     type(course_type), intent(inout), target :: course
@@ -223,7 +223,7 @@ contains
       end associate
       course%piece%initial => course%start
       course%piece%times => course%times
-      ! Times are those of the last piece.
+      ! The times belong to the last piece.
       if (course%piece%first + count < course%steps) course%piece%times => course%times(:0)
       call course%piece%make_room(int(count/apart))
       call self%equations%run(course%piece, status)
@@ -242,7 +242,7 @@ contains
     self%shared%in_parts = self%shared%in_parts .or. course%piece%in_parts
   end subroutine go
 
-  !> Keep all of the past where kernels are no sums of exponentials, or say why it cannot be kept.
+  !> Store the whole past if kernels are no sums of exponentials, or fail if that is too much.
   subroutine turn_direct(self, reason, steps, status)
     class(piece_runs), intent(in) :: self
     integer, intent(in) :: reason
@@ -265,7 +265,7 @@ contains
     end if
   end subroutine turn_direct
 
-  !> Times at which states are kept that are not at ends of equal steps; none: they are.
+  !> Times of kept states that are not ends of equal steps; empty if they are.
   subroutine times_of(self, job, n, factor, parts, times)
     class(piece_runs), intent(in) :: self
     class(transient_job), intent(in) :: job
@@ -365,7 +365,7 @@ contains
     end associate
   end subroutine take
 
-  !> The start, other by `shaken`.
+  !> Change the start by `shaken`.
   subroutine shake(self, start)
     class(piece_runs), intent(in) :: self
     real(wp), intent(inout) :: start(:)
@@ -393,13 +393,13 @@ contains
     call other%make(job, n, factor, 1, trajectory, status)
   end subroutine make_shaken
 
-  !> Whether the states of a body that turns far have an equivalent form.
+  !> True if the states have equivalent forms, as for a body with large rotations.
   logical function renames(self)
     class(piece_runs), intent(in) :: self
     renames = associated(self%equations%turning)
   end function renames
 
-  !> Of bodies with large rotations the equivalent rotation vector that is nearer.
+  !> Use the nearest equivalent rotation vector for bodies with large rotations.
   subroutine align(self, run, like)
     class(piece_runs), intent(in) :: self
     type(trajectory_type), intent(inout) :: run, like

@@ -1,4 +1,4 @@
-!> Equations of motion without memory, or with one of exponentials that are coordinates.
+!> Equations of motion without memory, or with memory by exponentials that are coordinates.
 module viscovib_plain_pieces
   use viscovib_fitted_memory, only: copy_system
   use viscovib_fitted_motion, only: new_fitted_motion
@@ -25,36 +25,36 @@ module viscovib_plain_pieces
 
   public :: pendulum_equations, polynomial_equations
 
-  !> All numbers of a shaken pendulum are other, each its own way: that brings as much as what
-  !! `grown_of` adds.
+  !> All numbers of a shaken pendulum are changed, each differently: the effect is as large as the
+  !! factor in `grown_of`.
   real(wp), parameter, public :: part_of_numbers = shaken/8.0_wp
 
-  !> Those of a pendulum.
+  !> Equations of a pendulum.
   type, extends(motion_equations) :: pendulum_equations
     type(pendulum_type), pointer :: system => null()
-    !> Place in `transient_methods`; false: of the spring alone, phi = psi = 0.
+    !> Index in `transient_methods`; false: the spring only, phi = psi = 0.
     integer :: method = 1
     logical :: swings = .true.
   contains
     procedure :: run => run_pendulum
   end type pendulum_equations
 
-  !> Those of a polynomial system without memory, or with one of exponentials alone.
+  !> Equations of a polynomial system without memory, or with memory by exponentials.
   type, extends(motion_equations) :: polynomial_equations
     type(polynomial_type), pointer :: system => null()
-    !> Place in `transient_methods`; periodic load and its frequency (rad/s).
+    !> Index in `transient_methods`; periodic load and its frequency (rad/s).
     integer :: method = 1
     type(load_type) :: load
     real(wp) :: nu = 0.0_wp
-    !> Latest time of any run that goes on, for which kernels are fitted.
+    !> Latest time of any run that continues, for which kernels are fitted.
     real(wp) :: reach = 0.0_wp
-    !> Coordinates that anything moves; the others stay 0.
+    !> Coordinates that move; the others stay 0.
     logical, allocatable :: moves(:)
-    !> Loads that are cubics, shape (n, 4, b), between the times `breaks` (b), and those of the
-    !! base, (4, w, c), w = 1: along the direction of the system; less than two times: none.
+    !> Loads that are cubics, shape (n, 4, b), between the times `breaks` (b), and the motion of the
+    !! base, (4, w, c), w = 1: along the direction of the system; with less than two times: none.
     real(wp), pointer, contiguous :: breaks(:), pieces(:, :, :), base_breaks(:), &
                                      base_pieces(:, :, :)
-    !> What was held for all t < 0 (n), or before the first of the times `before` (m) with
+    !> Displacement for all t < 0 (n), or before the first of the times `before` (m) with
     !! displacements `moved` (n, m).
     real(wp), pointer, contiguous :: held(:), before(:), moved(:, :)
   contains
@@ -124,8 +124,8 @@ contains
     piece%counted = stepper%n_evaluations
   end subroutine run_pendulum
 
-  !> A piece of a run of a polynomial system. The last numbers of `memory`: how long the next part
-  !! of a step may be, whether steps were made in parts, and how many numbers are the method's.
+  !> A piece of a run of a polynomial system. The last numbers of `memory`: largest length of the
+  !! next part of a step, whether steps were made in parts, and length of the method's memory.
   subroutine run_polynomial(self, piece, status)
     class(polynomial_equations), intent(in) :: self
     type(piece_type), intent(inout) :: piece
@@ -155,7 +155,7 @@ contains
       call reduce(self%system, moves, reduced)
       call self%load%take_part(moves, part)
     end if
-    ! With the start forces have other arguments, u/(1 + s), and other values, by 1 + 2 s.
+    ! With the changed start, forces have changed arguments, u/(1 + s), and values, by 1 + 2 s.
     if (piece%sign /= 0) reduced%mass = reduced%mass*(1.0_wp - 2.0_wp*shaken)
     call new_fitted_motion(motion, reduced, part, self%nu, piece%h, self%reach, status, taken)
     if (status%failed()) return
@@ -178,7 +178,7 @@ contains
       memory => piece%memory
     end if
     if (piece%resume == under_other_loads) then
-      ! What is remembered goes on: all coordinates, then all velocities.
+      ! The memory continues: all coordinates, then all velocities.
       q(n + 1:) = memory(n + 1:motion%n_dof)
       v(n + 1:) = memory(motion%n_dof + n + 1:2*motion%n_dof)
     end if
@@ -201,7 +201,7 @@ contains
     piece%counted = stepper%n_evaluations
   end subroutine run_polynomial
 
-  !> Take up what the piece before kept: the method, or under other loads what elements remember.
+  !> Restore the data of the previous piece: the method, or with other loads the elements' memory.
   subroutine go_on(piece, motion, stepper, start, largest, status)
     type(piece_type), intent(in) :: piece
     type(polynomial_motion_type), intent(inout) :: motion
@@ -220,7 +220,7 @@ contains
         if (status%failed()) return
         call stepper%load_memory(memory(:stepper%memory_size()))
       end if
-      ! Behind what the method kept under the loads before, which may have been as many or not.
+      ! After the data of the method under the previous loads, whose number may differ.
       n = size(memory)
       i = nint(memory(n))
       if (i < 0 .or. i + motion%n_switches() > n - 3) then
@@ -231,7 +231,7 @@ contains
       motion%begins = piece%resume == under_other_loads
       motion%grade = memory(n - 2)
       if (.not. (motion%begins .and. allocated(motion%sides))) return
-      ! The base may go on with another velocity.
+      ! The base may continue with a different velocity.
       i = merge(max_dof, motion%n_dof, stepper%explicit)
       q = stepper%q
       v = stepper%v
@@ -240,7 +240,7 @@ contains
     end associate
   end subroutine go_on
 
-  !> The steps of a piece, in the coordinates `dofs`, whose numbers of a state are `rows`.
+  !> The steps of a piece, in the coordinates `dofs`, whose rows in a state are `rows`.
   subroutine make_steps(piece, motion, stepper, mesh, dofs, rows)
     type(piece_type), intent(inout) :: piece
     type(polynomial_motion_type), intent(inout) :: motion
@@ -251,7 +251,7 @@ contains
     integer :: i
 
     if (piece%is_watched) then
-      ! All coordinates are computed then.
+      ! With events all coordinates are computed.
       allocate (piece%watch)
       call new_watch(piece%watch, renumbered(piece%watched, size(dofs), [(i, i=1, motion%n_dof)]), &
                      piece%sides)

@@ -1,4 +1,4 @@
-!> A motion in time of a polynomial system without memory, or with one of exponentials, as one job.
+!> A motion in time of a polynomial system without memory or with exponential memory, as one job.
 module viscovib_polynomial_job
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counting
@@ -20,12 +20,12 @@ module viscovib_polynomial_job
 
   public :: run_polynomial_job, plan_polynomial
 
-  !> How far beyond its end a run may go on: sums that stand for kernels reach as far.
+  !> Largest time of continued runs, relative to the run time: sums for kernels are valid up to it.
   real(wp), parameter :: furthest = 100.0_wp
 
 contains
 
-  !> The motion wanted; coordinates that nothing moves are left out of the equations.
+  !> Compute the motion; coordinates that do not move are omitted from the equations.
   subroutine run_polynomial_job(job, system, load, nu, fastest, trajectory, status)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in), target :: system
@@ -65,8 +65,8 @@ contains
     call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
   end subroutine run_polynomial_job
 
-  !> Coordinates that the load or the start moves; of a watched motion all are computed, and where
-  !! laws switch: what they know is kept in one order, whatever acts later on.
+  !> Coordinates that the load or the start moves. With events all are computed, and also if
+  !! laws switch: their states are stored in one order, for any later loads.
   pure function driven(job, system, load)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in) :: system
@@ -81,12 +81,12 @@ contains
     end do
   end function driven
 
-  !> What will be computed and what is skipped, with the reasons.
+  !> Text of the plan: computed and skipped parts, with reasons.
   function plan_polynomial(job, system, load, reach) result(text)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> Latest time of any run that goes on from this one, for which kernels are fitted.
+    !> Latest time of any run that continues this one, for which kernels are fitted.
     real(wp), intent(in), optional :: reach
     character(len=:), allocatable :: text
     real(wp) :: step, last

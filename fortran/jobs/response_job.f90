@@ -19,11 +19,11 @@ module viscovib_response_job
   public :: response_job, tabulate_response
 
   type, extends(job_type) :: response_job
-    !> Frequencies (rad/s); place in `method_names`.
+    !> Frequencies (rad/s); index in `method_names`.
     real(wp), allocatable :: nu(:)
     integer :: method = 0
     type(response_options) :: options
-    !> What the table tells besides.
+    !> Additional columns.
     type(extra_columns) :: extra
   contains
     procedure, nopass :: kind => this_kind
@@ -34,7 +34,7 @@ module viscovib_response_job
 
 contains
 
-  !> Not where columns need all coordinates; what is linear is solved as fast in these.
+  !> False if columns need all coordinates; a linear response gains nothing from condensation.
   subroutine may_condense(self, may, stability)
     class(response_job), intent(in) :: self
     logical, intent(out) :: may, stability
@@ -105,7 +105,7 @@ contains
     if (found < size(self%nu)) report%summary = report%summary//gaps_of(response)
   end subroutine run
 
-  !> Where orders lack most, and what that leaves.
+  !> The motion with the largest truncation error, and this error.
   function worst_of(response) result(text)
     type(response_type), intent(in) :: response
     character(len=:), allocatable :: text
@@ -119,7 +119,7 @@ contains
            //show(response%truncation(i))//')'
   end function worst_of
 
-  !> Why there is no solution, and where.
+  !> Outcomes and frequencies without a solution.
   function gaps_of(response) result(text)
     type(response_type), intent(in) :: response
     character(len=:), allocatable :: text
@@ -139,13 +139,13 @@ contains
                                                           //"continues with Newton's method"
   end function gaps_of
 
-  !> A row a frequency.
+  !> One row per frequency.
   subroutine tabulate_response(response, coordinates, units, table, errors, extra)
     type(response_type), intent(in), target :: response
-    !> Names and units, one a coordinate.
+    !> Names and units of the coordinates.
     character(len=*), intent(in) :: coordinates(:), units(:)
     type(table_type), intent(out) :: table
-    !> Of each motion as a solution of its equations.
+    !> Error of each motion as a solution of its equations.
     real(wp), intent(in) :: errors(:)
     type(extra_columns), intent(in), optional :: extra
     character(len=:), allocatable :: names
@@ -176,7 +176,7 @@ contains
     end if
     if (allocated(response%stability%stable)) then
       call table%note('stable: 1: stable, 0: not, -1: unknown')
-      ! Why it is unknown is no part of the table.
+      ! The reason of an unknown stability is not part of the table.
       call table%hold_integers('stable', max(response%stability%stable, -1))
     end if
     do d = 1, size(response%coefficients, 2)

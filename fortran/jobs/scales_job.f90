@@ -17,14 +17,14 @@ module viscovib_scales_job
   public :: scales_job
 
   type, extends(job_type) :: scales_job
-    !> What is varied: its name, which load, frequency or amplitude.
+    !> The varied quantity: its name, index of the load, frequency or amplitude.
     character(len=4) :: parameter = 'p1'
     integer :: load = 1, vary = vary_frequency
     real(wp), allocatable :: values(:)
     real(wp) :: tolerance = by_influence
-    !> Place in `ordering_names`, of a pendulum.
+    !> Index in `ordering_names`, for a pendulum.
     integer :: ordering = 1
-    !> Load and its frequency, of the others; load times cos(nu t).
+    !> Load and its frequency, for other systems; load times cos(nu t).
     real(wp), allocatable :: force(:)
     real(wp) :: nu = 1.0_wp
   contains
@@ -91,7 +91,7 @@ contains
                                                                      'value')
   end subroutine run
 
-  !> No eigenvalue with a positive real part, but for rounding.
+  !> True without an eigenvalue with a positive real part, except rounding.
   pure function stable_points(points) result(stable)
     type(steady_points_type), intent(in) :: points
     logical :: stable(points%n)
@@ -102,7 +102,7 @@ contains
     end do
   end function stable_points
 
-  !> A row a motion.
+  !> One row per motion.
   subroutine tabulate(self, subject, points, table)
     class(scales_job), intent(in) :: self
     type(subject_type), intent(in) :: subject

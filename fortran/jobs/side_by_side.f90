@@ -1,4 +1,4 @@
-!> Which motions go side by side: those whose systems have one form.
+!> Grouping of motions in lanes: their systems must have the same form.
 module viscovib_side_by_side
   use viscovib_lane_motion, only: lane_motion_type
   use viscovib_lanes, only: n_lanes
@@ -9,7 +9,7 @@ module viscovib_side_by_side
 
 contains
 
-  !> The place of a motion's form among those known, which it joins if it is new.
+  !> Index of a motion's form among the known ones; a new form is appended.
   integer function place_of_form(known, motion) result(place)
     type(lane_motion_type), allocatable, intent(inout) :: known(:)
     type(lane_motion_type), intent(in) :: motion
@@ -27,7 +27,7 @@ contains
     call move_alloc(more, known)
   end function place_of_form
 
-  !> Blocks of motions of one kind; the last motion is repeated in lanes that would be idle.
+  !> Blocks of motions of one kind; the last motion is repeated in idle lanes.
   pure subroutine fill_blocks(kind_of, members, kinds)
     !> The kind of each motion, from 1.
     integer, intent(in) :: kind_of(:)

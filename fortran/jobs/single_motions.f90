@@ -1,5 +1,5 @@
-!> Motions of any system from many starts, one after another: those that cannot go side by side, as
-!! their steps end where laws switch, or as they remember.
+!> Motions of any system from many starts, one after another: for systems that cannot run in lanes,
+!! since their steps end where laws switch, or since they have memory.
 module viscovib_single_motions
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: i8, wp
@@ -15,26 +15,26 @@ module viscovib_single_motions
 
   public :: make_singles, step_of_singles
 
-  !> How many times as many steps a motion takes at most to see thin layers of laws.
+  !> Largest factor of the number of steps for resolving thin layers of laws.
   integer, parameter :: most_parts = 1024
-  !> States on the way that tell how large a motion is.
+  !> Number of states on the way that determine the size of a motion.
   integer(i8), parameter :: most_looks = 1000_i8
 
 contains
 
-  !> All motions in n steps each: last states, and the last points that are kept.
+  !> All motions in n steps each: last states, and the requested last points.
   subroutine make_singles(subject, nu, starts, t_end, n, n_periods, n_points, peaks, many, &
                           status)
     type(subject_type), intent(in), target :: subject
     !> Frequency of the load; 0 if it has none.
     real(wp), intent(in) :: nu
-    !> States at t = 0, a column a motion: nothing was before.
+    !> States at t = 0 after rest, one column per motion.
     real(wp), intent(in) :: starts(:, :), t_end
-    !> Steps; of periods, a whole number in each.
+    !> Number of steps; with periods, a multiple of their number.
     integer(i8), intent(in) :: n
-    !> Periods, and how many of the states after the last ones are kept; 0: none.
+    !> Periods, and number of kept states at the ends of the last ones; 0: none.
     integer, intent(in) :: n_periods, n_points
-    !> Whether the largest of each number of the states on the way are wanted, without points.
+    !> Whether to compute the largest value of each number on the way, without points.
     logical, intent(in) :: peaks
     type(many_motions), intent(out) :: many
     type(status_type), intent(out) :: status
@@ -73,7 +73,7 @@ contains
     end do
   end subroutine make_singles
 
-  !> The shortest step that follows one of some motions to a relative error.
+  !> The shortest of the steps that integrate each of some motions to a relative error.
   subroutine step_of_singles(subject, nu, starts, t_end, relative, dt, status)
     type(subject_type), intent(in), target :: subject
     real(wp), intent(in) :: nu, starts(:, :), t_end, relative
@@ -96,7 +96,7 @@ contains
     end do
   end subroutine step_of_singles
 
-  !> One motion from a start, by the method that is the first of its kind.
+  !> One motion from a start, by the first method of its kind.
   subroutine new_motion(subject, nu, start, t_end, motion)
     type(subject_type), intent(in) :: subject
     real(wp), intent(in) :: nu, start(:), t_end

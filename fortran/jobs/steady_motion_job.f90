@@ -1,4 +1,4 @@
-!> A periodic motion in time of a polynomial system or of a structure by its whole equations, by
+!> A periodic motion of a polynomial system, or of a structure by its complete equations, by
 !! shooting: the motion over its period, and its Floquet multipliers.
 module viscovib_steady_motion_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
@@ -21,10 +21,10 @@ module viscovib_steady_motion_job
     !> Frequency of the load (rad/s), and periods of it after which the motion repeats.
     real(wp) :: nu = 0.0_wp
     integer :: n_periods = 1
-    !> The place in `transient_methods`.
+    !> Index in `transient_methods`.
     integer :: method = 1
     type(accuracy_type) :: accuracy
-    !> A state nearby (2 n_dof), not allocated: the motion from rest is followed first.
+    !> A state nearby (2 n_dof); not allocated: the motion from rest settles first.
     real(wp), allocatable :: initial(:)
   contains
     procedure, nopass :: kind => this_kind
@@ -39,10 +39,10 @@ contains
     kind = 'steady_motion'
   end function this_kind
 
-  !> Refuse systems whose motions are not mapped over a period.
+  !> Reject systems without a period map.
   subroutine check_repeats(subject, kind, status)
     type(subject_type), intent(in) :: subject
-    !> The group that needs it.
+    !> Name of the requesting group.
     character(len=*), intent(in) :: kind
     type(status_type), intent(out) :: status
 
@@ -140,7 +140,7 @@ contains
     end select
   end function stability_words
 
-  !> A row a time.
+  !> One row per time.
   subroutine put_motion(self, subject, map, steady, shortest, sink, status)
     type(steady_motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
@@ -176,7 +176,7 @@ contains
     call sink%put(this_kind(), table, status)
   end subroutine put_motion
 
-  !> A row a multiplier, the largest first.
+  !> One row per multiplier, the largest first.
   subroutine put_multipliers(steady, sink, status)
     type(steady_type), intent(in) :: steady
     class(table_sink), intent(inout) :: sink

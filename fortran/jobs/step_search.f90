@@ -1,9 +1,9 @@
-!> The step of a motion in time: halved until the states kept change by no more than is allowed.
+!> Search for the step of a motion: halved until the kept states change by no more than allowed.
 !!
 !! The difference of two runs, one with half the step size of the other, is the error of the
-!! coarser one, so the finer one is at least as exact as allowed. Other runs find what these two
-!! cannot show: what rounding errors grow to, by a system with numbers changed by 1e-12 (`shaken`),
-!! and errors that kinks of laws leave in both alike, by steps of another length.
+!! coarser one, so the finer one is at least as accurate as required. Further runs find errors that
+!! these two do not show: amplified rounding errors, by a system with numbers changed by 1e-12
+!! (`shaken`), and equal errors of both runs at kinks of laws, by another step length.
 module viscovib_step_search
   use viscovib_event_errors, only: differences_type, find_differences, tell_error
   use viscovib_kinds, only: i8, wp
@@ -18,59 +18,59 @@ module viscovib_step_search
 
   public :: estimate_error, find_step, search_type
 
-  !> How a search ends.
+  !> Outcome of a search.
   integer, parameter, public :: step_found = 0, step_not_met = 1, step_in_layer = 2, &
                                 step_grown = 3, step_too_many = 4
 
-  !> Bounds of steps and of numbers kept that stop a slip of the pen before it fills the memory or
-  !! the year.
+  !> Bounds of steps and of stored numbers, which reject typing errors that would fill the memory or
+  !! take a year.
   real(wp), parameter, public :: max_steps = 1.0e12_wp, max_numbers = 2.0_wp**27
-  !> Steps before a stop that two runs must differ by: a first step with memory ends as the
-  !! second of half its length does, and what follows a step that fails is found by steps of
-  !! its own.
+  !> Smallest number of steps before a stop for a comparison of runs: a first step with memory ends
+  !! like the second step of half its length, and a failed step is resolved by small steps in
+  !! both runs.
   integer, parameter :: few = 4
-  !> Steps up to which a layer of a law is gone after.
+  !> Largest number of steps for resolving a thin layer of a law.
   real(wp), parameter :: most_for_layers = 65536.0_wp
-  !> What polynomials follow, as a part of what nodes see.
+  !> Length of steps that polynomials resolve, relative to that which nodes resolve.
   real(wp), parameter :: followed = 0.05_wp
-  !> Height of peaks between states kept above them, relative; states and parts of a step
-  !! that are kept for it at most.
+  !> Relative height of peaks between kept states above these states; largest numbers of states
+  !! and of parts of a step that are kept for this.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
-  !> Parts of a step in which polynomials are compared: their degree, less 1 or 2, and the
-  !! coefficients of as high a difference.
+  !> Parts of a step in which polynomials are compared: their degree, less 1 or 2; binomial
+  !! coefficients of the difference of this order.
   integer, parameter :: high = 8
   real(wp), parameter :: binomial(0:high) = [1.0_wp, -8.0_wp, 28.0_wp, -56.0_wp, 70.0_wp, &
                                              -56.0_wp, 28.0_wp, -8.0_wp, 1.0_wp]
-  !> What halving the step gains inside steps that are short enough for the order to show, and by
-  !! how much it is taken to be less than seen.
+  !> Smallest gain by halving the step inside steps that shows the order, and safety factor of
+  !! the observed gain.
   real(wp), parameter :: gain_inside = 64.0_wp, less_sure = 8.0_wp
-  !> Part of a motion within which a run is near enough to it to tell what roundings become; what
-  !! a motion is left with where they do not grow.
+  !> Relative difference at which a run is close enough to the motion to determine amplified
+  !! rounding errors; rounding error of a motion that does not amplify it.
   real(wp), parameter :: near = 1.0e-3_wp, few_roundings = 64.0_wp*4.0_wp*epsilon(1.0_wp)
-  !> How far runs may differ on the way to a last state.
+  !> Largest relative difference of two runs on the way to a last state.
   real(wp), parameter :: one_motion = 1.0e-6_wp
-  !> States that a run which stops keeps at least; halvings of the step by which these are made
-  !! exact, before they are given up.
+  !> Smallest number of states kept by a run that stops; largest number of halvings of the step
+  !! for their accuracy.
   integer, parameter :: states_at_stop = 100, halvings_at_stop = 6
-  !> How many times as large a motion is that has run away.
+  !> Relative size of a motion that has diverged.
   real(wp), parameter :: away = 10.0_wp
 
-  !> What a search has found.
+  !> Result of a search.
   type :: search_type
     integer :: verdict = step_found
-    !> The run, with its error; where the step is not found: the last one, and the one before.
+    !> The run, with its error; if no step is found: the last run, and the one before.
     type(trajectory_type) :: run, coarse
-    !> Its change between two step sizes; what roundings have grown to.
+    !> Change between two step sizes; amplified rounding errors.
     real(wp) :: change = 0.0_wp, grown = 0.0_wp
-    !> By what its steps are shorter than the first, and states kept of each of them.
+    !> Factor by which its steps are shorter than the first, and states kept per first step.
     integer :: factor = 1, per_step = 1
-    !> Whether a run with other numbers has shown what roundings grow to.
+    !> True if a run with changed numbers has determined the amplified rounding errors.
     logical :: was_shaken = .false.
   end type search_type
 
-  !> What roundings become along a motion, of each row of states (not allocated: not looked at), and
-  !! the first run that is near enough to tell, in steps shorter by the factor.
+  !> Amplified rounding errors of a motion, for each row of states (not allocated: not computed),
+  !! and the first run that is close enough to determine them, with steps shorter by `factor`.
   type :: growth_type
     type(trajectory_type) :: run
     integer :: factor = 0
@@ -79,7 +79,7 @@ module viscovib_step_search
 
 contains
 
-  !> Runs in ever smaller steps, n of them at first, until the tolerance is met.
+  !> Runs with decreasing step size, n steps at first, until the tolerance is met.
   subroutine find_step(runs, job, n, search, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
@@ -125,7 +125,7 @@ contains
       end if
       times = 0
       if (met .and. fine%too_long > 1.0_wp) then
-        ! Two runs agree that have both missed a layer.
+        ! Two runs may agree because both have missed a layer.
         times = shorter_by(fine)
       else if (met) then
         call finish(runs, job, n, coarse, held, fine, parts, before, ends, search, done, status)
@@ -134,7 +134,7 @@ contains
         n_changes = n_changes + 1
         changes(n_changes) = search%change
         if (outruns(runs, coarse, fine)) exit
-        ! Halving gains nothing before what a law depends on is followed.
+        ! Halving has no effect before the arguments of laws are resolved.
         if (hopeless(changes(:n_changes)) .and. fine%outcome == run_completed &
             .and. fine%too_long > followed) times = shorter_by(fine)
         if (times > 0) n_changes = 0
@@ -161,14 +161,14 @@ contains
 
   contains
 
-    !> The last two runs at ends of first steps, for whoever says why.
+    !> Return the last two runs at the ends of first steps, for the message.
     subroutine give_up()
       if (.not. allocated(ends%states)) return
       search%run = ends
       search%coarse = before
     end subroutine give_up
 
-    !> Whether so many times the steps are too many, or what is kept of them.
+    !> True if the number of steps or of stored numbers would be too large.
     logical function cannot_be_made(factor)
       integer, intent(in) :: factor
       cannot_be_made = real(n, wp)*factor > max_steps
@@ -181,8 +181,8 @@ contains
 
   end subroutine find_step
 
-  !> By what steps are to be shorter for nodes to lie in layers: how thin one is shows as steps come
-  !! near it.
+  !> Factor by which to shorten steps so that nodes are inside layers: the thickness of a layer
+  !! shows only when the steps are close to it.
   pure integer function shorter_by(run)
     type(trajectory_type), intent(in) :: run
     shorter_by = merge(2, 4, run%too_long <= 2.0_wp)
@@ -197,7 +197,7 @@ contains
     integer(i8), intent(in) :: n
     integer, intent(in) :: factor
     type(trajectory_type), intent(inout) :: coarse, fine
-    !> As of `compare`.
+    !> As in `compare`.
     real(wp), allocatable, intent(inout) :: lost(:)
     real(wp), intent(out) :: change
     logical, intent(out) :: met
@@ -224,8 +224,8 @@ contains
     call compare(coarse, fine, allowed, lost, change, met)
   end subroutine judge
 
-  !> What roundings have grown to counts, too: once, as rough as will do, and only where the runs at
-  !! hand do not tell it.
+  !> Include amplified rounding errors: computed once, roughly, and only if the present runs do
+  !! not determine them.
   subroutine look_at_growth(runs, job, n, coarse, fine, growth, met, search, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
@@ -243,7 +243,7 @@ contains
       growth%run = coarse
       growth%factor = search%factor/2
     end if
-    ! Runs before and after thin layers are met are not in the same parts of steps.
+    ! Runs before and after a thin layer was found have different parts of steps.
     if (.not. met) return
     if (.not. allocated(growth%grown)) then
       if (runs%goes_in_parts()) return
@@ -268,9 +268,9 @@ contains
     if (.not. all(growth%grown <= allowed)) search%verdict = step_grown
   end subroutine look_at_growth
 
-  !> What roundings become along a run, of each row of states, by runs of a system with other
-  !! numbers; not allocated: there are none. What start and numbers bring may cancel: where it grows
-  !! both signs count.
+  !> Amplified rounding errors along a run, for each row of states, by runs of a system with changed
+  !! numbers; not allocated if there are none. The effects of the start and of the numbers may
+  !! cancel: if the errors grow, both signs are used.
   subroutine grow(runs, job, n, factor, run, grown, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
@@ -294,8 +294,8 @@ contains
     end do
   end subroutine grow
 
-  !> By how much two runs that keep the last state alone differ on the way, where that tells that
-  !! they are not one motion, else 0: those that pass through chaos may end alike by chance.
+  !> Difference on the way of two runs that keep only the last state, if it shows that they are
+  !! different motions, else 0: chaotic runs may have the same end by chance.
   real(wp) function parted(runs, job, coarse, fine) result(change)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
@@ -315,8 +315,8 @@ contains
     if (any(off > allowed)) change = maxval(off)
   end function parted
 
-  !> Whether the motion outruns its laws, where a step has as many parts at most, of any length: two
-  !! runs that could not follow it end at one place, far from where it began.
+  !> True if the motion is too fast for its laws, with the largest number of parts in steps of any
+  !! length: two failed runs end at the same time, far from their start.
   logical function outruns(runs, coarse, fine)
     type(piece_runs), intent(in) :: runs
     type(trajectory_type), intent(in) :: coarse, fine
@@ -329,13 +329,13 @@ contains
               > away*maxval(abs(fine%states(:, 1)))
   end function outruns
 
-  !> Of two runs that agree at ends of steps, the finer one with as many states as are wanted; not
-  !! `done`: those inside its steps are not exact enough, and steps are to be shorter.
+  !> For two runs that agree at ends of steps, return the finer one with the requested states.
+  !! `done` is false if states inside its steps are inaccurate, so that shorter steps are needed.
   subroutine finish(runs, job, n, coarse, held, fine, parts, before, ends, search, done, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    !> The two runs, with the states that they keep of each first step; the same at ends of these.
+    !> The two runs, with the states per first step; the same at the ends of first steps.
     type(trajectory_type), intent(inout) :: coarse, fine, before, ends
     integer, intent(in) :: held, parts
     type(search_type), intent(inout) :: search
@@ -384,14 +384,14 @@ contains
     call tell_error(search%run, before, search%change, differences, job%watched)
   end subroutine finish
 
-  !> How exact states are that polynomials of steps give, by those of steps of twice the length at
-  !! all places that both keep: places further apart may be ends of steps alone.
+  !> Accuracy of the states inside steps, by comparison with polynomials of twice the step length at
+  !! all common positions: positions further apart may be ends of steps only.
   subroutine look_inside(runs, job, coarse, held, fine, parts, factor, ends, beyond, error)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     type(trajectory_type), intent(in) :: coarse, fine, ends
     integer, intent(in) :: held, parts, factor
-    !> Largest error relative to what is allowed, and the largest of all.
+    !> Largest error relative to the allowed error, and the largest error.
     real(wp), intent(out) :: beyond, error
     type(trajectory_type) :: one, other
     real(wp), allocatable :: gain(:, :), off(:, :)
@@ -416,10 +416,10 @@ contains
     beyond = maxval(maxval(off, 2)/allowed)
   end subroutine look_inside
 
-  !> How much more exact polynomials are in steps of half the length at least, of each row and step
-  !! of the coarse run. Their errors go like their highest terms, which differences of as high an
-  !! order tell, of so many states a step; 1 where too few of them, or states that are renamed, tell
-  !! nothing.
+  !> Gain in accuracy of polynomials by halving the step, for each row and step
+  !! of the coarse run. Their errors are proportional to their highest terms, which differences of
+  !! this order give, with `high` states per step. 1 if there are too few states, or states with
+  !! equivalent forms.
   subroutine gains(runs, coarse, per_coarse, fine, per_fine, gain)
     type(piece_runs), intent(in) :: runs
     type(trajectory_type), intent(in) :: coarse, fine
@@ -444,7 +444,7 @@ contains
     end do
     do k = 1, size(highest, 2)
       do i = 1, size(highest, 1), 2
-        ! Where the highest term of a velocity passes 0, that of its displacement does not.
+        ! If the highest term of a velocity crosses 0, that of its displacement does not.
         both = max(hypot(less(i, 2*k - 1), less(i + 1, 2*k - 1)), &
                    hypot(less(i, 2*k), less(i + 1, 2*k)))
         seen = hypot(highest(i, k), highest(i + 1, k))/max(both, 1.0e-300_wp)
@@ -453,7 +453,7 @@ contains
     end do
   end subroutine gains
 
-  !> Differences of order `high` of states, so many a step, of each step.
+  !> Differences of order `high` of the states in each step.
   pure subroutine highest_terms(states, terms)
     real(wp), intent(in) :: states(:, :)
     real(wp), allocatable, intent(out) :: terms(:, :)
@@ -464,7 +464,7 @@ contains
     end do
   end subroutine highest_terms
 
-  !> How many states a step must have for peaks between them to be low, a power of 2: a displacement
+  !> Number of states per step for low peaks between them, a power of 2: a displacement
   !! rises by at most |u''| d^2/8 between states d apart.
   pure integer function parts_for_peaks(run) result(parts)
     type(trajectory_type), intent(in) :: run
@@ -474,7 +474,7 @@ contains
     parts = 1
     m = size(run%t)
     if (m < 2) return
-    ! Rates over so short a time leave the range of numbers; so do peaks between states.
+    ! In so short a time rates overflow, and so do peaks between states.
     if (run%t(m) - run%t(1) < 1.0e-290_wp) return
     needed = 1.0_wp
     do i = 1, size(run%states, 1), 2
@@ -482,7 +482,7 @@ contains
       if (.not. largest > 0.0_wp) cycle
       rise = 0.0_wp
       do k = 2, m
-        ! Steps of a quarter period see curvatures smaller than they are.
+        ! Steps of a quarter period underestimate curvatures.
         rise = max(rise, abs(run%states(i + 1, k) - run%states(i + 1, k - 1)) &
                    *(run%t(k) - run%t(k - 1)))
       end do
@@ -494,7 +494,7 @@ contains
     end do
   end function parts_for_peaks
 
-  !> How many states each of n steps may keep, a power of 2.
+  !> Largest number of states per step in n steps, a power of 2.
   pure integer function most_of_step(n) result(most)
     integer(i8), intent(in) :: n
     most = 1
@@ -503,9 +503,9 @@ contains
     end do
   end function most_of_step
 
-  !> So many states of a run that stops that there is something to look at. Some of them are nearer
-  !! to the stop than all that were compared: where a motion runs away errors grow with it, so
-  !! they are compared with those of runs in shorter steps.
+  !> Keep enough states of a run that stops. Some of them are nearer
+  !! to the stop than the compared states. Errors grow with a diverging motion, so
+  !! they are compared with runs with shorter steps.
   subroutine fill_to_stop(runs, job, n, run, search, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
@@ -543,10 +543,10 @@ contains
     end do
   end subroutine fill_to_stop
 
-  !> A run in n steps and its error, by runs in half the steps, and over kinks also in a third of
-  !! them: runs with half the step size may have the same error from a kink next to the end of a
-  !! step. Errors decrease slowly there, so finer runs keep a large part of them with the same sign,
-  !! which their difference shows.
+  !> A run in n steps and its error, from a run with half the step size, and over kinks also with a
+  !! third of it: runs with half the step size may have the same error from a kink next to the end
+  !! of a step. Errors decrease slowly there, so finer runs have a large part of them with the same
+  !! sign, which their difference shows.
   subroutine estimate_error(runs, job, n, search, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job

@@ -1,5 +1,5 @@
-!> A motion of a structure in time as one job, as `viscovib_hereditary_job` has it of others: modes
-!! exactly from step to step, forces of its elements collocated (`viscovib_structure_march`).
+!> A motion of a structure in time as one job, like `viscovib_hereditary_job`: modes
+!! by exact steps, forces of its elements by collocation (`viscovib_structure_march`).
 module viscovib_structure_job
   use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_base_motion, only: base_motion_type
@@ -26,7 +26,7 @@ contains
   subroutine run_structure_job(job, model, system, places, trajectory, status)
     type(hereditary_job), intent(in) :: job
     type(structure_model), intent(in) :: model
-    !> What the model was condensed to.
+    !> The condensed model.
     type(structure_type), intent(in), target :: system
     !> Coordinates kept.
     integer, intent(in) :: places(:)
@@ -68,7 +68,7 @@ contains
     trajectory%places = places
   end subroutine run_structure_job
 
-  !> The rest and its loads, as the motion in time takes them.
+  !> Set the linear subsystem and its loads for the motion in time.
   subroutine set_sections(equations, job, model, system, places)
     type(structure_equations), intent(inout) :: equations
     type(hereditary_job), intent(in) :: job
@@ -87,7 +87,7 @@ contains
       sections%seen = system%rest%seen(:m, :)
       sections%pushed = system%rest%pushed(:m, :)
       sections%frequencies = load%orders*job%nu
-      ! Loads as they are, and the inertia of what is relative to a base that moves.
+      ! Loads as given, and the inertia of coordinates relative to a moving base.
       inertia = inertia_of(model)
       allocate (forces, mold=load%force)
       do i = 1, size(load%orders)
@@ -96,7 +96,7 @@ contains
       sections%waves = matmul(transpose(rest%shapes), forces)
       sections%inner = matmul(inertia, rest%shapes)
       equations%shown = transpose(rest%shapes(places, :))
-      ! Of conjugate poles one, which counts twice.
+      ! One of each pair of conjugate poles, which counts twice.
       kept = pack([(i, i=1, size(rest%poles))], aimag(rest%poles) >= 0.0_wp)
       twice = merge(2.0_wp, 1.0_wp, aimag(rest%poles(kept)) > 0.0_wp)
       associate (others => sections%others, right => rest%right(:, kept))
@@ -122,7 +122,7 @@ contains
     end associate
   end subroutine set_sections
 
-  !> What a jump of the base does to what has no real modes.
+  !> Change of the part without real modes due to a jump of the base.
   subroutine set_base(sections, model)
     type(sections_type), intent(inout) :: sections
     type(structure_model), intent(in) :: model
@@ -133,8 +133,8 @@ contains
     sections%others%by_base_rate = pole_state(model, nothing, model%base_direction)
   end subroutine set_base
 
-  !> The start relative to the base, by modes; and as it is: what has no mass is where the others
-  !! put it.
+  !> The start relative to the base, by modes; and in coordinates: massless coordinates are set to
+  !! their equilibrium.
   subroutine set_start(equations, job, model, first)
     type(structure_equations), intent(inout) :: equations
     type(hereditary_job), intent(in) :: job
@@ -152,7 +152,7 @@ contains
     call base%add_to(0.0_wp, u, v, share=-1.0_wp)
     allocate (q(size(equations%sections%squares)), source=0.0_wp)
     allocate (speed(size(equations%sections%squares)), source=0.0_wp)
-    ! Without real modes there is one that does not move.
+    ! Without real modes there is one mode that does not move.
     if (size(model%rest%squares) > 0) then
       call model%rest%in_modes(model%mass, 0.0_wp*u, u, q, z)
       speed = matmul(matmul(model%mass, v), model%rest%shapes)
@@ -170,7 +170,7 @@ contains
     first(2::2) = merge(v, first(2::2), model%rest%idle)
   end subroutine set_start
 
-  !> z_l = right_l . ((pole_l M + C) u + M u'), of which the state is sum_l (left_l, pole_l left_l)
+  !> z_l = right_l . ((pole_l M + C) u + M u'); the state is sum_l (left_l, pole_l left_l)
   !! z_l.
   function pole_state(model, u, v) result(z)
     type(structure_model), intent(in) :: model
@@ -180,7 +180,7 @@ contains
 
     z = (0.0_wp, 0.0_wp)
     if (size(z) == 0 .or. .not. (any(abs(u) > 0.0_wp) .or. any(abs(v) > 0.0_wp))) return
-    ! What hardly moves a strong damper is not resisted by its rounding.
+    ! Extended precision, so that rounding of a strong damper causes no force on a small motion.
     damped = real(matmul(real(model%all_damping(), real128), real(u, real128)), wp)
     call model%rest%in_modes(model%mass, damped, u, q, all_z)
     all_z = all_z + matmul(matmul(model%mass, v), model%rest%right)
@@ -197,7 +197,7 @@ contains
     end if
   end function inertia_of
 
-  !> The frequency that tells first steps (rad/s), with all coordinates kept.
+  !> The frequency that determines the first steps (rad/s), with all coordinates kept.
   real(wp) function rate_of_structure(model, system, nu) result(fastest)
     type(structure_model), intent(in) :: model
     type(structure_type), intent(in) :: system
@@ -210,8 +210,8 @@ contains
     fastest = rate_seen(equations)
   end function rate_of_structure
 
-  !> Modes need no steps: so many a period of the loads, and of the frequency at which what is seen
-  !! of the modes is as stiff as it is heavy.
+  !> Modes need no small steps: the first steps depend on the periods of the loads, and on the
+  !! frequency at which the observed part of the modes is as stiff as it is heavy.
   real(wp) function rate_seen(equations) result(fastest)
     type(structure_equations), intent(in) :: equations
     real(wp) :: soft, heavy
@@ -242,7 +242,7 @@ contains
 
   end function rate_seen
 
-  !> What will be computed and what is skipped, with the reasons.
+  !> Text of the plan: computed and skipped parts, with reasons.
   function plan_structure(job, system, load) result(text)
     type(hereditary_job), intent(in) :: job
     type(structure_type), intent(in) :: system

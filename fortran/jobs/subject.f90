@@ -1,4 +1,4 @@
-!> What jobs are about: a system with names and units of its coordinates, and its loads.
+!> The system of a job: with names and units of its coordinates, and its loads.
 module viscovib_subject
   use viscovib_cycle_terms, only: has_kinks
   use viscovib_kernel_holder, only: kernel_holder
@@ -23,32 +23,32 @@ module viscovib_subject
 
   !> Longest name of a coordinate or a unit.
   integer, parameter, public :: name_length = 16
-  !> Coordinates of a structure that are all shown if nothing else is said.
+  !> Largest number of coordinates of a structure that are all shown by default.
   integer, parameter :: all_shown = 64
 
   type :: subject_type
-    !> A pendulum with loads of its own; else a mount, a polynomial system, a structure or a body
+    !> A pendulum with its own loads; else a mount, a polynomial system, a structure or a body
     !! under `load`.
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
-    !> Whether its motion in time is that of all coordinates of `polynomial`, with those of its
-    !! exponentials: of a structure too, whose whole equations these are.
+    !> True if motions in time use all coordinates of `polynomial`, including its
+    !! exponentials; also for a structure, whose complete equations these are.
     logical :: goes_whole = .false.
-    !> A body under finite rotations; one under small ones is a polynomial system.
+    !> A body with finite rotations; with small rotations it is a polynomial system.
     logical :: is_turning = .false.
-    !> Any body in space: its centre of mass in the axes of the positions, and how it is turned
-    !! where it rests.
+    !> True for any body in space: its centre of mass in the axes of the positions, and its rotation
+    !! at rest.
     logical :: is_body = .false.
     type(mounted_body) :: body
     type(kernel_holder), allocatable :: body_kernels(:)
     real(wp) :: center(3) = 0.0_wp, axes(3, 3) = 0.0_wp
-    !> What reading found worth a warning, a line each.
+    !> Warnings from reading, one per line.
     character(len=:), allocatable :: warned
     type(pendulum_type) :: pendulum
     type(mount_type) :: mount
     type(polynomial_type) :: polynomial
     type(turning_body) :: turning
-    !> A structure as it is written down, and condensed to the deflections of its elements: of these
-    !! is `load`.
+    !> A structure as given, and condensed to the deflections of its elements, with the condensed
+    !! `load`.
     type(structure_model) :: model
     type(structure_type) :: structure
     type(load_type) :: load
@@ -95,7 +95,7 @@ contains
     end if
   end function usual_tolerance
 
-  !> How its coordinates move with the base.
+  !> Motion of the coordinates with the base.
   pure function base_direction(self)
     class(subject_type), intent(in) :: self
     real(wp), allocatable :: base_direction(:)
@@ -110,8 +110,8 @@ contains
     end if
   end function base_direction
 
-  !> Whether its motion in time is that of a system with memory: of mounts always; by its whole
-  !! equations a structure remembers by coordinates.
+  !> True if motions in time need equations with memory: always for mounts; the complete
+  !! equations of a structure represent memory by coordinates.
   pure logical function remembers(self)
     class(subject_type), intent(in) :: self
     remembers = .not. self%is_pendulum
@@ -120,7 +120,7 @@ contains
     remembers = remembers .and. .not. self%goes_whole
   end function remembers
 
-  !> Whether any force remembers by a kernel, whatever stands for it in time.
+  !> True if any force has a kernel, for any representation in time.
   logical function has_kernels(self)
     class(subject_type), intent(in), target :: self
     class(oscillator_type), pointer :: system
@@ -130,7 +130,7 @@ contains
     has_kernels = any(system%kernel_of > 0)
   end function has_kernels
 
-  !> Whether motions of it go side by side.
+  !> True if its motions can be computed in lanes.
   pure logical function goes_side_by_side(self) result(goes)
     class(subject_type), intent(in) :: self
     integer :: i
@@ -145,7 +145,7 @@ contains
     end do
   end function goes_side_by_side
 
-  !> What was condensed, a line of a plan; nothing where nothing was.
+  !> A line of a plan about condensation; empty without condensation.
   function told(self) result(text)
     class(subject_type), intent(in) :: self
     character(len=:), allocatable :: text
@@ -153,8 +153,8 @@ contains
     if (self%is_structure) text = self%model%told()
   end function told
 
-  !> Harmonics of the coordinates wanted, shape (n_orders, n_wanted, n), from those of what was
-  !! solved for, shape (n_orders, n_dof, n).
+  !> Harmonics of the requested coordinates, shape (n_orders, n_wanted, n), from those of the
+  !! unknowns, shape (n_orders, n_dof, n).
   subroutine show_motions(self, nu, factor, orders, wanted, absolute, motions)
     class(subject_type), intent(in) :: self
     !> Frequency, and factor of the load, of each motion.
@@ -194,7 +194,7 @@ contains
     if (self%is_structure) n_modes = self%model%rest%n_modes()
   end function n_modes
 
-  !> Coordinates that tables have if nothing else is said: of many in a structure those at which
+  !> Coordinates that tables show by default: for a large structure those at which
   !! loads and elements act.
   pure function shown(self)
     class(subject_type), intent(in) :: self

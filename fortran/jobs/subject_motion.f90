@@ -1,4 +1,4 @@
-!> A motion in time of any system, whatever equations stand for it.
+!> A motion in time of any system, with any kind of equations.
 module viscovib_subject_motion
   use viscovib_dense, only: factorize, solve
   use viscovib_fitted_motion, only: new_fitted_motion
@@ -32,9 +32,9 @@ contains
     end select
   end function method_of
 
-  !> Integrate.
+  !> Integrate the motion.
   subroutine move_subject(motion, subject, nu, places, trajectory, status)
-    !> Of a system with memory, and of a structure, a `hereditary_job`.
+    !> A `hereditary_job` for a system with memory and for a structure.
     class(transient_job), intent(in) :: motion
     type(subject_type), intent(in), target :: subject
     !> Frequency of the load of a system without memory (rad/s).
@@ -65,8 +65,8 @@ contains
     end select
   end subroutine move_subject
 
-  !> Frequency of the fastest linear motion, or what tells first steps: of a pendulum with that of
-  !! its loads.
+  !> Frequency of the fastest linear motion, or the frequency that determines the first steps; for a
+  !! pendulum including those of its loads.
   subroutine fastest_of(subject, nu, fastest, status)
     type(subject_type), intent(in), target :: subject
     !> Frequency of the load (rad/s).
@@ -86,7 +86,7 @@ contains
       fastest = fastest_frequency(subject)
     else
       fastest = 0.0_wp
-      ! Rates are those of coordinates, whatever sums stand for kernels.
+      ! Rates are those of coordinates, for any sums that represent kernels.
       call new_fitted_motion(own, subject%polynomial, subject%load, nu, 1.0_wp, 1.0_wp, status)
       if (.not. status%failed()) fastest = own%fastest()
     end if
@@ -108,7 +108,7 @@ contains
     end if
   end function fastest_frequency
 
-  !> Largest sums along a row of M^-1 K, its root, and of M^-1 C.
+  !> Largest row sum of M^-1 K, its root, plus the largest row sum of M^-1 C.
   real(wp) function largest_rate(system, n)
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: n

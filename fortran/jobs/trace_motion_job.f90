@@ -19,12 +19,12 @@ module viscovib_trace_motion_job
   public :: trace_motion_job
 
   type, extends(job_type) :: trace_motion_job
-    !> Whether the frequency varies, else the factor of the load.
+    !> True if the frequency varies, else the factor of the load.
     logical :: is_frequency = .true.
     !> Frequency of the load (rad/s), at the start of the range if it varies.
     real(wp) :: nu = 0.0_wp
     integer :: n_periods = 1
-    !> The place in `transient_methods`.
+    !> Index in `transient_methods`.
     integer :: method = 1
     type(branch_options) :: options
   contains
@@ -114,7 +114,7 @@ contains
     end associate
   end subroutine run
 
-  !> A row a point.
+  !> One row per point.
   subroutine put_branch(self, subject, branch, sink, status)
     type(trace_motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject

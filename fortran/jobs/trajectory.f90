@@ -1,4 +1,4 @@
-!> What a motion in time leaves behind, and how much two runs of it differ.
+!> Results of a motion in time, and differences of two runs.
 module viscovib_trajectory
   use viscovib_kinds, only: i8, wp
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged
@@ -9,26 +9,26 @@ module viscovib_trajectory
   public :: trajectory_type, change_of, compare, grown_of, hopeless, off_of, risen
   public :: rounding_of
 
-  !> What halving the step gains of errors where steps go over kinks of forces.
+  !> Reduction of errors by halving the step if steps cross kinks of forces.
   real(wp), parameter :: gain_at_kinks = 4.0_wp
 
-  !> Relative change of what a run computes with that tells what roundings become; roundings of
-  !! every step and number have their own directions, of which one run tells one; part of a motion
-  !! up to which what becomes of a shake is linear.
+  !> Relative change of the numbers of a run that determines amplified rounding errors; safety
+  !! factor, since roundings have many directions and one run tests one of them; relative size up to
+  !! which the effect of the change is linear.
   real(wp), parameter, public :: shaken = 0.5_wp**40
   real(wp), parameter :: safety = 8.0_wp, linear = 0.1_wp
 
-  !> Parts of a run that are looked at; how far beyond rounding a difference is that holds what
-  !! rounding adds in one of them, and by how much it may rise where nothing grows by itself.
+  !> Number of parts of a run; factor above rounding at which a difference includes the rounding
+  !! errors of a part; largest rise of a difference without amplification.
   integer, parameter :: windows = 8
   real(wp), parameter :: beyond = 1024.0_wp, steady = 16.0_wp
 
-  !> Relative change of the period of a motion without damping by the rounding errors of a step, in
-  !! units of epsilon: a bound of what is measured.
+  !> Relative change of the period of an undamped motion by the rounding errors of a step, in
+  !! units of epsilon: a bound of measured values.
   real(wp), parameter :: drift = 1.0_wp/64.0_wp
 
-  !> Halvings of the step before a tolerance is given up, at least, at most, and while two runs end
-  !! unlike each other.
+  !> Halvings of the step before a tolerance is given up: smallest and largest number, and largest
+  !! number while two runs end differently.
   integer, parameter :: min_halvings = 5, max_unlike = 9
   integer, parameter, public :: max_halvings = 12
 
@@ -39,36 +39,36 @@ module viscovib_trajectory
     real(wp), allocatable :: accelerations(:, :)
     !> The state at t_reached, of all coordinates computed; not allocated: not known.
     real(wp), allocatable :: last(:)
-    !> Which coordinates these are; not allocated: all.
+    !> Indices of these coordinates; not allocated: all.
     integer, allocatable :: places(:)
     integer :: outcome = run_completed
     real(wp) :: h = 0.0_wp, t_reached = 0.0_wp
     !> Largest change of a state kept when the step was halved; negative if the
     !! step was given.
     real(wp) :: error = -1.0_wp
-    !> Relative error of what stands for kernels, which two runs may share.
+    !> Relative error of the representation of kernels, which two runs may share.
     real(wp) :: represented = 0.0_wp
-    !> What rounding of frequencies computed beforehand makes of states, which all runs share.
+    !> Error of states by rounding of precomputed frequencies, which all runs share.
     real(wp) :: by_phases = 0.0_wp
     integer(i8) :: n_steps = 0
     !> True if rounding errors of the energy accumulate from step to step.
     logical :: keeps_energy = .false.
-    !> How many times as long the steps are as those whose nodes see every thin layer of a law.
+    !> Length of the steps relative to that at which nodes resolve every thin layer of a law.
     real(wp) :: too_long = 0.0_wp
-    !> Whether steps go over kinks and jumps of laws, so that errors are no power of the step.
+    !> True if steps cross kinks and jumps of laws, so that errors are no power of the step.
     logical :: over_kinks = .false.
-    !> Whether polynomials of steps are of the degree that their comparison takes.
+    !> True if polynomials of steps have the degree that their comparison requires.
     logical :: of_high_degree = .false.
-    !> States on the way of a run that keeps the last alone, a column each; not allocated: none.
+    !> States on the way of a run that keeps only the last one, a column each; not allocated: none.
     real(wp), allocatable :: looks(:, :)
-    !> Events that were found, if any were looked for; states are of the coordinates kept.
+    !> Events found, if any were requested; their states are those of the coordinates kept.
     type(watch_type), allocatable :: watch
     !> Estimated errors of their times and states, shape (2, n); not allocated: not estimated.
     real(wp), allocatable :: passage_errors(:, :)
-    !> Where `states` are some rows of what is computed alone: which ones, and all of it.
+    !> If `states` are only some rows of the computed states: their indices, and all rows.
     integer, allocatable :: rows(:)
     real(wp), allocatable :: whole(:, :)
-    !> What a run needs to go on; work counted; the largest last coefficient of a step's polynomial.
+    !> Data to continue the run; counted work; the largest last coefficient of a step's polynomial.
     real(wp), allocatable :: memory(:)
     integer(i8) :: counted = 0
     real(wp) :: resolution = 0.0_wp
@@ -89,12 +89,12 @@ contains
     if (coarse%outcome /= fine%outcome .or. fine%outcome == run_coarse) return
     if (max(size(coarse%t), size(fine%t)) > n + merge(0, 1, fine%outcome == run_completed)) return
     change = abs(fine%t_reached - coarse%t_reached)
-    ! Where a coordinate passes its bound it changes faster than any time is known.
+    ! A coordinate at its bound changes faster than the accuracy of the time.
     if (fine%outcome == run_diverged .and. fine%t(n) >= fine%t_reached) n = n - 1
     if (n > 0) change = max(change, maxval(abs(fine%states(:, :n) - coarse%states(:, :n))))
   end function change_of
 
-  !> By how much two runs differ, of each row of states: where one stops by all of it.
+  !> Difference of two runs, for each row of states; if one stops, from all rows together.
   pure function off_of(run, fine) result(off)
     type(trajectory_type), intent(in) :: run, fine
     real(wp) :: off(size(fine%states, 1))
@@ -105,11 +105,11 @@ contains
     end if
   end function off_of
 
-  !> What roundings become along a run, of each row of states where both are whole. Those of numbers
-  !! of a system are the same in runs in any steps, whose difference does not tell them, and of
-  !! those of steps one difference may be small by chance. `other`: the run in the same steps of a
-  !! system of which numbers, start and arguments of forces are other by `shaken`, small enough for
-  !! what becomes of it to be linear.
+  !> Amplified rounding errors along a run, for each row of states if both runs are complete.
+  !! Rounding errors of the numbers of a system are the same for all step sizes, so that differences
+  !! of runs do not show them, and a single difference of the rounding errors of steps may be small
+  !! by chance. `other`: the run with the same steps of a system whose numbers, start and arguments
+  !! of forces are changed by `shaken`, small enough for a linear effect.
   pure function grown_of(run, other) result(grown)
     type(trajectory_type), intent(in) :: run, other
     real(wp) :: grown(size(run%states, 1))
@@ -122,14 +122,14 @@ contains
       return
     end if
     grown = maxval(abs(other%states - run%states), 2)
-    ! What has become as large as the motion says nothing of what is smaller.
+    ! A change as large as the motion does not determine the effect of a smaller one.
     where (grown <= linear*run%sizes()) grown = part*grown
   end function grown_of
 
-  !> What the difference of two runs tells that roundings become; huge: it does not tell it. Errors
-  !! of steps and roundings grow alike: where in every part of a run two differ by far more than
-  !! rounding, so do their ends by far more than what becomes of it. Where their difference hardly
-  !! rises from any part to a later one, roundings of numbers rise as much at most.
+  !> Amplified rounding errors as determined by the difference of two runs; huge if it does not
+  !! determine them. Errors of steps and rounding errors are amplified alike: if two runs differ by
+  !! far more than rounding in every part, they also do so at their ends. If their difference
+  !! hardly rises from any part to a later one, rounding errors of numbers rise at most as much.
   pure real(wp) function risen(coarse, fine)
     type(trajectory_type), intent(in) :: coarse, fine
     risen = huge(1.0_wp)
@@ -142,8 +142,8 @@ contains
     if (risen < huge(1.0_wp)) risen = safety*epsilon(1.0_wp)*risen*maxval(abs(fine%states))
   end function risen
 
-  !> By how much the difference of states of two runs, a column each, rises at most; huge: by more
-  !! than it may.
+  !> Largest rise of the difference of states of two runs, a column each; huge if it exceeds
+  !! the limit.
   pure real(wp) function rise_of(coarse, fine) result(rise)
     real(wp), intent(in) :: coarse(:, :), fine(:, :)
     real(wp) :: off, rounding, least, most
@@ -191,14 +191,14 @@ contains
     end do
   end function rounding_of
 
-  !> Where steps go over kinks two runs may be wrong alike: what a kink spoils in a step depends on
-  !! where in it it is, and has either sign. Then the run before, in steps twice as long, differs
-  !! from both, and its difference from the coarse one counts, too.
+  !> If steps cross kinks two runs may have the same error: the error of a step depends on the
+  !! position of the kink in it, and has either sign. The previous run, with steps twice as long,
+  !! differs from both, so its difference from the coarse one counts, too.
   pure subroutine compare(coarse, fine, allowed, lost, change, met)
     type(trajectory_type), intent(in) :: coarse, fine
     !> Errors allowed in each row of states.
     real(wp), intent(in) :: allowed(:)
-    !> What the last differences tell of the run to come, of each row; not allocated: none yet.
+    !> Error of the next run from the last differences, for each row; not allocated: none yet.
     real(wp), allocatable, intent(inout) :: lost(:)
     real(wp), intent(inout) :: change
     logical, intent(inout) :: met
@@ -210,8 +210,8 @@ contains
     lost = off_of(coarse, fine)/gain_at_kinks
   end subroutine compare
 
-  !> Whether halving is vain, for chaos or rounding: two gain less than a digit. That two runs
-  !! end unlike each other is no measure of what a halving gains.
+  !> True if halving is useless, because of chaos or rounding: two halvings gain less than a digit.
+  !! Different outcomes of two runs do not measure the gain of a halving.
   pure logical function hopeless(changes)
     real(wp), intent(in) :: changes(:)
     integer :: n
@@ -225,7 +225,7 @@ contains
     end if
   end function hopeless
 
-  !> The run with one in k of its states.
+  !> The run with every k-th state.
   subroutine thin(self, k, some)
     class(trajectory_type), intent(in) :: self
     integer, intent(in) :: k
@@ -240,7 +240,7 @@ contains
     if (allocated(self%whole)) some%whole = self%whole(:, ::k)
   end subroutine thin
 
-  !> Largest value of each row of states, on the way too.
+  !> Largest absolute value of each row of states, including states on the way.
   pure function sizes(self)
     class(trajectory_type), intent(in) :: self
     real(wp) :: sizes(size(self%states, 1))
@@ -248,7 +248,7 @@ contains
     if (allocated(self%looks)) sizes = max(sizes, maxval(abs(self%looks), 2))
   end function sizes
 
-  !> Row of the states that holds a coordinate; its velocity is the next.
+  !> Row of the states with a coordinate; its velocity is the next row.
   pure integer function row_of(self, coordinate) result(row)
     class(trajectory_type), intent(in) :: self
     integer, intent(in) :: coordinate

@@ -1,4 +1,4 @@
-!> What a motion in time is asked for: whether it can be computed, before it is.
+!> Checks of the options of a motion in time, before it is computed.
 module viscovib_transient_checks
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -27,7 +27,7 @@ contains
     call check_times(job, status)
   end subroutine check_transient
 
-  !> End, step, tolerance and what is kept.
+  !> Check the end, the step, the tolerance and the kept states.
   subroutine check_times(job, status)
     class(transient_job), intent(in) :: job
     type(status_type), intent(out) :: status

@@ -17,15 +17,15 @@ module viscovib_transient_job
   public :: transient_job, trajectory_type
   public :: run_motion, first_steps, hopeless, max_steps
 
-  !> Bound of states kept that stops a slip of the pen before it fills the memory.
+  !> Bound of kept states, which rejects typing errors that would fill the memory.
   real(wp), parameter, public :: max_kept = 2.0e7_wp
-  !> Steps of a first run whose step is to be found.
+  !> Largest number of steps of a first run whose step is searched.
   real(wp), parameter :: max_first_steps = 1.0e9_wp
 
 contains
 
-  !> Steps to begin with: those asked for, or where the step is to be found, about as
-  !! many as are given.
+  !> Number of first steps: as given by dt, or if the step is searched, about the
+  !! given number.
   pure real(wp) function first_steps(job, wanted) result(n)
     class(transient_job), intent(in) :: job
     real(wp), intent(in) :: wanted
@@ -37,18 +37,18 @@ contains
     end if
   end function first_steps
 
-  !> One run with the step given, or runs in ever smaller steps until the tolerance is met.
+  !> One run with the step given, or runs with decreasing steps until the tolerance is met.
   subroutine run_motion(runs, job, wanted, trajectory, status)
-    !> With its equations, its tolerance, and how the past is kept.
+    !> With its equations, its tolerance, and the storage of the past.
     type(piece_runs), intent(inout) :: runs
     class(transient_job), intent(in), target :: job
-    !> Steps to begin with where the step is to be found.
+    !> First number of steps if the step is searched.
     real(wp), intent(in) :: wanted
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(shared_type), target :: shared
     type(search_type) :: search
-    !> Two runs differ by the states kept, of which peaks between them are not judged.
+    !> The search compares only kept states, and does not require low peaks between them.
     class(transient_job), allocatable :: judged
     real(wp) :: n
     integer :: i
@@ -86,7 +86,7 @@ contains
     end if
   end subroutine run_motion
 
-  !> Why a search has found no step.
+  !> Set the message of a search that found no step.
   subroutine explain(job, n, search, status)
     class(transient_job), intent(in) :: job
     !> Steps of the first run.
@@ -134,7 +134,7 @@ contains
     end associate
   end subroutine explain
 
-  !> How far runs with different step sizes differ, in words.
+  !> Text of the difference of runs with different step sizes.
   pure function change_in_words(change)
     real(wp), intent(in) :: change
     character(len=:), allocatable :: change_in_words
@@ -142,7 +142,7 @@ contains
     if (change < huge(1.0_wp)) change_in_words = 'states still change by '//show(change)
   end function change_in_words
 
-  !> Whether a run of n steps is affordable, before the first of them.
+  !> Check that a run of n steps is affordable, before the first one.
   subroutine check_work(job, n, status)
     class(transient_job), intent(in) :: job
     real(wp), intent(in) :: n
@@ -164,7 +164,7 @@ contains
     end if
   end subroutine check_work
 
-  !> The accuracy wanted, as it was given.
+  !> The required accuracy, as given.
   function accuracy(job)
     class(transient_job), intent(in) :: job
     character(len=:), allocatable :: accuracy
@@ -174,7 +174,7 @@ contains
                                       //show(job%tolerance)
   end function accuracy
 
-  !> Why halving the step led nowhere.
+  !> Reason why halving the step had no effect.
   function cause(job, last, change) result(text)
     class(transient_job), intent(in) :: job
     type(trajectory_type), intent(in) :: last

@@ -1,4 +1,4 @@
-!> What a motion in time is about to compute and what it skips, in words.
+!> Text of the plan of a motion in time: computed and skipped parts.
 module viscovib_transient_plan
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: method_order, transient_methods
@@ -11,7 +11,7 @@ module viscovib_transient_plan
 
 contains
 
-  !> What will be computed and what is skipped, with the reasons.
+  !> Text of the plan: computed and skipped parts, with reasons.
   function plan_transient(job) result(text)
     class(transient_job), intent(in) :: job
     character(len=:), allocatable :: text
@@ -22,7 +22,7 @@ contains
            //plan_steps(job)
   end function plan_transient
 
-  !> The lines about steps and what is kept.
+  !> Lines of the plan about steps and kept states.
   function plan_steps(job) result(text)
     class(transient_job), intent(in) :: job
     character(len=:), allocatable :: text

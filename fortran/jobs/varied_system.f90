@@ -1,4 +1,4 @@
-!> A polynomial system with other values of a number that its laws name: who reads laws makes it.
+!> A polynomial system with a varied number in its laws; the reader of laws extends the type.
 module viscovib_varied_system
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
@@ -12,7 +12,7 @@ module viscovib_varied_system
   end type varied_system
 
   abstract interface
-    !> The system with a value of that number.
+    !> The system with a value of the number.
     subroutine make_system(self, value, system, status)
       import :: varied_system, wp, polynomial_type, status_type
       class(varied_system), intent(in) :: self

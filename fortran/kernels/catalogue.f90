@@ -1,5 +1,4 @@
-!> Every kernel by its kind, made from a flat list of numbers, as scenes and
-!! bindings hold them.
+!> Creates a kernel from its kind and a flat list of numbers, as in scenes and bindings.
 module viscovib_catalogue
   use viscovib_kernel, only: kernel_type
   use viscovib_kernel_sum, only: kernel_sum
@@ -14,10 +13,10 @@ module viscovib_catalogue
 
   public :: new_kernel
 
-  !> Kinds, and what `parameters` holds for each:
-  !! rzhanitsyn, rabotnov: amplitude, alpha, beta; abel: amplitude, alpha;
-  !! prony: all weights, all rates; tabulated: interpolation, all times, all
-  !! values; sum: of each part its kind, how many numbers it has, and these.
+  !> Kinds, and the content of `parameters` for each:
+  !! rzhanitsyn, rabotnov: amplitude, alpha, beta; abel: amplitude, alpha; prony: all weights, all
+  !! rates; tabulated: interpolation, all times, all values; sum: for each part its kind, its number
+  !! of parameters, and these.
   integer, parameter, public :: kernel_none = 0, kernel_rzhanitsyn = 1, kernel_prony = 2, &
                                 kernel_abel = 3, kernel_rabotnov = 4, kernel_tabulated = 5, &
                                 kernel_sum_of = 6
@@ -67,7 +66,7 @@ contains
     if (status%failed()) deallocate (kernel)
   end subroutine new_kernel
 
-  !> Parts one after another. An entry that is no count, or no kind, fails as a kind does.
+  !> Read the parts one by one. An invalid kind or count is an error.
   recursive subroutine new_sum(kernel, numbers, status)
     class(kernel_type), allocatable, intent(out) :: kernel
     real(wp), intent(in) :: numbers(:)

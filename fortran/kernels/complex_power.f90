@@ -1,17 +1,15 @@
-!> Powers (x + i y)^(-alpha) to the last digits, fast for whole arrays.
+!> Powers (x + i y)^(-alpha) to a few ulp, vectorized for arrays.
 !!
-!! Both the Koltunov-Rzhanitsyn and the Abel kernels have transforms made of
-!! such powers. The textbook form rho^(-alpha) cos(alpha theta) loses every
-!! digit of the cosine when alpha is near 1 and x << y; here the angle is
-!! measured from whichever axis is nearer, so that the sine and the cosine are
-!! always taken of an angle of at most pi/4.
+!! The transforms of the Koltunov-Rzhanitsyn and Abel kernels consist of such powers. The textbook
+!! form rho^(-alpha) cos(alpha theta) loses all digits of the cosine if alpha is near 1 and x << y.
+!! Here the angle is measured from the nearer axis, so that sine and cosine have arguments of at
+!! most pi/4.
 !!
-!! The vector routine has no branch and no call in its loops, so that the
-!! compiler fills the vector unit: arc tangent, sine, cosine, logarithm and
-!! exponential are written out for just the range needed. The logarithm carries
-!! some 70 bits, since the exponential turns its absolute error into a relative
-!! one. Products that must be exact are of numbers cut to 26 bits, which holds
-!! with and without fused multiply-add.
+!! The vector routine has no branches or calls in its loops, so that the compiler can vectorize it.
+!! Arc tangent, sine, cosine, logarithm and exponential are implemented for the required range only.
+!! The logarithm has some 70 bits, since the exponential turns its absolute error into a relative
+!! error. Products that must be exact use numbers cut to 26 bits, with or without fused
+!! multiply-add.
 module viscovib_complex_power
   use, intrinsic :: iso_c_binding, only: c_double
   use viscovib_constants, only: half_pi
@@ -21,13 +19,13 @@ module viscovib_complex_power
 
   public :: power_of_quadrant, power_of_quadrant_scalar, gamma_function
 
-  !> Elements computed together, 8 or a multiple of 8; a shorter rest is padded, so
-  !! that an element never depends on its place.
+  !> Elements computed together, a multiple of 8. Shorter blocks are padded, so that the result of
+  !! an element does not depend on its position.
   integer, parameter :: block_size = 64
-  !> Beyond these x^2 + y^2 leaves the range of numbers.
+  !> Outside of this range x^2 + y^2 overflows or underflows.
   real(wp), parameter :: smallest = 1.0e-150_wp, largest = 1.0e150_wp
 
-  !> Adding it rounds to an integer and leaves that in the low bits.
+  !> Adding this number rounds to an integer, which is then in the low bits.
   real(wp), parameter :: rounder = 6755399441055744.0_wp
   !> ln 2 in two parts, the first with 21 zero bits at its end.
   real(wp), parameter :: ln2_high = 6.93147180369123816490e-1_wp
@@ -102,7 +100,7 @@ contains
 
   pure subroutine power_of_block(factor, alpha, x, n, y, c, s)
     real(wp), intent(in) :: factor, alpha, x
-    !> Elements, whole registers.
+    !> Number of elements, a multiple of the register length.
     integer, intent(in) :: n
     real(wp), intent(in) :: y(block_size)
     real(wp), intent(out) :: c(block_size), s(block_size)
@@ -237,7 +235,7 @@ contains
     cut = transfer(iand(transfer(a, 0_i8), upper_bits), 0.0_wp)
   end function cut
 
-  !> Gamma(x) correct to the last digit but for rare ties.
+  !> Gamma(x), correctly rounded except for rare ties.
   elemental real(wp) function gamma_function(x)
     real(wp), intent(in) :: x
     gamma_function = c_gamma(x)

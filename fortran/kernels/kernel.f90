@@ -1,12 +1,10 @@
 !> Relaxation kernels: the abstract type that every kernel extends.
 !!
 !! A mount with memory replaces each stiffness c by c (1 - R*), where
-!! (R*g)(t) = integral_0^t R(t-s) g(s) ds (seed paper 001, (5)). A kernel R
-!! is known to the rest of the library by its values, its one-sided Fourier
-!! transform, its Laplace transform and its integral; to the integration in time
-!! also by quadrature rules for R times a polynomial and by a sum of exponentials.
-!! To add a kernel: extend this type in a file of its own and name it in
-!! `catalogue.f90`.
+!! (R*g)(t) = integral_0^t R(t-s) g(s) ds (seed paper 001, (5)). A kernel R is defined by its
+!! values, its one-sided Fourier transform, its Laplace transform and its integral. Integration in
+!! time also uses quadrature rules for R times a polynomial and a sum of exponentials. To add a
+!! kernel: extend this type in a file of its own and name it in `catalogue.f90`.
 module viscovib_kernel
   use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_kinds, only: wp
@@ -16,7 +14,7 @@ module viscovib_kernel
   public :: kernel_type, shrinking
 
   type, abstract :: kernel_type
-    !> Until when R is smooth from t = 0 on, if it is not smooth later; else 0.
+    !> Time up to which R is smooth from t = 0 on, if it is not smooth later; otherwise 0.
     real(wp) :: smooth_until = 0.0_wp
   contains
     !> R_c(mu) = integral_0^inf R(t) cos(mu t) dt and R_s(mu) with the sine.
@@ -33,7 +31,7 @@ module viscovib_kernel
     procedure(integral_interface), deferred :: integral
     !> Largest rate r >= 0 (1/s) such that R(s) is analytic right of -r.
     procedure(fading_rate_interface), deferred :: fading_rate
-    !> Quadrature for R times a polynomial over [0, tau], singularity and all.
+    !> Quadrature for R times a polynomial over [0, tau], including the singularity.
     procedure(local_interface), deferred :: local_rules
     !> The same over [from, to], from > 0.
     procedure :: lag_rule
@@ -42,16 +40,16 @@ module viscovib_kernel
     procedure(exponentials_interface), deferred :: exponentials
   end type kernel_type
 
-  !> Nodes of a panel over which the kernel no more than halves its argument; and
-  !! of one over which an exponential may fall to nothing.
+  !> Number of nodes of a panel over which the kernel at most halves its argument, and of a panel
+  !! over which an exponential may vanish.
   integer, parameter, public :: panel_nodes = 16, decay_nodes = 32
   !> exp(-vanished) is negligible compared with 1.
   real(wp), parameter, public :: vanished = 45.0_wp
 
   abstract interface
 
-    !> Both transforms at once, since they share nearly all their work.
-    !! R_c is even and R_s odd in mu.
+    !> Both transforms together, since they share most of the computation. R_c is even and R_s odd
+    !! in mu.
     subroutine transform_interface(self, mu, cosine, sine)
       import :: kernel_type, wp
       class(kernel_type), intent(in) :: self
@@ -111,9 +109,8 @@ module viscovib_kernel
       real(wp), allocatable, intent(out) :: nodes(:, :), weights(:, :)
     end subroutine local_interface
 
-    !> R(t) = sum_q weights(q) exp(-rates(q) t) on [t_min, t_max] within the
-    !! relative `tolerance`, weights > 0. No terms where this kernel has no such
-    !! sum.
+    !> R(t) = sum_q weights(q) exp(-rates(q) t) on [t_min, t_max] within the relative `tolerance`,
+    !! weights > 0. Empty if this kernel has no such sum.
     subroutine exponentials_interface(self, tolerance, t_min, t_max, weights, rates)
       import :: kernel_type, wp
       class(kernel_type), intent(in) :: self
@@ -125,8 +122,8 @@ module viscovib_kernel
 
 contains
 
-  !> integral_from^to R(t) g(t) dt = sum_k weights(k) g(nodes(k)): Gauss panels
-  !! that double their distance from the singularity.
+  !> integral_from^to R(t) g(t) dt = sum_k weights(k) g(nodes(k)), by Gauss panels whose distance
+  !! from the singularity doubles.
   subroutine lag_rule(self, from, to, nodes, weights)
     class(kernel_type), intent(in) :: self
     real(wp), intent(in) :: from, to
@@ -149,7 +146,7 @@ contains
     end do
   end subroutine lag_rule
 
-  !> 1 - exp(-x), whose digits a small x would take.
+  !> 1 - exp(-x) without cancellation for small x.
   elemental real(wp) function shrinking(x)
     real(wp), intent(in) :: x
     integer :: n
@@ -164,7 +161,7 @@ contains
     end if
   end function shrinking
 
-  !> R = 0: nothing is remembered.
+  !> True if R = 0: no memory.
   logical function is_zero(self)
     class(kernel_type), intent(in) :: self
     real(wp) :: value(1), cosine(1), sine(1)

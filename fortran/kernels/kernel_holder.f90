@@ -1,7 +1,7 @@
 !> A kernel with its factor, as an array element.
 !!
-!! Systems remember with epsilon_1 R (seed paper 001, (5)), of which R is the kernel and epsilon_1
-!! the factor: whoever asks the holder gets both, and need not know of the factor.
+!! Systems use the kernel epsilon_1 R (seed paper 001, (5)): R is the kernel and epsilon_1 the
+!! factor. All results of the holder include the factor.
 module viscovib_kernel_holder
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
@@ -15,7 +15,7 @@ module viscovib_kernel_holder
     !> epsilon_1.
     real(wp) :: factor = 1.0_wp
   contains
-    !> What `kernel_type` gives, times the factor.
+    !> Same as the procedures of `kernel_type`, times the factor.
     procedure :: transform
     procedure :: transform_slope
     procedure :: laplace
@@ -29,8 +29,8 @@ module viscovib_kernel_holder
 
 contains
 
-  !> Deep copy, element by element: intrinsic assignment of the whole array
-  !! lets gfortran 12 share the polymorphic components, to be freed twice.
+  !> Deep copy, element by element: with intrinsic assignment of the whole array, gfortran 12 shares
+  !! the polymorphic components and frees them twice.
   subroutine copy_kernels(from, to)
     type(kernel_holder), intent(in) :: from(:)
     type(kernel_holder), allocatable, intent(out) :: to(:)
@@ -54,7 +54,7 @@ contains
   subroutine transform_slope(self, mu, transform, slope)
     class(kernel_holder), intent(in) :: self
     real(wp), intent(in) :: mu(:)
-    !> With the factor, as `transform` gives it.
+    !> Including the factor, as `transform` returns it.
     complex(wp), intent(in) :: transform(:)
     complex(wp), intent(out) :: slope(:)
     slope = (0.0_wp, 0.0_wp)
@@ -79,7 +79,7 @@ contains
     r = self%factor*r
   end subroutine value
 
-  !> Nothing of a kernel without integral is nothing.
+  !> 0 for a zero factor, even if the kernel has no integral.
   real(wp) function integral(self)
     class(kernel_holder), intent(in) :: self
     integral = 0.0_wp

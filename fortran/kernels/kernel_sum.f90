@@ -1,7 +1,7 @@
-!> A sum of kernels: springs with different memories side by side, or a fit in several parts.
+!> A sum of kernels, such as springs with different kernels in parallel, or a fit in several parts.
 !!
-!! Everything a kernel is known by is linear in it, so that each part keeps its own exact
-!! transforms, rules and exponentials.
+!! All properties of a kernel are linear in it, so each part uses its own exact transforms, rules
+!! and exponentials.
 module viscovib_kernel_sum
   use viscovib_kernel, only: kernel_type
   use viscovib_kinds, only: wp
@@ -15,7 +15,7 @@ module viscovib_kernel_sum
   end type kernel_part
 
   type, extends(kernel_type) :: kernel_sum
-    !> One or more.
+    !> One or more kernels.
     type(kernel_part), allocatable :: parts(:)
   contains
     procedure :: transform
@@ -47,7 +47,7 @@ contains
     end do
   end subroutine transform
 
-  !> Each part by its own transform.
+  !> Sum over the transforms of the parts.
   subroutine transform_slope(self, mu, transform, slope)
     class(kernel_sum), intent(in) :: self
     real(wp), intent(in) :: mu(:)
@@ -114,7 +114,7 @@ contains
     end do
   end function integral
 
-  !> That of the slowest part.
+  !> Rate of the slowest part.
   pure real(wp) function fading_rate(self)
     class(kernel_sum), intent(in) :: self
     integer :: p
@@ -160,7 +160,7 @@ contains
     end do
   end subroutine lag_rule
 
-  !> Positive sums to a relative tolerance add up to one. Without terms if a part has none.
+  !> Positive sums keep the relative tolerance when added. Empty if a part has none.
   subroutine exponentials(self, tolerance, t_min, t_max, weights, rates)
     class(kernel_sum), intent(in) :: self
     real(wp), intent(in) :: tolerance, t_min, t_max

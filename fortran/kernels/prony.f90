@@ -73,14 +73,14 @@ contains
     end do
   end subroutine transform
 
-  !> Whether squares of these numbers stay in the range of numbers, and their quotients.
+  !> True if squares of these numbers and their quotients neither overflow nor underflow.
   pure logical function may_square(x)
     real(wp), intent(in) :: x(:)
     real(wp), parameter :: largest = 1.0e100_wp
     may_square = all(abs(x) <= largest .and. (abs(x) >= 1.0_wp/largest .or. x == 0.0_wp))
   end function may_square
 
-  !> The transform where squares would leave the range: r_j and mu relative to the larger.
+  !> The transform where squares would overflow: r_j and mu are scaled by the larger one.
   pure subroutine far_transform(self, mu, cosine, sine)
     class(prony_kernel), intent(in) :: self
     real(wp), intent(in) :: mu(:)
@@ -140,7 +140,7 @@ contains
     end do
   end subroutine value
 
-  !> sum_j w_j (1 - exp(-r_j t))/r_j; of a rate 0 w_j t.
+  !> sum_j w_j (1 - exp(-r_j t))/r_j; w_j t for a rate of 0.
   subroutine accumulated(self, t, r)
     class(prony_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
@@ -171,7 +171,7 @@ contains
     end do
   end function integral
 
-  !> The slowest of its rates.
+  !> Slowest rate with a nonzero weight.
   pure real(wp) function fading_rate(self)
     class(prony_kernel), intent(in) :: self
     fading_rate = minval(self%rates, abs(self%weights) > 0.0_wp)
@@ -199,7 +199,7 @@ contains
     end do
   end subroutine local_rules
 
-  !> Its own terms, exact everywhere.
+  !> The terms of this kernel, exact at all times.
   subroutine exponentials(self, tolerance, t_min, t_max, weights, rates)
     class(prony_kernel), intent(in) :: self
     real(wp), intent(in) :: tolerance, t_min, t_max

@@ -20,7 +20,7 @@ module viscovib_rabotnov
   public :: rabotnov_kernel, new_rabotnov
 
   integer, parameter :: contour_nodes = 26
-  !> From here on the spectrum has so sharp a peak that its lattice is made finer there.
+  !> For larger alpha the spectrum has a sharp peak, where the lattice is refined.
   real(wp), parameter :: sharp = 0.8_wp
 
   type, extends(spectral_kernel_type) :: rabotnov_kernel
@@ -75,8 +75,8 @@ contains
     end if
   end subroutine new_rabotnov
 
-  !> A/((i mu)^alpha + beta); the cosine of alpha pi/2 is taken as a sine of
-  !! the complement, which keeps its digits near alpha = 1.
+  !> A/((i mu)^alpha + beta). The cosine of alpha pi/2 is computed as the sine of the complement,
+  !! which is accurate near alpha = 1.
   subroutine transform(self, mu, cosine, sine)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: mu(:)
@@ -145,12 +145,12 @@ contains
   end subroutine value
 
   !> R(t) = integral g(x) exp(-lambda t) dx, lambda = exp(x), over the positive spectrum of
-  !! `spectrum`: all terms are positive, so that no digits are lost however small alpha is.
+  !! `spectrum`. All terms are positive, so there is no cancellation for small alpha.
   !!
-  !! The trapezoidal rule with nodes x_0 + (n + 1/2) h, beta = exp(alpha x_0), leaves
-  !! exp(-pi^2/h); the poles of g at z = x_0 +- i y, y = pi (1 - alpha)/alpha, which come
-  !! near the real axis for alpha near 1, add by their residues
-  !! 2 A/(alpha beta) Re exp(z - t exp(z))/(1 + exp(2 pi y/h)) where y < pi/2.
+  !! The trapezoidal rule with nodes x_0 + (n + 1/2) h, beta = exp(alpha x_0), has the error
+  !! exp(-pi^2/h). The poles of g at z = x_0 +- i y, y = pi (1 - alpha)/alpha, are close to the real
+  !! axis for alpha near 1. For y < pi/2 their residues are added: 2 A/(alpha beta) Re exp(z - t
+  !! exp(z))/(1 + exp(2 pi y/h)).
   subroutine late_values(self, t, late, r)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
@@ -187,8 +187,8 @@ contains
     end do
   end subroutine late_values
 
-  !> A t^alpha E_{alpha,alpha+1}(-z), z = beta t^alpha: its series, and for z >= 1/2 as
-  !! A/beta less the integral from t on.
+  !> A t^alpha E_{alpha,alpha+1}(-z), z = beta t^alpha: by its series, and for z >= 1/2 as A/beta
+  !! minus the integral from t on.
   subroutine accumulated(self, t, r)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
@@ -212,9 +212,9 @@ contains
     if (any(late)) call late_remainders(self, t, late, r)
   end subroutine accumulated
 
-  !> As `late_values`, for integral_t^inf R(s) ds = integral g(x) exp(-lambda t - x) dx, which
-  !! decays like exp(-alpha |x|) to both sides. Of rates with lambda t < 1e-5 the sums of
-  !! g/lambda, g and g lambda are sufficient; they are computed once for all times.
+  !> Like `late_values`, for integral_t^inf R(s) ds = integral g(x) exp(-lambda t - x) dx, which
+  !! decays like exp(-alpha |x|) on both sides. For rates with lambda t < 1e-5 the sums of g/lambda,
+  !! g and g lambda suffice; they are computed once for all times.
   subroutine late_remainders(self, t, late, r)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
@@ -270,7 +270,7 @@ contains
     end do
   end function slower_weights
 
-  !> Re exp(w - exp(w)) for |Im w| < pi/2; 0 where exp(w) leaves the range of numbers.
+  !> Re exp(w - exp(w)) for |Im w| < pi/2; 0 where exp(w) overflows.
   pure real(wp) function decayed(w)
     complex(wp), intent(in) :: w
     decayed = 0.0_wp
@@ -316,15 +316,15 @@ contains
     end if
   end function integral
 
-  !> 0, for s = 0 begins a cut; of a single exponential its rate.
+  !> 0, since the branch cut starts at s = 0; for a single exponential its rate.
   pure real(wp) function fading_rate(self)
     class(rabotnov_kernel), intent(in) :: self
     fading_rate = merge(self%beta, 0.0_wp, self%alpha >= 1.0_wp)
     if (.not. abs(self%amplitude) > 0.0_wp) fading_rate = huge(1.0_wp)
   end function fading_rate
 
-  !> Gauss-Legendre panels that halve their length towards 0, and the first piece by
-  !! the integral of R, A t^alpha E_{alpha,alpha+1}(-beta t^alpha).
+  !> Gauss-Legendre panels whose lengths halve towards 0. The first piece uses the integral of R, A
+  !! t^alpha E_{alpha,alpha+1}(-beta t^alpha).
   subroutine local_rules(self, tau, nodes, weights)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: tau(:)
@@ -407,9 +407,9 @@ contains
     end do
   end subroutine spectrum
 
-  !> R falls like t^(alpha-1) at first and like t^(-alpha-1) in the end; between,
-  !! poles of the density at Im x = pi (1-alpha)/alpha add exp(-2 pi Im u/h), u being x
-  !! or, where they are close, what the lattice makes of it.
+  !> R falls like t^(alpha-1) at first and like t^(-alpha-1) at large t. Poles of the density at Im
+  !! x = pi (1-alpha)/alpha add exp(-2 pi Im u/h), where u is x or, for close poles, the coordinate
+  !! of the refined lattice.
   pure real(wp) function ripple(self, h)
     class(rabotnov_kernel), intent(in) :: self
     real(wp), intent(in) :: h

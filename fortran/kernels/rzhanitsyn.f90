@@ -84,8 +84,8 @@ contains
     slope = transform*cmplx(0.0_wp, -self%alpha, wp)/cmplx(self%beta, mu, wp)
   end subroutine transform_slope
 
-  !> A Gamma(alpha) (beta + s)^(-alpha), cut along s <= -beta. Points of equal real part, as along a
-  !! line or of all orders of a determinant, together; left of -beta by
+  !> A Gamma(alpha) (beta + s)^(-alpha), cut along s <= -beta. Points with equal real part, as on a
+  !! line or of all orders of a determinant, are evaluated together. Left of -beta:
   !! z^(-alpha) = exp(-i pi alpha) conjg((-conjg(z))^(-alpha)), Im z >= 0.
   subroutine laplace(self, s, transform)
     class(rzhanitsyn_kernel), intent(in) :: self
@@ -127,9 +127,9 @@ contains
     r = self%amplitude*exp(-self%beta*t)*t**(self%alpha - 1.0_wp)
   end subroutine value
 
-  !> A beta^(-alpha) gamma(alpha, beta t): by its series A t^alpha exp(-z)
-  !! sum_n z^n/(alpha ... (alpha + n)), z = beta t, whose terms are positive, or beyond its
-  !! turn by the continued fraction of Gamma(alpha, z) (Abramowitz and Stegun 6.5.29, 6.5.31).
+  !> A beta^(-alpha) gamma(alpha, beta t). For small z = beta t by its series A t^alpha exp(-z)
+  !! sum_n z^n/(alpha ... (alpha + n)) with positive terms, otherwise by the continued fraction of
+  !! Gamma(alpha, z) (Abramowitz and Stegun 6.5.29, 6.5.31).
   subroutine accumulated(self, t, r)
     class(rzhanitsyn_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
@@ -160,7 +160,7 @@ contains
   end subroutine accumulated
 
   !> Gamma(alpha, z) exp(z) z^(-alpha) = 1/(z + 1 - alpha - 1 (1 - alpha)/(z + 3 - alpha - ...)),
-  !! backwards from a depth that suffices for z >= 2.
+  !! evaluated backwards from a depth that suffices for z >= 2.
   elemental real(wp) function upper_fraction(alpha, z) result(fraction)
     real(wp), intent(in) :: alpha, z
     integer :: n
@@ -183,14 +183,14 @@ contains
     end if
   end function integral
 
-  !> beta: s = -beta begins a cut.
+  !> beta: the branch cut starts at s = -beta.
   pure real(wp) function fading_rate(self)
     class(rzhanitsyn_kernel), intent(in) :: self
     fading_rate = merge(self%beta, huge(1.0_wp), abs(self%amplitude) > 0.0_wp)
   end function fading_rate
 
-  !> Gauss quadrature with the weight t^(alpha-1) where the exponential is still a
-  !! smooth factor, Gauss-Legendre panels beyond.
+  !> Gauss quadrature with the weight t^(alpha-1) in the first panel, where the exponential is
+  !! smooth, and Gauss-Legendre panels after it.
   subroutine local_rules(self, tau, nodes, weights)
     class(rzhanitsyn_kernel), intent(in) :: self
     real(wp), intent(in) :: tau(:)

@@ -1,20 +1,18 @@
-!> Kernels with a spectrum of relaxation, and the short sums of exponentials
-!! that stand for them.
+!> Kernels with a relaxation spectrum, and their approximation by short sums of exponentials.
 !!
 !!   R(t) = exp(-shift t) integral density(x) exp(-t exp(x)) dx,  x = ln(rate).
 !!
-!! The trapezoidal rule with spacing h gives weights h density(x_k) > 0 and an
-!! error that oscillates evenly in ln(t) (Beylkin and Monzon, Appl. Comput.
-!! Harmon. Anal. 28, 2010). Its nodes run on to rates so slow that they no longer
-!! tell on [t_min, t_max]; that tail is a positive measure on [0, lambda_0], which
-!! a Gauss rule of a few nodes replaces: exp(-t lambda) is nearly a polynomial
-!! there, and the error of the rule is known,
+!! The trapezoidal rule with spacing h gives weights h density(x_k) > 0 and an error that oscillates
+!! evenly in ln(t) (Beylkin and Monzon, Appl. Comput. Harmon. Anal. 28, 2010). Its slowest nodes
+!! have rates that are not resolved on [t_min, t_max]. This tail is a positive measure on [0,
+!! lambda_0] and is replaced by a Gauss rule of few nodes. There exp(-t lambda) is nearly a
+!! polynomial and the error of the rule is known:
 !!   t^(2n)/(2n)! times the squared norm of the n-th orthogonal polynomial.
-!! A density with a sharp peak (poles close to the real axis) is taken on a lattice that is finer
-!! there: u = d + peak_reach asinh(d/peak_width), d = x - centre, moves the poles at
-!! d = +-i peak_width to Im u > peak_reach pi/2, where the rule no longer feels them.
-!! For t^(-0.9) on [1e-4, 1e4] this takes 38, 59 and 75 terms for 1e-6, 1e-10 and
-!! 1e-13, a tenth more than the best there are, and none of the optimisation.
+!! A density with a sharp peak (poles close to the real axis) uses a lattice refined there:
+!! u = d + peak_reach asinh(d/peak_width), d = x - centre. It moves the poles at d = +-i peak_width
+!! to Im u > peak_reach pi/2, where they do not affect the rule. For t^(-0.9) on [1e-4, 1e4] this
+!! takes 38, 59 and 75 terms for 1e-6, 1e-10 and 1e-13, a tenth more than optimal sums, without
+!! optimization.
 module viscovib_spectral_kernel
   use viscovib_constants, only: half_pi, pi
   use viscovib_kernel, only: kernel_type, shrinking, vanished
@@ -25,19 +23,18 @@ module viscovib_spectral_kernel
 
   public :: spectral_kernel_type, ripple_of_power
 
-  !> What the lattice gains in places on either side of a peak, for each factor e of its width.
+  !> Lattice units gained on either side of a peak, for each factor e of its width.
   real(wp), parameter, public :: peak_reach = 1.1_wp
 
   type, abstract, extends(kernel_type) :: spectral_kernel_type
-    !> The density falls like exp(tail_power x) towards slow rates; 0: there is but
-    !! one rate, the shift, and `single` is its weight.
+    !> The density decays like exp(tail_power x) towards slow rates. 0: the only rate is the shift,
+    !! with the weight `single`.
     real(wp) :: tail_power = 0.0_wp, single = 0.0_wp
-    !> Rate of a factor of the whole (1/s).
+    !> Rate of the common exponential factor (1/s).
     real(wp) :: shift = 0.0_wp
-    !> The density is that power everywhere.
+    !> True if the density is this power everywhere.
     logical :: self_similar = .false.
-    !> Where a peak of the density is (logarithm of a rate), and its width; 0: it has none that
-    !! needs care.
+    !> Location (logarithm of a rate) and width of a sharp peak of the density; width 0: none.
     real(wp) :: centre = 0.0_wp, peak_width = 0.0_wp
   contains
     procedure :: exponentials
@@ -52,7 +49,7 @@ module viscovib_spectral_kernel
     subroutine spectrum_interface(self, x, density)
       import :: spectral_kernel_type, wp
       class(spectral_kernel_type), intent(in) :: self
-      !> Logarithms of rates, from `centre` on.
+      !> Logarithms of rates, relative to `centre`.
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: density(:)
     end subroutine spectrum_interface
@@ -66,17 +63,17 @@ module viscovib_spectral_kernel
 
   end interface
 
-  !> Parts of the tolerance for the spacing and for each end.
+  !> Fractions of the tolerance for the spacing and for each end.
   real(wp), parameter :: share_of_spacing = 0.7_wp, share_of_end = 0.15_wp
-  !> Most nodes of the Gauss rule, and length of the tail in units of x; of
-  !! a power half of it will do, since what is left is known.
+  !> Largest number of nodes of the Gauss rule. `tail_length`: length of the tail in units of x;
+  !! half of it suffices for a power, whose remainder is known.
   integer, parameter :: most_slow = 16
-  !> More terms than any spacing and any times need.
+  !> More terms than any spacing and time range need.
   integer, parameter :: most_fast = 100000
   real(wp), parameter :: tail_length = 40.0_wp
-  !> An error bound that has grown so far does not come back.
+  !> An error bound above this value does not decrease again.
   real(wp), parameter :: hopeless = 1.0e200_wp
-  !> A density so sharp that it needs a smaller spacing is left without a sum.
+  !> A density that needs a smaller spacing has no sum.
   real(wp), parameter :: least_spacing = 1.0e-2_wp
 
 contains
@@ -107,13 +104,13 @@ contains
       return
     end if
     if (.not. self%sum_at(1.0_wp, t_min) > 0.0_wp) then
-      ! Amplitude 0: nothing to stand for.
+      ! Amplitude 0: the kernel is 0.
       weights = [0.0_wp]
       rates = [self%shift]
       return
     end if
     last = t_max
-    ! What the factor has taken to nothing needs no care.
+    ! Times at which the common factor has vanished are ignored.
     if (self%shift > 0.0_wp) last = max(t_min, min(last, vanished/self%shift))
     h = spacing_for(self, share_of_spacing*tolerance)
     if (h < least_spacing) then
@@ -151,7 +148,7 @@ contains
       end if
     end do
     if (best == most_fast) then
-      ! No sum does: masses leave the range of numbers.
+      ! No sum exists: masses overflow or underflow.
       allocate (weights(0), rates(0))
       return
     end if
@@ -165,7 +162,7 @@ contains
     rates = rates + self%shift
   end subroutine exponentials
 
-  !> Lattice coordinate u of a logarithm of a rate, from the centre on.
+  !> Lattice coordinate u of a logarithm of a rate, relative to the center.
   elemental real(wp) function place_of(self, d) result(u)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: d
@@ -173,9 +170,9 @@ contains
     if (self%peak_width > 0.0_wp) u = d + peak_reach*asinh(d/self%peak_width)
   end function place_of
 
-  !> Logarithms of rates, from the centre on, at u = from, from - h, ..., and the masses
-  !! h density dx/du there. With d = w sinh(s), w sinh(s) + peak_reach s = u is convex
-  !! for s > 0, so that Newton's method falls from a start above onto the root.
+  !> Logarithms of rates, relative to the center, at u = from, from - h, ..., and the masses h
+  !! density dx/du there. With d = w sinh(s), the function w sinh(s) + peak_reach s is convex for
+  !! s > 0, so Newton's method converges monotonically from above.
   subroutine lattice(self, h, from, place, masses)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, from
@@ -215,7 +212,7 @@ contains
     end do
   end function spacing_for
 
-  !> Sum over the whole lattice at t: R(t) but for the factor of the shift.
+  !> Sum over the whole lattice at t: R(t) without the factor of the shift.
   real(wp) function sum_at(self, h, t) result(total)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, t
@@ -230,8 +227,8 @@ contains
     total = sum(masses*exp(-t*exp(self%centre + place)))
   end function sum_at
 
-  !> Place of the fastest rate kept: the next one is within the tolerance at
-  !! t_min, and those beyond it fall faster than any power.
+  !> Lattice coordinate of the fastest rate. The contribution of the next rate at t_min is within
+  !! the tolerance, and further contributions decrease faster than any power.
   real(wp) function fastest_place(self, h, t_min, allowed) result(u)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, t_min, allowed
@@ -251,8 +248,8 @@ contains
     tail_nodes = ceiling(merge(0.5_wp, 1.0_wp, self%self_similar)*tail_length/h) + 1
   end function tail_nodes
 
-  !> A tail of the lattice: rates relative to the fastest, and masses. The last one stands
-  !! for all slower ones, as a power, at their centre.
+  !> Tail of the lattice: rates relative to the fastest one, and masses. The last entry represents
+  !! all slower rates, as a power, at their center of mass.
   subroutine tail_of(self, h, place, held, rates, masses)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, place(:), held(:)
@@ -265,7 +262,7 @@ contains
     masses = held
     fall = self%tail_power*h
     if (.not. self%self_similar) then
-      ! The smallest masses there are have no ratio.
+      ! Underflowing masses have no ratio.
       if (masses(n) > tiny(fall)) fall = log(masses(n - 1)/masses(n))
     end if
     masses(n) = masses(n)/shrinking(fall)

@@ -1,4 +1,4 @@
-!> How a table of a kernel begins: what lies before its first time.
+!> Behavior of a tabulated kernel before its first time.
 module viscovib_table_start
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_kinds, only: wp
@@ -7,31 +7,31 @@ module viscovib_table_start
 
   public :: log_ratio, unseen_start
 
-  !> First times that show how a kernel begins: those below so many times the first one.
+  !> Times up to this multiple of the first time are used for the fit.
   real(wp), parameter :: decade = 10.0_wp
 
 contains
 
-  !> log(a/b) for positive a and b, to rounding where they are alike too: a - b is exact there,
-  !! and the quotient a/b is not. A last rate of 1e-3 loses three digits else, and the integral with
-  !! it.
+  !> log(a/b) for positive a and b, accurate to rounding. For similar a and b the difference a - b
+  !! is exact, but the quotient a/b is not. Otherwise a last rate of 1e-3, and the integral, would
+  !! lose three digits.
   elemental real(wp) function log_ratio(a, b)
     real(wp), intent(in) :: a, b
     if (a <= 2.0_wp*b .and. b <= 2.0_wp*a) then
       log_ratio = 2.0_wp*atanh((a - b)/(a + b))
     else if (abs(exponent(a) - exponent(b)) > 1000) then
-      log_ratio = log(a) - log(b)  ! a/b is no number
+      log_ratio = log(a) - log(b)  ! a/b overflows or underflows
     else
       log_ratio = log(a/b)
     end if
   end function log_ratio
 
-  !> Integral before the first time, continued as c t^p exp(-q t), less that of the interpolant:
-  !! what a table of a singular kernel loses, R = A t^(alpha-1) having the part t_1 R(t_1)/alpha
-  !! there.
+  !> Integral before the first time, extrapolated as c t^p exp(-q t), minus the integral of the
+  !! interpolant. This is the part that a table of a singular kernel omits. For R = A t^(alpha-1)
+  !! the integral before t_1 is t_1 R(t_1)/alpha.
   pure real(wp) function unseen_start(t, r, exponential)
     real(wp), intent(in) :: t(:), r(:)
-    !> The interpolant goes on as an exponential before the first time; else it is constant there.
+    !> The interpolant before the first time: true: an exponential; false: a constant.
     logical, intent(in) :: exponential
     real(wp) :: power, rate, before, known
     integer :: n
@@ -51,8 +51,8 @@ contains
     unseen_start = max(before - known, 0.0_wp)
   end function unseen_start
 
-  !> p and q of the c t^p exp(-q t) that is closest to log R: p <= 0 <= q, and p = 0 where it is not
-  !! below 0 by twice its standard error, which of a table with noise is its scatter.
+  !> Fit p and q of c t^p exp(-q t) to log R, with p <= 0 <= q. p is set to 0 unless it is below 0
+  !! by twice its standard error, which follows from the scatter of the table.
   pure subroutine fit_start(t, r, power, rate)
     real(wp), intent(in) :: t(:), r(:)
     real(wp), intent(out) :: power, rate
@@ -77,7 +77,7 @@ contains
       scatter = pp*(n - 2)
     end if
     scatter = sqrt(sum((y - power*by_power - rate*by_rate)**2)/scatter)
-    ! Three points fit anyhow: the better of both alone.
+    ! Three points always fit: use the better one-parameter fit.
     alike = n == 3 .and. dot_product(by_rate, y)**2*pp > dot_product(by_power, y)**2*qq
     if (power > -2.0_wp*scatter .or. alike) then
       power = 0.0_wp
@@ -86,14 +86,14 @@ contains
     rate = rate/t(1)
   end subroutine fit_start
 
-  !> Less the mean.
+  !> Subtract the mean.
   pure function centred(x) result(y)
     real(wp), intent(in) :: x(:)
     real(wp) :: y(size(x))
     y = x - sum(x)/size(x)
   end function centred
 
-  !> integral_0^1 u^p exp(z (1 - u)) du, p > -1: with u^(p + 1) the integrand is bounded; midpoints.
+  !> integral_0^1 u^p exp(z (1 - u)) du, p > -1, by midpoints in u^(p + 1) (bounded integrand).
   pure real(wp) function mean_start(p, z)
     real(wp), intent(in) :: p, z
     integer, parameter :: n = 200
@@ -103,7 +103,7 @@ contains
     mean_start = sum(exp(min(z*(1.0_wp - u), 700.0_wp)))/(n*(1.0_wp + p))
   end function mean_start
 
-  !> integral_0^1 exp(z u) du for real z >= 0; infinite beyond the range of numbers.
+  !> integral_0^1 exp(z u) du for real z >= 0; `huge` if it overflows.
   pure real(wp) function mean_growth(z)
     real(wp), intent(in) :: z
     if (z > 700.0_wp) then

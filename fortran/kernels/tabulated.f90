@@ -1,13 +1,11 @@
-!> A kernel known at points: R(t_i), with exact transforms of its interpolant.
+!> A tabulated kernel: R(t_i), with exact transforms of its interpolant.
 !!
-!! linear: straight between points, R_1 before the first, 0 after the last.
-!! exponential: log-linear between points (all R_i > 0), the first and the last
-!! rate continued outside.
+!! linear: straight lines between points, R_1 before the first, 0 after the last. exponential:
+!! log-linear between points (all R_i > 0), with the first and last rate continued outside.
 !!
-!! Each piece is integrated in closed form, oscillation and all; nothing is
-!! truncated. For |s| t_n > 2 the integral by parts
-!!   L(s) = (R(0) - R(t_n) exp(-s t_n) [linear] + integral R' exp(-s t) dt)/s
-!! is summed instead of the direct one, since the direct pieces cancel there.
+!! Each piece is integrated in closed form, including oscillations, without truncation. For |s|
+!! t_n > 2, where the direct pieces cancel, the integral by parts is used:
+!!   L(s) = (R(0) - R(t_n) exp(-s t_n) [linear] + integral R' exp(-s t) dt)/s.
 module viscovib_tabulated
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_checks, only: check_finite, check_increasing, check_not_negative
@@ -22,7 +20,7 @@ module viscovib_tabulated
 
   public :: tabulated_kernel, new_tabulated, unseen_integral
 
-  !> A table that lacks more than this part of its integral causes a warning.
+  !> A table that omits more than this fraction of its integral causes a warning.
   real(wp), parameter, public :: tabulated_unseen = 0.01_wp
   integer, parameter, public :: interpolation_linear = 0, interpolation_exponential = 1
 
@@ -30,10 +28,10 @@ module viscovib_tabulated
     integer :: interpolation = interpolation_linear
     !> Knots from 0 on (s) and R there (1/s), shape (n).
     real(wp), allocatable :: times(:), values(:)
-    !> Of each piece: slope (linear) or decay rate (exponential), shape (n-1).
+    !> Slope (linear) or decay rate (exponential) of each piece, shape (n-1).
     real(wp), allocatable, private :: slopes(:)
-    !> Integral of R before the first time of the table that the interpolant lacks, as
-    !! far as its first decade shows; +infinity if that does not bound it.
+    !> Integral of R before the first time that the interpolant omits, estimated from the first
+    !! decade of the table; +infinity if it is unbounded.
     real(wp) :: unseen = 0.0_wp
   contains
     procedure :: transform
@@ -111,8 +109,8 @@ contains
     end associate
   end subroutine new_tabulated
 
-  !> R(0) by the first rate, which two close points with noise make as large as one likes: a
-  !! continuation beyond the range of numbers is refused, since no transform of it is a number.
+  !> R(0) extrapolated with the first rate, which is arbitrarily large for two close points with
+  !! noise. Fails if it overflows or underflows, since it has no finite transform then.
   subroutine continue_to_zero(times, values, start, status)
     real(wp), intent(in) :: times(:), values(:)
     real(wp), intent(out) :: start
@@ -121,7 +119,7 @@ contains
 
     start = values(1)
     if (.not. times(1) > 0.0_wp) return
-    ! Both are numbers: times differ by a rounding of them at least.
+    ! Finite, since the times differ by at least a rounding error.
     growth = log_ratio(values(1), values(2))*(times(1)/(times(2) - times(1)))
     height = log(values(1)) + growth
     if (height > log(huge(start)) - 1.0_wp .or. height < log(tiny(start)) + 1.0_wp) then
@@ -131,11 +129,11 @@ contains
                 //'values that change less')
       return
     end if
-    ! In quarters, none of which leaves the range of numbers.
+    ! Multiply by quarters, which neither overflow nor underflow.
     start = (values(1)*exp(0.25_wp*growth)**2)*exp(0.25_wp*growth)**2
   end subroutine continue_to_zero
 
-  !> Integral that a kernel lacks: of a table, before its first time; else 0.
+  !> Integral that a kernel omits: for a table, before its first time; otherwise 0.
   pure real(wp) function unseen_integral(kernel)
     class(kernel_type), intent(in) :: kernel
     unseen_integral = 0.0_wp
@@ -159,8 +157,8 @@ contains
     end do
   end subroutine transform
 
-  !> By Cauchy's integral over a circle, where the transform of a table is smooth: the
-  !! trapezoidal rule of n points leaves its Taylor term of order n.
+  !> Derivative by Cauchy's integral over a circle, where the transform of a table is smooth. The
+  !! error of the n-point trapezoidal rule is the Taylor term of order n.
   subroutine transform_slope(self, mu, transform, slope)
     class(tabulated_kernel), intent(in) :: self
     real(wp), intent(in) :: mu(:)
@@ -281,7 +279,7 @@ contains
     end do
   end subroutine value
 
-  !> One more than the number of inner knots, ascending, up to t.
+  !> One plus the number of inner knots (ascending) up to t.
   pure integer function piece_of(knots, t) result(j)
     real(wp), intent(in) :: knots(:), t
     integer :: above, middle
@@ -297,7 +295,7 @@ contains
     end do
   end function piece_of
 
-  !> Whole pieces, and the part of the one that holds t.
+  !> Sum of whole pieces, and the part of the piece that contains t.
   subroutine accumulated(self, t, r)
     class(tabulated_kernel), intent(in) :: self
     real(wp), intent(in) :: t(:)
@@ -319,7 +317,7 @@ contains
     end do
   end subroutine accumulated
 
-  !> Integral of piece k from its beginning to t; the last goes on.
+  !> Integral of piece k from its start to t; the last piece has no end.
   elemental real(wp) function piece_integral(self, k, t)
     class(tabulated_kernel), intent(in) :: self
     integer, intent(in) :: k
@@ -351,7 +349,7 @@ contains
     end if
   end function integral
 
-  !> That of the last two points, whose exponential goes on; linear pieces end.
+  !> Rate of the last two points, whose exponential continues; linear interpolants end.
   pure real(wp) function fading_rate(self)
     class(tabulated_kernel), intent(in) :: self
     fading_rate = huge(1.0_wp)
@@ -380,7 +378,7 @@ contains
       else
         right = to
         if (self%interpolation == interpolation_linear) exit
-        ! What has decayed to nothing needs no node.
+        ! No nodes where R has vanished.
         if (self%tail_rate() > 0.0_wp) right = min(to, left + vanished/self%tail_rate())
       end if
       if (.not. right > left) cycle
@@ -422,7 +420,7 @@ contains
     end do
   end subroutine local_rules
 
-  !> None: broken lines are no sum of exponentials.
+  !> None: a piecewise linear function is not a sum of exponentials.
   subroutine exponentials(self, tolerance, t_min, t_max, weights, rates)
     class(tabulated_kernel), intent(in) :: self
     real(wp), intent(in) :: tolerance, t_min, t_max

@@ -8,9 +8,9 @@ module viscovib_block_factors
 
   public :: factorize_blocks
 
-  !> Columns of a block, and how many are no longer halved in it.
+  !> Columns of a block, and number of columns that are not halved further.
   integer, parameter :: block_width = 48, narrow = 8
-  !> Columns of a product taken together: their sums stay in registers.
+  !> Columns of a product processed together: their sums stay in registers.
   integer, parameter :: summed = 6
 
 contains
@@ -34,8 +34,8 @@ contains
     end do
   end subroutine factorize_blocks
 
-  !> Columns first to last, rows from first on, by halves (Toledo, SIAM J. Matrix Anal. Appl. 18
-  !! (1997) 1065).
+  !> Factorize columns first to last, rows from first on, by recursive halving (Toledo, SIAM J.
+  !! Matrix Anal. Appl. 18 (1997) 1065).
   pure recursive subroutine factorize_columns(n, first, last, matrix, pivots, singular)
     integer, intent(in) :: n, first, last
     real(wp), intent(inout) :: matrix(n, n)
@@ -56,7 +56,7 @@ contains
     call exchange_rows(n, middle + 1, last, first, middle, pivots, matrix)
   end subroutine factorize_columns
 
-  !> What the columns first to last, which are factorized, make of those behind up to an end.
+  !> Update the columns after `last` up to `end` with the factorized columns first to last.
   pure subroutine eliminate(n, first, last, end, matrix, pivots)
     integer, intent(in) :: n, first, last, end, pivots(n)
     real(wp), intent(inout) :: matrix(n, n)
@@ -67,7 +67,7 @@ contains
                           matrix(first, last + 1), matrix(last + 1, last + 1))
   end subroutine eliminate
 
-  !> The exchanges of the pivots first to last, in columns from one to another.
+  !> Apply the exchanges of the pivots first to last in the columns `from` to `to`.
   pure subroutine exchange_rows(n, first, last, from, to, pivots, matrix)
     integer, intent(in) :: n, first, last, from, to, pivots(n)
     real(wp), intent(inout) :: matrix(n, n)
@@ -82,8 +82,8 @@ contains
     end do
   end subroutine exchange_rows
 
-  !> Solutions x of L x = b in the rows first to last, L being the factors there, ones on the
-  !! diagonal.
+  !> Solve L x = b in the rows first to last, with L the unit lower triangular factors
+  !! there.
   pure recursive subroutine solve_rows(n, first, last, m, factors, x)
     integer, intent(in) :: n, first, last, m
     real(wp), intent(in) :: factors(n, *)
@@ -107,8 +107,8 @@ contains
     call solve_rows(n, middle + 1, last, m, factors, x)
   end subroutine solve_rows
 
-  !> c - a b, all parts of one matrix of some rows. Rows a register at a time, of which the part of
-  !! a is copied together, so that it is read once for all columns.
+  !> c - a b, all parts of one matrix with `rows` rows. Rows are processed in whole registers; their
+  !! part of a is copied to be contiguous, so that it is read once for all columns.
   pure subroutine subtract_product(rows, m, k, n, a, b, c)
     !> Shape of a is (m, k), of b (k, n).
     integer, intent(in) :: rows, m, k, n
@@ -165,7 +165,7 @@ contains
     end do
   end subroutine subtract_product
 
-  !> Columns first to last, rows from first on, of the matrix of n rows.
+  !> Factorize columns first to last, rows from first on, of the matrix of n rows.
   pure subroutine factorize_panel(n, first, last, panel, pivots, singular)
     integer, intent(in) :: n, first, last
     real(wp), intent(inout) :: panel(n, first:last)

@@ -1,4 +1,4 @@
-!> All modes of M u'' + C u' + K u = 0 with a damping that couples those without.
+!> All modes of M u'' + C u' + K u = 0 with a damping that couples the undamped modes.
 !!
 !!   (M s^2 + C s + K)^-1 = sum_l left_l right_l^T/(s - poles_l),
 !!   left_l = x,  right_l = y/(y^T Q'(s) x)
@@ -6,8 +6,8 @@
 !! with right and left vectors x and y of Q(s) = M s^2 + C s + K at each simple pole (Tisseur and
 !! Meerbergen, The quadratic eigenvalue problem, SIAM Rev. 43 (2001) 235). Poles are eigenvalues of
 !! the companion matrix, corrected by Newton's method; the vectors are the largest column and row of
-!! Q^-1 near a pole. That leaves rounding next to the stiffest: Newton's method with residuals of
-!! twice the digits takes it away.
+!! Q^-1 near a pole. Rounding errors are then relative to the stiffest mode. Newton's method with
+!! residuals in twice the precision removes them.
 module viscovib_damped_modes
   use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_dense, only: factorize, invert, solve
@@ -18,15 +18,15 @@ module viscovib_damped_modes
 
   public :: find_damped_modes
 
-  !> Distance from a pole, in units of rounding, and passes that correct it.
+  !> Distance from a pole, in units of rounding, and number of corrections of it.
   real(wp), parameter :: beside = 8.0_wp*epsilon(1.0_wp)
   integer, parameter :: passes = 3
-  !> Changes of which the square is rounding, and passes that refine.
+  !> Changes whose square is rounding, and number of refinements.
   real(wp), parameter :: small = 1.0e-8_wp
   integer, parameter :: refining = 8
-  !> Part of the way to the next pole that may be corrected.
+  !> Largest correction of a pole, relative to the distance of the next pole.
   real(wp), parameter :: near = 0.1_wp
-  !> What the sums over all modes may miss of M^-1 and of 0.
+  !> Allowed error of the sums over all modes, compared with M^-1 and 0.
   real(wp), parameter :: missed = 1.0e-7_wp
 
 contains
@@ -34,11 +34,11 @@ contains
   pure subroutine find_damped_modes(mass, damping, stiffness, poles, left, right, found, low)
     !> Shape (n, n); the mass is not singular.
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
-    !> Shapes (2 n) and (n, 2 n); conjugates side by side.
+    !> Shapes (2 n) and (n, 2 n); conjugates are adjacent.
     complex(wp), intent(out) :: poles(:), left(:, :), right(:, :)
-    !> False of poles that coincide and have no vectors of their own: no such sum was found.
+    !> False if poles coincide without separate vectors: then there is no such sum.
     logical, intent(out) :: found
-    !> What rounding took of the stiffness; absent: nothing.
+    !> Rounding errors of the stiffness entries; absent: 0.
     real(wp), intent(in), optional :: low(:, :)
     real(wp) :: companion(size(poles), size(poles)), inverse(size(mass, 1), size(mass, 1))
     real(wp) :: factors(size(mass, 1), size(mass, 1))
@@ -126,13 +126,13 @@ contains
     end if
   end subroutine find_vectors
 
-  !> Modes to the digits that the entries hold, each by Newton's method on its own:
+  !> Refine the modes to the precision of the entries, each separately by Newton's method:
   !!
   !!   [Q(s)       Q'(s) x] [dx]     [Q(s) x]        [Q(s)^T     Q'(s)^T y] [dy]     [Q(s)^T y]
   !!   [y^T Q'(s)     0   ] [ds] = - [  0   ],       [x^T Q'(s)^T    0    ] [ds] = - [   0    ]
   !!
-  !! (Peters and Wilkinson, SIAM Rev. 21 (1979) 339). What is left, Q x and Q^T y, has twice the
-  !! digits; of the inverse a few are enough. A pole that would come near to another stays.
+  !! (Peters and Wilkinson, SIAM Rev. 21 (1979) 339). The residuals Q x and Q^T y have twice the
+  !! precision; a few digits of the inverse are enough. A pole that would approach another is kept.
   pure subroutine refine(mass, damping, stiffness, poles, left, right, low)
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     complex(wp), intent(inout) :: poles(:), left(:, :), right(:, :)
@@ -156,7 +156,7 @@ contains
 
   pure subroutine refine_one(mass, damping, stiffness, reach, pole, x, y, low)
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
-    !> How far the pole may move.
+    !> Largest change of the pole.
     real(wp), intent(in) :: reach
     !> With y^T Q'(pole) x = 1.
     complex(wp), intent(inout) :: pole, x(:), y(:)
@@ -188,7 +188,7 @@ contains
       y_left = matmul(y_left/slope, inverse)
       change = max(maxval(abs(x_left(:n)))/maxval(abs(better_x)), &
                    maxval(abs(y_left(:n)))/maxval(abs(better_y)))
-      ! Of no use where not even the first digits of the inverse are right.
+      ! Useless if not even the first digits of the inverse are correct.
       if (.not. change < last) return
       last = change
       s = s - x_left(n + 1)
@@ -207,12 +207,12 @@ contains
     end if
   end subroutine refine_one
 
-  !> Q x and Q^T y, Q' x and Q'^T y, y^T Q' x, to the last digits.
+  !> Q x and Q^T y, Q' x and Q'^T y, y^T Q' x, in twice the precision.
   pure subroutine look(mass, damping, stiffness, s, x, y, x_left, y_left, x_slope, y_slope, slope, &
                        low)
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     complex(wp), intent(in) :: s, x(:), y(:)
-    !> Each with a 0 behind it, shape (n + 1).
+    !> Each followed by a 0, shape (n + 1).
     complex(wp), intent(out) :: x_left(:), y_left(:)
     complex(wp), intent(out) :: x_slope(:), y_slope(:), slope
     real(wp), intent(in), optional :: low(:, :)
@@ -250,7 +250,7 @@ contains
     slope = cmplx(sum(dx*y), kind=wp)
   end subroutine look
 
-  !> Far out s^2 Q^-1 is M^-1: sum left right^T = 0 and sum poles left right^T = M^-1.
+  !> For large s, s^2 Q^-1 is M^-1: sum left right^T = 0 and sum poles left right^T = M^-1.
   pure subroutine check_sums(inverse, poles, left, right, found)
     real(wp), intent(in) :: inverse(:, :)
     complex(wp), intent(in) :: poles(:), left(:, :), right(:, :)

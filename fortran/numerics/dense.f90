@@ -1,4 +1,4 @@
-!> Small dense linear algebra, sized for a handful of unknowns.
+!> Small dense linear algebra, for few unknowns.
 module viscovib_dense
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_kinds, only: wp
@@ -9,9 +9,9 @@ module viscovib_dense
   public :: solve_columns
   public :: solve_complex, equilibrate, largest_in_rows, outer
 
-  !> Unknowns from which on blocks of columns take less time.
+  !> Number of unknowns from which on blocks of columns are faster.
   integer, parameter :: many = 64
-  !> Right sides taken together in `solve_columns`.
+  !> Number of right sides processed together in `solve_columns`.
   integer, parameter :: together = 24
 
 contains
@@ -51,7 +51,7 @@ contains
 
     inverse = (0.0_wp, 0.0_wp)
     ! A power of two near the largest entry, so that no product of entries
-    ! leaves the range of numbers by its units alone.
+    ! leaves the range of numbers because of the units.
     scale = maxval(abs(real(matrix)) + abs(aimag(matrix)))
     singular = .not. (scale > 0.0_wp .and. scale <= huge(scale))
     if (singular) return
@@ -110,11 +110,11 @@ contains
     end if
   end subroutine factorize
 
-  !> The same for a matrix in the first n of some rows: made a multiple of 8, they are
-  !! whole vectors, which for a few unknowns saves a quarter of the time.
+  !> The same for a matrix in the first n of `rows` rows: with a multiple of 8 rows the
+  !! loops use whole vectors, which for few unknowns saves a quarter of the time.
   pure subroutine factorize_padded(rows, n, matrix, pivots, singular)
     integer, intent(in) :: rows, n
-    !> Finite in the rows behind the matrix.
+    !> Finite in the rows after the matrix.
     real(wp), intent(inout) :: matrix(rows, n)
     integer, intent(out) :: pivots(n)
     logical, intent(out) :: singular
@@ -123,14 +123,14 @@ contains
 
     singular = .false.
     column = 0.0_wp
-    ! Rows that there are, also for who solves with what is singular.
+    ! Valid row indices, even if a caller solves with a singular matrix.
     pivots = [(k, k=1, n)]
     do k = 1, n
       largest = 0.0_wp
       do i = k, n
         largest = max(largest, abs(matrix(i, k)))
       end do
-      ! Not found if there is something that is not a number.
+      ! p > n if an entry is NaN.
       do p = k, n
         if (abs(matrix(p, k)) >= largest) exit
       end do
@@ -170,7 +170,7 @@ contains
     end do
   end subroutine factorize_padded
 
-  !> Solution by the factors of either, in place of the right side.
+  !> Solve with the factors of either procedure, in place of the right side.
   pure subroutine solve(n, factors, pivots, x)
     integer, intent(in) :: n, pivots(n)
     real(wp), intent(in) :: factors(n, n)
@@ -191,7 +191,7 @@ contains
       x(pivots(k)) = x(k)
       x(k) = entry
     end do
-    ! Four columns a turn: what waits for an entry is a quarter as long.
+    ! Four columns per iteration shorten the chain of dependent operations to a quarter.
     last = n - mod(n, 4)
     do k = 1, last, 4
       x(k + 1) = x(k + 1) - factors(k + 1, k)*x(k)
@@ -229,7 +229,7 @@ contains
     end do
   end subroutine solve_padded
 
-  !> Solutions for several right sides, in place of them: rows of sums over many at once.
+  !> Solve for several right sides, in place: sums are vectorized over the right sides.
   pure subroutine solve_columns(n, m, factors, pivots, x)
     integer, intent(in) :: n, m, pivots(n)
     real(wp), intent(in) :: factors(n, n)
@@ -274,9 +274,9 @@ contains
     end do
   end subroutine solve_columns
 
-  !> x of A x = b by elimination, the largest pivot of its column each time.
-  !! `nudge`: a pivot that vanishes is taken as rounding of the largest entry, as
-  !! inverse iteration wants it.
+  !> Solve A x = b by elimination with the largest pivot of each column.
+  !! `nudge`: a vanishing pivot is replaced by rounding of the largest entry, as
+  !! inverse iteration requires.
   pure subroutine solve_complex(matrix, x, nudge, singular)
     !> Shape (n, n).
     complex(wp), intent(in) :: matrix(:, :)
@@ -316,8 +316,8 @@ contains
     end do
   end subroutine solve_complex
 
-  !> Factors (powers of 2) of rows and columns by which no entry of a matrix is large or
-  !! small for its units alone: the largest of each row and column then are near 1 (Ruiz,
+  !> Factors (powers of 2) of rows and columns that remove the effect of units on the size of
+  !! the entries of a matrix: the largest entry of each row and column is then near 1 (Ruiz,
   !! A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL
   !! report 2001-034).
   pure subroutine equilibrate(sizes, rows, columns)
@@ -339,7 +339,7 @@ contains
     columns = scale(1.0_wp, exponent(columns))
   end subroutine equilibrate
 
-  !> The largest entry of each row in the first n of some rows, columns in these units.
+  !> The largest entry of each of the first n rows, with columns scaled by `sizes`.
   pure subroutine largest_in_rows(rows, n, matrix, sizes, largest)
     integer, intent(in) :: rows, n
     real(wp), intent(in) :: matrix(rows, n), sizes(n)

@@ -1,8 +1,8 @@
-!> How far eigenvalues of a real matrix move with its entries: |left| |right|/|left . right| of
+!> Sensitivity of eigenvalues of a real matrix to its entries: |left| |right|/|left . right| of
 !! their eigenvectors (Golub and Van Loan, Matrix Computations, 4th ed., 7.2.2).
 !!
-!! The vectors are those of inverse iteration with the matrix in Hessenberg form. The iteration for
-!! the left vector starts from the right one, so that of several equal eigenvalues with as many
+!! The vectors are computed by inverse iteration with the matrix in Hessenberg form. The iteration
+!! for the left vector starts from the right one, so that for several equal eigenvalues with as many
 !! eigenvectors the result is that of their common projector.
 module viscovib_eigenvalue_conditions
   use viscovib_kinds, only: wp
@@ -16,7 +16,7 @@ module viscovib_eigenvalue_conditions
 
 contains
 
-  !> The conditions of some eigenvalues, 1 or more.
+  !> The conditions of one or more eigenvalues.
   pure subroutine eigenvalue_conditions(matrix, values, conditions)
     !> Shape (n, n), finite.
     real(wp), intent(in) :: matrix(:, :)
@@ -32,7 +32,7 @@ contains
     call to_hessenberg(h)
     allocate (factors(n, n), right(n), left(n), exchanged(n))
     do i = 1, size(values)
-      ! That of a conjugate pair is the same.
+      ! The second of a conjugate pair has the same condition.
       if (i > 1 .and. aimag(values(i)) < 0.0_wp) then
         conditions(i) = conditions(max(i - 1, 1))
         cycle
@@ -81,12 +81,12 @@ contains
     product = spread(x, 2, size(y))*spread(y, 1, size(x))
   end function outer
 
-  !> Triangular factors of h - value; pivots of 0 become as small as rounding error.
+  !> Triangular factors of h - value; zero pivots are replaced by rounding error.
   pure subroutine factorize(h, value, factors, exchanged)
     real(wp), intent(in) :: h(:, :)
     complex(wp), intent(in) :: value
     complex(wp), intent(out) :: factors(:, :)
-    !> Whether a row was exchanged with the next one.
+    !> True if a row was exchanged with the next one.
     logical, intent(out) :: exchanged(:)
     complex(wp) :: row(size(h, 1))
     real(wp) :: least
@@ -131,7 +131,7 @@ contains
     end do
   end subroutine solve
 
-  !> The same of the adjoint.
+  !> The same for the adjoint.
   pure subroutine solve_adjoint(factors, exchanged, x)
     complex(wp), intent(in) :: factors(:, :)
     logical, intent(in) :: exchanged(:)

@@ -10,14 +10,14 @@ module viscovib_eigenvalues
 
   public :: eigenvalues
 
-  !> Sweeps an eigenvalue at most; exceptional shifts after so many without success.
+  !> Largest number of sweeps per eigenvalue; sweeps without success before an exceptional shift.
   integer, parameter :: max_sweeps = 60, patience = 10
-  !> Sweeps of balancing at most.
+  !> Largest number of balancing sweeps.
   integer, parameter :: max_balancing = 20
 
 contains
 
-  !> Eigenvalues, largest modulus first, both of conjugate pairs side by side, the one with
+  !> Eigenvalues, largest modulus first, conjugate pairs adjacent, the one with
   !! positive imaginary part first.
   pure subroutine eigenvalues(matrix, values, found)
     !> Shape (n, n), finite.
@@ -41,7 +41,7 @@ contains
     call sort_falling(values, abs(values))
   end subroutine eigenvalues
 
-  !> Rows and columns of like size, by a similarity with powers of 2.
+  !> Balance the sizes of rows and columns, by a similarity with powers of 2.
   pure subroutine balance(n, h)
     integer, intent(in) :: n
     real(wp), intent(inout) :: h(n, n)
@@ -65,7 +65,7 @@ contains
     end do
   end subroutine balance
 
-  !> By elimination, rows and columns exchanged for the largest pivot.
+  !> Reduce to Hessenberg form by elimination, with row and column exchanges for the largest pivot.
   pure subroutine to_hessenberg(n, h)
     integer, intent(in) :: n
     real(wp), intent(inout) :: h(n, n)
@@ -125,7 +125,7 @@ contains
     end do
   end subroutine iterate
 
-  !> Of a matrix of two rows, without cancellation.
+  !> Eigenvalues of a 2 x 2 matrix, without cancellation.
   pure subroutine pair_of(a, b, c, d, first, second)
     !> First row a, b, second c, d.
     real(wp), intent(in) :: a, b, c, d
@@ -146,8 +146,8 @@ contains
     end if
   end subroutine pair_of
 
-  !> One implicit double step on rows and columns low to high, of which there are three or
-  !! more, by the eigenvalues of the last two; `aside`: by others, should that lead nowhere.
+  !> One implicit double step on rows and columns low to high, at least three, with the
+  !! eigenvalues of the last two as shifts; `aside`: with exceptional shifts.
   pure subroutine francis(n, low, high, aside, h)
     integer, intent(in) :: n, low, high
     logical, intent(in) :: aside
@@ -163,7 +163,7 @@ contains
     else
       call pair_of(h(high - 1, high - 1), h(high - 1, high), h(high, high - 1), h(high, high), &
                    shifts(1), shifts(2))
-      ! Two real ones may turn in circles: the nearer one twice.
+      ! Two real shifts may cycle: use the nearer one twice.
       if (.not. abs(aimag(shifts(1))) > 0.0_wp) then
         shifts = shifts(minloc(abs(shifts - h(high, high)), 1))
       end if
@@ -189,7 +189,7 @@ contains
     end do
   end subroutine francis
 
-  !> v and factor of the reflection 1 - factor v v' that takes v to its first axis.
+  !> v and factor of the reflection 1 - factor v v' that maps v to its first axis.
   pure subroutine reflector(m, v, factor)
     integer, intent(in) :: m
     real(wp), intent(inout) :: v(3)

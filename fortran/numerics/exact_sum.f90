@@ -1,4 +1,4 @@
-!> Dot products as if computed in twice the precision.
+!> Dot products with the accuracy of twice the working precision.
 !!
 !! Ogita, Rump, Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26
 !! (2005) 1955 (Dot2).

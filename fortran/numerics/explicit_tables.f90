@@ -1,13 +1,13 @@
-!> Explicit Runge-Kutta methods, as tables for second-order systems, and Gauss's collocations in
-!! the same form for trajectories side by side.
+!> Explicit Runge-Kutta methods, as tables for second-order systems, and Gauss collocations in
+!! the same form for trajectories in lanes.
 !!
 !! For q' = v, v' = f the stages need sums of f only (Nystrom form):
 !!   q_i = q_0 + c_i h v_0 + h^2 sum_j (a^2)_ij f_j, v_i = v_0 + h sum_j a_ij f_j,
-!! which halves what is stored and read.
+!! which halves the storage and memory traffic.
 !!
 !! Coefficients are rounded so that each row still sums to its c and the weights
-!! still meet the first three quadrature conditions: plain rounding leaves 4e-15 of
-!! the sum of Verner's weights, an error that grows with time.
+!! still satisfy the first three quadrature conditions: plain rounding causes an error of 4e-15 in
+!! the sum of Verner's weights, whose effect grows with time.
 module viscovib_explicit_tables
   use viscovib_exact_sum, only: exact_dot
   use viscovib_kinds, only: wp
@@ -20,27 +20,27 @@ module viscovib_explicit_tables
   integer, parameter, public :: max_stages = 16
   character(len=*), parameter, public :: explicit_names(4) = &
     [character(len=8) :: 'rk4', 'dop8', 'verner8', 'verner9']
-  !> Methods of many trajectories at once.
+  !> Methods for many trajectories at once.
   character(len=*), parameter, public :: lane_methods(11) = &
     [character(len=8) :: explicit_names, 'gauss8', 'gauss16', 'taylor8', 'taylor12', 'taylor16', &
      'taylor20', 'taylor24']
-  !> The last of them, of these orders, have no tables: see `viscovib_taylor`.
+  !> The last methods, of these orders, have no tables: see `viscovib_taylor`.
   integer, parameter :: series_orders(5) = [8, 12, 16, 20, 24]
   integer, parameter :: before_series = size(lane_methods) - size(series_orders)
-  !> Accelerations that predict the next one of a collocation.
+  !> Number of accelerations that predict the next one of a collocation.
   integer, parameter :: most_predicting = 10
 
   type :: explicit_table_type
     integer :: n_stages = 0, order = 0
     !> Stage times; lower triangle of a; weights.
     real(wp) :: c(max_stages) = 0.0_wp, a(max_stages, max_stages) = 0.0_wp, b(max_stages) = 0.0_wp
-    !> The sums of each stage, the last one being the step itself: how many
-    !! terms, which accelerations, and their weights in q and in v.
+    !> The sums of each stage, the last one being the step itself: number of
+    !! terms, indices of the accelerations, and their weights in q and in v.
     integer :: n_terms(max_stages + 1) = 0, from(max_stages, max_stages + 1) = 0
     real(wp) :: weights(2, max_stages, max_stages + 1) = 0.0_wp
-    !> Whether stages need one another, so that they are iterated; then the sums of each stage in
-    !! the first sweep, over accelerations of stages before it and, by places beyond n_stages, of
-    !! the last stages of the step before.
+    !> True if stages depend on each other, so that they are iterated; then the sums of each stage
+    !! in the first sweep, over accelerations of previous stages and, with indices above n_stages,
+    !! of the last stages of the step before.
     logical :: implicit = .false.
     integer :: n_first = 0, first_from(max_stages, max_stages) = 0
     real(wp) :: first_weights(2, max_stages, max_stages) = 0.0_wp
@@ -48,19 +48,19 @@ module viscovib_explicit_tables
 
 contains
 
-  !> Whether a method, by its place in `lane_methods`, is Taylor's.
+  !> True if a method, by its index in `lane_methods`, is Taylor's.
   pure logical function is_series(method)
     integer, intent(in) :: method
     is_series = method > before_series
   end function is_series
 
-  !> The order of Taylor's method that has this place in `lane_methods`.
+  !> The order of Taylor's method with this index in `lane_methods`.
   pure integer function series_order(method)
     integer, intent(in) :: method
     series_order = series_orders(method - before_series)
   end function series_order
 
-  !> Table by its place in `lane_methods`.
+  !> Table of a method by its index in `lane_methods`.
   pure subroutine new_explicit_table(table, method)
     type(explicit_table_type), intent(out) :: table
     integer, intent(in) :: method
@@ -101,8 +101,8 @@ contains
   end subroutine new_explicit_table
 
   !> Collocation at s nodes (Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3). The
-  !! first sweep takes the polynomial through the accelerations just before each node, as Adams'
-  !! methods do; through more than 10 it would magnify their rounding too much.
+  !! first sweep uses the polynomial through the accelerations just before each node, like Adams
+  !! methods; with more than 10 of them it would amplify their rounding errors too much.
   pure subroutine gauss(table, s)
     type(explicit_table_type), intent(inout) :: table
     integer, intent(in) :: s
@@ -132,8 +132,8 @@ contains
     table%weights(2, :s, s + 1) = b
   end subroutine gauss
 
-  !> Weights of values at points in the integrals over [0, x], of (x - t) times their polynomial
-  !! and of the polynomial itself; c and b: Gauss's rule of as many nodes, exact for them.
+  !> Weights of values at points in the integrals over [0, x] of (x - t) times their polynomial,
+  !! and of the polynomial itself; c and b: Gauss rule with as many nodes, exact for them.
   pure function integrals(points, c, b, x) result(weights)
     real(wp), intent(in) :: points(:), c(:), b(:), x
     real(wp) :: weights(2, size(points)), factors(size(points)), values(size(points))
@@ -148,7 +148,7 @@ contains
     end do
   end function integrals
 
-  !> Keep the terms that are not zero.
+  !> Store the nonzero terms.
   pure subroutine list_terms(table, i, in_q, in_v)
     type(explicit_table_type), intent(inout) :: table
     integer, intent(in) :: i

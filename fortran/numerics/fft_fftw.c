@@ -1,20 +1,20 @@
-/* Transforms by FFTW (-Dfft=fftw); fft_own.c has the same calls. Estimated plans, so that results do
-   not vary from run to run. */
+/* Transforms by FFTW (-Dfft=fftw); fft_own.c has the same interface. Estimated plans, so that
+   results do not vary from run to run. */
 #include <complex.h>
 #include <fftw3.h>
 
-/* One axis of n; it takes any arrays, and leaves the signal as it is. */
+/* One axis of length n; accepts any arrays, and does not change the signal. */
 fftw_plan viscovib_plan_line(int n, double *signal, fftw_complex *spectrum) {
   return fftw_plan_dft_r2c_1d(n, signal, spectrum,
                               FFTW_ESTIMATE | FFTW_UNALIGNED | FFTW_PRESERVE_INPUT);
 }
 
-/* Three axes, the last of which is contiguous; arrays are aligned as these are. */
+/* Three axes, the last contiguous; arrays must have the same alignment as these. */
 fftw_plan viscovib_plan_box(int n_1, int n_2, int n_3, double *u, fftw_complex *c) {
   return fftw_plan_dft_r2c_3d(n_1, n_2, n_3, u, c, FFTW_ESTIMATE);
 }
 
-/* Back again; the coefficients are lost. */
+/* Inverse transform; the coefficients are overwritten. */
 fftw_plan viscovib_plan_box_back(int n_1, int n_2, int n_3, fftw_complex *c, double *u) {
   return fftw_plan_dft_c2r_3d(n_1, n_2, n_3, c, u, FFTW_ESTIMATE);
 }

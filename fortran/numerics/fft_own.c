@@ -1,15 +1,15 @@
-/* Transforms without a library (-Dfft=own), for packages of permissive licence; the calls are those of
+/* Transforms without a library (-Dfft=own), for packages of permissive licence; same interface as
    fft_fftw.c.
 
-   Stockham's autosort with radices 4, 2, 3, 5 and any other prime r: with n = r m and s lines beside
-   each other,
+   Stockham's autosort with radices 4, 2, 3, 5 and any other prime r: with n = r m and s interleaved
+   lines,
 
      y[s (r p + j) + q] = w^(p j) sum_k x[s (p + m k) + q] exp(-2 pi i j k/r),  w = exp(-2 pi i/n),
 
-   and then n := m, s := r s (Van Loan, Computational Frameworks for the Fast Fourier Transform, SIAM
-   1992, section 1.7). Axes of a box are lines beside each other as they lie. Lengths with a large
-   prime are convolutions of a length 2^k (Bluestein, IEEE Trans. Audio Electroacoust. 18 (1970)
-   451). Transforms of even real signals are complex ones of half the length. */
+   and then n := m, s := r s (Van Loan, Computational Frameworks for the Fast Fourier Transform,
+   SIAM 1992, section 1.7). Axes of a box are interleaved lines in their given layout. Lengths with
+   a large prime are convolutions of a length 2^k (Bluestein, IEEE Trans. Audio Electroacoust. 18
+   (1970) 451). Transforms of even real signals are complex ones of half the length. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,7 +41,7 @@ static value product(value a, value b) {
   return c;
 }
 
-/* exp(-2 pi i k/n), of an angle of at most pi/4. */
+/* exp(-2 pi i k/n), reduced to an angle of at most pi/4. */
 static value unit_root(long long k, long long n) {
   const double pi = 3.14159265358979323846;
   long long eighth = 8 * (k % n) / n, quarter = (eighth + 1) / 2;
@@ -125,7 +125,7 @@ static void bluestein(const axis *a, value *x) {
   transform(a->longer, 1, padded, work);
   for (i = 0; i < m; i++) {
     value c = product(padded[i], a->response[i]);
-    /* Real and imaginary parts change places: back again. */
+    /* Exchange real and imaginary parts for the inverse transform. */
     padded[i].re = c.im;
     padded[i].im = c.re;
   }
@@ -138,7 +138,7 @@ static void bluestein(const axis *a, value *x) {
   free(work);
 }
 
-/* s lines of length n beside each other, in place; work has their room. */
+/* s interleaved lines of length n, in place; work has the same size. */
 static void transform(const axis *a, size_t s, value *x, value *work) {
   value *from = x, *to = work, *other;
   int i, n = a->n;
@@ -159,7 +159,7 @@ static void transform(const axis *a, size_t s, value *x, value *work) {
   if (from != x) memcpy(x, from, total * sizeof *x);
 }
 
-/* alone: of lines that are transformed one by one, which may be of any length. */
+/* alone: lines are transformed one by one, and may have any length. */
 static axis *new_axis(int n, int alone) {
   static const int first[] = {4, 2, 3, 5, 7};
   axis *a = calloc(1, sizeof *a), *longer;
@@ -258,8 +258,8 @@ static void line(const plan_type *plan, const double *u, value *c, value *work) 
   }
 }
 
-/* u_j = sum of c_k exp(2 pi i j k/n) over all k, c_(n - k) = conj(c_k); work has 2 n. By conjugates,
-   a transform back is a transform. */
+/* u_j = sum of c_k exp(2 pi i j k/n) over all k, c_(n - k) = conj(c_k); work has 2 n. The inverse
+   transform is a transform of conjugates. */
 static void line_back(const plan_type *plan, const value *c, double *u, value *work) {
   int k, n = plan->n[2], h = n / 2;
   value *z = work;
@@ -295,7 +295,7 @@ static void line_back(const plan_type *plan, const value *c, double *u, value *w
   }
 }
 
-/* Along the axes that are not contiguous. */
+/* Transform along the axes that are not contiguous. */
 static void across(const plan_type *plan, value *c, value *work) {
   size_t inner = (size_t)(plan->n[2] / 2 + 1), slab = inner * (size_t)plan->n[1];
   int i;

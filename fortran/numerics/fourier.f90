@@ -1,8 +1,8 @@
 !> Discrete Fourier transforms of real signals, by FFTW (fft_fftw.c) or without it (fft_own.c).
 !!
-!! Plans are made once per length and kept; they take any array of that length. Results do not
-!! vary from run to run. Making a plan is the one thing in FFTW that two threads must not do at
-!! once, so that whoever does takes the lock. A plan is given up for another only while no thread
+!! Plans are made once per length and kept; they accept any array of that length. Results do not
+!! vary from run to run. FFTW allows only one thread at a time to make a plan, so a lock
+!! protects it. A plan is replaced only while no thread
 !! uses it.
 module viscovib_fourier
   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_double_complex, c_int, &
@@ -15,10 +15,10 @@ module viscovib_fourier
 
   public :: check_length, real_spectrum, lock_planner, unlock_planner
 
-  !> Lengths remembered; the oldest goes first.
+  !> Number of stored lengths; the oldest is replaced first.
   integer, parameter :: max_plans = 32
 
-  !> `users`: threads that use a plan now.
+  !> `users`: number of threads that use a plan now.
   integer :: lengths(max_plans) = 0, users(max_plans) = 0, oldest = 1
   type(c_ptr) :: plans(max_plans) = c_null_ptr
 
@@ -51,7 +51,7 @@ module viscovib_fourier
 
 contains
 
-  !> Refuse what is too long: lengths that are padded to a power of two must stay integers.
+  !> Reject signals that are too long: lengths padded to a power of two must stay integers.
   subroutine check_length(n, status)
     integer, intent(in) :: n
     type(status_type), intent(out) :: status
@@ -62,7 +62,7 @@ contains
                             //' samples, must be at most '//show(most))
   end subroutine check_length
 
-  !> sum_j signal_j exp(-2 pi i j k/n) for k = 0 ... n/2; n as `check_length` lets pass.
+  !> sum_j signal_j exp(-2 pi i j k/n) for k = 0 ... n/2; n must pass `check_length`.
   subroutine real_spectrum(signal, spectrum)
     !> Shape (n), n >= 1.
     real(wp), intent(in) :: signal(:)
@@ -92,8 +92,8 @@ contains
     call unlock_planner()
   end subroutine real_spectrum
 
-  !> Keep a plan in place of the oldest that nobody uses, and return where; 0 if all are used.
-  !! Called under the lock.
+  !> Store a plan in place of the oldest unused one, and return its index; 0 if all are in use.
+  !! Must be called with the lock.
   integer function place_of(plan, length) result(i)
     type(c_ptr), intent(in) :: plan
     integer, intent(in) :: length

@@ -1,6 +1,6 @@
-!> Gauss-Legendre rules on [0, 1] of 8, 16 and 32 nodes, wanted so often and by so short
-!! runs that finding them (`gauss_nodes`) would be most of the work. Computed with 40
-!! digits by Newton's method; the lower half, the rule being symmetric.
+!> Gauss-Legendre rules on [0, 1] of 8, 16 and 32 nodes. Short runs use them so often
+!! that computing them (`gauss_nodes`) would dominate their cost. Computed with 40
+!! digits by Newton's method; the lower half, since the rule is symmetric.
 module viscovib_gauss_points
   use viscovib_kinds, only: wp
   implicit none

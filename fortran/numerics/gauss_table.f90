@@ -2,8 +2,8 @@
 !! second-order systems, laid out for the lanes.
 !!
 !! Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3; the matrices
-!! are written in shifted Legendre polynomials P_k, orthogonal under the nodes,
-!! which keeps every digit.
+!! use shifted Legendre polynomials P_k, orthogonal at the nodes,
+!! which avoids loss of digits.
 module viscovib_gauss_table
   use viscovib_gauss_points, only: points_16, points_8, weights_16, weights_8
   use viscovib_kinds, only: wp
@@ -14,17 +14,17 @@ module viscovib_gauss_table
 
   public :: gauss_table_type, new_gauss_table
 
-  !> Room for 16 nodes. All arrays have fixed sizes, so that the compiler knows
-  !! their parts to be in one piece.
+  !> Capacity for 16 nodes. All arrays have fixed sizes, so that the compiler can assume
+  !! contiguous sections.
   integer, parameter, public :: max_blocks = 2
 
   type :: gauss_table_type
     integer :: n_nodes = 0, n_blocks = 0
-    !> Nodes, weights of q' and of q, node i in lane and block; lanes past the
+    !> Nodes, weights of q' and of q, node i in lane and block; lanes after the
     !! last node repeat it, with weight 0.
     real(wp), dimension(n_lanes, max_blocks) :: nodes = 0.0_wp, weights = 0.0_wp, &
                                                 weights_q = 0.0_wp
-    !> a_ij, its square, and what predicts the accelerations at the nodes of the
+    !> a_ij, its square, and the matrix that predicts the accelerations at the nodes of the
     !! next step from those of this one (least squares by a polynomial). Lane of
     !! i, lane of j, block of j, block of i.
     real(wp), dimension(n_lanes, n_lanes, max_blocks, max_blocks) :: a = 0.0_wp, a_q = 0.0_wp, &
@@ -89,8 +89,8 @@ contains
         end do
       end associate
     end do
-    ! Lanes without a node repeat the last one, without weight: changes of what they hold are
-    ! those of a node, by which an iteration judges how fast it converges.
+    ! Lanes without a node repeat the last one, without weight: their changes equal those
+    ! of a node, so that they do not disturb the convergence test.
     if (s < n_lanes) then
       do i = s + 1, n_lanes
         table%nodes(i, 1) = table%nodes(s, 1)

@@ -1,12 +1,12 @@
 !> Discrete Fourier transforms of real functions on a grid of one to three axes.
 !!
-!! With c_k for k_1 >= 0 in a box, 0 <= k_1 <= n_1/2 and the others modulo n_2, n_3,
+!! With c_k for k_1 >= 0 in a box, 0 <= k_1 <= n_1/2 and the other indices modulo n_2, n_3,
 !!
 !!   u = sum_k c_k exp(i k.theta),   n c_k = sum u exp(-i k.theta),
 !!
-!! theta the angles of a sample and n the number of all. Plans are made once for a shape,
-!! such that results do not vary, under a lock, and kept for good; many threads may
-!! then execute one. Grids whose plans are quick are left to `quick_size`.
+!! theta the angles of a sample and n the total number of samples. Plans are made once for a shape,
+!! so that results do not vary, under a lock, and kept permanently; many threads may
+!! then execute one. `quick_size` selects grid sizes with fast plans.
 module viscovib_grid_fourier
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_intptr_t, c_loc, &
     c_null_ptr, c_ptr
@@ -18,8 +18,8 @@ module viscovib_grid_fourier
 
   public :: grid_plans, find_plans, quick_size, to_grid, from_grid
 
-  !> FFTW supposes the alignment of the plan's arrays: 16 bytes, as all that is allocated has where
-  !! no offset spoils it.
+  !> FFTW assumes the alignment of the plan's arrays: 16 bytes, the alignment of allocated arrays
+  !! without an offset.
   integer(c_intptr_t), parameter :: alignment = 16_c_intptr_t
   integer, parameter :: max_shapes = 1000
 
@@ -66,7 +66,7 @@ module viscovib_grid_fourier
 
 contains
 
-  !> The next size whose plans are quick: per sample others take up to five times as long.
+  !> The next size with a fast plan: other sizes take up to five times as long per sample.
   !! All are even, so that the columns of an array keep its alignment.
   pure integer function quick_size(least) result(n)
     integer, intent(in) :: least
@@ -89,7 +89,7 @@ contains
   end function quick_size
 
   subroutine find_plans(n, plans, status)
-    !> Samples along each axis, 1 along those that there are not.
+    !> Samples along each axis, 1 along missing axes.
     integer, intent(in) :: n(3)
     type(grid_plans), intent(out) :: plans
     type(status_type), intent(out) :: status
@@ -116,7 +116,7 @@ contains
     end if
   end subroutine find_plans
 
-  !> Samples from the box, which is lost.
+  !> Samples from the box, which is overwritten.
   subroutine to_grid(plans, box, u)
     type(grid_plans), intent(in) :: plans
     !> Allocated, shape ((n_1/2 + 1) n_2 n_3).

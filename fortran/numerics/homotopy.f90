@@ -1,14 +1,14 @@
-!> All isolated solutions of a small polynomial system of degree 3, by following paths from
-!! a system whose solutions are known (Sommese and Wampler, The numerical solution of systems
+!> All isolated solutions of a small polynomial system of degree 3, by path tracking from
+!! a system with known solutions (Sommese and Wampler, The numerical solution of systems
 !! of polynomials, 2005, chapters 2, 7 and 8): first from products of linear forms to a system of
-!! the same terms with coefficients at random, and from its finite solutions to any wanted one.
+!! the same terms with random coefficients, and from its finite solutions to any member.
 !!
-!! How many solutions there are is the same for almost all coefficients. So where Newton's method
-!! leads from the solutions of the member before to as many that differ, those are all. Signs that
-!! leave every term as it is, and the conjugate, lead from one solution to others.
+!! The number of solutions is the same for almost all coefficients. If Newton's method
+!! converges from the solutions of the previous member to as many different ones, these are all.
+!! Sign changes that preserve every term, and conjugation, map solutions to solutions.
 !!
 !! The random system of a set of terms is the same in every call, so the last ones are kept for the
-!! whole program, behind a lock.
+!! whole program, protected by a lock.
 module viscovib_homotopy
   use viscovib_dense, only: solve_complex
   use viscovib_kinds, only: wp
@@ -21,22 +21,22 @@ module viscovib_homotopy
 
   public :: family_type, max_unknowns, new_family
 
-  !> On the way to a member of the family a path may pass far outside.
+  !> Bound of a path towards a member of the family; it may temporarily become large.
   real(wp), parameter :: far = 1.0e8_wp
 
   !> Systems with the same terms.
   type :: family_type
     type(polynomials_type) :: system
-    !> Coefficients and solutions, shape (n, n_solutions), of a member at random.
+    !> Coefficients and solutions, shape (n, n_solutions), of a random member.
     complex(wp), allocatable :: generic(:), solutions(:, :)
-    !> Where the conjugate of each unknown is.
+    !> Index of the conjugate of each unknown.
     integer, allocatable, private :: mirror(:)
-    !> Signs of the unknowns that change nothing, shape (n, n_signs), the first all 1.
+    !> Sign changes of the unknowns that preserve all terms, shape (n, n_signs), the first all 1.
     real(wp), allocatable, private :: signs(:, :)
-    !> Of each solution of the random member which one gives it by which signs.
+    !> For each solution of the random member the solution and the sign change that give it.
     integer, allocatable, private :: leader(:), image(:)
-    !> The member before, its solutions, of how many there were at most, the unit of their unknowns,
-    !! and which one gives each by which signs, the conjugate beyond n_signs.
+    !> The previous member, its solutions, their largest number so far, the unit of their unknowns,
+    !! and the solution and sign change that give each one, with conjugation above n_signs.
     complex(wp), allocatable, private :: last_coefficients(:), last(:, :)
     integer, private :: most = 0
     integer, allocatable, private :: last_leader(:), last_image(:)
@@ -52,20 +52,20 @@ module viscovib_homotopy
   end type family_type
 
   integer, parameter :: most_kept = 64
-  !> Families as `new_family` makes them; read and written by who has the lock.
+  !> Families as built by `new_family`; accessed only with the lock.
   type(family_type) :: kept(most_kept)
   integer :: n_kept = 0
 
 contains
 
-  !> Unknowns and coefficients should be scaled to the size 1.
+  !> Build the family. Unknowns and coefficients should be scaled to the size 1.
   subroutine new_family(family, n, conjugates, row, at, cancel)
     type(family_type), intent(out) :: family
     integer, intent(in) :: n
-    !> The second half of the unknowns are conjugates of the first; else unknowns are real.
+    !> True if the second half of the unknowns are conjugates of the first; else unknowns are real.
     logical, intent(in) :: conjugates
     integer, intent(in) :: row(:), at(:, :)
-    !> Not 0, perhaps set by another thread, gives up.
+    !> A nonzero value, possibly set by another thread, interrupts.
     integer, intent(inout) :: cancel
     complex(wp) :: forms(0:n, 3, n), x(n)
     complex(wp), allocatable :: found(:, :)
@@ -87,19 +87,19 @@ contains
       met = .false.
       call choose(1, [integer ::])
       call complete()
-      ! Two paths that end in one, or an image that none ended in: one of them went astray.
+      ! If two paths have the same end, or an image is no end of a path, a path was wrong.
       if (careful .or. .not. met) exit
       careful = .true.
     end do
     family%solutions = found(:, :k)
     call family%find_images(family%solutions, 2*size(family%signs, 2), family%leader, family%image)
-    ! Between members with the same symmetry solutions may meet: not so by this detour.
+    ! Between members with the same symmetry solutions may coincide; this detour avoids it.
     family%generic = family%generic*wave(0.2360679774997897_wp)
     if (.not. is_set(cancel)) call keep(family)
 
   contains
 
-    !> Start at the zero of one form of each equation.
+    !> Start a path at the common zero of one form of each equation.
     recursive subroutine choose(equation, chosen)
       integer, intent(in) :: equation, chosen(:)
       complex(wp) :: matrix(n, n)
@@ -117,7 +117,7 @@ contains
         x(q) = -forms(0, chosen(q), q)
       end do
       if (conjugates) then
-        ! More forms of one half of the unknowns than there are of these.
+        ! Skip choices with more forms of one half of the unknowns than it has unknowns.
         if (count([(kinds(chosen(q), q) == 1, q=1, n)]) > n/2) return
         if (count([(kinds(chosen(q), q) == 2, q=1, n)]) > n/2) return
       end if
@@ -134,7 +134,7 @@ contains
       end if
     end subroutine choose
 
-    !> Images of solutions are solutions.
+    !> Add the images of solutions, which are solutions as well.
     subroutine complete()
       complex(wp) :: y(n)
       integer :: way, which
@@ -154,7 +154,7 @@ contains
 
   end subroutine new_family
 
-  !> The family of the same terms and conjugates, if it is kept.
+  !> Restore the family with the same terms and conjugates, if it is kept.
   subroutine recall(family)
     type(family_type), intent(inout) :: family
     integer :: i
@@ -168,7 +168,7 @@ contains
     call release_lock()
   end subroutine recall
 
-  !> In the place of the oldest.
+  !> Store the family in place of the oldest.
   subroutine keep(family)
     type(family_type), intent(in) :: family
     if (.not. take_lock()) return
@@ -178,15 +178,15 @@ contains
     call release_lock()
   end subroutine keep
 
-  !> At random, but those of a term and of its conjugate are conjugates, so that solutions have the
-  !! symmetries of all members that matter.
+  !> Random coefficients; those of a term and of its conjugate are conjugates, so that solutions
+  !! have the symmetries of all members of interest.
   subroutine choose_generic(self)
     class(family_type), intent(inout) :: self
     integer :: i, k, mirrored(0:self%system%n), wanted(4)
 
     mirrored = [0, self%mirror]
     associate (row => self%system%row, at => self%system%at)
-      ! Phases that grow in equal steps would make products of coefficients equal.
+      ! Phases in equal steps would make products of coefficients equal.
       self%generic = [(wave(0.7548776662466927_wp*i**3 + 0.1_wp) &
                        *(0.6_wp + 0.8_wp*modulo(0.5698402909980532_wp*i**2, 1.0_wp)), &
                        i=1, size(row))]
@@ -210,8 +210,8 @@ contains
     ordered(2) = sum(three) - ordered(1) - ordered(3)
   end function sorted
 
-  !> Linear forms whose products have all terms: of the first m unknowns (kind 1), of the others
-  !! (2), of all (3), or none (0, the form 1). The fewer of all, the fewer start solutions.
+  !> Linear forms whose products contain all terms: of the first m unknowns (kind 1), of the others
+  !! (2), of all (3), or none (0, the form 1). Forms of all unknowns add start solutions.
   subroutine find_forms(system, m, kinds, forms)
     type(polynomials_type), intent(in) :: system
     integer, intent(in) :: m
@@ -263,7 +263,7 @@ contains
     known = place_of(found, x, 1.0e-8_wp) > 0
   end function known
 
-  !> Which of the columns x is; 0: none.
+  !> The index of the column equal to x; 0: none.
   pure integer function place_of(found, x, tolerance) result(i)
     complex(wp), intent(in) :: found(:, :), x(:)
     real(wp), intent(in) :: tolerance
@@ -288,7 +288,7 @@ contains
     if (is_of) is_of = all(self%system%row == row) .and. all(self%system%at == at)
   end function is_of
 
-  !> Unknowns and their conjugates change sign together.
+  !> Find the sign changes that preserve all terms; conjugate unknowns change sign together.
   subroutine find_signs(self)
     class(family_type), intent(inout) :: self
     real(wp) :: signs(0:self%system%n)
@@ -309,7 +309,7 @@ contains
     end do
   end subroutine find_signs
 
-  !> x by signs k, or beyond their number the conjugate by these.
+  !> x with sign change k; above their number also conjugated.
   pure function imaged(self, x, k) result(y)
     class(family_type), intent(in) :: self
     complex(wp), intent(in) :: x(:)
@@ -319,7 +319,7 @@ contains
     if (k > size(self%signs, 2)) y = conjg(y(self%mirror))
   end function imaged
 
-  !> Which solution gives each by which of the first n_images ways.
+  !> For each solution find the solution and the symmetry, of the first n_images, that give it.
   subroutine find_images(self, x, n_images, leader, image)
     class(family_type), intent(in) :: self
     complex(wp), intent(in) :: x(:, :)
@@ -342,11 +342,11 @@ contains
     end do
   end subroutine find_images
 
-  !> The finite solutions for given coefficients, those of a conjugate in its place conjugate.
+  !> The finite solutions for given coefficients, a conjugate pair in conjugate positions.
   subroutine solve_member(self, coefficients, unit, x, n_found, cancel)
     class(family_type), intent(inout) :: self
     complex(wp), intent(in) :: coefficients(:)
-    !> Of the unknowns, so that those of different members compare.
+    !> Unit of the unknowns, for comparison of different members.
     real(wp), intent(in) :: unit
     !> Shape (n, at least size(solutions, 2)).
     complex(wp), intent(out) :: x(:, :)
@@ -397,8 +397,8 @@ contains
 
   contains
 
-    !> A path may only come near a double solution, or near one at infinity. The first matters
-    !! where it is its own conjugate, and Newton's method leads to no other from it.
+    !> A path may only approach a double solution, or one near infinity. A double solution is
+    !! accepted if it is its own conjugate, and Newton's method does not leave it.
     subroutine settle(y, found)
       complex(wp), intent(inout) :: y(:)
       logical, intent(inout) :: found
@@ -415,8 +415,8 @@ contains
 
   end subroutine solve_member
 
-  !> From the solutions of the member before, by Newton's method or, where that does not settle,
-  !! along a path of their own; 0: not all of them.
+  !> Solutions from those of the previous member, by Newton's method or, if that does not converge,
+  !! along a path; n_found = 0 if not all are found.
   subroutine solve_near(self, coefficients, unit, x, n_found)
     class(family_type), intent(inout) :: self
     complex(wp), intent(in) :: coefficients(:)

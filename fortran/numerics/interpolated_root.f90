@@ -8,14 +8,14 @@ module viscovib_interpolated_root
 
   public :: interpolated, interpolated_roots
 
-  !> Imaginary parts of zeros that are real.
+  !> Largest imaginary part of a zero that counts as real.
   real(wp), parameter :: real_enough = 1.0e-7_wp
   !> Iterations of Newton's method.
   integer, parameter :: max_turns = 3
 
 contains
 
-  !> The value at a place of the polynomial through values at x.
+  !> The value at a position of the polynomial through values at x.
   pure real(wp) function interpolated(x, values, place)
     real(wp), intent(in) :: x(:), values(:), place
     real(wp) :: weight

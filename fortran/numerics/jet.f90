@@ -1,9 +1,9 @@
 !> Polynomials of several variables up to the third degree, with arithmetic:
-!! what is computed from them is differentiated exactly on the way.
+!! automatic differentiation up to the third order.
 !!
 !! p(x) = c0 + c1.x + c2(x,x) + c3(x,x,x) with symmetric c2 and c3, so that
-!! c1, 2 c2 and 6 c3 are the derivatives at x = 0. Everything of a higher degree
-!! is dropped (truncated Taylor arithmetic, Griewank and Walther, Evaluating
+!! c1, 2 c2 and 6 c3 are the derivatives at x = 0. Terms of a higher degree
+!! are dropped (truncated Taylor arithmetic, Griewank and Walther, Evaluating
 !! Derivatives, 2008, chapter 13).
 module viscovib_jet
   use viscovib_kinds, only: wp

@@ -1,9 +1,9 @@
-!> The loops of a collocation step that run along the lanes.
+!> The loops of a collocation step over the lanes.
 !!
-!! gfortran 12 finds whole registers here in two ways only. A loop along the lanes
-!! is unrolled before the vectoriser sees it, unless `unroll 1` forbids that. Where
-!! sums stay in registers over a loop, that loop must be left alone (`novector`)
-!! and the lanes written as array expressions; else they are cut in halves that go
+!! gfortran 12 uses whole vector registers here in two cases only. A loop over the lanes
+!! is unrolled before the vectoriser sees it, unless `unroll 1` prevents that. If
+!! sums stay in registers over a loop, that loop must not be vectorized (`novector`)
+!! and the lanes must be array expressions; otherwise they are split in halves that go
 !! through memory. Each is worth a factor of two to ten.
 module viscovib_node_kernels
   use viscovib_kinds, only: wp
@@ -19,7 +19,7 @@ contains
   !! q = q_0 + h c v_0 + h^2 sum_j a_q_j f_j, v = v_0 + h sum_j a_j f_j.
   pure subroutine node_states(n_blocks, n_dof, times, sums, f, q_0, v_0, q, v)
     integer, intent(in) :: n_blocks, n_dof
-    !> h c in the lanes, and h^2 a_q and h a, the node summed over being the
+    !> h c in the lanes, and h^2 a_q and h a; the node of the sum is the
     !! last index, block by block.
     real(wp), intent(in) :: times(n_lanes), sums(n_lanes, 2, n_lanes*n_blocks)
     real(wp), intent(in) :: f(n_lanes, max_dof, n_blocks), q_0(max_dof), v_0(max_dof)
@@ -58,7 +58,7 @@ contains
     end do
   end subroutine node_states
 
-  !> The same of one coordinate, in sums of pairs, which need not wait for each other.
+  !> The same for one coordinate, in independent sums of pairs.
   pure subroutine one_state(n_blocks, times, sums, f, q_0, v_0, q, v)
     integer, intent(in) :: n_blocks
     real(wp), intent(in) :: times(n_lanes), sums(n_lanes, 2, n_lanes*n_blocks)
@@ -113,7 +113,7 @@ contains
     end do
   end subroutine predict
 
-  !> Put new accelerations in the place of old ones, and add up the sizes of the
+  !> Replace old accelerations by new ones, and accumulate the sizes of the
   !! changes (a sum, since a maximum would keep the loop scalar).
   pure subroutine exchange(n_dof, new, old, change)
     integer, intent(in) :: n_dof
@@ -136,7 +136,7 @@ contains
     change = change + lane_sum(part)
   end subroutine exchange
 
-  !> Sum of the lanes in pairs: three additions to wait for, not seven.
+  !> Sum of the lanes in pairs: three dependent additions instead of seven.
   pure real(wp) function lane_sum(x)
     real(wp), intent(in) :: x(n_lanes)
     lane_sum = ((x(1) + x(5)) + (x(3) + x(7))) + ((x(2) + x(6)) + (x(4) + x(8)))

@@ -10,17 +10,17 @@ module viscovib_orthogonal
 
   public :: add_rows, least_squares, right_vectors
 
-  !> Sweeps of rotations at most; cosines between columns that are 0 to rounding.
+  !> Largest number of sweeps of rotations; cosines between columns that count as 0.
   integer, parameter :: max_sweeps = 40
   real(wp), parameter :: right_angle = 4.0_wp*epsilon(1.0_wp)
 
 contains
 
-  !> Append rows to a triangular factor R, so that R' R grows by rows' rows.
+  !> Append rows to a triangular factor R, so that R' R increases by rows' rows.
   pure subroutine add_rows(r, rows)
     !> Shape (n, n).
     real(wp), intent(inout) :: r(:, :)
-    !> Shape (m, n); lost.
+    !> Shape (m, n); overwritten.
     real(wp), intent(inout), contiguous :: rows(:, :)
     real(wp) :: beta, factor, w
     integer :: j, k
@@ -40,7 +40,7 @@ contains
   end subroutine add_rows
 
   !> Singular values and right singular vectors of a triangular or other square matrix, largest
-  !! first; those below `least` times the largest are left out.
+  !! first; those below `least` times the largest are omitted.
   pure subroutine right_vectors(matrix, least, values, vectors)
     !> Shape (n, n).
     real(wp), intent(in) :: matrix(:, :), least
@@ -75,7 +75,7 @@ contains
     vectors = vectors(:, :size(values))
   end subroutine right_vectors
 
-  !> Make columns orthogonal to each other, the longer one of two first.
+  !> Orthogonalize columns, the longer one of two first.
   pure subroutine rotate_columns(a)
     real(wp), intent(inout), contiguous :: a(:, :)
     real(wp) :: squares(size(a, 2)), column(size(a, 1))
@@ -115,14 +115,14 @@ contains
     end do
   end subroutine rotate_columns
 
-  !> A P = Q R with the longest remaining column first; below the diagonal the reflections.
+  !> A P = Q R with the longest remaining column first; reflections are stored below the diagonal.
   pure subroutine factorize_columns(a, names, factors, least, rank)
     !> Shape (m, n).
     real(wp), intent(inout), contiguous :: a(:, :)
-    !> Which column of A is each of the factor's; the factors of reflections, shape (n).
+    !> Index in A of each column of the factor; the factors of reflections, shape (n).
     integer, intent(out) :: names(:)
     real(wp), intent(out) :: factors(:)
-    !> Columns end the factor where they are below this part of the first.
+    !> Columns below this part of the first end the factorization.
     real(wp), intent(in) :: least
     integer, intent(out) :: rank
     real(wp) :: column(size(a, 1)), squares(size(a, 2)), beta, first, w
@@ -160,9 +160,9 @@ contains
     end do
   end subroutine factorize_columns
 
-  !> X of least |A X - B|; unknowns that others stand for to rounding are 0.
+  !> X of least |A X - B|; unknowns that depend on others to rounding are set to 0.
   pure subroutine least_squares(a, b, x)
-    !> Shapes (m, n) and (m, k), lost.
+    !> Shapes (m, n) and (m, k), overwritten.
     real(wp), intent(inout), contiguous :: a(:, :), b(:, :)
     !> Shape (n, k).
     real(wp), intent(out) :: x(:, :)
@@ -184,7 +184,7 @@ contains
     end do
   end subroutine least_squares
 
-  !> sum a b, in eight sums that a vector unit takes together.
+  !> sum a b, in eight sums that the vector unit adds at once.
   pure real(wp) function dot(a, b)
     real(wp), intent(in), contiguous :: a(:), b(:)
     real(wp) :: sums(8)

@@ -1,7 +1,7 @@
-!> Phases p t of harmonic loads along a run of equal steps, without losing
-!! digits however long it is.
+!> Phases p t of harmonic loads along a run of equal steps, without loss of
+!! digits in long runs.
 !!
-!! Each phase is kept as a sum of two doubles and turned back by whole turns, so
+!! Each phase is a sum of two doubles, reduced by whole turns, so
 !! that its error stays near the last digit after any number of steps; p t
 !! itself would lose a digit with every factor of ten in t.
 module viscovib_phases
@@ -16,7 +16,7 @@ module viscovib_phases
 
   !> 2 pi in two parts.
   real(wp), parameter :: turn_high = 6.283185307179586_wp, turn_low = 2.4492935982947064e-16_wp
-  !> 0 to 3 quarters of it.
+  !> 0 to 3 quarters of a turn.
   real(wp), parameter :: quarter_high(0:3) = &
     [0.0_wp, 1.5707963267948966_wp, 3.141592653589793_wp, 4.71238898038469_wp]
   real(wp), parameter :: quarter_low(0:3) = &
@@ -59,7 +59,7 @@ contains
     call phases%set_step(frequencies, h, nodes)
   end subroutine new_phases
 
-  !> Go on in steps h.
+  !> Continue with steps h.
   pure subroutine set_step(self, frequencies, h, nodes)
     class(phases_type), intent(inout) :: self
     real(wp), intent(in) :: frequencies(:), h, nodes(:, :)
@@ -74,14 +74,14 @@ contains
     self%node_cos = cos(self%node_cos)
   end subroutine set_step
 
-  !> Phase p t less whole turns, in two parts.
+  !> Phase p t without whole turns, in two parts.
   elemental subroutine split_phase(frequency, time, high, low)
     real(wp), intent(in) :: frequency, time
     real(wp), intent(out) :: high, low
     call c_split_phase(frequency, time, high, low)
   end subroutine split_phase
 
-  !> A phase one step on, less a turn if it has got so far.
+  !> Advance a phase by one step, and subtract a turn if it exceeds one.
   elemental subroutine step_phase(high, low, step_high, step_low)
     real(wp), intent(inout) :: high, low
     real(wp), intent(in) :: step_high, step_low
@@ -98,7 +98,7 @@ contains
     low = rest - (high - total)
   end subroutine step_phase
 
-  !> The same of some phases, here so that it is made part of the loop.
+  !> The same for an array of phases, here so that it is inlined in the loop.
   pure subroutine step_phases(n, high, low, step_high, step_low)
     integer, intent(in) :: n
     real(wp), intent(inout), dimension(n) :: high, low
@@ -106,7 +106,7 @@ contains
     call step_phase(high, low, step_high, step_low)
   end subroutine step_phases
 
-  !> A phase some quarter turns on.
+  !> Advance a phase by some quarter turns.
   elemental subroutine turn_phase(high, low, quarters)
     real(wp), intent(inout) :: high, low
     !> 0 to 3.
@@ -114,13 +114,13 @@ contains
     call step_phase(high, low, quarter_high(quarters), quarter_low(quarters))
   end subroutine turn_phase
 
-  !> To the start of the next step.
+  !> Advance to the start of the next step.
   pure subroutine advance(self)
     class(phases_type), intent(inout) :: self
     call step_phase(self%high, self%low, self%step_high, self%step_low)
   end subroutine advance
 
-  !> cos(p t) at the nodes of a block of the present step, a column a load.
+  !> cos(p t) at the nodes of a block of the present step, one column per load.
   pure subroutine drives(self, block, cosines)
     class(phases_type), intent(in) :: self
     integer, intent(in) :: block

@@ -10,7 +10,7 @@ module viscovib_polynomial_zeros
 contains
 
   !> Zeros of c(0) z^n + c(1) z^(n - 1) + ... + c(n), as eigenvalues of its companion matrix. With
-  !! the coefficients the other way round they are 1/z. (Golub and Van Loan, Matrix Computations,
+  !! the coefficients in reverse order the zeros are 1/z. (Golub and Van Loan, Matrix Computations,
   !! 7.4.6.)
   pure subroutine polynomial_zeros(c, zeros, found)
     !> Shape (0:n), the first not 0.

@@ -1,10 +1,10 @@
-!> Eigenvalues of a long product of matrices, small and large ones to the same accuracy.
+!> Eigenvalues of a long product of matrices, with the same relative accuracy for all.
 !!
-!! Of M = F_m ... F_1 those below epsilon times the largest are lost once the product is formed.
-!! Here its factors are kept: F_k Q_(k-1) = Q_k R_k with orthogonal Q and triangular R, over and
-!! over from Q_0 = Q_m until the spaces of the first columns of Q_0 are mapped onto themselves.
-!! Q_0' Q_m is then diagonal in blocks, and so are, above them, the triangular R: each block of
-!! (Q_0' Q_m) R_m ... R_1 has eigenvalues of one size, which are found by themselves (the periodic
+!! Eigenvalues of M = F_m ... F_1 below epsilon times the largest are lost if the product is formed.
+!! Here its factors are kept: F_k Q_(k-1) = Q_k R_k with orthogonal Q and triangular R, repeatedly
+!! from Q_0 = Q_m until the spaces of the first columns of Q_0 are mapped onto themselves.
+!! Q_0' Q_m is then block diagonal, and R is block triangular. Each block of
+!! (Q_0' Q_m) R_m ... R_1 has eigenvalues of one size, which are computed separately (the periodic
 !! QR iteration without shifts: Bojanczyk, Golub, Van Dooren, Proc. SPIE 1770 (1992) 31; Dieci,
 !! Russell, Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402).
 module viscovib_product_eigenvalues
@@ -17,19 +17,19 @@ module viscovib_product_eigenvalues
 
   public :: product_type, product_eigenvalues
 
-  !> A product grows to this before the next factor begins: what it shrinks at the same time must
-  !! not be lost in its rounding error.
+  !> Growth of a product at which the next factor begins, so that directions that shrink at the same
+  !! time are not lost in its rounding error.
   real(wp), parameter, public :: largest_factor = 30.0_wp
-  !> What a block may be coupled with those before it.
+  !> Allowed coupling of a block with those before it.
   real(wp), parameter :: separate = 1.0e-10_wp
-  !> Times through all factors at least, and at most; eigenvalues whose logarithms differ by less
-  !! than `alike` stay in one block.
+  !> Smallest and largest number of iterations through all factors; eigenvalues whose logarithms
+  !! differ by less than `alike` stay in one block.
   integer, parameter :: least_turns = 3, max_turns = 80
   real(wp), parameter :: alike = 0.4_wp
-  !> A block whose product is so much larger than its eigenvalues is not known.
+  !> Largest ratio of a block's product to its eigenvalues; above it they are inaccurate.
   real(wp), parameter :: most_lost = 1.0e7_wp
 
-  !> The factors of a product, the one applied first comes first.
+  !> The factors of a product; the first one is applied first.
   type :: product_type
     integer :: n_factors = 0
     !> Shape (n, n, n_factors or more).
@@ -40,7 +40,7 @@ module viscovib_product_eigenvalues
 
 contains
 
-  !> The next factor, to be applied after those before it.
+  !> Append a factor, to be applied after those before it.
   pure subroutine append(self, factor)
     class(product_type), intent(inout) :: self
     !> Shape (n, n).
@@ -59,7 +59,7 @@ contains
     self%factors(:, :, self%n_factors) = factor
   end subroutine append
 
-  !> Logarithms of the eigenvalues, largest first, both of a pair side by side; real part minus
+  !> Logarithms of the eigenvalues, largest first, pairs adjacent; the real part is minus
   !! infinity for 0.
   pure subroutine product_eigenvalues(product, logs, found)
     type(product_type), intent(in) :: product
@@ -72,7 +72,7 @@ contains
     logical :: done
 
     logs = (0.0_wp, 0.0_wp)
-    ! In no special direction: coordinates that are not coupled are to be sorted too.
+    ! No special direction: uncoupled coordinates must be sorted too.
     do j = 1, size(logs)
       do i = 1, size(logs)
         q(i, j) = sin(real(i*i + 2*i*j, wp)) + merge(1.0_wp, 0.0_wp, i == j)
@@ -95,7 +95,7 @@ contains
     call sort_falling(logs, real(logs))
   end subroutine product_eigenvalues
 
-  !> Q through all factors; logarithms of the diagonal of the product of the R.
+  !> Advance Q through all factors; logarithms of the diagonal of the product of the R.
   pure subroutine go_through(product, q, sizes, found)
     type(product_type), intent(in) :: product
     real(wp), intent(inout) :: q(:, :)
@@ -117,8 +117,8 @@ contains
     end do
   end subroutine go_through
 
-  !> A = Q R, Q in the place of A, the diagonal of R positive; each column twice, so that Q is
-  !! orthogonal to rounding whatever A is.
+  !> A = Q R, with Q stored in A and a positive diagonal of R; each column is processed twice, so
+  !! that Q is orthogonal to rounding for any A.
   pure subroutine orthogonalise(a, r)
     real(wp), intent(inout) :: a(:, :)
     real(wp), intent(out) :: r(:, :)
@@ -140,7 +140,7 @@ contains
     end do
   end subroutine orthogonalise
 
-  !> First columns of the blocks of Q_0' Q_m; `done`: what is still coupled stays so.
+  !> First columns of the blocks of Q_0' Q_m; `done`: the remaining coupling is accepted.
   pure subroutine divide(turned, sizes, turn, first, n_blocks, done)
     real(wp), intent(in) :: turned(:, :), sizes(:)
     integer, intent(in) :: turn

@@ -1,6 +1,6 @@
 !> Inverses of matrices that may be singular within rounding error, null vectors and determinants.
 !!
-!! The singular value decomposition is that of one-sided Jacobi rotations (M. R. Hestenes, J. SIAM
+!! The singular value decomposition uses one-sided Jacobi rotations (M. R. Hestenes, J. SIAM
 !! 6, 1958; Golub and Van Loan, Matrix Computations, 4th ed., 8.6.3).
 module viscovib_pseudo_inverse
   use viscovib_dense, only: factorize, solve_columns
@@ -10,9 +10,9 @@ module viscovib_pseudo_inverse
 
   public :: pseudo_inverse, null_vector, determinant, sign_of_determinant
 
-  !> Singular values below this part of the largest are 0.
+  !> Singular values below this part of the largest count as 0.
   real(wp), parameter :: smallest = epsilon(1.0_wp)
-  !> Condition numbers, as products of norms, up to which the inverse is that of elimination.
+  !> Condition numbers, as products of norms, up to which the inverse is computed by elimination.
   real(wp), parameter :: regular = 1.0e12_wp
   integer, parameter :: max_sweeps = 60
 
@@ -55,7 +55,7 @@ contains
     row_norm = maxval(sum(abs(matrix), 2))
   end function row_norm
 
-  !> The unit vector that a matrix of one row less than columns makes smallest.
+  !> The unit vector x with the smallest |A x|, for a matrix A with one row less than columns.
   pure subroutine null_vector(matrix, x)
     !> Shape (n - 1, n).
     real(wp), intent(in) :: matrix(:, :)
@@ -93,7 +93,7 @@ contains
           a = dot_product(u(:, i), u(:, i))
           b = dot_product(u(:, j), u(:, j))
           c = dot_product(u(:, i), u(:, j))
-          ! A column that is next to nothing would turn by angles out of the range of numbers.
+          ! The rotation angle of a negligible column would be out of the range of numbers.
           if (.not. abs(c) > max(epsilon(c)*sqrt(a*b), 1.0e-150_wp*max(a, b))) cycle
           turned = .true.
           zeta = (b - a)/(2.0_wp*c)
@@ -124,7 +124,7 @@ contains
     determinant = product(diagonal)
   end function determinant
 
-  !> Its sign, without overflow: -1, 0 or 1.
+  !> Sign of the determinant, without overflow: -1, 0 or 1.
   pure real(wp) function sign_of_determinant(matrix)
     real(wp), intent(in) :: matrix(:, :)
     real(wp), allocatable :: diagonal(:)
@@ -133,7 +133,7 @@ contains
     if (any(abs(diagonal) <= 0.0_wp)) sign_of_determinant = 0.0_wp
   end function sign_of_determinant
 
-  !> Pivots of elimination, with the signs of the exchanges; a 0 of a singular matrix.
+  !> Pivots of elimination, with the signs of the exchanges; zeros for a singular matrix.
   pure subroutine find_pivots(matrix, diagonal)
     real(wp), intent(in) :: matrix(:, :)
     real(wp), allocatable, intent(out) :: diagonal(:)

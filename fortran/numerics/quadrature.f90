@@ -21,7 +21,7 @@ contains
 
     do i = 1, s
       x = cos(pi*(i - 0.25_wp)/(s + 0.5_wp))
-      ! The start is right to three digits, and each turn doubles them.
+      ! The start is accurate to three digits, and each iteration doubles their number.
       do k = 1, 4
         p = legendre(s, 0.5_wp*(1.0_wp + x))
         slope = s*(x*p(s) - p(s - 1))/(x**2 - 1.0_wp)
@@ -62,9 +62,9 @@ contains
   end function lagrange_factors
 
   !> Values at x of the polynomials that are 1 at one of the points and 0 at the
-  !! others.
+  !! other points.
   pure function lagrange(points, factors, x) result(basis)
-    !> Points, and what `lagrange_factors` makes of them.
+    !> Points, and their `lagrange_factors`.
     real(wp), intent(in) :: points(:), factors(:), x
     real(wp) :: basis(size(points)), product
     integer :: k
@@ -91,20 +91,20 @@ contains
     integer :: k
 
     b = alpha - 1.0_wp
-    ! Nodes 1 + t over 2 of those on [-1, 1].
+    ! Nodes are (1 + t)/2 of those on [-1, 1].
     diagonal(1) = alpha/(alpha + 1.0_wp)
     do k = 1, n - 1
       m = 2*k + b
       diagonal(k + 1) = 0.5_wp*(1.0_wp + b**2/(m*(m + 2.0_wp)))
       beside(k) = 0.5_wp*sqrt(4.0_wp*k**2*(k + b)**2/(m**2*(m + 1.0_wp)*(m - 1.0_wp)))
     end do
-    ! m - 1 = alpha where k = 1; the factor (k + b)^2 = alpha^2 is left of it.
+    ! m - 1 = alpha for k = 1 cancels one factor of (k + b)^2 = alpha^2.
     if (n > 1) beside(1) = sqrt(alpha/(2.0_wp + alpha))/(1.0_wp + alpha)
     call nodes_of_recurrence(n, diagonal, beside, x, w)
     w = w/alpha
   end subroutine gauss_power_nodes
 
-  !> Recurrence coefficients of the polynomials orthogonal under positive masses:
+  !> Recurrence coefficients of the polynomials orthogonal with positive masses:
   !! Lanczos's method with full orthogonalisation (Gragg and Harrod, Numer. Math.
   !! 44, 1984, for the problem).
   pure subroutine recurrence_of(points, masses, n, diagonal, beside, found)
@@ -113,7 +113,7 @@ contains
     integer, intent(in) :: n
     !> Shape (n); `beside(k)` couples k and k + 1.
     real(wp), intent(out) :: diagonal(n), beside(n)
-    !> Polynomials there are, fewer than n if the points are.
+    !> Number of polynomials, less than n if there are fewer points.
     integer, intent(out) :: found
     real(wp) :: basis(size(points), n), v(size(points))
     integer :: k, j

@@ -19,7 +19,7 @@ contains
 
     x = 0.0_wp
     n = 1
-    ! x in a unit that makes the outer coefficients alike.
+    ! Scale x so that the outer coefficients have equal size.
     if (.not. c(1) > 0.0_wp) then
       n = merge(1, 0, c(3) > 0.0_wp)
       if (n == 1) x(1) = -c(4)/c(3)
@@ -42,8 +42,8 @@ contains
       x(1) = root - a
       if (abs(root) > 0.0_wp) x(1) = x(1) + q/root
     end if
-    ! Small roots come out with the absolute error of large ones: they are polished as long as
-    ! that helps, and never past half the way to another.
+    ! Small roots have the absolute error of large ones: Newton's method improves them while
+    ! its steps decrease, and never beyond half the distance to another root.
     do i = 1, n
       room = 1.0_wp
       do k = 1, n

@@ -1,7 +1,7 @@
-!> One section of a linear system, q'' + rate q' + square q = f, over a unit of time, exactly:
-!! from its state, from loads that are polynomials, from loads exp(i mu t).
+!> Exact response of one mode of a linear system, q'' + rate q' + square q = f, over a unit of time:
+!! to its state, to polynomial loads, to loads exp(i mu t). Such an equation is called a section.
 !!
-!! With g the answer to a unit impulse, g(0) = 0, g'(0) = 1, the answer to Legendre's polynomials
+!! With g the impulse response, g(0) = 0, g'(0) = 1, the response to the Legendre polynomials
 !! is
 !!
 !!   A_j = integral_0^1 g(1 - x) P_j(2x - 1) dx,   A'_j with g' for g,
@@ -10,9 +10,9 @@
 !!
 !!   integral_0^1 exp(z (1 - x)) P_j(2x - 1) dx = (-1)^j exp(z/2) i_j(z/2),
 !!
-!! i_j the modified spherical Bessel functions (DLMF 10.54.2, 10.47.7). Slow sections are summed by
-!! powers of time, those whose roots all but coincide by quadrature, so that every digit holds from
-!! sections that hardly move to those that turn thousands of times.
+!! i_j the modified spherical Bessel functions (DLMF 10.54.2, 10.47.7). Slow sections use
+!! powers of time, sections with nearly equal roots use quadrature. All digits are accurate, from
+!! sections that hardly move to those that oscillate thousands of times.
 module viscovib_section_step
   use viscovib_gauss_points, only: points_32, weights_32
   use viscovib_kinds, only: wp
@@ -22,17 +22,17 @@ module viscovib_section_step
   public :: free_section, driven_section, relaxing_section, section_wave
   public :: grown, legendre_moments, slope_of_growth
 
-  !> Sizes of roots below which powers of time serve; their distance, and the same by their size,
-  !! below which they all but coincide; and decay after which nothing is left.
+  !> Size of roots below which powers of time are used; absolute and relative distance of roots
+  !! that count as nearly equal; decay exponent after which a response is negligible.
   real(wp), parameter :: slow = 1.5_wp, apart = 0.5_wp, close = 0.2_wp, vanished = 40.0_wp
-  !> Powers of time; size beyond which Bessel functions follow from each other upwards.
+  !> Powers of time; size above which the upward recurrence of Bessel functions is used.
   integer, parameter :: most_powers = 30
   real(wp), parameter :: far = 30.0_wp
 
   integer :: power, order
-  !> Highest order: panels of a first step have as many as ten nodes.
+  !> Highest order: panels of a first step have up to ten nodes.
   integer, parameter :: most_orders = 9
-  !> Of powers by orders: integral_0^1 (1-x)^n/n! P_j(2x-1) dx = (-1)^j n!/((n-j)! (n+j+1)!).
+  !> Weights of powers: integral_0^1 (1-x)^n/n! P_j(2x-1) dx = (-1)^j n!/((n-j)! (n+j+1)!).
   real(wp), parameter :: weights(0:most_powers, 0:most_orders) = reshape( &
                          [((merge((-1)**order*gamma(power + 1.0_wp) &
                                   /(gamma(max(power - order, 0) + 1.0_wp) &
@@ -42,8 +42,8 @@ module viscovib_section_step
 
 contains
 
-  !> What becomes of a state (q, q') in a unit of time: q gains by_q(1) q + by_v(1) q', its velocity
-  !! by_q(2) q + by_v(2) q'.
+  !> Change of a state (q, q') in a unit of time: q changes by by_q(1) q + by_v(1) q', its velocity
+  !! by by_q(2) q + by_v(2) q'.
   pure subroutine free_section(square, rate, by_q, by_v)
     real(wp), intent(in) :: square, rate
     real(wp), intent(out) :: by_q(2), by_v(2)
@@ -100,10 +100,10 @@ contains
     end if
   end subroutine driven_section
 
-  !> Of a section that nothing pulls back, v' + rate v = f: what v gains by itself, as a part of it,
-  !! and by Legendre's polynomials, shape (0:n-1): `legendre_moments` of a real z = -rate, of which
-  !! the first is always the largest. There are many such sections, so they have numbers of their
-  !! own.
+  !> Response of a section without stiffness, v' + rate v = f: its relative free change, and the
+  !! response to Legendre polynomials, shape (0:n-1): `legendre_moments` of a real z = -rate, whose
+  !! first value is always the largest. Such sections are frequent, so they have a separate
+  !! procedure.
   pure subroutine relaxing_section(rate, gained, by_order)
     real(wp), intent(in) :: rate
     real(wp), intent(out) :: gained, by_order(0:)
@@ -126,7 +126,7 @@ contains
       return
     end if
     far_ratio = 0.0_wp
-    ! So far that what lies beyond is rounding, for all y up to here.
+    ! Start so far that the remainder is below rounding, for all y up to here.
     do j = n + 5 + int(5.5_wp*sqrt(abs(y))), n - 1, -1
       far_ratio = y/((2*j + 3) + y*far_ratio)
     end do
@@ -139,7 +139,7 @@ contains
     end do
   end subroutine relaxing_section
 
-  !> Answer to exp(i mu t) from rest, and its velocity.
+  !> Response to exp(i mu t) from rest, and its velocity.
   pure subroutine section_wave(square, rate, mu, answer, velocity)
     real(wp), intent(in) :: square, rate, mu
     complex(wp), intent(out) :: answer, velocity
@@ -151,7 +151,7 @@ contains
     roots = roots_of(square, rate)
     if (abs(d) >= apart) then
       call free_section(square, rate, by_q, by_v)
-      ! exp(i mu) - 1, every digit of it.
+      ! exp(i mu) - 1 without cancellation.
       turned = cmplx(-2.0_wp*sin(0.5_wp*mu)**2, sin(mu), wp)
       answer = (turned - cmplx(by_q(1), mu*by_v(1), wp))/d
       velocity = (cmplx(0.0_wp, mu, wp)*turned - cmplx(by_q(2), mu*by_v(2), wp))/d
@@ -165,7 +165,7 @@ contains
       do n = 0, most_powers
         derivative = [derivative(2), turned - rate*derivative(2) - square*derivative(1)]
         turned = turned*cmplx(0.0_wp, mu, wp)
-        ! Now those of orders n+1 and n+2; factor: 1/(n+1)!.
+        ! Now the derivatives of orders n+1 and n+2; factor: 1/(n+1)!.
         factor = factor/(n + 1)
         velocity = velocity + factor*derivative(2)
         answer = answer + (factor/(n + 2))*derivative(2)
@@ -178,7 +178,7 @@ contains
     end if
   end subroutine section_wave
 
-  !> Roots of l^2 + rate l + square, conjugate or real, each to the last digit.
+  !> Roots of l^2 + rate l + square, conjugate or real, each without cancellation.
   pure function roots_of(square, rate) result(roots)
     real(wp), intent(in) :: square, rate
     complex(wp) :: roots(2)
@@ -196,8 +196,8 @@ contains
                                        cmplx(larger, 0.0_wp, wp)]
   end function roots_of
 
-  !> Derivatives of g at 0 times `weights`; each further power is smaller by the size of the roots
-  !! and more.
+  !> Derivatives of g at 0 times `weights`; each further power is smaller at least by the size of
+  !! the roots.
   pure subroutine by_powers(square, rate, size_of, by_order, rates)
     !> The size of the roots.
     real(wp), intent(in) :: square, rate, size_of
@@ -223,7 +223,7 @@ contains
     end do
   end subroutine by_powers
 
-  !> Over the time in which g has not vanished.
+  !> Quadrature over the time in which g is not negligible.
   pure subroutine by_quadrature(square, rate, by_order, rates)
     real(wp), intent(in) :: square, rate
     real(wp), intent(out) :: by_order(0:), rates(0:)
@@ -250,8 +250,8 @@ contains
     end do
   end subroutine by_quadrature
 
-  !> integral_0^1 exp(z (1 - x)) P_j(2x - 1) dx, j from 0 on. The ratios i_(j+1)/i_j follow
-  !! downwards from a far one (Miller), which is stable; for large z upwards.
+  !> integral_0^1 exp(z (1 - x)) P_j(2x - 1) dx, j = 0, 1, ... Downward recurrence of the ratios
+  !! i_(j+1)/i_j (Miller), which is stable; upward recurrence for large z.
   pure subroutine legendre_moments(z, moments)
     complex(wp), intent(in) :: z
     complex(wp), intent(out) :: moments(0:)
@@ -279,7 +279,7 @@ contains
     do j = n - 2, 0, -1
       ratio(j) = y/((2*j + 3) + y*ratio(j + 1))
     end do
-    ! From the larger of the first two, the other may all but vanish.
+    ! Start from the larger of the first two; the other may nearly vanish.
     moments(1) = -ratio(0)*moments(0)
     if (abs(y) > 1.0_wp .and. abs(first) > abs(moments(0))) moments(1) = -first
     do j = 1, n - 2
@@ -331,7 +331,7 @@ contains
     end if
   end function less_one
 
-  !> Sine, or hyperbolic sine, by its argument.
+  !> sine/x, also for a hyperbolic sine; 1 at x = 0.
   pure real(wp) function over(sine, x)
     real(wp), intent(in) :: sine, x
     over = 1.0_wp

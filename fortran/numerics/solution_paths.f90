@@ -1,10 +1,10 @@
-!> Solutions of small polynomial systems of degree 3 followed while the coefficients change along a
-!! line, or from a product of linear forms (Sommese and Wampler, The numerical solution of systems
-!! of polynomials, 2005, chapters 2 and 8).
+!> Path tracking of solutions of small polynomial systems of degree 3 while the coefficients change
+!! along a line, or from a product of linear forms (Sommese and Wampler, The numerical solution of
+!! systems of polynomials, 2005, chapters 2 and 8).
 !!
 !! Each step is extrapolated by the cubic through the last two points and their tangents, and
-!! corrected by Newton's method; the last matrix of the correction gives the next tangent. Sizes of
-!! complex numbers are sums of the moduli of both parts, without a square root.
+!! corrected by Newton's method; the last matrix of the correction gives the next tangent. The size
+!! of a complex number is the sum of the moduli of both parts, without a square root.
 module viscovib_solution_paths
   use viscovib_kinds, only: wp
   implicit none
@@ -14,11 +14,11 @@ module viscovib_solution_paths
 
   integer, parameter, public :: max_unknowns = 6
   integer, parameter :: max_steps = 1000
-  !> Solutions larger than this lie at infinity.
+  !> Solutions larger than this are at infinity.
   real(wp), parameter :: infinite = 1.0e4_wp
-  !> Of solutions with coefficients at random.
+  !> Size and remaining t for which a path to random coefficients counts as diverging.
   real(wp), parameter :: large = 1.0e3_wp, late = 1.0e-8_wp
-  !> What x = 0 is measured by.
+  !> Smallest unit for relative errors of x.
   real(wp), parameter :: least_size = 1.0e-3_wp
 
   !> sum over terms of coefficient x_i x_j x_k in equation row.
@@ -30,18 +30,18 @@ module viscovib_solution_paths
 
 contains
 
-  !> One path of (1 - t) from + t to = 0, t from 0 to 1. With linear forms instead of `from`, that
+  !> Follow one path of (1 - t) from + t to = 0, t from 0 to 1. With linear forms instead of `from`,
   !! of (1 - t) (product of the forms) + t to.
   pure subroutine follow(system, from, to, limit, careful, x, ended, forms)
     type(polynomials_type), intent(in) :: system
     complex(wp), intent(in) :: from(:), to(:)
-    !> A path that leaves this is given up.
+    !> Bound of x; a larger path is abandoned.
     real(wp), intent(in) :: limit
-    !> Shorter steps, for paths that come close to each other.
+    !> Use shorter steps, for paths that come close to each other.
     logical, intent(in) :: careful
     complex(wp), intent(inout) :: x(:)
     logical, intent(out) :: ended
-    !> Of each equation, the constant first, shape (0:n, 3, n).
+    !> For each equation, the constant first, shape (0:n, 3, n).
     complex(wp), intent(in), optional :: forms(0:, :, :)
     complex(wp), dimension(system%n) :: old, old_tangent, tangent, new, f, by_t
     complex(wp) :: slope(system%n, system%n)
@@ -75,7 +75,7 @@ contains
         new = new - f
         error = size_of(f)/max(size_of(new), least_size)
         if (round == 1) first = error
-        ! A first correction too large may lead to another path.
+        ! A large first correction may lead to another path.
         if (.not. error <= largest_first) exit
         settled = error <= enough
         if (settled) exit
@@ -88,7 +88,7 @@ contains
         tangent = -by_t
         t = t + h
         if (size_of(x) > limit) return
-        ! With coefficients at random solutions are simple: what still grows this late ends nowhere.
+        ! For random coefficients solutions are simple: a path that still grows this late diverges.
         if (present(forms) .and. 1.0_wp - t < late .and. t < 1.0_wp .and. size_of(x) > large) return
         h = h*min(3.0_wp, max(0.5_wp, (0.1_wp*largest_first/max(first, 1.0e-9_wp))**0.25_wp))
       else
@@ -96,7 +96,7 @@ contains
         if (h < 1.0e-12_wp) exit
       end if
     end do
-    ! A double solution is reached but slowly: near the end is taken as the end.
+    ! Convergence to a double solution is slow: a point near the end counts as the end.
     if (t < 1.0_wp - merge(0.0_wp, 1.0e-7_wp, present(forms))) return
     do round = 1, 5
       call evaluate(system, to, x, f, slope)
@@ -111,7 +111,7 @@ contains
 
   contains
 
-    !> What the cubic adds to the tangent, a step in units of the last one.
+    !> Contribution of the cubic in addition to the tangent, with the step in units of the last one.
     pure function bend(part) result(more)
       real(wp), intent(in) :: part
       complex(wp) :: more(size(x))
@@ -123,7 +123,7 @@ contains
 
   end subroutine follow
 
-  !> Newton's method from near a solution; not found where it does not settle at once.
+  !> Newton's method from near a solution; `found` is false if it does not converge at once.
   pure subroutine correct(system, coefficients, x, found)
     type(polynomials_type), intent(in) :: system
     complex(wp), intent(in) :: coefficients(:)
@@ -144,7 +144,7 @@ contains
       x = x - f
       error = size_of(f)/max(size_of(x), least_size)
       if (.not. error <= before) return
-      ! Convergence is quadratic: what comes after is rounding.
+      ! Convergence is quadratic: further corrections are rounding.
       found = error <= 1.0e-8_wp
       if (found) exit
       before = 0.3_wp*error
@@ -152,7 +152,7 @@ contains
     call clear(x)
   end subroutine correct
 
-  !> What is at rest is found as some tiny number.
+  !> Set tiny numbers to 0, which represent unknowns at rest.
   pure subroutine clear(x)
     complex(wp), intent(inout) :: x(:)
     where (abs(real(x)) + abs(aimag(x)) <= 1.0e-30_wp) x = (0.0_wp, 0.0_wp)
@@ -164,7 +164,7 @@ contains
     size_of = maxval(abs(real(x)) + abs(aimag(x)))
   end function size_of
 
-  !> Both systems at once: value, slope, and derivative by t.
+  !> Evaluate the combined system: value, slope, and derivative by t.
   pure subroutine evaluate_between(system, from, to, t, x, f, slope, by_t, forms)
     type(polynomials_type), intent(in) :: system
     complex(wp), intent(in) :: from(:), to(:), x(system%n)
@@ -229,7 +229,7 @@ contains
     all_slopes = (0.0_wp, 0.0_wp)
     do i = 1, size(system%row)
       r = system%row(i)
-      ! Factors that are not there are 1; their slopes are not read.
+      ! Missing factors are 1; their slopes are not read.
       associate (a => system%at(1, i), b => system%at(2, i), d => system%at(3, i))
         p = coefficients(i)*y(a)*y(b)
         f(r) = f(r) + p*y(d)
@@ -242,7 +242,7 @@ contains
     slope = all_slopes(:, 1:)
   end subroutine evaluate
 
-  !> A x = b and A y = c by elimination with row pivoting; A is lost.
+  !> A x = b and A y = c by elimination with row pivoting; A is overwritten.
   pure subroutine solve_two(n, a, b, c, singular)
     integer, intent(in) :: n
     complex(wp), intent(inout) :: a(n, n), b(n), c(n)

@@ -1,4 +1,4 @@
-!> Complex numbers in an order.
+!> Sorting of complex and real numbers.
 module viscovib_sorting
   use viscovib_kinds, only: wp
   implicit none
@@ -8,10 +8,10 @@ module viscovib_sorting
 
 contains
 
-  !> By falling keys; values of the same key, such as the members of a pair, keep their order.
+  !> Sort by decreasing keys; values with equal keys, such as a conjugate pair, keep their order.
   pure subroutine sort_falling(values, keys)
     complex(wp), intent(inout) :: values(:)
-    !> What each value goes by, of the same shape.
+    !> Key of each value, same shape.
     real(wp), intent(in) :: keys(:)
     real(wp) :: sorted(size(keys)), key
     complex(wp) :: next
@@ -33,7 +33,7 @@ contains
     end do
   end subroutine sort_falling
 
-  !> Ascending, by insertion.
+  !> Sort in ascending order, by insertion.
   pure subroutine sort_reals(values)
     real(wp), intent(inout) :: values(:)
     real(wp) :: one

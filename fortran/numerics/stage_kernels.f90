@@ -1,5 +1,5 @@
-!> The sums of explicit Runge-Kutta stages, trajectories side by side in the
-!! lanes. Why the loops are written so: see `viscovib_node_kernels`.
+!> The sums of explicit Runge-Kutta stages, with trajectories in the
+!! lanes. `viscovib_node_kernels` explains the form of the loops.
 module viscovib_stage_kernels
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
@@ -63,7 +63,7 @@ contains
   end subroutine stage_states
 
   !> The step itself, in compensated summation: the rounding error of the
-  !! state waits in the rests for the next step.
+  !! state is stored in `q_rest` and `v_rest` for the next step.
   pure subroutine end_of_step(n_dof, h, in_q, in_v, q, v, q_rest, v_rest)
     integer, intent(in) :: n_dof
     real(wp), intent(in) :: h(n_lanes)

@@ -9,23 +9,23 @@ module viscovib_symmetric_modes
 
   integer, parameter :: max_sweeps = 40
 
-  !> Changes of which the square is rounding, and changes too large for a step; passes.
+  !> Changes whose square is rounding, and changes too large for a step; number of refinements.
   real(wp), parameter :: small = 1.0e-8_wp, large = 0.1_wp
   integer, parameter :: passes = 6
-  !> Part of values that products of modes with residuals leave by rounding.
+  !> Relative rounding error of products of modes with residuals.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
 
 contains
 
-  !> With M = L L', the eigenvalues of L^-1 K L'^-1 by Jacobi's rotations, which keep small ones
-  !! to their last digits where the matrix allows it (Demmel and Veselic, SIAM J. Matrix Anal.
+  !> With M = L L', the eigenvalues of L^-1 K L'^-1 by Jacobi rotations, which compute small ones
+  !! to their last digits if the matrix allows it (Demmel and Veselic, SIAM J. Matrix Anal.
   !! Appl. 13 (1992) 1204).
   pure subroutine find_symmetric_modes(mass, stiffness, squares, shapes, low)
     !> Shape (n, n).
     real(wp), intent(in) :: mass(:, :), stiffness(:, :)
-    !> omega^2, ascending, shape (n); a column each, shape (n, n).
+    !> omega^2, ascending, shape (n); modes, a column each, shape (n, n).
     real(wp), intent(out) :: squares(:), shapes(:, :)
-    !> What rounding took of the stiffness; absent: nothing.
+    !> Rounding errors of the stiffness entries; absent: 0.
     real(wp), intent(in), optional :: low(:, :)
     real(wp) :: l(size(mass, 1), size(mass, 1)), a(size(mass, 1), size(mass, 1))
     real(wp) :: column(size(mass, 1)), value
@@ -110,13 +110,13 @@ contains
     end do
   end subroutine rotate_to_diagonal
 
-  !> Modes to the digits that the entries hold: the above leaves rounding next to the stiffest. With
-  !! residuals w_j = K r_j - omega_j^2 M r_j of twice the digits
+  !> Refine the modes to the precision of the entries: the rotations cause rounding errors relative
+  !! to the stiffest mode. With residuals w_j = K r_j - omega_j^2 M r_j in twice the precision
   !!
   !!   r_j + sum_i r_i E_ij,   E_ij = r_i^T w_j/(omega_j^2 - omega_i^2),
   !!
-  !! is off by the square of E (Ogita and Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007).
-  !! Modes too near to each other for that are taken apart in what they span (Rayleigh and Ritz).
+  !! has an error of order E^2 (Ogita and Aishima, Japan J. Indust. Appl. Math. 35 (2018) 1007).
+  !! Modes too close to each other for that are separated in their common span (Rayleigh and Ritz).
   pure subroutine refine(mass, stiffness, squares, shapes, low)
     real(wp), intent(in) :: mass(:, :), stiffness(:, :)
     real(wp), intent(inout) :: squares(:), shapes(:, :)
@@ -136,8 +136,8 @@ contains
       do j = 1, size(squares)
         better(j) = squares(j) + (off(j, j) + sum(change(:, j)*off(:, j)))/moving(j, j)
       end do
-      ! What two are not normal by is taken away half by each, E_ij + E_ji = -r_i^T M r_j: the above
-      ! holds it in exact numbers only, and divides modes that nearly coincide by next to nothing.
+      ! The deviation from normality is corrected half by each mode, E_ij + E_ji = -r_i^T M r_j: the
+      ! formula above satisfies this only exactly, and divides by a small number for close modes.
       change = 0.5_wp*(change - transpose(change) - moving)
       do j = 1, size(squares)
         change(j, j) = change(j, j) + 0.5_wp
@@ -177,7 +177,7 @@ contains
     left = real(total, wp)
   end function residual
 
-  !> E, 0 of pairs that it does not determine; modes to be taken apart together have one name.
+  !> E, with 0 for pairs that it does not determine; modes to be separated together have one name.
   pure subroutine find_changes(squares, off, change, names)
     real(wp), intent(in) :: squares(:), off(:, :)
     real(wp), intent(out) :: change(:, :)
@@ -208,10 +208,10 @@ contains
     end do
   end subroutine find_changes
 
-  !> The modes of what some modes span.
+  !> The modes in the span of a group of modes (Rayleigh and Ritz).
   pure subroutine take_apart(group, off, moving, squares, better, shapes)
     integer, intent(in) :: group(:)
-    !> r_i^T w_j and r_i^T M r_j of all modes, of squares as they were.
+    !> r_i^T w_j and r_i^T M r_j of all modes, and the previous squares.
     real(wp), intent(in) :: off(:, :), moving(:, :), squares(:)
     real(wp), intent(inout) :: better(:), shapes(:, :)
     real(wp), dimension(size(group), size(group)) :: block, turn

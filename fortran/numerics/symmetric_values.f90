@@ -28,7 +28,7 @@ contains
       middle = 0.5_wp*(matrix(1, 1) + matrix(2, 2))
       apart = hypot(0.5_wp*(matrix(1, 1) - matrix(2, 2)), matrix(2, 1))
       values(1) = middle - sign(apart, -middle)
-      ! The smaller one by the product: no digits cancel in the sum.
+      ! The smaller one from the product, which avoids cancellation.
       values(2) = 0.0_wp
       if (abs(values(1)) > 0.0_wp) then
         values(2) = matrix(1, 1)*(matrix(2, 2)/values(1)) - matrix(2, 1)*(matrix(2, 1)/values(1))
@@ -41,7 +41,7 @@ contains
     end if
   end subroutine symmetric_values
 
-  !> Diagonal and subdiagonal, off(i) next to diagonal(i) and diagonal(i + 1).
+  !> Diagonal and subdiagonal; off(i) couples diagonal(i) and diagonal(i + 1).
   pure subroutine to_tridiagonal(n, a, diagonal, off)
     integer, intent(in) :: n
     real(wp), intent(inout) :: a(n, n)
@@ -62,7 +62,7 @@ contains
       off(k) = -sign(length, v(k + 1))*unit
       v(k + 1) = v(k + 1) + sign(length, v(k + 1))
       v(k + 1:) = v(k + 1:)*(sqrt(2.0_wp)/sqrt(sum(v(k + 1:)**2)))
-      ! A - v w' - w v' with w = A v - (v' A v/2) v of the part below, |v|^2 = 2.
+      ! A - v w' - w v' with w = A v - (v' A v/2) v in the trailing part, |v|^2 = 2.
       p(k + 1:) = 0.0_wp
       do j = k + 1, n
         p(j) = p(j) + a(j, j)*v(j) + sum(a(j + 1:, j)*v(j + 1:))

@@ -1,5 +1,5 @@
-!> Sine, cosine, exponential, hyperbolic tangent and logarithm for the vector unit: no branch, no
-!! call.
+!> Sine, cosine, exponential, hyperbolic tangent and logarithm for the vector unit: no branches, no
+!! calls.
 module viscovib_vector_math
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
@@ -8,19 +8,19 @@ module viscovib_vector_math
 
   public :: exponential_lanes, logarithm_lanes, sine_cosine, sine_cosine_lanes, tangent_lanes
 
-  !> Largest angle for which the reduction below keeps every digit.
+  !> Largest angle for which the reduction below is accurate to the last digit.
   real(wp), parameter, public :: largest_angle = 1.0e6_wp
 
-  !> Adding it rounds to an integer and leaves that in the low bits.
+  !> Adding it rounds to an integer and stores that in the low bits.
   real(wp), parameter :: rounder = 6755399441055744.0_wp
   !> pi/2 in two parts, the first of 33 bits, so that its products with the
-  !! multiples met here are exact (Cody and Waite).
+  !! multiples used here are exact (Cody and Waite).
   real(wp), parameter :: part_1 = 1.57079632673412561417e0_wp
   real(wp), parameter :: part_2 = 6.077100506506192e-11_wp
 
   !> log(2) in two parts, the first of 33 bits.
   real(wp), parameter :: log_1 = 6.93147180369123816490e-1_wp, log_2 = 1.90821492927058770002e-10_wp
-  !> 1/k!, k = 2 ... 13: of exp(x) for |x| <= log(2)/2 the rest is 4e-18.
+  !> 1/k!, k = 2 ... 13: the remainder of exp(x) for |x| <= log(2)/2 is 4e-18.
   real(wp), parameter :: inverse(2:13) = [0.5_wp, 1.0_wp/6.0_wp, 1.0_wp/24.0_wp, 1.0_wp/120.0_wp, &
     1.0_wp/720.0_wp, 1.0_wp/5040.0_wp, 1.0_wp/40320.0_wp, 1.0_wp/362880.0_wp, &
     1.0_wp/3628800.0_wp, 1.0_wp/39916800.0_wp, 1.0_wp/479001600.0_wp, 1.0_wp/6227020800.0_wp]
@@ -52,7 +52,7 @@ contains
     end do
   end subroutine tangent_lanes
 
-  !> exp(x) = power (1 + part), power being a power of 2: reduction to |x| <= log(2)/2 and Taylor's
+  !> exp(x) = power (1 + part), where power is a power of 2: reduction to |x| <= log(2)/2 and Taylor
   !! polynomial.
   elemental subroutine split_exponential(x, part, power)
     real(wp), intent(in) :: x
@@ -98,7 +98,7 @@ contains
     end do
   end subroutine logarithm_lanes
 
-  !> The same for a block of lanes: here the compiler sees the loop whole.
+  !> The same for a block of lanes, as a loop that the compiler can vectorize.
   pure subroutine sine_cosine_lanes(x, sine, cosine)
     real(wp), intent(in) :: x(n_lanes)
     real(wp), intent(out) :: sine(n_lanes), cosine(n_lanes)
@@ -122,7 +122,7 @@ contains
     t = (x - n*part_1) - n*part_2
 
     z = t*t
-    ! In pairs rather than by Horner: half as long to wait for.
+    ! Sums in pairs instead of Horner's scheme: half the latency.
     w = z*z
     s = (-1.66666666666666324348e-1_wp + 8.33333333332248946124e-3_wp*z) &
         + w*((-1.98412698298579493134e-4_wp + 2.75573137070700676789e-6_wp*z) &
@@ -133,7 +133,7 @@ contains
              + w*(2.08757232129817482790e-9_wp - 1.13596475577881948265e-11_wp*z))
     c = (1.0_wp - 0.5_wp*z) + w*c
 
-    ! Quadrants 1 and 3 exchange the two; 2 and 3 turn the sine, 1 and 2 the cosine.
+    ! Quadrants 1 and 3 exchange sine and cosine; 2 and 3 negate the sine, 1 and 2 the cosine.
     sine = merge(c, s, btest(quadrant, 0))
     cosine = merge(s, c, btest(quadrant, 0))
     sine = transfer(ieor(transfer(sine, 0_i8), shiftl(iand(quadrant, 2_i8), 62)), 0.0_wp)

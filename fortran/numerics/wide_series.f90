@@ -1,17 +1,17 @@
-!> Products of power series in time, many motions side by side, some blocks of lanes.
+!> Products of power series in time, for many motions in some blocks of lanes.
 !!
-!! Coefficient n of a product is a sum of n + 1 products. The blocks are taken together, so that
-!! what a loop costs besides its arithmetic is shared, and so is reading the program of a law.
+!! Coefficient n of a product is a sum of n + 1 products. The blocks are processed together, so that
+!! they share the overhead of loops and of interpreting the program of a law.
 !!
-!! Reading memory takes longer than the arithmetic. So an even coefficient brings what of the next
-!! one is known by then,
+!! Reading memory takes longer than the arithmetic. Therefore an even coefficient also computes the
+!! known part of the next one,
 !!
 !!   c_(n+1) = a_0 b_(n+1) + [sum_(j=1)^n a_j b_(n+1-j)] + a_(n+1) b_0,
 !!
-!! whose factors are read anyway: it waits in the place of c_(n+1), which an odd coefficient ends.
-!! What two products need is read one turn of the loop ahead: else gfortran 12 reads it for each.
-!! Loops that make one turn at least say so, by an exit at their end: else it keeps all sums in
-!! memory before and behind them, where no turn may come between.
+!! whose factors are read anyway. It is stored in the position of c_(n+1), and an odd coefficient
+!! completes it. Operands of two products are read one iteration ahead, since gfortran 12 would
+!! read them for each. Loops with at least one iteration have the exit at their end, since
+!! gfortran 12 would otherwise keep all sums in memory before and after them.
 module viscovib_wide_series
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -20,14 +20,14 @@ module viscovib_wide_series
 
   public :: next_product, next_products, next_square, product_term, square_term
 
-  !> A number of blocks that four divide.
+  !> Number of blocks, a multiple of four.
   integer, parameter, public :: n_blocks = 4, n_wide = n_blocks*n_lanes
-  !> Coefficients beyond it are held there.
+  !> Bound of coefficients; larger ones are clipped.
   real(wp), parameter, public :: largest = 1.0e60_wp
 
 contains
 
-  !> c sum_(j=0)^n a_j b_(n-j) in every lane; what runs away stays a number.
+  !> c sum_(j=0)^n a_j b_(n-j) in every lane; diverging values are clipped.
   pure subroutine product_term(n, c, a, b, term)
     integer, intent(in) :: n
     real(wp), intent(in) :: c
@@ -48,7 +48,7 @@ contains
     end do
   end subroutine product_term
 
-  !> c sum_(j=0)^n a_j a_(n-j): each product of two different ones once.
+  !> c sum_(j=0)^n a_j a_(n-j), with each product of different factors computed once.
   pure subroutine square_term(n, c, a, term)
     integer, intent(in) :: n
     real(wp), intent(in) :: c
@@ -72,13 +72,13 @@ contains
     end do
   end subroutine square_term
 
-  !> c sum_(j=0)^n a_j b_(n-j), once for each n = 0, 1, ... in turn, all of whose factors stay as
-  !! they are from then on.
+  !> c sum_(j=0)^n a_j b_(n-j), to be called for n = 0, 1, ... in turn; the factors must not change
+  !! afterwards.
   pure subroutine next_product(n, c, a, b, term)
     integer, intent(in) :: n
     real(wp), intent(in) :: c
     real(wp), intent(in) :: a(n_lanes, n_blocks, 0:n), b(n_lanes, n_blocks, 0:n)
-    !> This and, if n is even, part of the next.
+    !> This coefficient and, if n is even, part of the next.
     real(wp), intent(inout) :: term(n_lanes, n_blocks, *)
     real(wp), dimension(n_lanes) :: s1, s2, t1, t2, before1, before2, x1, x2
     integer :: j, p
@@ -108,7 +108,7 @@ contains
     end if
   end subroutine next_product
 
-  !> The same of a x, by c, and of a y, by d.
+  !> The same for the products a x, times c, and a y, times d.
   pure subroutine next_products(n, c, d, a, x, y, term, other)
     integer, intent(in) :: n
     real(wp), intent(in) :: c, d
@@ -152,7 +152,7 @@ contains
     end if
   end subroutine next_products
 
-  !> The same of a square.
+  !> The same for a square.
   pure subroutine next_square(n, c, a, term)
     integer, intent(in) :: n
     real(wp), intent(in) :: c
@@ -188,7 +188,7 @@ contains
     end if
   end subroutine next_square
 
-  !> The coefficient of order 0, which brings nothing of the next.
+  !> The coefficient of order 0, without part of the next.
   pure subroutine first_product(c, x, y, term, next)
     real(wp), intent(in) :: c
     real(wp), intent(in), dimension(n_lanes) :: x, y
@@ -201,7 +201,7 @@ contains
     end do
   end subroutine first_product
 
-  !> The first product of an even coefficient; nothing yet of the next; the x that follows.
+  !> First product of an even coefficient; 0 for the next; load the x that follows.
   pure subroutine begin_product(x, y, following, total, next, before, ahead)
     real(wp), intent(in), dimension(n_lanes) :: x, y, following
     real(wp), intent(out), dimension(n_lanes) :: total, next, before, ahead
@@ -215,7 +215,7 @@ contains
     end do
   end subroutine begin_product
 
-  !> x y, and x times the y before, which is of the next coefficient; the x that follows.
+  !> Add x y, and x times the previous y to the next coefficient; load the x that follows.
   pure subroutine add_two(total, next, before, x, y, following)
     real(wp), intent(inout), dimension(n_lanes) :: total, next, before, x
     real(wp), intent(in), dimension(n_lanes) :: y, following
@@ -229,7 +229,7 @@ contains
     end do
   end subroutine add_two
 
-  !> The same of y and of another.
+  !> The same for two products with factors y and z.
   pure subroutine add_four(total, next, before, other, other_next, other_before, x, y, z, following)
     real(wp), intent(inout), dimension(n_lanes) :: total, next, before, x
     real(wp), intent(inout), dimension(n_lanes) :: other, other_next, other_before
@@ -247,7 +247,7 @@ contains
     end do
   end subroutine add_four
 
-  !> The last products of `add_two`, and both coefficients.
+  !> Add the last products of `add_two`, and store both coefficients.
   pure subroutine put_two(c, total, next, before, x, y, term, next_term)
     real(wp), intent(in) :: c
     real(wp), intent(in), dimension(n_lanes) :: total, next, before, x, y
@@ -260,7 +260,7 @@ contains
     end do
   end subroutine put_two
 
-  !> No product of an even coefficient of a square yet; its first factors.
+  !> Start an even coefficient of a square without a product; load its first factors.
   pure subroutine begin_square(x, y, total, next, before, ahead)
     real(wp), intent(in), dimension(n_lanes) :: x, y
     real(wp), intent(out), dimension(n_lanes) :: total, next, before, ahead
@@ -274,7 +274,7 @@ contains
     end do
   end subroutine begin_square
 
-  !> The x before times y, and x y, which is of the next coefficient; the y that follows.
+  !> Add the previous x times y, and x y to the next coefficient; load the y that follows.
   pure subroutine add_two_before(total, next, before, y, x, following)
     real(wp), intent(inout), dimension(n_lanes) :: total, next, before, y
     real(wp), intent(in), dimension(n_lanes) :: x, following
@@ -288,7 +288,7 @@ contains
     end do
   end subroutine add_two_before
 
-  !> An odd coefficient of a product: what of it is known, and its first and last product.
+  !> An odd coefficient of a product: its stored part, and its first and last product.
   pure subroutine end_product(c, a_0, a_n, b_0, b_n, term)
     real(wp), intent(in) :: c
     real(wp), intent(in), dimension(n_lanes) :: a_0, a_n, b_0, b_n
@@ -300,7 +300,7 @@ contains
     end do
   end subroutine end_product
 
-  !> The same of a square.
+  !> The same for a square.
   pure subroutine end_square(c, a_0, a_n, term)
     real(wp), intent(in) :: c
     real(wp), intent(in), dimension(n_lanes) :: a_0, a_n
@@ -314,7 +314,7 @@ contains
     end do
   end subroutine end_square
 
-  !> c x, no larger than a wall.
+  !> c x, clipped.
   pure subroutine put(c, x, term)
     real(wp), intent(in) :: c, x(n_lanes)
     real(wp), intent(out) :: term(n_lanes)
@@ -325,7 +325,7 @@ contains
     end do
   end subroutine put
 
-  !> c (2 x + y^2), no larger than a wall.
+  !> c (2 x + y^2), clipped.
   pure subroutine put_square(c, x, y, term)
     real(wp), intent(in) :: c, x(n_lanes), y(n_lanes)
     real(wp), intent(out) :: term(n_lanes)
@@ -346,7 +346,7 @@ contains
     end do
   end subroutine keep
 
-  !> total + x y. Not unrolled, so that gfortran 12 makes whole registers of it.
+  !> total + x y. Not unrolled, so that gfortran 12 uses whole vector registers.
   pure subroutine add_product(total, x, y)
     real(wp), intent(inout) :: total(n_lanes)
     real(wp), intent(in) :: x(n_lanes), y(n_lanes)

@@ -1,12 +1,11 @@
-!> Backbone curves: free periodic motions of a system without losses, grown from a
-!! linear mode (nonlinear normal modes).
+!> Backbone curves: free periodic motions of a system without losses that emanate from a linear mode
+!! (nonlinear normal modes).
 !!
-!! M u'' + F(u) = 0 keeps its form when time runs backwards, so a free motion that
-!! begins at rest, u'(0) = 0, is even in time: u = sum_k a_k cos(k nu t). That settles
-!! the phase. The equations of harmonic balance in (a, nu) together with
-!! a_1 = p for one coordinate have curves of solutions; one of them leaves rest at each
-!! linear mode. Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst.
-!! Signal Process. 23 (2009) 170.
+!! M u'' + F(u) = 0 is invariant under time reversal, so a free motion that begins at rest, u'(0) =
+!! 0, is even in time: u = sum_k a_k cos(k nu t). This condition fixes the phase. The equations of
+!! harmonic balance in (a, nu) together with a_1 = p for one coordinate have curves of solutions;
+!! one of them emanates from zero amplitude at each linear mode. Rosenberg, Adv. Appl. Mech. 9
+!! (1966) 155; Kerschen et al., Mech. Syst. Signal Process. 23 (2009) 170.
 module viscovib_backbone
   use viscovib_backbone_plan, only: backbone_plan_type
   use viscovib_curve, only: curve_type
@@ -27,17 +26,17 @@ module viscovib_backbone
 
   public :: follow_backbone
 
-  !> A beginning that is not found from the linear mode is sought from 0.1, 0.01, ... of it up, so
-  !! often at most.
+  !> If the first point is not found from the linear mode, the curve is followed from 0.1, 0.01, ...
+  !! of its amplitude: number of such attempts, and largest number of points.
   integer, parameter :: max_lower = 4, most_below = 1000
 
-  !> Unknowns: the cosines, coordinate by coordinate, and, last, the frequency.
+  !> Unknowns: the cosine coefficients, coordinate by coordinate, and the frequency as the last one.
   type, extends(curve_type) :: backbone_curve
-    !> Of cosines and sines, which are 0 and whose equations then hold.
+    !> Balance with cosines and sines; the sines are 0 and satisfy their equations.
     type(balance_type) :: balance
     class(oscillator_type), pointer :: system => null()
     type(load_type) :: no_load
-    !> Place of the amplitude that is the parameter.
+    !> Index of the amplitude that is the parameter.
     integer :: place = 0
     !> Derivatives and equations of the balance, shapes (balance%n, balance%n) and (balance%n).
     real(wp), allocatable, private :: whole(:, :), part(:)
@@ -49,18 +48,18 @@ module viscovib_backbone
 
 contains
 
-  !> From amplitude options%start to options%finish, in the first harmonic of a
-  !! coordinate, with the orders of the plan or, if it says so, with as many as bring the
-  !! truncation below the tolerance.
+  !> Follow the curve from amplitude options%start to options%finish in the first harmonic of a
+  !! coordinate, with the harmonics of the plan or, if `plan%chosen`, with enough harmonics for a
+  !! truncation error below the tolerance.
   subroutine follow_backbone(plan, options, branch, orders, cancel)
     type(backbone_plan_type), intent(in), target :: plan
     type(curve_options), intent(in) :: options
-    !> Unknowns: cosines, shape (n_orders n_dof), and the frequency; with the truncation of
-    !! each point.
+    !> Unknowns: cosine coefficients, shape (n_orders n_dof), and the frequency; with the truncation
+    !! error of each point.
     type(curve_branch_type), intent(out) :: branch
-    !> Those kept.
+    !> Harmonic orders used.
     integer, allocatable, intent(out) :: orders(:)
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout) :: cancel
     type(order_search) :: search
     type(harmonic_set_type) :: set
@@ -82,7 +81,7 @@ contains
     call branch%end_resolved()
   end subroutine follow_backbone
 
-  !> The branch with certain orders.
+  !> Follow the branch with given harmonics.
   subroutine follow_with(plan, set, options, branch, cancel)
     type(backbone_plan_type), intent(in), target :: plan
     type(harmonic_set_type), intent(in) :: set
@@ -96,7 +95,7 @@ contains
 
     call new_backbone_curve(curve, plan, set)
     call follow_curve(curve, options, linear(options%start), branch, cancel=cancel)
-    ! Far from the linear mode the curve is followed up to its beginning.
+    ! Far from the linear mode: follow the curve from a smaller amplitude up to the start.
     lower = options
     lower%finish = options%start
     lower%max_points = max(options%max_points, most_below)
@@ -111,7 +110,7 @@ contains
 
   contains
 
-    !> Unknowns of the linear mode with an amplitude.
+    !> Unknowns of the linear mode with a given amplitude.
     function linear(amplitude) result(x)
       real(wp), intent(in) :: amplitude
       real(wp) :: x(curve%n)
@@ -142,7 +141,7 @@ contains
     curve%largest = plan%system%largest_amplitude()
     rows = size(set%orders)
     curve%place = (plan%dof - 1)*rows + cosine_of_first(set)
-    ! The frequency has no part in lengths.
+    ! The frequency does not count in lengths.
     allocate (curve%weights(curve%n), source=0.0_wp)
     allocate (curve%whole(curve%balance%n, curve%balance%n), curve%part(curve%balance%n))
     do d = 1, size(plan%shape)
@@ -150,13 +149,13 @@ contains
     end do
   end subroutine new_backbone_curve
 
-  !> Place of the cosine of order 1 among the unknowns of a coordinate.
+  !> Index of the cosine of order 1 among the unknowns of a coordinate.
   pure integer function cosine_of_first(set)
     type(harmonic_set_type), intent(in) :: set
     cosine_of_first = findloc(set%orders, 1, 1)
   end function cosine_of_first
 
-  !> What more orders would change of each point, and whether to follow the branch again.
+  !> Truncation error of each point, and whether to follow the branch again with more harmonics.
   subroutine judge(plan, set, search, branch, again, cancel)
     type(backbone_plan_type), intent(in), target :: plan
     type(harmonic_set_type), intent(in) :: set
@@ -182,7 +181,7 @@ contains
 
   contains
 
-    !> Unknowns of the larger set.
+    !> Extend the unknowns to the larger set.
     pure function enlarged(x) result(y)
       real(wp), intent(in) :: x(:, :)
       real(wp), allocatable :: y(:, :)
@@ -239,7 +238,7 @@ contains
     terms(self%n) = max(terms(self%n), abs(p))
   end subroutine raise_terms
 
-  !> Unknowns of the balance.
+  !> Unknowns of the balance, with zero sines.
   pure function with_sines(cosines) result(x)
     real(wp), intent(in) :: cosines(:)
     real(wp) :: x(2*size(cosines))

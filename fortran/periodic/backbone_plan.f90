@@ -1,5 +1,5 @@
-!> What a backbone curve of an oscillator begins with: the system without losses, the
-!! linear mode, the coordinate whose amplitude counts, the harmonics.
+!> Plan of a backbone curve of an oscillator: the system without losses, the linear mode, the
+!! coordinate of the amplitude, and the harmonics.
 module viscovib_backbone_plan
   use viscovib_free_orders, only: chosen_text, first_chosen, highest_chosen
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -17,24 +17,23 @@ module viscovib_backbone_plan
 
   public :: backbone_plan_type, new_backbone_plan
 
-  !> Parts of the largest: a frequency that counts as 0, a coordinate that counts as at
-  !! rest, and sizes that count as equal.
+  !> Relative tolerances: for a frequency of 0, for a coordinate at rest, and for equal sizes.
   real(wp), parameter :: rigid = 1.0e-7_wp, at_rest = 1.0e-6_wp, equal = 1.0e-9_wp
 
   type :: backbone_plan_type
     !> Without damping and memory.
     class(oscillator_type), allocatable :: system
-    !> The linear mode, counted from 0: its frequency (rad/s) and shape (n_dof).
+    !> The linear mode, numbered from 0: its frequency (rad/s) and shape (n_dof).
     integer :: mode = 0
     real(wp) :: omega = 0.0_wp
     real(wp), allocatable :: shape(:)
-    !> The coordinate whose amplitude counts.
+    !> The coordinate whose amplitude is the parameter.
     integer :: dof = 0
-    !> Harmonics, the first ones tried if they are chosen, up to the order `most`.
+    !> Harmonics; if their number is adapted, the first set, and the highest order `most`.
     type(harmonic_set_type) :: set
     logical :: chosen = .false.
     integer :: most = 0
-    !> Lines about harmonics that are left out.
+    !> Lines of the plan's text about omitted harmonics.
     character(len=:), allocatable :: rest
   contains
     procedure :: n_most
@@ -47,12 +46,12 @@ contains
                                tolerance, status)
     type(backbone_plan_type), intent(out) :: plan
     class(oscillator_type), intent(in) :: system
-    !> Counted from 0; a coordinate counted from 1, or 0: the one that moves most in the
-    !! mode, weighed by the root of its inertia, so that no choice of units decides.
+    !> Mode, numbered from 0. Coordinate, numbered from 1, or 0: the largest of the mode, weighted
+    !! by the root of its inertia, so that the choice does not depend on units.
     integer, intent(in) :: mode, dof
-    !> Of that coordinate, for messages.
+    !> Name of the coordinate, for messages.
     character(len=*), intent(in) :: name
-    !> Highest order; `chosen`: as many as the tolerance needs instead.
+    !> Highest order; `chosen`: as many harmonics as the tolerance requires instead.
     integer, intent(in) :: harmonics
     logical, intent(in) :: chosen
     real(wp), intent(in) :: tolerance
@@ -90,7 +89,7 @@ contains
                 //'mode '//show(mode))
       return
     end if
-    ! Harmonics as under a load of the first order.
+    ! Use the harmonics of a load of order 1.
     unit = (1.0_wp, 0.0_wp)
     call new_load(load, n, [1], unit, [(0.0_wp, 0.0_wp)], status)
     options%harmonics = harmonics
@@ -133,7 +132,7 @@ contains
     shape = shapes(:, mode + 1)
   end subroutine find_mode
 
-  !> Of a structure without losses, whose modes are known: its rest holds the linear parts of the
+  !> Mode of a structure without losses. Its linear subsystem includes the linear parts of the
   !! elements.
   subroutine find_structure_mode(system, mode, omega, shape, status)
     class(structure_type), intent(in) :: system
@@ -169,13 +168,13 @@ contains
               //'body, its frequency is 0')
   end subroutine refuse_rigid
 
-  !> Orders that may be kept.
+  !> Largest number of harmonics.
   pure integer function n_most(self)
     class(backbone_plan_type), intent(in) :: self
     n_most = merge((self%most + 1)/2, self%most + 1, self%set%half_wave)
   end function n_most
 
-  !> What is computed from an amplitude to another, and what is skipped.
+  !> Text of the plan: what is computed between two amplitudes, and what is skipped.
   function text(self, from, to)
     class(backbone_plan_type), intent(in) :: self
     real(wp), intent(in) :: from, to

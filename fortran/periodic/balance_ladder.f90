@@ -1,5 +1,5 @@
-!> Harmonic balances of one system with more and more orders, each made when it is
-!! first asked for and then kept. `torus_ladder` says why it has rungs of its own.
+!> Harmonic balances of one system with increasing numbers of harmonics. Each is created at its
+!! first use and kept. `torus_ladder` explains why it has separate levels.
 module viscovib_balance_ladder
   use viscovib_dense, only: invert
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -12,25 +12,24 @@ module viscovib_balance_ladder
 
   public :: balance_ladder_type, rung_type, lowest_order, new_ladder, one_rung, judging_order
 
-  !> Part of a motion that leaving out orders may change at most, if that is within what is allowed
-  !! besides.
+  !> Largest relative truncation error of a motion that the absolute tolerance allows.
   real(wp), parameter :: most_allowed = 0.5_wp
 
   type :: rung_type
     logical :: ready = .false.
-    !> Frequencies for which balance and compliance stand, 0 for none.
+    !> Frequencies for which balance and compliance are valid, 0: none.
     real(wp) :: balance_nu = 0.0_wp, compliance_nu = 0.0_wp
     type(balance_type) :: balance
-    !> Inverse dynamic stiffness of the orders that the rung judged leaves out, shape
-    !! (n_dof, n_dof, n left out).
+    !> Inverse dynamic stiffness of the harmonics that the checked rung `judged` omits, shape
+    !! (n_dof, n_dof, n omitted).
     integer :: judged = 0
     complex(wp), allocatable :: compliance(:, :, :)
   end type rung_type
 
   type :: balance_ladder_type
-    !> Rungs that may be solved on; above them are some for judging only.
+    !> Number of rungs for solutions; higher rungs only estimate the truncation error.
     integer :: n_rungs = 0
-    !> Error allowed in motions besides what is relative, in the norm of `weighted_norm`.
+    !> Absolute error allowed in motions, in the norm of `weighted_norm`.
     real(wp) :: least = 0.0_wp
     logical, private :: half_wave = .false.
     integer, private :: degree = 0, lowest = 1, step = 1
@@ -51,15 +50,16 @@ module viscovib_balance_ladder
 
 contains
 
-  !> Highest order of the lowest rung: the load must fit in.
+  !> Highest order of the lowest rung, which must contain all orders of the load.
   pure integer function lowest_order(load)
     type(load_type), intent(in) :: load
     lowest_order = 1
     if (size(load%orders) > 0) lowest_order = max(1, maxval(load%orders))
   end function lowest_order
 
-  !> Orders between rungs: an even and an odd one, or the odd one. A load whose orders are
-  !! multiples of g moves no others, as long as the symmetry lasts: then g times as many.
+  !> Number of orders between rungs: an even and an odd one (half-wave: the odd one). While a
+  !! symmetry holds, a load whose orders are multiples of g excites only multiples of g: then g
+  !! times as many.
   pure integer function order_step(load)
     type(load_type), intent(in) :: load
     integer :: j
@@ -70,10 +70,10 @@ contains
     order_step = 2*max(order_step, 1)
   end function order_step
 
-  !> The highest order of the balance that judges another, of a highest order. Orders fall off
-  !! in bands: a response to order l of the load alone has, with order k, by a cubic force
-  !! k + 2 l next; and a force of degree d brings d times the load's highest order at once. No
-  !! more than some twice as many are judged.
+  !> The highest order of the larger balance that estimates the truncation error. Harmonics decay in
+  !! bands: the response to a load of order l alone, with order k, has the next harmonic k + 2 l for
+  !! a cubic force; and a force of degree d directly excites d times the load's highest order. The
+  !! number of harmonics is at most about doubled.
   pure integer function judging_order(load, degree, highest) result(order)
     type(load_type), intent(in) :: load
     integer, intent(in) :: degree, highest
@@ -86,14 +86,14 @@ contains
     if (b /= 0) c = common_divisor(b, modulo(a, b))
   end function common_divisor
 
-  !> Every choice of orders up to a highest one.
+  !> Create a ladder of all sets of harmonics up to a highest order.
   subroutine new_ladder(ladder, system, load, half_wave, most)
     type(balance_ladder_type), intent(out) :: ladder
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> Odd orders only.
+    !> True: odd orders only.
     logical, intent(in) :: half_wave
-    !> Highest order to solve with, at least `lowest_order`.
+    !> Highest order for solutions, at least `lowest_order`.
     integer, intent(in) :: most
 
     ladder%half_wave = half_wave
@@ -105,7 +105,7 @@ contains
     allocate (ladder%rungs(ladder%probe_of(ladder%n_rungs)))
   end subroutine new_ladder
 
-  !> No choice: the orders of a set, which those above only judge.
+  !> Create a ladder with one given set; higher rungs only estimate its truncation error.
   subroutine one_rung(ladder, system, load, set)
     type(balance_ladder_type), intent(out) :: ladder
     class(oscillator_type), intent(in) :: system
@@ -122,8 +122,8 @@ contains
     ladder%rungs(1)%ready = .true.
   end subroutine one_rung
 
-  !> The relative error allowed of a motion of a size in the norm of `weighted_norm`, less than all
-  !! of it.
+  !> The relative error allowed for a motion of a given norm (`weighted_norm`), at most
+  !! `most_allowed` if there is an absolute tolerance.
   pure real(wp) function allowed(self, tolerance, norm)
     class(balance_ladder_type), intent(in) :: self
     real(wp), intent(in) :: tolerance, norm
@@ -139,7 +139,7 @@ contains
     highest = self%lowest + self%step*(rung - 1)
   end function highest
 
-  !> Orders of a rung.
+  !> Number of harmonics of a rung.
   pure integer function n_orders(self, rung)
     class(balance_ladder_type), intent(in) :: self
     integer, intent(in) :: rung
@@ -147,7 +147,7 @@ contains
     if (self%half_wave) n_orders = n_orders/2
   end function n_orders
 
-  !> The lowest rung with an order, or the highest there is.
+  !> The lowest rung that includes an order, at most the highest one.
   pure integer function rung_of(self, order)
     class(balance_ladder_type), intent(in) :: self
     integer, intent(in) :: order
@@ -155,7 +155,7 @@ contains
     rung_of = min(rung_of, self%n_rungs)
   end function rung_of
 
-  !> The rung that judges another.
+  !> The rung that estimates the truncation error of another.
   pure integer function probe_of(self, rung) result(probe)
     class(balance_ladder_type), intent(in) :: self
     integer, intent(in) :: rung
@@ -164,7 +164,7 @@ contains
     probe = rung + (beyond + self%step - 1)/self%step
   end function probe_of
 
-  !> Make a rung ready for a frequency.
+  !> Prepare a rung for a frequency.
   subroutine prepare(self, rung, system, load, nu)
     class(balance_ladder_type), intent(inout) :: self
     integer, intent(in) :: rung
@@ -193,7 +193,7 @@ contains
     here%balance_nu = nu
   end subroutine make_ready
 
-  !> Make the rung ready that judges this one.
+  !> Prepare the rung that estimates the truncation error of this one.
   subroutine prepare_probe(self, rung, system, load, nu)
     class(balance_ladder_type), intent(inout) :: self
     integer, intent(in) :: rung
@@ -204,8 +204,8 @@ contains
     call make_judge(self, self%rungs(self%probe_of(rung)), rung, system, nu)
   end subroutine prepare_probe
 
-  !> A rung with twice the orders of this one, or more, that judges it: where signs count, as those
-  !! of what orders left out do to the place of a fold, those next to the ones kept may cancel.
+  !> A rung with at least twice the orders that estimates the truncation error of this one. It is
+  !! used where signs matter, as for a fold's displacement: the next harmonics alone may cancel.
   subroutine far_probe(self, rung, system, load, nu, probe)
     class(balance_ladder_type), intent(in) :: self
     integer, intent(in) :: rung
@@ -217,7 +217,7 @@ contains
     call make_judge(self, probe, rung, system, nu)
   end subroutine far_probe
 
-  !> The same to solve on.
+  !> The same rung, to solve with.
   subroutine far_rung(self, rung, system, load, nu, far)
     class(balance_ladder_type), intent(in) :: self
     integer, intent(in) :: rung
@@ -232,7 +232,7 @@ contains
 
   subroutine make_judge(self, here, rung, system, nu)
     class(balance_ladder_type), intent(in) :: self
-    !> Ready for the frequency.
+    !> Prepared for the frequency.
     type(rung_type), intent(inout) :: here
     integer, intent(in) :: rung
     class(oscillator_type), intent(in) :: system
@@ -251,13 +251,13 @@ contains
     end if
     do k = 1, n
       call invert(here%balance%stiffness(:, :, first + k), here%compliance(:, :, k), singular)
-      ! Undamped and in resonance: an order of any size may be missing.
+      ! Undamped and in resonance: the omitted harmonic may have any amplitude.
       if (singular) here%compliance(:, :, k) = huge(1.0_wp)**0.25_wp
     end do
     here%compliance_nu = nu
   end subroutine make_judge
 
-  !> The system has changed: nothing is ready for any frequency.
+  !> Invalidate all rungs after a change of the system.
   pure subroutine forget(self)
     class(balance_ladder_type), intent(inout) :: self
     self%rungs%balance_nu = 0.0_wp

@@ -1,5 +1,5 @@
-!> Derivatives of the equations of harmonic balance by what may vary along a branch, the factor of
-!! the load and the frequency, and those of forces at the samples.
+!> Derivatives of the equations of harmonic balance with respect to the load factor and the
+!! frequency, and derivatives of forces at the samples.
 submodule(viscovib_harmonic_balance) balance_slopes
   implicit none
 
@@ -17,7 +17,7 @@ contains
     end if
   end subroutine find_slopes
 
-  !> dR/ds, s the factor of the load.
+  !> dR/ds with the load factor s.
   pure module subroutine load_derivative(self, slope)
     class(balance_type), intent(in) :: self
     real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
@@ -30,7 +30,7 @@ contains
     end do
   end subroutine load_derivative
 
-  !> dR/dnu at the motion x that `residual` saw last.
+  !> dR/dnu at the motion x of the last call of `residual`.
   module subroutine frequency_derivative(self, system, load, x, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -70,7 +70,7 @@ contains
     end do
   end subroutine frequency_derivative
 
-  !> The same of a law that is no polynomial.
+  !> Add the derivative of a law that is not a polynomial.
   subroutine add_cycle_slope(self, system, one, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -92,7 +92,7 @@ contains
     end do
   end subroutine add_cycle_slope
 
-  !> What rates add: they are in proportion to nu.
+  !> Add the contribution of the rates in laws, which are proportional to nu.
   subroutine add_rate_slope(self, system, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -116,7 +116,7 @@ contains
     end do
   end subroutine add_rate_slope
 
-  !> What the rates in F add.
+  !> Add the contribution of the rates in F.
   subroutine add_moving_slope(self, system, slope)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -135,7 +135,7 @@ contains
     end do
   end subroutine add_moving_slope
 
-  !> What memory adds: dv_k/dnu = k f'(k nu) W_k, into B v and through F(u, v) - B v at the
+  !> Add the contribution of memory: dv_k/dnu = k f'(k nu) W_k, in B v and in F(u, v) - B v at the
   !! samples.
   subroutine add_memory_slope(self, system, y, slope)
     class(balance_type), intent(inout) :: self

@@ -1,4 +1,4 @@
-!> The determinant of a complex matrix with a band, real and imaginary parts apart.
+!> The determinant of a complex band matrix with separate real and imaginary parts.
 module viscovib_band_elimination
   use viscovib_kinds, only: wp
   implicit none
@@ -8,7 +8,7 @@ module viscovib_band_elimination
 
 contains
 
-  !> By elimination, rows exchanged for the largest pivot; what is left is no longer the matrix.
+  !> Determinant by elimination with partial pivoting; the matrix is overwritten.
   pure subroutine band_determinant(n, rows, width, re, im, value)
     !> Order, leading dimension, and diagonals on either side of the main one.
     integer, intent(in) :: n, rows, width
@@ -33,7 +33,7 @@ contains
       pivot = cmplx(re(p, k), im(p, k), wp)
       value = value*pivot
       if (.not. largest > 0.0_wp) return
-      ! Rows exchanged reach further.
+      ! Row exchanges widen the band.
       last = max(last, min(n, p + width))
       if (p /= k) then
         value = -value
@@ -59,7 +59,7 @@ contains
     end do
   end subroutine band_determinant
 
-  !> A complex multiple of one column to another.
+  !> Add a complex multiple of one column to another.
   pure subroutine add_column(n, f, from_re, from_im, re, im)
     integer, intent(in) :: n
     complex(wp), intent(in) :: f

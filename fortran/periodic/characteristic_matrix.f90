@@ -1,9 +1,9 @@
-!> The matrix of free linear motion u = x exp(s t) about rest,
+!> The matrix of free linear motion u = x exp(s t) about the equilibrium,
 !!
 !!   D(s) = s^2 M + s C + sum_g (K_g + s C_g) [1 - R_g(s)],
 !!
-!! with the kernels R_g of its springs, and the determinant of D. C_g: the linear part in the rates
-!! of forces with memory. Rows and columns are divided by the roots of the diagonal of M.
+!! with the kernels R_g of its springs, and the determinant of D. C_g is the linear part of forces
+!! with memory in the rates. Rows and columns are divided by the roots of the diagonal of M.
 module viscovib_characteristic_matrix
   use viscovib_dense, only: factorize, solve_columns
   use viscovib_eigenvalues, only: eigenvalues
@@ -24,23 +24,23 @@ module viscovib_characteristic_matrix
 
   public :: characteristic_matrix, oscillator_matrix, structure_matrix
 
-  !> Frequencies below this part of the highest are 0 to rounding.
+  !> Frequencies below this fraction of the highest one count as 0.
   real(wp), parameter :: no_frequency = 1.0e-7_wp
-  !> Coordinates of a structure: matrices are full.
+  !> Largest number of coordinates of a structure: the matrices are full.
   integer, parameter :: most_coordinates = 100
 
   type :: characteristic_matrix
     real(wp), allocatable :: mass(:, :), damping(:, :)
-    !> K_g and C_g, shape (n, n, 0:n_kernels), 0: without memory.
+    !> K_g and C_g, shape (n, n, 0:n_kernels); g = 0: without memory.
     real(wp), allocatable :: stiffness(:, :, :), dampers(:, :, :)
-    !> The kernels of springs that are not 0.
+    !> The kernels of springs with nonzero K_g or C_g.
     type(kernel_holder), allocatable :: kernels(:)
     !> Lowest and highest rate (1/s) of the system without memory.
     real(wp) :: slowest = 1.0_wp, fastest = 1.0_wp
-    !> A kernel is a table: its transform has infinitely many zeros far left.
+    !> True if a kernel is a table: its transform has infinitely many zeros far to the left.
     logical :: has_table = .false.
     logical :: is_symmetric = .true.
-    !> s = -cut begins the branch cut of Koltunov-Rzhanitsyn kernels (1/s); 0 of other kernels.
+    !> s = -cut is the branch point of Koltunov-Rzhanitsyn kernels (1/s); 0 for other kernels.
     real(wp) :: cut = 0.0_wp
   contains
     procedure :: n_dof
@@ -55,7 +55,7 @@ module viscovib_characteristic_matrix
 
 contains
 
-  !> The matrix of an oscillator about rest.
+  !> The matrix of an oscillator about the equilibrium.
   subroutine oscillator_matrix(matrix, system, status)
     type(characteristic_matrix), intent(out) :: matrix
     class(oscillator_type), intent(in) :: system
@@ -71,7 +71,7 @@ contains
   subroutine structure_matrix(matrix, model, system, status)
     type(characteristic_matrix), intent(out) :: matrix
     type(structure_model), intent(in) :: model
-    !> Its elements with memory and laws.
+    !> The elements of the structure with memory and laws.
     type(structure_type), intent(in) :: system
     type(status_type), intent(out) :: status
     real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, shapes
@@ -219,7 +219,7 @@ contains
     end select
   end function cut_of
 
-  !> The lowest and the highest rate, positive also where rest is unstable.
+  !> The lowest and the highest rate, positive also at an unstable equilibrium.
   subroutine find_rates(matrix, status)
     type(characteristic_matrix), intent(inout) :: matrix
     type(status_type), intent(inout) :: status
@@ -279,7 +279,7 @@ contains
     end do
   end subroutine retained
 
-  !> D at s, with what memory retains there, shape (n_kernels).
+  !> D at s, with the values 1 - R_g(s), shape (n_kernels).
   pure subroutine at(self, s, kept, d)
     class(characteristic_matrix), intent(in) :: self
     complex(wp), intent(in) :: s, kept(:)
@@ -295,7 +295,7 @@ contains
     end do
   end subroutine at
 
-  !> det D = value 2^power at each s; NaN where a transform leaves the range of numbers.
+  !> det D = value 2^power at each s; NaN if a transform overflows.
   subroutine determinants(self, s, memory, value, power)
     class(characteristic_matrix), intent(in) :: self
     complex(wp), intent(in) :: s(:), memory
@@ -311,7 +311,7 @@ contains
     end do
   end subroutine determinants
 
-  !> By elimination; the matrix is lost.
+  !> Determinant by elimination; the matrix is overwritten.
   pure subroutine find_determinant(d, value, power)
     complex(wp), intent(inout) :: d(:, :)
     complex(wp), intent(out) :: value
@@ -322,7 +322,7 @@ contains
     n = size(d, 1)
     power = 0
     if (n == 2) then
-      ! Scaled first: no product leaves the range of numbers.
+      ! Scaled first to prevent overflow.
       p = exponent(maxval(abs(real(d)) + abs(aimag(d))))
       if (abs(p) > 400) then
         d = cmplx(scale(real(d), -p), scale(aimag(d), -p), wp)
@@ -353,7 +353,7 @@ contains
     end do
   end subroutine find_determinant
 
-  !> All 2 n roots of the system without memory; those on an axis exactly there.
+  !> All 2 n roots of the system without memory; roots near an axis are placed exactly on it.
   subroutine without_memory(self, roots)
     class(characteristic_matrix), intent(in) :: self
     complex(wp), allocatable, intent(out) :: roots(:)
@@ -367,7 +367,7 @@ contains
     where (abs(real(roots)) < 1.0e-13_wp*abs(roots)) roots = cmplx(0.0_wp, aimag(roots), wp)
   end subroutine without_memory
 
-  !> (u, u') and further states, with the rows of the first filled.
+  !> State matrix of (u, u') and n_terms n further states; only the rows of u and u' are filled.
   subroutine fill_states(self, n_terms, stiffness, states)
     class(characteristic_matrix), intent(in) :: self
     integer, intent(in) :: n_terms
@@ -390,7 +390,7 @@ contains
     states(n + 1:2*n, :2*n) = right
   end subroutine fill_states
 
-  !> Whether all kernels are sums of exponentials to the last digit, of so many terms.
+  !> True if all kernels are exactly sums of exponentials; total number of terms.
   subroutine is_sum_of_exponentials(self, is_sum, n_terms)
     class(characteristic_matrix), intent(in) :: self
     logical, intent(out) :: is_sum

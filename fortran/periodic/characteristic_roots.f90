@@ -21,44 +21,44 @@ module viscovib_characteristic_roots
   public :: roots_type, find_characteristic_roots
 
   type :: roots_type
-    !> Roots with positive imaginary part (1/s), by increasing frequency, a double root twice.
+    !> Roots with positive imaginary part (1/s), by increasing frequency; double roots twice.
     complex(wp), allocatable :: oscillatory(:)
-    !> Real roots (1/s), largest first: those right of the branch cut, or of 0 without a cut.
+    !> Real roots (1/s), largest first: roots to the right of the branch cut, or of 0 without a cut.
     real(wp), allocatable :: real(:)
     !> Roots with positive real part, conjugates included, by the argument principle.
     integer :: n_unstable = 0
     !> Oscillatory roots that the argument principle counts in addition to those listed.
     integer :: n_missing = 0
-    !> Whether all roots in the region are listed.
+    !> True if all roots in the region are listed.
     logical :: complete = .false.
     !> The region that was searched, in words.
     character(len=64) :: region = ''
   end type roots_type
 
-  !> Memory is increased by such steps. A step that moves a root by more than 8 % may have
-  !! led to another root, and is taken in four.
+  !> Steps of the memory. A step that moves a root by more than 8 % may lead to another root; it is
+  !! divided by four.
   real(wp), parameter :: first_step = 1.0_wp/24.0_wp, least_step = 1.0e-7_wp, far = 0.08_wp
-  !> Paths t + bend t (1 - t) of the memory: where two roots meet on the real path, the others
-  !! lead round that location.
+  !> Paths t + bend t (1 - t) of the memory. If two roots meet on the real path, the complex paths
+  !! lead round that point.
   complex(wp), parameter :: bends(3) = [(0.0_wp, 0.0_wp), (0.0_wp, 0.4_wp), (0.0_wp, -0.4_wp)]
   complex(wp), parameter :: whole = (1.0_wp, 0.0_wp), none = (0.0_wp, 0.0_wp)
-  !> Newton's method: steps, and the last one of a root, as a part of it: a double root is known
-  !! to the square root of rounding.
+  !> Newton's method: number of steps, and largest relative last step: the error of a double root is
+  !! the square root of the rounding error.
   integer, parameter :: newton_steps = 60
   real(wp), parameter :: last_step = 1.0e-6_wp, same = 1.0e-9_wp
-  !> Real parts below this part of a root are 0 to rounding.
+  !> Real parts below this fraction of a root count as 0.
   real(wp), parameter :: on_axis = 2.0e-15_wp
-  !> Damping ratio up to which roots are counted left of the imaginary axis.
+  !> Largest damping ratio of roots that are counted to the left of the imaginary axis.
   real(wp), parameter :: most_damped = 0.999_wp
   character(len=*), parameter :: regions(3) = &
     [character(len=64) :: 'the whole plane', 'Re s > 0', &
      'Re s > 0, and Im s != 0 with a damping ratio below 0.999']
-  !> States up to which all roots of sums of exponentials are eigenvalues of one matrix.
+  !> Largest state matrix whose eigenvalues give all roots of sums of exponentials.
   integer, parameter :: most_states = 400
   !> Search for missing roots: points per decade, angles, decades outside the natural frequencies.
   integer, parameter :: a_decade = 4, n_angles = 7, outside = 2
-  !> Points per decade of the count near the rates of the system, and elsewhere; the largest change
-  !! of a logarithm between two of them, and how often an interval is halved.
+  !> Points per decade of the count near the rates of the system, and elsewhere; largest change of
+  !! the logarithm between two points, and largest number of halvings.
   integer, parameter :: near_points = 150, far_points = 60, most_halvings = 25
   real(wp), parameter :: largest_change = 0.6_wp
 
@@ -67,7 +67,7 @@ contains
   subroutine find_characteristic_roots(matrix, roots, cancel)
     type(characteristic_matrix), intent(in) :: matrix
     type(roots_type), intent(out) :: roots
-    !> Another thread cancels by a value that is not 0.
+    !> A value other than 0, possibly set by another thread, cancels the computation.
     integer(c_int), intent(inout), optional :: cancel
     complex(wp), allocatable :: free(:)
     integer :: i, n_found
@@ -149,7 +149,7 @@ contains
     end if
   end subroutine add_root
 
-  !> Add the root that one of the system without memory becomes.
+  !> Add the root that follows from a root of the system without memory.
   subroutine add_followed(matrix, start, roots)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: start
@@ -169,10 +169,10 @@ contains
     call add_twin(matrix, s, roots)
   end subroutine add_followed
 
-  !> Whether det D is small there relative to its values nearby.
+  !> True if det D is small at s relative to its values nearby.
   !!
-  !! Far left the transforms of kernels that end are so large that all else is lost in
-  !! rounding, of which Newton's method finds zeros too.
+  !! Far to the left the transforms of kernels of finite duration are so large that all other terms
+  !! are lost in rounding errors, of which Newton's method also finds zeros.
   logical function is_root(matrix, s)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: s
@@ -187,7 +187,7 @@ contains
     is_root = all(is_finite(value)) .and. scale(abs(value(1)), power(1)) <= 1.0e-3_wp*nearby
   end function is_root
 
-  !> A second root near a known root, or that root again if it is a double one.
+  !> Add a second root near a known root, or the same root again if it is double.
   subroutine add_twin(matrix, s, roots)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: s
@@ -205,7 +205,7 @@ contains
     end if
   end subroutine add_twin
 
-  !> The root that `start`, one without memory, becomes with the whole memory.
+  !> Follow a root from `start` without memory to full memory.
   complex(wp) function with_memory(matrix, start, bend) result(s)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: start, bend
@@ -232,7 +232,7 @@ contains
   end function with_memory
 
   !> Newton's method with the derivative by a difference of the analytic function; known roots are
-  !! divided out. NaN where it does not converge, or leaves the range of numbers.
+  !! divided out. NaN if it does not converge or overflows.
   complex(wp) function polished(matrix, start, memory, known) result(s)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: start, memory, known(:)
@@ -253,7 +253,7 @@ contains
       end do
       step = value(1) - value(2)
       if (.not. abs(step) > 0.0_wp) then
-        ! A double root; where all are 0, a huge term hides the others.
+        ! A double root; if all values are 0, a huge term hides the other terms.
         if (abs(value(3)) > 0.0_wp .or. .not. abs(value(1)) > 0.0_wp) s = not_a_number(step)
         return
       end if
@@ -265,7 +265,7 @@ contains
       end if
       moved = abs(step)
       if (moved <= 4.0e-16_wp*abs(s)) return
-      ! Steps that do not become smaller are rounding.
+      ! Steps that do not become smaller are rounding errors.
       if (moved <= 1.0e-12_wp*abs(s) .and. moved >= 0.5_wp*before) return
       before = moved
     end do
@@ -279,7 +279,7 @@ contains
     not_a_number = cmplx(nan, nan, wp)
   end function not_a_number
 
-  !> Add roots that Newton's method finds from points all over the region.
+  !> Add roots that Newton's method finds from start points all over the region.
   subroutine search(matrix, roots, n_missing, cancel)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), allocatable, intent(inout) :: roots(:)
@@ -298,7 +298,7 @@ contains
     first = 0.5_wp*pi
     last = pi - acos(most_damped)
     do i = 0, n
-      ! Near the natural frequencies first.
+      ! Start near the natural frequencies.
       k = minloc(abs(log(sizes/sqrt(matrix%slowest*matrix%fastest))), 1) - 1
       do j = 0, n_angles - 1
         if (size(roots) >= wanted) exit
@@ -311,10 +311,10 @@ contains
     call order_roots(roots)
   end subroutine search
 
-  !> Roots right of the imaginary axis, and oscillatory roots left of it that are not listed.
+  !> Count roots to the right of the imaginary axis, and unlisted oscillatory roots to its left.
   !!
-  !! Known pairs are divided out: light modes close together turn the determinant by more than pi
-  !! between two frequencies, however close these are.
+  !! Known pairs are divided out: with lightly damped close modes the argument of the determinant
+  !! changes by more than pi between two frequencies, however close these are.
   subroutine count_roots(matrix, roots, cancel)
     type(characteristic_matrix), intent(in) :: matrix
     type(roots_type), intent(inout) :: roots
@@ -328,7 +328,7 @@ contains
     start = 1.0e-14_wp*matrix%slowest
     low = 1.0e-9_wp*matrix%slowest
     high = 1.0e8_wp*matrix%fastest
-    ! A quarter of a small circle first: a kernel may be singular at 0.
+    ! Start with a quarter of a small circle: a kernel may be singular at 0.
     below = turned(matrix, arc(start, 0.0_wp, 0.5_wp*pi), roots%oscillatory, cancel) &
             + turned(matrix, up*graded(matrix, start, low), roots%oscillatory, cancel)
     above = turned(matrix, up*graded(matrix, low, high), roots%oscillatory, cancel)
@@ -336,8 +336,8 @@ contains
                        + 2*count(real(roots%oscillatory) > 0.0_wp)
     roots%n_missing = 0
     if (matrix%has_table) return
-    ! At infinity det D is s^(2 n) det M; each known pair turns as s^2. A real root may be at
-    ! rounding of 0: the inner arc is well outside.
+    ! At infinity det D is s^(2 n) det M; each known pair behaves as s^2. A real root may be 0
+    ! within rounding error: the inner arc is well outside.
     end_angle = pi - acos(most_damped)
     left = exp(cmplx(0.0_wp, end_angle, wp))
     total = above + 2*n_others*(end_angle - 0.5_wp*pi) &
@@ -346,7 +346,7 @@ contains
     roots%n_missing = nearest_count(total/(2.0_wp*pi))
   end subroutine count_roots
 
-  !> The nearest integer; of NaN one that no count agrees with.
+  !> The nearest integer; for NaN, a value that no count equals.
   pure integer function nearest_count(x)
     real(wp), intent(in) :: x
     nearest_count = -huge(nearest_count)
@@ -363,7 +363,7 @@ contains
     end do
   end function arc
 
-  !> Rates between two, closest where the rates of the system are.
+  !> Rates between `low` and `high`, most closely spaced near the rates of the system.
   pure function graded(matrix, low, high) result(x)
     type(characteristic_matrix), intent(in) :: matrix
     real(wp), intent(in) :: low, high
@@ -381,10 +381,10 @@ contains
     end do
   end function graded
 
-  !> By how much det D turns along a path, known pairs divided out.
+  !> Change of the argument of det D along a path, with known pairs divided out.
   !!
-  !! Intervals in which it changes much are halved, and those next to them: between two points
-  !! on both sides of a multiple pole it may seem to be the same.
+  !! Intervals with a large change, and adjacent ones, are halved: on both sides of a multiple
+  !! pole the value may seem to be the same.
   real(wp) function turned(matrix, path, known, cancel)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: path(:), known(:)
@@ -419,7 +419,7 @@ contains
     complex(wp), intent(in) :: s(2), direction(2), known(:)
     real(wp), intent(in) :: length(2)
     logical, intent(in) :: halve
-    !> Halvings left.
+    !> Remaining number of halvings.
     integer, intent(in) :: left
     complex(wp) :: middle(1), there(1)
     real(wp) :: size_there(1)
@@ -441,14 +441,14 @@ contains
     angle = atan2(aimag(z), real(z))
   end function angle
 
-  !> By how much the logarithm changes.
+  !> Change of the logarithm of det D.
   pure real(wp) function change(direction, length)
     complex(wp), intent(in) :: direction(2)
     real(wp), intent(in) :: length(2)
     change = abs(angle(direction(2)*conjg(direction(1)))) + abs(length(2) - length(1))
   end function change
 
-  !> The direction of det D and the logarithm of its size, known pairs divided out.
+  !> Direction of det D and logarithm of its magnitude, with known pairs divided out.
   subroutine find_directions(matrix, s, known, direction, length)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: s(:), known(:)
@@ -477,7 +477,7 @@ contains
     if (.not. length <= 0.0_wp) unit = z/length
   end function unit
 
-  !> By rising frequency; those on the imaginary axis exactly there.
+  !> Sort by frequency; roots near the imaginary axis are placed exactly on it.
   pure subroutine order_roots(roots)
     complex(wp), intent(inout) :: roots(:)
     complex(wp) :: one

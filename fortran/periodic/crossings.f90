@@ -1,4 +1,4 @@
-!> Where stability changes along a branch of an oscillator, and what is crossed there.
+!> Bifurcations along a branch of an oscillator, and their types.
 module viscovib_crossings
   use viscovib_constants, only: pi
   use viscovib_crossing_errors, only: exponent_error
@@ -27,14 +27,14 @@ module viscovib_crossings
 
   !> Error of exponents by monodromy matrices (`viscovib_floquet`).
   real(wp), parameter :: noise = 1.0e-11_wp
-  !> How far places are off from the locations with twice the orders, where orders fall off as
-  !! powers.
+  !> Factors of the error estimate by twice the orders, for harmonics that decay as powers of their
+  !! order: laws with kinks, and with jumps.
   real(wp), parameter :: beside_kinks = 1.3_wp, beside_jumps = 2.0_wp
 
-  !> Exponents of motions, and of their half-wave halves under that symmetry.
+  !> Exponents of motions; of half a period for half-wave symmetry.
   type, extends(spectrum_type) :: motion_spectrum
     type(judge_type), pointer :: judge => null()
-    !> The frequency where that does not vary (rad/s).
+    !> The frequency if it does not vary (rad/s).
     real(wp) :: nu = 0.0_wp
   contains
     procedure :: look
@@ -44,21 +44,21 @@ module viscovib_crossings
 
 contains
 
-  !> All changes of stability between neighbours whose stability is known.
+  !> All changes of stability between adjacent points of known stability.
   subroutine find_crossings(judge, curve, nu, p, x, stability, folds, branch_points, crossings, &
                             cancel)
     type(judge_type), intent(inout), target :: judge
-    !> The branch is a part of it; left as it was found but for its frequency and system.
+    !> The branch is a part of this curve; unchanged on return except for its frequency and system.
     class(oscillator_curve_type), intent(inout) :: curve
-    !> The frequency where that does not vary (rad/s).
+    !> The frequency if it does not vary (rad/s).
     real(wp), intent(in) :: nu
     !> Points of the branch, shapes (n) and (n_unknowns, n), and their stability.
     real(wp), intent(in) :: p(:), x(:, :)
     type(stability_type), intent(in) :: stability
-    !> Those that the continuation has located, unknowns as in x.
+    !> Points that the continuation has located, unknowns as in x.
     type(special_points), intent(in) :: folds, branch_points
     type(crossing_type), allocatable, intent(out) :: crossings(:)
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
     type(motion_spectrum) :: spectrum
     complex(wp) :: eta(judge%n_slots, size(p))
@@ -85,7 +85,7 @@ contains
     curve%balance%load_factor = load_factor
   end subroutine find_crossings
 
-  !> How far off places are that the continuation has not located: by twice the orders.
+  !> Errors of the locations that the continuation has not computed: with twice the orders.
   subroutine find_errors(spectrum, curve, p, x, crossings, cancel)
     type(motion_spectrum), intent(in) :: spectrum
     class(oscillator_curve_type), intent(inout) :: curve
@@ -120,7 +120,7 @@ contains
     call curve%restore()
   end subroutine find_errors
 
-  !> Whether a crossing has a place, of which the error is not known yet.
+  !> True if a crossing has a location whose error is unknown.
   elemental logical function wanted(crossing)
     type(crossing_type), intent(in) :: crossing
     wanted = crossing%located .and. .not. crossing%error > unknown
@@ -134,7 +134,7 @@ contains
     unit = merge(p, self%nu, curve%vary == vary_frequency)*merge(1.0_wp, 0.5_wp, self%half_wave)/pi
   end function unit
 
-  !> Part by part, so that what is not a number has an imaginary part that is.
+  !> Scale real and imaginary part separately, so that a NaN affects only its own part.
   elemental complex(wp) function scaled(z, factor)
     complex(wp), intent(in) :: z
     real(wp), intent(in) :: factor

@@ -1,10 +1,9 @@
-!> The force laws of a system that are no polynomials, in a harmonic balance: harmonics and their
-!! derivatives.
+!> Force laws that are not polynomials in a harmonic balance: harmonics and their derivatives.
 !!
-!! A smooth law is taken at samples that resolve it: those of the balance, or if the highest
-!! harmonics that these know are not small, twice as many, and so on. If the most that there is room
-!! for do not resolve it, the law is integrated piece by piece, as one with kinks and one with
-!! hysteresis always is.
+!! A smooth law is evaluated at samples that resolve it: the samples of the balance or, if the
+!! highest harmonics of the samples are not small, twice as many, and so on. If the largest table
+!! does not resolve the law, it is integrated piecewise. Laws with kinks or hysteresis are always
+!! integrated piecewise.
 module viscovib_cycle_terms
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set, samples_of_laws
@@ -27,15 +26,15 @@ module viscovib_cycle_terms
   public :: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, has_states, law_of, &
             most_samples
 
-  !> Part that the highest harmonics of the samples may have: what is folded back onto the orders
-  !! kept is at least as many times smaller again.
+  !> Largest relative size of the highest harmonics of the samples. The aliasing error of the
+  !! included harmonics is smaller by at least the same factor.
   real(wp), parameter :: well_known = 1.0e-7_wp
-  !> Part so small that half of the samples would do: harmonics fall geometrically.
+  !> If the highest harmonics are smaller, half as many samples suffice (geometric decay).
   real(wp), parameter :: too_well_known = 1.0e-13_wp
-  !> Levels of samples, each with twice those before, and the largest table of one.
+  !> Number of sample levels, each with twice the previous number, and the largest table of a level.
   integer, parameter :: most_levels = 5, largest_table = 2**17
 
-  !> Samples of a law: those of the balance, or more.
+  !> Samples of a law: the samples of the balance, or more.
   type :: sample_level
     integer :: n = 0
     !> Cosines and sines of the highest harmonics at the samples, shape (n, 4).
@@ -45,33 +44,33 @@ module viscovib_cycle_terms
   end type sample_level
 
   type :: cycle_term
-    !> Place of the law among those of the system.
+    !> Index of the law among the laws of the system.
     integer :: law = 0
     logical, private :: sampled = .false.
     type(law_program), allocatable, private :: signals(:)
-    !> The numbers of the law whose signals these are: along a curve over one of them they change.
+    !> The parameters of the law for these signals: they change along a curve over one of them.
     real(wp), allocatable, private :: numbers(:)
-    !> What was sampled last, and where to begin at the next motion.
+    !> Level of the last samples, and the level to begin with at the next motion.
     integer, private :: level = 1, next_level = 1
     type(sample_level), allocatable, private :: levels(:)
-    !> Of the levels beyond the first.
+    !> Tables of the levels beyond the first.
     type(sample_tables), allocatable, private :: tables(:)
-    !> Of the last motion: harmonics of the arguments and what rates make of them, shape (n_parts,
-    !! n_arguments).
+    !> Of the last motion: harmonics of the arguments, and the contribution of the rates to them,
+    !! shape (n_parts, n_arguments).
     real(wp), allocatable, private :: y(:, :), rates(:, :)
-    !> Where the law switches along it, if it is integrated piece by piece.
+    !> Phases at which the law switches, if it is integrated piecewise.
     type(phase_list), private :: switches
-    !> Derivatives at the last motion, once they are known: of the harmonics by those of each
+    !> Derivatives at the last motion, once computed (`known`): of the harmonics by those of each
     !! argument, shape (n_parts, n_parts, n_arguments), and by the frequency, (n_parts).
     logical, private :: known = .false.
     real(wp), allocatable :: blocks(:, :, :), by_nu(:)
-    !> Energy lost in a period (J), of an element with hysteresis.
+    !> Energy lost per period (J), for an element with hysteresis.
     real(wp) :: lost = 0.0_wp
   end type cycle_term
 
 contains
 
-  !> The laws of a system that are no polynomials.
+  !> The laws of a system that are not polynomials.
   subroutine cycles_of(system, set, cycles)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
@@ -94,7 +93,7 @@ contains
     if (.not. allocated(cycles)) allocate (cycles(0))
   end subroutine cycles_of
 
-  !> Where a law switches, if its numbers are not those of the last time.
+  !> Find the switching functions of a law again if its parameters have changed.
   subroutine renew_signals(one, law)
     type(cycle_term), intent(inout) :: one
     type(law_term), intent(in) :: law
@@ -110,7 +109,7 @@ contains
     call find_signals(law%program, none, one%signals)
   end subroutine renew_signals
 
-  !> Make a level ready: its tables, and waves of the highest harmonics that its samples know.
+  !> Prepare a level: its tables, and the highest harmonics at its samples.
   subroutine prepare_level(level, tables, at, set)
     type(sample_level), intent(inout) :: level
     type(sample_tables), intent(inout) :: tables
@@ -153,7 +152,7 @@ contains
     end select
   end function has_states
 
-  !> Whether some law has kinks or jumps, so that harmonics fall off as powers of their order.
+  !> True if a law has kinks or jumps, so that harmonics decay as powers of their order.
   logical function has_kinks(system)
     class(oscillator_type), intent(in) :: system
     integer :: i
@@ -167,7 +166,7 @@ contains
     end select
   end function has_kinks
 
-  !> Samples of a period that laws were known by at the last motion, at most; 0: none was sampled.
+  !> Largest number of samples per period of the laws at the last motion; 0: none was sampled.
   pure integer function most_samples(cycles, half_wave)
     type(cycle_term), intent(in) :: cycles(:)
     logical, intent(in) :: half_wave
@@ -191,14 +190,14 @@ contains
     end select
   end function law_of
 
-  !> Harmonics of the variables from these laws.
+  !> Harmonics of the variables due to these laws.
   subroutine find_parts(cycles, system, set, tables, mu, x, u, parts)
     type(cycle_term), intent(inout) :: cycles(:)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     type(sample_tables), intent(in) :: tables
     !> Frequencies of the orders (n_orders), harmonics (n_parts, n_dof), and samples of coordinates
-    !! and rates read.
+    !! and rates.
     real(wp), intent(in) :: mu(:), x(:, :), u(:, :)
     !> Shape (n_parts, n_memory).
     real(wp), intent(out) :: parts(:, :)
@@ -254,7 +253,7 @@ contains
     call run_cycle(element, set, one%y(:, 1), parts, one%lost, multiplier, sums)
   end subroutine run_element
 
-  !> Harmonics from samples, if some know the law well enough.
+  !> Harmonics from samples, if a level resolves the law.
   subroutine take_samples(one, law, set, tables, parts)
     type(cycle_term), intent(inout) :: one
     type(law_term), intent(in) :: law
@@ -301,12 +300,12 @@ contains
     end do
   end subroutine scan_level
 
-  !> Harmonics from the samples of a level, if these know the law.
+  !> Harmonics from the samples of a level, if these resolve the law.
   subroutine sample_at(law, tables, level, size_of, left, parts)
     type(law_term), intent(in) :: law
     type(sample_tables), intent(in) :: tables
     type(sample_level), intent(in) :: level
-    !> Largest value, and how large the highest harmonics are.
+    !> Largest value, and magnitude of the highest harmonics.
     real(wp), intent(out) :: size_of, left
     real(wp), intent(inout) :: parts(:)
     real(wp) :: value(tables%n_samples)
@@ -376,7 +375,7 @@ contains
     type(law_term), intent(in) :: law
     type(harmonic_set_type), intent(in) :: set
     type(sample_tables), intent(in) :: tables
-    !> What rates make of the harmonics of the arguments, and these at the samples.
+    !> Contribution of the rates to the arguments' harmonics, and the arguments at the samples.
     real(wp), intent(in) :: rates(:, :), scan(:, :)
     real(wp), intent(inout) :: blocks(:, :, :)
     real(wp), intent(out) :: by_nu(:)

@@ -1,9 +1,9 @@
-!> A periodic motion where none is found from rest: solved under much damping, which is then
-!! taken away.
+!> A periodic motion where none is found from zero: solved under strong damping, which is then
+!! removed gradually.
 !!
-!! To the equations of harmonic balance (1 - s) sigma i k nu M X_k is added, for the mean
-!! (1 - s) sigma^2 M X_0, and the curve over s is followed from 0 to 1, through folds if need be.
-!! Under much damping there is one motion and no resonance on the way.
+!! The term (1 - s) sigma i k nu M X_k is added to the equations of harmonic balance, for the mean
+!! (1 - s) sigma^2 M X_0. The curve over s is followed from 0 to 1, through folds if necessary.
+!! Under strong damping there is one motion and no resonance on the way.
 module viscovib_damped_start
   use viscovib_curve, only: curve_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
@@ -19,7 +19,7 @@ module viscovib_damped_start
 
   public :: point_from_damping
 
-  !> Damping rates tried, in units of the frequency, and points of the way at most.
+  !> Number of damping rates tried, in units of the frequency, and largest number of points.
   integer, parameter :: n_rates = 8, max_points = 800
   real(wp), parameter :: first_rate = 2.0_wp, ratio = 4.0_wp, max_step = 0.3_wp, &
                          loose = 1.0e-8_wp
@@ -27,7 +27,7 @@ module viscovib_damped_start
   type, extends(curve_type) :: damped_curve_type
     type(balance_type), pointer :: balance => null()
     class(oscillator_type), pointer :: system => null()
-    !> The frequency, and the rate of damping added (rad/s, 1/s).
+    !> The frequency (rad/s), and the rate of the added damping (1/s).
     real(wp) :: nu = 0.0_wp, rate = 0.0_wp
   contains
     procedure :: equations
@@ -36,7 +36,7 @@ module viscovib_damped_start
 
 contains
 
-  !> Solve at the frequency and load that `balance` is set to.
+  !> Solve at the present frequency and load of `balance`.
   subroutine point_from_damping(balance, system, nu, tolerance, x, made, cancel)
     type(balance_type), intent(inout), target :: balance
     class(oscillator_type), intent(in), target :: system
@@ -45,7 +45,7 @@ contains
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(out) :: x(:, :)
     logical, intent(out) :: made
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(damped_curve_type) :: curve
     type(curve_branch_type) :: branch
@@ -122,7 +122,7 @@ contains
 
   end subroutine equations
 
-  !> Of inertia, and of the damping added.
+  !> Include the terms of inertia and of the added damping.
   subroutine raise_terms(self, x, p, terms)
     class(damped_curve_type), intent(in) :: self
     real(wp), intent(in) :: x(:), p

@@ -1,5 +1,5 @@
-!> The base frequencies of a driven system's loads, and the orders that its motion has:
-!! commensurate loads share an axis of the torus.
+!> The base frequencies of a driven system's loads, and the orders of its motion: commensurate loads
+!! share an axis of the torus.
 module viscovib_drive_torus
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
@@ -14,37 +14,37 @@ module viscovib_drive_torus
   character(len=*), parameter, public :: frequency_names(n_drives) = ['p1', 'p2', 'p3'], &
                                          amplitude_names(n_drives) = &
     [character(len=3) :: 'f0', 'm01', 'm02']
-  !> What may vary: a frequency, 1 to 3; an amplitude, 4 to 6; all frequencies together.
+  !> Varied quantity: a frequency, 1 to 3; an amplitude, 4 to 6; all frequencies together.
   integer, parameter, public :: varies_nu = 7
   character(len=*), parameter, public :: varied_names(7) = &
     [character(len=3) :: frequency_names, amplitude_names, 'nu']
-  !> Unknowns at most: where they need a matrix, which takes 130 MB then and its factors some
-  !! seconds, and where residuals do.
+  !> Largest number of unknowns: with a matrix, which then takes 130 MB and some seconds to
+  !! factorize, and with residuals only.
   integer, parameter, public :: max_unknowns = 4000, max_without_matrix = 12000
-  !> Two frequencies count as commensurate if a ratio of small numbers meets theirs so
-  !! closely.
+  !> Two frequencies are commensurate if their ratio differs from a ratio of small integers by less
+  !! than this relative tolerance.
   real(wp), parameter :: closeness = 1.0e-12_wp
 
   type :: drive_torus_type
     integer :: n_axes = 0
-    !> Base frequencies, shape (n_axes); load j turns by orders(:, j) times their angles,
+    !> Base frequencies, shape (n_axes). The phase of load j is orders(:, j) times their angles,
     !! shape (n_axes, n_drives).
     real(wp), allocatable :: base(:)
     integer, allocatable :: orders(:, :)
-    !> Which load's frequency a base frequency is, 0: a part of several, shape (n_axes).
+    !> Load whose frequency a base frequency equals, 0: a fraction of several, shape (n_axes).
     integer, allocatable :: named(:)
-    !> If a frequency varies, the axis that does, and its multiple that the frequency is.
+    !> If a frequency varies: its axis, and its multiple of the base frequency.
     integer :: axis = 1, multiple = 1
   end type drive_torus_type
 
-  !> Loads on their way to axes.
+  !> Assignment of loads to axes.
   type :: sorting_type
     real(wp) :: frequency(n_drives) = 0.0_wp
-    !> Whether there may be one axis only.
+    !> True if only one axis is allowed.
     logical :: single = .false.
     integer :: n_axes = 0
-    !> The first load on each axis; the axis of each load, 0: it does not act, and the ratio
-    !! top/bottom of its frequency to that of the first.
+    !> The first load on each axis; the axis of each load, 0: it does not act; and the ratio
+    !! top/bottom of its frequency to that of the first load.
     integer, dimension(n_drives) :: first = 0, axis = 0, top = 1, bottom = 1
   contains
     procedure :: place
@@ -55,8 +55,8 @@ module viscovib_drive_torus
 
 contains
 
-  !> Sort the loads that act by frequency. A frequency that varies keeps an axis of its
-  !! own; "nu" moves all of them together.
+  !> Sort the active loads by frequency. A frequency that varies keeps an axis of its own; "nu"
+  !! varies all of them together.
   subroutine sort_drives(torus, frequency, amplitude, varies, subharmonic, max_denominator, status)
     type(drive_torus_type), intent(out) :: torus
     real(wp), intent(in) :: frequency(n_drives), amplitude(n_drives)
@@ -64,7 +64,7 @@ contains
     integer, intent(in) :: varies
     !> Period of the motion in periods of the loads.
     integer, intent(in) :: subharmonic
-    !> Largest numbers in a ratio that counts as commensurate.
+    !> Largest integers in a ratio that counts as commensurate.
     integer, intent(in) :: max_denominator
     type(status_type), intent(out) :: status
     type(sorting_type) :: sorting
@@ -80,7 +80,7 @@ contains
       end if
     end if
     sorting%frequency = frequency
-    ! All together, however far below them their base frequency is.
+    ! All loads on one axis, however low their base frequency is.
     sorting%single = subharmonic > 1 .or. varies == varies_nu
     do j = 1, n_drives
       if (.not. (acts(j) .or. varies == n_drives + j)) cycle
@@ -104,8 +104,8 @@ contains
     end if
   end subroutine sort_drives
 
-  !> Load j on the first axis whose frequency is a ratio of small numbers to its own; of
-  !! small numbers with all that are there.
+  !> Place load j on the first axis whose frequency has a ratio of small integers to its own, and
+  !! small multiples for all loads on it.
   subroutine place(self, j, varies, most)
     class(sorting_type), intent(inout) :: self
     integer, intent(in) :: j, varies, most
@@ -137,14 +137,14 @@ contains
     end do
   end function whole
 
-  !> The largest number of which the loads on an axis are multiples of their base frequency.
+  !> The largest multiple of the base frequency among the loads on an axis.
   pure integer function largest_multiple(self, i)
     class(sorting_type), intent(in) :: self
     integer, intent(in) :: i
     largest_multiple = maxval(self%top*(self%whole(i)/self%bottom), self%axis == i)
   end function largest_multiple
 
-  !> Each axis by its base frequency, of which its loads are multiples.
+  !> Compute the base frequency of each axis; its loads are multiples of it.
   subroutine base_frequencies(self, subharmonic, torus)
     class(sorting_type), intent(in) :: self
     integer, intent(in) :: subharmonic
@@ -187,7 +187,7 @@ contains
               //'incommensurate ('//values//')')
   end subroutine refuse_axes
 
-  !> value = top/bottom of another, in numbers to `most`; bottom = 0 if there are none.
+  !> value = top/bottom times another, with integers up to `most`; bottom = 0 if there are none.
   pure subroutine find_ratio(value, another, most, top, bottom)
     real(wp), intent(in) :: value, another
     integer, intent(in) :: most
@@ -216,13 +216,13 @@ contains
     end do
   end function gcd
 
-  !> The lowest bound of a lattice that holds all loads.
+  !> The smallest bound of a lattice that contains all loads.
   pure integer function lowest_bound(torus)
     type(drive_torus_type), intent(in) :: torus
     lowest_bound = max(1, maxval(sum(abs(torus%orders), 1)))
   end function lowest_bound
 
-  !> How many shells beyond a bound judge it: loads may leave out all but multiples.
+  !> Number of additional shells that estimate the truncation error of a bound.
   pure integer function judging_shells(torus) result(shells)
     type(drive_torus_type), intent(in) :: torus
     integer :: j
@@ -235,8 +235,8 @@ contains
     shells = 2*max(shells, 1)
   end function judging_shells
 
-  !> Half of the orders with |k_1| + |k_2| + ... <= bound, shell by shell, 0 first, shape
-  !! (n_axes, n).
+  !> Half of the orders with |k_1| + |k_2| + ... <= bound, shell by shell, 0 first, shape (n_axes,
+  !! n).
   pure function lattice(n_axes, bound) result(orders)
     integer, intent(in) :: n_axes, bound
     integer, allocatable :: orders(:, :)
@@ -255,7 +255,7 @@ contains
     orders = orders(:n_axes, :)
   end function lattice
 
-  !> The combinations of one size, the sum of what their orders amount to.
+  !> Add the orders of one shell, |k_1| + |k_2| + |k_3| = s.
   pure subroutine add_shell(n_axes, s, n, orders)
     integer, intent(in) :: n_axes, s
     integer, intent(inout) :: n
@@ -289,7 +289,7 @@ contains
     end select
   end function n_unknowns
 
-  !> Largest bound that keeps a share of the unknowns within `most`.
+  !> Largest bound for which `share` of the unknowns is at most `most`.
   pure integer function largest_bound(n_axes, share, most) result(bound)
     integer, intent(in) :: n_axes, most
     real(wp), intent(in) :: share
@@ -299,7 +299,7 @@ contains
     end do
   end function largest_bound
 
-  !> Highest orders kept on a branch by default: some beyond the loads'.
+  !> Default highest orders on a branch: some beyond those of the loads.
   pure integer function default_bound(torus)
     type(drive_torus_type), intent(in) :: torus
     integer, parameter :: bounds(3) = [15, 6, 4]
@@ -307,12 +307,12 @@ contains
                         max(lowest_bound(torus), largest_bound(torus%n_axes, 1.0_wp, max_unknowns)))
   end function default_bound
 
-  !> Where an order of a coordinate (z, phi, psi) is an unknown, shape (n_orders, 3).
+  !> True if an order of a coordinate (z, phi, psi) is an unknown, shape (n_orders, 3).
   !!
-  !! Mirrored motions, (z, -phi, -psi), belong to mirrored moments m01, m02. If a shift of
-  !! the angles by half turns mirrors these and leaves f0 alone, the motion raised from
-  !! rest is its own mirror image, shifted: an order turned by an even number of half turns
-  !! lacks in phi and psi, any other one in z.
+  !! The mirrored motion (z, -phi, -psi) belongs to mirrored moments m01, m02. If a shift of the
+  !! angles by half turns mirrors these and does not change f0, the motion that starts from zero is
+  !! its own shifted mirror image: an order that is shifted by an even number of half turns vanishes
+  !! in phi and psi, any other one in z.
   pure function kept_by_symmetry(torus, orders, amplitude, varies) result(kept)
     type(drive_torus_type), intent(in) :: torus
     integer, intent(in) :: orders(:, :)

@@ -1,4 +1,4 @@
-!> The largest terms of the equations of harmonic balance, by which these round.
+!> The largest terms of the equations of harmonic balance, which determine their rounding errors.
 module viscovib_equation_terms
   use viscovib_kinds, only: wp
   implicit none
@@ -9,13 +9,13 @@ module viscovib_equation_terms
 contains
 
   !> Raise the size of the largest term of each equation to that of inertia, which cancels with
-  !! stiffness in the derivatives near a resonance; and of all orders of a coordinate to the
-  !! largest, for forces are sums over samples that all orders share.
+  !! stiffness in the derivatives near a resonance; then raise all orders of a coordinate to the
+  !! largest, since forces are sums over samples that all orders share.
   pure subroutine raise_by_inertia(mass, rates, x, terms)
     real(wp), intent(in) :: mass(:, :)
     !> Circular frequency of each unknown of a coordinate, shape (n_rows).
     real(wp), intent(in) :: rates(:)
-    !> Shape (n_rows size(mass, 1)), coordinate by coordinate, as the terms.
+    !> Shape (n_rows size(mass, 1)), coordinate by coordinate, like `terms`.
     real(wp), intent(in) :: x(:)
     real(wp), intent(inout) :: terms(:)
     real(wp) :: largest(size(mass, 1)), most

@@ -1,5 +1,5 @@
-!> Periodic motions as a curve over a number p of the system, at a frequency and a load that
-!! stay: the system is built anew at each value.
+!> Periodic motions as a curve over a parameter p of the system, at fixed frequency and load. The
+!! system is rebuilt at each value.
 module viscovib_family_curve
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_curve, only: negligible_at_least
@@ -17,8 +17,8 @@ module viscovib_family_curve
 
   public :: system_builder, new_plain_curve, new_family_curve, judge_systems
 
-  !> Step of a difference of fourth order, as a part of the size of the parameter; its places
-  !! in steps and factors: about the point, from it on, and before it.
+  !> Step of a difference of fourth order, relative to the parameter; its nodes, in steps, and
+  !! factors: central, forward and backward.
   real(wp), parameter :: part = 1.0e-3_wp
   real(wp), parameter :: places(5, 3) = reshape([ &
                                                 -2.0_wp, -1.0_wp, 1.0_wp, 2.0_wp, 0.0_wp, &
@@ -30,14 +30,14 @@ module viscovib_family_curve
                                                  25.0_wp, -48.0_wp, 36.0_wp, -16.0_wp, 3.0_wp], &
                                                  [5, 3])/12.0_wp
 
-  !> Makes the systems, all with the same terms.
+  !> Builds the systems, all with the same terms.
   type, abstract :: system_builder
   contains
     procedure(build_interface), deferred :: build
   end type system_builder
 
   abstract interface
-    !> The system at p, which is not 0; fails where there is none.
+    !> Build the system at p /= 0; fails where it does not exist.
     subroutine build_interface(self, p, system, status)
       import :: oscillator_type, status_type, system_builder, wp
       class(system_builder), intent(in) :: self
@@ -53,7 +53,7 @@ module viscovib_family_curve
 
   type, extends(oscillator_curve_type) :: family_curve_type
     class(system_builder), allocatable :: builder
-    !> Frequency of the load (rad/s), and what counts as a small parameter.
+    !> Frequency of the load (rad/s), and the scale of the parameter.
     real(wp) :: nu = 0.0_wp, p_scale = 1.0_wp
     type(system_holder), pointer, private :: own => null()
   contains
@@ -79,7 +79,7 @@ contains
     call curve%balance%set_frequency(system, load, nu)
   end subroutine new_plain_curve
 
-  !> The curve over p, beginning at p.
+  !> The curve over p, starting at p.
   subroutine new_family_curve(curve, builder, p, p_scale, load, set, nu, status)
     class(oscillator_curve_type), allocatable, intent(out) :: curve
     !> Moves into the curve.
@@ -100,7 +100,7 @@ contains
       call new_oscillator_curve(family%oscillator_curve_type, family%own%system, load, set, &
                                 vary_load)
       family%changes_system = .true.
-      ! Its damping may change too.
+      ! The damping may vary too.
       family%negligible = negligible_at_least
       call family%balance%set_frequency(family%system, load, nu)
     end if
@@ -114,7 +114,7 @@ contains
     call self%builder%build(merge(p, nearly_nothing, abs(p) > 0.0_wp), self%own%system, status)
   end subroutine make
 
-  !> Values that make no system lie outside the curve.
+  !> Set p; outside the curve if no system exists there.
   subroutine set(self, p, inside)
     class(family_curve_type), intent(inout) :: self
     real(wp), intent(in) :: p
@@ -129,14 +129,14 @@ contains
     if (self%adaptive) call self%ladder%forget()
   end subroutine set
 
-  !> Stability of each motion, of the system at its p.
+  !> Stability of each motion, for the system at its p.
   subroutine judge_systems(judge, curve, nu, p, x, stability, cancel)
     type(judge_type), intent(inout) :: judge
     class(oscillator_curve_type), intent(inout) :: curve
     !> The frequency (rad/s); points of the curve, shapes (n) and (2 n_orders, n_dof, n).
     real(wp), intent(in) :: nu, p(:), x(:, :, :)
     type(stability_type), intent(out) :: stability
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(stability_type) :: one
     logical :: inside
@@ -176,7 +176,7 @@ contains
     logical :: made
 
     h = part*max(abs(p), self%p_scale)
-    ! Sideways where the values of p end.
+    ! One-sided differences at the ends of the range of p.
     do side = 1, size(places, 2)
       slope = 0.0_wp
       do k = 1, size(places, 1)

@@ -1,4 +1,4 @@
-!> Forced response of any oscillator, as planned.
+!> Forced response of any oscillator, by the method of a plan.
 module viscovib_forced_response
   use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung
   use viscovib_counters, only: count_up, counted_idle, counting
@@ -21,26 +21,26 @@ module viscovib_forced_response
 
   public :: forced_response
 
-  !> Highest order to begin with where all frequencies have the same.
+  !> Initial highest order if all frequencies have the same number of harmonics.
   integer, parameter :: first_harmonics = 9
 
 contains
 
-  !> Steady response at each frequency; by Newton's method each follows the one
-  !! before, otherwise they are independent. Coordinates that nothing moves are left out of
-  !! the equations.
+  !> Steady response at each frequency. Newton's method starts from the solution at the previous
+  !! frequency; the other methods treat frequencies independently. Coordinates that are not excited
+  !! are removed from the equations.
   subroutine forced_response(plan, system, load, nu, response, cancel, start)
-    !> Made for the same system, load and method.
+    !> Plan for the same system, load and method.
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s), each > 0.
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
-    !> A motion for Newton's method to begin at, relative to the base: unknowns of all orders that
-    !! the plan allows, shape (2 n_orders, n_dof).
+    !> Initial guess for Newton's method, relative to the base: unknowns of all orders that the plan
+    !! allows, shape (2 n_orders, n_dof).
     real(wp), intent(in), optional :: start(:, :)
     type(polynomial_type) :: reduced
     type(load_type) :: part
@@ -63,7 +63,7 @@ contains
     if (.not. allocated(response%method)) allocate (response%method(size(nu)), source=plan%method)
   end subroutine forced_response
 
-  !> The same for a system all of which is computed.
+  !> The same for a system without removed coordinates.
   subroutine whole_response(plan, system, load, nu, response, cancel, start)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
@@ -96,7 +96,7 @@ contains
     call response%add_base_motion(system, load)
   end subroutine whole_response
 
-  !> Relative to the base.
+  !> The response relative to the base.
   subroutine by_successive(plan, system, load, nu, response, cancel)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
@@ -112,7 +112,7 @@ contains
     end if
   end subroutine by_successive
 
-  !> Relative to the base.
+  !> The response relative to the base.
   subroutine by_newton(plan, system, load, nu, response, cancel, start, found)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
@@ -132,8 +132,8 @@ contains
     call newton_response(system, load, nu, ladder, plan%options, response, cancel, start, found)
   end subroutine by_newton
 
-  !> Successive approximations, which take many frequencies at once: those whose harmonics
-  !! do not suffice again, with as many as the one needs that needs most.
+  !> Successive approximations for many frequencies at once. Frequencies with a large truncation
+  !! error are repeated, all with the number of harmonics of the worst one.
   subroutine with_enough_harmonics(plan, system, load, nu, response, cancel)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system
@@ -155,7 +155,7 @@ contains
       few = pack(few, response%truncation(few) > response%allowed(few))
       if (size(few) == 0 .or. highest == plan%most) return
       worst = maxval(response%truncation(few))
-      ! Orders fall off geometrically: go on as far as that suggests, and a little more.
+      ! Harmonics decay geometrically: increase the order by extrapolation, with a margin.
       times = min(times_as_many(worst, plan%options%tolerance), 2.0_wp)
       highest = max(highest + 4, ceiling(1.1_wp*highest*times))
       highest = ior(min(highest, 2*set%orders(size(set%orders)) + 1), 1)

@@ -1,13 +1,12 @@
-!> Free motions of a driven system without losses and loads, as a curve in their
-!! amplitude or energy (nonlinear normal modes).
+!> Free motions of a driven system without losses and loads, as a curve in amplitude or energy
+!! (nonlinear normal modes).
 !!
-!! q'' = a(q, q') with a(q, -q') = a(q, q') keeps its form when time runs backwards, so
-!! a motion that begins at rest is even in time: q = sum_k a_k cos(k nu t). The equations
-!! of harmonic balance in these cosines are as many as they; the frequency is one more
-!! unknown, and the size of the motion, which is the parameter, one more equation.
-!! Where modes interact the size may turn back, and branches cross: both are as on any
-!! curve. Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst. Signal
-!! Process. 23 (2009) 170.
+!! q'' = a(q, q') with a(q, -q') = a(q, q') is invariant under time reversal, so a motion that
+!! begins at rest is even in time: q = sum_k a_k cos(k nu t). The unknowns are these cosine
+!! coefficients and the frequency. The equations are those of harmonic balance and one for the
+!! parameter, the amplitude or energy. Where modes interact the curve may have folds and branch
+!! points. Rosenberg, Adv. Appl. Mech. 9 (1966) 155; Kerschen et al., Mech. Syst. Signal Process. 23
+!! (2009) 170.
 module viscovib_free_curve
   use viscovib_curve, only: curve_type
   use viscovib_driven_system, only: differentiable_system_type
@@ -19,11 +18,11 @@ module viscovib_free_curve
 
   public :: free_curve_type, new_free_curve
 
-  !> Unknowns are the cosines and the frequency, as a part of `unit`.
+  !> Unknowns: the cosine coefficients, and the frequency in units of `unit`.
   type, extends(curve_type) :: free_curve_type
     type(torus_balance_type) :: motion
     real(wp) :: unit = 1.0_wp
-    !> Which unknown is the amplitude; 0: the energy is the parameter.
+    !> Index of the unknown that is the amplitude; 0: the energy is the parameter.
     integer :: measured = 0
   contains
     procedure :: equations
@@ -40,16 +39,16 @@ contains
 
   subroutine new_free_curve(curve, system, torus, kept, unit, dof, order)
     type(free_curve_type), intent(out) :: curve
-    !> Without damping; its loads are left out.
+    !> System without damping; its loads are ignored.
     class(differentiable_system_type), intent(in), target :: system
-    !> Of one axis.
+    !> Torus with one axis.
     type(torus_type), intent(in) :: torus
-    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof).
+    !> Orders of each coordinate that are unknowns, shape (n_orders, n_dof).
     logical, intent(in) :: kept(:, :)
     !> Base frequency of small motions.
     real(wp), intent(in) :: unit
-    !> The amplitude is that of an order of a coordinate, which is kept; dof = 0: by
-    !! energy.
+    !> The amplitude is that of order `order` of coordinate `dof`, which must be an unknown; dof =
+    !! 0: the energy is the parameter.
     integer, intent(in) :: dof, order
     real(wp) :: y(torus%n, system%n_dof), nothing(size(system%drives))
     integer :: silent(1, size(system%drives))
@@ -63,7 +62,7 @@ contains
     curve%n = curve%motion%n + 1
     curve%alone = curve%n
     curve%lowest = 0.0_wp
-    ! The frequency has no part in lengths.
+    ! The frequency does not count in lengths.
     allocate (curve%weights(curve%n), source=1.0_wp)
     curve%weights(curve%n) = 0.0_wp
     if (dof == 0) return
@@ -78,7 +77,7 @@ contains
     frequency = self%unit*x(self%n)
   end function frequency
 
-  !> Where the motion begins, shape (n_dof).
+  !> Position at the start of the motion, at rest, shape (n_dof).
   pure function at_rest(self, x) result(q)
     class(free_curve_type), intent(in) :: self
     real(wp), intent(in) :: x(:)
@@ -93,7 +92,7 @@ contains
     call self%motion%system%potential(self%at_rest(x), energy, slope)
   end function energy
 
-  !> Of all orders and coordinates, unknowns or 0.
+  !> Number of cosines of all orders and coordinates, unknown or 0.
   pure integer function n_cosines(self)
     class(free_curve_type), intent(in) :: self
     n_cosines = size(self%motion%torus%orders, 2)*self%motion%system%n_dof
@@ -122,7 +121,7 @@ contains
     if (self%measured > 0) then
       jacobian(n + 1, self%measured) = 1.0_wp
     else
-      ! Every cosine is 1 at the beginning.
+      ! All cosine functions are 1 at the start.
       jacobian(n + 1, :n) = self%motion%reduced(reshape(spread(force, 1, self%motion%torus%n), &
                                                         [self%motion%torus%n*size(force)]))
     end if
@@ -154,7 +153,7 @@ contains
     terms(self%n) = max(terms(self%n), abs(p))
   end subroutine raise_terms
 
-  !> Amplitude, or energy and its derivative at the beginning.
+  !> Amplitude, or energy and its derivative at the start of the motion.
   pure subroutine size_of(self, x, value, force)
     class(free_curve_type), intent(in) :: self
     real(wp), intent(in) :: x(:)

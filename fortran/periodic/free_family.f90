@@ -17,61 +17,61 @@ module viscovib_free_family
 
   public :: free_family_type, free_options, follow_family
 
-  !> A multiplier larger than this grows: of free motions they come in pairs about the
-  !! circle, known to the root of rounding where two of them meet.
+  !> Multipliers larger than this grow. Multipliers of free motions come in pairs about the unit
+  !! circle; where two meet, their error is the root of the rounding error.
   real(wp), parameter, public :: free_circle = 1.0_wp + 1.0e-6_wp
 
   type :: free_options
-    !> Which orders of which coordinates are unknowns, a pattern that repeats from order 0 on,
-    !! shape (period, n_dof).
+    !> Orders of each coordinate that are unknowns: a pattern that repeats from order 0 on, shape
+    !! (period, n_dof).
     logical, allocatable :: pattern(:, :)
-    !> Highest order: of the mode's frequency, `order` times as high of the base frequency;
-    !! more than `most` are not tried. As many as the tolerance needs, if that is more.
+    !> Highest order in multiples of the mode's frequency, which is `order` times the base
+    !! frequency; it is increased up to `most` if the tolerance requires.
     integer :: highest = first_chosen, most = first_chosen
     !> Base frequency of small motions.
     real(wp) :: unit = 1.0_wp
-    !> The amplitude is that of an order of a coordinate; dof = 0: by energy.
+    !> The amplitude is that of order `order` of coordinate `dof`; dof = 0: energy.
     integer :: dof = 0, order = 1
     type(curve_options) :: curve
     logical :: stability = .true.
   end type free_options
 
-  !> Of n points. Cosines are those of all orders, shape (n_orders n_dof).
+  !> Results at n points. Cosine coefficients of all orders, shape (n_orders n_dof).
   type :: free_family_type
     integer :: outcome = curve_completed
-    !> Highest order of the mode's frequency, all orders of the base frequency, and what more
-    !! would change of each point, shape (n).
+    !> Highest order of the mode's frequency, all orders of the base frequency, and the truncation
+    !! error of each point, shape (n).
     integer :: highest = 0
     integer, allocatable :: orders(:)
     real(wp), allocatable :: truncation(:)
-    !> What the last correction and rounding leave of each point, at its value of what varies and
-    !! off the curve, shape (n).
+    !> Error of each point by the last correction and by rounding: at its value of the parameter,
+    !! and as distance from the curve, shape (n).
     real(wp), allocatable :: error(:), off(:)
-    !> Shape (n), cosines (n_orders n_dof, n).
+    !> Shape (n); cosine coefficients, shape (n_orders n_dof, n).
     real(wp), allocatable :: parameter(:), nu(:), energy(:), x(:, :)
-    !> Largest first, NaN where unknown, shape (2 n_dof, n); none if not wanted.
+    !> Largest first, NaN if unknown, shape (2 n_dof, n); not allocated if not requested.
     complex(wp), allocatable :: multipliers(:, :)
-    !> Places of folds, and how far off they are.
+    !> Parameters at folds, and their errors.
     real(wp), allocatable :: folds(:), fold_errors(:)
-    !> Where others cross: parameter, frequency, cosines, direction in cosines, frequency
-    !! and parameter, and the last point before.
+    !> Branch points: parameter, frequency, cosine coefficients, direction in (coefficients,
+    !! frequency, parameter), and the last point before each.
     real(wp), allocatable :: branch_p(:), branch_nu(:), branch_x(:, :), across(:, :)
     integer, allocatable :: branch_before(:)
   end type free_family_type
 
 contains
 
-  !> From motions near the cosines `begin`, which are only scaled to size; or, with
-  !! `along`, from the cosines `begin` of frequency begin_nu and size begin_p in that
-  !! direction (cosines, frequency, size). `begin` has the orders to options%highest.
+  !> Start near the cosines `begin`, which are only scaled to the initial size; or, with `along`, at
+  !! the cosines `begin` with frequency begin_nu and size begin_p, in that direction (cosines,
+  !! frequency, size). `begin` contains the orders up to options%highest.
   subroutine follow_family(family, system, options, begin, status, cancel, begin_nu, begin_p, along)
     type(free_family_type), intent(out) :: family
-    !> Without damping; its loads are left out.
+    !> System without damping; its loads are ignored.
     class(differentiable_system_type), intent(in), target :: system
     type(free_options), intent(in) :: options
     real(wp), intent(in) :: begin(:)
     type(status_type), intent(out) :: status
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     real(wp), intent(in), optional :: begin_nu, begin_p, along(:)
     type(free_curve_type) :: curve
@@ -105,7 +105,7 @@ contains
     call keep(family, curve, options, branch, size(x), cancel)
   end subroutine follow_family
 
-  !> The curve with orders to a highest one of the base frequency.
+  !> The curve with orders up to `highest` of the base frequency.
   subroutine new_curve_of(curve, system, options, highest, status)
     type(free_curve_type), intent(out) :: curve
     class(differentiable_system_type), intent(in), target :: system
@@ -151,7 +151,7 @@ contains
     call follow_curve(curve, options%curve, at, branch, cancel=cancel)
   end subroutine follow_once
 
-  !> A point that is no number, or whose energy is none, ends the branch before it.
+  !> End the branch before the first point that is not finite or whose energy is not.
   subroutine end_with_numbers(curve, branch)
     type(free_curve_type), intent(in) :: curve
     type(curve_branch_type), intent(inout) :: branch
@@ -164,7 +164,7 @@ contains
     end do
   end subroutine end_with_numbers
 
-  !> What more orders would change of each point, and whether to follow the curve again.
+  !> Truncation error of each point, and whether to follow the curve again with more harmonics.
   subroutine judge(curve, system, options, search, branch, again, status, cancel)
     type(free_curve_type), intent(in) :: curve
     class(differentiable_system_type), intent(in), target :: system
@@ -179,7 +179,7 @@ contains
     integer :: i, k
 
     again = .false.
-    ! Of a motion whose period is a multiple of the mode's an order may lie between.
+    ! If the period is a multiple of the mode's, orders between its harmonics are rounded up.
     orders = [((k + options%order - 1)/options%order, k=0, search%highest*options%order)]
     do i = 1, branch%n_points
       call search%look_at(orders, reshape(cosines_of(curve, branch%x(:, i)), &
@@ -193,7 +193,7 @@ contains
 
   contains
 
-    !> Unknowns of the larger set.
+    !> Extend the unknowns to the larger set.
     pure function enlarged(x) result(y)
       real(wp), intent(in) :: x(:, :)
       real(wp), allocatable :: y(:, :)
@@ -207,7 +207,7 @@ contains
 
   end subroutine judge
 
-  !> The family from its points, with Floquet multipliers.
+  !> Store the points of the family, with Floquet multipliers.
   subroutine keep(family, curve, options, branch, n_cosines, cancel)
     type(free_family_type), intent(inout) :: family
     type(free_curve_type), intent(inout) :: curve
@@ -257,7 +257,7 @@ contains
     end associate
   end subroutine keep
 
-  !> Of the curve, from cosines and the last one.
+  !> Unknowns of the curve from all cosines and the last unknown.
   pure function unknowns_of(curve, cosines, last) result(unknowns)
     type(free_curve_type), intent(in) :: curve
     real(wp), intent(in) :: cosines(:), last
@@ -271,7 +271,7 @@ contains
     unknowns = [curve%motion%reduced(reshape(y, [size(y)])), last]
   end function unknowns_of
 
-  !> The way back, those left out as 0.
+  !> All cosines from the unknowns; cosines that are not unknowns are 0.
   pure function cosines_of(curve, unknowns) result(cosines)
     type(free_curve_type), intent(in) :: curve
     real(wp), intent(in) :: unknowns(:)

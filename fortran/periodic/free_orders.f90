@@ -1,11 +1,11 @@
-!> How many orders a curve of free motions needs: what those left out would change, and when
-!! to follow it again with more.
+!> Number of harmonics of a curve of free motions: estimate of the truncation error, and decision to
+!! follow the curve again with more harmonics.
 !!
-!! A point with its orders left out as 0 nearly solves the equations of a larger set. The
-!! first step of Newton's method there, at right angles to the curve, is what all orders
-!! would change, but for its square and for orders beyond the larger set, in which a
-!! geometric fall leaves a small part. The step takes the derivatives of the larger set, so
-!! that it sees a mode that an order left out resonates with.
+!! A point, extended by zeros, nearly solves the equations of a larger set. The first step of
+!! Newton's method from there, orthogonal to the curve, estimates the effect of all omitted
+!! harmonics, except for its square and for orders beyond the larger set, whose effect is small
+!! under geometric decay. The step uses the derivatives of the larger set, so it includes a mode
+!! that resonates with an omitted harmonic.
 module viscovib_free_orders
   use viscovib_curve, only: curve_type
   use viscovib_curve_record, only: curve_branch_type
@@ -20,21 +20,21 @@ module viscovib_free_orders
 
   public :: order_search, chosen_text, most_chosen
 
-  !> Orders that are chosen: at first, and at most.
+  !> Highest order if it is adapted: initial and largest value.
   integer, parameter, public :: first_chosen = 9, highest_chosen = 63
 
-  !> Orders left out that judge those kept, at least.
+  !> Smallest number of additional orders for the estimate of the truncation error.
   integer, parameter :: fewest_beyond = 4
 
-  !> Orders to a highest one, added until they are enough or in vain.
+  !> Search of the highest order: increased until the tolerance is met or without progress.
   type :: order_search
     integer :: highest = first_chosen, most = first_chosen
     real(wp) :: tolerance = 0.0_wp
-    !> Whether forces have kinks: orders then fall off as a power only, and beat.
+    !> True if forces have kinks: harmonics then decay only as a power of the order, and beat.
     logical :: kinked = .false.
     real(wp), private :: last = huge(1.0_wp)
     integer, private :: vain = 0
-    !> The highest of the orders that are the largest of a point.
+    !> Highest order that is the dominant harmonic of a point.
     integer, private :: main_order = 1
   contains
     procedure :: look_at
@@ -45,45 +45,45 @@ module viscovib_free_orders
 
 contains
 
-  !> See which order is the largest of a point: where modes are in internal resonance that may be
-  !! a high one, m, the others being its multiples at last. Under odd forces the next order that
-  !! counts then lies 2 m further.
+  !> Record the dominant harmonic of a point. With an internal resonance of modes it may have a high
+  !! order m; other harmonics are then multiples of m. Under odd forces the next significant
+  !! harmonic is 2 m orders higher.
   pure subroutine look_at(self, orders, cosines, weights)
     class(order_search), intent(inout) :: self
-    !> Orders of the mode's frequency, and the cosines, shape (size(orders), n_dof).
+    !> Orders of the mode's frequency, and the cosine coefficients, shape (size(orders), n_dof).
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: cosines(:, :)
-    !> Of the coordinates, shape (n_dof).
+    !> Weights of the coordinates, shape (n_dof).
     real(wp), intent(in) :: weights(:)
     integer :: k
     k = maxloc(matmul(cosines**2, weights), 1, orders > 0)
     if (k > 0) self%main_order = max(self%main_order, orders(k))
   end subroutine look_at
 
-  !> The highest order of the set that checks the present one. At kinks, where orders fall off
-  !! as k^-4, those of more than twice the highest make less than 1 % of those left out, and those
-  !! next to the highest may vanish between two beats.
+  !> The highest order of the set that checks the present one. With kinks, harmonics decay as k^-4:
+  !! harmonics above twice the highest order are less than 1 % of the omitted ones, and those next
+  !! to the highest order may vanish between two beats.
   pure integer function judging_order(self)
     class(order_search), intent(in) :: self
     judging_order = self%highest + max(fewest_beyond, 2*self%main_order, &
                                        merge(self%highest + 1, 0, self%kinked))
   end function judging_order
 
-  !> What more orders would change of each point of a curve: of the motion relative to its
-  !! size, in the norm of the curve's weights, or of the frequency, whichever is larger; and of the
-  !! places of its folds. And whether to follow it again, with the orders to `highest`.
+  !> Truncation error of each point of a curve: of the motion relative to its size, in the norm of
+  !! the curve's weights, or of the frequency, whichever is larger; and of the parameters at folds.
+  !! Also decides whether to follow the curve again, with orders up to `highest`.
   subroutine judge(self, curve, x, at_folds, branch, again, cancel)
     class(order_search), intent(inout) :: self
-    !> Of the larger set; its last unknown is the frequency.
+    !> Curve of the larger set; its last unknown is the frequency.
     class(curve_type), intent(inout) :: curve
-    !> Unknowns of the larger set at points and folds, those left out as 0, shapes (curve%n, n) and
+    !> Unknowns of the larger set at points and folds, extended by zeros, shapes (curve%n, n) and
     !! (curve%n, n_folds).
     real(wp), intent(in) :: x(:, :), at_folds(:, :)
-    !> Its truncation, shape (n), is 1 where the larger set gives no information, 0 where not
-    !! estimated, as the curve will be followed again or was given up.
+    !> Its `truncation`, shape (n), is 1 if the larger set gives no information, and 0 if not
+    !! estimated because the curve will be followed again or the computation was cancelled.
     type(curve_branch_type), intent(inout) :: branch
     logical, intent(out) :: again
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(curve_step) :: newton
     real(wp) :: truncation, moved
@@ -94,7 +94,7 @@ contains
       again = .false.
       if (n == 0) return
       call new_curve_step(newton, curve)
-      ! Where one point needs more orders, the others need not be judged.
+      ! If one point needs more orders, the other points need no estimate.
       largest = maxloc([(sum(curve%weights*x(:, i)**2), i=1, n)], 1)
       call look(largest)
       if (needs(largest)) call self%more_wanted(branch%truncation(largest), again)
@@ -126,14 +126,14 @@ contains
                        branch%truncation(i), moved)
     end subroutine look
 
-    !> Whether more orders bring a point nearer: what they change is neither small enough nor
-    !! rounding.
+    !> True if more orders would improve a point: its truncation error exceeds the tolerance and the
+    !! rounding error.
     pure logical function needs(i)
       integer, intent(in) :: i
       needs = branch%truncation(i) > max(self%tolerance, branch%off(i))
     end function needs
 
-    !> Between two points, as far as they are there; along p alone if there is one.
+    !> Direction between two points, as far as they exist; along p if there is only one point.
     pure function chord(from, to) result(way)
       integer, intent(in) :: from, to
       real(wp) :: way(curve%n + 1)
@@ -147,7 +147,7 @@ contains
 
   end subroutine judge
 
-  !> Whether to follow the curve again after the largest truncation of its points.
+  !> Decide whether to follow the curve again, from the largest truncation error of its points.
   subroutine more_wanted(self, truncation, again)
     class(order_search), intent(inout) :: self
     real(wp), intent(in) :: truncation
@@ -164,15 +164,15 @@ contains
     self%main_order = 1
   end subroutine more_wanted
 
-  !> The highest order that is chosen of a mode whose motions last some of its periods.
+  !> Upper limit of the orders of motions whose period is a multiple of the mode's.
   pure integer function most_chosen(multiple)
     integer, intent(in) :: multiple
     most_chosen = min(highest_chosen, max_harmonics/multiple)
   end function most_chosen
 
-  !> What a plan says of orders that are chosen.
+  !> Text of a plan about an adapted number of harmonics.
   pure function chosen_text(first) result(text)
-    !> Highest order at first.
+    !> Initial highest order.
     integer, intent(in) :: first
     character(len=:), allocatable :: text
     text = 'harmonics chosen to meet the tolerance, '//show(first)//' at first'

@@ -1,15 +1,15 @@
 !> The equations of harmonic balance at one frequency, with their derivatives.
 !!
-!! Unknowns are the harmonics X_k of u = Im sum_k X_k exp(i k nu t), real and
-!! imaginary part by turns, coordinate by coordinate. With W_j the harmonics of
-!! the hereditary variable w_j(u) and f_jk what memory retains of them,
+!! Unknowns are the harmonics X_k of u = Im sum_k X_k exp(i k nu t), real and imaginary parts
+!! alternating, coordinate by coordinate. With the harmonics W_j of the hereditary variable w_j(u)
+!! and the factor f_jk = 1 - Rhat_j of its memory,
 !!
 !!   R_k = sum_j B(:,j) f_jk W_jk + G_k + (i k nu C - (k nu)^2 M) X_k - s P_k,
 !!
-!! G being the harmonics of F(u, v) - B v, of some systems of F(u, u', v, s P) - B v. Where w_j
-!! depends on rates too, these have the harmonics i k nu X_k. Samples of a period lead there and
-!! back; the derivatives are exact ones of the sampled equations: those of w and F at the samples
-!! between the same two tables.
+!! where G are the harmonics of F(u, v) - B v, in some systems of F(u, u', v, s P) - B v. If w_j
+!! depends on rates too, these have the harmonics i k nu X_k. Forces are evaluated at samples of a
+!! period. The derivatives are exact for the sampled equations: derivatives of w and F at the
+!! samples, between the same two transforms.
 module viscovib_harmonic_balance
   use viscovib_counters, only: count_unknowns, count_up, counted_loads, counting
   use viscovib_cycle_terms, only: cycle_term, cycles_of, find_blocks, find_parts, has_kinks, &
@@ -28,23 +28,23 @@ module viscovib_harmonic_balance
 
   type :: balance_type
     type(harmonic_set_type) :: set
-    !> Unknowns of all coordinates.
+    !> Number of unknowns of all coordinates.
     integer :: n = 0
     integer, private :: n_dof = 0, n_memory = 0
-    !> Coordinates whose rates variables depend on.
+    !> Coordinates on whose rates variables depend.
     integer, allocatable, private :: rates(:)
-    !> Whether `slopes` are those of the last motion seen.
+    !> True if `slopes` are those of the last motion.
     logical, private :: bent_known = .false.
-    !> Laws that are no polynomials, and what they have of the harmonics of each variable.
+    !> Laws that are not polynomials, and their contribution to the harmonics of each variable.
     type(cycle_term), allocatable :: cycles(:)
-    !> Some of them have kinks or jumps.
+    !> True if laws have kinks or jumps.
     logical :: kinked = .false.
     real(wp), allocatable, private :: lawful(:, :)
-    !> Frequency (rad/s), and the factor s of the load.
+    !> Frequency (rad/s), and the load factor s.
     real(wp) :: nu = 0.0_wp, load_factor = 1.0_wp
     type(sample_tables), private :: tables
-    !> Dynamic stiffness (n_dof, n_dof, n_orders), and what memory retains
-    !! (n_orders, n_memory).
+    !> Dynamic stiffness (n_dof, n_dof, n_orders), and the memory factors 1 - Rhat (n_orders,
+    !! n_memory).
     complex(wp), allocatable :: stiffness(:, :, :)
     complex(wp), allocatable, private :: fraction(:, :)
     !> Frequencies of the orders (rad/s), shape (n_orders).
@@ -54,11 +54,11 @@ module viscovib_harmonic_balance
     !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
     !! n_memory) and (2 n_orders).
     real(wp), allocatable, private :: bent(:, :), kept(:), f_parts(:)
-    !> Samples of u and rates, of w - W u or v, of a force, and slopes, at the last motion seen.
+    !> Samples of u and rates, of w - W u or v, of a force, and slopes, at the last motion.
     real(wp), allocatable, private :: u(:, :), w(:, :), f(:, :), slopes(:, :, :), by_u(:, :, :), &
                                       by_v(:, :, :)
-    !> Of systems that are `moving`: samples of rates and of the load, slopes by rates, and the
-    !! harmonics of what F gains by the load whole, shape (2 n_orders, n_dof).
+    !> For systems that are `moving`: samples of rates and of the load, derivatives by rates, and
+    !! the harmonics of the contribution of the full load to F, shape (2 n_orders, n_dof).
     real(wp), allocatable, private :: rate(:, :), push(:, :), by_rate(:, :, :), by_load(:, :)
     !> Moments of a slope, and derivatives of harmonics.
     real(wp), allocatable, private :: c(:), s(:), block(:, :), memory(:, :, :)
@@ -73,13 +73,13 @@ module viscovib_harmonic_balance
 
   interface
 
-    !> dR/ds, s the factor of the load.
+    !> dR/ds with the load factor s.
     pure module subroutine load_derivative(self, slope)
       class(balance_type), intent(in) :: self
       real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
     end subroutine load_derivative
 
-    !> dR/dnu at the motion x that `residual` saw last.
+    !> dR/dnu at the motion x of the last call of `residual`.
     module subroutine frequency_derivative(self, system, load, x, slope)
       class(balance_type), intent(inout) :: self
       class(oscillator_type), intent(in) :: system
@@ -132,7 +132,7 @@ contains
     allocate (balance%c(-k:k), balance%s(-k:k), source=0.0_wp)
   end subroutine new_balance
 
-  !> Everything that depends on the frequency alone.
+  !> Compute all quantities that depend on the frequency only.
   subroutine set_frequency(self, system, load, nu)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -159,7 +159,7 @@ contains
     end do
   end subroutine set_frequency
 
-  !> Samples of a period from which the last motion's forces are known, at most.
+  !> Largest number of samples per period of the forces of the last motion.
   pure integer function samples_taken(self)
     class(balance_type), intent(in) :: self
     samples_taken = self%set%n_samples
@@ -234,13 +234,13 @@ contains
         r(:, a) = r(:, a) + self%f_parts
       end do
     end if
-    ! The mean has an imaginary part only: its real part is held at 0.
+    ! The mean has only an imaginary part: its real part is fixed at 0.
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) r(2*k - 1, :) = x(2*k - 1, :)
     end do
   end subroutine residual
 
-  !> F(u, u', v, s P) - B v at the samples, and what the load adds to it.
+  !> F(u, u', v, s P) - B v at the samples, and the contribution of the load to it.
   subroutine find_moving(self, system, x)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -270,7 +270,7 @@ contains
     call system%moving_remainder(self%u, self%rate, self%w, self%push, self%f)
   end subroutine find_moving
 
-  !> Derivatives of F by u' of coordinate b in the equations of coordinate a.
+  !> Derivatives of F with respect to u' of coordinate b in the equations of coordinate a.
   subroutine add_rates(self, a, b, jacobian)
     class(balance_type), intent(inout) :: self
     integer, intent(in) :: a, b
@@ -281,7 +281,7 @@ contains
     call add_block(rate_columns(self%mu, self%block), 1.0_wp, a, b, jacobian)
   end subroutine add_rates
 
-  !> dR/dx at the motion that `residual` saw last.
+  !> dR/dx at the motion of the last call of `residual`.
   subroutine derivatives(self, system, jacobian)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -332,7 +332,7 @@ contains
     end do
   end subroutine derivatives
 
-  !> What a law that is no polynomial adds.
+  !> Add the derivatives of a law that is not a polynomial.
   subroutine add_cycle(self, system, one, jacobian)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -374,11 +374,11 @@ contains
 
   end subroutine add_cycle
 
-  !> What depends on a rate: a basic motion sin k nu t has the rate k nu cos k nu t.
+  !> Add the derivatives by a rate: a basic motion sin k nu t has the rate k nu cos k nu t.
   subroutine add_rate(self, system, b, jacobian)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    !> Place among the rates.
+    !> Index among the rates.
     integer, intent(in) :: b
     real(wp), intent(inout) :: jacobian(:, :)
     integer :: a, j, k
@@ -435,8 +435,8 @@ contains
     end do
   end subroutine add_block
 
-  !> The part of F(u, v) - B v, v through memory; `memory` holds the bent part of
-  !! the derivatives of v.
+  !> Add the derivatives of F(u, v) - B v, also through v; on entry, `memory` contains the nonlinear
+  !! part of the derivatives of v.
   subroutine add_inseparable(self, system, b, jacobian)
     class(balance_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system

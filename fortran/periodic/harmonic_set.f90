@@ -1,12 +1,11 @@
-!> Which harmonics a periodic solution keeps, how many samples of a period
-!! that takes, and the passage between the two (Fourier alternation).
+!> The harmonics of a periodic solution, the number of samples per period, and the transforms
+!! between them (alternating frequency/time method).
 !!
-!! u(t) = Im sum_k X_k exp(i k nu t), the mean being Im X_0. With half-wave
-!! symmetry, u(t + T/2) = -u(t), only odd orders and half a period are kept.
-!! A force of degree d in harmonics up to K reaches order dK; a period of N
-!! samples folds it back below K only for N <= (d+1)K, so N > (d+1)K keeps the
-!! kept harmonics free of aliasing. For the few dozen samples of one period a
-!! table of sines beats an FFT, above all for several solutions at once.
+!! u(t) = Im sum_k X_k exp(i k nu t), where Im X_0 is the mean. With half-wave symmetry, u(t + T/2)
+!! = -u(t), the set contains only odd orders and half a period. A force of degree d in harmonics up
+!! to K reaches order dK. A period of N samples aliases it below K only for N <= (d+1)K, so N >
+!! (d+1)K prevents aliasing of the included harmonics. For the few dozen samples of a period a table
+!! of sines is faster than an FFT, above all for several solutions at once.
 module viscovib_harmonic_set
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -16,16 +15,16 @@ module viscovib_harmonic_set
 
   public :: harmonic_set_type, new_harmonic_set
 
-  !> Samples of a period for each order, of forces that are no polynomials.
+  !> Samples per period and order, for forces that are not polynomials.
   integer, parameter, public :: samples_of_laws = 8
 
   type :: harmonic_set_type
-    !> Orders kept, ascending.
+    !> Included orders, ascending.
     integer, allocatable :: orders(:)
     logical :: half_wave = .false.
     !> Samples of half a period (half_wave) or of a period.
     integer :: n_samples = 0
-    !> Shapes (2*size(orders), n_samples) and its counterpart back.
+    !> Shape (2*size(orders), n_samples), and the inverse transform.
     real(wp), allocatable :: synthesis(:, :), analysis(:, :)
   contains
     procedure :: to_samples
@@ -36,7 +35,7 @@ module viscovib_harmonic_set
 
 contains
 
-  !> Rows before those with an equation: the mean has no real part, which is held at 0.
+  !> Number of rows without an equation: the mean has no real part, which is fixed at 0.
   pure integer function held(self)
     class(harmonic_set_type), intent(in) :: self
     held = merge(1, 0, self%orders(1) == 0)
@@ -47,8 +46,8 @@ contains
     !> Highest order K >= 1; lowered by one if even under half-wave symmetry.
     integer, intent(in) :: highest
     logical, intent(in) :: half_wave
-    !> Degree of the force; 0: not a polynomial. Then twice the samples of a
-    !! cubic are taken, which leaves aliasing of the order of u^7.
+    !> Degree of the force; 0: not a polynomial. Then the number of samples is twice that of a
+    !! cubic, with an aliasing error of the order of u^7.
     integer, intent(in) :: degree
     real(wp), allocatable :: sines(:), cosines(:)
     integer :: k, s, i, n, period, j
@@ -87,7 +86,7 @@ contains
   !> Samples of one coordinate from its harmonics.
   pure subroutine to_samples(self, harmonics, samples)
     class(harmonic_set_type), intent(in) :: self
-    !> Real and imaginary parts by turns, shape (n_lanes, 2*size(orders)).
+    !> Alternating real and imaginary parts, shape (n_lanes, 2*size(orders)).
     real(wp), intent(in) :: harmonics(n_lanes, 2*size(self%orders))
     real(wp), intent(out) :: samples(n_lanes, self%n_samples)
     call lane_product(2*size(self%orders), self%n_samples, harmonics, self%synthesis, samples)
@@ -101,15 +100,15 @@ contains
     call lane_product(self%n_samples, 2*size(self%orders), samples, self%analysis, harmonics)
   end subroutine to_harmonics
 
-  !> A motion at the samples, and behind it the rates of some coordinates.
+  !> A motion at the samples, followed by the rates of some coordinates.
   pure subroutine sample(self, nu, x, u, rates)
     class(harmonic_set_type), intent(in) :: self
     real(wp), intent(in) :: nu
-    !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
+    !> Harmonics, alternating real and imaginary parts, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
     !> Shape (n_samples, n_dof + n_rates).
     real(wp), intent(inout), contiguous :: u(:, :)
-    !> None if absent, or not allocated.
+    !> No rates if absent or not allocated.
     integer, intent(in), optional :: rates(:)
     real(wp) :: parts(size(x, 1))
     integer :: b

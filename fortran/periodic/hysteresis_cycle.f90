@@ -1,13 +1,12 @@
-!> Elements with hysteresis over a cycle of a motion d, exactly.
+!> Elements with hysteresis over a cycle of a deflection d, without sampling error.
 !!
-!! States follow d from one turning point to the next whatever lies between, so that the cycle that
-!! repeats is known from the deflections at these (`viscovib_hysteresis_loop`). From there the force
-!! is integrated over pieces that end where d turns or a state has a kink. A state in the stretch
-!! after a turning point t moves by
+!! The states depend only on the deflections at the turning points of d. These determine the
+!! periodic cycle (`viscovib_hysteresis_loop`). The force is then integrated over pieces that end
+!! where d turns or a state has a kink. In the stretch after a turning point t, a state changes by
 !!
 !!   dz = p dz_t + z' (dd - dd_t),   p = dz/dz_t,   z' = dz/dd,
 !!
-!! and a turning point that moves in time moves nothing, as d' = 0 there.
+!! and a displacement of a turning point in time has no effect, as d' = 0 there.
 module viscovib_hysteresis_cycle
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -26,10 +25,10 @@ module viscovib_hysteresis_cycle
   !> Shortest piece, in units of the longest one.
   real(wp), parameter :: shortest = 1.0e-4_wp
 
-  !> What the derivatives of the force along a motion are made of.
+  !> Sums that give the derivatives of the force along a motion.
   type :: cycle_sums
-    !> Moments of the tangent stiffness, shape (-reach:reach), and what the past adds to the
-    !! derivatives of the harmonics, (n_parts, n_parts).
+    !> Moments of the tangent stiffness, shape (-reach:reach), and the contribution of earlier
+    !! states to the derivatives of the harmonics, (n_parts, n_parts).
     real(wp), allocatable :: c(:), s(:), past(:, :)
   end type cycle_sums
 
@@ -50,15 +49,15 @@ contains
     at = wave_sum(self%set, self%y, theta) - self%level
   end function at
 
-  !> Harmonics of the force without its linear part at rest, what is lost in a period, and
-  !! derivatives.
+  !> Harmonics of the force without its linear part at zero deflection, the energy lost in a period,
+  !! and derivatives.
   subroutine run_cycle(element, set, y, parts, lost, multiplier, sums)
     class(hysteresis_type), intent(in) :: element
     type(harmonic_set_type), intent(in), target :: set
     !> Harmonics of the deflection, shape (n_parts).
     real(wp), intent(in) :: y(:)
     real(wp), intent(out) :: parts(:), lost
-    !> What is left of a state after the cycle, shape (n_states).
+    !> Factor by which a perturbation of a state changes over the cycle, shape (n_states).
     real(wp), intent(out) :: multiplier(:)
     type(cycle_sums), intent(inout), optional :: sums
     type(phase_list) :: turns
@@ -88,7 +87,7 @@ contains
       left = z
       call stretch(element, set, y, turns%theta(i), to, d(i), waves(:, i), z, state_by_y, parts, &
                    sums)
-      ! The end of the stretch follows from its beginning.
+      ! Advance from the turning point to the next one in one step.
       z = left
       if (i < n) then
         call element%advance(d(i + 1) - d(i), z, by_z, by_change, work)
@@ -124,7 +123,7 @@ contains
     allocate (sums%c(-reach:reach), sums%s(-reach:reach), sums%past(n, n), source=0.0_wp)
   end subroutine clear
 
-  !> The beginning of the cycle, and where d turns back.
+  !> Phases of the start of the cycle and of the turning points of d.
   subroutine find_turns(set, y, turns)
     type(harmonic_set_type), intent(in), target :: set
     real(wp), intent(in) :: y(:)
@@ -147,15 +146,15 @@ contains
     end do
   end subroutine find_turns
 
-  !> From a turning point to the next; the states are left somewhere near its end.
+  !> From a turning point to the next; on return the states are near its end.
   subroutine stretch(element, set, y, from, to, d_from, waves, z, state_by_y, parts, sums)
     class(hysteresis_type), intent(in) :: element
     type(harmonic_set_type), intent(in), target :: set
     real(wp), intent(in) :: y(:), from, to, d_from
-    !> Of the beginning, shape (n_parts).
+    !> Basis functions at the start of the stretch, shape (n_parts).
     real(wp), intent(in) :: waves(:)
     real(wp), intent(inout) :: z(:)
-    !> How the states at the beginning move with the motion, shape (n_states, n_parts).
+    !> Derivatives of the initial states by the harmonics, shape (n_states, n_parts).
     real(wp), intent(in) :: state_by_y(:, :)
     real(wp), intent(inout) :: parts(:)
     type(cycle_sums), intent(inout), optional :: sums
@@ -224,7 +223,7 @@ contains
     end do
   end subroutine stretch
 
-  !> Where states have kinks on the way.
+  !> Phases of kinks of the states.
   subroutine find_kinks(element, set, y, from, to, d_from, z, ends)
     class(hysteresis_type), intent(in) :: element
     type(harmonic_set_type), intent(in), target :: set

@@ -1,15 +1,15 @@
-!> What a jump of a force law does to disturbances of a motion that passes through it.
+!> Effect of a jump of a force law on perturbations of a motion.
 !!
-!! Where a signal h(s) passes zero at the phase theta and the force jumps by f_+ - f_-, the state
-!! keeps its value and its rate jumps, by dF = -B w (f_+ - f_-). A neighbour arrives earlier or
-!! later, and leaves by
+!! Where a signal h(s) crosses zero at the phase theta and the force jumps by f_+ - f_-, the state
+!! is continuous and its rate jumps, by dF = -B w (f_+ - f_-). A perturbed motion crosses earlier or
+!! later. The perturbation is multiplied by
 !!
 !!   S = 1 + dF g^T/h'_-,     g = dh/ds,   h'_+ = h'_- + g^T dF
 !!
 !! (Leine, Nijmeijer, Dynamics and bifurcations of non-smooth mechanical systems, 2004, 7.1). The
-!! harmonics of a rate that jumps add up to the middle of the jump there, so h'_-+ are the sum of
-!! harmonics minus and plus half of the jump. Where they have opposite signs the motion stays on the
-!! surface; where one is small against the jump, orders left out decide: neither is judged.
+!! Fourier series of a rate that jumps converges to the middle of the jump, so h'_-+ are its sum
+!! minus and plus half of the jump. If they have opposite signs the motion slides on the surface; if
+!! one is small compared with the jump, omitted harmonics matter. The map is then unknown.
 module viscovib_jump_maps
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -27,24 +27,24 @@ module viscovib_jump_maps
 
   public :: jump_map, find_jumps, may_jump
 
-  !> On either side of a jump, in radians; and what counts as one, in parts of the law's largest
-  !! value.
+  !> Distance of the evaluations on both sides of a jump, in radians; smallest jump, relative to the
+  !! law's largest value.
   real(wp), parameter :: beside = 1.0e-7_wp, least_jump = 1.0e-5_wp
-  !> A surface is passed where its signal's rates are more than this part of their jump.
+  !> A crossing is clear if the rates of its signal exceed this fraction of their jump.
   real(wp), parameter :: clear = 0.05_wp
 
-  !> The matrix S (n, n) of the rest at a phase.
+  !> The matrix S (n, n) of the linear subsystem at a phase.
   type :: jump_map
     real(wp) :: theta = 0.0_wp
     real(wp), allocatable :: s(:, :)
     logical, private :: passed = .false.
-    !> Whether it was applied.
+    !> True if the map has been applied.
     logical :: done = .false.
   end type jump_map
 
 contains
 
-  !> Whether some law of the system can jump.
+  !> True if some law of the system can jump.
   pure logical function may_jump(system)
     class(oscillator_type), intent(in) :: system
     integer :: i
@@ -58,8 +58,8 @@ contains
     end select
   end function may_jump
 
-  !> The jumps on the way of a motion. Not `known`: it stays on a surface, or grazes one, or two
-  !! laws jump at once.
+  !> The jumps along a motion. `known` is false if the motion slides on a surface or grazes one, or
+  !! if two laws jump at the same phase.
   subroutine find_jumps(system, set, x, mu, maps, known, rest)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
@@ -67,7 +67,7 @@ contains
     real(wp), intent(in) :: x(:, :), mu(:)
     type(jump_map), allocatable, intent(out) :: maps(:)
     logical, intent(out) :: known
-    !> Not there: all that is asked is whether there are jumps.
+    !> If absent, the result only shows whether there are jumps.
     type(linear_rest), intent(in), optional :: rest
     real(wp), allocatable :: y(:, :), scan(:, :), f(:)
     type(law_program), allocatable :: signals(:)
@@ -103,7 +103,7 @@ contains
     end select
   end subroutine find_jumps
 
-  !> Harmonics of the derivative in time.
+  !> Harmonics of the time derivative.
   pure function turned(x, mu) result(rate)
     real(wp), intent(in) :: x(:, :), mu(:)
     real(wp) :: rate(size(x, 1), size(x, 2))
@@ -111,7 +111,7 @@ contains
     rate(2::2, :) = spread(mu, 2, size(x, 2))*x(1::2, :)
   end function turned
 
-  !> The map at a phase where a signal of law i passes zero; none if the law does not jump there.
+  !> The map at a phase where a signal of law i crosses zero; none if the law does not jump there.
   subroutine one_jump(system, i, set, y, mu, theta, signal, size_of, one, rest)
     class(polynomial_type), intent(in) :: system
     integer, intent(in) :: i

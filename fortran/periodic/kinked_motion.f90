@@ -1,17 +1,17 @@
-!> Disturbances of a motion whose force laws have kinks or states, over a period.
+!> Perturbations of a motion whose force laws have kinks or states, over a period.
 !!
-!! The linear rest is written as s' = A_0 s - B f with the coordinates y = Y s. A disturbance feels
+!! With the linear subsystem s' = A_0 s - B f and coordinates y = Y s, a perturbation obeys
 !!
 !!   s' = A_0 s - B S(t) (Y s, Y A_0 s) - B w z,   z_j' = g_z v z_j + g (d/dt)(e . Y s),
 !!
-!! Of a sum of exponentials each is a state too: a variable w that remembers acts as
-!! w - sum_l weight_l m_l, m_l' = w - rate_l m_l.
+!! For a sum of exponentials each term is a state too: a variable w with memory acts as w - sum_l
+!! weight_l m_l, m_l' = w - rate_l m_l.
 !!
-!! S being the derivatives of the laws along the motion and z the states of elements with
-!! hysteresis. All of it is smooth between the phases at which a law changes its branch. There a
-!! continuous law lets a disturbance through unchanged; a slider that begins to slide forgets it,
-!! z_j = 0, and so its multiplier is exactly 0. One that sticks all the time is a spring: that it
-!! might stick elsewhere as well is a multiplier 1, which is left out.
+!! S contains the derivatives of the laws along the motion, z the states of elements with
+!! hysteresis. All terms are smooth between the phases at which a law changes its branch. There a
+!! continuous law does not change a perturbation. A slider that begins to slide loses its
+!! perturbation, z_j = 0, so its multiplier is exactly 0. A slider that always sticks is a spring;
+!! its multiplier 1, for a different sticking position, is omitted.
 module viscovib_kinked_motion
   use viscovib_constants, only: pi
   use viscovib_cycle_terms, only: has_kinks
@@ -36,13 +36,13 @@ module viscovib_kinked_motion
 
   public :: element_along, is_kinked, linear_rest, new_rest, prepare_elements
 
-  !> The rest without the laws, and its outputs.
+  !> The linear subsystem without the laws, and its outputs.
   type :: linear_rest
     !> A_0 (n, n), B (n, n_dof), Y and Y A_0 (n_dof, n).
     real(wp), allocatable :: a(:, :), b(:, :), y(:, :), rate(:, :)
-    !> Which variable each state of memory, the last of s, remembers.
+    !> Index of the variable of each memory state; these are the last states of s.
     integer, allocatable :: remembers(:)
-    !> Of the fastest mode (rad/s), by which rates are divided among the states.
+    !> Frequency of the fastest mode (rad/s), which scales rates among the states.
     real(wp) :: fastest = 0.0_wp
   end type linear_rest
 
@@ -52,21 +52,21 @@ module viscovib_kinked_motion
     integer :: law = 0
     !> Harmonics of its deflection.
     real(wp), allocatable :: d(:)
-    !> States and deflection at the place reached; states at the beginning; which never slide.
+    !> States and deflection at the present phase; states at the start; states that never slide.
     real(wp), allocatable :: z(:), start(:)
     real(wp) :: at = 0.0_wp
     logical, allocatable :: sticks(:)
   end type element_along
 
-  !> A state that keeps this of itself over a cycle, but for rounding, sticks.
+  !> A state whose multiplier differs from 1 by less than this sticks.
   real(wp), parameter :: as_one = 1.0e-6_wp
-  !> States of a rest at most.
+  !> Largest number of states of the linear subsystem.
   integer, parameter :: most_states = 40
 
 contains
 
-  !> True for systems that are treated so: laws with kinks, jumps or states, without memory or with
-  !! sums of exponentials that fade.
+  !> True for systems that this method treats: laws with kinks, jumps or states, without memory or
+  !! with sums of decaying exponentials.
   logical function is_kinked(system)
     class(oscillator_type), intent(in) :: system
 
@@ -78,7 +78,7 @@ contains
     end select
   end function is_kinked
 
-  !> Whether all memory is that of exponentials that fade.
+  !> True if all memory is a sum of decaying exponentials.
   logical function fade(system)
     class(oscillator_type), intent(in) :: system
     integer :: j
@@ -97,7 +97,7 @@ contains
     end do
   end function fade
 
-  !> As a system of first order; not found where its modes are no real ones of a few.
+  !> First-order form of the linear subsystem; `found` is false without a small set of real modes.
   subroutine new_rest(rest, system, found)
     type(linear_rest), intent(out) :: rest
     class(oscillator_type), intent(in) :: system
@@ -164,11 +164,11 @@ contains
     call add_memory(rest, system, found)
   end subroutine new_rest
 
-  !> Exponentials as states behind the others.
+  !> Append the exponentials as states.
   subroutine add_memory(rest, system, found)
     type(linear_rest), intent(inout) :: rest
     class(oscillator_type), intent(in) :: system
-    !> Not where they are too many.
+    !> Set to false if there are too many states.
     logical, intent(inout) :: found
     real(wp), allocatable :: weights(:), rates(:), all_weights(:), all_rates(:), a(:, :)
     integer :: i, j, n, m
@@ -200,7 +200,7 @@ contains
     rest%rate = wider(rest%rate, m)
   end subroutine add_memory
 
-  !> With further columns of 0.
+  !> Append columns of zeros.
   pure function wider(columns, more) result(whole)
     real(wp), intent(in) :: columns(:, :)
     integer, intent(in) :: more
@@ -209,7 +209,7 @@ contains
     whole(:, :size(columns, 2)) = columns
   end function wider
 
-  !> Elements along a motion, and all phases at which something changes its branch.
+  !> Elements along a motion, and all phases at which a law changes its branch.
   subroutine prepare_elements(system, set, x, mu, elements, breaks)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
@@ -254,7 +254,7 @@ contains
     if (.not. allocated(elements)) allocate (elements(0))
   end subroutine prepare_elements
 
-  !> The cycle that repeats, its turning points and its kinks.
+  !> The periodic cycle of an element, its turning points and its kinks.
   subroutine start_element(one, set, breaks)
     type(element_along), intent(inout) :: one
     type(harmonic_set_type), intent(in) :: set

@@ -1,11 +1,11 @@
-!> Floquet multipliers of motions with laws that kink or jump and elements with states, the latter
-!! with sums of exponentials too.
+!> Floquet multipliers of motions with laws that kink or jump and elements with states, also with
+!! sums of exponentials.
 !!
-!! Disturbances (`viscovib_kinked_motion`) are integrated from one phase at which a law changes its
-!! branch to the next, over pieces on which the equation Y' = A(t) Y is solved at the sixteen points
-!! of Gauss, Y = Y_0 + integral of A Y, by iteration; a piece that sixteen points do not resolve is
-!! halved. Where laws are straight between their kinks, as a gap, A does not change on a piece, and
-!! Y = exp(A t) Y_0 by its series. A jump on the way is a map of its own (`viscovib_jump_maps`).
+!! Perturbations (`viscovib_kinked_motion`) are integrated between the phases at which a law changes
+!! its branch. On each piece Y' = A(t) Y is solved at the sixteen Gauss points, Y = Y_0 + integral
+!! of A Y, by iteration. A piece that sixteen points do not resolve is halved. With piecewise linear
+!! laws, such as a gap, A is constant on a piece, and Y = exp(A t) Y_0 by its series. A jump is
+!! applied as a separate map (`viscovib_jump_maps`).
 module viscovib_kinked_stability
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
@@ -24,26 +24,26 @@ module viscovib_kinked_stability
 
   public :: kinked_multipliers
 
-  !> Angle that the fastest mode turns in a piece at most, iterations, and pieces.
+  !> Largest phase angle of the fastest mode in a piece; tolerance, iterations, and pieces.
   real(wp), parameter :: angle_a_piece = 1.5_wp, settled = 1.0e-14_wp
   integer, parameter :: most_turns = 60, most_pieces = 4000
-  !> Terms of a series, and their size, beyond which these cancel each other.
+  !> Limits of the exponential series: number of terms, and their size; beyond it they cancel.
   integer, parameter :: most_terms = 30
   real(wp), parameter :: largest_term = 1.0e12_wp
 
 contains
 
-  !> Eigenvalues over a period, or minus half a one under half-wave symmetry, largest first.
+  !> Multipliers over a period, or -1 times the half-period ones (half-wave), largest first.
   subroutine kinked_multipliers(system, set, nu, x, roots, found, jumps)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     !> Frequency (rad/s); harmonics, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), allocatable, intent(out) :: roots(:)
-    !> Not where the rest is too large or no sum of real modes, or the motion stays where a law
-    !! jumps.
+    !> False if the linear subsystem is too large or has no real modes, or if the motion slides on a
+    !! surface where a law jumps.
     logical, intent(out) :: found
-    !> Whether a law jumps on the way, which nothing else here judges.
+    !> True if a law jumps along the motion; no other method here treats this.
     logical, intent(out) :: jumps
     type(linear_rest) :: rest
     type(element_along), allocatable :: elements(:)
@@ -99,7 +99,7 @@ contains
     call take_roots(y, size(rest%a, 1), elements, set%half_wave, roots, found)
   end subroutine kinked_multipliers
 
-  !> Apply the jumps at a phase, each once.
+  !> Apply the jumps at a phase, each of them once.
   subroutine pass_jumps(maps, theta, y)
     type(jump_map), intent(inout) :: maps(:)
     real(wp), intent(in) :: theta
@@ -143,7 +143,7 @@ contains
     real(wp), intent(in) :: nu, x(:, :), integral(:, :), from, to
     type(linear_rest), intent(in) :: rest
     type(element_along), intent(inout) :: elements(:)
-    !> Whether the piece is taken as it is.
+    !> True if the piece is accepted without a further check.
     logical, intent(in) :: last
     real(wp), intent(inout) :: y(:, :)
     logical, intent(out) :: done
@@ -206,7 +206,7 @@ contains
     call to_end(set, elements, to)
   end subroutine one_piece
 
-  !> Whether the equations are the same at all points.
+  !> True if the equations are the same at all points.
   pure logical function is_constant(a)
     real(wp), intent(in) :: a(:, :, :)
     integer :: i
@@ -217,7 +217,7 @@ contains
     is_constant = .true.
   end function is_constant
 
-  !> y becomes exp(a) y, unless its series is too long to be exact.
+  !> y becomes exp(a) y, unless the series needs too many terms.
   pure subroutine along_exponential(a, y, done)
     real(wp), intent(in) :: a(:, :)
     real(wp), intent(inout) :: y(:, :)
@@ -236,7 +236,7 @@ contains
     if (done) y = total
   end subroutine along_exponential
 
-  !> Elements from the last point on to the end of a piece.
+  !> Advance the elements from the last point to the end of a piece.
   subroutine to_end(set, elements, theta)
     type(harmonic_set_type), intent(in) :: set
     type(element_along), intent(inout) :: elements(:)
@@ -256,8 +256,8 @@ contains
     end do
   end subroutine to_end
 
-  !> A(t) at the points, elements being brought along; disturbances of states that begin to slide
-  !! are taken out.
+  !> A(t) at the points; advances the elements, and sets perturbations of states that begin to slide
+  !! to 0.
   subroutine matrices(system, set, nu, x, rest, elements, from, to, a, y)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
@@ -309,7 +309,7 @@ contains
     end do
   end subroutine matrices
 
-  !> What one element adds; its states stand behind the first n.
+  !> Add the contribution of one element; its states follow the first n.
   subroutine add_element(system, panel, set, nu, rest, one, n, a, y)
     class(oscillator_type), intent(in) :: system
     type(panel_type), intent(in) :: panel
@@ -364,7 +364,7 @@ contains
     end do
   end subroutine add_element
 
-  !> Eigenvalues without those of states that stick.
+  !> Eigenvalues without the states that stick.
   subroutine take_roots(y, n, elements, half_wave, roots, found)
     real(wp), intent(in) :: y(:, :)
     integer, intent(in) :: n

@@ -1,9 +1,9 @@
 !> Force laws over a cycle, integrated from one kink or jump to the next.
 !!
 !! Harmonics of f(a(theta)) along a motion a are integrals over the pieces between the phases at
-!! which the law changes its branch, each halved until sixteen Gauss points resolve it. Where f
-!! jumps at a phase t, g(a(t)) = 0, the harmonics move with the motion by what t does,
-!! dt = -dg/(dg/dtheta), times the jump.
+!! which the law changes its branch. Each piece is halved until sixteen Gauss points resolve it. If
+!! f jumps at a phase t, g(a(t)) = 0, the harmonics change by the displacement of t, dt =
+!! -dg/(dg/dtheta), times the jump.
 module viscovib_law_cycle
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -19,18 +19,17 @@ module viscovib_law_cycle
 
   public :: find_switches, law_parts, law_slopes, law_sums
 
-  !> Shortest piece, in units of the longest one, and how close to a jump it is evaluated.
+  !> Shortest piece, in units of the longest one, and distance of evaluations from a jump.
   real(wp), parameter :: shortest = 1.0e-5_wp, beside = 1.0e-8_wp
-  !> Pieces that are tried before the remaining part is accepted: points do not resolve rounding
-  !! errors.
+  !> Number of pieces after which all are accepted: points do not resolve rounding errors.
   integer, parameter :: most_pieces = 400
 
-  !> What the derivatives of a law along a motion are made of.
+  !> Sums that give the derivatives of a law along a motion.
   type :: law_sums
     !> Moments of the derivatives by each argument, shape (-reach:reach, n_arguments).
     real(wp), allocatable :: c(:, :), s(:, :)
-    !> What jumps add: derivatives of the harmonics by those of each argument, shape (n_parts,
-    !! n_parts, n_arguments).
+    !> Contribution of jumps: derivatives of the harmonics by those of each argument, shape
+    !! (n_parts, n_parts, n_arguments).
     real(wp), allocatable :: jumps(:, :, :)
     !> Derivative of the harmonics by the motion `along`, shape (n_parts).
     real(wp), allocatable :: along(:)
@@ -66,7 +65,7 @@ contains
     end do
   end function arguments_at
 
-  !> Where a law has a kink or jumps.
+  !> Phases at which a law has a kink or jumps.
   subroutine find_switches(signals, set, y, scan, found)
     type(law_program), intent(in), target :: signals(:)
     type(harmonic_set_type), intent(in), target :: set
@@ -87,12 +86,12 @@ contains
     end do
   end subroutine find_switches
 
-  !> Harmonics of a law along a motion, and where it switches.
+  !> Harmonics of a law along a motion, and its switching phases.
   subroutine law_parts(program, signals, set, y, scan, parts, found)
     type(law_program), intent(in) :: program, signals(:)
     type(harmonic_set_type), intent(in) :: set
-    !> Harmonics of its arguments, shape (n_parts, n_arguments), and these at the samples of the
-    !! set, (n_samples, n_arguments).
+    !> Harmonics of its arguments, shape (n_parts, n_arguments), and the arguments at the samples of
+    !! the set, (n_samples, n_arguments).
     real(wp), intent(in) :: y(:, :), scan(:, :)
     !> Shape (n_parts).
     real(wp), intent(out) :: parts(:)
@@ -105,11 +104,11 @@ contains
     call weigh(set, parts)
   end subroutine law_parts
 
-  !> Their derivatives.
+  !> Derivatives of the harmonics of a law.
   subroutine law_slopes(program, signals, set, y, along, scan, found, sums)
     type(law_program), intent(in) :: program, signals(:)
     type(harmonic_set_type), intent(in) :: set
-    !> As of `law_parts`; and a change of the arguments, shape (n_parts, n_arguments).
+    !> As in `law_parts`; and a change of the arguments, shape (n_parts, n_arguments).
     real(wp), intent(in) :: y(:, :), along(:, :), scan(:, :)
     !> From `law_parts` of this motion.
     type(phase_list), intent(in) :: found
@@ -139,7 +138,7 @@ contains
     type(phase_list), intent(in) :: found
     real(wp), intent(inout) :: parts(:)
     type(law_sums), intent(inout) :: sums
-    !> Present if derivatives are wanted, and no parts.
+    !> If present, derivatives are computed instead of `parts`.
     real(wp), intent(in), optional :: along(:, :)
     type(panel_type) :: panel
     real(wp) :: arguments(nodes, size(y, 2)), f(nodes), slopes(nodes, size(y, 2)), moved(nodes)
@@ -194,7 +193,7 @@ contains
     end do
   end subroutine over_pieces
 
-  !> What jumps add to the derivatives.
+  !> Add the contribution of jumps to the derivatives.
   subroutine add_jumps(program, signals, set, y, along, found, sums)
     type(law_program), intent(in) :: program, signals(:)
     type(harmonic_set_type), intent(in) :: set

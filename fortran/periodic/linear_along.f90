@@ -1,12 +1,12 @@
-!> The matrices of small disturbances along periodic solutions without memory,
+!> The matrices of small perturbations along periodic solutions without memory,
 !!
 !!   M y'' + C(t) y' + K(t) y = 0,   K(t) = dF/du, C(t) = C + dF/du' along the solution,
 !!
-!! several solutions side by side in the lanes, at the nodes of equal steps h: h^2 M^-1 K, and h D
-!! with D = M^-1 C. Coordinates times the root of their mass have one unit.
+!! for several solutions in the vector lanes, at the nodes of equal steps h: h^2 M^-1 K, and h D
+!! with D = M^-1 C. Coordinates times the root of their mass have the same unit.
 !!
-!! Of a condensed structure y are its few coordinates in units that make the masses 1, or real
-!! modes. They deflect its elements by d = S^T y, which push them by -P g(d, d'), so that
+!! For a condensed structure y are its few coordinates in units of mass 1, or its real modes. They
+!! deflect its elements by d = S^T y, whose forces are -P g(d, d'), so that
 !!
 !!   y'' + C y' + K y + P [dg/dd S^T y + dg/dd' S^T y'] = 0.
 module viscovib_linear_along
@@ -21,22 +21,22 @@ module viscovib_linear_along
 
   public :: along_type, counts_first, few_modes_of, new_along
 
-  !> Modes of a structure up to which its disturbances may be integrated, and those more for each
-  !! deflection beyond the first.
+  !> Largest number of modes of a structure whose perturbations are integrated, and the additional
+  !! number for each deflection beyond the first.
   integer, parameter :: few_modes = 12, modes_a_deflection = 6, most_modes = 24
-  !> Modes up to which this is quicker than counting exponents, and squares of frequencies of rigid
-  !! modes, relative to the largest.
+  !> Up to this number of modes integration is faster than counting exponents; limit of squared
+  !! frequencies of rigid modes, relative to the largest.
   integer, parameter :: quick_modes = 4
   real(wp), parameter :: rigid = 1.0e-6_wp
 
   type :: along_type
-    !> Disturbed coordinates, and those of the solution.
+    !> Number of perturbed coordinates, and of coordinates of the solution.
     integer :: n_dof = 0, n_seen = 0
-    !> Upper bound of the linear frequencies and of the rates of damping (1/s).
+    !> Upper bound of the linear frequencies and of the damping rates (1/s).
     real(wp) :: fastest = 0.0_wp
-    !> sqrt(M_aa), and D in such units.
+    !> sqrt(M_aa), and D in these units.
     real(wp), allocatable :: unit(:), damping(:, :)
-    !> Coordinates of the solution whose rates matter.
+    !> Coordinates of the solution whose rates occur in laws.
     integer, allocatable :: rates(:)
     !> h^2 M^-1 K at the nodes, and h D if it varies, shape (n, n_dof, n_dof).
     real(wp), allocatable :: stiffness(:, :, :), drags(:, :, :)
@@ -55,8 +55,8 @@ module viscovib_linear_along
 
 contains
 
-  !> How many coordinates or real modes the disturbances of a structure have; 0: too many, or with
-  !! memory, or with states of elements.
+  !> Number of coordinates or real modes for the perturbations of a structure; 0: too many, or
+  !! memory, or states of elements.
   integer function few_modes_of(system) result(n)
     class(structure_type), intent(in) :: system
     integer :: room
@@ -77,7 +77,7 @@ contains
     if (n > room) n = 0
   end function few_modes_of
 
-  !> Whether counting exponents is quicker than integrating the modes of a structure: with one
+  !> True if counting exponents is faster than integrating the modes of a structure: with one
   !! deflection, and without rigid modes.
   logical function counts_first(system)
     class(structure_type), intent(in) :: system
@@ -153,7 +153,7 @@ contains
     self%rest = self%rest + matmul(self%spread, matmul(system%gather, transpose(self%modes)))
   end subroutine take_modes
 
-  !> For so many nodes.
+  !> Allocate arrays for a number of nodes.
   subroutine make_room(self, system, n_nodes)
     class(along_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -172,17 +172,17 @@ contains
     end if
   end subroutine make_room
 
-  !> At some nodes of the steps h of each lane.
+  !> Compute the matrices at some nodes of the steps h of each lane.
   subroutine fill(self, system, orders, x, synthesis, phase, h)
     class(along_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: orders(:)
-    !> Harmonics of the solutions, shape (n_lanes, 2 n_orders, n_seen), and their part in the
+    !> Harmonics of the solutions, shape (n_lanes, 2 n_orders, n_seen), and the synthesis matrix to
     !! samples at the nodes, shape (2 n_orders, n).
     real(wp), intent(in), contiguous :: x(:, :, :), synthesis(:, :)
-    !> Of a step (rad).
+    !> Phase angle of a step (rad).
     real(wp), intent(in) :: phase
-    !> 0: no solution.
+    !> 0: no solution in this lane.
     real(wp), intent(in) :: h(n_lanes)
     real(wp) :: rate(n_lanes, size(x, 2)), per_time(n_lanes)
     integer :: a, b, j, k, n
@@ -241,7 +241,7 @@ contains
 
   contains
 
-    !> What variable j does to all by a disturbance of coordinate b.
+    !> Add the effect of variable j under a perturbation of coordinate b.
     pure subroutine add(slope, b, matrices)
       real(wp), intent(in) :: slope(:)
       integer, intent(in) :: b
@@ -281,7 +281,7 @@ contains
     end do
   end function slope
 
-  !> M^(-1) dF/du where F(u, v) bends in v too.
+  !> M^(-1) dF/du if F(u, v) is nonlinear in v too.
   subroutine inseparable(self, system)
     class(along_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system

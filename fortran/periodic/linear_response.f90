@@ -26,13 +26,13 @@ contains
     integer, intent(in) :: orders(:)
     !> Shape (n).
     real(wp), intent(in) :: nu(:)
-    !> What memory retains, shape (n, n_memory, size(orders)).
+    !> Memory factors 1 - Rhat, shape (n, n_memory, size(orders)).
     complex(wp), intent(out) :: fraction(:, :, :)
     !> Shape (n_dof, n_dof, n, size(orders)).
     complex(wp), intent(out) :: compliance(:, :, :, :)
-    !> Some order has a singular stiffness, shape (n).
+    !> True if an order has a singular stiffness, shape (n).
     logical, intent(out) :: singular(:)
-    !> From `slopes_by_rate`, where D is to hold these.
+    !> From `slopes_by_rate`, if D includes these terms.
     real(wp), intent(in), optional :: by_rate(:, :)
     complex(wp) :: stiffness(system%n_dof(), system%n_dof(), size(nu))
     logical :: bad
@@ -51,9 +51,9 @@ contains
     end do
   end subroutine compliance_table
 
-  !> Derivatives of the hereditary variables by the rates at rest, shape (n_memory, n_dof). Of laws
-  !! without a kernel they are damping, and 0 here; behind a kernel they are part of the law, since
-  !! what is remembered is no damping.
+  !> Derivatives of the hereditary variables by the rates at zero, shape (n_memory, n_dof). Without
+  !! a kernel these terms are part of the damping, and 0 here. With a kernel they are part of the
+  !! law, since memory acts on them.
   function slopes_by_rate(system) result(by_rate)
     class(oscillator_type), intent(in) :: system
     real(wp) :: by_rate(system%n_memory(), system%n_dof())
@@ -90,8 +90,8 @@ contains
     end do
   end subroutine add_rates
 
-  !> X_k = D(k nu)^(-1) P_k for the orders of the load, the only ones that a
-  !! linear system answers with. D holds what is linear in rates in laws with a kernel.
+  !> X_k = D(k nu)^(-1) P_k for the orders of the load, the only orders in the response of a linear
+  !! system. D includes the terms linear in rates of laws with a kernel.
   subroutine linear_response(system, load, nu, response)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load

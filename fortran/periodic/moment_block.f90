@@ -1,7 +1,7 @@
 !> Harmonics of slope(t) times each basic motion, from the Fourier moments of the slope.
 !!
-!! Products of two basic motions are sums of two others, so that these moments are enough; at the
-!! samples that is an identity, aliasing and all.
+!! Products of two basic motions are sums of two basic motions, so these moments suffice; for the
+!! sampled equations this is exact, including aliasing.
 module viscovib_moment_block
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
@@ -22,7 +22,7 @@ contains
     integer :: i, j, k, l, row, column, middle, shift
 
     middle = (size(c) + 1)/2
-    ! Half of what is even, for strides of 2.
+    ! Even differences are halved, for strides of 2.
     shift = merge(1, 0, set%half_wave)
     do j = 1, size(set%orders)
       l = set%orders(j)
@@ -41,7 +41,7 @@ contains
     end do
   end subroutine add_sandwich_of
 
-  !> Derivatives by motions of which only the rate is read: sin k nu t has the rate k nu cos k nu t.
+  !> Derivatives through rates: sin k nu t has the rate k nu cos k nu t.
   pure function rate_columns(mu, block) result(turned)
     real(wp), intent(in) :: mu(:), block(:, :)
     real(wp) :: turned(size(block, 1), size(block, 2))

@@ -1,13 +1,13 @@
-!> Steps of y'' + D y' + K(t) y = 0 by Gauss collocation, a system in every lane.
+!> Steps of y'' + D y' + K(t) y = 0 by Gauss collocation, one system in each lane.
 !!
 !! With tau = t/h in a step, w = h y' and accelerations a_i at the nodes c_i,
 !!
 !!   a_i + h^2 K_i sum_j A2_ij a_j + h D sum_j A_ij a_j = -[h^2 K_i (q + c_i w) + h D w],
 !!   q + w + sum_j b_j (1 - c_j) a_j -> q,   w + sum_j b_j a_j -> w,
 !!
-!! A2 = A A (Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3). The linear
-!! equations are solved by elimination without exchanges: steps are so short that the matrix
-!! is near enough to one.
+!! A2 = A A (Hairer, Lubich, Wanner, Geometric Numerical Integration, II.1.3). The linear equations
+!! are solved by elimination without pivoting: the steps are so short that the matrix is close to
+!! the identity.
 module viscovib_monodromy_step
   use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
   use viscovib_kinds, only: wp
@@ -18,14 +18,14 @@ module viscovib_monodromy_step
 
   public :: step_table, new_step_table, advance, advance_drag
 
-  !> Nodes; even, for equations are taken two at a time.
+  !> Number of nodes; even, since equations are eliminated in pairs.
   integer, parameter, public :: n_nodes = 6
 
   type :: step_table
     !> Nodes c, weights b and b (1 - c), A and its square.
     real(wp) :: c(n_nodes) = 0.0_wp, b(n_nodes) = 0.0_wp, b_q(n_nodes) = 0.0_wp
     real(wp) :: a(n_nodes, n_nodes) = 0.0_wp, a_q(n_nodes, n_nodes) = 0.0_wp
-    !> To the last two coefficients of a polynomial through the nodes in Legendre's.
+    !> Give the last two Legendre coefficients of a polynomial through the nodes.
     real(wp) :: last(n_nodes) = 0.0_wp, second_last(n_nodes) = 0.0_wp
   end type step_table
 
@@ -50,20 +50,19 @@ contains
     end do
   end subroutine new_step_table
 
-  !> y after a step, and an estimate of the relative error made in it added to `error`.
-  !!
-  !! The error is what Gauss's rule leaves of the residual times the adjoint solution, whose
-  !! coefficients of degree s in Legendre's polynomials count: both are estimated by the
-  !! fall of the last two of the accelerations.
+  !> Advance y by a step, and add an estimate of its relative error to `error`.
+  !! The error is that of the Gauss rule for the residual times the adjoint solution. It is
+  !! determined by their Legendre coefficients of degree s, which are estimated from the decay of
+  !! the last two coefficients of the accelerations.
   pure subroutine advance(table, n, nodes, first, k, damping, y, g, error)
     type(step_table), intent(in) :: table
-    !> Coordinates, nodes there are, and the first of this step.
+    !> Number of coordinates, number of nodes, and the first node of this step.
     integer, intent(in) :: n, nodes, first
     !> h^2 K at the nodes, and h D.
     real(wp), intent(in) :: k(n_lanes, nodes, n, n), damping(n_lanes, n, n)
-    !> Columns are solutions (q, w).
+    !> Each column is a solution (q, w).
     real(wp), intent(inout) :: y(n_lanes, 2*n, 2*n)
-    !> Room to work in.
+    !> Workspace.
     real(wp), intent(inout) :: g(n_lanes, n_nodes*n, n_nodes*n + 2*n)
     real(wp), intent(inout) :: error(n_lanes)
 
@@ -72,7 +71,7 @@ contains
     call update(table, n, g(1, 1, n_nodes*n + 1), y, error)
   end subroutine advance
 
-  !> The same where D varies: h D at the nodes.
+  !> The same if D varies: h D at the nodes.
   pure subroutine advance_drag(table, n, nodes, first, k, damping, y, g, error)
     type(step_table), intent(in) :: table
     integer, intent(in) :: n, nodes, first
@@ -109,7 +108,7 @@ contains
     call update(table, n, g(1, 1, n_nodes*n + 1), y, error)
   end subroutine advance_drag
 
-  !> The matrix and its right sides.
+  !> The matrix and its right-hand sides.
   pure subroutine assemble(table, n, nodes, first, k, damping, y, g)
     type(step_table), intent(in) :: table
     integer, intent(in) :: n, nodes, first
@@ -131,7 +130,7 @@ contains
     end do
   end subroutine assemble
 
-  !> The accelerations that a solution at the beginning of the step has at the nodes.
+  !> The accelerations at the nodes that follow from the solution at the start of the step.
   pure subroutine fill_right(table, n, nodes, first, k, damping, y, right)
     type(step_table), intent(in) :: table
     integer, intent(in) :: n, nodes, first
@@ -154,7 +153,7 @@ contains
     end do
   end subroutine fill_right
 
-  !> What node j of a coordinate adds to the equations at each node, of each coordinate.
+  !> Contribution of node j of a coordinate to the equations at each node, of each coordinate.
   pure subroutine fill_column(table, n, nodes, first, j, k, damping, g)
     type(step_table), intent(in) :: table
     integer, intent(in) :: n, nodes, first, j
@@ -172,8 +171,8 @@ contains
     end do
   end subroutine fill_column
 
-  !> Solve m equations with r right sides, both even, two by two: the solution takes the
-  !! place of the right sides.
+  !> Solve m equations with r right-hand sides, both even, in blocks of two; the solution overwrites
+  !! the right-hand sides.
   pure subroutine eliminate(m, r, g)
     integer, intent(in) :: m, r
     real(wp), intent(inout) :: g(n_lanes, m, m + r)

@@ -1,10 +1,10 @@
-!> Columns of periodic motions in tables in addition to harmonics: how far off they are as solutions
-!! of their equations, what samples leave of error, and the energy that a motion loses in a period.
+!> Columns of periodic motions in tables in addition to harmonics: error of the solution, sampling
+!! error, and energy lost in a period.
 !!
-!! With the harmonics F_k of all forces and X_k of the motion relative to the base, the energy is
-!! E = pi sum_k k Im(F_k conj(X_k)): of dampers, laws of rates, sliders and memory; springs and
-!! masses give back what they take. Of a structure, whose coordinates stand for more, it is what
-!! the loads feed, with their harmonics P_k in the place of F_k.
+!! With the harmonics F_k of all forces and X_k of the motion relative to the base, the energy is E
+!! = pi sum_k k Im(F_k conj(X_k)). It is lost in dampers, rate laws, sliders and memory; springs and
+!! masses return the energy that they store. For a structure, with its condensed coordinates, it is
+!! the energy supplied by the loads: the formula with their harmonics P_k in place of F_k.
 module viscovib_motion_checks
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -22,12 +22,12 @@ module viscovib_motion_checks
 
 contains
 
-  !> Take the motion of the base away.
+  !> Subtract the motion of the base.
   subroutine relative_motions(system, load, orders, factor, motions)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: orders(:)
-    !> Of the load, of each motion.
+    !> Load factor of each motion.
     real(wp), intent(in) :: factor(:)
     !> Shape (n_orders, n_dof, n).
     complex(wp), intent(inout) :: motions(:, :, :)
@@ -45,16 +45,16 @@ contains
     end do
   end subroutine relative_motions
 
-  !> Relative errors of motions as solutions of their equations; NaN where they are not known.
+  !> Relative errors of motions as solutions of their equations; NaN if unknown.
   subroutine errors_of(system, load, orders, nu, found, highest, linear, motions, errors)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: orders(:)
-    !> Frequency (rad/s), whether it was found, and highest order kept, of each motion.
+    !> Frequency (rad/s), whether it was found, and highest order, of each motion.
     real(wp), intent(in) :: nu(:)
     logical, intent(in) :: found(:)
     integer, intent(in) :: highest(:)
-    !> Whether the motions are those of the forces linearized at rest.
+    !> True if the motions are those of the forces linearized at zero.
     logical, intent(in) :: linear
     !> Relative to the base, shape (n_orders, n_dof, n).
     complex(wp), intent(in) :: motions(:, :, :)
@@ -65,7 +65,7 @@ contains
     integer :: i, k
 
     errors = ieee_value(errors, ieee_quiet_nan)
-    ! Linear motions are those of the load's orders alone.
+    ! Linear motions contain the load's orders only.
     if (linear .and. size(orders) > 0 .and. all(mod(orders, 2) == 1)) then
       allocate (kept, source=[(k, k=1, maxval(orders), 2)])
     else if (linear) then
@@ -85,12 +85,12 @@ contains
     end do
   end subroutine errors_of
 
-  !> Relative errors by the samples of forces; NaN where they are not known.
+  !> Relative errors by the sampling of forces; NaN if unknown.
   subroutine sampling_of(system, load, orders, nu, factor, highest, motions, errors)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: orders(:)
-    !> Frequency (rad/s), factor of the load, and highest order kept, of each motion.
+    !> Frequency (rad/s), load factor, and highest order, of each motion.
     real(wp), intent(in) :: nu(:), factor(:)
     integer, intent(in) :: highest(:)
     !> Relative to the base, shape (n_orders, n_dof, n).
@@ -109,14 +109,14 @@ contains
     end do
   end subroutine sampling_of
 
-  !> Energy that all forces of a system take in a period (J); NaN where no motion was found.
+  !> Energy that all forces of a system absorb in a period (J); NaN if no motion was found.
   subroutine losses_of(system, load, orders, nu, factor, highest, linear, motions, lost)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: nu(:), factor(:)
     integer, intent(in) :: highest(:)
-    !> Whether the motions are those of the forces linearized at rest.
+    !> True if the motions are those of the forces linearized at zero.
     logical, intent(in) :: linear
     complex(wp), intent(in) :: motions(:, :, :)
     real(wp), intent(out) :: lost(:)
@@ -140,7 +140,7 @@ contains
         made = m
       end if
       call balance%set_frequency(system, load, nu(i))
-      ! The forces alone; `moving` systems, whose forces depend on the load, are not asked for.
+      ! Forces only; not for `moving` systems, whose forces depend on the load.
       balance%load_factor = 0.0_wp*factor(i)
       lost(i) = of_forces(balance, system, orders(:m), motions(:m, :, i))
     end do
@@ -187,7 +187,7 @@ contains
     lost = work_of(orders, force, x)
   end function of_linear
 
-  !> Real and imaginary parts by turns.
+  !> Alternating real and imaginary parts.
   pure function unknowns(motion) result(x)
     complex(wp), intent(in) :: motion(:, :)
     real(wp) :: x(2*size(motion, 1), size(motion, 2))

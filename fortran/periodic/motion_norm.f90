@@ -1,4 +1,4 @@
-!> What one periodic solution leaves for the next: its size, and the factors of its
+!> Norms of periodic solutions, and data that one solution passes to the next: the factors of its
 !! derivatives.
 module viscovib_motion_norm
   use viscovib_kinds, only: wp
@@ -9,20 +9,20 @@ module viscovib_motion_norm
 
   public :: largest_norm, newton_factors, share_of_motion, weighted_norm
 
-  !> Factors of the derivatives in the last iteration, as `factorize` leaves them.
+  !> Factors of the derivatives in the last iteration, from `factorize`.
   type :: newton_factors
     real(wp), allocatable :: lu(:, :)
     integer, allocatable :: pivots(:)
-    !> Relative size of the last correction where rounding kept it above the tolerance; else 0.
+    !> Relative size of the last correction if rounding kept it above the tolerance; else 0.
     real(wp) :: rounding = 0.0_wp
   end type newton_factors
 
-  !> A motion that hardly is rounding of the base's.
+  !> A smaller share of the absolute motion is rounding error of the base motion.
   real(wp), parameter :: least_share = epsilon(1.0_wp)
 
 contains
 
-  !> Largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians weigh by
+  !> Largest value of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians are weighted by
   !! inertia.
   pure real(wp) function weighted_norm(system, x) result(norm)
     class(oscillator_type), intent(in) :: system
@@ -39,7 +39,7 @@ contains
       end do
       norm = max(norm, sqrt(system%mass(d, d))*largest)
     end do
-    ! What is not a number may pass unseen through a maximum, but not through a sum.
+    ! NaN may pass unseen through a maximum, but not through a sum.
     norm = norm + poison
   end function weighted_norm
 
@@ -51,14 +51,14 @@ contains
                    *sqrt(max(1.0_wp, maxval([(system%mass(d, d), d=1, system%n_dof())])))
   end function largest_norm
 
-  !> What the size of a motion is of that relative to the base, x, 1 at most: errors refer to the
-  !! motion itself, which a base may leave at rest nearly while the springs follow it.
+  !> Norm of the absolute motion relative to that of x, the motion relative to the base; at most 1.
+  !! Errors refer to the absolute motion, which may be small although the springs follow the base.
   real(wp) function share_of_motion(system, load, factor, orders, x) result(share)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> Factor of the load.
+    !> Load factor.
     real(wp), intent(in) :: factor
-    !> Those of x, shape (2 n_orders, n_dof).
+    !> Orders of x, shape (2 n_orders, n_dof).
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: x(:, :)
     complex(wp) :: shift(size(x, 2))
@@ -66,7 +66,7 @@ contains
     integer :: i, j
 
     share = 1.0_wp
-    ! Of a structure its deflections are judged.
+    ! For a structure, errors refer to its deflections.
     if (system%condensed .or. .not. load%moves_base()) return
     y = x
     do j = 1, size(load%orders)

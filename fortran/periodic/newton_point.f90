@@ -17,43 +17,43 @@ module viscovib_newton_point
 
   public :: newton_point, point_from_rest
 
-  !> Newton either settles within a few iterations or not at all.
+  !> Newton's method converges within a few iterations or not at all.
   integer, parameter :: max_iterations = 25
-  !> A correction this much larger than the smallest so far leads away.
+  !> A correction this much larger than the smallest so far means divergence.
   real(wp), parameter :: growth_limit = 1.0e4_wp
-  !> Corrections that no longer shrink by this are rounding, if they are as small as rounding can
-  !> be where stiffnesses lie far apart.
+  !> Corrections that no longer shrink by this factor are rounding error, if they are below the
+  !! second value: stiffnesses may differ by orders of magnitude.
   real(wp), parameter :: shrinking = 0.7_wp, small_enough = 1.0e-5_wp
-  !> Rounding of forces, sums of many products, in units of the largest term.
+  !> Rounding error of forces, sums of many products, relative to the largest term.
   real(wp), parameter :: rounded = 30.0_wp*epsilon(1.0_wp)
-  !> What part of the most that rounding may do it usually does.
+  !> Usual fraction of the largest possible rounding error.
   real(wp), parameter :: usual = 0.1_wp
-  !> Points of a branch in the load.
+  !> Largest number of points of a branch in the load.
   integer, parameter :: max_load_points = 2000
 
 contains
 
-  !> Solve at the frequency and load that `balance` is set to, from x on; x is left
-  !! as it was found unless the outcome is converged.
+  !> Solve at the present frequency and load of `balance`, from the initial guess x; x is unchanged
+  !! unless the outcome is converged.
   subroutine newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
                           to_rounding, least, second)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
-    !> Relative size of the last correction, in the norm of `weighted_norm`.
+    !> Relative tolerance of the last correction, in the norm of `weighted_norm`.
     real(wp), intent(in) :: tolerance
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(inout) :: x(:, :)
     integer, intent(out) :: outcome
-    !> Added to.
+    !> Iterations are added to it.
     integer, intent(inout) :: iterations
-    !> Left alone unless the outcome is converged. With them corrections as small as the rounding
-    !! of forces makes them are enough, and they say how large these are.
+    !> Unchanged unless the outcome is converged. If present, corrections as small as the rounding
+    !! error of forces are accepted; `rounding` is then their size.
     type(newton_factors), intent(inout), optional :: factors
     !> True if rounding error is accepted where it exceeds the tolerance.
     logical, intent(in), optional :: to_rounding
-    !> Allowed besides, in the same norm.
+    !> Additional absolute tolerance, in the same norm.
     real(wp), intent(in), optional :: least
-    !> The second correction as a part of the first; 0 if there is none.
+    !> The second correction relative to the first; 0 if there is none.
     real(wp), intent(out), optional :: second
     real(wp) :: new(size(x, 1), size(x, 2)), step(size(x, 1), size(x, 2))
     real(wp) :: jacobian(size(x), size(x))
@@ -95,7 +95,7 @@ contains
       if (present(factors) .and. stays .and. .not. settled) then
         known = rounding_of(balance, system, new, jacobian, pivots)
         settled = left <= known
-        ! The last corrections are some of many: what they share is not seen in them.
+        ! Successive corrections share an error that they do not show.
         left = max(left, usual*known)
       end if
       before = change
@@ -117,14 +117,14 @@ contains
     end do
   end subroutine newton_point
 
-  !> How large rounding of the forces makes corrections, in the norm of `weighted_norm`: each
-  !! equation is wrong by `rounded` times its largest term in any order, as samples share their
-  !! errors among all orders, with signs in no order.
+  !> Size of corrections due to rounding of the forces, in the norm of `weighted_norm`: the error of
+  !! each equation is `rounded` times its largest term of any order, since all orders share the
+  !! errors of the samples. The signs are irregular.
   real(wp) function rounding_of(balance, system, x, lu, pivots) result(most)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: x(:, :)
-    !> Factors of the derivatives near x.
+    !> Factorized derivatives near x.
     real(wp), intent(in) :: lu(:, :)
     integer, intent(in) :: pivots(:)
     real(wp) :: derivatives(size(x), size(x)), moved(size(x, 1), size(x, 2))
@@ -143,9 +143,9 @@ contains
     most = weighted_norm(system, moved)
   end function rounding_of
 
-  !> The motion on the curve that begins at rest with no load and on which the load grows, through
-  !! folds if need be, where the load is first that of `balance`. If Newton's method from rest at
-  !! once begins to converge fast, by the theorem of Kantorovich its solution is that motion.
+  !> The motion on the curve that starts at zero without load, at the first point with the load of
+  !! `balance`, through folds if necessary. If Newton's method from zero converges fast at once, its
+  !! solution is that motion by the theorem of Kantorovich.
   subroutine point_from_rest(balance, system, load, tolerance, x, outcome, iterations, cancel, &
                              factors, to_rounding, least)
     type(balance_type), intent(inout) :: balance
@@ -155,10 +155,10 @@ contains
     real(wp), intent(out) :: x(:, :)
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(newton_factors), intent(inout), optional :: factors
-    !> As for `newton_point`.
+    !> As in `newton_point`.
     logical, intent(in), optional :: to_rounding
     real(wp), intent(in), optional :: least
     type(oscillator_curve_type) :: curve
@@ -169,7 +169,7 @@ contains
     call newton_point(balance, system, tolerance, x, outcome, iterations, factors, &
                       to_rounding, least, second)
     if (outcome == outcome_converged .and. second <= surely_near) return
-    ! Nothing leads to no load.
+    ! Without a load there is no curve to follow.
     if (size(load%orders) == 0 .or. .not. abs(balance%load_factor) > 0.0_wp) return
     call new_oscillator_curve(curve, system, load, balance%set, vary_load)
     call curve%balance%set_frequency(system, load, balance%nu)

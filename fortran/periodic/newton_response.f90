@@ -1,6 +1,5 @@
-!> The nonlinear steady response by Newton's method, frequency by frequency, each
-!! from its neighbour: like a slow sweep, it follows the branch it is on as far as
-!! that goes.
+!> The nonlinear steady response by Newton's method at successive frequencies, each from the
+!! previous solution. Like a slow sweep, it follows its branch as far as that exists.
 module viscovib_newton_response
   use viscovib_balance_ladder, only: balance_ladder_type
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -20,21 +19,21 @@ module viscovib_newton_response
 
   public :: newton_response
 
-  !> Orders with which a point is sought from rest: enough not to be led astray.
+  !> Highest order of a search from zero: enough to avoid spurious solutions.
   integer, parameter :: orders_from_rest = 9
 
-  !> Where the walk along the frequencies stands.
+  !> State of the response along the frequencies.
   type :: walk_type
     type(order_choice) :: choice
     type(newton_factors) :: factors
-    !> The motion sought, the last one found and that before it; their unknowns that may be other
-    !! than 0, and those of the motion sought.
+    !> The present motion, the last one found and the one before; number of rows that may be
+    !! nonzero, and of rows of the present motion.
     real(wp), allocatable :: x(:, :), last(:, :), before(:, :)
     integer :: rows = 0, m = 0
     real(wp) :: last_nu = 0.0_wp, before_nu = 0.0_wp
-    !> Motions known, and the rung from which one is raised from rest.
+    !> Number of known motions, and the rung for motions computed from zero.
     integer :: known = 0, rest = 0
-    !> Whether the last motion is one to begin at, from which none was reached yet.
+    !> True if the last motion is an initial guess from which no motion was reached yet.
     logical :: begins = .false.
     integer :: outcome = outcome_converged
   contains
@@ -50,20 +49,20 @@ module viscovib_newton_response
 
 contains
 
-  !> Motions that `found` contains are kept, and the next ones start from them.
+  !> Motions in `found` are kept, and the next motions start from them.
   subroutine newton_response(system, load, nu, ladder, options, response, cancel, start, found)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s).
     real(wp), intent(in) :: nu(:)
-    !> Harmonics to keep, or to choose from.
+    !> Fixed harmonics, or the sets to choose from.
     type(balance_ladder_type), intent(inout) :: ladder
     type(response_options), intent(in) :: options
-    !> Relative to the base.
+    !> The response relative to the base.
     type(response_type), intent(out) :: response
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
-    !> A motion to begin at, shape (2 n_orders of the highest rung, n_dof).
+    !> Initial motion, shape (2 n_orders of the highest rung, n_dof).
     real(wp), intent(in), optional :: start(:, :)
     !> Motions computed by another method, relative to the base.
     type(response_type), intent(in), optional :: found
@@ -115,7 +114,7 @@ contains
     end if
   end subroutine newton_response
 
-  !> Nothing is known yet.
+  !> Initialize without a known motion.
   subroutine begin(self, rest, n, n_dof)
     class(walk_type), intent(inout) :: self
     integer, intent(in) :: rest, n, n_dof
@@ -124,7 +123,7 @@ contains
     allocate (self%x(n, n_dof), self%last(n, n_dof), self%before(n, n_dof), source=0.0_wp)
   end subroutine begin
 
-  !> A motion is known, as if it were the last.
+  !> Use a given motion as the last one.
   subroutine begin_at(self, start, nu, ladder)
     class(walk_type), intent(inout) :: self
     real(wp), intent(in) :: start(:, :), nu
@@ -143,7 +142,7 @@ contains
     self%begins = .true.
   end subroutine begin_at
 
-  !> A motion that another method found is the last one; its harmonics above the highest rung are
+  !> Use a motion found by another method as the last one; its harmonics above the highest rung are
   !! dropped.
   subroutine take(self, response, i, ladder)
     class(walk_type), intent(inout) :: self
@@ -167,7 +166,7 @@ contains
     call self%advance(response%nu(i))
   end subroutine take
 
-  !> A motion at a frequency: beyond the last two, from the last, or raised from rest.
+  !> Find a motion at a frequency: extrapolated from the last two, from the last, or from zero.
   subroutine find(self, system, load, nu, ladder, tolerance, iterations, cancel)
     class(walk_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -196,13 +195,13 @@ contains
     self%known = 0
     self%choice%rung = self%rest
     call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)
-    ! With more orders, where adding them led nowhere.
+    ! Try more orders if adding them failed.
     if (self%outcome /= outcome_converged .and. self%choice%rung > self%rest) then
       call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)
     end if
   end subroutine find
 
-  !> Newton's method from x, of which orders that the rung lacks are dropped.
+  !> Newton's method from x; orders above those of the rung are dropped.
   subroutine attempt(self, system, load, nu, ladder, tolerance, iterations)
     class(walk_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -255,12 +254,12 @@ contains
     self%rows = max(self%rows, 2*ladder%n_orders(max(self%choice%solved, self%choice%rung)))
   end subroutine add_orders
 
-  !> The motion found is the last one.
+  !> Make the motion found the last one.
   subroutine advance(self, nu)
     class(walk_type), intent(inout) :: self
     real(wp), intent(in) :: nu
 
-    ! Equal frequencies give no direction.
+    ! Equal frequencies give no direction for an extrapolation.
     if (self%known > 0 .and. .not. abs(nu - self%last_nu) > 0.0_wp) self%known = 0
     self%rows = max(self%rows, self%m)
     self%before(:self%rows, :) = self%last(:self%rows, :)

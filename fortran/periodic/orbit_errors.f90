@@ -1,5 +1,5 @@
-!> How far off places along a branch of motions of a driven system are: where others leave, and
-!! where stability changes. Both are sought again with more shells of orders.
+!> Errors of special points along a branch of motions of a driven system: branch points, and changes
+!! of stability. Both are located again with more shells of orders.
 module viscovib_orbit_errors
   use viscovib_crossing_errors, only: branch_point_error, exponent_error
   use viscovib_kinds, only: wp
@@ -15,24 +15,24 @@ module viscovib_orbit_errors
 
 contains
 
-  !> Shells beyond a bound that judge places: as many again of one axis, as what orders left out do
-  !! has signs, and those next to the ones kept may cancel.
+  !> Number of additional shells for the errors of locations: for one axis as many as the bound,
+  !! since the next omitted orders may cancel each other.
   pure integer function judging_twice(n_axes, shells, bound, most) result(step)
-    !> Shells that judge motions, and the largest bound there may be.
+    !> Number of shells that check motions, the bound, and its largest value.
     integer, intent(in) :: n_axes, shells, bound, most
     step = shells
     if (n_axes == 1) step = max(shells, min(bound, most - bound)/shells*shells)
   end function judging_twice
 
-  !> Of branch points.
+  !> Errors of branch points.
   subroutine find_branch_errors(ladder, p, x, at_p, at_x, before, error, status, cancel)
     !> The branch is one of its last rung.
     type(torus_ladder), intent(inout) :: ladder
-    !> Points of the branch and places, unknowns in full: shapes (n), (torus%n n_dof, n).
+    !> Points of the branch, and locations, with all unknowns: shapes (n), (torus%n n_dof, n).
     real(wp), intent(in) :: p(:), x(:, :), at_p(:), at_x(:, :)
-    !> The point before each place, from 1.
+    !> Index of the point before each location, from 1.
     integer, intent(in) :: before(:)
-    !> In the unit of p, shape (size(at_p)).
+    !> Errors in the unit of p, shape (size(at_p)).
     real(wp), intent(out) :: error(:)
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
@@ -54,15 +54,15 @@ contains
     end associate
   end subroutine find_branch_errors
 
-  !> Of places where multipliers cross the unit circle, of one axis.
+  !> Errors of locations where multipliers cross the unit circle, for one axis.
   subroutine find_crossing_errors(ladder, p, x, at_p, at_x, before, turn, error, status, cancel)
     type(torus_ladder), intent(inout) :: ladder
     !> As above.
     real(wp), intent(in) :: p(:), x(:, :), at_p(:), at_x(:, :)
     integer, intent(in) :: before(:)
-    !> Angle of the multiplier that crosses.
+    !> Argument of the multiplier that crosses.
     real(wp), intent(in) :: turn(:)
-    !> In the unit of p; found where it is < 0.
+    !> In the unit of p; computed where it is < 0.
     real(wp), intent(inout) :: error(:)
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel

@@ -1,10 +1,10 @@
-!> Stability of periodic solutions of a driven system: the matrix that takes a small
-!! disturbance (y, y') over a period,
+!> Stability of periodic solutions of a driven system: the monodromy matrix of small perturbations
+!! (y, y'),
 !!
 !!   y'' = da/dq y + da/dq' y'  along the solution,
 !!
-!! by Dormand and Prince's method of order 8 in equal steps, its columns side by side
-!! in the lanes. Its eigenvalues are the Floquet multipliers.
+!! by the Dormand-Prince method of order 8 with equal steps, one column in each lane. Its
+!! eigenvalues are the Floquet multipliers.
 module viscovib_orbit_floquet
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -20,16 +20,14 @@ module viscovib_orbit_floquet
 
   public :: orbit_floquet_type
 
-  !> Phase that a disturbance, or the highest harmonic of the motion, turns in a step
-  !! at most.
+  !> Largest phase angle of a perturbation, or of the highest harmonic of the motion, in a step.
   real(wp), parameter :: phase_a_step = 0.5_wp
-  !> Beyond so many steps a period, time scales are too far apart.
+  !> Largest number of steps per period; beyond it, time scales are too far apart.
   integer, parameter :: max_steps = 20000
-  !> Steps that a factor of a product takes at most; beyond this logarithm a multiplier leaves
-  !! the range of numbers.
+  !> Largest number of steps in a factor of a product; beyond this logarithm a multiplier overflows.
   integer, parameter :: steps_a_factor = 16
   real(wp), parameter :: largest_log = 700.0_wp
-  !> Place of Dormand and Prince's method in the tables.
+  !> Index of the Dormand-Prince method in the tables.
   integer, parameter :: method = 2
 
   type :: orbit_floquet_type
@@ -49,7 +47,7 @@ module viscovib_orbit_floquet
 
 contains
 
-  !> Tables for as many steps as are needed; they are kept for neighbours.
+  !> Prepare tables for the required number of steps; nearby solutions reuse them.
   subroutine prepare(self, balance, needed)
     class(orbit_floquet_type), intent(inout) :: self
     type(torus_balance_type), intent(in) :: balance
@@ -59,7 +57,7 @@ contains
 
     if (needed <= self%n_steps .and. 2.0_wp*needed > self%n_steps) return
     if (self%n_steps == 0) call new_explicit_table(self%table, method)
-    ! Some more than needed, so that neighbours can use them too.
+    ! A margin, so that nearby solutions can reuse the tables.
     self%n_steps = max(12, ceiling(1.3_wp*needed))
     n = self%n_steps*self%table%n_stages
     if (allocated(self%q)) then
@@ -88,9 +86,9 @@ contains
     end do
   end subroutine prepare
 
-  !> Of the solution x of `balance`, which has one axis, at most four coordinates and has just
-  !! seen x: largest first; NaN if it would take too many steps, or one leaves the range of
-  !! numbers.
+  !> Multipliers of the solution x of `balance`, which has one axis, at most four coordinates and
+  !! was just evaluated at x: largest first; NaN if too many steps are needed or a multiplier
+  !! overflows.
   subroutine multipliers(self, balance, x, values)
     class(orbit_floquet_type), intent(inout) :: self
     type(torus_balance_type), intent(in) :: balance
@@ -113,8 +111,8 @@ contains
     if (found) values = exp(logs)
   end subroutine multipliers
 
-  !> The matrix over a period. NaN if it would take too many steps, or leaves the range of
-  !! numbers; `product`: as a product then, else its factors are none.
+  !> The monodromy matrix. NaN if too many steps are needed, or if it overflows; `product`: as a
+  !! product of factors instead, without factors on failure.
   subroutine monodromy(self, balance, x, matrix, product)
     class(orbit_floquet_type), intent(inout) :: self
     type(torus_balance_type), intent(in) :: balance
@@ -184,7 +182,7 @@ contains
 
   contains
 
-    !> Disturbances of size 1, one of each coordinate and velocity.
+    !> Unit perturbations, one of each coordinate and velocity.
     subroutine begin()
       q = 0.0_wp
       v = 0.0_wp

@@ -1,4 +1,4 @@
-!> Floquet multipliers from the matrix that takes a disturbance over a period.
+!> Floquet multipliers from the monodromy matrix.
 module viscovib_orbit_multipliers
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_quiet_nan, &
     ieee_value
@@ -9,13 +9,13 @@ module viscovib_orbit_multipliers
 
   public :: multipliers_of, told_apart, count_larger, logarithm
 
-  !> In the presence of a larger eigenvalue those near the unit circle are lost; with one so
-  !! many times as large the smallest.
+  !> A larger eigenvalue spoils the accuracy of those near the unit circle; one larger than the
+  !! smallest by the second factor spoils the accuracy of the smallest.
   real(wp), parameter :: largest_root = 1.0e6_wp, widest = 1.0e6_wp
 
 contains
 
-  !> Largest first; NaN where the matrix is not known.
+  !> Multipliers, largest first; NaN if the matrix is unknown.
   pure subroutine multipliers_of(matrix, multipliers)
     !> Shape (n, n), NaN if unknown.
     real(wp), intent(in) :: matrix(:, :)
@@ -27,7 +27,7 @@ contains
     if (.not. found) multipliers = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
   end subroutine multipliers_of
 
-  !> Minus infinity of 0, NaN of NaN.
+  !> Logarithm; minus infinity for 0, NaN for NaN.
   elemental complex(wp) function logarithm(z)
     complex(wp), intent(in) :: z
     logarithm = z
@@ -47,7 +47,7 @@ contains
     told_apart = maxval(abs(values)) <= min(largest_root, widest*minval(abs(values)))
   end function told_apart
 
-  !> How many are larger than a circle; -1: unknown.
+  !> Number of multipliers outside a circle; -1: unknown.
   pure integer function count_larger(multipliers, circle) result(n)
     complex(wp), intent(in) :: multipliers(:)
     real(wp), intent(in) :: circle

@@ -1,4 +1,4 @@
-!> Stability along a branch of periodic motions of a driven system, and where it changes.
+!> Stability along a branch of periodic motions of a driven system, and its bifurcations.
 module viscovib_orbit_stability
   use viscovib_crossing_nodes, only: spectrum_type
   use viscovib_crossing_search, only: crossing_type, find_changes
@@ -33,9 +33,9 @@ contains
     type(torus_balance_type), intent(inout) :: balance
     !> Shapes (n) and (balance%n, n).
     real(wp), intent(in) :: p(:), x(:, :)
-    !> Largest first, NaN where unknown, shape (2 n_dof, n).
+    !> Largest first, NaN if unknown, shape (2 n_dof, n).
     complex(wp), intent(out) :: multipliers(:, :)
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     logical :: inside
     integer :: i
@@ -50,15 +50,15 @@ contains
     end do
   end subroutine judge_orbits
 
-  !> All changes between neighbours whose multipliers are known. Of each the motion is given as
-  !! the unknowns of `balance`.
+  !> All changes between adjacent points with known multipliers. The motion at each is given in the
+  !! unknowns of `balance`.
   subroutine find_orbit_crossings(floquet, balance, p, x, multipliers, folds, branch_points, &
                                   crossings, cancel)
     type(orbit_floquet_type), intent(inout), target :: floquet
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p(:), x(:, :)
     complex(wp), intent(in) :: multipliers(:, :)
-    !> Those that the continuation has located.
+    !> Points that the continuation has located.
     type(special_points), intent(in) :: folds, branch_points
     type(crossing_type), allocatable, intent(out) :: crossings(:)
     integer, intent(inout), optional :: cancel
@@ -92,7 +92,7 @@ contains
     end select
   end subroutine look
 
-  !> Not needed where all exponents are known.
+  !> Needed only if not all exponents are known.
   subroutine follow(self, curve, p, x, near, eta, made)
     class(orbit_spectrum), intent(inout) :: self
     class(curve_type), intent(inout) :: curve

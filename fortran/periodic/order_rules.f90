@@ -1,5 +1,5 @@
-!> How many orders to add to a periodic solution that lacks some, and how many will do for
-!! the next one.
+!> Rules for the number of orders to add to a periodic solution, and for the number of orders of the
+!! next one.
 module viscovib_order_rules
   use viscovib_balance_ladder, only: balance_ladder_type, lowest_order
   use viscovib_kinds, only: wp
@@ -12,18 +12,18 @@ module viscovib_order_rules
 
   public :: better_bound, better_rung, most_along, rung_for_next, times_as_many
 
-  !> Orders are idle below this part of the tolerance: what is dropped here and missed at
-  !! the next point costs another solution.
+  !> Orders below this fraction of the tolerance are dropped at the next point; if they are needed
+  !! there, an additional solution is computed.
   real(wp), parameter, public :: idle = 0.1_wp
-  !> Additions that may fail to halve the estimate before it is taken for rounding.
+  !> Number of additions that do not halve the estimate before it counts as rounding error.
   integer, parameter, public :: max_vain = 2
-  !> Highest order that is chosen along a branch whatever it brings.
+  !> Highest order along a branch for polynomial forces.
   integer, parameter :: modest = 63
 
 contains
 
-  !> Highest order that is chosen along a branch, unless the load has higher ones: forces that are
-  !! polynomials never need more, others may.
+  !> Upper limit of the orders along a branch, unless the load has higher ones: polynomial forces
+  !! never need more, other forces may.
   pure integer function most_along(system, load)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -31,13 +31,13 @@ contains
                      lowest_order(load))
   end function most_along
 
-  !> Orders fall off geometrically: how many times as many that suggests.
+  !> Factor of the number of orders that geometric decay suggests.
   pure real(wp) function times_as_many(truncation, tolerance) result(times)
     real(wp), intent(in) :: truncation, tolerance
     times = log(tolerance)/log(max(min(truncation, 0.5_wp), tiny(1.0_wp)))
   end function times_as_many
 
-  !> As far as the fall of the orders suggests, and a little more, at most to twice as far.
+  !> The bound that the decay of the orders suggests, with a margin, at most about twice the bound.
   pure integer function better_bound(bound, truncation, tolerance, step, last) result(next)
     integer, intent(in) :: bound, step, last
     real(wp), intent(in) :: truncation, tolerance
@@ -45,7 +45,7 @@ contains
     next = min(max(bound + step, next), 2*bound + 1, last)
   end function better_bound
 
-  !> Go on as far as the fall of the orders suggests, at most to twice as many.
+  !> The rung that the decay of the orders suggests, at most about twice the orders.
   pure integer function better_rung(ladder, rung, truncation, tolerance) result(next)
     type(balance_ladder_type), intent(in) :: ladder
     integer, intent(in) :: rung
@@ -57,8 +57,8 @@ contains
     next = min(max(next, rung + 1), ladder%n_rungs)
   end function better_rung
 
-  !> The lowest rung that would still do here: with the share of the change that the orders
-  !! left out have in it, the largest order beyond stays well below the tolerance.
+  !> The lowest rung that would still suffice here: the largest dropped order, scaled by the ratio
+  !! of the truncation error to the omitted orders, must stay well below the tolerance.
   pure integer function rung_for_next(ladder, system, x, truncation, outside, tolerance, rung) &
     result(next)
     type(balance_ladder_type), intent(in) :: ladder

@@ -1,5 +1,5 @@
-!> Periodic motions of an oscillator as a curve: the harmonics over the frequency or
-!! the factor of the load.
+!> Periodic motions of an oscillator as a curve: the harmonics over the frequency or the load
+!! factor.
 module viscovib_oscillator_curve
   use viscovib_balance_ladder, only: balance_ladder_type, rung_type
   use viscovib_equation_terms, only: raise_by_inertia
@@ -18,12 +18,12 @@ module viscovib_oscillator_curve
 
   public :: oscillator_curve_type, new_oscillator_curve
 
-  !> What the parameter is.
+  !> Types of the parameter.
   integer, parameter, public :: vary_frequency = 1, vary_load = 2
 
-  !> Orders that are this part of the motion, in units of the loss factor of the mode damped
-  !! least, remain small in resonance too, and need not be looked at alone; at most so large a
-  !! part in any case.
+  !> Orders below this fraction of the motion, in units of the loss factor of the least damped mode,
+  !! remain small even in resonance and need no separate check; the second value is the largest such
+  !! fraction.
   real(wp), parameter :: harmless = 0.05_wp, most_harmless = 1.0e-3_wp
 
   type, extends(sized_curve_type) :: oscillator_curve_type
@@ -31,18 +31,18 @@ module viscovib_oscillator_curve
     class(oscillator_type), pointer :: system => null()
     type(load_type), pointer :: load => null()
     integer :: vary = vary_frequency
-    !> `set` makes another system.
+    !> True if `set` changes the system.
     logical :: changes_system = .false.
-    !> The orders to choose from, if they are chosen, those kept and those to go on with.
+    !> The sets of orders if they are adapted, the present rung and the next one.
     type(balance_ladder_type), allocatable :: ladder
     integer :: rung = 1
     integer, private :: next_rung = 1
-    !> Of the truncation; what it was with fewer orders, and additions in vain.
+    !> Tolerance of the truncation error; its previous value, and additions without progress.
     real(wp), private :: tolerance = 0.0_wp, previous = huge(1.0_wp)
-    !> Of the motion just looked at (`share_of_motion`).
+    !> `share_of_motion` of the last motion.
     real(wp), private :: share = 1.0_wp
     integer, private :: vain = 0
-    !> The balance of the orders kept while the curve is one of more.
+    !> The balance of the present orders while the curve is enlarged.
     type(balance_type), allocatable, private :: usual
   contains
     procedure :: equations
@@ -60,7 +60,7 @@ module viscovib_oscillator_curve
 
 contains
 
-  !> For a varying load the balance is to be set to its frequency.
+  !> For a varying load the frequency of the balance must be set afterwards.
   subroutine new_oscillator_curve(curve, system, load, set, vary)
     type(oscillator_curve_type), intent(out) :: curve
     class(oscillator_type), intent(in), target :: system
@@ -89,12 +89,12 @@ contains
     curve%last_of_group = [(d, d=2, curve%n, 2)]
   end subroutine measure
 
-  !> Choose the orders at each point, beginning on a rung.
+  !> Adapt the orders at each point, beginning on a rung.
   subroutine choose_from(self, ladder, rung, tolerance)
     class(oscillator_curve_type), intent(inout) :: self
     type(balance_ladder_type), intent(in) :: ladder
     integer, intent(in) :: rung
-    !> Of what leaving out orders changes, relative to the motion.
+    !> Tolerance of the truncation error relative to the motion.
     real(wp), intent(in) :: tolerance
     self%ladder = ladder
     self%adaptive = .true.
@@ -107,7 +107,7 @@ contains
     call self%resize()
   end subroutine choose_from
 
-  !> Go on with n unknowns and choose no more.
+  !> Continue with n unknowns, without adaptation.
   subroutine stay_with(self, n)
     class(oscillator_curve_type), intent(inout) :: self
     integer, intent(in) :: n
@@ -121,7 +121,7 @@ contains
     self%adaptive = .false.
   end subroutine stay_with
 
-  !> Be the curve of twice the orders, or more, until it is restored.
+  !> Use at least twice the orders until `restore` is called.
   subroutine enlarge(self)
     class(oscillator_curve_type), intent(inout) :: self
     type(rung_type) :: far
@@ -179,8 +179,8 @@ contains
     call self%balance%derivatives(self%system, jacobian)
   end subroutine equations
 
-  !> Inertia, which near resonance cancels against stiffness; and as samples share their rounding
-  !! among all orders, an equation has that of the largest order of its coordinate.
+  !> Include inertia, which near resonance cancels against stiffness; since all orders share the
+  !! rounding errors of samples, each equation has that of the largest order of its coordinate.
   subroutine raise_terms(self, x, p, terms)
     class(oscillator_curve_type), intent(in) :: self
     real(wp), intent(in) :: x(:), p
@@ -233,7 +233,7 @@ contains
 
   end subroutine left_out
 
-  !> As `choose_orders` does at one frequency.
+  !> Like `choose_orders` at one frequency.
   subroutine choose_size(self, x, truncation, own, rounding, again)
     class(oscillator_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), truncation, own, rounding

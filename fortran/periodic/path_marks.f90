@@ -1,4 +1,4 @@
-!> Which intervals of a path are split, along which a count of zeros follows a determinant.
+!> Selection of intervals to halve on a path along which a determinant is followed to count zeros.
 module viscovib_path_marks
   use viscovib_kinds, only: wp
   implicit none
@@ -6,18 +6,18 @@ module viscovib_path_marks
 
   public :: mark_intervals
 
-  !> A quiet interval turns the argument by this at most, and changes the logarithm of the
-  !! modulus by that: less than half of what two zeros unseen would do to a neighbour.
+  !> Limits of a quiet interval: change of the argument, and of the logarithm of the modulus. They
+  !! are less than half of the effect of two unnoticed zeros on an adjacent interval.
   real(wp), parameter :: largest_turn = 0.6_wp, largest_ratio = 0.6_wp
-  !> An interval may be so many times as wide as its neighbours.
+  !> Largest ratio of the widths of adjacent intervals.
   real(wp), parameter :: grading = 2.01_wp
 
 contains
 
-  !> Those that are not quiet, their neighbours unless these are narrower, and those that are too
-  !! wide compared with a neighbour.
+  !> Mark intervals that are not quiet, intervals next to these unless they are narrower, and
+  !! intervals that are too wide compared with an adjacent one.
   pure subroutine mark_intervals(width, change, marked)
-    !> Of each interval: its width, and ln of the ratio of the determinant at its ends.
+    !> For each interval: its width, and ln of the ratio of the determinant at its ends.
     real(wp), intent(in) :: width(:)
     complex(wp), intent(in) :: change(:)
     logical, allocatable, intent(out) :: marked(:)

@@ -1,7 +1,7 @@
-!> Pieces of a period, sixteen points of Gauss each, and what is integrated over them.
+!> Pieces of a period with sixteen Gauss points each, and integrals over them.
 !!
-!! A function that is smooth inside a piece is integrated there as exactly as it is known, however
-!! it bends at the ends; samples at equal distances would fold all of its high harmonics back.
+!! A function that is smooth inside a piece is integrated to its own accuracy, even with kinks at
+!! the ends; equidistant samples would alias all of its high harmonics.
 module viscovib_phase_panels
   use viscovib_constants, only: pi
   use viscovib_gauss_points, only: points_16, weights_16
@@ -15,11 +15,11 @@ module viscovib_phase_panels
             weigh
 
   integer, parameter, public :: nodes = 16
-  !> Length of a piece times the highest order at most: of products of two such waves sixteen
-  !! points leave 1e-13.
+  !> Largest length of a piece times the highest order: for products of two such harmonics sixteen
+  !! points have an error of 1e-13.
   real(wp), parameter :: phase_at_most = 10.0_wp
-  !> Part that the last two Legendre polynomials may have in a function that is resolved by its
-  !! points.
+  !> Largest relative size of the last two Legendre coefficients of a function that the points
+  !! resolve.
   real(wp), parameter :: resolved = 1.0e-11_wp
 
   !> Coefficients of a function by the Legendre polynomials 14 and 15, from its values:
@@ -40,7 +40,7 @@ module viscovib_phase_panels
 
   type :: panel_type
     real(wp) :: theta(nodes), weight(nodes)
-    !> Cosines and sines of the orders kept, shape (nodes, n_orders).
+    !> Cosines and sines of the included orders, shape (nodes, n_orders).
     real(wp), allocatable :: c(:, :), s(:, :)
   end type panel_type
 
@@ -84,7 +84,7 @@ contains
   !> A motion at the points.
   pure function motion_at(panel, y) result(d)
     type(panel_type), intent(in) :: panel
-    !> Real and imaginary parts by turns.
+    !> Alternating real and imaginary parts.
     real(wp), intent(in) :: y(:)
     real(wp) :: d(nodes)
     integer :: i
@@ -100,7 +100,7 @@ contains
     is_resolved = maxval(abs(matmul(f, last_two))) <= resolved*max(size_of, maxval(abs(f)))
   end function is_resolved
 
-  !> Add what a function has of each harmonic, before `weigh`.
+  !> Add the contribution of a function to each harmonic, before `weigh`.
   pure subroutine add_parts(panel, f, parts)
     type(panel_type), intent(in) :: panel
     real(wp), intent(in) :: f(nodes)
@@ -114,7 +114,7 @@ contains
     end do
   end subroutine add_parts
 
-  !> From integrals over the period, or half of it, to harmonics.
+  !> Scale integrals over the period, or half of it, to harmonics.
   pure subroutine weigh(set, parts)
     type(harmonic_set_type), intent(in) :: set
     real(wp), intent(inout) :: parts(:)
@@ -122,7 +122,7 @@ contains
     if (set%orders(1) == 0) parts(:2) = 0.5_wp*parts(:2)
   end subroutine weigh
 
-  !> Add to mean values of a function times cos and sin of m strides, m = 0, 1, ..., reach.
+  !> Add to the mean values of a function times cos and sin of m strides, m = 0, 1, ..., reach.
   pure subroutine add_moments(panel, set, f, c, s)
     type(panel_type), intent(in) :: panel
     type(harmonic_set_type), intent(in) :: set
@@ -150,7 +150,7 @@ contains
     end do
   end subroutine add_moments
 
-  !> sin and cos of the orders at one phase, by turns.
+  !> sin and cos of the orders at one phase, alternating.
   pure function waves_at(set, theta) result(waves)
     type(harmonic_set_type), intent(in) :: set
     real(wp), intent(in) :: theta

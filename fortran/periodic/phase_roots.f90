@@ -8,7 +8,7 @@ module viscovib_phase_roots
 
   public :: along_motion, find_phases, phase_list, root
 
-  !> What is sought the zeros of.
+  !> A function along a motion, for a search of its zeros.
   type, abstract :: along_motion
   contains
     procedure(at_interface), deferred :: at
@@ -22,7 +22,7 @@ module viscovib_phase_roots
     end function at_interface
   end interface
 
-  !> Phases found, ascending, and which function each is of.
+  !> Phases, ascending, and the number of the function of each.
   type :: phase_list
     integer :: n = 0
     real(wp), allocatable :: theta(:)
@@ -35,7 +35,7 @@ module viscovib_phase_roots
 
 contains
 
-  !> Add a phase in its place; one that is there already counts once.
+  !> Insert a phase in order; a phase that is already in the list is not repeated.
   subroutine put(self, theta, of)
     class(phase_list), intent(inout) :: self
     real(wp), intent(in) :: theta
@@ -65,7 +65,7 @@ contains
     self%n = self%n + 1
   end subroutine put
 
-  !> The zeros of a function that is given at the samples of a set, and at the end.
+  !> The zeros of a function with given values at the samples of a set and at the end.
   subroutine find_phases(motion, set, g, of, found)
     class(along_motion), intent(in) :: motion
     type(harmonic_set_type), intent(in) :: set
@@ -88,7 +88,7 @@ contains
     end do
     do i = 1, n + 1
       theta = (i - 1)*step
-      ! Near grazing a function may be across for less than a sample, at both ends too.
+      ! Near grazing a function may change sign for less than a sample, also at both ends.
       left = g(max(i - 1, 1))
       right = g(min(i + 1, n + 1))
       if (i == 1) then
@@ -112,7 +112,7 @@ contains
 
   contains
 
-    !> What lies beyond an end is found at the other one, or belongs to the other half.
+    !> Zeros beyond an end are found at the other end, or belong to the other half of the period.
     subroutine put_inside(phase)
       real(wp), intent(in) :: phase
       if (phase >= 0.0_wp .and. phase < n*step) call found%put(phase, of)
@@ -120,13 +120,13 @@ contains
 
   end subroutine find_phases
 
-  !> The extremum next to a phase, by parabolas through nearer and nearer phases, or any phase on
-  !! the way at which the function is across. Were it missed by a little, a contact would be there
-  !! or not as it happens, and Newton's method would meet a jump.
+  !> The extremum near a phase, by parabolas through closer and closer phases, or the first phase at
+  !! which the function has the other sign. Without this precision a grazing contact would be found
+  !! or missed by chance, and Newton's method would meet a jump.
   subroutine find_summit(motion, from, step, above, summit, value)
     class(along_motion), intent(in) :: motion
     real(wp), intent(in) :: from, step
-    !> The sign of the function near it.
+    !> True if the function is positive near the extremum.
     logical, intent(in) :: above
     real(wp), intent(out) :: summit, value
     real(wp) :: apart, before, after, half
@@ -142,14 +142,14 @@ contains
       after = motion%at(summit + apart)
       half = before - 2.0_wp*value + after
       if (.not. abs(half) > 0.0_wp) return
-      ! Too far from 0 to reach it.
+      ! The value is too far from 0.
       if (abs(value) > abs(half)) return
       summit = summit + max(-1.0_wp, min(0.5_wp*(before - after)/half, 1.0_wp))*apart
       value = motion%at(summit)
     end do
   end subroutine find_summit
 
-  !> Between two phases with values of different sign: the Illinois method, then halving.
+  !> A zero between two phases with values of different sign: the Illinois method, then bisection.
   real(wp) function root(motion, from, to, at_from, at_to)
     class(along_motion), intent(in) :: motion
     real(wp), intent(in) :: from, to, at_from, at_to

@@ -1,8 +1,7 @@
-!> The choice of orders for one periodic solution: added until what is left out does not
-!! count, and for the next solution nearby as few as will probably do.
+!> Adaptation of the orders of one periodic solution: orders are added until the truncation error is
+!! negligible, and the next solution nearby starts with as few as will probably suffice.
 !!
-!! Nothing here knows what the next solution is, a frequency further or a step along a
-!! branch.
+!! The next solution may be at another frequency or at a step along a branch.
 module viscovib_point_orders
   use viscovib_balance_ladder, only: balance_ladder_type
   use viscovib_kinds, only: wp
@@ -19,34 +18,34 @@ module viscovib_point_orders
   public :: choose_orders, order_choice
 
   type :: order_choice
-    !> Where to begin at the next point, or at this one again if it failed.
+    !> Rung to begin with at the next point, or at this point again if it failed.
     integer :: rung = 1
-    !> What this point was solved with, and its estimated relative error.
+    !> Rung of this solution, and its estimated relative error.
     integer :: solved = 1
     real(wp) :: truncation = 0.0_wp
   end type order_choice
 
 contains
 
-  !> From a solution on the rung `choice%rung`, add orders until the estimated truncation
-  !! meets the tolerance or the rungs end.
+  !> From a solution on the rung `choice%rung`, add orders until the estimated truncation error
+  !! meets the tolerance or the highest rung is reached.
   subroutine choose_orders(ladder, system, load, nu, tolerance, x, factors, choice, outcome, &
                            iterations)
     type(balance_ladder_type), intent(inout) :: ladder
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> Circular frequency (rad/s); the load's factor is that of the rung's balance.
+    !> Circular frequency (rad/s); the load factor is that of the rung's balance.
     real(wp), intent(in) :: nu
-    !> Relative, of the iteration and of the truncation; the ladder says what is allowed besides.
+    !> Relative tolerance of the iteration and of the truncation; the ladder adds the absolute one.
     real(wp), intent(in) :: tolerance
-    !> Shape (2 n_orders of the highest rung, n_dof), 0 beyond the orders kept.
+    !> Shape (2 n_orders of the highest rung, n_dof), 0 beyond the included orders.
     real(wp), intent(inout) :: x(:, :)
-    !> The derivatives at x.
+    !> Factorized derivatives at x.
     type(newton_factors), intent(inout) :: factors
     type(order_choice), intent(inout) :: choice
-    !> Converged, or how Newton's method failed with more orders.
+    !> Converged, or the failure of Newton's method with more orders.
     integer, intent(out) :: outcome
-    !> Added to.
+    !> Iterations are added to it.
     integer, intent(inout) :: iterations
     real(wp), allocatable :: change(:, :)
     real(wp) :: outside, previous, factor, allowed, share
@@ -69,7 +68,7 @@ contains
                                  change, choice%truncation, outside)
       end associate
       choice%solved = rung
-      ! No order brings the motion nearer than rounding lets it be known.
+      ! More orders do not improve the motion beyond its rounding error.
       share = share_of_motion(system, load, factor, ladder%rungs(rung)%balance%set%orders, x(:m, :))
       choice%truncation = max(choice%truncation, factors%rounding)/share
       outside = outside/share

@@ -1,5 +1,5 @@
-!> Real roots of the characteristic equation: zeros of the eigenvalues of D(s) along the real axis,
-!! where D is symmetric as a rule; of another D zeros of its determinant.
+!> Real roots of the characteristic equation: zeros along the real axis of the eigenvalues of D(s)
+!! if D is symmetric, otherwise of its determinant.
 module viscovib_real_roots
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_characteristic_matrix, only: characteristic_matrix
@@ -12,16 +12,16 @@ module viscovib_real_roots
 
   public :: find_real_roots
 
-  !> Points right of 0, from the first to the last part of the fastest rate; points left of it.
+  !> Points to the right of 0, between two fractions of the fastest rate; points to the left.
   integer, parameter :: n_right = 1200, n_left = 600
   real(wp), parameter :: first_part = 1.0e-12_wp, last_part = 1.0e3_wp
-  !> Roots are found to this part; closer to 0 than this part of the cut they are 0.
+  !> Relative tolerance of roots; roots closer to 0 than this fraction of the cut are 0.
   real(wp), parameter :: close_enough = 1.0e-15_wp, at_zero = 4.0e-16_wp
   integer, parameter :: most_steps = 200, most_sections = 60
 
 contains
 
-  !> Largest first: those right of the branch cut, or of 0 without a cut.
+  !> Real roots, largest first: those right of the branch cut, or of 0 without a cut.
   subroutine find_real_roots(matrix, roots, cancel)
     type(characteristic_matrix), intent(in) :: matrix
     real(wp), allocatable, intent(out) :: roots(:)
@@ -43,7 +43,7 @@ contains
         if (differ(values(j, i), values(j, i + 1))) then
           call add_between(matrix, j, grid(i:i + 1), values(j, i:i + 1), roots)
         else if (i > 1) then
-          ! Of two roots close together the lowest value between has another sign.
+          ! Between two close roots the extreme value has another sign.
           if (is_dip(values(j, i - 1:i + 1))) then
             call add_pair(matrix, j, grid(i - 1:i + 1), values(j, i - 1:i + 1), roots)
           end if
@@ -65,7 +65,7 @@ contains
              .and. (all(v > 0.0_wp) .or. all(v < 0.0_wp))
   end function is_dip
 
-  !> Ascending.
+  !> Grid, ascending.
   pure subroutine make_grid(matrix, grid)
     type(characteristic_matrix), intent(in) :: matrix
     real(wp), allocatable, intent(out) :: grid(:)
@@ -82,7 +82,7 @@ contains
     end do
   end subroutine make_grid
 
-  !> Eigenvalues of D at each s, or one number of the sign and size of its determinant.
+  !> Eigenvalues of D at each s, or one number with the sign and magnitude of its determinant.
   subroutine evaluate(matrix, s, values)
     type(characteristic_matrix), intent(in) :: matrix
     real(wp), intent(in) :: s(:)
@@ -113,8 +113,8 @@ contains
     value_at = values(j, 1)
   end function value_at
 
-  !> The root between two points with different signs: secants that keep both (the Illinois rule),
-  !! halves where they are slow.
+  !> Add the root between two points with different signs: secants that keep the bracket (the
+  !! Illinois rule), and bisection where they are slow.
   subroutine add_between(matrix, j, ends, at_ends, roots)
     type(characteristic_matrix), intent(in) :: matrix
     integer, intent(in) :: j
@@ -132,7 +132,7 @@ contains
       if (abs(b - a) <= close_enough*max(abs(a), abs(b))) exit
       if (max(abs(a), abs(b)) <= at_zero*matrix%cut) exit
       middle = b - g*(b - a)/(g - f)
-      ! Each third step is a half unless the interval has become much shorter.
+      ! Every third step is a bisection unless the interval has become much shorter.
       if (mod(k, 3) == 0) then
         if (abs(b - a) > 0.125_wp*width) middle = 0.5_wp*(a + b)
         width = abs(b - a)
@@ -153,7 +153,7 @@ contains
     roots = [roots, b]
   end subroutine add_between
 
-  !> Two roots about a smallest value, if values there have another sign: by golden sections.
+  !> Add two roots near a smallest value, if its sign differs: by golden section search.
   subroutine add_pair(matrix, j, points, at_points, roots)
     type(characteristic_matrix), intent(in) :: matrix
     integer, intent(in) :: j

@@ -1,4 +1,4 @@
-!> What a forced response holds, and what may be asked of one.
+!> The result of a forced response, and its options.
 module viscovib_response
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
   use viscovib_counters, only: count_up, counted_base, counting
@@ -13,57 +13,56 @@ module viscovib_response
   public :: response_options, response_type
 
   type :: response_options
-    !> Highest harmonic kept by a nonlinear response; or as many as the tolerance needs.
+    !> Highest harmonic of a nonlinear response; or as many as the tolerance requires.
     integer :: harmonics = 9
     logical :: choose_harmonics = .false.
-    !> Wanted relative error of the iteration, in the norm of `successive`.
+    !> Relative tolerance of the iteration, in the norm of `successive`.
     real(wp) :: tolerance = 1.0e-10_wp
-    !> Allowed besides in each coordinate, in its unit; and what that is in the norm.
+    !> Additional absolute tolerance of each coordinate, in its unit; and its value in the norm.
     real(wp) :: absolute = 0.0_wp, least = 0.0_wp
     integer :: max_iterations = 200
-    !> Fraction of each correction that is taken, in (0, 1]; 0: start with 1
-    !! and halve, up to four times, where the iteration does not converge.
+    !> Fraction of each correction that is applied, in (0, 1]; 0: start with 1 and halve, up to four
+    !! times, if the iteration does not converge.
     real(wp) :: relaxation = 1.0_wp
-    !> Keep to the symmetry about half a period that forces and load may share.
+    !> Use the symmetry about half a period that forces and load may have.
     logical :: symmetric = .true.
     !> Keep the corrections of every iteration.
     logical :: keep_history = .false.
-    !> Keep every iterate too.
+    !> Also keep all iterates.
     logical :: keep_iterates = .false.
-    !> Judge the stability of each motion (Newton's method only).
+    !> Determine the stability of each motion (Newton's method only).
     logical :: stability = .false.
-    !> Solve a linear system by the method of nonlinear ones, as a branch does.
+    !> Solve a linear system by the nonlinear method, as on a branch.
     logical :: on_branch = .false.
-    !> Take along coordinates that nothing moves, as what looks at disturbances must.
+    !> Include coordinates that are not excited, as needed for perturbations.
     logical :: keep_idle = .false.
   end type response_options
 
   type :: response_type
     !> Circular frequencies of the load (rad/s), shape (n).
     real(wp), allocatable :: nu(:)
-    !> Harmonics kept, and X_k in u = Im sum_k X_k exp(i k nu t), shape
-    !! (size(orders), n_dof, n). NaN where no solution was found.
+    !> Included harmonics, and X_k in u = Im sum_k X_k exp(i k nu t), shape (size(orders), n_dof,
+    !! n). NaN if no solution was found.
     integer, allocatable :: orders(:)
     complex(wp), allocatable :: coefficients(:, :, :)
-    !> One of `viscovib_outcomes`, iterations made, and the factor by which
-    !! the last corrections shrank an iteration, shape (n).
+    !> One of `viscovib_outcomes`, number of iterations, and the factor by which the last
+    !! corrections shrank per iteration, shape (n).
     integer, allocatable :: outcome(:), iterations(:)
-    !> Method by which each was computed, one of `method_names`, shape (n).
+    !> Method that computed each motion, one of `method_names`, shape (n).
     integer, allocatable :: method(:)
     real(wp), allocatable :: rate(:)
-    !> Highest order kept (0 where no solution was found; coefficients beyond it are 0),
-    !! and the estimated relative error of leaving out those above, shape (n).
+    !> Highest order (0 if no solution was found; coefficients beyond it are 0), and the estimated
+    !! relative truncation error, shape (n).
     integer, allocatable :: highest(:)
     real(wp), allocatable :: truncation(:)
-    !> Relative error that was allowed: the tolerance and what is allowed besides, shape (n).
+    !> Allowed relative error: relative and absolute tolerance, shape (n).
     real(wp), allocatable :: allowed(:)
-    !> Relative size of each correction, shape (0 or max_iterations, n); NaN
-    !! past the last.
+    !> Relative size of each correction, shape (0 or max_iterations, n); NaN after the last.
     real(wp), allocatable :: corrections(:, :)
     !> Iterates from the linear response on, shape (size(orders), n_dof, 1 + max_iterations, n); NaN
-    !! past the last. Not allocated: not kept.
+    !! after the last. Not allocated if not kept.
     complex(wp), allocatable :: iterates(:, :, :, :)
-    !> Of each motion, if that was asked for; else its arrays are not allocated.
+    !> Stability of each motion; arrays not allocated if not requested.
     type(stability_type) :: stability
   contains
     procedure :: allocate_for
@@ -79,7 +78,7 @@ module viscovib_response
 
 contains
 
-  !> Room for n frequencies, all zero and converged.
+  !> Allocate for n frequencies, all zero and converged.
   subroutine allocate_for(self, nu, orders, n_dof, n_history)
     class(response_type), intent(out) :: self
     real(wp), intent(in) :: nu(:)
@@ -97,7 +96,7 @@ contains
     self%corrections = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine allocate_for
 
-  !> Say what error is allowed of a motion of a size in the norm of `weighted_norm`.
+  !> Set the allowed error of a motion with a given norm (`weighted_norm`).
   pure subroutine allow(self, options, i, norm)
     class(response_type), intent(inout) :: self
     type(response_options), intent(in) :: options
@@ -109,7 +108,7 @@ contains
                                                   + options%least/max(norm, tiny(norm)**0.5_wp)
   end subroutine allow
 
-  !> No solution at point i: leave no number that could be taken for one.
+  !> Mark point i as without a solution: all values are NaN.
   subroutine discard(self, i, outcome)
     class(response_type), intent(inout) :: self
     integer, intent(in) :: i, outcome
@@ -121,7 +120,7 @@ contains
     self%coefficients(:, :, i) = cmplx(nan, nan, wp)
   end subroutine discard
 
-  !> Point i is computed again: as `allocate_for` leaves it.
+  !> Reset point i to its state after `allocate_for`.
   subroutine renew(self, i)
     class(response_type), intent(inout) :: self
     integer, intent(in) :: i
@@ -132,7 +131,7 @@ contains
     self%corrections(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine renew
 
-  !> Room for more orders, those here being the first of them.
+  !> Extend to more orders; the present ones must be the first of them.
   subroutine widen(self, orders)
     class(response_type), intent(inout) :: self
     integer, intent(in) :: orders(:)
@@ -144,14 +143,14 @@ contains
               source=(0.0_wp, 0.0_wp))
     wider(:m, :, :) = self%coefficients
     do i = 1, size(self%nu)
-      ! No number where no solution is.
+      ! NaN where there is no solution.
       if (self%outcome(i) /= outcome_converged) wider(m + 1:, :, i) = self%coefficients(1, 1, i)
     end do
     call move_alloc(wider, self%coefficients)
     self%orders = orders
   end subroutine widen
 
-  !> Put the points of a response with more orders in the place of some here.
+  !> Replace some points by those of a response with more orders.
   subroutine replace(self, places, better)
     class(response_type), intent(inout) :: self
     integer, intent(in) :: places(:)
@@ -168,7 +167,7 @@ contains
     self%corrections(:, places) = better%corrections
   end subroutine replace
 
-  !> From coordinates relative to the base to absolute ones.
+  !> Transform coordinates relative to the base to absolute ones.
   subroutine add_base_motion(self, system, load)
     class(response_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -189,7 +188,7 @@ contains
     end do
   end subroutine add_base_motion
 
-  !> No motion with a number that is not finite has converged, whatever made it.
+  !> Discard converged motions that contain values that are not finite.
   subroutine keep_finite(self)
     class(response_type), intent(inout) :: self
     integer :: i
@@ -202,10 +201,10 @@ contains
     end do
   end subroutine keep_finite
 
-  !> From the coordinates computed to all, the others at rest.
+  !> Extend to all coordinates; those that were not computed are 0.
   subroutine spread_out(self, moved)
     class(response_type), intent(inout) :: self
-    !> Which were computed, shape (n_dof).
+    !> True for computed coordinates, shape (n_dof).
     logical, intent(in) :: moved(:)
     complex(wp), allocatable :: all_of_them(:, :, :), history(:, :, :, :)
     integer :: d, n
@@ -228,7 +227,7 @@ contains
       end do
       call move_alloc(history, self%iterates)
     end if
-    ! Where no solution was found there is no number that could be taken for one.
+    ! NaN where no solution was found.
     do n = 1, size(self%nu)
       if (self%outcome(n) /= outcome_converged) call self%discard(n, self%outcome(n))
     end do

@@ -1,5 +1,5 @@
-!> A branch of periodic motions of an oscillator, from a frequency, a factor of the load or
-!! a parameter on, with the orders given or as many as each point needs.
+!> A branch of periodic motions of an oscillator over a frequency, a load factor or a parameter,
+!! with given or adapted orders.
 module viscovib_response_branch
   use viscovib_balance_ladder, only: balance_ladder_type, new_ladder, one_rung
   use viscovib_crossing_errors, only: branch_point_error
@@ -21,11 +21,11 @@ module viscovib_response_branch
 
   public :: departure_type, follow_response
 
-  !> Orders with which a motion is sought from rest: enough not to be led astray.
+  !> Highest order of a search from zero: enough to avoid spurious solutions.
   integer, parameter :: orders_from_rest = 9
 
-  !> Where to leave another branch: unknowns of all orders the plan allows, shape (n), what
-  !! varies, and the direction, shape (n + 1); 0: a motion nearby, to begin at.
+  !> Start from another branch: unknowns of all orders that the plan allows, shape (n), the
+  !! parameter, and the direction, shape (n + 1); direction 0: an initial guess.
   type :: departure_type
     real(wp), allocatable :: x(:), along(:)
     real(wp) :: p = 0.0_wp
@@ -33,19 +33,19 @@ module viscovib_response_branch
 
 contains
 
-  !> From a motion found at options%start, or from a departure.
+  !> Follow the branch from a motion at options%start, or from a departure.
   subroutine follow_response(curve, plan, options, branch, set, outcome, departure, cancel)
-    !> Made for the orders of the plan and set to its beginning; left with the orders of `set`.
+    !> Created with the orders of the plan, at its start; has the orders of `set` on return.
     class(oscillator_curve_type), intent(inout) :: curve
     type(response_plan_type), intent(in) :: plan
     type(curve_options), intent(in) :: options
-    !> Unknowns are those of `set`, of which each point may keep fewer.
+    !> Unknowns are those of `set`; each point may have fewer orders.
     type(curve_branch_type), intent(out) :: branch
     type(harmonic_set_type), intent(out) :: set
-    !> Of the search for the first motion; unless converged there is no branch.
+    !> Outcome of the search for the first motion; there is no branch unless it is converged.
     integer, intent(out) :: outcome
     type(departure_type), intent(in), optional :: departure
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(balance_ladder_type) :: ladder
     real(wp), allocatable :: x(:, :)
@@ -101,7 +101,7 @@ contains
         if (present(cancel)) then
           if (is_set(cancel)) exit
         end if
-        ! Few orders may have a motion where more have none nearby: begin with more.
+        ! A motion with few orders may have no counterpart with more: start with more.
         rung = ladder%rung_of(2*ladder%highest(rung) + 1)
         call ladder%prepare(rung, curve%system, curve%load, nu)
         call curve%balance%set_frequency(curve%system, curve%load, nu)
@@ -111,7 +111,7 @@ contains
     end if
     call branch%end_with_numbers()
     call branch%doubt_beside_folds([(curve%system%mass(i, i), i=1, curve%blocks)])
-    ! Where the first point could not be corrected there is no branch.
+    ! There is no branch if the first point could not be corrected.
     if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
     if (outcome == outcome_converged) then
       call keep_used(curve, branch)
@@ -130,7 +130,7 @@ contains
 
   end subroutine follow_response
 
-  !> From a motion near the one given.
+  !> Follow the branch from a motion near the given one.
   subroutine follow_from(curve, options, departure, branch, outcome, cancel)
     class(oscillator_curve_type), intent(inout) :: curve
     type(curve_options), intent(in) :: options
@@ -153,7 +153,7 @@ contains
     call follow_curve(curve, options, reshape(x, [curve%n]), branch, departure%p, cancel=cancel)
   end subroutine follow_from
 
-  !> The lowest rung that holds everything a departure has.
+  !> The lowest rung that includes all nonzero orders of a departure.
   pure integer function rung_with(ladder, departure, blocks) result(rung)
     type(balance_ladder_type), intent(in) :: ladder
     type(departure_type), intent(in) :: departure
@@ -169,7 +169,7 @@ contains
     end do
   end function rung_with
 
-  !> How far off branch points are: by twice the orders.
+  !> Errors of branch points: with twice the orders.
   subroutine find_errors(curve, branch, cancel)
     class(oscillator_curve_type), intent(inout) :: curve
     type(curve_branch_type), intent(inout) :: branch
@@ -193,7 +193,7 @@ contains
     call curve%restore()
   end subroutine find_errors
 
-  !> Unknowns of the highest orders that any point has kept.
+  !> Reduce the unknowns to the highest orders that any point has.
   subroutine keep_used(curve, branch)
     class(oscillator_curve_type), intent(inout) :: curve
     type(curve_branch_type), intent(inout) :: branch

@@ -1,5 +1,5 @@
-!> Frequencies side by side in lanes: what an iteration of the nonlinear steady response holds of
-!! each, the force of the present motion and the motion that answers it.
+!> Data of the frequencies in the vector lanes during the iteration of the nonlinear steady
+!! response: the force of the present motion and the next motion.
 module viscovib_response_lanes
   use viscovib_counters, only: count_up, counted_loads, counting
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -13,11 +13,10 @@ module viscovib_response_lanes
   public :: advance, allocate_block, block_type, lane_norm, load_lane, nonlinear_force, &
             restart_lane, solve_lanes
 
-  !> Everything that belongs to the frequencies under iteration. Real and
-  !! imaginary parts are apart (second index of size 2, or names re, im) so
-  !! that all loops run along the lanes.
+  !> Data of the frequencies under iteration. Real and imaginary parts are separate (second index of
+  !! size 2, or names re, im), so that all loops run along the lanes.
   type :: block_type
-    !> Which point of the chunk a lane works on; 0: idle.
+    !> The point of the chunk in each lane; 0: idle.
     integer :: point(n_lanes) = 0
     integer :: iteration(n_lanes) = 0, halvings(n_lanes) = 0
     real(wp) :: relaxation(n_lanes) = 1.0_wp
@@ -31,11 +30,10 @@ module viscovib_response_lanes
     real(wp), allocatable :: u(:, :, :, :), load(:, :, :, :)
     !> Compliance, shape (n_lanes, n_dof, n_dof, n_orders).
     real(wp), allocatable :: c_re(:, :, :, :), c_im(:, :, :, :)
-    !> What memory retains, shape (n_lanes, n_memory, n_orders).
+    !> Memory factors 1 - Rhat, shape (n_lanes, n_memory, n_orders).
     real(wp), allocatable :: f_re(:, :, :), f_im(:, :, :)
-    !> Work: next iterate and nonlinear force (as u), hereditary variables
-    !! (n_lanes, 2, n_orders, n_memory), and samples
-    !! (n_lanes*n_samples, n_dof or n_memory).
+    !> Workspace: next iterate and nonlinear force (as u), hereditary variables (n_lanes, 2,
+    !! n_orders, n_memory), and samples (n_lanes*n_samples, n_dof or n_memory).
     real(wp), allocatable :: next(:, :, :, :), force(:, :, :, :), w(:, :, :, :)
     real(wp), allocatable :: u_samples(:, :), w_samples(:, :), f_samples(:, :)
   end type block_type
@@ -61,7 +59,7 @@ contains
               work%f_samples(s, d), source=0.0_wp)
   end subroutine allocate_block
 
-  !> Largest of sqrt(M_dd) (|Re X| + |Im X|) of each lane.
+  !> Largest value of sqrt(M_dd) (|Re X| + |Im X|) in each lane.
   pure function lane_norm(system, x) result(norm)
     class(oscillator_type), intent(in) :: system
     !> Shape (n_lanes, 2, n_orders, n_dof).
@@ -159,7 +157,7 @@ contains
     end do
   end subroutine nonlinear_force
 
-  !> The part F(u, v) - B v, for which v is needed in time, linear part and all.
+  !> The part F(u, v) - B v, which requires v in time, including its linear part.
   subroutine inseparable_force(work, system, set)
     type(block_type), intent(inout) :: work
     class(oscillator_type), intent(in) :: system
@@ -182,7 +180,7 @@ contains
     end do
   end subroutine inseparable_force
 
-  !> Multiply harmonics by what memory retains of each.
+  !> Multiply harmonics by their memory factors.
   pure subroutine retain(f_re, f_im, w)
     real(wp), intent(in) :: f_re(:, :), f_im(:, :)
     real(wp), intent(inout) :: w(:, :, :)
@@ -221,7 +219,7 @@ contains
     end do
   end subroutine solve_lanes
 
-  !> Take the wanted fraction of the correction.
+  !> Apply the relaxation fraction of the correction.
   pure subroutine advance(work, lane)
     type(block_type), intent(inout) :: work
     integer, intent(in) :: lane

@@ -1,7 +1,7 @@
-!> What a forced response will compute, and what it skips and why.
+!> Plan of a forced response: what it computes, and what it skips and why.
 !!
-!! The plan is made before any work and then followed: what it says is what
-!! runs. It also holds every check of the input that needs the whole job.
+!! The plan is made first and then executed without changes. It also contains every check of the
+!! input that requires the whole job.
 module viscovib_response_plan
   use viscovib_balance_ladder, only: lowest_order
   use viscovib_checks, only: check_finite, check_positive
@@ -29,23 +29,22 @@ module viscovib_response_plan
     [character(len=10) :: 'linear', 'successive', 'newton', 'auto']
   !> Bounds of the options.
   integer, parameter, public :: max_iterations_allowed = 100000
-  !> Unknowns of Newton's method at most: what fills a matrix of 32 MB.
+  !> Largest number of unknowns of Newton's method: a matrix of 32 MB.
   integer, parameter, public :: max_unknowns = 2000
 
   type :: response_plan_type
-    !> The method that will really run.
+    !> The method that will run.
     integer :: method = method_linear
-    !> Harmonics kept; for a linear response just those of the load; if they are chosen
-    !! on the way the least that may be.
+    !> Harmonics: for a linear response those of the load; if adapted, the smallest set.
     type(harmonic_set_type) :: set
     type(response_options) :: options
-    !> Harmonics are chosen on the way, up to the order `most`, by Newton's method to `newton_most`.
+    !> Harmonics are adapted, up to the order `most`, or `newton_most` by Newton's method.
     logical :: chosen = .false.
     integer :: most = 0, newton_most = 0
-    !> Coordinates that are computed, shape (n_dof); the others stay at rest.
+    !> Computed coordinates, shape (n_dof); the remaining coordinates stay at rest.
     logical, allocatable :: moved(:)
-    !> Lines `computes: ...` and `skips: ...`, separated by new-line characters; and those
-    !! that hold for a branch too.
+    !> Lines `computes: ...` and `skips: ...`, separated by new-line characters; and the lines that
+    !! also apply to a branch.
     character(len=:), allocatable :: text, rest
   contains
     procedure, private :: say
@@ -53,7 +52,7 @@ module viscovib_response_plan
 
 contains
 
-  !> Check the job and decide how to do it.
+  !> Check the job and choose the method.
   subroutine new_response_plan(plan, system, load, nu, method, options, status)
     type(response_plan_type), intent(out) :: plan
     class(oscillator_type), intent(in) :: system
@@ -137,7 +136,7 @@ contains
     n = 2*size(plan%set%orders)*system%n_dof()
     if (plan%method == method_auto .and. n > max_unknowns) plan%method = method_successive
     if (plan%chosen) then
-      ! Orders below these fill the unknowns there may be.
+      ! Highest order that the largest number of unknowns allows.
       highest = max_unknowns/(2*system%n_dof())
       highest = merge(2*highest - 1, highest - 1, plan%set%half_wave)
       plan%newton_most = max(min(plan%most, highest), plan%set%orders(size(plan%set%orders)))
@@ -152,8 +151,8 @@ contains
     call describe(plan, system, load, n_nu, method)
   end subroutine choose
 
-  !> Smallest root of a mass: what moves no coordinate by more than d is this times d in the norm of
-  !! `weighted_norm`, at least. Coordinates without mass are not seen by the norm.
+  !> Smallest root of a mass: a displacement d of any coordinate has a norm (`weighted_norm`) of at
+  !! least d times this. The norm does not include coordinates without mass.
   pure real(wp) function lightest(system)
     class(oscillator_type), intent(in) :: system
     integer :: d
@@ -201,7 +200,7 @@ contains
     end if
   end subroutine check_options
 
-  !> A mean needs the integral of every kernel.
+  !> A mean requires the integral of every kernel.
   subroutine check_mean(plan, system, status)
     type(response_plan_type), intent(in) :: plan
     class(oscillator_type), intent(in) :: system

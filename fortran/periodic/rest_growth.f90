@@ -1,9 +1,8 @@
-!> Rates at which a system creeps away from rest: real s > 0 with
-!! det(s^2 M + s C + B [1 - R(s)] W) = 0.
+!> Rates of monotonic growth from rest: real s > 0 with det(s^2 M + s C + B [1 - R(s)] W) = 0.
 !!
-!! There are such where a kernel R has an integral above 1, or none: then springs push where
-!! they have relaxed. The faster memory acts the faster that is, far beyond all frequencies of
-!! the load, where no other method gives these exponents.
+!! They exist if a kernel R has an integral above 1, or none: relaxed springs then push. For fast
+!! memory the growth is fast, far above all frequencies of the load, where no other method computes
+!! these exponents.
 module viscovib_rest_growth
   use viscovib_dense, only: factorize
   use viscovib_eigenvalues, only: eigenvalues
@@ -14,21 +13,21 @@ module viscovib_rest_growth
 
   public :: rates_from_rest
 
-  !> Rates looked at, as parts of a frequency, and the factor between two, of slow ones a larger.
+  !> Range of rates, relative to a frequency, and factor between two rates, larger for slow ones.
   real(wp), parameter :: slowest = 1.0e-12_wp, slow = 1.0e-3_wp, fastest = 1.0e5_wp
   real(wp), parameter :: ratio = 1.1_wp, ratio_of_slow = 10.0_wp
-  !> Rates are found to this part.
+  !> Relative tolerance of rates.
   real(wp), parameter :: close_enough = 1.0e-9_wp
-  !> Coordinates up to which eigenvalues take little time.
+  !> Largest number of coordinates for which eigenvalues are cheap.
   integer, parameter :: most_by_eigenvalues = 8
 
 contains
 
-  !> Ascending, such side by side each for itself: the number of negative eigenvalues gives how many
-  !! there are between two rates.
+  !> Rates, ascending, including close ones: the number of negative eigenvalues changes by the
+  !! number of rates between two values.
   subroutine rates_from_rest(system, nu, rates)
     class(oscillator_type), intent(in) :: system
-    !> A frequency (rad/s) that counts as neither slow nor fast.
+    !> A frequency (rad/s) of typical magnitude.
     real(wp), intent(in) :: nu
     real(wp), allocatable, intent(out) :: rates(:)
     real(wp) :: low, high
@@ -46,7 +45,7 @@ contains
     end do
   end subroutine rates_from_rest
 
-  !> The rates between two.
+  !> Add the rates between two values.
   recursive subroutine part(system, low, n_low, high, n_high, rates)
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: low, high
@@ -62,14 +61,14 @@ contains
     end if
     middle = 0.5_wp*(low + high)
     n_middle = n_negative(system, middle)
-    ! On one of them.
+    ! Exactly at a rate.
     if (n_middle < 0) n_middle = n_high
     call part(system, low, n_low, middle, n_middle, rates)
     call part(system, middle, n_middle, high, n_high, rates)
   end subroutine part
 
-  !> How many eigenvalues have a negative real part; of large systems whether that number is odd.
-  !! -1: not known.
+  !> Number of eigenvalues with negative real part; for large systems 1 if it is odd, else 0. -1:
+  !! unknown.
   integer function n_negative(system, s)
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: s

@@ -1,11 +1,11 @@
-!> How far periodic motions found are off those that their equations have: what is left to correct,
-!! and rounding errors.
+!> Errors of periodic motions as solutions of their equations: the remaining correction, and
+!! rounding errors.
 !!
-!! A motion x of the orders kept has a residual R(x), which by the derivatives J moves it by
-!! -J^-1 R(x). R itself is known to the unit roundoff times its largest term, and J^-1 times that is
-!! the least error there is (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7).
-!! Inertia and stiffness, which cancel in resonance, are terms of their own. Coordinates that
-!! nothing moves are left out.
+!! The residual R(x) of a motion x with given orders displaces it by -J^-1 R(x) with the derivatives
+!! J. The error of R itself is the unit roundoff times its largest term; J^-1 times that is the
+!! smallest possible error (Higham, Accuracy and Stability of Numerical Algorithms (2002) ch. 7).
+!! Inertia and stiffness, which cancel in resonance, are separate terms. Coordinates that are not
+!! excited are omitted.
 module viscovib_rounding_error
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -21,19 +21,19 @@ module viscovib_rounding_error
 
   public :: rounding_judge
 
-  !> Rounding of an equation in units of its largest term, and how many signs are tried.
+  !> Rounding error of an equation relative to its largest term, and number of sign patterns.
   real(wp), parameter :: usual = 2.0_wp*epsilon(1.0_wp)
   integer, parameter :: all_signs = 3
 
-  !> The balance of some orders.
+  !> The balance of a set of orders.
   type :: kept_balance
     integer :: highest = -1
     logical :: half_wave = .false.
     type(balance_type) :: balance
   end type kept_balance
 
-  !> What is kept for the next motion, which is one of the same system: its balance, and the system
-  !! without the coordinates that nothing moves, where there are any.
+  !> Data kept for the next motion of the same system: its balance, and the system without the
+  !! coordinates that are not excited, if there are any.
   type :: rounding_judge
     private
     type(kept_balance) :: kept
@@ -46,14 +46,14 @@ module viscovib_rounding_error
 
 contains
 
-  !> The relative error of a motion in the norm of `weighted_norm`; negative if it is not known.
+  !> The relative error of a motion in the norm of `weighted_norm`; negative if unknown.
   subroutine error_of(self, system, load, nu, half_wave, linear, x, error)
     class(rounding_judge), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequency (rad/s).
     real(wp), intent(in) :: nu
-    !> Whether odd orders alone are kept, and whether forces are those next to rest.
+    !> True for odd orders only, and true for forces linearized at zero.
     logical, intent(in) :: half_wave, linear
     !> Harmonics relative to the base, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
@@ -79,7 +79,7 @@ contains
     end if
   end subroutine error_of
 
-  !> The same of all coordinates.
+  !> The same for all coordinates.
   subroutine whole_error(self, system, load, nu, half_wave, linear, x, error)
     type(kept_balance), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -98,7 +98,7 @@ contains
     norm = weighted_norm(system, x)
     if (.not. norm > 0.0_wp) return
     if (.not. half_wave) then
-      ! A mean needs the integral of every kernel.
+      ! A mean requires the integral of every kernel.
       if (system%kernel_without_integral() /= 0) error = -1.0_wp
       if (error < 0.0_wp) return
     end if
@@ -131,8 +131,8 @@ contains
     error = min(1.0_wp, error/norm)
   end subroutine whole_error
 
-  !> The largest terms of the equations of each coordinate: samples share their rounding among all
-  !! orders.
+  !> The largest terms of the equations of each coordinate: all orders share the rounding errors of
+  !! samples.
   subroutine find_terms(balance, system, x, jacobian, terms)
     type(balance_type), intent(in) :: balance
     class(oscillator_type), intent(in) :: system

@@ -1,5 +1,5 @@
-!> Between the harmonics of one motion and its samples: tables laid out so that each
-!! product runs along whole vectors, whatever the number of harmonics.
+!> Transforms between the harmonics of one motion and its samples: tables arranged so that each
+!! product uses whole vectors for any number of harmonics.
 module viscovib_sample_tables
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -9,15 +9,15 @@ module viscovib_sample_tables
 
   public :: sample_tables, new_sample_tables, retain
 
-  !> Samples are filled up to a multiple of this by zeros.
+  !> The number of samples is padded with zeros to a multiple of this.
   integer, parameter :: vector = 4
 
   type :: sample_tables
-    !> Samples with those filled up; parts, real and imaginary, of the harmonics kept.
+    !> Padded number of samples; number of real and imaginary parts of the harmonics.
     integer :: n_samples = 0, n_parts = 0
-    !> Highest index of a moment, and the order between two.
+    !> Highest index of a moment, and the difference of orders between two moments.
     integer :: reach = 0, stride = 1
-    !> Sines and cosines at the samples, shape (n_samples, n_parts), and the way back,
+    !> Sines and cosines at the samples, shape (n_samples, n_parts), and the inverse transform,
     !! shape (n_parts, n_samples).
     real(wp), allocatable, private :: waves(:, :), back(:, :)
     !> Cosines, then sines, of all orders of a product of two harmonics, over the number
@@ -70,7 +70,7 @@ contains
     call combine(self%n_samples, self%n_parts, self%waves, parts, samples)
   end subroutine to_samples
 
-  !> Harmonics of one coordinate, real and imaginary parts by turns.
+  !> Harmonics of one coordinate, alternating real and imaginary parts.
   pure subroutine to_parts(self, samples, parts)
     class(sample_tables), intent(in) :: self
     real(wp), intent(in) :: samples(self%n_samples)
@@ -107,7 +107,7 @@ contains
     end do
   end subroutine retain
 
-  !> y = A x, four columns a turn.
+  !> y = A x, four columns at a time.
   pure subroutine combine(n, m, a, x, y)
     integer, intent(in) :: n, m
     real(wp), intent(in) :: a(n, m), x(m)

@@ -1,11 +1,10 @@
-!> The largest size that a harmonic has between sampled motions, which may lie on several
-!! branches and far apart.
+!> The largest amplitude of a harmonic between sampled motions, which may lie on several branches
+!! and far apart.
 !!
-!! A resonance between two samples shows in their slopes: the size grows from the left one,
-!! or towards the right one, more than the other says. From there on the branch of the
-!! sample is climbed, through all summits on the way; beyond the neighbour it is no longer that
-!! of the samples. Slopes that do not lead from one sample to the next hide something: there
-!! the branch is followed too.
+!! A resonance between two samples shows in their slopes: the amplitude grows from the left one, or
+!! towards the right one, more than the other sample shows. From there the search climbs along the
+!! branch of the sample, over all maxima up to the adjacent sample; beyond it lies a different
+!! branch. If the slopes do not lead from one sample to the next, the branch is followed too.
 module viscovib_sampled_peak
   use viscovib_curve, only: curve_type
   use viscovib_curve_peak, only: climb, growth_along, harmonic_measure
@@ -18,19 +17,19 @@ module viscovib_sampled_peak
 
 contains
 
-  !> The largest of the samples and of the summits between them.
+  !> The largest amplitude of the samples and of the maxima between them.
   subroutine peak_of_samples(curve, measure, tolerance, p, x, wide, best_p, best, found, cancel)
     class(curve_type), intent(inout) :: curve
     type(harmonic_measure), intent(in) :: measure
     real(wp), intent(in) :: tolerance
-    !> Ascending, shape (n), and the motions there, shape (curve%n, n).
+    !> Parameters, ascending, shape (n), and the motions there, shape (curve%n, n).
     real(wp), intent(in) :: p(:), x(:, :)
-    !> Look between all samples, not only near the largest.
+    !> True: search between all samples, not only near the largest one.
     logical, intent(in) :: wide
     real(wp), intent(out) :: best_p, best
-    !> The best is a summit, not a sample.
+    !> True if the best point is a maximum between samples.
     logical, intent(out) :: found
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
     real(wp) :: sizes(size(p)), slopes(size(x, 1), size(p))
     integer :: trend(size(p)), i, largest
@@ -55,7 +54,7 @@ contains
         if (is_set(cancel)) return
       end if
       there = .false.
-      ! Where both agree on the way up there is nothing between them.
+      ! If both slopes agree upwards there is no maximum between the samples.
       if (trend(i) > 0 .and. .not. (trend(i + 1) > 0 .and. sizes(i + 1) >= sizes(i))) then
         call from_sample(i, .false.)
       end if
@@ -69,8 +68,8 @@ contains
 
   contains
 
-    !> Whether the secant between two samples is not the mean of their slopes; that of the harmonic
-    !! by itself too, which may be smaller than other coordinates.
+    !> True if the secant between two samples differs from the mean of their slopes, for all
+    !! unknowns or for the harmonic alone, which may be smaller than other coordinates.
     pure logical function hides(at)
       integer, intent(in) :: at
       real(wp) :: secant(size(x, 1)), off(size(x, 1))
@@ -87,7 +86,7 @@ contains
       logical :: summit
       at = x(:, from)
       at_p = p(from)
-      ! Neighbouring modes may have several summits between two samples.
+      ! Close modes may have several maxima between two samples.
       there = .true.
       call climb(curve, measure, tolerance, p(i), p(i + 1), at, at_p, summit, cancel, there, &
                  upwards)

@@ -1,11 +1,11 @@
-!> What the samples of a period leave of error in a harmonic balance.
+!> Sampling error of a harmonic balance.
 !!
-!! Harmonics of a force come from samples at which orders above N/2 alias onto those kept, or from
-!! integrals between places where it switches, which samples find. With four times the samples the
-!! same orders have a residual R(x) at a solution x, which by the derivatives J of the equations
-!! solved moves it by -J^-1 R(x). A solution may have been found with as many samples as that, which
-!! then see nothing: four times as many are taken until what they see changes little. Polynomial
-!! forces have samples enough, and no such error.
+!! Harmonics of a force are computed from samples, at which orders above N/2 alias, or from
+!! integrals between switching phases, which are found from samples. With four times the samples,
+!! the same orders have a residual R(x) at a solution x, which displaces it by -J^-1 R(x) with the
+!! derivatives J. A solution that was found with that many samples shows no residual; so the number
+!! is multiplied by four until the estimate changes little. Polynomial forces have enough samples
+!! and no such error.
 module viscovib_sampling_error
   use viscovib_dense, only: factorize, solve
   use viscovib_harmonic_balance, only: balance_type, new_balance
@@ -19,16 +19,15 @@ module viscovib_sampling_error
 
   public :: sampling_judge
 
-  !> Samples of a finer balance for each of the one before, and how many of those there are; samples
-  !! of those after the second at most.
+  !> Factor of the number of samples between finer balances, and number of these; largest number of
+  !! samples after the second one.
   integer, parameter :: finer = 4, n_finer = 4, most_samples = 32768
-  !> What samples that are four times as many lack themselves, and how uncertain J is.
+  !> Factor for the error of the finer samples, and for the error of J.
   real(wp), parameter :: safety = 2.0_wp
-  !> What is seen may differ by this part of itself from what fewer samples see; and what may be
-  !! rounding.
+  !> Largest relative change of the estimate between two sample numbers; and its rounding error.
   real(wp), parameter :: settled = 0.25_wp, rounding = 1.0e-13_wp
 
-  !> Balances of some orders, which are kept for the next motion.
+  !> Balances of a set of orders, kept for the next motion.
   type :: sampling_judge
     private
     integer :: highest = 0, n_samples = 0, n_made = 0
@@ -41,20 +40,20 @@ module viscovib_sampling_error
 
 contains
 
-  !> The next motion is one of another system.
+  !> Reset before a motion of another system.
   subroutine forget(self)
     class(sampling_judge), intent(inout) :: self
     self%highest = 0
   end subroutine forget
 
-  !> The relative error of a motion in the norm of `weighted_norm`; negative if it is not known.
+  !> The relative error of a motion in the norm of `weighted_norm`; negative if unknown.
   subroutine error_of(self, system, load, nu, factor, half_wave, x, error)
     class(sampling_judge), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> Circular frequency (rad/s), and factor of the load.
+    !> Circular frequency (rad/s), and load factor.
     real(wp), intent(in) :: nu, factor
-    !> Whether odd orders alone are kept.
+    !> True for odd orders only.
     logical, intent(in) :: half_wave
     !> Harmonics relative to the base, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
@@ -96,7 +95,7 @@ contains
       call solve(size(x), jacobian, pivots, moved)
       error = weighted_norm(system, moved)/norm
       change = weighted_norm(system, moved - before)/norm
-      ! By chance an error is smaller than that of many more samples: so two of these must agree.
+      ! An error may be small by chance: two successive estimates must agree.
       if (change <= max(merge(settled*error, 0.0_wp, i > 1), rounding)) exit
       error = max(error, change)
       before = moved
@@ -104,7 +103,7 @@ contains
     error = min(1.0_wp, safety*error)
   end subroutine error_of
 
-  !> Balance i of those with more samples.
+  !> Create the finer balance i.
   subroutine make_finer(self, system, i)
     type(sampling_judge), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -118,7 +117,7 @@ contains
     self%n_made = i
   end subroutine make_finer
 
-  !> A balance at a frequency, with a factor of the load.
+  !> Set the frequency and the load factor of a balance.
   subroutine set_up(balance, system, load, nu, factor)
     type(balance_type), intent(inout) :: balance
     class(oscillator_type), intent(in) :: system

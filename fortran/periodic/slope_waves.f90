@@ -1,9 +1,9 @@
-!> Slopes of force laws along a motion as waves that the samples of a period can hold.
+!> Slopes of force laws along a motion as Fourier sums that the samples of a period resolve.
 !!
-!! A slope that jumps where a law has a kink, or swings within a sample, has waves beyond those that
-!! samples distinguish, which fold back: an error of one sample in the place of the jump. So its
-!! Fourier coefficients are integrated from one kink to the next, over pieces halved until sixteen
-!! Gauss points resolve them, and the samples are replaced by those of the resolved harmonics.
+!! A slope that jumps at a kink, or varies within a sample, has harmonics that alias: an error of
+!! one sample in the phase of the jump. So its Fourier coefficients are integrated between the
+!! kinks, over pieces that are halved until sixteen Gauss points resolve them. The samples are
+!! replaced by those of the resolved harmonics.
 module viscovib_slope_waves
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -22,19 +22,19 @@ module viscovib_slope_waves
 
   public :: hold_waves
 
-  !> Part that the highest waves of the samples may have; the shortest piece, in units of the
-  !! longest; pieces tried, in units of those of the longest.
+  !> Largest relative size of the highest harmonics of the samples; shortest piece, in units of the
+  !! longest; largest number of pieces, relative to the number of longest pieces.
   real(wp), parameter :: silent = 1.0e-10_wp, shortest = 1.0e-5_wp
   integer, parameter :: most_tries = 8
 
 contains
 
-  !> Replace samples of slopes that fold back.
+  !> Replace samples of slopes that alias.
   subroutine hold_waves(system, set, mu, x, u, slopes)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     !> Frequencies of the orders, harmonics, shape (2 n_orders, n_dof), and samples of coordinates
-    !! and rates read.
+    !! and rates.
     real(wp), intent(in) :: mu(:), x(:, :), u(:, :)
     !> Derivatives of the hereditary variables, shape (n_samples, n_memory, n_dof + n_rates).
     real(wp), intent(inout) :: slopes(:, :, :)
@@ -48,7 +48,7 @@ contains
     end select
   end subroutine hold_waves
 
-  !> Those of one law.
+  !> Replace the samples of one law.
   subroutine hold_law(law, set, mu, x, u, slopes)
     type(law_term), intent(in) :: law
     type(harmonic_set_type), intent(in) :: set
@@ -67,8 +67,8 @@ contains
     end do
   end subroutine hold_law
 
-  !> What the derivatives of a law by its arguments change by at the samples; not allocated where
-  !! these are sufficient.
+  !> Change of the derivatives of a law by its arguments at the samples; not allocated if the
+  !! samples are sufficient.
   subroutine find_change(law, set, mu, x, u, change)
     type(law_term), intent(in) :: law
     type(harmonic_set_type), intent(in) :: set
@@ -106,7 +106,7 @@ contains
     end do
   end subroutine find_change
 
-  !> Whether the highest waves of samples are so small that nothing folds back.
+  !> True if the highest harmonics of samples are so small that aliasing is negligible.
   pure logical function tells_all(sampled)
     real(wp), intent(in) :: sampled(:, :)
     complex(wp) :: wave(size(sampled, 2))
@@ -126,11 +126,11 @@ contains
     tells_all = .true.
   end function tells_all
 
-  !> Mean values of the derivatives times the cosines and sines of their period.
+  !> Mean values of the derivatives times the cosines and sines of the period.
   subroutine integrate(program, set, y, breaks, size_of, c, s)
     type(law_program), intent(in) :: program
     type(harmonic_set_type), intent(in) :: set
-    !> Harmonics of the arguments, shape (n_parts, n_arguments), and where derivatives may jump.
+    !> Harmonics of the arguments, shape (n_parts, n_arguments), and phases of possible jumps.
     real(wp), intent(in) :: y(:, :)
     type(phase_list), intent(in) :: breaks
     real(wp), intent(in) :: size_of

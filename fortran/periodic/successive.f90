@@ -3,14 +3,13 @@
 !!
 !!   D(k nu) U_k' = P_k - N_k(U)        (seed paper 001, (19), corrected)
 !!
-!! with N the nonlinear part of F, its memory included. The harmonics of N
-!! come from samples of a period (Fourier alternation). The iteration is a
-!! contraction only while N is small against the dynamic stiffness; each
-!! frequency therefore reports how it ended, and only a converged one gives
-!! numbers.
+!! where N is the nonlinear part of F, including its memory. The harmonics of N are computed from
+!! samples of a period (alternating frequency/time method). The iteration is a contraction only
+!! while N is small compared with the dynamic stiffness. Each frequency therefore reports its
+!! outcome, and only a converged one has results.
 !!
-!! Frequencies are independent: `n_lanes` of them are iterated side by side,
-!! and a lane that is done takes up the next frequency at once.
+!! Frequencies are independent: `n_lanes` of them are iterated in the vector lanes, and a finished
+!! lane starts the next frequency at once.
 module viscovib_successive
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
   use viscovib_balance_ladder, only: judging_order
@@ -41,15 +40,15 @@ module viscovib_successive
   real(wp), parameter :: growth_limit = 1.0e3_wp
   !> Relaxation is halved at most this often.
   integer, parameter :: max_halvings = 4
-  !> Largest factor between two turns that is believed where orders left out are judged.
+  !> Largest factor between two iterations that the estimate of the truncation error uses.
   real(wp), parameter :: slowest = 0.9_wp
-  !> An iteration falls short of all it will change by no more than 1/stagnant.
+  !> Lower limit of 1 - rate: the remaining change is at most 1/stagnant times the last one.
   real(wp), parameter :: stagnant = 1.0e-3_wp
-  !> Forces that are no polynomials are judged with this many times the samples; what these lack
-  !! themselves.
+  !> Factor of the number of samples for estimates with forces that are not polynomials, and safety
+  !! factor for the error of these samples.
   integer, parameter :: finer = 4
   real(wp), parameter :: safety = 2.0_wp
-  !> Orders left out that are this small, in the error allowed, need no second turn.
+  !> Omitted orders below this fraction of the allowed error need no second iteration.
   real(wp), parameter :: far_below = 1.0e-3_wp
 
 contains
@@ -59,12 +58,12 @@ contains
     type(load_type), intent(in) :: load
     !> Circular frequencies (rad/s).
     real(wp), intent(in) :: nu(:)
-    !> Harmonics to keep.
+    !> Included harmonics.
     type(harmonic_set_type), intent(in) :: set
     type(response_options), intent(in) :: options
-    !> Relative to the base.
+    !> The response relative to the base.
     type(response_type), intent(out) :: response
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(block_type) :: work, judging
     type(harmonic_set_type) :: more
@@ -89,7 +88,7 @@ contains
     end do
   end subroutine successive_response
 
-  !> Bring the points first..last of the response to an end, and judge them with `more`
+  !> Finish the points first..last of the response, and estimate their truncation error with `more`
   !! orders.
   subroutine iterate_chunk(system, load, set, options, work, response, first, last, more, judging, &
                            cancel)
@@ -143,7 +142,7 @@ contains
     end do
     call compliance_table(system, more%orders(m + 1:), response%nu(first:last), &
                           fraction(:, :, m + 1:), compliance(:, :, :, m + 1:), singular)
-    ! Undamped and in resonance: an order of any size may be missing.
+    ! Undamped and in resonance: the omitted harmonic may have any amplitude.
     do i = 1, n
       if (singular(i) .and. response%outcome(first + i - 1) == outcome_converged) then
         response%truncation(first + i - 1) = 1.0_wp
@@ -153,7 +152,7 @@ contains
 
   contains
 
-    !> No solution at the points that are not finished.
+    !> Mark the points that are not finished as stopped.
     subroutine give_up()
       integer :: k
       do k = 1, n_lanes
@@ -167,7 +166,7 @@ contains
 
   end subroutine iterate_chunk
 
-  !> A motion that was found, and not given up; NaN where none was found is not compared.
+  !> True for a motion that was found and has no truncation error of 1 yet.
   pure logical function to_be_judged(response, i)
     type(response_type), intent(in) :: response
     integer, intent(in) :: i
@@ -175,12 +174,11 @@ contains
     if (response%outcome(i) == outcome_converged) to_be_judged = response%truncation(i) < 1.0_wp
   end function to_be_judged
 
-  !> What the orders left out would change: two turns with `more` of them from the motion
-  !! found, the first of which finds them and the second what they do to the others, which
-  !! then goes on by the rate of the iteration. Where the first finds far less than allowed, that
-  !! rate replaces the second. At kinks those beyond `more` count too. Of
-  !! forces that are no polynomials the first also finds what too few samples have made of the
-  !! others.
+  !> Truncation error: two iterations with `more` orders from the motion found. The first one
+  !! computes the omitted orders, the second one their effect on the included orders, which then
+  !! continues with the rate of the iteration. If the first is far below the allowed error, that
+  !! rate replaces the second. With kinks, orders beyond `more` count too. For forces that are not
+  !! polynomials the first also shows the sampling error of the included orders.
   subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -189,8 +187,8 @@ contains
     type(response_type), intent(inout) :: response
     integer, intent(in) :: first, last
     complex(wp), intent(in) :: fraction(:, :, :), compliance(:, :, :, :)
-    !> Sizes of the motion, of what the first turn finds, of its change in the second, and of the
-    !! changes of the orders kept by these and by samples.
+    !> Norms of the motion, of the omitted orders in the first iteration, of their change in the
+    !! second, and of the changes of the included orders by both and by sampling.
     real(wp), dimension(n_lanes) :: whole, found, rest, back, aliased, rate
     real(wp), allocatable :: kept(:, :, :, :)
     complex(wp) :: p(system%n_dof())
@@ -248,7 +246,7 @@ contains
         call nonlinear_force(work, system, more)
         call solve_lanes(work)
         rest = lane_norm(system, work%next(:, :, m + 1:, :) - work%u(:, :, m + 1:, :))
-        ! Against the first turn, and so without what the iteration has left.
+        ! Relative to the first iteration, so without the remaining error of the iteration.
         back = lane_norm(system, work%next(:, :, :m, :) - kept)
       else
         rest = rate*found
@@ -270,7 +268,7 @@ contains
 
   contains
 
-    !> Whether a second turn at most as bad as any would leave a lane far below what is allowed.
+    !> True if the error after the worst possible second iteration is far below the allowed one.
     pure function is_far_below()
       logical :: is_far_below(n_lanes)
       real(wp) :: allowed(n_lanes)
@@ -282,7 +280,7 @@ contains
 
   end subroutine judge_chunk
 
-  !> Real and imaginary parts by turns, shape (2 n_orders, n_dof).
+  !> Alternating real and imaginary parts, shape (2 n_orders, n_dof).
   pure function rows_of(x) result(rows)
     complex(wp), intent(in) :: x(:, :)
     real(wp) :: rows(2*size(x, 1), size(x, 2))
@@ -290,12 +288,11 @@ contains
     rows(2::2, :) = aimag(x)
   end function rows_of
 
-  !> Compare next with present iterates and decide, lane by lane.
+  !> Compare the next iterates with the present ones and decide, lane by lane.
   !!
-  !! Norm: the largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and
-  !! radians weigh by inertia. With q the factor by which corrections shrink,
-  !! the error left is about delta q/(1-q); both it and delta must meet the
-  !! tolerance.
+  !! Norm: the largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians are weighted by
+  !! inertia. If corrections delta shrink by the factor q, the remaining error is about delta
+  !! q/(1-q); this error and delta must both meet the tolerance.
   subroutine judge_lanes(work, system, load, set, options, response, first)
     type(block_type), intent(inout) :: work
     class(oscillator_type), intent(in) :: system
@@ -317,7 +314,7 @@ contains
       weight = sqrt(system%mass(d, d))
       do k = 1, size(set%orders)
         do l = 1, n_lanes
-          ! What is not a number may pass unseen through a maximum, but not through a sum.
+          ! NaN may pass unseen through a maximum, but not through a sum.
           poison(l) = poison(l) + 0.0_wp*(work%next(l, 1, k, d) + work%next(l, 2, k, d))
           norm(l) = max(norm(l), weight*(abs(work%next(l, 1, k, d)) + abs(work%next(l, 2, k, d))))
           start(l) = max(start(l), weight*(abs(work%u(l, 1, k, d)) + abs(work%u(l, 2, k, d))))
@@ -331,7 +328,7 @@ contains
       i = first + work%point(l) - 1
       delta(l) = delta(l) + poison(l)
       if (work%iteration(l) == 0) then
-        ! The step from rest to the linear response is the zeroth correction.
+        ! The step from zero to the linear response is the zeroth correction.
         if (allocated(response%iterates)) call keep(1, work%u(l, :, :, :))
         work%start_norm(l) = start(l)
         work%recent(1, l) = start(l)
@@ -384,7 +381,7 @@ contains
       response%iterates(:, :, row, i) = cmplx(x(1, :, :), x(2, :, :), wp)
     end subroutine keep
 
-    !> Size of the motion itself.
+    !> Norm of the absolute motion.
     real(wp) function seen(lane)
       integer, intent(in) :: lane
       real(wp) :: x(2*size(set%orders), system%n_dof())
@@ -409,7 +406,7 @@ contains
     end if
   end function shrinkage
 
-  !> Write a lane's end into the response and free the lane.
+  !> Store the result of a lane in the response and free the lane.
   subroutine store(work, lane, response, i, outcome, rate)
     type(block_type), intent(inout) :: work
     integer, intent(in) :: lane, i, outcome

@@ -5,10 +5,9 @@
 !!
 !!   u = Im sum_k X_k exp(i k.theta),  k in half of the lattice, mean Im X_0,
 !!
-!! a periodic function for one axis, a quasi-periodic one for more. Unknowns of a
-!! coordinate are its mean, then real and imaginary parts of the X_k by turns.
-!! Passages are discrete Fourier transforms over all axes at once, by FFTW, of
-!! c_k = X_k/(2i), c_(-k) = conj c_k, c_0 the mean.
+!! a periodic function for one axis, a quasi-periodic one for more. Unknowns of a coordinate are its
+!! mean, then alternating real and imaginary parts of the X_k. The transforms are discrete Fourier
+!! transforms over all axes by FFTW of c_k = X_k/(2i), c_(-k) = conj c_k, where c_0 is the mean.
 module viscovib_torus
   use viscovib_grid_fourier, only: find_plans, from_grid, grid_plans, quick_size, to_grid
   use viscovib_kinds, only: wp
@@ -22,20 +21,19 @@ module viscovib_torus
 
   type :: torus_type
     integer :: n_axes = 0
-    !> Shape (n_axes, n_orders); the first is 0, the first entry of any other that is
-    !! not 0 is positive.
+    !> Shape (n_axes, n_orders); the first order is 0; in all other orders the first nonzero entry
+    !! is positive.
     integer, allocatable :: orders(:, :)
-    !> Unknowns of a coordinate; samples in all and along each axis.
+    !> Number of unknowns of a coordinate; number of samples, total and along each axis.
     integer :: n = 0, n_samples = 0, n_points(max_axes) = 1
-    !> Size of the box of moments, and where in it order 0 lies; an order k lies
-    !! `place` further.
+    !> Size of the box of moments, and index of order 0 in it; `place` is the offset of order k.
     integer :: n_moments = 0, origin = 0
     integer, allocatable :: place(:)
     !> Highest order along each axis.
     integer, private :: reach(max_axes) = 0
     type(grid_plans), private :: plans
-    !> What FFTW works in, and where in it c_k and its conjugate at -k stand, 0: not
-    !! in this half, shape (n_orders).
+    !> Workspace of FFTW, and indices in it of c_k and of its conjugate at -k, 0: not in this half,
+    !! shape (n_orders).
     complex(wp), allocatable, private :: box(:)
     integer, allocatable, private :: spot(:), mirror(:)
   contains
@@ -73,7 +71,7 @@ contains
     torus%orders = orders
     torus%n = 2*size(orders, 2) - 1
     torus%reach(:torus%n_axes) = max(1, maxval(abs(orders), 2))
-    ! With 3 K + 2 aliasing is as the square of what the orders beyond K amount to.
+    ! With 3 K + 2 samples the aliasing error is the square of the omitted orders beyond K.
     do i = 1, torus%n_axes
       torus%n_points(i) = quick_size(merge(6, 3, torus%n_axes == 1)*torus%reach(i) + 2)
     end do
@@ -99,7 +97,7 @@ contains
     end associate
   end subroutine new_torus
 
-  !> Place of c_k in the box, counted through; 0 for k_1 < 0.
+  !> Index of c_k in the box; 0 for k_1 < 0.
   pure integer function place_in_box(torus, k) result(place)
     type(torus_type), intent(in) :: torus
     integer, intent(in) :: k(max_axes)
@@ -126,7 +124,7 @@ contains
     !> Unknowns, shape (n); factors, shape (n_orders).
     real(wp), intent(in) :: x(:)
     complex(wp), intent(in) :: factor(:)
-    !> The first axis runs first, shape (n_samples).
+    !> Samples, first axis fastest, shape (n_samples).
     real(wp), intent(out), contiguous :: u(:)
     complex(wp) :: c
     integer :: k
@@ -156,8 +154,8 @@ contains
     end do
   end subroutine harmonics
 
-  !> Mean values of f exp(-i k.theta) at the samples for all orders of a box, twice as far
-  !! as the lattice reaches.
+  !> Mean values of f exp(-i k.theta) at the samples for all orders of a box of twice the reach of
+  !! the lattice.
   subroutine moments(self, f, c)
     class(torus_type), intent(inout) :: self
     real(wp), intent(in), contiguous :: f(:)
@@ -174,7 +172,7 @@ contains
         first = place_in_box(self, [0, k_2, k_3])
         other = place_in_box(self, [0, -k_2, -k_3])
         do k = 0, top
-          ! c_k is that of k_1 - n_1, the conjugate of c_(-k).
+          ! c_k is equal to that of k_1 - n_1, the conjugate of c_(-k).
           if (k <= self%n_points(1)/2) then
             value = self%box(first + k)/self%n_samples
           else

@@ -5,9 +5,9 @@
 !!
 !!   R_k = -w_k^2 X_k - A_k,
 !!
-!! A being the harmonics of a along the motion, from samples on the torus. The accelerations stand
-!! solved for, so that any differentiable system serves as it is. The derivatives are exact ones of
-!! the sampled equations: with moments Q, V of da/dq and da/dq', the harmonics of their change are
+!! where A are the harmonics of a along the motion, from samples on the torus. The equations use
+!! accelerations, so any differentiable system is suitable. The derivatives are exact for the
+!! sampled equations: with moments Q, V of da/dq and da/dq', the harmonics of their change are
 !!
 !!   Y_k = sum_l (Q_(k-l) + i w_l V_(k-l)) dX_l - (Q_(k+l) - i w_l V_(k+l)) conj dX_l.
 module viscovib_torus_balance
@@ -23,11 +23,11 @@ module viscovib_torus_balance
 
   public :: torus_balance_type, new_torus_balance
 
-  !> What the parameter is: a base frequency; the amplitude of a drive; a factor of all of them.
+  !> Type of the parameter: a base frequency, the amplitude of a drive, or a factor of all drives.
   integer, parameter, public :: vary_frequency = 1, vary_amplitude = 2, vary_factor = 3
 
-  !> Places in the torus's list of orders; whether the first is the mean; which parts of
-  !! the others there are.
+  !> Indices in the torus's list of orders; whether the first one is the mean; whether the orders
+  !! have sine parts.
   type :: order_list
     integer, allocatable :: k(:)
     logical :: mean = .false., sine = .true.
@@ -37,31 +37,30 @@ module viscovib_torus_balance
     type(torus_type) :: torus
     !> Base frequencies, shape (n_axes).
     real(wp), allocatable :: omega(:)
-    !> Factors of the drives, shape (n_drives), and one of all.
+    !> Amplitudes of the drives, shape (n_drives), and a common factor.
     real(wp), allocatable :: amplitude(:)
     real(wp) :: factor = 1.0_wp
-    !> One of `vary_*`, and of which axis or drive.
+    !> One of `vary_*`, and the index of the axis or drive.
     integer :: vary = vary_frequency, which = 1
     class(differentiable_system_type), pointer :: system => null()
     !> The drives' angles are drive_orders(:, j).theta, shape (n_axes, n_drives).
     integer, allocatable :: drive_orders(:, :)
     integer, private :: n_dof = 0
-    !> Where among all unknowns, shape (torus%n, n_dof), those of x stand, and where in
-    !! x those of a coordinate begin, shape (n_dof + 1).
+    !> Indices of the unknowns x in the full array, shape (torus%n, n_dof), and index of the first
+    !! unknown of each coordinate, shape (n_dof + 1).
     integer, allocatable, private :: from(:), first(:)
-    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof).
+    !> Orders of each coordinate that are unknowns, shape (n_orders, n_dof).
     logical, allocatable, private :: chosen(:, :)
     logical, private :: even_in_time = .false.
-    !> Orders of which a coordinate has any, shape (n_dof).
+    !> Orders of each coordinate, shape (n_dof).
     type(order_list), allocatable, private :: kept(:)
     !> cos of the drives' angles at the samples, shape (n_samples, n_drives).
     real(wp), allocatable, private :: cosines(:, :)
-    !> At the samples coordinates, velocities and the derivative of these with respect
-    !! to a frequency, shape (n_samples, n_dof, 3); accelerations and a change of them,
-    !! shape (n_samples, n_dof, 2); da_i/dq_j and da_i/dq'_j, shape (n_samples, n_dof,
-    !! 2 n_dof).
+    !> Coordinates, velocities and the derivative of the velocities with respect to a frequency at
+    !! the samples, shape (n_samples, n_dof, 3); accelerations and their change, shape (n_samples,
+    !! n_dof, 2); da_i/dq_j and da_i/dq'_j, shape (n_samples, n_dof, 2 n_dof).
     real(wp), allocatable, private :: motion(:, :, :), a(:, :, :), slopes(:, :, :)
-    !> Moments of the latter, made when first wanted.
+    !> Moments of the slopes, allocated at first use.
     complex(wp), allocatable, private :: slope_moments(:, :, :)
   contains
     procedure :: equations
@@ -90,10 +89,10 @@ contains
     type(torus_type), intent(in) :: torus
     integer, intent(in) :: drive_orders(:, :)
     real(wp), intent(in) :: omega(:), amplitude(:)
-    !> Which orders of which coordinates are unknowns, shape (n_orders, n_dof); the
-    !! others are 0, as a symmetry may have it. All, if absent.
+    !> Orders of each coordinate that are unknowns, shape (n_orders, n_dof); the remaining ones are
+    !! 0, for example by a symmetry. Default: all.
     logical, intent(in), optional :: kept(:, :)
-    !> Cosines alone: motions that are the same backwards.
+    !> Only cosines: motions that are even in time.
     logical, intent(in), optional :: even_in_time
     integer :: d, j
 
@@ -112,7 +111,7 @@ contains
     end do
   end subroutine new_torus_balance
 
-  !> Which unknowns there are, and where they stand.
+  !> Select the unknowns and their indices.
   pure subroutine choose_unknowns(balance, kept, even_in_time)
     type(torus_balance_type), intent(inout) :: balance
     logical, intent(in), optional :: kept(:, :), even_in_time
@@ -137,9 +136,9 @@ contains
     end do
     balance%n = size(balance%from)
     balance%first(balance%n_dof + 1) = balance%n + 1
-    ! Cosines alone have no phase that could turn.
+    ! Cosines alone have no phase.
     if (balance%even_in_time) return
-    ! A group ends with an imaginary part or a mean: both have odd places.
+    ! A group ends with an imaginary part or a mean: both have odd indices.
     balance%last_of_group = pack([(i, i=1, balance%n)], &
                                  mod(modulo(balance%from - 1, balance%torus%n), 2) == 0)
   end subroutine choose_unknowns
@@ -197,7 +196,7 @@ contains
     end do
   end subroutine equations
 
-  !> Without derivatives: a third of the samples' passages and no sums over orders.
+  !> R without derivatives: a third of the transforms and no sums over orders.
   subroutine residual(self, x, p, r, inside)
     class(torus_balance_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
@@ -218,7 +217,7 @@ contains
                                        .and. j == self%which), j=1, size(self%omega))], x, terms)
   end subroutine raise_terms
 
-  !> As `raise_by_inertia` does, for the orders that each coordinate has.
+  !> Like `raise_by_inertia`, for the orders of each coordinate.
   pure subroutine raise_to_inertia(self, omega, x, terms)
     class(torus_balance_type), intent(in) :: self
     !> Base frequencies.
@@ -234,7 +233,7 @@ contains
     end do
   end subroutine raise_to_inertia
 
-  !> -w^2 X - A of the motion seen last.
+  !> -w^2 X - A for the motion of the last evaluation.
   subroutine defects(self, w, y, r)
     class(torus_balance_type), intent(inout) :: self
     real(wp), intent(in) :: w(:), y(:, :)
@@ -248,12 +247,12 @@ contains
     r = self%reduced(reshape(part, [size(part)]))
   end subroutine defects
 
-  !> Motion, accelerations and, if wanted, their derivatives at the samples.
+  !> Motion, accelerations and, if requested, their derivatives at the samples.
   subroutine visit(self, x, p, derivatives, inside)
     class(torus_balance_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), p
     logical, intent(in) :: derivatives
-    !> False, and nothing computed, where the equations describe nothing.
+    !> False, without a result, if the equations are not defined.
     logical, intent(out) :: inside
     complex(wp), dimension(size(self%torus%orders, 2)) :: turn, one, turn_slope
     real(wp) :: y(self%torus%n, self%n_dof)
@@ -278,8 +277,8 @@ contains
     call self%evaluate(inside, derivatives)
   end subroutine visit
 
-  !> Means of the derivatives of the accelerations by coordinates and by velocities,
-  !! shape (n_dof, n_dof), along the motion that was seen last with derivatives.
+  !> Means of the derivatives of the accelerations by coordinates and by velocities, shape (n_dof,
+  !! n_dof), along the motion last evaluated with derivatives.
   pure subroutine mean_slopes(self, by_q, by_v)
     class(torus_balance_type), intent(in) :: self
     real(wp), intent(out) :: by_q(:, :), by_v(:, :)
@@ -292,7 +291,7 @@ contains
     end do
   end subroutine mean_slopes
 
-  !> Unknowns among the first m orders.
+  !> Number of unknowns among the first m orders.
   pure integer function n_unknowns(self, m)
     class(torus_balance_type), intent(in) :: self
     integer, intent(in) :: m
@@ -300,7 +299,7 @@ contains
     if (.not. self%even_in_time) n_unknowns = n_unknowns + count(self%chosen(2:m, :))
   end function n_unknowns
 
-  !> The balance of the first m orders alone, their unknowns chosen as here.
+  !> The balance of the first m orders, with the corresponding unknowns.
   subroutine first_orders(self, m, few, status)
     class(torus_balance_type), intent(in) :: self
     integer, intent(in) :: m
@@ -313,7 +312,7 @@ contains
                            self%amplitude, self%chosen(:m, :), self%even_in_time)
   end subroutine first_orders
 
-  !> What belongs to orders, for each of their unknowns.
+  !> Repeat values of the orders for each of their unknowns.
   pure function twice(values) result(each)
     real(wp), intent(in) :: values(:)
     real(wp) :: each(2*size(values) - 1)
@@ -321,7 +320,7 @@ contains
     each(2::2) = values(2:)
   end function twice
 
-  !> The unknowns with those left out as 0, shape (torus%n, n_dof).
+  !> All unknowns, with 0 for those not in x, shape (torus%n, n_dof).
   pure function expanded(self, x) result(y)
     class(torus_balance_type), intent(in) :: self
     real(wp), intent(in) :: x(:)
@@ -331,7 +330,7 @@ contains
     y = reshape(all_of_them, shape(y))
   end function expanded
 
-  !> The way back.
+  !> The inverse of `expanded`.
   pure function reduced(self, y) result(x)
     class(torus_balance_type), intent(in) :: self
     !> Shape (torus%n n_dof).
@@ -340,8 +339,7 @@ contains
     x = y(self%from)
   end function reduced
 
-  !> Accelerations at the samples, with all their derivatives if wanted, a block of lanes
-  !! after another.
+  !> Accelerations at the samples, with all their derivatives if requested, block by block of lanes.
   subroutine evaluate(self, inside, derivatives)
     class(torus_balance_type), intent(inout) :: self
     logical, intent(out) :: inside
@@ -391,7 +389,7 @@ contains
     end do
   end subroutine evaluate
 
-  !> Change of the accelerations with the parameter, the motion's orders fixed.
+  !> Change of the accelerations with the parameter, for fixed harmonics of the motion.
   pure subroutine along_parameter(self, first, m, q, v, drive, raised, change)
     class(torus_balance_type), intent(in) :: self
     integer, intent(in) :: first, m
@@ -412,7 +410,7 @@ contains
         end do
       end do
     else
-      ! Loads enter linearly, so that a difference is no approximation.
+      ! Loads enter linearly, so that the difference is exact.
       do j = 1, size(more, 2)
         if (self%vary == vary_factor) then
           more(:, j) = self%amplitude(j)*raised(:, j)
@@ -426,9 +424,8 @@ contains
     end if
   end subroutine along_parameter
 
-  !> Derivatives of the equations of coordinate a by coordinate b, from the moments
-  !! of the slopes. The mean is the imaginary part of an order of frequency 0, whose
-  !! equation is halved.
+  !> Derivatives of the equations of coordinate a by coordinate b, from the moments of the slopes.
+  !! The mean is the imaginary part of an order of frequency 0, whose equation is halved.
   pure subroutine add_block(self, w, a, b, jacobian)
     class(torus_balance_type), intent(in) :: self
     real(wp), intent(in) :: w(:)
@@ -479,8 +476,8 @@ contains
     end associate
   end subroutine add_block
 
-  !> An upper bound of how fast a disturbance of the motion seen last can turn or
-  !! grow (rad a unit of time).
+  !> An upper bound of the rate at which a perturbation of the motion last evaluated rotates or
+  !! grows (rad per unit of time).
   pure real(wp) function rate(self)
     class(torus_balance_type), intent(in) :: self
     real(wp) :: by_q, by_v

@@ -1,7 +1,6 @@
-!> How far solutions of harmonic balance on a torus are off those that its equations have: what is
-!! left to correct, and rounding errors (as `viscovib_rounding_error` does for oscillators). Of
-!! many unknowns both are by the derivatives of `viscovib_torus_levels`, which are nearly those of
-!! all.
+!> Errors of solutions of harmonic balance on a torus: the remaining correction, and rounding errors
+!! (like `viscovib_rounding_error` for oscillators). With many unknowns both use the approximate
+!! derivatives of `viscovib_torus_levels`.
 module viscovib_torus_error
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_block_factors, only: factorize_blocks
@@ -14,21 +13,21 @@ module viscovib_torus_error
 
   public :: torus_error
 
-  !> Rounding of an equation in units of its largest term, and how many signs are tried.
+  !> Rounding error of an equation relative to its largest term, and number of sign patterns.
   real(wp), parameter :: usual = 4.0_wp*epsilon(1.0_wp)
   integer, parameter :: all_signs = 3
-  !> Unknowns up to which a matrix of all of them takes little.
+  !> Largest number of unknowns for which a full matrix is cheap.
   integer, parameter :: most_dense = 400
 
 contains
 
-  !> Against the largest unknown, as truncation is.
+  !> Error relative to the largest unknown, as for the truncation error.
   subroutine torus_error(balance, p, x, most, error)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, x(:)
-    !> Unknowns of the inner balance with which it was solved.
+    !> Number of unknowns of the inner balance of the solution.
     integer, intent(in) :: most
-    !> NaN where the derivatives are singular.
+    !> NaN if the derivatives are singular.
     real(wp), intent(out) :: error
     type(torus_levels) :: levels
     real(wp) :: r(balance%n, 0:all_signs), norm
@@ -47,7 +46,7 @@ contains
     if (made) error = min(1.0_wp, (maxval(abs(r(:, 0))) + maxval(abs(r(:, 1:))))/norm)
   end subroutine torus_error
 
-  !> How far the residual and its rounding, of various signs, move x: by the matrix of all unknowns.
+  !> Displacements of x by the residual and by its rounding error, with the full matrix.
   subroutine moved_by_all(balance, p, x, moved, made)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, x(:)
@@ -72,7 +71,7 @@ contains
     end do
   end subroutine moved_by_all
 
-  !> The same by the derivatives of two levels.
+  !> The same with the derivatives of two levels.
   subroutine moved_on_levels(levels, balance, p, x, moved, made)
     type(torus_levels), intent(inout) :: levels
     type(torus_balance_type), intent(inout) :: balance
@@ -88,7 +87,7 @@ contains
     inner = levels%within(balance, x)
     call levels%inner%equations(inner, p, r, matrix, slope, made)
     if (.not. made) return
-    ! Raised, terms of a coordinate are as large as the largest of its orders, inner or not.
+    ! `raise_terms` raises all orders of a coordinate to its largest term, inner or not.
     terms = levels%beyond(balance, terms_of(matrix, slope, inner, p))
     call levels%prepare(balance, p, x, made)
     if (.not. made) return
@@ -109,7 +108,7 @@ contains
     terms = max(terms, abs(slope*p))
   end function terms_of
 
-  !> Rounding of equations, of various signs, into the columns from 1 on.
+  !> Store rounding errors of the equations with several sign patterns in the columns from 1 on.
   pure subroutine add_rounding(terms, r)
     real(wp), intent(in) :: terms(:)
     real(wp), intent(inout) :: r(:, 0:)

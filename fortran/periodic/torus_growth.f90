@@ -1,13 +1,12 @@
-!> Stability of quasi-periodic solutions of a driven system: the rates at which small
-!! disturbances grow along them (Lyapunov exponents).
+!> Stability of quasi-periodic solutions of a driven system: growth rates of small perturbations
+!! (Lyapunov exponents).
 !!
-!! The variational equation y'' = da/dq y + da/dq' y' along the solution, by Dormand
-!! and Prince's method of order 8 in equal steps, its columns side by side in the
-!! lanes, made orthogonal again after each step (Benettin et al., Meccanica 15 (1980)
-!! 9). The logarithms of what that takes away are averaged with the weight
-!! exp(-1/(s (1-s))), s = t/T: along quasi-periodic motions such a mean converges faster
-!! than any power of 1/T (Das, Saiki, Sander, Yorke, Nonlinearity 30 (2017) 4111).
-!! Means over either half of T show how far it has come: they are farther off than the whole.
+!! The variational equation y'' = da/dq y + da/dq' y' along the solution is integrated by the
+!! Dormand-Prince method of order 8 with equal steps, one column in each lane. The columns are
+!! orthogonalized after each step (Benettin et al., Meccanica 15 (1980) 9). The logarithms of their
+!! lengths are averaged with the weight exp(-1/(s (1-s))), s = t/T: along quasi-periodic motions
+!! this mean converges faster than any power of 1/T (Das, Saiki, Sander, Yorke, Nonlinearity 30
+!! (2017) 4111). Means over each half of T show the convergence: their errors are larger.
 module viscovib_torus_growth
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
@@ -23,20 +22,20 @@ module viscovib_torus_growth
 
   public :: growth_rates
 
-  !> Phase that a disturbance, or what counts of the motion, turns in a step at most.
+  !> Largest phase angle of a perturbation, or of the fastest relevant line, in a step.
   real(wp), parameter :: phase_a_step = 1.0_wp
   integer, parameter :: max_steps = 1000000
-  !> Error from means over the halves of T, and its lower bound: that of the steps, in
-  !! units of the fastest frequency (sums of rates, against the mean divergence: 2e-8 at most).
+  !> Factor of the error estimate from means over the halves of T, and error of the steps, in units
+  !! of the fastest frequency (sums of rates against the mean divergence: at most 2e-8).
   real(wp), parameter :: halves_tell = 4.0_wp, of_steps = 2.0e-8_wp
-  !> Orders smaller than this part of the largest are no part of the motion here, and
-  !! smaller than that do not limit the step.
+  !> Orders below this fraction of the largest are ignored here; orders below the second fraction do
+  !! not limit the step.
   real(wp), parameter :: smallest_part = 1.0e-10_wp, smallest_fast = 1.0e-6_wp
-  !> Place of Dormand and Prince's method in the tables.
+  !> Index of the Dormand-Prince method in the tables.
   integer, parameter :: method = 2
 
-  !> The motion as a sum of lines, blocks of lanes: sine and cosine parts, shape
-  !! (n_lanes, n_blocks, n_dof), and frequencies, shape (n_lanes, n_blocks).
+  !> The motion as a sum of lines, in blocks of lanes: sine and cosine parts, shape (n_lanes,
+  !! n_blocks, n_dof), and frequencies, shape (n_lanes, n_blocks).
   type :: lines_type
     real(wp), allocatable :: sine(:, :, :), cosine(:, :, :), w(:, :)
     real(wp) :: fastest = 0.0_wp
@@ -44,19 +43,19 @@ module viscovib_torus_growth
 
 contains
 
-  !> Along the solution x of `balance`, which has at most four coordinates and has just
-  !! seen x. NaN if that would take too many steps, or was given up.
+  !> Growth rates along the solution x of `balance`, which has at most four coordinates and was just
+  !! evaluated at x. NaN if too many steps are needed or the computation was cancelled.
   subroutine growth_rates(balance, x, duration, rates, off, cancel)
     type(torus_balance_type), intent(in) :: balance
     !> Unknowns, shape (balance%n).
     real(wp), intent(in) :: x(:)
-    !> T.
+    !> The time T.
     real(wp), intent(in) :: duration
     !> Largest first, shape (2 n_dof).
     real(wp), intent(out) :: rates(:)
     !> Estimated error of each.
     real(wp), intent(out) :: off(:)
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(explicit_table_type) :: table
     type(lines_type) :: lines
@@ -84,7 +83,7 @@ contains
     f = 0.0_wp
     stage_q = 0.0_wp
     stage_v = 0.0_wp
-    ! No direction is left out, whatever the symmetry of the motion.
+    ! The start vectors contain all directions, for any symmetry of the motion.
     do d = 1, n
       q(:2*n, d) = [(cos(1.0_wp*i*(2*d - 1)**2), i=1, 2*n)]
       v(:2*n, d) = [(cos(1.0_wp*i*(2*d)**2), i=1, 2*n)]
@@ -126,7 +125,7 @@ contains
     rates = sums(:, 3)
     off = halves_tell*max(abs(sums(:, 1) - rates), abs(sums(:, 2) - rates)) &
           + of_steps*needed/duration
-    ! Within a few turns halves are alike: lengths still swing as they began.
+    ! Within a few periods the means over the halves agree: lengths still vary as at the start.
     off = off + swings*exp(-needed*phase_a_step/(2.0_wp*pi))
     do s = 2, 2*n
       do i = s, 2, -1
@@ -137,7 +136,7 @@ contains
     end do
   end subroutine growth_rates
 
-  !> Add to a mean over a span of time, of which `part` has passed.
+  !> Add to a mean over a time span; `part` is the elapsed fraction.
   pure subroutine add_weighted(part, h, grown, sums, total)
     real(wp), intent(in) :: part, h, grown(:)
     real(wp), intent(inout) :: sums(:), total
@@ -183,7 +182,7 @@ contains
     lines%w = lines%w(:, :block)
   end subroutine gather_lines
 
-  !> Coordinates and velocities at a time, alike in every lane.
+  !> Coordinates and velocities at a time, equal in all lanes.
   pure subroutine state_at(lines, time, motion, speed)
     type(lines_type), intent(in) :: lines
     real(wp), intent(in) :: time
@@ -208,8 +207,8 @@ contains
     end do
   end subroutine state_at
 
-  !> Gram and Schmidt on the states (q, v) of the first 2 n lanes; stretch are the
-  !! lengths they had.
+  !> Gram-Schmidt orthogonalization of the states (q, v) of the first 2 n lanes; `stretch` are their
+  !! lengths before normalization.
   pure subroutine make_orthogonal(n, q, v, stretch)
     integer, intent(in) :: n
     real(wp), intent(inout) :: q(n_lanes, max_dof), v(n_lanes, max_dof)

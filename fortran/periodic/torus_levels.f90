@@ -1,17 +1,17 @@
-!> Harmonic balance on a torus with very many unknowns, by way of one with few.
+!> Harmonic balance on a torus with very many unknowns, by means of one with few unknowns.
 !!
-!! The orders of the outer shells move little else but themselves: R(x) = 0 is solved by
+!! The orders of the outer shells affect little but themselves: R(x) = 0 is solved by
 !!
 !!   x <- x - P^-1 R(x),
 !!
-!! P being the derivatives of the balance of the inner orders, factorized once, and for each
-!! order outside what inertia and the mean of the forces' derivatives make of it,
+!! where P contains the derivatives of the balance of the inner orders, factorized once, and for
+!! each outer order the contribution of inertia and of the mean derivatives of the forces,
 !!
 !!   P_k = -w_k^2 - Q_0 - i w_k V_0.
 !!
-!! Anderson's acceleration (J. ACM 12 (1965) 547; Walker and Ni, SIAM J. Numer. Anal. 49
-!! (2011) 1715) takes the part that P misses out of the last steps, as GMRES would. An
-!! iteration costs a residual: nothing grows with the square of the unknowns.
+!! Anderson's acceleration (J. ACM 12 (1965) 547; Walker and Ni, SIAM J. Numer. Anal. 49 (2011)
+!! 1715) reduces the effect of the terms that P lacks, by the last steps, like GMRES. An iteration
+!! costs one residual: no cost grows with the square of the number of unknowns.
 module viscovib_torus_levels
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_dense, only: invert, solve
@@ -25,20 +25,20 @@ module viscovib_torus_levels
 
   public :: torus_levels, new_levels, solve_on_levels
 
-  !> Unknowns from which two levels pay, and of the inner one at most to begin with.
+  !> Smallest number of unknowns for two levels, and first limit of those of the inner one.
   integer, parameter, public :: many = 100, few = 70
   integer, parameter :: max_iterations = 150, memory = 60
-  !> In so many iterations corrections must shrink by a factor of ten, or they never will.
+  !> Corrections must shrink by a factor of ten within this number of iterations.
   integer, parameter :: patience = 40
-  !> Corrections go on to this part of the tolerance, as they shrink by a factor only.
+  !> Target for corrections relative to the tolerance, since they only shrink by a factor.
   real(wp), parameter :: below = 1.0e-3_wp
-  !> Corrections that may fail to halve before what is left is taken for rounding.
+  !> Number of corrections that do not halve before the remainder counts as rounding error.
   integer, parameter :: max_vain = 6
-  !> A correction this much larger than the smallest so far leads away.
+  !> A correction this much larger than the smallest so far means divergence.
   real(wp), parameter :: growth_limit = 1.0e3_wp
 
   type :: torus_levels
-    !> Of the inner orders; without any if there is no room between few and all.
+    !> Balance of the inner orders; not `ready` if no inner set is possible.
     type(torus_balance_type) :: inner
     logical :: ready = .false.
     real(wp), allocatable, private :: factors(:, :)
@@ -55,11 +55,11 @@ module viscovib_torus_levels
 
 contains
 
-  !> The inner orders are the first ones of the balance.
+  !> Create the levels; the inner orders are the first ones of the balance.
   subroutine new_levels(levels, balance, most)
     type(torus_levels), intent(out) :: levels
     type(torus_balance_type), intent(in) :: balance
-    !> Unknowns of the inner balance at most, if the loads' orders leave the choice.
+    !> Largest number of unknowns of the inner balance, if the loads' orders allow it.
     integer, intent(in) :: most
     type(status_type) :: status
     integer :: shells(size(balance%torus%orders, 2)), bound, m, inside
@@ -88,7 +88,7 @@ contains
                                        [self%inner%torus%n*size(y, 2)]))
   end function within
 
-  !> All unknowns from the inner ones, the others 0.
+  !> All unknowns from the inner ones; the outer ones are 0.
   pure function beyond(self, balance, inner) result(x)
     class(torus_levels), intent(in) :: self
     type(torus_balance_type), intent(in) :: balance
@@ -99,7 +99,7 @@ contains
     x = balance%reduced(reshape(y, [size(y)]))
   end function beyond
 
-  !> Give the inner balance the loads of the whole one, and what varies.
+  !> Copy the loads and the parameter of the whole balance to the inner one.
   subroutine match(self, balance)
     class(torus_levels), intent(inout) :: self
     type(torus_balance_type), intent(in) :: balance
@@ -111,7 +111,7 @@ contains
     self%inner%lowest = balance%lowest
   end subroutine match
 
-  !> P near the solution x.
+  !> Compute P near the solution x.
   subroutine prepare(self, balance, p, x, made)
     class(torus_levels), intent(inout) :: self
     type(torus_balance_type), intent(inout) :: balance
@@ -150,7 +150,7 @@ contains
     end do
   end subroutine prepare
 
-  !> -P^-1 r.
+  !> Replace r by -P^-1 r.
   subroutine correction(self, balance, r)
     class(torus_levels), intent(in) :: self
     type(torus_balance_type), intent(in) :: balance
@@ -172,23 +172,23 @@ contains
     r = -balance%reduced(reshape(y, [size(y)]))
   end subroutine correction
 
-  !> From x on, near a solution; x is left as it was found unless the outcome is converged.
+  !> Solve from x, near a solution; x is unchanged unless the outcome is converged.
   subroutine solve_on_levels(levels, balance, p, tolerance, x, outcome, iterations, cancel, part)
     type(torus_levels), intent(inout) :: levels
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p
-    !> Largest part of the last correction, relative to the largest part of x.
+    !> Tolerance: largest component of the last correction, relative to the largest component of x.
     real(wp), intent(in) :: tolerance
     real(wp), intent(inout) :: x(:)
     integer, intent(out) :: outcome
-    !> Added to.
+    !> Iterations are added to it.
     integer, intent(inout) :: iterations
-    !> May be set from elsewhere to give up, as stalled.
+    !> May be set by another thread to cancel the solution, with outcome stalled.
     integer, intent(inout), optional :: cancel
-    !> End also where a correction is less than this part of the whole way from x.
+    !> Also end if a correction is less than this fraction of the total change of x.
     real(wp), intent(in), optional :: part
     real(wp), allocatable :: new(:), step(:), last_new(:), last_step(:)
-    !> What steps change by, made orthonormal, and with it the moves that do so.
+    !> Orthonormal basis of the changes of steps, and the corresponding moves.
     real(wp), allocatable :: basis(:, :), moves(:, :)
     real(wp) :: change, smallest, norm, aim
     integer :: k, kept, vain
@@ -239,14 +239,13 @@ contains
     outcome = outcome_stalled
   end subroutine solve_on_levels
 
-  !> Add a change of the steps and the move that made it. Where there is no more room, or
-  !! the stored ones already predict what the change should have been, they are forgotten: they
-  !! are of other places.
+  !> Add a change of the steps and the move that caused it. The stored ones are deleted if the
+  !! arrays are full or if they already predict the change: they then belong to other locations.
   pure subroutine remember(m, change, move, basis, moves)
     integer, intent(inout) :: m
     real(wp), intent(in) :: change(:), move(:)
     real(wp), intent(inout) :: basis(:, :), moves(:, :)
-    !> Of a sum of squares: less than this part is left of a change that is not new.
+    !> A change is dependent if its squared norm after projection is below this fraction.
     real(wp), parameter :: dependent = 1.0e-8_wp
     real(wp) :: along, length
     integer :: i
@@ -275,8 +274,7 @@ contains
     end if
   end subroutine remember
 
-  !> The step from where a move along those remembered would make it smallest, with that
-  !! move.
+  !> Minimize the step over combinations of the stored moves, and add the minimizing move.
   pure subroutine accelerate(m, basis, moves, step)
     integer, intent(in) :: m
     real(wp), intent(in) :: basis(:, :), moves(:, :)

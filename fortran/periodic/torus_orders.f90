@@ -1,11 +1,10 @@
-!> Solutions of harmonic balance on a torus at a row of values of a parameter, each with as
+!> Solutions of harmonic balance on a torus at a sequence of values of a parameter, each with as
 !! many orders as it needs.
 !!
-!! What a lattice |k_1| + |k_2| + ... <= K leaves out is judged by what the solution becomes
-!! with the next shells of orders: as far as an iteration on two levels gets in a few
-!! residuals, a tenth of the change itself. Where that is too much, orders are added as far
-!! as their fall suggests; where the outermost shells lie idle, the next value begins with
-!! fewer.
+!! The truncation error of a lattice |k_1| + |k_2| + ... <= K is estimated by the change of the
+!! solution with the next shells of orders, computed to a tenth of the change by a few residuals of
+!! an iteration on two levels. If it is too large, orders are added as their decay suggests; if the
+!! outermost shells are idle, the next value begins with fewer.
 module viscovib_torus_orders
   use viscovib_curve_step, only: curve_step, new_curve_step
   use viscovib_driven_system, only: differentiable_system_type
@@ -23,9 +22,9 @@ module viscovib_torus_orders
 
   public :: torus_ladder, new_ladder, torus_responses, branch_truncation, fold_truncation
 
-  !> Points of a branch that are judged.
+  !> Largest number of points of a branch that are checked.
   integer, parameter :: max_judged = 5
-  !> Part of a change to which it is found, to judge by it.
+  !> Relative accuracy of a change that serves as an estimate.
   real(wp), parameter :: judged = 0.1_wp
 
   type :: torus_rung
@@ -34,19 +33,19 @@ module viscovib_torus_orders
     type(near_levels) :: near
   end type torus_rung
 
-  !> Balances of more and more shells, each made when it is first wanted.
+  !> Balances with increasing numbers of shells, each created at its first use.
   !!
-  !! `balance_ladder_type` does the same for oscillators under one frequency, and the two stay
-  !! apart. A rung there keeps the inverse dynamic stiffness of each order left out, by which one
-  !! residual judges a solution. A system that is solved for its accelerations has no such blocks:
-  !! a rung here keeps the two levels of `near_levels` instead, whose iteration judges and solves.
-  !! What is the same, when to add orders, how many, and when in vain, is in `viscovib_order_rules`.
+  !! `balance_ladder_type` is the equivalent for oscillators with one frequency; the types are
+  !! separate. There a rung contains the inverse dynamic stiffness of each omitted order, so one
+  !! residual gives the truncation error. A system solved for its accelerations has no such blocks:
+  !! here a rung contains the two levels of `near_levels`, whose iteration estimates and solves. The
+  !! common rules for adding orders are in `viscovib_order_rules`.
   type :: torus_ladder
-    !> Bounds of the lattice to begin and to end with; shells that judge a solution, 0: it
-    !! is not judged.
+    !> Initial and largest bound of the lattice; number of shells that estimate the truncation
+    !! error, 0: no estimate.
     integer :: first = 1, last = 1, step = 2
     class(differentiable_system_type), pointer, private :: system => null()
-    !> Orders shell by shell, to last + step; which are unknowns; theirs in each bound,
+    !> Orders shell by shell, up to last + step; which are unknowns; number of orders in each bound,
     !! shape (0:last + step).
     integer, allocatable, private :: orders(:, :), n_orders(:)
     logical, allocatable, private :: kept(:, :)
@@ -66,7 +65,7 @@ module viscovib_torus_orders
 
 contains
 
-  !> As for `new_torus_balance`, with orders to last + step.
+  !> Arguments as in `new_torus_balance`, with orders up to last + step.
   subroutine new_ladder(ladder, system, orders, kept, drive_orders, omega, amplitude, vary, which, &
                         first, last, step)
     type(torus_ladder), intent(out) :: ladder
@@ -110,7 +109,7 @@ contains
     end associate
   end subroutine prepare
 
-  !> Unknowns of a rung from those of the last one in full, shape (torus%n n_dof), and back.
+  !> Unknowns of a rung from the full unknowns of the last one, shape (torus%n n_dof), and back.
   pure function cropped(self, bound, y) result(x)
     class(torus_ladder), intent(in) :: self
     integer, intent(in) :: bound
@@ -140,8 +139,8 @@ contains
     end associate
   end function padded
 
-  !> Unknowns of the rung that judges the last one, from those of the last one in full; both are
-  !! prepared. The shells that are new are 0.
+  !> Unknowns of the rung that checks the last one, from the full unknowns of the last one; both
+  !! must be prepared. The additional shells are 0.
   pure function lifted(self, whole) result(x)
     class(torus_ladder), intent(in) :: self
     real(wp), intent(in) :: whole(:)
@@ -152,22 +151,21 @@ contains
                      self%padded(self%last, self%cropped(self%last, whole), n))
   end function lifted
 
-  !> Each value starts from the ones before, else from rest; the first may have a guess.
+  !> Each value starts from the previous ones, or from zero; the first one may have a guess.
   subroutine torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
                              truncation, error, status, cancel)
     type(torus_ladder), intent(inout) :: ladder
     !> Tolerance of the iteration, and of the truncation if there is a choice of orders.
     real(wp), intent(in) :: p(:), tolerance
-    !> Where the first value starts, laid out as x; from rest if 0.
+    !> Initial guess of the first value, in the layout of x; 0: start from zero.
     real(wp), intent(in) :: guess(:)
-    !> Unknowns of the last rung, those left out as 0, shape (torus%n n_dof, size(p)); 0
-    !! where no solution was found.
+    !> Full unknowns of the last rung, shape (torus%n n_dof, size(p)); 0 if no solution was found.
     real(wp), intent(out) :: x(:, :)
-    !> `highest`: bound of the orders that were kept, 0 where no solution was found;
-    !! `truncation`: estimated size of what more orders would change, against the largest.
+    !> `highest`: bound of the orders, 0 if no solution was found; `truncation`: estimated
+    !! truncation error relative to the largest unknown.
     integer, intent(out) :: outcome(:), iterations(:), highest(:)
     real(wp), intent(out) :: truncation(:)
-    !> What the last correction and rounding leave, as of `torus_error`.
+    !> Error by the last correction and by rounding, from `torus_error`.
     real(wp), intent(out) :: error(:)
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
@@ -225,7 +223,7 @@ contains
       end associate
       highest(i) = bound
       x(:, i) = ladder%padded(bound, here, size(x, 1))
-      ! Equal values give no direction.
+      ! Equal values give no direction for an extrapolation.
       if (known > 0 .and. .not. abs(p(i) - last_p) > 0.0_wp) known = 0
       before = last
       before_p = last_p
@@ -236,7 +234,7 @@ contains
     end do
   end subroutine torus_responses
 
-  !> Add orders to a solution until the estimate meets the tolerance or they end.
+  !> Add orders to a solution until the estimate meets the tolerance or the last rung is reached.
   subroutine enough(self, p, tolerance, bound, x, iterations, truncation, status, cancel)
     class(torus_ladder), intent(inout) :: self
     real(wp), intent(in) :: p, tolerance
@@ -272,7 +270,7 @@ contains
     end do
   end subroutine enough
 
-  !> What the next shells make of the solution x; y as long as the longest unknowns.
+  !> Change of the solution x by the next shells; y has the length of the largest unknowns.
   subroutine judge(self, p, tolerance, bound, x, y, truncation, status, cancel)
     class(torus_ladder), intent(inout) :: self
     real(wp), intent(in) :: p, tolerance, x(:)
@@ -300,7 +298,7 @@ contains
       call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel, &
                       judged)
       if (outcome /= outcome_converged) then
-        ! Of orders that do not let themselves be added: about as large as the last ones.
+        ! If the orders cannot be added: use the size of the outermost ones.
         truncation = outer_part(self, bound, y)
         return
       end if
@@ -310,11 +308,11 @@ contains
     end associate
   end subroutine judge
 
-  !> Largest truncation of the points of a branch, found with the orders of the last rung: of
-  !! those points whose outermost shells are the largest.
+  !> Largest truncation error of points of a branch with the orders of the last rung, among the
+  !! points with the largest outermost shells.
   subroutine branch_truncation(ladder, p, x, tolerance, truncation, status, cancel)
     type(torus_ladder), intent(inout) :: ladder
-    !> Of the points, and their unknowns in full, shape (torus%n n_dof, size(p)).
+    !> Parameters of the points, and their full unknowns, shape (torus%n n_dof, size(p)).
     real(wp), intent(in) :: p(:), x(:, :), tolerance
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
@@ -339,13 +337,13 @@ contains
     end do
   end subroutine branch_truncation
 
-  !> How far the next shells move the places of a branch's folds: by a step of Newton's method
-  !! across the branch.
+  !> Displacement of the folds of a branch by the next shells: by a step of Newton's method
+  !! orthogonal to the branch.
   subroutine fold_truncation(ladder, p, x, fold_p, fold_x, before, moved, status, cancel)
     type(torus_ladder), intent(inout) :: ladder
-    !> Points and folds, as of `branch_truncation`.
+    !> Points and folds, as in `branch_truncation`.
     real(wp), intent(in) :: p(:), x(:, :), fold_p(:), fold_x(:, :)
-    !> The point before each fold, from 1.
+    !> Index of the point before each fold, from 1.
     integer, intent(in) :: before(:)
     !> In the unit of p, shape (size(fold_p)).
     real(wp), intent(out) :: moved(:)
@@ -376,7 +374,7 @@ contains
     end associate
   end subroutine fold_truncation
 
-  !> The largest of the outermost shells against the largest of all.
+  !> The largest unknown of the outermost shells relative to the largest of all.
   pure real(wp) function outer_part(self, bound, y)
     class(torus_ladder), intent(in) :: self
     integer, intent(in) :: bound
@@ -387,7 +385,7 @@ contains
                  /max(maxval(abs(whole)), tiny(1.0_wp))
   end function outer_part
 
-  !> The lowest bound that would still do here: all that lies beyond is idle.
+  !> The lowest bound that would still suffice here: all orders beyond it are idle.
   pure integer function next_bound(self, bound, y, truncation, tolerance) result(next)
     class(torus_ladder), intent(in) :: self
     integer, intent(in) :: bound

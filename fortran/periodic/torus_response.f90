@@ -1,4 +1,4 @@
-!> Solutions of harmonic balance on a torus from nothing but the system, and near others.
+!> Solutions of harmonic balance on a torus without an initial guess, and near known solutions.
 module viscovib_torus_response
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_curve_newton, only: solve_on_curve, surely_near
@@ -11,12 +11,12 @@ module viscovib_torus_response
 
   public :: near_levels, solve_from_rest, solve_near
 
-  !> Points of a branch in the load where Newton fails at once.
+  !> Largest number of points of a branch in the load if Newton's method fails.
   integer, parameter :: max_load_points = 300
-  !> Unknowns up to which a matrix of all of them is made; its factors take half a second.
+  !> Largest number of unknowns for a full matrix, which takes half a second to factorize.
   integer, parameter :: most_dense = 2000
 
-  !> Two levels for solutions nearby; unknowns of the inner one at most.
+  !> Two levels for nearby solutions; largest number of unknowns of the inner one.
   type :: near_levels
     type(torus_levels) :: levels
     integer :: most = few
@@ -24,15 +24,15 @@ module viscovib_torus_response
 
 contains
 
-  !> Solve at p from rest: with many unknowns for those of the inner orders first, and for
-  !! more of them if the outer ones then do not follow.
+  !> Solve at p from zero. With many unknowns the inner orders are solved first, and more of them if
+  !! the outer orders then do not converge.
   subroutine solve_from_rest(balance, p, tolerance, x, outcome, iterations, cancel, near)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, tolerance
     real(wp), intent(out) :: x(:)
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     !> Receives the sufficient number of inner orders.
     type(near_levels), intent(inout), optional :: near
@@ -71,22 +71,22 @@ contains
     call raise_loads(balance, p, tolerance, x, outcome, iterations, cancel)
   end subroutine solve_from_rest
 
-  !> Whether n unknowns are too many for what so many inner ones save.
+  !> True if two levels with `most` inner unknowns are efficient for n unknowns.
   pure logical function levels_pay(n, most)
     integer, intent(in) :: n, most
     levels_pay = n > many .and. most < most_dense .and. (most == few .or. n > 2*most)
   end function levels_pay
 
-  !> The solution on the curve that begins at rest with no load and on which the load grows, through
-  !! folds if need be, where the load is first the whole one. If Newton's method from rest at once
-  !! begins to converge fast, its solution is that one.
+  !> The solution on the curve that starts at zero without load, at the first point with the full
+  !! load, through folds if necessary. If Newton's method from zero converges fast at once, its
+  !! solution is that one.
   subroutine raise_loads(balance, p, tolerance, x, outcome, iterations, cancel)
     type(torus_balance_type), intent(inout) :: balance
     real(wp), intent(in) :: p, tolerance
     real(wp), intent(out) :: x(:)
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
-    !> May be set from elsewhere to give up.
+    !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
     type(curve_branch_type) :: branch
     real(wp) :: factor, lowest, second
@@ -112,17 +112,17 @@ contains
     call solve_on_curve(balance, p, tolerance, x, outcome, iterations, cancel)
   end subroutine raise_loads
 
-  !> From x on, near a solution, with the inner orders that sufficed last, or more.
+  !> Solve from x, near a solution, with the last sufficient number of inner orders, or more.
   subroutine solve_near(balance, near, p, tolerance, x, outcome, iterations, cancel, part)
     type(torus_balance_type), intent(inout) :: balance
-    !> Of this balance, or new.
+    !> Levels of this balance, or new ones.
     type(near_levels), intent(inout) :: near
     real(wp), intent(in) :: p, tolerance
     real(wp), intent(inout) :: x(:)
     integer, intent(out) :: outcome
     integer, intent(inout) :: iterations
     integer, intent(inout), optional :: cancel
-    !> As for `solve_on_levels`; two levels then pay for few unknowns too.
+    !> As in `solve_on_levels`; two levels are then also used for few unknowns.
     real(wp), intent(in), optional :: part
 
     outcome = outcome_stalled

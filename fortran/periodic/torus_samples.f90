@@ -1,4 +1,4 @@
-!> Samples on a torus: those of the drives, and their way into the lanes and back.
+!> Samples on a torus: samples of the drives, and copies between samples and lanes.
 module viscovib_torus_samples
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -39,7 +39,7 @@ contains
     end do
   end subroutine drive_samples
 
-  !> A block of lanes, the last value repeated where there are fewer.
+  !> Load a block of lanes; if there are fewer values the last one is repeated.
   pure subroutine load(m, values, lanes)
     integer, intent(in) :: m
     real(wp), intent(in) :: values(m)
@@ -55,10 +55,10 @@ contains
     end if
   end subroutine load
 
-  !> Lanes into their rows of an array of samples.
+  !> Store lanes in their rows of an array of samples.
   pure subroutine store(first, m, lanes, samples)
     integer, intent(in) :: first, m
-    !> Shapes (n_lanes, n), of which m lanes hold, and (n_samples, n).
+    !> Shapes (n_lanes, n), of which m lanes are valid, and (n_samples, n).
     real(wp), intent(in) :: lanes(:, :)
     real(wp), intent(inout) :: samples(:, :)
     integer :: d, l
@@ -73,7 +73,7 @@ contains
     end do
   end subroutine store
 
-  !> Within what the equations describe, and far from the end of all numbers.
+  !> True within the range of the equations, and far from overflow.
   pure logical function within_range(n, margin, q, v)
     integer, intent(in) :: n
     real(wp), intent(in) :: margin(n_lanes), q(n_lanes, n), v(n_lanes, n)
@@ -84,7 +84,7 @@ contains
     end do
     do d = 1, n
       do l = 1, n_lanes
-        ! What is not a number is not within either.
+        ! NaN is not within the range either.
         outside(l) = outside(l) + merge(0.0_wp, 1.0_wp, abs(q(l, d)) <= 1.0e6_wp &
                                         .and. abs(v(l, d)) <= 1.0e60_wp)
       end do

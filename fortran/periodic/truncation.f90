@@ -1,22 +1,21 @@
-!> What the orders that a harmonic balance leaves out would change.
+!> Truncation error of a harmonic balance.
 !!
-!! At a solution x of the orders kept, the balance of a larger set has a residual in
-!! those left out, R_out(x): the forces there, from more samples. Each of these orders
-!! is near -D(k nu)^-1 R_k, for at high orders inertia outweighs all that is nonlinear.
-!! They act back on those kept, by -J^-1 R_kept(x + out) with the derivatives J that the
-!! solution has left behind, which includes what nearness to a fold makes of it and, if
-!! forces are no polynomials, the aliasing of the fewer samples. The residual left in the
-!! orders left out shows how much of them was found: fixed-point iterations of factor
-!! rho fall short by 1/(1 - rho).
+!! At a solution x of the included orders, the balance of a larger set has a residual in the omitted
+!! orders, R_out(x): the forces there, from more samples. Each of these orders is close to -D(k
+!! nu)^-1 R_k, since at high orders inertia dominates the nonlinear terms. They act back on the
+!! included orders by -J^-1 R_kept(x + out) with the derivatives J of the solution. This includes
+!! the amplification near a fold and, for forces that are not polynomials, the aliasing error of
+!! fewer samples. The remaining residual in the omitted orders shows how much of them is missing: a
+!! fixed-point iteration of factor rho falls short by 1/(1 - rho).
 !!
-!! Where a law has kinks or jumps, orders fall off as k^-p only, and those beyond the larger set,
-!! K < k <= N, count too. A jump of the force gives p = 3, a corner 4, one of its slope 5; p is
-!! measured, and at least 3 or, without jumps, 4. As a sum of squares all orders left out are
-!! sqrt(1 + K/((2 p - 1) d)) times the largest, d apart. What order k changes in those kept goes as
-!! its rate times what the slope of the force has at k: as k^-q, q = p - 1 where the force jumps,
-!! q = p where its slope does, so that all of them make 1/(1 - (K/N)^(q - 1)) times what those up to
-!! N do. Several kinks make orders beat, sin(k a) k^-p: the next order is taken as no smaller than
-!! the largest of the last third of those kept lets expect.
+!! With kinks or jumps, orders decay only as k^-p, and those beyond the larger set, K < k <= N,
+!! count too. A jump of the force gives p = 3, a corner 4, a corner of its slope 5; p is measured,
+!! and at least 3 or, without jumps, 4. The root sum of squares of all omitted orders is sqrt(1 +
+!! K/((2 p - 1) d)) times the largest, for orders d apart. The effect of order k on the included
+!! orders is proportional to its rate times the slope of the force at k: as k^-q, q = p - 1 if the
+!! force jumps, q = p if its slope does, so the total is 1/(1 - (K/N)^(q - 1)) times the effect up
+!! to N. Several kinks make orders beat, sin(k a) k^-p: the next order is at least that expected
+!! from the last third of the included orders.
 module viscovib_truncation
   use viscovib_dense, only: solve
   use viscovib_harmonic_balance, only: balance_type
@@ -29,39 +28,39 @@ module viscovib_truncation
 
   public :: estimate_truncation, find_left_out, kinked_tail
 
-  !> Largest factor between two turns that is believed, and that after which no other is needed.
+  !> Largest factor between two iterations in the estimate, and factor that ends the iteration.
   real(wp), parameter :: slowest = 0.9_wp, little = 0.02_wp
-  !> Turns at most, to look closely.
+  !> Largest number of iterations for a close estimate.
   integer, parameter :: most_turns = 6
-  !> Powers with which harmonics fall off at jumps and kinks of the force, at least; beyond so
-  !! much they fall off geometrically.
+  !> Smallest powers of the decay of harmonics with jumps and kinks of the force; above the third
+  !! value the decay counts as geometric.
   real(wp), parameter :: beside_jumps = 3.0_wp, beside_kinks = 4.0_wp, fastest_fall = 12.0_wp
-  !> How uncertain that is.
+  !> Safety factor for the decay.
   real(wp), parameter :: safety = 2.0_wp
-  !> The most that is made of orders that vanish between two beats.
+  !> Largest correction for orders that vanish between two beats.
   real(wp), parameter :: largest_beat = 10.0_wp
-  !> Most that orders beyond the larger set are believed to make where laws are smooth.
+  !> Largest factor for orders beyond the larger set with smooth laws.
   real(wp), parameter :: largest_tail = 20.0_wp
-  !> Orders that determine a fall.
+  !> Smallest number of orders that determine a decay.
   integer, parameter :: enough = 8
 
 contains
 
-  !> The change of all orders that the larger set suggests, and its relative size in the
-  !! norm of `weighted_norm`.
+  !> The change of all orders according to the larger set, and its relative size in the norm of
+  !! `weighted_norm`.
   subroutine estimate_truncation(probe, compliance, system, x, factors, change, whole, outside)
     !> Balance of the larger set, at the same frequency and load.
     type(balance_type), intent(inout) :: probe
-    !> Inverse dynamic stiffness of the orders left out, shape (n_dof, n_dof, n left out).
+    !> Inverse dynamic stiffness of the omitted orders, shape (n_dof, n_dof, n omitted).
     complex(wp), intent(in) :: compliance(:, :, :)
     class(oscillator_type), intent(in) :: system
     !> Solution, shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    !> Derivatives of the balance of the orders kept, at the solution.
+    !> Factorized derivatives of the balance of the included orders, at the solution.
     type(newton_factors), intent(in) :: factors
     !> Shape (2 n_orders of the larger set, n_dof).
     real(wp), intent(out) :: change(:, :)
-    !> Relative sizes of the whole change and of its part in the orders left out.
+    !> Relative sizes of the whole change and of its part in the omitted orders.
     real(wp), intent(out) :: whole, outside
     real(wp) :: back(size(x, 1), size(x, 2)), norm, short
     integer :: n
@@ -75,17 +74,17 @@ contains
     if (norm > 0.0_wp) whole = max(outside, weighted_norm(system, back)*short/norm)
   end subroutine estimate_truncation
 
-  !> The orders left out, and what they do to the equations of those kept.
+  !> The omitted orders, and their effect on the equations of the included ones.
   subroutine find_left_out(probe, compliance, system, x, change, pushed, outside, short, closely)
     type(balance_type), intent(inout) :: probe
     complex(wp), intent(in) :: compliance(:, :, :)
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: x(:, :)
-    !> Of all orders, that of those kept being 0, and residuals of those kept.
+    !> Change of all orders, 0 for the included ones, and residuals of the included ones.
     real(wp), intent(out) :: change(:, :), pushed(:, :)
-    !> Relative size of the orders left out, and by what factor this falls short of all.
+    !> Relative size of the omitted orders, and the factor by which the estimate falls short.
     real(wp), intent(out) :: outside, short
-    !> To iterate until little is left.
+    !> True: iterate to a small remainder.
     logical, intent(in) :: closely
     real(wp), dimension(size(change, 1), size(change, 2)) :: y, r
     real(wp) :: norm, first, rest, before, factor, reach
@@ -125,15 +124,15 @@ contains
     if (norm > 0.0_wp) outside = first*reach/norm
   end subroutine find_left_out
 
-  !> At kinks: how many times the orders that were looked at all orders left out are, and how
-  !! many times more than those they change.
+  !> With kinks: factor from the examined orders to all omitted orders, and factor of their effect
+  !! on the included orders.
   pure subroutine kinked_tail(system, x, orders, first, reach, short)
     class(oscillator_type), intent(in) :: system
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    !> Of the larger set.
+    !> Orders of the larger set.
     integer, intent(in) :: orders(:)
-    !> Size of the orders left out that were looked at.
+    !> Norm of the omitted orders that were examined.
     real(wp), intent(in) :: first
     real(wp), intent(out) :: reach
     real(wp), intent(inout) :: short
@@ -149,19 +148,19 @@ contains
       low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
       high = weighted_norm(system, x(2*(n/2) + 1:, :))
       if (.not. high > 0.0_wp) return
-      ! The largest of orders twice as far out.
+      ! Compare the largest orders at twice the distance.
       fall = max(fall, log(low/high)/log(2.0_wp))
       if (fall > fastest_fall) return
     end if
     apart = real(orders(size(orders)) - orders(n), wp)/(size(orders) - n)
     reach = safety*sqrt(1.0_wp + orders(n)/((2.0_wp*fall - 1.0_wp)*apart))
     power = merge(fall - 1.0_wp, fall, jumps)
-    ! Sliders of many limits fall off more slowly at first.
+    ! Sliders with many limits decay more slowly at first.
     if (n < enough) power = beside_jumps - 1.0_wp
     short = short*safety/(1.0_wp - (real(orders(n), wp)/orders(size(orders)))**(power - 1.0_wp))
     if (n < enough .or. .not. first > 0.0_wp) return
-    ! Two kinks make orders beat: where the next ones vanish, those kept show how large other orders
-    ! are.
+    ! Two kinks make orders beat: if the next ones vanish, the included orders show the size of
+    ! further ones.
     high = 0.0_wp
     do i = (2*n)/3 + 1, n
       low = weighted_norm(system, x(2*i - 1:2*i, :))
@@ -172,14 +171,14 @@ contains
     short = short*beat
   end subroutine kinked_tail
 
-  !> The same where laws are smooth: the orders fall off as q^k, and those beyond the larger set,
-  !! of m more orders, add q^m/(1 - q^m) of those looked at. Where that is much, q itself is
-  !! uncertain, for orders fall ever more slowly towards the pole that rules them: more is added.
+  !> The same with smooth laws: orders decay as q^k, and those beyond the larger set, of m more
+  !! orders, add q^m/(1 - q^m) of the examined ones. If that is much, q itself is uncertain, since
+  !! the decay becomes slower towards that of the dominant pole: more is added.
   pure real(wp) function smooth_tail(system, x, orders) result(tail)
     class(oscillator_type), intent(in) :: system
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
-    !> Of the larger set.
+    !> Orders of the larger set.
     integer, intent(in) :: orders(:)
     real(wp) :: low, high, left
     integer :: n
@@ -196,10 +195,10 @@ contains
     tail = min(1.0_wp + tail*(1.0_wp + min(tail, safety)), largest_tail)
   end function smooth_tail
 
-  !> Subtract -D^-1 r.
+  !> Subtract D^-1 r.
   pure subroutine add_left_out(compliance, r, change)
     complex(wp), intent(in) :: compliance(:, :, :)
-    !> Shape (2 n left out, n_dof).
+    !> Shape (2 n omitted, n_dof).
     real(wp), intent(in) :: r(:, :)
     real(wp), intent(inout) :: change(:, :)
     complex(wp) :: x

@@ -8,16 +8,16 @@ module viscovib_aliased_share
 
   public :: aliased_share, is_aliased
 
-  !> Part of a displacement that may be folded; what the window leaves by itself, times n^2.
+  !> Allowed folded part of a displacement; error of the window itself, times n^2.
   real(wp), parameter :: folded = 0.01_wp, of_window = 30.0_wp
 
 contains
 
-  !> Which part of a displacement u has been folded to other frequencies, by its rate v.
+  !> The part of a displacement u that has been folded to other frequencies, from its rate v.
   !!
-  !! Below the rate w_N = pi/step that samples tell, the derivative of the windowed displacement by
-  !! its spectrum is w v + w' u. A part of amplitude A beyond has been folded by a multiple of
-  !! 2 w_N, and misses this by 2 w_N A at least. The sizes are compared by Parseval's sum.
+  !! Below the Nyquist frequency w_N = pi/step, the derivative of the windowed displacement from
+  !! its spectrum is w v + w' u. A part of amplitude A above it has been folded by a multiple of
+  !! 2 w_N, and violates this by at least 2 w_N A. The sizes are compared by Parseval's sum.
   real(wp) function aliased_share(u, v, step) result(share)
     !> Shape (n), n >= 2, step apart.
     real(wp), intent(in) :: u(:), v(:), step
@@ -37,7 +37,7 @@ contains
     do k = 0, n/2
       if (2*k == n) own(k) = 0.0_wp
       rate(k) = cmplx(0.0_wp, 2.0_wp*pi*k/(n*step), wp)*own(k) - rate(k)
-      ! All but the first and the last bin of an even length stand for two.
+      ! All bins except the first and the last of an even length represent two.
       if (k > 0 .and. 2*k < n) rate(k) = sqrt(2.0_wp)*rate(k)
     end do
     size_of_u = norm2(window*swing)*2.0_wp*pi/step
@@ -45,7 +45,7 @@ contains
     if (size_of_u > 0.0_wp) share = norm2([abs(rate)])/sqrt(real(n, wp))/size_of_u
   end function aliased_share
 
-  !> True if such a part of n states counts as aliased.
+  !> True if this part of n states counts as aliased.
   pure logical function is_aliased(share, n)
     real(wp), intent(in) :: share
     integer, intent(in) :: n

@@ -16,23 +16,23 @@ module viscovib_free_decay
   public :: decay_type, find_free_decay
 
   type :: decay_type
-    !> s with positive imaginary part of the motions Re(a exp(s t)), the largest motion first.
+    !> Roots s with positive imaginary part of motions Re(a exp(s t)), the largest motion first.
     complex(wp), allocatable :: roots(:)
-    !> a of each coordinate, shape (n, n_dof).
+    !> Amplitudes a of each coordinate, shape (n, n_dof).
     complex(wp), allocatable :: amplitudes(:, :)
     !> Largest residual of a coordinate relative to its largest value.
     real(wp) :: residual = 0.0_wp
   end type decay_type
 
-  !> Columns of the pencil: longer rows cost a cube and contain no more.
+  !> Largest number of columns of the pencil: the cost of longer rows is cubic, without a benefit.
   integer, parameter :: most_columns = 200
-  !> Exponentials for each oscillation: its pair, and two for parts that do not oscillate.
+  !> Exponentials per oscillation: its pair, and two for parts that do not oscillate.
   integer, parameter :: for_each = 4
   !> States for each oscillation at least.
   integer, parameter, public :: states_for_each = 8
   !> Singular values below this part of the first are rounding.
   real(wp), parameter :: rounding = 1.0e-14_wp
-  !> Rows that are reduced together.
+  !> Number of rows that are reduced together.
   integer, parameter :: together = 256
 
 contains
@@ -100,7 +100,7 @@ contains
     end do
   end subroutine find_free_decay
 
-  !> Factors a step of the exponentials, at most `most`.
+  !> Factors per step of the exponentials, at most `most`.
   subroutine find_poles(q, moving, sizes, most, poles)
     real(wp), intent(in) :: q(:, :), sizes(:)
     !> Coordinates that are not at rest.
@@ -135,7 +135,7 @@ contains
     poles = pack(poles, abs(poles) > 0.0_wp)
   end subroutine find_poles
 
-  !> Shares a of Re(a p^k) in each coordinate, of one pole of each pair; 0 of its conjugate.
+  !> Amplitudes a of Re(a p^k) in each coordinate, for one pole of each pair; 0 for its conjugate.
   subroutine find_shares(q, poles, shares, residual, sizes)
     real(wp), intent(in) :: q(:, :), sizes(:)
     complex(wp), intent(in) :: poles(:)
@@ -153,7 +153,7 @@ contains
     do while (i <= size(poles))
       is_pair = aimag(poles(i)) > 0.0_wp .and. i < size(poles)
       do k = 1, n
-        ! Growing ones are 1 at the end.
+        ! Growing exponentials are scaled to 1 at the end.
         power = power_of(poles(i), k - 1 - merge(n - 1, 0, abs(poles(i)) > 1.0_wp))
         basis(k, i) = real(power)
         if (is_pair) basis(k, i + 1) = -aimag(power)
@@ -176,7 +176,7 @@ contains
     end do
   end subroutine find_shares
 
-  !> p^k by its logarithm: no power leaves the range of numbers.
+  !> p^k by its logarithm, without overflow.
   pure complex(wp) function power_of(p, k)
     complex(wp), intent(in) :: p
     integer, intent(in) :: k

@@ -1,11 +1,11 @@
-!> Lines of a signal by weighted least squares: the sums that a step of
-!! Gauss-Newton needs, in one pass over the samples.
+!> Lines of a signal by weighted least squares: the sums of a Gauss-Newton step,
+!! in one pass over the samples.
 !!
-!! Model u(t) = mean + sum_l E_l (a_l cos(omega_l s) + b_l sin(omega_l s)), s counted in
-!! samples from the middle of the record. The envelope E_l = exp(-decay_l k) of a line
-!! that decays counts samples k from the first one, that of a line that grows from the
-!! last one, so that it is 1 at most. Weights of Hann, so that what the model lacks
-!! disturbs little (frequency analysis after Laskar, Physica D 67 (1993) 257).
+!! Model u(t) = mean + sum_l E_l (a_l cos(omega_l s) + b_l sin(omega_l s)), with s in
+!! samples from the middle of the record. The envelope E_l = exp(-decay_l k) of a decaying line
+!! counts samples k from the first one, that of a growing line from the
+!! last one, so that it is at most 1. Hann weights reduce the influence of parts that the model
+!! does not contain (frequency analysis after Laskar, Physica D 67 (1993) 257).
 module viscovib_line_fit
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -18,18 +18,18 @@ module viscovib_line_fit
 
   !> Lines of a signal, each array of shape (n_lines).
   type :: lines_type
-    !> Circular frequencies in rad a sample, in (0, pi).
+    !> Circular frequencies in rad per sample, in (0, pi).
     real(wp), allocatable :: omega(:)
-    !> Rates of decay per sample; negative where a line grows.
+    !> Decay rates per sample; negative for a growing line.
     real(wp), allocatable :: decay(:)
     !> Amplitudes where the envelope is 1.
     real(wp), allocatable :: a(:), b(:)
     real(wp) :: mean
   end type lines_type
 
-  !> Samples taken at once.
+  !> Samples processed at once.
   integer, parameter :: block = 256
-  !> Sums kept apart, a divisor of `block`.
+  !> Number of separate sums, a divisor of `block`.
   integer, parameter :: lanes = 32
 
 contains
@@ -46,14 +46,14 @@ contains
   end subroutine new_lines
 
   !> J^T W J, J^T W r and sum W r^2 for the residual r of the model; columns: mean,
-  !! a_1, b_1, a_2, ..., then, if frequencies are free, omega_l half the record
-  !! long: the parameter omega_l (n-1)/2; then likewise the free rates of decay.
+  !! a_1, b_1, a_2, ..., then, if frequencies are free, omega_l (n-1)/2 as parameters; then
+  !! likewise the free decay rates.
   subroutine line_sums(signal, lines, n_free, free_decay, matrix, right, total)
     real(wp), intent(in) :: signal(:)
     type(lines_type), intent(in) :: lines
     !> Number of lines if frequencies are free, else 0.
     integer, intent(in) :: n_free
-    !> Places of the lines whose rate of decay is free.
+    !> Indices of the lines with a free decay rate.
     integer, intent(in) :: free_decay(:)
     !> Shapes (m, m) and (m), m = 1 + 2 n_lines + n_free + size(free_decay).
     real(wp), intent(out) :: matrix(:, :), right(:), total
@@ -112,7 +112,7 @@ contains
     end do
   end subroutine line_sums
 
-  !> What the model leaves of the signal.
+  !> Signal minus model.
   subroutine line_residual(signal, lines, residual)
     real(wp), intent(in) :: signal(:)
     type(lines_type), intent(in) :: lines
@@ -132,7 +132,7 @@ contains
     end do
   end subroutine line_residual
 
-  !> Sum of products, in as many parts as a vector unit adds at once.
+  !> Sum of products, in separate parts for the vector unit.
   pure real(wp) function dot(x, y)
     real(wp), intent(in) :: x(block), y(block)
     real(wp) :: parts(lanes)
@@ -145,7 +145,7 @@ contains
   end function dot
 
   !> Envelope times cos and sin of omega s of the samples first, first + 1, ..., counted
-  !! from 0; the phase of the start is taken exactly, so that long records lose no digits.
+  !! from 0; the phase at the start is computed in two parts, so that long records lose no digits.
   subroutine line_columns(omega, decay, first, n, cosine, sine)
     real(wp), intent(in) :: omega, decay
     integer, intent(in) :: first, n
@@ -161,14 +161,14 @@ contains
     sine = s + c*low
     if (abs(decay) <= 0.0_wp) return
     do i = 1, block
-      ! Places beyond the record weigh nothing: they must only stay finite.
+      ! Positions after the record have no weight: they must only stay finite.
       envelope = exp(min(-decay*(first + i - 1 - origin(decay, n)), 0.0_wp))
       cosine(i) = cosine(i)*envelope
       sine(i) = sine(i)*envelope
     end do
   end subroutine line_columns
 
-  !> Sample at which the envelope of a line is 1: the first, or the last of one that grows.
+  !> Sample at which the envelope of a line is 1: the first, or the last of a growing line.
   pure real(wp) function origin(decay, n)
     real(wp), intent(in) :: decay
     integer, intent(in) :: n

@@ -54,7 +54,7 @@ contains
     end do
   end subroutine window_values
 
-  !> sum_j a_j T_j(c/2) with the signs of the window in c, from the last term down.
+  !> sum_j a_j T_j(c/2) with the signs of the window in c, from the last term to the first.
   pure function clenshaw(a, c) result(total)
     real(wp), intent(in) :: a(0:4), c(n_lanes)
     real(wp), dimension(n_lanes) :: total, b1, b2, b0
@@ -69,7 +69,7 @@ contains
     total = a(0) + 0.5_wp*c*b1 - b2
   end function clenshaw
 
-  !> Mean of the values: what a tone's amplitude is multiplied by.
+  !> Mean of the values: factor of a tone's amplitude.
   pure real(wp) function coherent_gain(window)
     integer, intent(in) :: window
     coherent_gain = terms(0, window)

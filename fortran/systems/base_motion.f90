@@ -1,9 +1,8 @@
-!> How the base moves: sinusoids, and a piecewise cubic with corners. The equations are
-!! those of coordinates relative to the base; states given and kept are those of the body.
+!> Motion of the base: sinusoids, and a piecewise cubic with corners. The equations use coordinates
+!! relative to the base; given and stored states are absolute.
 !!
-!! A corner of the base is a jump of the relative velocity, of which the body's knows
-!! nothing: velocities here are those within the present piece of time, whichever end of it
-!! they are asked at.
+!! At a corner of the base motion the relative velocity jumps, but the absolute velocity is
+!! continuous. Velocities are those of the current time interval, also at its ends.
 module viscovib_base_motion
   use viscovib_constants, only: imaginary_unit
   use viscovib_kinds, only: wp
@@ -13,16 +12,16 @@ module viscovib_base_motion
   public :: base_motion_type
 
   type :: base_motion_type
-    !> How the coordinates move with the one displacement of the base, shape (n_dof); not
+    !> Displacement of the coordinates per unit displacement of the base, shape (n_dof). Not
     !! allocated: the base has a displacement for each coordinate.
     real(wp), allocatable :: direction(:)
     !> Displacements Im sum_k amplitudes(:,k) exp(i frequencies(k) t), shape (q, m); not allocated:
     !! the base is at rest.
     real(wp), allocatable :: frequencies(:)
     complex(wp), allocatable :: amplitudes(:, :)
-    !> Besides, cubics sum_p pieces(p,:,i) (t - breaks(i))^(4-p) from each break to the next,
-    !! the last for ever; before the first break the base is where it is there. Shapes (n)
-    !! and (4, q, n); no breaks: none.
+    !> Additional cubics sum_p pieces(p,:,i) (t - breaks(i))^(4-p), each valid from its break to the
+    !! next, the last without end. Before the first break the base has its position at that break.
+    !! Shapes (n) and (4, q, n).
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
     integer, private :: present = 0
   contains
@@ -43,14 +42,14 @@ contains
     moves = allocated(self%amplitudes)
   end function moves
 
-  !> Whether relative velocities may jump.
+  !> True if relative velocities may jump.
   pure logical function has_corners(self)
     class(base_motion_type), intent(in) :: self
     has_corners = .false.
     if (allocated(self%breaks)) has_corners = self%moves() .and. size(self%breaks) > 0
   end function has_corners
 
-  !> A piece of time begins that no corner divides.
+  !> Select the cubic of a time interval that contains no corner.
   pure subroutine enter(self, from, to)
     class(base_motion_type), intent(inout) :: self
     real(wp), intent(in) :: from, to
@@ -78,7 +77,7 @@ contains
     if (self%moves()) n_displacements = size(self%amplitudes, 1)
   end function n_displacements
 
-  !> Displacements of the base and their velocities.
+  !> Base displacements and their velocities at time t.
   pure subroutine along(self, t, displacement, velocity)
     class(base_motion_type), intent(in) :: self
     real(wp), intent(in) :: t
@@ -109,7 +108,7 @@ contains
     end associate
   end subroutine along
 
-  !> What displacements of the base, or their velocities, are to the coordinates.
+  !> Map base displacements or velocities to the coordinates.
   pure function of_coordinates(self, values) result(moved)
     class(base_motion_type), intent(in) :: self
     !> Shape (q).
@@ -122,11 +121,11 @@ contains
     end if
   end function of_coordinates
 
-  !> It moves each of n coordinates by cubics besides.
+  !> Add a base motion of n coordinates given by cubics.
   subroutine add_cubics(self, n, direction, breaks, pieces)
     class(base_motion_type), intent(inout) :: self
     integer, intent(in) :: n
-    !> How the coordinates move with one displacement; none: each has its own.
+    !> Displacement of the coordinates per unit base displacement; empty: one displacement each.
     real(wp), intent(in) :: direction(:)
     !> Shapes (m) and (4, 1 or n, m).
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
@@ -143,7 +142,7 @@ contains
     end do
   end subroutine add_cubics
 
-  !> From a state relative to the base to that of the body; `share` -1: back.
+  !> Convert a relative state to an absolute state; `share` = -1 converts back.
   pure subroutine add_to(self, t, u, v, share)
     class(base_motion_type), intent(in) :: self
     real(wp), intent(in) :: t

@@ -1,12 +1,12 @@
-!> Bouc's and Wen's hysteresis (Wen, J. Eng. Mech. Div. ASCE 102, 1976):
+!> Bouc-Wen hysteresis (Wen, J. Eng. Mech. Div. ASCE 102, 1976):
 !!
 !!   f = elastic d + weight z,   dz/dd = A - (gamma + beta sign(way z)) |z|^n.
 !!
-!! In units of the largest state, (A/(beta + gamma))^(1/n), and along the way it goes, the state s
-!! grows with the path x by ds/dx = 1 - r |s|^n, r = 1 where s > 0 and
-!! r = (gamma - beta)/(gamma + beta) <= 0 where s < 0. For n = 1 and 2 that has a closed solution,
-!! else Taylor's series in x is summed over short steps, which end where s changes its sign. Around
-!! s = 0, where |s|^n is not smooth for a broken n, the path is a series in the state instead:
+!! The state is scaled by its largest value, (A/(beta + gamma))^(1/n), and signed along the
+!! direction of motion. Then s grows with the path x as ds/dx = 1 - r |s|^n, r = 1 for s > 0 and
+!! r = (gamma - beta)/(gamma + beta) <= 0 for s < 0. n = 1 and 2 have closed solutions. Otherwise
+!! Taylor series in x are summed over short steps, which end at sign changes of s. Near s = 0, where
+!! |s|^n is not smooth for noninteger n, the path is a series in s:
 !!
 !!   x(s) = integral ds/(1 - r |s|^n) = s sum_j (r |s|^n)^j/(n j + 1).
 module viscovib_bouc_wen_element
@@ -18,9 +18,9 @@ module viscovib_bouc_wen_element
   public :: bouc_wen_element, new_bouc_wen
 
   type, extends(hysteresis_type) :: bouc_wen_element
-    !> A, n, r where s < 0, and the largest state.
+    !> A, n, r for s < 0, and the largest state.
     real(wp), private :: rise = 1.0_wp, exponent = 1.0_wp, back = 0.0_wp, largest = 1.0_wp
-    !> n where it is a whole number, else 0.
+    !> n if it is an integer, else 0.
     integer, private :: whole = 1
   contains
     procedure :: advance
@@ -28,22 +28,21 @@ module viscovib_bouc_wen_element
     procedure :: kinks
   end type bouc_wen_element
 
-  !> Terms of the series; a step times the fastest rate, on the side below 0 and above it, where the
-  !! nearest singularity of s(x) is at least pi/n away; a step over |s| where |s|^n is not smooth
-  !! at 0; a distance from the largest state that is rounding.
+  !> Number of series terms. Longest step times the fastest rate, below 0 and above 0, where the
+  !! nearest singularity of s(x) is at least pi/n away; longest step relative to |s| if |s|^n is not
+  !! smooth at 0; relative distance from the largest state that counts as rounding error.
   integer, parameter :: terms = 18
   real(wp), parameter :: longest = 0.15_wp, longest_above = 0.45_wp, of_state = 0.2_wp, &
                          saturated = 1.0e-15_wp
-  !> Largest part |r| |s|^n for which the path is a series in the state, terms of that, and turns of
-  !! Newton's method back.
+  !> Largest |r| |s|^n for the series of the path in the state.
   real(wp), parameter :: inner = 0.4_wp
-  !> Of r, where n = 2: so small that the path is the state.
+  !> n = 2: for smaller |r| the path equals the state.
   real(wp), parameter :: tiny_part = 1.0e-20_wp
   integer, parameter :: path_terms = 41, most_turns = 30
 
 contains
 
-  !> From elastic, weight, A, beta, gamma, n.
+  !> Parameters: elastic, weight, A, beta, gamma, n.
   pure subroutine new_bouc_wen(element, numbers)
     type(bouc_wen_element), intent(out) :: element
     real(wp), intent(in) :: numbers(:)
@@ -53,7 +52,7 @@ contains
     element%exponent = numbers(6)
     element%whole = 0
     if (abs(numbers(6) - anint(numbers(6))) <= 0.0_wp) element%whole = nint(numbers(6))
-    ! ds/dx has |s|^n, s begins with x.
+    ! Since ds/dx contains |s|^n, the force has a term |d|^(n + 1).
     if (element%whole == 0) element%rough = 1.0_wp + element%exponent
     element%back = (numbers(5) - numbers(4))/(numbers(5) + numbers(4))
     element%largest = (numbers(3)/(numbers(4) + numbers(5)))**(1.0_wp/numbers(6))
@@ -80,7 +79,7 @@ contains
       call move_by_series(self, x, s, covered)
     end if
     last = rate(self, s)
-    ! All paths are one path, passed from different places on: ds/ds_0 = s'(x)/s'(0).
+    ! All paths are parts of one trajectory: ds/ds_0 = s'(x)/s'(0).
     if (first > sqrt(epsilon(1.0_wp))) then
       by_z(1) = last/first
     else
@@ -103,7 +102,7 @@ contains
     end if
   end function rate
 
-  !> n = 1: with r = -b where s < 0, 1 - b s = exp(-b x) at s = 0, then 1 - s = exp(-x).
+  !> n = 1: with r = -b for s < 0, 1 - b s = exp(-b x) from s = 0 on; then 1 - s = exp(-x).
   pure subroutine move_closed(back, x, s, covered)
     real(wp), intent(in) :: back, x
     real(wp), intent(inout) :: s
@@ -138,7 +137,7 @@ contains
     s = grown
   end subroutine move_closed
 
-  !> n = 2: tan(q x)/q with q^2 = -r where s < 0, then tanh(x).
+  !> n = 2: tan(q x)/q with q^2 = -r for s < 0, then tanh(x).
   pure subroutine move_squared(back, x, s, covered)
     real(wp), intent(in) :: back, x
     real(wp), intent(inout) :: s
@@ -172,7 +171,7 @@ contains
     s = min((s + moved)/(1.0_wp + s*moved), 1.0_wp)
   end subroutine move_squared
 
-  !> n = 2: the path from a state below 0 to 0.
+  !> n = 2: the path from a negative state to 0.
   pure real(wp) function path_squared(back, s) result(path)
     real(wp), intent(in) :: back, s
     path = -s
@@ -227,17 +226,17 @@ contains
     s = min(s, 1.0_wp)
   end subroutine move_by_series
 
-  !> Up to which state, of either sign, its path is summed.
+  !> Largest |s| for which the series of the path is used.
   pure real(wp) function inner_state(self, side)
     class(bouc_wen_element), intent(in) :: self
     integer, intent(in) :: side
     inner_state = (inner/max(1.0_wp, merge(0.0_wp, -self%back, side > 0)))**(1.0_wp/self%exponent)
   end function inner_state
 
-  !> A path through 0, at most to where its series is no longer summed.
+  !> Advance along a path through 0, at most to the limit of the series.
   pure subroutine move_inside(self, h, s, covered)
     class(bouc_wen_element), intent(in) :: self
-    !> The path wanted, and the one made.
+    !> On entry the requested path length, on return the length covered.
     real(wp), intent(inout) :: h, s, covered
     real(wp) :: x, x_from, area, area_from, goal, low, high, correction
     integer :: turn
@@ -259,7 +258,7 @@ contains
         if (.not. (x >= low .and. x <= high)) x = 0.5_wp*(low + high)
         correction = abs(x - s)
         s = x
-        ! The next correction is its square.
+        ! The next Newton correction is of the order of its square.
         if (correction <= 1.0e-9_wp*abs(s)) exit
       end do
       call path_to(self, s, x, area)
@@ -267,7 +266,7 @@ contains
     covered = covered + area - area_from
   end subroutine move_inside
 
-  !> The path from 0 to a state, and the integral of the state over it.
+  !> The path from 0 to a state, and the integral of the state over the path.
   pure subroutine path_to(self, s, x, area)
     class(bouc_wen_element), intent(in) :: self
     real(wp), intent(in) :: s
@@ -289,7 +288,7 @@ contains
     area = area*s*s
   end subroutine path_to
 
-  !> Coefficients of s over x, on its side of 0.
+  !> Taylor coefficients of s over x, on its side of 0.
   pure subroutine expand(self, s, side, series)
     class(bouc_wen_element), intent(in) :: self
     real(wp), intent(in) :: s
@@ -318,7 +317,7 @@ contains
         if (k == 0) then
           powers(0, 1) = abs(s)**self%exponent
         else
-          ! s (s^n)' = n s' s^n, coefficient by coefficient.
+          ! Recurrence from s (s^n)' = n s' s^n.
           total = 0.0_wp
           do j = 1, k
             total = total + (self%exponent*j - (k - j))*series(j)*powers(k - j, 1)
@@ -330,13 +329,13 @@ contains
     end do
   end subroutine expand
 
-  !> Where a growing series becomes 0, at most h.
+  !> Zero of a growing series, at most h.
   pure real(wp) function first_zero(series, h) result(x)
     real(wp), intent(in) :: series(0:), h
     real(wp) :: value, slope
     integer :: k, turn
 
-    ! The largest value first.
+    ! Start from the largest value.
     x = h
     do turn = 0, 20
       value = 0.0_wp
@@ -368,7 +367,7 @@ contains
     end if
   end subroutine slope
 
-  !> Where the state changes its sign.
+  !> Path length to the sign change of the state.
   pure subroutine kinks(self, z, way, distances)
     class(bouc_wen_element), intent(in) :: self
     real(wp), intent(in) :: z(:)
@@ -386,7 +385,7 @@ contains
     else if (self%whole == 2) then
       done = path_squared(self%back, s)
     else
-      ! 1 <= ds/dx: it is there at x = |s| at the latest.
+      ! ds/dx >= 1, so the zero is at most |s| away.
       done = 0.0_wp
       do turn = 1, 50
         if (self%whole == 0 .and. -s < inner_state(self, -1)) then

@@ -1,16 +1,16 @@
-!> The linear rest of a structure, as some of its coordinates see it:
+!> Compliance of the linear subsystem of a structure at some coordinates:
 !!
 !!   H(s) = sum_m seen_m pushed_m^T/(squares_m + i losses_m + rates_m s + s^2)
-!!          + sum_l left_l right_l^T/(s - poles_l) + flexibility + s flexibility_rate
+!!          + sum_l left_l right_l^T/(s - poles_l) + flexibility + s flexibility_rate.
 !!
-!! over real modes, which modal damping leaves alone, and over complex ones (each pole and its
-!! conjugate), and over what modes left out would add (E^T D(s)^-1 E of the theory of structures,
-!! docs/explanation). All loops run along the modes. Of modes whose poles are further from 0 than
-!! |s|,
+!! The first sum is over real modes, which modal damping leaves uncoupled; the second is over
+!! complex modes (each pole and its conjugate). The flexibility replaces omitted modes (E^T D(s)^-1
+!! E of the theory of structures, docs/explanation). All loops run over modes. If the poles of a
+!! mode are further from 0 than |s|,
 !!
 !!   1/(a + b s + s^2) = sum_j c_j s^j,   c_0 = 1/a,   a c_j = -b c_(j-1) - c_(j-2),
 !!
-!! so that all of these together are one polynomial: few modes are looked at one by one.
+!! so all these modes together are one polynomial and only few modes are summed individually.
 module viscovib_compliance
   use viscovib_kinds, only: wp
   use viscovib_mode_sums, only: add_polynomial, apart, block, degree, least, mode_lanes, &
@@ -20,36 +20,35 @@ module viscovib_compliance
 
   public :: compliance_type, push_type
 
-  !> Modes whose poles are so many times as far as |s| are one polynomial, if they are as many as
-  !! a block: what it leaves out is far^-(degree + 1).
+  !> Modes whose poles exceed this multiple of |s| form one polynomial, if they fill at least a
+  !! block. The truncation error is far^-(degree + 1).
   real(wp), parameter :: far = 4.0_wp
-  !> Coordinates up to which such polynomials are made.
+  !> Largest number of coordinates for such polynomials.
   integer, parameter :: most_seen = 12
-  !> Loss factor of a mode that is light.
+  !> Largest loss factor of a lightly damped mode.
   real(wp), parameter :: light = 1.0e-2_wp
 
   type :: compliance_type
-    !> Coordinates seen.
+    !> Number of coordinates.
     integer :: n_seen = 0
-    !> Real modes, those that fill up not counted.
+    !> Number of real modes, without padding.
     integer :: n_modes = 0
-    !> Real modes: omega^2 (1/s^2), 2 zeta omega (1/s), loss factor times omega^2, which has a
-    !! meaning above the real axis only (Im s > 0), shape (n); entries at the coordinates, shape
-    !! (n, n_seen).
+    !> Real modes: omega^2 (1/s^2), 2 zeta omega (1/s), loss factor times omega^2 (valid for Im
+    !! s > 0 only), shape (n); output and input vectors, shape (n, n_seen).
     real(wp), allocatable :: squares(:), rates(:), losses(:), seen(:, :), pushed(:, :)
-    !> Complex modes, shape (n) (1/s), and (n, n_seen).
+    !> Complex modes: poles (1/s), shape (n), and vectors, shape (n, n_seen).
     complex(wp), allocatable :: poles(:), left(:, :), right(:, :)
-    !> Of modes left out, shape (n_seen, n_seen).
+    !> Contribution of omitted modes, shape (n_seen, n_seen).
     real(wp), allocatable :: flexibility(:, :), flexibility_rate(:, :)
-    !> The limit of H(s)^-1 at s = 0, which is finite though H may be not (rigid bodies).
+    !> Limit of H(s)^-1 at s = 0, which is finite even if H is not (rigid bodies).
     real(wp), allocatable :: stiffness_at_rest(:, :)
     !> seen times pushed, shape (n, n_seen, n_seen).
     real(wp), allocatable, private :: products(:, :, :)
     logical, private :: symmetric = .false.
-    !> Whether a mode hardly loses anything.
+    !> True if a mode is lightly damped.
     logical :: has_light = .false.
-    !> Numbers of modes looked at one by one, the |s| up to which they will do, and the polynomials
-    !! of the others in s/reach, shape (0:degree, n_seen, n_seen, number of levels).
+    !> Numbers of modes summed individually, largest |s| of each level, and the polynomials of the
+    !! other modes in s/reach, shape (0:degree, n_seen, n_seen, number of levels).
     integer, allocatable, private :: kept(:)
     real(wp), allocatable, private :: reach(:), tails(:, :, :, :)
   contains
@@ -63,17 +62,17 @@ module viscovib_compliance
     procedure, private :: level_for
   end type compliance_type
 
-  !> A force of one harmonic as the modes feel it.
+  !> A force of one harmonic in modal coordinates.
   type :: push_type
-    !> On real and complex modes, and by the flexibility: deflections of the coordinates.
+    !> Real and complex modal forces, and the deflections due to the flexibility.
     complex(wp), allocatable :: modes(:), poles(:), flexible(:), flexible_rate(:)
-    !> Of modes not looked at one by one, shape (0:degree, n_seen, number of levels).
+    !> Polynomials of modes not summed individually, shape (0:degree, n_seen, number of levels).
     complex(wp), allocatable, private :: tails(:, :, :)
   end type push_type
 
 contains
 
-  !> Fill up the modes, and multiply what is multiplied at every frequency.
+  !> Pad the modes, and compute products that do not depend on frequency.
   pure subroutine complete(self)
     class(compliance_type), intent(inout) :: self
     integer :: a, b, n, lacking
@@ -107,7 +106,7 @@ contains
     whole(:size(rows, 1), :) = rows
   end function filled
 
-  !> Numbers of modes, each twice the one before, with the polynomials of the others.
+  !> Compute the levels: numbers of modes, doubled each time, and polynomials of the other modes.
   pure subroutine add_levels(self)
     type(compliance_type), intent(inout) :: self
     real(wp) :: nearest(self%n_modes)
@@ -115,7 +114,7 @@ contains
 
     self%kept = [integer ::]
     self%reach = [real(wp) ::]
-    ! A loss factor has no such series about 0; for many coordinates they would take too long.
+    ! With a loss factor there is no such series about 0. For many coordinates it takes too long.
     if (.not. any(abs(self%losses) > 0.0_wp) .and. self%n_seen <= most_seen) then
       do i = 1, self%n_modes
         nearest(i) = nearest_pole(self%squares(i), self%rates(i))
@@ -136,7 +135,7 @@ contains
     end do
   end subroutine add_levels
 
-  !> Coefficients of (s/reach)^j of the modes beyond those kept on each level, each times a weight.
+  !> Coefficients of (s/reach)^j of the modes beyond those of each level, weighted.
   pure function tails_of(self, weights) result(c)
     class(compliance_type), intent(in) :: self
     real(wp), intent(in) :: weights(:)
@@ -170,7 +169,7 @@ contains
     end do
   end function tails_of
 
-  !> The same for a push.
+  !> Pad a push, and compute its polynomials.
   pure subroutine complete_push(self, push)
     class(compliance_type), intent(in) :: self
     type(push_type), intent(inout) :: push
@@ -187,7 +186,7 @@ contains
     end do
   end subroutine complete_push
 
-  !> The level with the fewest modes that serves; 0: all are needed.
+  !> The level with the fewest modes that is valid at s; 0: all modes are needed.
   pure integer function level_for(self, s) result(level)
     class(compliance_type), intent(in) :: self
     complex(wp), intent(in) :: s
@@ -292,10 +291,10 @@ contains
     if (present(slope)) slope = (0.0_wp, 1.0_wp)*slope
   end subroutine on_axis
 
-  !> The same of one coordinate and no complex modes, frequency by frequency side by side.
+  !> The same for one coordinate without complex modes, vectorized over frequencies.
   pure subroutine one_on_axis(self, mu, h, slope)
     class(compliance_type), intent(in) :: self
-    !> At most as many as there are lanes.
+    !> At most `mode_lanes` frequencies.
     real(wp), intent(in) :: mu(:)
     complex(wp), intent(out) :: h(:)
     complex(wp), intent(out), optional :: slope(:)
@@ -348,7 +347,7 @@ contains
     end do
   end subroutine one_on_axis
 
-  !> Deflections under a push, and their derivatives by s.
+  !> Deflections due to a push, and their derivatives by s.
   pure subroutine answer(self, s, push, y, slope)
     class(compliance_type), intent(in) :: self
     complex(wp), intent(in) :: s
@@ -400,7 +399,7 @@ contains
     end do
   end subroutine answer
 
-  !> Take real modes out of the sums; none of these may be among those that are but a polynomial.
+  !> Remove real modes from the sums. They must not be part of the polynomials.
   pure subroutine leave_out(self, modes)
     class(compliance_type), intent(inout) :: self
     integer, intent(in) :: modes(:)
@@ -409,7 +408,7 @@ contains
     self%products(modes, :, :) = 0.0_wp
   end subroutine leave_out
 
-  !> The smallest loss factor of all modes that oscillate: 2 zeta.
+  !> Smallest loss factor 2 zeta of all oscillating modes.
   pure real(wp) function least_loss(self) result(loss)
     class(compliance_type), intent(in) :: self
     integer :: i

@@ -1,12 +1,12 @@
-!> The compliance of a linear rest up to a frequency, at a cost that does not know how many modes
-!! lie beyond.
+!> Compliance of a linear subsystem up to a given frequency, at a cost independent of the number of
+!! modes above it.
 !!
-!! Of a mode whose poles are further from 0 than |s|,
+!! For a mode whose poles are further from 0 than |s|,
 !!
 !!   1/(a + b s + s^2) = sum_j c_j s^j,   c_0 = 1/a,   a c_j = -b c_(j-1) - c_(j-2),
 !!
-!! so that all of these together are one polynomial in s. Modes that are nearly rigid bodies are
-!! kept apart: near their poles H(s) has parts of rank 1 that hide the other parts.
+!! so all these modes together are one polynomial in s. Nearly rigid modes are kept separate: near
+!! their poles H(s) has rank-1 parts that hide the other parts.
 module viscovib_compliance_band
   use viscovib_compliance, only: compliance_type
   use viscovib_kinds, only: wp
@@ -15,21 +15,21 @@ module viscovib_compliance_band
 
   public :: compliance_band, new_band
 
-  !> Modes whose poles are this many times as far as |s| may be are one polynomial.
+  !> Modes whose poles exceed this multiple of the largest |s| are part of the polynomial.
   real(wp), parameter :: beyond = 4.0_wp
   integer, parameter :: n_terms = 24
-  !> Keeps a pole itself a number.
+  !> Avoids division by zero at a pole.
   real(wp), parameter :: least = tiny(1.0_wp)
-  !> A band serves up to its radius, and down to this part of it.
+  !> Ratio of a band's radius to the requested radius, and smallest part of it that it serves.
   real(wp), parameter :: spare = 1.3_wp, least_part = 0.4_wp
 
   type :: compliance_band
     integer :: n_seen = 0
-    !> Largest |s|, 0: none yet; nearly rigid are modes whose poles are nearer to 0 than the second.
+    !> Largest |s| (0: not set); modes with poles of modulus below `nearness` are nearly rigid.
     real(wp) :: radius = 0.0_wp, nearness = 0.0_wp
-    !> Modes one by one: squares, rates, shape (n), and what they see and feel, (n, n_seen).
+    !> Separate modes: squares, rates, shape (n); output and input vectors, shape (n, n_seen).
     real(wp), allocatable :: squares(:), rates(:), seen(:, :), pushed(:, :)
-    !> Those kept apart.
+    !> Nearly rigid modes.
     real(wp), allocatable :: rigid_squares(:), rigid_rates(:), rigid_seen(:, :), rigid_pushed(:, :)
     !> Complex modes, and coefficients of the polynomial, shape (n_seen, n_seen, 0:n_terms).
     complex(wp), allocatable, private :: poles(:), left(:, :), right(:, :)
@@ -43,7 +43,7 @@ module viscovib_compliance_band
 
 contains
 
-  !> For |s| up to a radius, and somewhat more.
+  !> Band for |s| up to somewhat more than a radius.
   subroutine new_band(band, rest, radius, nearness)
     type(compliance_band), intent(out) :: band
     type(compliance_type), intent(in) :: rest
@@ -115,7 +115,7 @@ contains
     end do
   end function rows_of
 
-  !> Whether the band is good, and not too good, for a radius and a nearness.
+  !> True if the band fits this radius and nearness and is not much larger than needed.
   pure logical function serves(self, radius, nearness)
     class(compliance_band), intent(in) :: self
     real(wp), intent(in) :: radius, nearness
@@ -123,14 +123,14 @@ contains
              .and. .not. abs(nearness - self%nearness) > 0.0_wp
   end function serves
 
-  !> Whether H is that of the modes one by one and no more.
+  !> True if H is the sum over the separate modes alone.
   pure logical function only_modes(self)
     class(compliance_band), intent(in) :: self
     only_modes = .not. self%has_terms .and. size(self%poles) == 0 &
                  .and. size(self%rigid_squares) == 0
   end function only_modes
 
-  !> H(s) without the modes that are nearly rigid bodies, at many s within the radius.
+  !> H(s) without the nearly rigid modes, at many s within the radius.
   pure subroutine evaluate(self, s, h)
     class(compliance_band), intent(in) :: self
     !> Shape (n).

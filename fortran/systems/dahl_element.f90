@@ -1,4 +1,4 @@
-!> Dahl's friction: stiffness that falls as the force nears its limit.
+!> Dahl's friction: the stiffness decreases as the force approaches its limit.
 !!
 !!   df/dd = s (1 - way f/F_c)^i
 !!
@@ -22,7 +22,7 @@ module viscovib_dahl_element
     procedure :: kinks
   end type dahl_element
 
-  !> Exponents that are one and the same, and the smallest y.
+  !> Exponents closer than `same` are treated as equal; smallest y.
   real(wp), parameter :: same = 1.0e-9_wp, least = 1.0e-30_wp
 
 contains
@@ -92,7 +92,7 @@ contains
     by_z(1) = -way*self%stiffness*self%exponent*y**(self%exponent - 1.0_wp)/self%limit
   end subroutine slope
 
-  !> Below an exponent of 1 the limit is reached.
+  !> For exponents below 1 the force reaches its limit at a finite distance.
   pure subroutine kinks(self, z, way, distances)
     class(dahl_element), intent(in) :: self
     real(wp), intent(in) :: z(:)

@@ -1,9 +1,9 @@
-!> The abstract system that the time integrators work on:
+!> The abstract system for time integrators:
 !!
 !!   q'' = a(q, q', cos(p_1 t), ..., cos(p_m t)),
 !!
-!! for a block of lanes at once. The lanes may be the nodes of a collocation
-!! step or trajectories side by side; the system does not know.
+!! evaluated for a block of vector lanes. The lanes are the nodes of a collocation step or different
+!! trajectories.
 module viscovib_driven_system
   use viscovib_base_motion, only: base_motion_type
   use viscovib_kinds, only: wp
@@ -17,61 +17,60 @@ module viscovib_driven_system
 
   public :: driven_system_type, differentiable_system_type, range_type, range_of_degree
 
-  !> Beyond which a coordinate, a velocity and a change of accelerations in an iteration have run
-  !! away: those of angles and of numbers without a unit.
+  !> Limits for a coordinate, a velocity and a change of accelerations in an iteration, beyond which
+  !! the solution diverges. Defaults: angles and dimensionless quantities.
   type :: range_type
     real(wp) :: coordinate = largest_angle, speed = 1.0e15_wp, push = 1.0e15_wp
   end type range_type
 
   type, abstract :: driven_system_type
     integer :: n_dof = 0
-    !> The last of these represent memory: results do not contain them.
+    !> Number of last coordinates that represent memory; results do not contain them.
     integer :: n_hidden = 0
-    !> The rates with which these begin; not allocated: 0.
+    !> Initial rates of the memory coordinates; not allocated: 0.
     real(wp), allocatable :: hidden_speeds(:)
-    !> The fastest rate at which these fade (1/s): behind a switch parts of steps begin shorter than
-    !! that takes, and double.
+    !> Fastest relaxation rate (1/s). After a switch the substeps start shorter than its time scale,
+    !! and double.
     real(wp) :: fading = 0.0_wp
     !> Circular frequencies of the loads (rad/s or dimensionless).
     real(wp), allocatable :: drives(:)
-    !> Quarter turns ahead of each load, 0 to 3: 3 makes a sine of the cosine.
-    !! Not allocated: none.
+    !> Quarter turns ahead of each load, 0 to 3 (3 turns the cosine into a sine). Not allocated:
+    !! none.
     integer, allocatable :: quarters(:)
-    !> The last drive, of frequency 0, is instead the time since the present piece of time
-    !! began, within which the load is smooth.
+    !> True if the last drive, of frequency 0, is the time since the start of the current interval,
+    !! in which the load is smooth.
     logical :: timed = .false.
-    !> Where that piece begins and ends.
+    !> Start and end of the current interval.
     real(wp) :: present_piece(2) = 0.0_wp
-    !> Whether the coordinates can leave what the equations describe.
+    !> True if the coordinates can leave the domain of the equations.
     logical :: limited = .true.
-    !> What its numbers may be.
+    !> Limits of the variables.
     type(range_type) :: range
-    !> Surfaces on which the equations have kinks or jumps: where a signal changes its sign. Not
+    !> Switching surfaces: sign changes of a signal, where the equations have kinks or jumps. Not
     !! allocated: none.
     type(signal_type), allocatable :: signals(:)
-    !> Whether `linearise` is there and worth its while.
+    !> True if `linearise` is implemented and efficient.
     logical :: sloped = .false.
-    !> Where forces change in layers that steps jump over, and whether steps are made in parts that
-    !! see them.
+    !> Thin layers of the forces that steps may skip, and whether substeps resolve them.
     type(law_layers) :: layers
     logical :: in_parts = .false.
-    !> The layers of each lane, where forces differ; not allocated: the same in all.
+    !> Layers of each vector lane, if forces differ; not allocated: equal in all.
     type(law_layers), allocatable :: lane_layers(:)
-    !> How many times as far as a polynomial follows what a layer depends on may go in a part.
+    !> Largest thinness of a layer in a substep.
     real(wp) :: thin = 1.0_wp
-    !> Length of the steps of a run.
+    !> Step size of a run.
     real(wp) :: step_length = 0.0_wp
-    !> On which side of each the motion is when a run begins again, and which it is on; not
-    !! allocated: from its state.
+    !> Side of each surface when a run continues, and whether the solution is on the surface; not
+    !! allocated: computed from the state.
     integer, allocatable :: sides(:)
     logical, allocatable :: fresh(:)
-    !> Whether the motion or its load begins where the run does; if not, how long the next part of a
-    !! step may be (0: any).
+    !> True if the solution or its load starts with the run; otherwise the longest next substep (0:
+    !! any).
     logical :: begins = .true.
     real(wp) :: grade = 0.0_wp
-    !> How the base moves to which coordinates are relative.
+    !> Motion of the base, to which coordinates are relative.
     type(base_motion_type) :: base_motion
-    !> The linear rest by its sections, where steps take these exactly.
+    !> Modal coordinates of the linear subsystem, if steps integrate them exactly.
     type(modal_frame), allocatable :: frame
   contains
     procedure :: settle
@@ -95,7 +94,7 @@ module viscovib_driven_system
     procedure :: law_forces
   end type driven_system_type
 
-  !> One that knows its derivatives too.
+  !> A system with derivatives.
   type, extends(driven_system_type), abstract :: differentiable_system_type
   contains
     procedure(tangent_interface), deferred :: tangent
@@ -104,7 +103,7 @@ module viscovib_driven_system
 
   abstract interface
 
-    !> a(q, q', drive) in every lane.
+    !> a(q, q', drive) in every vector lane.
     pure subroutine acceleration_interface(self, q, v, drive, a)
       import :: driven_system_type, n_lanes, wp
       class(driven_system_type), intent(in) :: self
@@ -133,7 +132,7 @@ module viscovib_driven_system
       real(wp), intent(out) :: value, slope(self%n_dof)
     end subroutine potential_interface
 
-    !> Positive where the coordinates are within what the equations describe.
+    !> Positive inside the domain of the equations.
     pure function margin_interface(self, q) result(margin)
       import :: driven_system_type, n_lanes, wp
       class(driven_system_type), intent(in) :: self
@@ -145,7 +144,7 @@ module viscovib_driven_system
 
 contains
 
-  !> The longest part of a step of which two runs may have the same, by states on it.
+  !> Longest substep that two runs may share, from states in the step.
   real(wp) function longest_part(self, q, v)
     class(driven_system_type), intent(in) :: self
     !> Shape (n, n_dof).
@@ -154,12 +153,12 @@ contains
     if (size(q, 2) /= self%n_dof .or. size(v, 2) /= self%n_dof) longest_part = 0.0_wp
   end function longest_part
 
-  !> The range of equations whose numbers may have any unit: an escape ends where its time stands
-  !! still, and nothing else does but what would overflow when it is raised to a power.
+  !> Limits for equations in arbitrary units. A diverging solution ends when its time step vanishes;
+  !! the limits only prevent overflow of powers.
   pure type(range_type) function range_of_degree(degree, walled) result(range)
     !> Highest power of coordinates and velocities.
     integer, intent(in) :: degree
-    !> Whether laws end at walls: a motion that meets one is soon too fast, not far.
+    !> True if laws end at walls, which a solution reaches with a large velocity.
     logical, intent(in) :: walled
     real(wp) :: largest
     largest = 10.0_wp**(250.0_wp/max(degree, 1))
@@ -168,25 +167,24 @@ contains
     range%push = min(1.0e60_wp, largest)
   end function range_of_degree
 
-  !> A piece of time begins, within which the load is smooth.
+  !> Start a time interval in which the load is smooth.
   subroutine enter(self, from, to)
     class(driven_system_type), intent(inout) :: self
     real(wp), intent(in) :: from, to
     self%present_piece = [from, to]
   end subroutine enter
 
-  !> Hold the equations of one side of each surface, where they are smooth; the signals are those
-  !! of that side.
+  !> Fix a side of each surface, where the equations are smooth. The signals then are those of this
+  !! side.
   subroutine take_sides(self, sides)
     class(driven_system_type), intent(inout) :: self
-    !> 1 or -1 for each signal, 0: whichever the state is on, `slides`: the motion stays on it.
+    !> For each signal: 1, -1, 0 (side of the state), or `slides` (stay on the surface).
     integer, intent(in) :: sides(:)
     if (size(sides) > 0) self%signals = self%signals
   end subroutine take_sides
 
-  !> Length of the first part of a step behind a switch; 0: any, nothing fades as fast. It is less
-  !! than the step, too: parts that are the same in steps of any length have errors that no
-  !! comparison of runs shows.
+  !> First substep after a switch; 0: any length. It is a fraction of the step, because errors of
+  !! substeps independent of the step size are not visible when runs are compared.
   pure real(wp) function first_part(self)
     class(driven_system_type), intent(in) :: self
     real(wp), parameter :: within = 0.5_wp, of_step = 0.25_wp
@@ -196,28 +194,28 @@ contains
     end if
   end function first_part
 
-  !> A motion begins at this state.
+  !> Initialize elements with internal state at the start of a solution.
   subroutine settle(self, q, v)
     class(driven_system_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
-    ! A system without elements has nothing to remember.
+    ! A system without elements has no internal state.
     self%step_length = self%step_length + 0.0_wp*(q(1) + v(1))
   end subroutine settle
 
-  !> Accelerations and their derivatives by coordinates and velocities, (n_lanes, equation, by).
+  !> Accelerations, and derivatives by coordinates and velocities, (n_lanes, equation, by).
   pure subroutine linearise(self, q, v, drive, a, by_q, by_v)
     class(driven_system_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
     real(wp), intent(out), dimension(n_lanes, self%n_dof, self%n_dof) :: by_q, by_v
-    ! Nobody asks one that is not `sloped`.
+    ! Only called if `sloped`.
     call self%acceleration(q, v, drive, a)
     by_q = 0.0_wp
     by_v = 0.0_wp
   end subroutine linearise
 
-  !> Accelerations but for those of the linear rest, which are given.
+  !> Accelerations minus those of the linear subsystem, which are given.
   pure subroutine push(self, q, v, drive, rest, a)
     class(driven_system_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -227,8 +225,8 @@ contains
     a = a - rest
   end subroutine push
 
-  !> What is watched of a surface at states: its signal, or, where the motion slides on it, what is
-  !! positive until it leaves.
+  !> Event function of a surface at states: its signal or, in sliding, a function that is positive
+  !! until the solution leaves the surface.
   subroutine signal_at(self, k, t, q, v, g)
     class(driven_system_type), intent(in) :: self
     integer, intent(in) :: k
@@ -238,14 +236,14 @@ contains
     call self%signals(k)%at(t, q, v, g)
   end subroutine signal_at
 
-  !> The motion has come to a surface, or is about to leave it: where it is from now on.
+  !> Set the sides when the solution reaches or leaves a surface.
   subroutine meet(self, k, t, q, v, sides, touched)
     class(driven_system_type), intent(inout) :: self
     integer, intent(in) :: k
     real(wp), intent(in) :: t, q(:)
-    !> Velocities, which an impact changes.
+    !> Velocities; an impact changes them.
     real(wp), intent(inout) :: v(:)
-    !> As for `take_sides`; and which surfaces the motion is on.
+    !> Sides as for `take_sides`; whether the solution is on each surface.
     integer, intent(inout) :: sides(:)
     logical, intent(inout) :: touched(:)
     touched(k) = .true.
@@ -255,11 +253,11 @@ contains
     call self%take_sides(sides)
   end subroutine meet
 
-  !> The motion has jumped to other velocities: where it is from now on.
+  !> Set the sides after a jump of the velocities.
   subroutine jump(self, t, q, before, v, sides)
     class(driven_system_type), intent(inout) :: self
     real(wp), intent(in) :: t, q(:), before(:)
-    !> As of `meet`.
+    !> As for `meet`.
     real(wp), intent(inout) :: v(:)
     integer, intent(inout) :: sides(:)
     ! Without surfaces there is nothing to leave.
@@ -267,12 +265,12 @@ contains
     call self%take_sides(sides)
   end subroutine jump
 
-  !> The same where a run continues with another base, which may move in another way; what rounding
-  !! of its motion leaves is no jump.
+  !> Like `jump`, when a run continues with a different base motion. Differences of the size of
+  !! rounding errors are no jump.
   subroutine jump_on(self, t, q, before, most, v)
     class(driven_system_type), intent(inout) :: self
     real(wp), intent(in) :: t, q(:), before(:)
-    !> Size of the state of the body.
+    !> Magnitude of the absolute state.
     real(wp), intent(in) :: most
     real(wp), intent(inout) :: v(:)
     real(wp), parameter :: rounding = 1.0e-12_wp
@@ -286,11 +284,11 @@ contains
     self%sides = sides
   end subroutine jump_on
 
-  !> From a state relative to the base to that of the body; `share` -1: back.
+  !> Convert a relative state to an absolute state; `share` = -1 converts back.
   pure subroutine add_base(self, t, q, v, share)
     class(driven_system_type), intent(in) :: self
     real(wp), intent(in) :: t
-    !> Of all coordinates.
+    !> All coordinates.
     real(wp), intent(inout) :: q(:), v(:)
     real(wp), intent(in), optional :: share
     integer :: n
@@ -299,10 +297,10 @@ contains
     call self%base_motion%add_to(t, q(:n), v(:n), share)
   end subroutine add_base
 
-  !> All coordinates and velocities where a motion begins, relative to the base.
+  !> Initial coordinates and velocities, relative to the base.
   subroutine start(self, t, body_q, body_v, q, v)
     class(driven_system_type), intent(in) :: self
-    !> Of the body, shape (n_dof - n_hidden).
+    !> Absolute state, shape (n_dof - n_hidden).
     real(wp), intent(in) :: t, body_q(:), body_v(:)
     real(wp), intent(out) :: q(:), v(:)
     integer :: n
@@ -351,7 +349,7 @@ contains
     if (self%timed) drive(:, m) = t - self%present_piece(1)
   end function drive_at
 
-  !> Whether one state is within what the equations describe.
+  !> True if a state is inside the domain of the equations.
   pure logical function physical(self, q)
     class(driven_system_type), intent(in) :: self
     real(wp), intent(in) :: q(self%n_dof)

@@ -1,4 +1,4 @@
-!> Elements that know what was, where a motion begins.
+!> Initial states of hysteresis elements at the start of a solution.
 module viscovib_elements_at_start
   use viscovib_kinds, only: wp
   use viscovib_switched_laws, only: switched_laws
@@ -9,7 +9,7 @@ module viscovib_elements_at_start
 
 contains
 
-  !> What they know is that of their deflections and the rates of these.
+  !> Set every hysteresis element from its deflection and deflection rate.
   subroutine begin_elements(laws, q, v)
     type(switched_laws), intent(inout) :: laws
     !> Shape (n_dof).

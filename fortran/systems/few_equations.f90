@@ -1,4 +1,4 @@
-!> The few equations that keep a motion on surfaces.
+!> Solves the small linear systems that keep a solution on switching surfaces.
 module viscovib_few_equations
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: wall
@@ -9,7 +9,7 @@ module viscovib_few_equations
 
 contains
 
-  !> Few equations, by elimination with pivots; where there is no answer one too high for any step.
+  !> Gaussian elimination with pivoting. A singular matrix gives x = `wall`, which no step accepts.
   pure subroutine solve(m, x)
     real(wp), intent(inout) :: m(:, :), x(:)
     real(wp) :: row(size(x)), factor

@@ -1,15 +1,15 @@
-!> Kernels as sums of exponentials, for motions whose steps end where laws switch
+!> Sums of exponentials for kernels, for solutions whose steps end where laws switch
 !! (viscovib_hidden_memory).
 !!
-!! R(t) is S(t) = sum_q w_q exp(-r_q t) within a relative error from t_min on, a small part of a
-!! step h (viscovib_spectral_kernel). What is left, D = R - S, is over before t_min, but not small
-!! where R is singular. Of a force g that is smooth within t_min it leaves m_0 g - m_1 g' + ..., of
-!! a jump of g the push m_0 from t_min on and the impulse -m_1, m_k = integral D t^k/k! dt. One
-!! exponential more has both moments, as the first Gauss rule of D's spectrum: Laplace transforms
-!! w/(s + r) = R(s) - S(s) at two small s. Of a motion that is slow compared with them, exp(s t),
-!! it leaves m_2 (s - s_1) (s - s_2): a constant part of what D pushes if both are of the order of
-!! 1/h, and one of (t_min s)^2 if they are of that of the motion. Below 1/reach S says nothing of R;
-!! and rounding, in the difference of both, is larger by s/s_2 at s.
+!! S(t) = sum_q w_q exp(-r_q t) approximates R(t) within a relative error from t_min on, a small
+!! fraction of the step h (viscovib_spectral_kernel). D = R - S is confined to t < t_min, but not
+!! small where R is singular. For a smooth force g it contributes m_0 g - m_1 g' + ..., for a jump
+!! of g the push m_0 from t_min on and the impulse -m_1, with m_k = integral D t^k/k! dt. One extra
+!! exponential matches both moments. It is the first Gauss rule of D's spectrum, with Laplace
+!! transforms w/(s + r) = R(s) - S(s) at s_1 and s_2. For a slow motion exp(s t) the error is m_2
+!! (s - s_1) (s - s_2): a constant fraction of D if both are of the order of 1/h, and of the order
+!! (t_min s)^2 if they are of the order of s. Below 1/reach S does not approximate R. Rounding
+!! errors of the difference grow as s/s_2.
 module viscovib_fitted_memory
   use viscovib_hidden_memory, only: count_hidden, fades_by_exponentials
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
@@ -23,24 +23,24 @@ module viscovib_fitted_memory
 
   public :: bound_hidden, copy_system, fit_memory, needs_fit, tell_fit
 
-  !> Shortest lag of a sum, as a part of the step.
+  !> Shortest lag of a sum, as a fraction of the step size.
   real(wp), parameter :: shortest_lag = 1.0e-3_wp
-  !> Relative errors of sums, by turns as the step is halved: what two runs differ by tells both.
+  !> Relative errors of sums, alternating as the step is halved: two runs then show this error.
   real(wp), parameter :: errors(0:1) = [5.0e-14_wp, 1.0e-12_wp]
-  !> What two runs may share of a motion: twice the finer one, of which one of them is.
+  !> Largest error that two runs may share: twice the smaller error, which one of them uses.
   real(wp), parameter, public :: shared_error = 1.0e-13_wp
-  !> Places s at which transforms agree: by the reach of the sum, beyond which it fades as
-  !! exp(-s t), and by the step at most; the second between the first and this part of the step.
+  !> Points s where transforms agree. s_1 is at most `faded`/reach, where exp(-s t) has decayed, and
+  !! `most_agreed`/step; s_2 is the geometric mean of s_1 and `resolved`/step.
   real(wp), parameter :: faded = 40.0_wp, most_agreed = 0.5_wp, resolved = 2.0_wp
-  !> The step of which a plan tells, as a part of the latest time: a thousandth of the first run.
+  !> Step size shown in a plan, as a fraction of the latest time (1/1000 of the run).
   real(wp), parameter :: usual_step = 1.0e-5_wp
-  !> Terms of a sum, as far as these are counted before step and end are known. Kernels with a
-  !! sharp spectrum have more: what does not fit then is refused by the motion.
+  !> Largest number of terms of a sum, assumed before step and end time are known. Kernels with a
+  !! sharp spectrum need more; the solver then reports an error.
   integer, parameter :: most_terms = 80
 
 contains
 
-  !> Whether some kernel that acts is no sum of exponentials.
+  !> True if an active kernel is not a sum of exponentials.
   pure logical function needs_fit(system)
     class(oscillator_type), intent(in) :: system
     integer :: k
@@ -51,7 +51,7 @@ contains
     end do
   end function needs_fit
 
-  !> How many coordinates memory takes at most; -1: some kernel has no sum of exponentials.
+  !> Largest number of memory coordinates; -1: a kernel cannot be fitted.
   integer function bound_hidden(system) result(n)
     type(polynomial_type), intent(in) :: system
     type(polynomial_type) :: whole
@@ -74,7 +74,7 @@ contains
     n = count_hidden(whole)
   end function bound_hidden
 
-  !> The same system with sums for steps of a run, and for times until `reach`.
+  !> The system with sums fitted for the step size of a run and times up to `reach`.
   subroutine fit_memory(system, step, reach, fitted)
     type(polynomial_type), intent(in) :: system
     real(wp), intent(in) :: step, reach
@@ -95,10 +95,10 @@ contains
     end do
   end subroutine fit_memory
 
-  !> A line of a plan: how many exponentials there are, and what they leave of kernels.
+  !> Line of a plan: number of exponentials and accuracy of the fit.
   function tell_fit(system, step, reach) result(text)
     type(polynomial_type), intent(in) :: system
-    !> 0: it is not known yet.
+    !> 0: not known yet.
     real(wp), intent(in) :: step, reach
     character(len=:), allocatable :: text
     type(polynomial_type) :: fitted
@@ -111,7 +111,7 @@ contains
              //show(errors(modulo(exponent(step), 2)))//' of R(t) from t = ' &
              //show(shortest_lag*step)//' on'
     else
-      ! Of two steps, one has the smaller error.
+      ! Two step sizes include one with the smaller error.
       most = 0
       do i = 0, 1
         call fit_memory(system, usual_step*0.5_wp**i*reach, reach, fitted)
@@ -122,7 +122,7 @@ contains
     end if
   end function tell_fit
 
-  !> The exponential for what is over before the shortest lag.
+  !> The extra exponential for the part of the kernel before the shortest lag.
   subroutine find_rest(kernel, step, reach, weights, rates, weight, rate)
     type(kernel_holder), intent(in) :: kernel
     real(wp), intent(in) :: step, reach, weights(:), rates(:)
@@ -136,14 +136,14 @@ contains
     call kernel%laplace(cmplx(s, 0.0_wp, wp), transform)
     rest = [(real(transform(i)) - sum(weights/(s(i) + rates)), i=1, 2)]
     rate = 1.0_wp/(shortest_lag*step)
-    ! Of a kernel that is hardly singular the rest is rounding, which has no rate.
+    ! For a nearly regular kernel the difference is rounding error, which gives no rate.
     if (rest(1) - rest(2) > epsilon(1.0_wp)*abs(rest(1))) then
       rate = max(rate, (rest(2)*s(2) - rest(1)*s(1))/(rest(1) - rest(2)))
     end if
     weight = max(rest(1)*(s(1) + rate), 0.0_wp)
   end subroutine find_rest
 
-  !> Component by component, for the sake of kernels (`copy_kernels`).
+  !> Copy component by component because of the kernels (`copy_kernels`).
   subroutine copy_system(system, other)
     type(polynomial_type), intent(in) :: system
     type(polynomial_type), intent(out) :: other

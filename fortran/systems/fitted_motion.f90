@@ -1,4 +1,4 @@
-!> A polynomial system in time whose kernels are taken as sums of exponentials where they are none.
+!> Equations of motion of a polynomial system, with other kernels fitted by sums of exponentials.
 module viscovib_fitted_motion
   use viscovib_fitted_memory, only: copy_system, fit_memory, needs_fit
   use viscovib_kinds, only: wp
@@ -13,16 +13,16 @@ module viscovib_fitted_motion
 
 contains
 
-  !> As `new_polynomial_motion`, in sections.
+  !> Like `new_polynomial_motion` with `in_sections=.true.`.
   subroutine new_fitted_motion(motion, system, load, nu, step, reach, status, taken)
     type(polynomial_motion_type), intent(out) :: motion
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> Steps of the run, and latest time of any that goes on from it; rates of coordinates are the
-    !! same for all.
+    !> Load frequency, step size, and latest time of this run and its continuations. All runs use
+    !! the same rates of exponentials.
     real(wp), intent(in) :: nu, step, reach
     type(status_type), intent(out) :: status
-    !> The system with the sums, if there are any.
+    !> The system with the fitted sums, or a copy of `system` if no fit is needed.
     type(polynomial_type), intent(out), optional :: taken
     type(polynomial_type) :: fitted
 

@@ -1,4 +1,4 @@
-!> A structure without losses: its modes, and what moves freely.
+!> A structure without damping, memory and loads, and its undamped modes.
 module viscovib_free_structure
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
@@ -14,7 +14,7 @@ module viscovib_free_structure
 
 contains
 
-  !> The same without damping, memory and loads; a place is the first of its deflections.
+  !> The structure without damping, memory and loads. Deflection 1 observes coordinate `place`.
   subroutine free_structure(model, place, free, system, status)
     type(structure_model), intent(in) :: model
     integer, intent(in) :: place
@@ -54,11 +54,11 @@ contains
     call new_load(free%load, size(nothing, 1), [integer ::], nothing, [complex(wp) ::], status)
   end subroutine free_structure
 
-  !> Undamped modes with the linear stiffness of elements.
+  !> Undamped modes, including the linear stiffness of elements.
   subroutine structure_modes(model, omega, shapes, status)
     type(structure_model), intent(in) :: model
-    !> Circular frequencies (rad/s), negative where the square is; shapes of the places, the
-    !! largest entry of each 1, shape (n_places, n).
+    !> Circular frequencies (rad/s), negative for a negative square. Mode shapes of the observed
+    !! coordinates, largest entry 1, shape (n_places, n).
     real(wp), intent(out) :: omega(:), shapes(:, :)
     type(status_type), intent(out) :: status
     real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, low

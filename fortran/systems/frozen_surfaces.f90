@@ -1,4 +1,4 @@
-!> Surfaces of switching laws that the motion cannot pass while it stays on others, or is never on.
+!> Switching surfaces that cannot be crossed while the solution slides, or that an impact crosses.
 module viscovib_frozen_surfaces
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides
@@ -10,9 +10,9 @@ module viscovib_frozen_surfaces
 
 contains
 
-  !> Whether the motion cannot reach or leave surface k as long as it stays on those on which it
-  !! slides: sticking friction before a stop, a rest against a stop where friction would turn.
-  !! Rounding alone would carry it across then.
+  !> True if surface k cannot be reached or left while the solution slides on its current surfaces.
+  !! Examples: sticking friction in front of a stop, a closed stop where friction would reverse.
+  !! Without this check rounding errors would cross the surface.
   logical function frozen(self, k, q) result(is_so)
     type(switched_laws), intent(in) :: self
     integer, intent(in) :: k
@@ -44,7 +44,7 @@ contains
     is_so = norm2(own) <= 1.0e-10_wp
   end function frozen
 
-  !> The direction, of length 1, in which a surface is at rest on it; not so: it has none.
+  !> Unit vector normal to a surface; `still` is false if there is none.
   subroutine across(self, k, q, n, still)
     type(switched_laws), intent(in) :: self
     integer, intent(in) :: k
@@ -54,7 +54,7 @@ contains
     real(wp) :: b(size(n)), at(1, size(n)), g(1)
 
     if (self%element_of(k) > 0) then
-      ! What is held turns no hysteresis, which sees the rate that rounding leaves.
+      ! A constrained deflection reverses no hysteresis; its computed rate is rounding error.
       still = .true.
       n = self%elements(self%element_of(k))%e
       if (self%elements(self%element_of(k))%is_stop) call self%normal(k, n, b)
@@ -78,12 +78,12 @@ contains
     if (still) n = n/norm2(n)
   end subroutine across
 
-  !> Surfaces that an impact jumps over: the motion was never on them.
+  !> Set the sides of surfaces across which an impact jumps without a contact phase.
   subroutine jump_over(laws, t, q, before, after, sides)
     class(switched_laws), intent(in) :: laws
     real(wp), intent(in) :: t, q(:), before(:), after(:)
     integer, intent(inout) :: sides(:)
-    !> Part of a jump that counts as on the surface.
+    !> Fraction of a jump below which the solution is on the surface.
     real(wp), parameter :: nearly = 1.0e-10_wp
     real(wp) :: here(1, size(q)), g(1), was(1)
     integer :: k
@@ -99,7 +99,7 @@ contains
     end do
   end subroutine jump_over
 
-  !> Hysteresis of which a jump of the velocities turns the way.
+  !> Reverse the direction of hysteresis elements whose rate changes sign in an impact.
   subroutine turn_over(laws, q, v, sides)
     type(switched_laws), intent(inout) :: laws
     real(wp), intent(in) :: q(:), v(:)

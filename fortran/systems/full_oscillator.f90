@@ -1,5 +1,5 @@
-!> An oscillator on hereditary springs as the full system behind a polynomial form whose
-!! unknowns are the coordinates u and then the hereditary variables v:
+!> Full equations of an oscillator on hereditary springs, attached to a polynomial form. The
+!! unknowns are the coordinates u, followed by the hereditary variables v:
 !!
 !!   M u'' + C u' + F(u, v) - load,      -w_j(u) (on which 1 - R_j* acts).
 module viscovib_full_oscillator
@@ -21,7 +21,7 @@ module viscovib_full_oscillator
 
 contains
 
-  !> The oscillator, under the loads of the form.
+  !> Attach the oscillator, with the loads of the form.
   subroutine put_behind(form, oscillator)
     type(polynomial_form_type), intent(inout) :: form
     class(oscillator_type), intent(in) :: oscillator
@@ -56,7 +56,7 @@ contains
                  + matmul(v, transpose(system%spread)) + f - matmul(load, transpose(self%load))
       do j = 1, m
         e(:, n + j) = -w(:, j)
-        ! Without a kernel the variable is what the spring does.
+        ! Without a kernel the hereditary variable equals the spring variable.
         if (system%kernel_of(j) == 0) e(:, n + j) = v(:, j) - w(:, j)
       end do
     end associate

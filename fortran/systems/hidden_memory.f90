@@ -1,15 +1,15 @@
-!> A polynomial system whose kernels are sums of exponentials as one without memory, of more
+!> Replaces the memory of a polynomial system, with kernels that are sums of exponentials, by extra
 !! coordinates.
 !!
-!! A force g behind a kernel R(t) = sum_q w_q exp(-r_q t) is g - R*g (seed paper 001, (5)), and
+!! A force g with a kernel R(t) = sum_q w_q exp(-r_q t) is g - R*g (seed paper 001, (5)), and
 !!
-!!   R*g = sum_q w_q m z_q',   m z_q'' + m r_q z_q' - g = 0,   z_q(0) = z_q'(0) = 0:
+!!   R*g = sum_q w_q m z_q',   m z_q'' + m r_q z_q' - g = 0,   z_q(0) = z_q'(0) = 0.
 !!
-!! each exponential of each force is a mass m that g drags through a dashpot, and that pulls at the
-!! coordinate with its rate. No force depends on z_q itself. With m the mass of the coordinate on
-!! which g acts these are displacements and rates like those of the others. Laws act on the masses
-!! as well, each once: their surfaces are not doubled. Forces that are multiples of one another, as
-!! those of a spring on both of its ends, have their masses together.
+!! Each exponential of each force is a mass m that g drags through a dashpot. Its velocity gives the
+!! force on the coordinate; no force depends on z_q itself. With m equal to the mass of the
+!! coordinate on which g acts, z_q has the scale of the other coordinates. A law acts on these
+!! masses too, without additional switching surfaces. Proportional forces, such as those on both
+!! ends of a spring, share their masses.
 module viscovib_hidden_memory
   use viscovib_kernel, only: kernel_type
   use viscovib_kernel_sum, only: kernel_sum
@@ -23,16 +23,16 @@ module viscovib_hidden_memory
 
   public :: count_hidden, fades_by_exponentials, list_hidden, tell_hidden, unfold_memory
 
-  !> An exponential of the force in a hereditary variable.
+  !> One exponential of the force in a hereditary variable.
   type :: dragged_mass
-    !> The variable, and the coordinate on which it acts.
+    !> The hereditary variable, and the coordinate on which it acts.
     integer :: variable = 0, on = 0
     real(wp) :: mass = 0.0_wp, weight = 0.0_wp, rate = 0.0_wp
   end type dragged_mass
 
 contains
 
-  !> How many coordinates memory takes; -1: not all kernels are sums of exponentials.
+  !> Number of memory coordinates; -1: a kernel is not a sum of exponentials.
   integer function count_hidden(system) result(n)
     type(polynomial_type), intent(in) :: system
     type(dragged_mass), allocatable :: masses(:)
@@ -47,7 +47,7 @@ contains
     n = size(masses)
   end function count_hidden
 
-  !> The variable that drags each of these coordinates, its rate and its mass.
+  !> Hereditary variable, rate and mass of each memory coordinate.
   subroutine list_hidden(system, variables, rates, masses)
     type(polynomial_type), intent(in) :: system
     integer, allocatable, intent(out) :: variables(:)
@@ -59,7 +59,7 @@ contains
     masses = all_of_them%mass
   end subroutine list_hidden
 
-  !> What of so many coordinates no one has given.
+  !> Text of a plan: number of memory coordinates.
   pure function tell_hidden(n_hidden) result(text)
     integer, intent(in) :: n_hidden
     character(len=:), allocatable :: text
@@ -67,7 +67,7 @@ contains
     if (n_hidden > 0) text = ', '//show(n_hidden)//' of them exponentials of forces that remember'
   end function tell_hidden
 
-  !> Whether a kernel is a sum of exponentials to the last digit.
+  !> True if a kernel is exactly a sum of exponentials.
   recursive pure logical function fades_by_exponentials(kernel) result(does)
     class(kernel_type), intent(in) :: kernel
     integer :: i
@@ -92,7 +92,7 @@ contains
     call find_multiples(system, owner, share)
     do j = 1, system%n_memory()
       if (system%kernel_of(j) == 0 .or. owner(j) /= j) cycle
-      ! Its own terms, whatever is asked for.
+      ! These are the exact terms, independent of the arguments.
       call system%kernels(system%kernel_of(j))%exponentials(1.0_wp, 1.0_wp, 1.0_wp, weights, rates)
       one%variable = j
       one%on = maxloc(abs(system%spread(:, j)), 1)
@@ -106,7 +106,7 @@ contains
     end do
   end subroutine find_masses
 
-  !> Of each force the first one of which it is a multiple, and the factor.
+  !> For each force, the first force of which it is a multiple, and the factor.
   subroutine find_multiples(system, owner, share)
     type(polynomial_type), intent(in) :: system
     integer, intent(out) :: owner(:)
@@ -132,7 +132,7 @@ contains
     end do
   end subroutine find_multiples
 
-  !> What makes up each force: its springs, its monomials and its laws, a column.
+  !> Coefficients of each force in columns: springs, monomials and laws.
   subroutine find_numbers(system, numbers)
     type(polynomial_type), intent(in) :: system
     real(wp), intent(out) :: numbers(:, :)
@@ -162,9 +162,9 @@ contains
     end do
   end subroutine find_numbers
 
-  !> The system with these masses behind its coordinates; nothing remembers.
+  !> The system without memory. The masses follow its coordinates.
   subroutine unfold_memory(system, whole)
-    !> Of which `count_hidden` is not negative.
+    !> `count_hidden` must not be negative.
     type(polynomial_type), intent(in) :: system
     type(polynomial_type), intent(out) :: whole
     type(dragged_mass), allocatable :: masses(:)
@@ -210,7 +210,7 @@ contains
     call drag_by_laws(system, masses, whole)
   end subroutine unfold_memory
 
-  !> Each monomial behind a kernel once more for each of its masses.
+  !> Repeat each hereditary monomial for each of its masses.
   subroutine drag_by_monomials(system, masses, whole)
     type(polynomial_type), intent(in) :: system
     type(dragged_mass), intent(in) :: masses(:)
@@ -236,7 +236,7 @@ contains
     end do
   end subroutine drag_by_monomials
 
-  !> Each law acts on the masses of its equations, too.
+  !> Apply each law to the masses of its equations as well.
   subroutine drag_by_laws(system, masses, whole)
     type(polynomial_type), intent(in) :: system
     type(dragged_mass), intent(in) :: masses(:)
@@ -263,7 +263,7 @@ contains
     call read_rates(whole%laws, n + size(masses), whole%rates)
   end subroutine drag_by_laws
 
-  !> Columns of 0 behind those of a matrix.
+  !> Append zero columns to a matrix.
   subroutine widen(matrix, n)
     real(wp), allocatable, intent(inout) :: matrix(:, :)
     integer, intent(in) :: n

@@ -1,13 +1,13 @@
-!> Elements with memory of where they turned: what every one of them can do.
+!> Abstract hysteresis element with rate-independent states.
 !!
-!! The force is f = elastic d + sum_j weight_j z_j of a deflection d and states z that follow it
-!! whatever its speed (rate-independent hysteresis), each by itself:
+!! The force is f = elastic d + sum_j weight_j z_j of a deflection d and independent states z. The
+!! states follow d at any speed (rate-independent hysteresis):
 !!
 !!   dz_j/dd = g_j(z_j, way),   way = sign(d').
 !!
-!! As long as d does not turn back z thus depends on the change of d alone, and a whole step is
-!! exact however long it is. An element of a user is one file that extends this type, named by the
-!! option `elements` of the build; one of the library is a case of `viscovib_hysteresis_catalogue`.
+!! As long as d does not reverse, z depends on the change of d alone, so a step of any length is
+!! exact. A user-defined element is one file that extends this type, named by the build option
+!! `elements`. An element of the library is a case of `viscovib_hysteresis_catalogue`.
 module viscovib_hysteresis
   use viscovib_kinds, only: wp
   implicit none
@@ -19,8 +19,8 @@ module viscovib_hysteresis
     !> Stiffness in parallel with the states (N/m), and their weights, shape (n_states).
     real(wp) :: elastic = 0.0_wp
     real(wp), allocatable :: weight(:)
-    !> The power with which the force begins at a kink, where it is not smooth on its sides (0: it
-    !! is).
+    !> Exponent of the force at a kink that is not smooth on its sides (0: the force is smooth
+    !! there).
     real(wp) :: rough = 0.0_wp
   contains
     procedure(advance_interface), deferred :: advance
@@ -33,22 +33,22 @@ module viscovib_hysteresis
 
   abstract interface
 
-    !> Move the states along while the deflection changes without turning back.
+    !> Advance the states for a change of the deflection without reversal.
     pure subroutine advance_interface(self, change, z, by_z, by_d, work)
       import :: hysteresis_type, wp
       class(hysteresis_type), intent(in) :: self
-      !> Of the deflection, of either sign (m).
+      !> Change of the deflection, of either sign (m).
       real(wp), intent(in) :: change
-      !> States before, and after, shape (n_states); 0 at rest.
+      !> States before and after the change, shape (n_states); 0 initially.
       real(wp), intent(inout) :: z(:)
-      !> Derivatives of the states after, by those before and by the deflection after (that by the
-      !! deflection before is its negative), shape (n_states).
+      !> Derivatives of the final states by the initial states and by the final deflection, shape
+      !! (n_states). The derivative by the initial deflection is the negative of `by_d`.
       real(wp), intent(out) :: by_z(:), by_d(:)
-      !> Integral of sum_j weight_j z_j over d (J): over a cycle that repeats it is lost.
+      !> Integral of sum_j weight_j z_j over d (J): the dissipated energy for a periodic cycle.
       real(wp), intent(out) :: work
     end subroutine advance_interface
 
-    !> dz/dd at states, and its derivative by them, shape (n_states).
+    !> dz/dd at given states, and its derivative by the states, shape (n_states).
     pure subroutine slope_interface(self, z, way, slopes, by_z)
       import :: hysteresis_type, wp
       class(hysteresis_type), intent(in) :: self
@@ -58,7 +58,7 @@ module viscovib_hysteresis
       real(wp), intent(out) :: slopes(:), by_z(:)
     end subroutine slope_interface
 
-    !> How far d has yet to go, > 0, until a state has a kink over d (`huge` if it has none), shape
+    !> Remaining change of d, > 0, until a state has a kink over d (`huge`: no kink), shape
     !! (n_states).
     pure subroutine kinks_interface(self, z, way, distances)
       import :: hysteresis_type, wp
@@ -84,7 +84,7 @@ contains
     force = self%elastic*d + sum(self%weight*z)
   end function force
 
-  !> df/dd where nothing has moved yet.
+  !> df/dd at zero states.
   pure real(wp) function stiffness_at_rest(self)
     class(hysteresis_type), intent(in) :: self
     real(wp), dimension(size(self%weight)) :: rest, slopes, by_z

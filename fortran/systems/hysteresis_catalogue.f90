@@ -1,4 +1,4 @@
-!> The elements with hysteresis that there are, by number.
+!> Catalogue of hysteresis elements, by number.
 module viscovib_hysteresis_catalogue
   use viscovib_bouc_wen_element, only: bouc_wen_element, new_bouc_wen
   use viscovib_dahl_element, only: dahl_element, new_dahl
@@ -11,13 +11,13 @@ module viscovib_hysteresis_catalogue
 
   public :: new_hysteresis
 
-  !> What `state` of a law term may be; users' elements are those beyond the last.
+  !> Values of `state` of a law term. User-defined elements have numbers above `state_user`.
   integer, parameter, public :: state_jenkins = 1, state_bouc_wen = 2, state_dahl = 3, &
                                 state_user = 1000
 
 contains
 
-  !> An element from its numbers, in the order of its own constructor.
+  !> Create an element from its parameters, in the order of its constructor.
   subroutine new_hysteresis(element, kind, numbers)
     class(hysteresis_type), allocatable, intent(out) :: element
     integer, intent(in) :: kind

@@ -1,10 +1,10 @@
-!> Elements with hysteresis over a cycle of deflections that repeats.
+!> Periodic cycles of hysteresis elements.
 !!
-!! A cycle is given by its deflections d_1, ..., d_n, between which (and from d_n to the first
-!! again) it does not turn back. The states in the cycle that repeats solve z = t Phi(z), Phi being
-!! the way once around and t = -1 where half a period is looked at. What forgets its start is found
-!! by Newton's method with dPhi/dz; what sticks all the time keeps what it had, and is run from an
-!! element that has not moved until it repeats.
+!! A cycle is given by its deflections d_1, ..., d_n. Between them, and from d_n back to d_1, the
+!! deflection does not reverse. The periodic states solve z = t Phi(z), where Phi is the map over
+!! one cycle and t = -1 for half a period. States that lose their initial value are found by
+!! Newton's method with dPhi/dz. States that stick all the time keep their value; they start from 0
+!! and run until they repeat.
 module viscovib_hysteresis_loop
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_kinds, only: wp
@@ -13,14 +13,13 @@ module viscovib_hysteresis_loop
 
   public :: find_start, run_loop
 
-  !> Cycles at most until it repeats; dPhi/dz nearer to 1 than this is 1.
+  !> Maximum number of cycles; dPhi/dz closer to 1 than `as_one` counts as 1.
   integer, parameter :: max_cycles = 100
   real(wp), parameter :: as_one = 1.0e-6_wp
 
 contains
 
-  !> The states at the first deflection of the cycle that repeats, and how they move with all
-  !! deflections.
+  !> Periodic states at the first deflection, and their derivatives by all deflections.
   pure subroutine find_start(element, d, turn, z, by_d, multiplier)
     class(hysteresis_type), intent(in) :: element
     !> Shape (n).
@@ -31,7 +30,7 @@ contains
     real(wp), intent(out) :: z(:)
     !> Shape (n_states, n).
     real(wp), intent(out) :: by_d(:, :)
-    !> t dPhi/dz, shape (n_states): what is left of a state after a cycle.
+    !> t dPhi/dz, shape (n_states): the fraction of a state that remains after a cycle.
     real(wp), intent(out) :: multiplier(:)
     real(wp), dimension(size(z)) :: before, by_z, by_change
     real(wp) :: once(size(z), size(d)), size_of, work
@@ -64,7 +63,7 @@ contains
       once = turn*once
       multiplier = turn*multiplier
       do j = 1, size(d)
-        ! That by the states at the start is apart.
+        ! The dependence on the initial states is solved for separately.
         where (abs(1.0_wp - multiplier) > as_one)
           by_z = 1.0_wp/(1.0_wp - multiplier)
           by_change = by_z*once(:, j)
@@ -79,7 +78,7 @@ contains
     by_d = once
   end subroutine find_start
 
-  !> Force over a cycle of samples, straight between them, and the energy lost in it.
+  !> Force over a periodic cycle of samples, linear between them, and the energy lost per cycle.
   pure subroutine run_loop(element, d, force, lost)
     class(hysteresis_type), intent(in) :: element
     !> Shapes (n); the cycle begins with d(1) again.
@@ -103,7 +102,7 @@ contains
     lost = lost + work
   end subroutine run_loop
 
-  !> The first sample, and those at which the others turn back.
+  !> The first sample, and the samples where the deflection reverses.
   pure subroutine keep_turns(d, turns, n)
     real(wp), intent(in) :: d(:)
     real(wp), intent(out) :: turns(:)

@@ -51,7 +51,7 @@ contains
         by_z(j) = 1.0_wp
         by_d(j) = self%stiffness(j)
       end if
-      ! While it sticks, and while it slides.
+      ! Work while the slider sticks and while it slides.
       work = work + (0.5_wp*(z(j) + before)*(z(j) - before) + z(j)*(wanted - z(j))) &
              /self%stiffness(j)
     end do

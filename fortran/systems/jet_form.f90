@@ -1,4 +1,4 @@
-!> A polynomial form out of equations computed with jets.
+!> Polynomial form from equations computed with jets.
 module viscovib_jet_form
   use viscovib_jet, only: jet_type
   use viscovib_kinds, only: wp
@@ -10,9 +10,8 @@ module viscovib_jet_form
 
 contains
 
-  !> Linear, quadratic and cubic terms of the equations, of which the linear ones
-  !! go to A_k or, with memory, to H. `source`, `derivative` and `kernel_of` are
-  !! set.
+  !> Copy linear, quadratic and cubic terms of the equations to the form. Linear terms go to A_k or,
+  !! with memory, to H. `source`, `derivative` and `kernel_of` are already set.
   pure subroutine take_terms(form, equations)
     type(polynomial_form_type), intent(inout) :: form
     type(jet_type), intent(in) :: equations(:)
@@ -66,7 +65,7 @@ contains
 
   end subroutine take_terms
 
-  !> In how many orders three indices can be written, i <= j <= k.
+  !> Number of distinct permutations of three indices, i <= j <= k.
   pure integer function arrangements(i, j, k)
     integer, intent(in) :: i, j, k
     arrangements = 6

@@ -1,9 +1,9 @@
-!> Polynomial systems without memory, with force laws of any kind, one a lane: what a
-!! `polynomial_motion_type` is for one, with other numbers in every lane.
+!> Polynomial systems without memory, with any force laws, one system per vector lane: a
+!! `polynomial_motion_type` with different parameters in every lane.
 !!
-!!   M u'' = s_load Im sum_k P_k exp(i k nu t) - s_damping C u' - s_stiffness K u - s_forces f(u),
+!!   M u'' = s_load Im sum_k P_k exp(i k nu t) - s_damping C u' - s_stiffness K u - s_forces f(u).
 !!
-!! nu and the scales s differ from lane to lane, and with `take_lane` all other numbers.
+!! nu and the scales s differ between lanes; with `take_lane` all other parameters may differ too.
 module viscovib_lane_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: differentiable_system_type, range_of_degree
@@ -19,7 +19,7 @@ module viscovib_lane_motion
 
   public :: lane_motion_type, new_lane_motion
 
-  !> Scales of a lane, in the order of the numbers that set them.
+  !> Number of scales of a lane, and the index of each.
   integer, parameter, public :: n_scales = 4
   integer, parameter :: of_load = 1, of_stiffness = 2, of_damping = 3, of_forces = 4
 
@@ -27,9 +27,9 @@ module viscovib_lane_motion
     type(monomial_type), allocatable :: monomials(:)
     type(law_term), allocatable :: laws(:)
     integer, allocatable :: orders(:)
-    !> M^(-1) times K, C, each monomial, each law and both parts of P_k, with their scales, lane
-    !! first; of one system: K and C that are scaled, what is not (of laws), what is as laws are,
-    !! as for all lanes.
+    !> M^(-1) times K, C, each monomial, each law and both parts of P_k, scaled, lane first. For the
+    !! unscaled system: parts of K and C that are scaled (`own`), not scaled (`rest`) or scaled with
+    !! the laws (`of_laws`), and plain weights.
     real(wp), allocatable :: stiffness(:, :, :), damping(:, :, :), weights(:, :, :)
     real(wp), allocatable :: law_weights(:, :, :), real_load(:, :, :), load(:, :, :)
     real(wp), allocatable, private :: own(:, :, :), rest(:, :, :), of_laws(:, :, :)
@@ -51,8 +51,8 @@ contains
     type(lane_motion_type), intent(out) :: motion
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    !> What is scaled of stiffness and damping, not the linear part of laws, shape
-    !! (n_dof, n_dof, 2).
+    !> Scaled parts of stiffness and damping, without the linear part of laws, shape (n_dof, n_dof,
+    !! 2).
     real(wp), intent(in) :: own(:, :, :)
     complex(wp) :: inverse(system%n_dof(), system%n_dof())
     real(wp) :: m(system%n_dof(), system%n_dof()), by(system%n_dof(), 2)
@@ -93,7 +93,7 @@ contains
         motion%of_laws(d, :, :) = motion%of_laws(d, :, :) + motion%plain_laws(d, i)*by
       end do
     end do
-    ! Lanes without numbers stand still.
+    ! Lanes without parameters stay at rest.
     allocate (motion%stiffness(n_lanes, n, n), motion%damping(n_lanes, n, n), source=0.0_wp)
     allocate (motion%weights(n_lanes, n, size(system%monomials)), source=0.0_wp)
     allocate (motion%law_weights(n_lanes, n, size(system%laws)), source=0.0_wp)
@@ -101,7 +101,7 @@ contains
     allocate (motion%load(n_lanes, n, size(load%orders)), source=0.0_wp)
   end subroutine new_lane_motion
 
-  !> The numbers of a lane.
+  !> Set the scales of a lane.
   pure subroutine set_scales(self, lane, scales)
     class(lane_motion_type), intent(inout) :: self
     integer, intent(in) :: lane
@@ -116,7 +116,7 @@ contains
     self%load(lane, :, :) = scales(of_load)*aimag(self%plain_load)
   end subroutine set_scales
 
-  !> Whether another motion is of the same form, so that only what `take_lane` takes differs.
+  !> True if another motion has the same form and differs only in the data that `take_lane` copies.
   pure logical function differs_in_numbers(self, other) result(does)
     class(lane_motion_type), intent(in) :: self
     type(lane_motion_type), intent(in) :: other
@@ -147,7 +147,7 @@ contains
     end do
   end function differs_in_numbers
 
-  !> The numbers of the first lane of another motion, of the same form.
+  !> Copy the parameters of the first lane of another motion of the same form.
   subroutine take_lane(self, lane, other)
     class(lane_motion_type), intent(inout) :: self
     integer, intent(in) :: lane
@@ -201,7 +201,7 @@ contains
     end do
   end subroutine acceleration
 
-  !> Loads, dampers and springs.
+  !> Accelerations by loads, dampers and springs.
   pure subroutine linear_part(self, q, v, drive, a)
     class(lane_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -245,7 +245,7 @@ contains
     end do
   end subroutine springs
 
-  !> total + (x y + z w), in every lane.
+  !> total + (x y + z w), in every vector lane.
   pure subroutine add_products(total, x, y, z, w)
     real(wp), intent(inout) :: total(n_lanes)
     real(wp), intent(in), dimension(n_lanes) :: x, y, z, w
@@ -256,7 +256,7 @@ contains
     end do
   end subroutine add_products
 
-  !> total - x y, in every lane.
+  !> total - x y, in every vector lane.
   pure subroutine take_product(total, x, y)
     real(wp), intent(inout) :: total(n_lanes)
     real(wp), intent(in) :: x(n_lanes), y(n_lanes)
@@ -267,7 +267,7 @@ contains
     end do
   end subroutine take_product
 
-  !> Derivatives by the product rule and by the laws' own.
+  !> Derivatives by the product rule and by the derivatives of laws.
   pure subroutine tangent(self, q, v, drive, dq, dv, a, da)
     class(lane_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -309,7 +309,7 @@ contains
     end do
   end subroutine tangent
 
-  !> Not needed of motions in time.
+  !> Not needed for integration in time.
   pure subroutine potential(self, q, value, slope)
     class(lane_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(self%n_dof)
@@ -318,7 +318,7 @@ contains
     slope = 0.0_wp*q
   end subroutine potential
 
-  !> The equations hold everywhere.
+  !> The equations are valid everywhere.
   pure function margin(self, q)
     class(lane_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof)

@@ -1,8 +1,8 @@
-!> Between which values a law and its rate stay while its arguments go through ranges: interval
-!! arithmetic over the instructions of its program (R. E. Moore, R. B. Kearfott, M. J. Cloud,
-!! Introduction to Interval Analysis, 2009, chapters 5 and 6).
+!> Bounds of a law and of its rate over ranges of its arguments, by interval arithmetic with the
+!! instructions of its program (R. E. Moore, R. B. Kearfott, M. J. Cloud, Introduction to Interval
+!! Analysis, 2009, chapters 5 and 6).
 !!
-!! What samples may jump over, as a layer of width 1e-6, no range leaves out.
+!! Ranges also contain features that samples may miss, such as a layer of width 1e-6.
 module viscovib_law_bounds
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: add, divide, f_abs, f_acos, f_acosh, f_asin, f_asinh, &
@@ -16,19 +16,19 @@ module viscovib_law_bounds
 
   public :: range_type, bounds_of
 
-  !> Whether a law has values in a range: everywhere, perhaps not, nowhere.
+  !> Domain of a law within a range: defined everywhere, possibly undefined, undefined everywhere.
   integer, parameter, public :: inside = 0, partly = 1, nowhere = 2
 
-  !> What a quantity does on a way of one parameter.
+  !> Range of a quantity along a path with one parameter.
   type :: range_type
-    !> Least and largest value, and the same of its rate by the parameter.
+    !> Lower and upper bound of the value, and of its rate with respect to the parameter.
     real(wp) :: value(2) = 0.0_wp, rate(2) = 0.0_wp
-    !> What rounding may have done to a value.
+    !> Bound of the rounding error of the value.
     real(wp) :: noise = 0.0_wp
-    !> Size of the terms that it is the sum of.
+    !> Magnitude of the terms of its sum.
     real(wp) :: size = 0.0_wp
     integer :: outside = inside
-    !> It may jump, or have a pole.
+    !> True if it may jump or have a pole.
     logical :: jumps = .false.
   end type range_type
 
@@ -37,7 +37,7 @@ module viscovib_law_bounds
 
 contains
 
-  !> The range of a law.
+  !> Range of a law.
   pure subroutine bounds_of(law, arguments, bounds)
     type(law_program), intent(in) :: law
     type(range_type), intent(in) :: arguments(:)
@@ -65,7 +65,7 @@ contains
     bounds = x(1)
   end subroutine bounds_of
 
-  !> A function of one quantity, in its place.
+  !> Replace a quantity by a function of it.
   pure subroutine apply(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -114,7 +114,7 @@ contains
     x%size = maxval(abs(value))
   end subroutine apply
 
-  !> Leave of a quantity what lies in the domain of a function, to which poles do not belong.
+  !> Restrict a quantity to the domain of a function, excluding poles.
   pure subroutine clip(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -145,8 +145,8 @@ contains
     x%value = min(max(x%value, domain(1)), domain(2))
   end subroutine clip
 
-  !> Functions that only rise or fall, and cosh, with their derivatives; these have no extremum but
-  !! at 0, where they are 1 or -1, or none.
+  !> Monotone functions, and cosh, with their derivatives. The derivatives have no extremum, except
+  !! at 0, where they are 1 or -1.
   pure subroutine of_monotone(code, number, x, value, by)
     integer, intent(in) :: code
     real(wp), intent(in) :: number, x(2)
@@ -159,7 +159,7 @@ contains
       call of_one(code, number, x(k), f(k), d(k))
       if (singular(code, number, x(k))) d(k) = merge(-wall, wall, code == f_acos)
     end do
-    ! Beyond its largest argument exp counts as a wall; that of a logarithm at 0 is none.
+    ! exp beyond its largest argument is `wall`; a logarithm at 0 is not.
     if (code == f_log .and. x(1) <= 1.0_wp/wall) f(1) = -steepest
     if (code == f_sinh .and. x(1) < -steepest) f(1) = -wall
     value = [minval(f), maxval(f)]
@@ -180,7 +180,7 @@ contains
     if (maxval(abs(value)) >= wall) by = anything
   end subroutine of_monotone
 
-  !> Whether a function has no finite slope at the end of its domain.
+  !> True if the slope of a function is infinite at the end of its domain.
   pure logical function singular(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number, x
@@ -217,7 +217,7 @@ contains
     end if
     do k = 1, 2
       call of_one(known_power, real(n, wp), x(k), f(k), d(k))
-      ! A wall has the sign of the power.
+      ! An overflow has the sign of the power.
       if (abs(f(k)) >= wall .and. modulo(n, 2) == 1) f(k) = sign(f(k), x(k))
     end do
     value = [minval(f), maxval(f)]
@@ -269,7 +269,7 @@ contains
     by = 0.0_wp
   end subroutine of_jump
 
-  !> The range of sin.
+  !> Range of sin.
   pure function sine(x) result(value)
     real(wp), intent(in) :: x(2)
     real(wp) :: value(2)
@@ -278,7 +278,7 @@ contains
     if (passes(x, -half_pi, 2.0_wp*pi)) value(1) = -1.0_wp
   end function sine
 
-  !> Whether a range holds one of the places `first` + k `period`.
+  !> True if a range contains a point `first` + k `period`.
   pure logical function passes(x, first, period)
     real(wp), intent(in) :: x(2), first, period
     real(wp) :: turns(2)
@@ -289,7 +289,7 @@ contains
     passes = abs(turns(2) - turns(1)) > 0.5_wp
   end function passes
 
-  !> A function of two quantities, in the place of the first.
+  !> Replace the first of two quantities by a function of both.
   pure subroutine combine(code, x, y)
     integer, intent(in) :: code
     type(range_type), intent(inout) :: x
@@ -330,14 +330,14 @@ contains
     x = z
   end subroutine combine
 
-  !> Rounding of a product by that of its factors.
+  !> Rounding error of a product from the errors of its factors.
   pure real(wp) function spread_of(x, y)
     type(range_type), intent(in) :: x, y
     spread_of = within(maxval(abs(x%value))*min(y%noise, wall)) &
                 + within(maxval(abs(y%value))*min(x%noise, wall))
   end function spread_of
 
-  !> Nothing is known of it.
+  !> Set an unknown range.
   pure subroutine lose(z)
     type(range_type), intent(inout) :: z
     z%value = anything
@@ -363,7 +363,7 @@ contains
     z%noise = spread_of(x, inverse) + rounding*maxval(abs(z%value))
   end subroutine divide_by
 
-  !> Ends of a range that is taken away.
+  !> Swap the ends of a range, for a subtraction.
   pure function lift(x) result(turned)
     real(wp), intent(in) :: x(2)
     real(wp) :: turned(2)
@@ -428,7 +428,7 @@ contains
       z%value = max(x%value, y%value)
     end if
     if (x%value(2) <= y%value(1) .or. y%value(2) <= x%value(1)) then
-      ! One of both is it.
+      ! One of the operands is always the result.
       if ((code == f_min) .eqv. (x%value(1) < y%value(1))) then
         z%rate = x%rate
       else
@@ -439,14 +439,14 @@ contains
     z%rate = [min(x%rate(1), y%rate(1)), max(x%rate(2), y%rate(2))]
   end subroutine extreme
 
-  !> Whether a difference is below or above 0.
+  !> Result of a comparison from the range of a difference.
   pure subroutine compare(code, d, z)
     integer, intent(in) :: code
     real(wp), intent(in) :: d(2)
     type(range_type), intent(inout) :: z
     logical :: above, below
 
-    ! Of equals atmost and atleast are true.
+    ! atmost and atleast are true for equal values.
     if (code == f_less .or. code == f_atleast) then
       above = d(1) >= 0.0_wp
       below = d(2) < 0.0_wp
@@ -465,7 +465,7 @@ contains
     end if
   end subroutine compare
 
-  !> where(x, y, z), in the place of x.
+  !> Replace x by where(x, y, z).
   pure subroutine choose(x, y, z)
     type(range_type), intent(inout) :: x
     type(range_type), intent(in) :: y, z
@@ -489,7 +489,7 @@ contains
     x = both
   end subroutine choose
 
-  !> The product of two ranges.
+  !> Product of two ranges.
   pure function times(x, y) result(z)
     real(wp), intent(in) :: x(2), y(2)
     real(wp) :: z(2), ends(4)

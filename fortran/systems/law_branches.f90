@@ -1,11 +1,11 @@
-!> Where force laws change their branch, and laws with every branch held.
+!> Switching surfaces of force laws, and laws with fixed branches.
 !!
-!! abs, min, max, sign, heaviside and comparisons are smooth on either side of a surface: that on
-!! which what they compare is equal. So is atan2, where its first operand is 0: the cut of the
-!! angle. With its side of each surface held a law is smooth beyond it too, so that an integrator of
-!! high order steps up to the surface, and from there on with the other branch, without losing its
-!! order. Of a root or a power of what is 0 on a surface that is not so (viscovib_law_roots): the
-!! surface is rough.
+!! abs, min, max, sign, heaviside and comparisons are smooth on either side of the surface on which
+!! the compared values are equal. atan2 is smooth except on the cut of the angle, where its first
+!! operand is 0. With fixed sides a law is smooth beyond its surfaces too. A high-order integrator
+!! steps up to the surface and continues with the other branch without loss of order. A root or
+!! power of a value that is 0 on the surface (viscovib_law_roots) is not smooth there: the surface
+!! is rough.
 module viscovib_law_branches
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: angle_above, angle_below, f_atan2, f_log, held_log, held_pair, &
@@ -20,17 +20,17 @@ module viscovib_law_branches
 
   public :: signal_type, watched_function, find_signals, held
 
-  !> Position of a motion relative to a surface: on a side of it, 1 or -1, or on it.
+  !> Position relative to a surface: side 1 or -1, or `slides` for a position on it.
   integer, parameter, public :: slides = 2
 
-  !> A function of a state and the time of which passages through 0 are looked for.
+  !> Abstract event function of state and time, whose zeros are located.
   type, abstract :: watched_function
   contains
     procedure(at_interface), deferred :: at
   end type watched_function
 
   abstract interface
-    !> Its value at states.
+    !> Values of the event function at given states.
     subroutine at_interface(self, t, q, v, g)
       import :: watched_function, wp
       class(watched_function), intent(in) :: self
@@ -40,13 +40,13 @@ module viscovib_law_branches
     end subroutine at_interface
   end interface
 
-  !> A function of a state that is watched: the law changes its branch where it is 0.
+  !> Event function of a law, which switches its branch where this function is 0.
   type, extends(watched_function) :: signal_type
     type(law_program) :: program
-    !> Arguments from coordinates and rates, shape (n_arguments, n_dof); not allocated: the
-    !! arguments are the state (q_1, v_1, q_2, ...) and the time.
+    !> Matrices from coordinates and rates to arguments, shape (n_arguments, n_dof). Not allocated:
+    !! the arguments are the state (q_1, v_1, q_2, ...) and the time.
     real(wp), allocatable :: by_q(:, :), by_v(:, :)
-    !> The power with which the law begins there, where it is not smooth on its side (0: it is).
+    !> Exponent of the law at the surface if it is not smooth on its side (0: smooth).
     real(wp) :: rough = 0.0_wp
   contains
     procedure :: at => signal_at
@@ -54,7 +54,7 @@ module viscovib_law_branches
 
 contains
 
-  !> Its value at states.
+  !> Values of the event function at given states.
   subroutine signal_at(self, t, q, v, g)
     class(signal_type), intent(in) :: self
     !> Shapes (n) and (n, n_dof).
@@ -81,11 +81,11 @@ contains
     call self%program%evaluate(state, g)
   end subroutine signal_at
 
-  !> The surfaces of a law, in the order of its instructions, with the sides held that come
-  !! before each.
+  !> Event functions of a law, in the order of its instructions. Each uses the fixed sides of the
+  !! surfaces before it.
   subroutine find_signals(law, sides, signals)
     type(law_program), intent(in) :: law
-    !> 1 or -1 for each, 0: free; or of no size, all free.
+    !> Side of each surface, 1 or -1 (0: not fixed); size 0: none fixed.
     integer, intent(in) :: sides(:)
     type(law_program), allocatable, intent(out) :: signals(:)
     integer :: i, j, k, first
@@ -102,7 +102,7 @@ contains
       k = k + 1
       call hold(law, first, i - 1, sides, signals(k))
       if (operands(law%code(i)) == 2) then
-        ! Of an angle the first operand, which is 0 on its cut.
+        ! For an angle use the first operand, which is 0 on its cut.
         signals(k)%code = [signals(k)%code, &
                            merge(first_of_two, subtract, law%code(i) == f_atan2)]
         signals(k)%number = [signals(k)%number, 0.0_wp]
@@ -111,7 +111,7 @@ contains
     end do
   end subroutine find_signals
 
-  !> The law on these sides of its surfaces, smooth beyond them.
+  !> The law with fixed sides of its surfaces, smooth beyond them.
   type(law_program) function held(law, sides)
     type(law_program), intent(in) :: law
     integer, intent(in) :: sides(:)
@@ -119,7 +119,7 @@ contains
     call held%measure()
   end function held
 
-  !> Some instructions of a law, branches taken where their sides are not 0.
+  !> Copy instructions of a law, with fixed branches where sides are not 0.
   subroutine hold(law, from, to, sides, part)
     type(law_program), intent(in) :: law
     integer, intent(in) :: from, to, sides(:)
@@ -140,7 +140,7 @@ contains
         k = k + 1
         if (size(sides) > 0) side = sides(k)
       end if
-      ! Of something positive abs is that itself.
+      ! abs of a positive value is the value itself.
       if (side == 1 .and. law%code(i) == f_abs) cycle
       n = n + 1
       part%code(n) = law%code(i)
@@ -162,9 +162,9 @@ contains
     call settle_choices(part)
   end subroutine hold
 
-  !> What `where` asks for is known with the branches held: a number, or a function that is 0 on
-  !! surfaces alone, as that of where(max(d, 0), a, b) on both sides of d = 0. It is put in as a
-  !! number, since on the surface itself, where parts of motions begin, the function is 0 too.
+  !> Replace conditions of `where` that are constant with fixed branches: numbers, or functions that
+  !! are 0 only on surfaces, as in where(max(d, 0), a, b) on both sides of d = 0. They become
+  !! numbers, because on the surface, where intervals of smooth motion start, the function is 0.
   subroutine settle_choices(part)
     type(law_program), intent(inout) :: part
     integer, parameter :: n = 5
@@ -183,7 +183,7 @@ contains
       asked%code = part%code(first:last)
       asked%number = part%number(first:last)
       call asked%measure()
-      ! At places that no law prefers.
+      ! Evaluate at generic points.
       places = reshape([(sin(1.7_wp*j), j=1, size(places))], shape(places))
       call asked%evaluate(places, value)
       if (any(abs(value) >= wall)) cycle
@@ -194,7 +194,7 @@ contains
     end do
   end subroutine settle_choices
 
-  !> The instruction before the value that this one leaves.
+  !> Position before the instructions that compute the value of this instruction.
   pure integer function before(part, last)
     type(law_program), intent(in) :: part
     integer, intent(in) :: last
@@ -208,7 +208,7 @@ contains
     end do
   end function before
 
-  !> What an instruction is on one side of its surface.
+  !> Replacement of an instruction on one side of its surface.
   pure subroutine take(code, side, taken, number)
     integer, intent(in) :: code, side
     integer, intent(out) :: taken

@@ -1,8 +1,8 @@
-!> Instructions of force laws: what each takes and gives, its derivatives, parity and degree.
+!> Instructions of force laws: operands, values, derivatives, parity and degree.
 !!
-!! Outside the domain of a function, as near 0 in a denominator, the value is a wall too high for
-!! any motion, so that no solution lies there and no number that is none comes about. What other
-!! functions make of a value outside a domain is the wall again (viscovib_law_program).
+!! Outside the domain of a function, and near a zero denominator, the value is `wall`. It is so
+!! large that no solution can lie there, and it avoids non-finite numbers. A law with such a value
+!! as an operand is `wall` as a whole (viscovib_law_program).
 module viscovib_law_functions
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -15,10 +15,10 @@ module viscovib_law_functions
   !> The value outside a domain, and the largest argument of exp.
   real(wp), parameter, public :: wall = 1.0e60_wp, steepest = 138.0_wp
 
-  !> Polynomials of higher degree are none.
+  !> Largest degree that counts as a polynomial.
   integer, parameter :: highest_degree = 15
 
-  !> Instructions. A power that is known has its exponent as its number.
+  !> Instructions. The number of `known_power` is its exponent.
   integer, parameter, public :: put_number = 1, put_argument = 2, add = 3, subtract = 4, &
                                 multiply = 5, divide = 6, power = 7, square = 8, &
                                 known_power = 9, negate = 10
@@ -29,18 +29,17 @@ module viscovib_law_functions
                               'heaviside', 'atan2', 'min', 'max', 'less', 'atmost', 'more', &
                               'atleast', 'where', 'pow']
   integer, parameter, public :: first_function = 11
-  !> What stands for a function of which the branch is held: a number, the first or the second of
-  !! its operands.
+  !> Replacements of functions with a fixed branch: a number, the first or the second operand.
   integer, parameter, public :: number_for_one = -1, number_for_two = -2, first_of_two = -3, &
                                 second_of_two = -4
-  !> What stands for a root or a power of an operand of which the branch is held: of what is
-  !! negative too, -|x|^number.
+  !> Replacement of a root or power with a fixed branch of its operand, continued to negative
+  !! values: sign(x) |x|^number.
   integer, parameter, public :: held_power = -5
-  !> The same of a power whose exponent is an operand too, where that is above 0; and of log, which
-  !! is log|x| there and high, not undefined, at 0 itself, where parts of motions begin.
+  !> Similar replacements: a power with a variable exponent, where this is above 0; log as log|x|,
+  !! with a large finite value at 0, where intervals of smooth motion start.
   integer, parameter, public :: held_pair = -8, held_log = -9
-  !> What stands for atan2 above or below its cut, where the first operand is 0 and the second
-  !! negative: the angle, which goes on beyond.
+  !> Replacements of atan2 above and below its cut (first operand 0, second negative): the angle is
+  !! continued across the cut.
   integer, parameter, public :: angle_above = -6, angle_below = -7
   integer, parameter, public :: f_tan = 13, f_asin = 14, f_acos = 15, f_atan = 16, f_sinh = 17, &
                                 f_asinh = 20, f_acosh = 21, f_atanh = 22
@@ -50,13 +49,13 @@ module viscovib_law_functions
   integer, parameter, public :: f_abs = 26, f_sign = 27, f_heaviside = 28, f_min = 30, f_max = 31
   integer, parameter, public :: f_less = 32, f_atmost = 33, f_more = 34, f_atleast = 35, &
                                 f_where = 36, f_pow = 37
-  !> A function outside of the core (viscovib_law_outside) of n operands is `called` + n; its number
-  !! says which.
+  !> A function outside of the core (viscovib_law_outside) with n operands has the code
+  !! `called` + n; its number identifies the function.
   integer, parameter, public :: called = 40, most_called = 8
 
 contains
 
-  !> How many values an instruction takes.
+  !> Number of operands of an instruction.
   elemental integer function operands(code)
     integer, intent(in) :: code
     select case (code)
@@ -74,27 +73,27 @@ contains
     end select
   end function operands
 
-  !> Whether an instruction has a kink or a jump, where its operand is 0 (of atan2 the first) or
-  !! both are equal.
+  !> True for an instruction with a kink or jump where its operand (of atan2 the first) is 0, or
+  !! where both operands are equal.
   elemental logical function branches(code)
     integer, intent(in) :: code
     branches = any(code == [f_abs, f_min, f_max]) .or. jumps(code)
   end function branches
 
-  !> Whether it is a jump.
+  !> True for a jump.
   elemental logical function jumps(code)
     integer, intent(in) :: code
     jumps = any(code == [f_sign, f_heaviside, f_atan2]) &
             .or. (code >= f_less .and. code <= f_atleast)
   end function jumps
 
-  !> Whether an instruction has a domain that ends: beyond it there is no number, not a large one.
+  !> True for an instruction with a bounded domain, outside of which it is undefined.
   elemental logical function bounded(code)
     integer, intent(in) :: code
     bounded = any(code == [power, known_power, f_asin, f_acos, f_acosh, f_atanh, f_log, f_sqrt])
   end function bounded
 
-  !> Whether its operand, the first of two, is beyond its domain.
+  !> True if the operand (the first of two) is outside of the domain.
   elemental logical function leaves(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number, x
@@ -112,13 +111,13 @@ contains
     end select
   end function leaves
 
-  !> No larger than the wall, so that a product of two is a number.
+  !> Limit a value to +-`wall`, so that a product of two values is finite.
   elemental real(wp) function within(x)
     real(wp), intent(in) :: x
     within = min(max(x, -wall), wall)
   end function within
 
-  !> A function of two numbers and its derivatives.
+  !> Value and derivatives of a function of two numbers.
   pure subroutine of_two(code, x, y, value, by)
     integer, intent(in) :: code
     real(wp), intent(in) :: x, y
@@ -149,7 +148,7 @@ contains
       end if
       by = [y/size_of, -x/size_of]
     case (f_min, f_max)
-      ! Where both are equal each has half.
+      ! At equality each operand has the derivative 1/2.
       size_of = merge(0.5_wp, 1.0_wp, .not. abs(x - y) > 0.0_wp)
       if ((code == f_min) .eqv. (x <= y)) then
         value = x
@@ -169,7 +168,7 @@ contains
     end select
   end subroutine of_two
 
-  !> A function of one number, or its real power, and the derivative.
+  !> Value and derivative of a function of one number, or of its power.
   pure subroutine of_one(code, number, x, value, by)
     integer, intent(in) :: code
     real(wp), intent(in) :: number, x
@@ -210,7 +209,7 @@ contains
     case (f_tanh)
       value = tanh(x)
       by = (1.0_wp - value)*(1.0_wp + value)
-      ! Far out the difference above is rounding.
+      ! For large arguments the difference above is only rounding error.
       if (abs(x) > 10.0_wp) by = 4.0_wp*exp(-2.0_wp*min(abs(x), steepest))
     case (f_asinh)
       value = asinh(x)
@@ -248,7 +247,7 @@ contains
     end select
   end subroutine of_one
 
-  !> x^number; a negative x has whole powers only.
+  !> x^number; a negative x has integer powers only.
   pure subroutine of_power(x, number, value, by)
     real(wp), intent(in) :: x, number
     real(wp), intent(inout) :: value, by
@@ -260,7 +259,7 @@ contains
       if (abs(number - 1.0_wp) <= 0.0_wp) by = 1.0_wp
     else if (x > 0.0_wp .or. is_whole(number)) then
       if (max(abs(number), abs(number - 1.0_wp))*abs(log(abs(x))) > steepest) then
-        ! Too high, or 0.
+        ! Overflow (`wall`) or underflow (0).
         if (number*log(abs(x)) < 0.0_wp) value = 0.0_wp
       else if (is_whole(number)) then
         value = x**nint(number)
@@ -272,7 +271,7 @@ contains
     end if
   end subroutine of_power
 
-  !> x^y; a negative x has none.
+  !> x^y; undefined for negative x.
   pure subroutine of_pair(x, y, value, by)
     real(wp), intent(in) :: x, y
     real(wp), intent(inout) :: value, by(2)
@@ -281,7 +280,7 @@ contains
       if (abs(x) > 0.0_wp .or. y < 0.0_wp) return
       value = merge(0.0_wp, 1.0_wp, y > 0.0_wp)
     else if (abs(y*log(x)) > steepest) then
-      ! Too high, or 0.
+      ! Overflow (`wall`) or underflow (0).
       if (y*log(x) < 0.0_wp) value = 0.0_wp
     else
       value = x**y
@@ -294,8 +293,8 @@ contains
     is_whole = abs(number - anint(number)) <= 0.0_wp .and. abs(number) < 1.0e6_wp
   end function is_whole
 
-  !> What a law does when all its arguments change sign: 1: nothing, -1: it changes sign too,
-  !! 0: neither is known. From the parities of its operands.
+  !> Parity of a law when all its arguments change sign, from the parities of its operands. 1: even,
+  !! -1: odd, 0: unknown.
   pure integer function parity_of(code, number, parities) result(parity)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -331,7 +330,7 @@ contains
     end select
   end function parity_of
 
-  !> Degree of a law as a polynomial in its arguments, -1 if it is none, from those of its operands.
+  !> Degree of a law as a polynomial in its arguments, from those of its operands; -1: none.
   pure integer function degree_of(code, number, degrees) result(degree)
     integer, intent(in) :: code
     real(wp), intent(in) :: number

@@ -1,9 +1,9 @@
-!> A force law over a block of lanes: what `law_program` gives, written for the vector unit.
+!> Vectorized evaluation of force laws for a block of vector lanes.
 !!
-!! Each instruction is a loop over lanes without a branch; sin, cos, exp, tanh, log, roots and
-!! powers that are whole or half are computed in the vector unit (viscovib_vector_math), the others
-!! one by one. gfortran 12 makes whole registers of these loops only if they are not unrolled before
-!! (see `viscovib_node_kernels`).
+!! Each instruction is a loop over lanes without branches. sin, cos, exp, tanh, log, roots and
+!! integer or half-integer powers are vectorized (viscovib_vector_math); other functions are
+!! evaluated one by one. gfortran 12 vectorizes these loops fully only if they are not unrolled
+!! before (see `viscovib_node_kernels`).
 module viscovib_law_lanes
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -22,16 +22,16 @@ module viscovib_law_lanes
 
   public :: all_small, evaluate_lanes, evaluate_term, read_arguments
 
-  !> Beyond this a power is computed as one of a real number.
+  !> Larger powers are computed as real powers.
   real(wp), parameter :: highest_power = 32.0_wp
-  !> Columns of values that most laws need, two more than they hold.
+  !> Stack columns that suffice for most laws, including two columns of workspace.
   integer, parameter :: usual_depth = 16
-  !> Arguments that most laws have at most.
+  !> Arguments that suffice for most laws.
   integer, parameter :: usual_arguments = 8
 
 contains
 
-  !> The law of a term of a system, from coordinates and rates.
+  !> Evaluate the law of a system term from coordinates and rates.
   pure subroutine evaluate_term(law, q, v, value)
     type(law_term), intent(in) :: law
     real(wp), intent(in) :: q(n_lanes, size(law%arguments, 2)), v(n_lanes, size(law%arguments, 2))
@@ -47,7 +47,7 @@ contains
     end if
   end subroutine evaluate_term
 
-  !> A q + A' v in every lane, without products with 0, which no number need be.
+  !> A q + A' v in every vector lane. Zero coefficients skip factors that may not be finite.
   pure subroutine read_arguments(m, n_dof, by_q, by_v, q, v, arguments)
     integer, intent(in) :: m, n_dof
     real(wp), intent(in) :: by_q(m, n_dof), by_v(m, n_dof), q(n_lanes, n_dof), v(n_lanes, n_dof)
@@ -75,7 +75,7 @@ contains
     end do
   end subroutine read_arguments
 
-  !> The law in every lane.
+  !> Evaluate the law in every vector lane.
   pure subroutine evaluate_lanes(law, arguments, value)
     type(law_program), intent(in) :: law
     !> Shape (n_lanes, n_arguments).
@@ -86,7 +86,7 @@ contains
     logical :: outside(n_lanes, usual_depth)
     logical, allocatable :: deep_outside(:, :)
 
-    ! Room on the stack: to ask for memory takes as long as some instructions.
+    ! Use the stack: an allocation takes as long as some instructions.
     if (law%depth + 2 <= usual_depth) then
       call run_law(law, arguments, usual_depth, x, outside)
       value = x(:, 1)
@@ -97,7 +97,7 @@ contains
     end if
   end subroutine evaluate_lanes
 
-  !> With the numbers of all lanes, or with those of each.
+  !> Run the law with numbers common to all vector lanes or different in each.
   pure subroutine run_law(law, arguments, m, x, outside)
     type(law_program), intent(in) :: law
     integer, intent(in) :: m
@@ -113,14 +113,14 @@ contains
     end if
   end subroutine run_law
 
-  !> Most instructions of a law are a few sums and products, made here; with a number they take it
-  !! as it is.
+  !> Run the instructions. Sums and products are evaluated inline; a number as second operand is
+  !! used directly.
   pure subroutine run_lanes(n, code, number, width, put, arguments, m, x, outside)
     integer, intent(in) :: n, code(n), width, m
-    !> What is put on the stack: in all lanes (a width of 1) or in each.
+    !> Constants: equal in all vector lanes (width 1) or one for each.
     real(wp), intent(in) :: number(n), put(width, n), arguments(n_lanes, *)
     real(wp), intent(inout) :: x(n_lanes, m)
-    !> Room for which lanes are beyond a domain, once any is.
+    !> Marks of lanes outside of a domain, used once there is such a lane.
     logical, intent(inout) :: outside(n_lanes, m)
     integer :: i, l, next, top
     logical :: left
@@ -190,7 +190,7 @@ contains
     if (left) x(:, 1) = merge(wall, x(:, 1), outside(:, 1))
   end subroutine run_lanes
 
-  !> A product, a sum or a difference with a number.
+  !> Product, sum or difference with a number.
   pure subroutine take_number(code, c, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: c
@@ -216,7 +216,7 @@ contains
     end select
   end subroutine take_number
 
-  !> The same with a number of each lane.
+  !> Product, sum or difference with one number for each lane.
   pure subroutine take_numbers(code, c, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: c(n_lanes)
@@ -242,7 +242,7 @@ contains
     end select
   end subroutine take_numbers
 
-  !> One instruction: its operands stand in the columns of x, its value goes in the first.
+  !> Execute an instruction. Its operands are the columns of x; the value replaces the first.
   pure subroutine instruct(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -290,7 +290,7 @@ contains
     end select
   end subroutine instruct
 
-  !> A function outside of the core, of p operands.
+  !> Apply a function outside of the core with p operands.
   pure subroutine instruct_outside(number, p, x)
     real(wp), intent(in) :: number
     integer, intent(in) :: p
@@ -301,7 +301,7 @@ contains
     x(:, 1) = value
   end subroutine instruct_outside
 
-  !> Functions that take more than a few operations.
+  !> Functions that need more than a few operations.
   pure subroutine transcend(code, number, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -324,7 +324,7 @@ contains
       else
         call sine_cosine_lanes(x(:, 2), x(:, 3), other)
       end if
-      ! Lane by lane, so that none depends on what the others hold.
+      ! Lane by lane, so that lanes are independent of each other.
       do l = 1, n_lanes
         if (.not. inside(l)) call of_one(code, number, x(l, 1), other(l), by(1))
       end do
@@ -370,8 +370,8 @@ contains
     x(:, 1) = other
   end subroutine transcend
 
-  !> Whether angles are far inside the range of those that lanes take; else they are looked at one
-  !! by one. A sum, since a maximum would keep the loop scalar.
+  !> True if the angles are far inside the vectorized range; otherwise they are checked one by one.
+  !! Uses a sum, since a maximum would prevent vectorization.
   pure logical function all_small(x)
     real(wp), intent(in) :: x(n_lanes)
     real(wp) :: sizes(n_lanes)
@@ -384,8 +384,8 @@ contains
                 + ((sizes(2) + sizes(6)) + (sizes(4) + sizes(8))) <= largest_angle
   end function all_small
 
-  !> x^number, twice which is whole: by products where the power is in range, in a lane whatever the
-  !! others hold.
+  !> x^number for integer 2*number, by products if the base is in range. Each lane is independent of
+  !! the others.
   pure subroutine raise(number, x)
     real(wp), intent(in) :: number
     real(wp), intent(inout) :: x(n_lanes, 3)

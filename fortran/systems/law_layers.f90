@@ -1,16 +1,16 @@
-!> Thin layers of force laws: where an instruction of a law sees its operand change too fast for a
+!> Detects thin layers of force laws, in which the operand of an instruction changes too fast for a
 !! polynomial through the nodes of a step.
 !!
-!! Under tanh(v/1e-4) or exp(-(x/1e-3)^2) a force lives in a layer that a step may jump over; a bump
-!! may hide between all nodes of a step and of its halves, so that no comparison of runs shows it.
-!! The operands themselves are smooth and never hidden. A function whose nearest singularity is at
-!! the distance D of the values that its operand takes in a step, L apart, is followed by a
-!! polynomial whose error falls by the factor r a degree,
+!! In tanh(v/1e-4) or exp(-(x/1e-3)^2) the force changes within a layer that a step may skip. A bump
+!! may lie between all nodes of a step and of its halves, so comparing runs does not detect it. The
+!! operands are smooth and well resolved. Consider a function whose nearest singularity is at the
+!! distance D from the values of its operand in a step, which span L. The error of polynomial
+!! interpolation decreases per degree by the factor
 !!
 !!   r = 2 D/L + sqrt((2 D/L)^2 + 1)  (near the values),  1 + 2 D/L + sqrt((1 + 2 D/L)^2 - 1)
 !!
-!! (ahead of them), the parameter of Bernstein's ellipse: L N. Trefethen, Approximation Theory and
-!! Approximation Practice, 2013, chapter 8.
+!! (on the real axis), the parameter of Bernstein's ellipse: L N. Trefethen, Approximation Theory
+!! and Approximation Practice, 2013, chapter 8.
 module viscovib_law_layers
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -25,18 +25,17 @@ module viscovib_law_layers
 
   public :: law_layers
 
-  !> How many times as far as a polynomial follows an operand may go in a step: nodes of a step are
-  !! not further apart than a fifth of it, and are within such a layer then. Steps of fewer nodes
-  !! than 8 may go as much less far, a node.
+  !> Largest permitted thinness. Nodes are at most a fifth of a step apart, so some lie within such
+  !! a layer. For steps with fewer than 8 nodes the limit is `unseen_by_node` per node.
   real(wp), parameter, public :: unseen = 20.0_wp, unseen_by_node = 2.5_wp
 
-  !> An instruction, and its operand, of which it must see enough values.
+  !> An instruction and its operand, whose values must be resolved.
   type :: layer_type
     integer :: code = 0
     type(signal_type) :: operand
   end type layer_type
 
-  !> Those of all laws of a system.
+  !> Layers of all laws of a system.
   type :: law_layers
     type(layer_type), allocatable, private :: layers(:)
   contains
@@ -46,20 +45,19 @@ module viscovib_law_layers
     procedure :: thinness_at
   end type law_layers
 
-  !> Change of an operand in a step that a polynomial follows, as a part of the distance of
-  !! singularities near the real axis (r = 4.9) and on it (r = 5.8), and of functions that have
-  !! none.
+  !> Resolved change of an operand in a step, as a fraction of the distance to singularities off the
+  !! real axis (r = 4.9) and on it (r = 5.8), and for functions without singularities.
   real(wp), parameter :: beside = 0.85_wp, ahead = 1.0_wp, none = 6.0_wp
-  !> Beyond these operands tanh is 1 and exp is nothing, to rounding.
+  !> For operands beyond these, tanh is 1 and exp is 0 to rounding.
   real(wp), parameter :: flat = 20.0_wp, nothing = -50.0_wp
-  !> By what part of its range an operand may leave it between values seen, as its parabolas err;
-  !! and how near to a singularity they may take it, as a part of the distance seen.
+  !> Possible excess of an operand over its sampled range (interpolation error), relative to the
+  !! range; smallest distance to a singularity, relative to the sampled distance.
   real(wp), parameter :: doubt = 0.05_wp, closest = 1.0e-6_wp
   real(wp), parameter :: half_pi = 1.5707963267948966_wp
 
 contains
 
-  !> Of all laws but those of elements with states, whose slips are surfaces.
+  !> Find the layers of all laws without internal state; other transitions are surfaces.
   subroutine find(self, laws)
     class(law_layers), intent(out) :: self
     type(law_term), intent(in) :: laws(:)
@@ -73,21 +71,20 @@ contains
     end do
   end subroutine find
 
-  !> Whether there are any.
+  !> True if there are layers.
   pure logical function exist(self)
     class(law_layers), intent(in) :: self
     exist = .false.
     if (allocated(self%layers)) exist = size(self%layers) > 0
   end function exist
 
-  !> How many times as far as a polynomial follows what forces depend on goes in a step, of the
-  !! thinnest layer.
+  !> Largest thinness of all layers (see `thinness`).
   real(wp) function thinness_at(self, t, places, q, v, apart, enough)
     class(law_layers), intent(in) :: self
-    !> As in `thinness`.
+    !> As for `thinness`.
     real(wp), intent(in) :: t(:), places(:), q(:, :), v(:, :)
     logical, intent(in) :: apart
-    !> What matters is only whether it is above; without: `unseen`.
+    !> Only values above this limit need to be exact; default: `unseen`.
     real(wp), intent(in), optional :: enough
     real(wp) :: most
     integer :: i
@@ -99,11 +96,10 @@ contains
     end do
   end function thinness_at
 
-  !> Lanes of which all states together go so little far that those of each step need no look, as in
-  !! `thinness`.
+  !> Vector lanes in which the range of all states is so small that single steps need no check.
   function followed(self, n, t, q, v, most) result(lanes)
     class(law_layers), intent(in) :: self
-    !> States of each lane; times and states of all of them, lane first; and as of `thinness`.
+    !> States per lane; times and states of all lanes, lane first; limit as for `thinness`.
     integer, intent(in) :: n
     real(wp), intent(in) :: t(n_lanes*n), q(:, :), v(:, :), most
     logical :: lanes(n_lanes)
@@ -130,7 +126,7 @@ contains
     end do
   end function followed
 
-  !> The layers of a law.
+  !> Find the layers of a law.
   subroutine find_layers(law, layers)
     type(law_term), intent(in) :: law
     type(layer_type), allocatable, intent(out) :: layers(:)
@@ -144,11 +140,11 @@ contains
     n = 0
     do i = 1, size(law%program%code)
       if (.not. bends(law%program%code(i), law%program%number(i)) .or. roots(i)) cycle
-      ! Of atan2 with a number, which turns where the quotient does.
+      ! atan2 with a number as its second operand is atan of the quotient.
       by_number = law%program%code(i) == f_atan2
       if (by_number) by_number = law%program%code(i - 1) == put_number
       if (law%program%code(i) == f_atan2 .and. .not. by_number) cycle
-      ! Of a quotient what divides.
+      ! For a quotient, the operand is the divisor.
       wanted = merge(2, 1, by_number)
       first = i
       do while (wanted > 0)
@@ -174,7 +170,7 @@ contains
     layers = layers(:n)
   end subroutine find_layers
 
-  !> Whether an instruction is no polynomial of its last operand.
+  !> True if an instruction is not a polynomial in its last operand.
   pure logical function bends(code, number)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -189,15 +185,15 @@ contains
     end select
   end function bends
 
-  !> How many times as far an operand goes in a step as a polynomial follows; up to 1: it is
-  !! followed.
+  !> Thinness: change of an operand in a step relative to the change that a polynomial resolves.
+  !! Values up to 1 are resolved.
   real(wp) function thinness(layer, t, places, q, v, apart, most)
     type(layer_type), intent(in) :: layer
-    !> Times; places to which they belong, ascending; states there, shape (n, n_dof).
+    !> Times; positions of the samples, ascending; states, shape (n, n_dof).
     real(wp), intent(in) :: t(:), places(:), q(:, :), v(:, :)
-    !> The states are at ends of steps, of which the thinnest layer counts; else inside of one.
+    !> True: states at ends of steps (the largest thinness counts); false: within one step.
     logical, intent(in) :: apart
-    !> What all values together may have, so that those of each step are not looked at.
+    !> Thinness of all values together that makes checks of single steps unnecessary.
     real(wp), intent(in) :: most
     real(wp) :: z(size(t)), low, high
     integer :: first, i, last
@@ -210,7 +206,7 @@ contains
                                                         of_parabola(layer%code, places, z))
       return
     end if
-    ! Where all values together are followed, those of each step are.
+    ! If the range of all values is resolved, so is each step.
     thinness = of_all(layer%code, minval(z), maxval(z))
     if (thinness > 0.0_wp .and. thinness <= most) return
     thinness = 0.0_wp
@@ -223,7 +219,7 @@ contains
     end do
   end function thinness
 
-  !> The same of an operand of which all values in a row of steps are between two.
+  !> Thinness for an operand whose values over several steps lie between two values.
   pure real(wp) function of_all(code, low, high) result(thinness)
     integer, intent(in) :: code
     real(wp), intent(in) :: low, high
@@ -231,10 +227,10 @@ contains
                         0.0_wp)
   end function of_all
 
-  !> The same of an operand between two values.
+  !> Thinness for an operand within a range.
   pure real(wp) function of_range(code, z, low, high, more) result(thinness)
     integer, intent(in) :: code
-    !> Least and largest value seen; the range between all, and how far it may go beyond.
+    !> Smallest and largest sample; estimated range of the values, and its possible excess.
     real(wp), intent(in) :: z(2), low, high, more
     real(wp) :: distance, seen
 
@@ -263,18 +259,18 @@ contains
       seen = max(z(1), -z(2))
       distance = ahead*max(low, -high)
     end select
-    ! What passes a singularity ends the motion, which is reported elsewhere.
+    ! Crossing a singularity ends the solution; this is reported elsewhere.
     if (seen > 0.0_wp) thinness = (high - low)/max(distance, closest*seen)
   end function of_range
 
-  !> The same of an operand that is a parabola in the step, as the square of a deflection is: by the
-  !! singularities of the function of time, or how fast its powers fall where it has none.
+  !> Thinness for an operand that is a parabola in time, such as a squared deflection: from the
+  !! singularities as a function of time, or from the decay of powers without singularities.
   pure real(wp) function of_parabola(code, x, z) result(thinness)
     integer, intent(in) :: code
     real(wp), intent(in) :: x(:), z(:)
-    !> r wanted; and terms of an exponent of which powers to the 16th are 1e-11.
+    !> Required r; coefficients of an exponent with errors of 1e-11 at degree 16.
     real(wp), parameter :: wanted = 4.9_wp, first = 1.5_wp, second = 0.15_wp
-    !> Singularities as far away as 1 of it do not count.
+    !> Singularities further away than 1/`far` are ignored.
     real(wp), parameter :: far = 1.0e-8_wp
     complex(wp) :: at(2), root
     real(wp) :: a, b, c, half, off, slope, r
@@ -309,7 +305,7 @@ contains
     end select
     r = huge(1.0_wp)
     do k = 1, 2
-      ! c s^2 + b s + a - z = 0, by the quotient that loses no digits.
+      ! Roots of c s^2 + b s + a - z = 0 without cancellation.
       root = sqrt(b*b - 4.0_wp*c*(a - at(k)))
       if (real(b*root) < 0.0_wp) root = -root
       root = -0.5_wp*(b + root)
@@ -327,7 +323,7 @@ contains
 
   contains
 
-    !> Of the ellipse about -1 ... 1 that passes a place.
+    !> Parameter of the ellipse about -1 ... 1 through a point.
     pure real(wp) function ellipse(s)
       complex(wp), intent(in) :: s
       complex(wp) :: w
@@ -337,7 +333,7 @@ contains
 
   end function of_parabola
 
-  !> Least and largest value of a smooth function, by the parabolas through neighbours.
+  !> Smallest and largest value of a smooth function, from parabolas through neighboring samples.
   pure subroutine reach(x, z, low, high)
     real(wp), intent(in) :: x(:), z(:)
     real(wp), intent(out) :: low, high

@@ -1,8 +1,7 @@
-!> Functions outside of the core that laws call by number, as those that users write in Python.
+!> Functions outside of the core that laws call by number, such as functions written in Python.
 !!
-!! Whoever hosts the core hands over one procedure, which knows what the numbers mean. A function
-!! takes whole arrays of samples and gives its derivatives too; it must always give the same for the
-!! same operands.
+!! The host program registers one procedure that calls the function with a given number. A function
+!! receives whole arrays of samples and returns values and derivatives. It must be deterministic.
 module viscovib_law_outside
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_int64_t
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
@@ -14,7 +13,7 @@ module viscovib_law_outside
   public :: call_outside, set_outside
 
   abstract interface
-    !> A function at samples, and if `wanted` is 1 its derivatives by each operand.
+    !> Values of a function at samples, and its derivatives by each operand if `wanted` is 1.
     pure subroutine outside_interface(which, n, m, wanted, x, value, by) bind(c)
       import :: c_double, c_int, c_int64_t
       integer(c_int64_t), intent(in), value :: which
@@ -29,14 +28,14 @@ module viscovib_law_outside
 
 contains
 
-  !> Tell which procedure knows the functions.
+  !> Register the procedure that evaluates the functions.
   subroutine set_outside(procedure_at)
     type(c_funptr), intent(in) :: procedure_at
     call c_f_procpointer(procedure_at, outside)
   end subroutine set_outside
 
-  !> A function at samples, and its derivatives by each operand, if they are wanted; where it is no
-  !! finite number, or nobody knows it, there is the wall.
+  !> Values of a function at samples, and its derivatives by each operand if `wanted`. Values that
+  !! are not finite, or of an unregistered function, become `wall`.
   pure subroutine call_outside(which, wanted, x, value, by)
     real(wp), intent(in) :: which
     logical, intent(in) :: wanted

@@ -1,9 +1,9 @@
-!> A force law as a short program over arrays of samples, with its exact derivatives.
+!> A force law as a stack program for arrays of samples, with exact derivatives.
 !!
-!! A law is a list of instructions for a stack: numbers and arguments are put on it, functions take
-!! what is on top and leave their value. Each value carries its derivatives by all arguments
-!! (forward differentiation: each function's chain rule). Where a function is beyond its domain all
-!! that follows from it is undefined: the law is a wall there, whatever other functions made of it.
+!! Instructions push numbers and arguments on the stack; functions replace their operands by their
+!! value. Each value carries its derivatives by all arguments (forward differentiation by the chain
+!! rule). Outside of a function's domain the whole law is undefined and has the value `wall`,
+!! regardless of later functions.
 module viscovib_law_program
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -29,13 +29,13 @@ module viscovib_law_program
 
   type :: law_program
     integer :: n_arguments = 0
-    !> What the stack holds at most.
+    !> Maximum depth of the stack.
     integer :: depth = 0
-    !> Instructions, and a number for each (of an argument its place).
+    !> Instructions, and a number for each (for an argument, its index).
     integer, allocatable :: code(:)
     real(wp), allocatable :: number(:)
-    !> What is put on the stack of each lane, where laws side by side differ in their numbers, shape
-    !! (n_lanes, n_code); it is then evaluated over lanes only. Not allocated: the same in all.
+    !> Numbers for each vector lane if parameters differ, shape (n_lanes, n_code). The law can then
+    !! only be evaluated for lanes. Not allocated: equal in all lanes.
     real(wp), allocatable :: of_lanes(:, :)
   contains
     procedure :: evaluate
@@ -46,13 +46,13 @@ module viscovib_law_program
 
 contains
 
-  !> How many such surfaces a law has.
+  !> Number of switching surfaces of the law.
   pure integer function n_surfaces(self)
     class(law_program), intent(in) :: self
     n_surfaces = count(branches(self%code))
   end function n_surfaces
 
-  !> How deep the stack gets.
+  !> Compute the maximum depth of the stack.
   subroutine measure(self)
     class(law_program), intent(inout) :: self
     integer :: i, held
@@ -64,7 +64,7 @@ contains
     end do
   end subroutine measure
 
-  !> The law at samples of its arguments.
+  !> Values of the law at samples of its arguments.
   pure subroutine evaluate(self, arguments, value)
     class(law_program), intent(in) :: self
     !> Shape (n_samples, n_arguments).
@@ -75,7 +75,7 @@ contains
     call run(self, arguments, value, nothing)
   end subroutine evaluate
 
-  !> The law and its derivatives by all arguments.
+  !> Values of the law and its derivatives by all arguments.
   pure subroutine differentiate(self, arguments, value, slopes)
     class(law_program), intent(in) :: self
     real(wp), intent(in) :: arguments(:, :)
@@ -91,7 +91,7 @@ contains
     real(wp) :: x(size(value), self%depth + 2)
     real(wp) :: dx(size(value), size(slopes, 2), self%depth + 2), work(size(value), 4)
     integer :: i, k, top
-    !> Whether any sample left the domain of a function so far, and since then which are outside.
+    !> True once a sample has left the domain of a function; `outside` marks these samples.
     logical :: left, outside(size(value), self%depth + 2)
 
     top = 0
@@ -118,14 +118,14 @@ contains
     end do
   end subroutine run
 
-  !> Mark samples in which something that counts is beyond the domain of a function, before an
-  !! instruction. What `where` and a held branch leave aside does not count.
+  !> Mark samples outside of a function's domain before an instruction. Branches that `where` or a
+  !! fixed side does not select are ignored.
   pure subroutine mark_outside(code, number, n, x, outside)
     integer, intent(in) :: code, n
     real(wp), intent(in) :: number
-    !> Its operands.
+    !> Operands of the instruction.
     real(wp), intent(in) :: x(n, *)
-    !> Of its operands; the first becomes that of its value.
+    !> Marks of the operands. The first becomes the mark of the value.
     logical, intent(inout) :: outside(n, *)
     integer :: j, k
 
@@ -148,7 +148,7 @@ contains
     end select
   end subroutine mark_outside
 
-  !> One instruction: its operands stand in x from the first column on, where its value goes.
+  !> Execute one instruction. Its operands start in the first column of x, which receives the value.
   pure subroutine step(code, number, arguments, n, m, x, dx, work)
     integer, intent(in) :: code, n, m
     real(wp), intent(in) :: number, arguments(:, :)
@@ -191,7 +191,7 @@ contains
       call step_outside(number, n, m, operands(code), x, dx)
     case default
       call of_samples(code, number, n, x, work(:, 1:2), work(:, 3), work(:, 4), m > 0)
-      ! As `within`, which is in another module, so that a compiler can make vectors of it.
+      ! Same as `within`, which is in another module; written out for vectorization.
       two = operands(code) == 2
       do a = 1, m
         if (two) then
@@ -208,7 +208,7 @@ contains
     end select
   end subroutine step
 
-  !> A function outside of the core, of p operands.
+  !> Apply a function outside of the core with p operands.
   pure subroutine step_outside(number, n, m, p, x, dx)
     real(wp), intent(in) :: number
     integer, intent(in) :: n, m, p
@@ -226,12 +226,12 @@ contains
     x(:, 1) = value
   end subroutine step_outside
 
-  !> A function at samples, in place of its first operand, and its derivatives by its operands; what
-  !! the vector unit can do is done there.
+  !> Replace the first operand by the value of a function at samples, and compute its derivatives by
+  !! the operands. Vectorized where possible.
   pure subroutine of_samples(code, number, n, x, by, value, other, wanted)
     integer, intent(in) :: code, n
     real(wp), intent(in) :: number
-    !> What is in `value` and `other` does not matter.
+    !> `value` and `other` are workspace.
     real(wp), intent(inout) :: x(n, 3), by(n, 2), value(n), other(n)
     logical, intent(in) :: wanted
     integer :: k
@@ -253,7 +253,7 @@ contains
         by(k, 2) = -value(k)*by(k, 1)
       end do
     case (f_min, f_max)
-      ! Where both are equal each has half.
+      ! At equality each operand has the derivative 1/2.
       by(:, 1) = merge(0.5_wp, merge(1.0_wp, 0.0_wp, (x(:, 1) < x(:, 2)) .eqv. (code == f_min)), &
                        .not. abs(x(:, 1) - x(:, 2)) > 0.0_wp)
       by(:, 2) = 1.0_wp - by(:, 1)
@@ -264,7 +264,7 @@ contains
     case (f_tanh)
       call by_blocks(code, n, x(:, 1), value, other)
       if (wanted) by(:, 1) = (1.0_wp - value)*(1.0_wp + value)
-      ! Far out the difference above is rounding.
+      ! For large arguments the difference above is only rounding error.
       if (wanted .and. any(abs(x(:, 1)) > 10.0_wp)) then
         where (abs(x(:, 1)) > 10.0_wp) by(:, 1) = 4.0_wp*exp(-2.0_wp*min(abs(x(:, 1)), steepest))
       end if
@@ -297,7 +297,7 @@ contains
     end do
   end subroutine one_by_one
 
-  !> Whether all operands are where the functions of the vector unit hold.
+  !> True if all operands are in the range of the vectorized functions.
   pure logical function in_range(code, x)
     integer, intent(in) :: code
     real(wp), intent(in) :: x(:)
@@ -311,7 +311,7 @@ contains
     end select
   end function in_range
 
-  !> A function by blocks of lanes, and but for tanh its derivative.
+  !> A function in blocks of vector lanes, and its derivative (except for tanh).
   pure subroutine by_blocks(code, n, x, value, slope)
     integer, intent(in) :: code, n
     real(wp), intent(in) :: x(n)

@@ -1,4 +1,4 @@
-!> How fast force laws alone let a system move: of a contact the rate of its stiffness.
+!> Time scales of force laws, such as the contact stiffness, that limit the step size.
 module viscovib_law_rates
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: wall
@@ -9,21 +9,21 @@ module viscovib_law_rates
 
   public :: part_by_laws
 
-  !> Angles by which the fastest motion turns on a part at most, a quarter turn, and how much less
-  !! at least where steps are short; the shortest part, of a step.
+  !> Largest angle of the fastest motion within a substep (a quarter turn), and its lower bound for
+  !! short steps; shortest substep as a fraction of the step.
   real(wp), parameter :: most = 1.57_wp, least = most/32.0_wp, shortest = 1.0_wp/4096.0_wp
 
 contains
 
-  !> The longest part of a step by the rates that laws have on it, so that the motion turns on it as
-  !! little as that of the linear rest does in a step. `thin`: how many times as short the steps
-  !! are as the longest of the runs that are compared; parts are as much shorter.
+  !> Longest substep allowed by the laws. The angle turned within it is at most that of the linear
+  !! subsystem in a step. `thin`: ratio of this step size to the longest step size of the compared
+  !! runs; the substeps are shorter by the same ratio.
   pure real(wp) function part_by_laws(laws, inverse, rate, h, thin, q, v, elements) &
     result(longest)
     type(law_term), intent(in) :: laws(:)
-    !> M^(-1); the rate of the linear rest, the step; states, shape (n, n_dof).
+    !> M^(-1); rate of the linear subsystem and step size; states, shape (n, n_dof).
     real(wp), intent(in) :: inverse(:, :), rate, h, thin, q(:, :), v(:, :)
-    !> Their states settle, at rates that add to those of forces.
+    !> Their states relax at rates that add to the rates of forces.
     type(moving_element), intent(in) :: elements(:)
     real(wp) :: angle, fastest
     angle = thin*max(least, min(most, rate*h/thin))
@@ -31,8 +31,8 @@ contains
     longest = max(angle/max(fastest, tiny(1.0_wp)), shortest*h)
   end function part_by_laws
 
-  !> An upper bound of the rates, at any of some states, of laws with the slopes f_q and f_v that
-  !! they have there: the root of the sum of |M^(-1) w f_q|, and the sum of |M^(-1) w f_v|.
+  !> Upper bound of the rates of laws over all given states, from their slopes f_q and f_v: the
+  !! square root of the sum of |M^(-1) w f_q|, plus the sum of |M^(-1) w f_v|.
   pure real(wp) function fastest_of_laws(laws, inverse, q, v) result(fastest)
     type(law_term), intent(in) :: laws(:)
     !> M^(-1); states, shape (n, n_dof).

@@ -1,10 +1,10 @@
-!> Roots, broken powers and logs of what is never negative because of a branch, as max(d, 0)^1.5 of
-!! Hertz's contact or abs(v)^0.5.
+!> Roots, fractional powers and logarithms of a nonnegative branch, such as max(d, 0)^1.5 of Hertz's
+!! contact or abs(v)^0.5.
 !!
 !! On its surface such a law is not smooth on either side: x^1.5 has no second derivative at 0. With
-!! the branch held its base is negative beyond the surface, where the power has no value. There it
-!! stands for -|x|^p, so that a step that goes beyond before it ends on the surface has a force. So
-!! does a power whose exponent is no number; log stands for log|x|.
+!! the branch fixed, the base is negative beyond the surface, where the power is undefined. It is
+!! then continued as -|x|^p, so that a step that overshoots the surface before it is cut has a
+!! force. The same holds for a variable exponent; log is continued as log|x|.
 module viscovib_law_roots
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: add, branches, divide, f_abs, f_cosh, f_exp, f_heaviside, &
@@ -16,22 +16,22 @@ module viscovib_law_roots
 
   public :: find_roots
 
-  !> What is known of the sign of a value.
+  !> Known sign of a value.
   integer, parameter :: any_sign = 0, not_negative = 1, positive = 2
-  !> With what power a law begins that may begin with any, as log, which is above every x^p.
+  !> Initial exponent used for log and variable exponents, which may grow faster than every x^p.
   real(wp), parameter :: barely = 0.01_wp
 
 contains
 
-  !> Which instructions of a law are such roots or powers, and with what power it begins on each of
-  !! its surfaces that make them so (0: on the others it is smooth on either side).
+  !> Find roots and powers among the instructions of a law, and the initial exponent on each surface
+  !! that causes one (0: smooth on either side of the surface).
   pure subroutine find_roots(code, number, roots, rough)
     integer, intent(in) :: code(:)
     real(wp), intent(in) :: number(:)
-    !> Shapes of the instructions and of the surfaces, in their order.
+    !> Shapes: number of instructions, number of surfaces, in their order.
     logical, intent(out) :: roots(:)
     real(wp), intent(out) :: rough(:)
-    !> Of each value on the stack: its sign, and the instruction with which it begins.
+    !> For each value on the stack: its sign, and its first instruction.
     integer :: signs(size(code) + 2), begins(size(code) + 2)
     integer :: ends, first, i, last, n, top
     real(wp) :: exponent
@@ -44,7 +44,7 @@ contains
       top = top - n + 1
       if (n == 0) begins(top) = i
       if (is_broken(code(i), number(i)) .and. signs(top) /= any_sign) then
-        ! Where what it is a power of ends.
+        ! Last instruction of the base.
         ends = i - 1
         if (n == 2) ends = begins(top + 1) - 1
         roots(i) = any(branches(code(begins(top):ends)))
@@ -63,7 +63,7 @@ contains
     end do
   end subroutine find_roots
 
-  !> A root, a log, or a power that is not known to be whole or below 0.
+  !> True for a root, a log, or a power that is not known to be an integer or negative.
   pure logical function is_broken(code, number)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -71,7 +71,7 @@ contains
                 .or. (code == known_power .and. number > 0.0_wp .and. .not. is_whole(number))
   end function is_broken
 
-  !> With what power it begins.
+  !> Initial exponent of the law.
   pure real(wp) function power_of(code, number)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -85,7 +85,7 @@ contains
     end select
   end function power_of
 
-  !> The sign of a value, from those of its operands (of none: anything).
+  !> Sign of a value from the signs of its operands.
   pure integer function sign_of(code, number, signs)
     integer, intent(in) :: code, signs(:)
     real(wp), intent(in) :: number

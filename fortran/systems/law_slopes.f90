@@ -1,7 +1,7 @@
-!> Force laws over a block of lanes with their derivatives by their arguments, for the vector unit.
+!> Vectorized force laws with derivatives by their arguments.
 !!
-!! Forward differentiation as in `viscovib_law_program`, which takes over where an instruction is
-!! none of the usual ones, or an operand is near the end of a domain.
+!! Forward differentiation as in `viscovib_law_program`, which is used instead for other
+!! instructions or for operands near the boundary of a domain.
 module viscovib_law_slopes
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -17,11 +17,11 @@ module viscovib_law_slopes
 
   public :: differentiate_term
 
-  !> Arguments that a law may have to be differentiated here.
+  !> Largest number of arguments for vectorized differentiation.
   integer, parameter, public :: most_arguments = 4
-  !> Columns of values that most laws need, and powers made by products.
+  !> Stack depth of most laws, and highest power computed by products.
   integer, parameter :: usual_depth = 12, highest_power = 9
-  !> Beyond this such powers are left to others.
+  !> Larger bases of such powers are left to `viscovib_law_program`.
   real(wp), parameter :: highest_base = 1.0e4_wp
 
 contains
@@ -56,7 +56,7 @@ contains
     integer, intent(in) :: n, code(n), m
     real(wp), intent(in) :: number(n), arguments(n_lanes, m)
     real(wp), intent(inout) :: x(n_lanes, usual_depth), dx(n_lanes, most_arguments, usual_depth)
-    !> Whether all could be done here.
+    !> False if an instruction or operand is not supported here.
     logical, intent(out) :: done
     real(wp) :: slope(n_lanes)
     integer :: i, k, l, next, top
@@ -163,14 +163,13 @@ contains
     end do
   end subroutine add_up
 
-  !> A function in place of its operand, and its derivative, by which that of the operand is yet to
-  !! be multiplied.
+  !> Apply a function to its operand in x. Returns its derivative in `slope`.
   pure subroutine of_lanes(code, number, m, x, dx, slope, done)
     integer, intent(in) :: code, m
     real(wp), intent(in) :: number
     real(wp), intent(inout) :: x(n_lanes, 2), dx(n_lanes, most_arguments, 2)
     real(wp), intent(out) :: slope(n_lanes)
-    !> Not so: the function is not known here, or an operand is where it is not smooth.
+    !> False if the function is not supported here, or if it is not smooth at an operand.
     logical, intent(out) :: done
     real(wp) :: value(n_lanes)
     integer :: k

@@ -1,4 +1,4 @@
-!> Force laws that are no polynomials, as terms of a system: what each reads, and where it acts.
+!> Nonpolynomial force laws as terms of a system: their arguments and the equations they act on.
 module viscovib_law_term
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -9,23 +9,23 @@ module viscovib_law_term
 
   public :: law_term, about_rest, add_laws, add_law_slopes, new_law_term, part_linear, read_rates
 
-  !> f(A u + A' u') on some equations, each with a weight; what is linear in it stands in the
-  !! stiffness and, without a kernel, in the damping.
+  !> f(A u + A' u') on some equations, each with a weight. Its linear part belongs to the stiffness
+  !! and, without a kernel, to the damping.
   type :: law_term
     type(law_program) :: program
-    !> A and A', shape (n_arguments, n_dof); the latter is 0 where no rate is read.
+    !> A and A', shape (n_arguments, n_dof); A' is 0 if the law depends on no rate.
     real(wp), allocatable :: arguments(:, :), rates(:, :)
-    !> A, and of A' the columns of all rates that laws read (see `read_rates`).
+    !> A, followed by the columns of A' for all rates that laws depend on (see `read_rates`).
     real(wp), allocatable :: seen(:, :)
-    !> The kernel behind which it stands (0: none), its parity (see `parity_of`), and its degree as
-    !! a polynomial (0: it is none).
+    !> Kernel of the law (0: none), its parity (see `parity_of`), and its degree as a polynomial (0:
+    !! not a polynomial).
     integer :: kernel = 0, parity = 0, degree = 0
-    !> What has a state of its own (0: nothing, 1: a Jenkins element, whose program holds its
-    !! stiffness and limit), and is thus known over whole cycles only.
+    !> Kind of an element with internal state (0: none, 1: Jenkins element, ...), whose program
+    !! contains its parameters. In the frequency domain it is defined over whole cycles only.
     integer :: state = 0
-    !> As it was written; not allocated where that is not known.
+    !> Source text; not allocated if it is not known.
     character(len=:), allocatable :: text
-    !> Shape (n_targets), and the hereditary variables of these equations.
+    !> Equations on which the law acts, and their hereditary variables, shape (n_targets).
     integer, allocatable :: equations(:), variables(:)
     real(wp), allocatable :: weights(:)
   contains
@@ -34,24 +34,24 @@ module viscovib_law_term
     procedure :: arguments_of_lanes
   end type law_term
 
-  !> How near to rest a law must have a value, on all sides.
+  !> Distance from static equilibrium within which a law must have a value.
   real(wp), parameter :: near = 1.0e-9_wp
-  !> How much more than by its steepest slope, or than this part of its value, a law may change over
-  !! that way; and how much of that it changes over the second half of the way, at least, where it
-  !! does not jump at rest. The rounding error of laws whose parts cancel there differs at each
-  !! place, but for last digits of a value that does not change.
+  !> Within this distance a law may change by its largest slope times `steep`, or by its value,
+  !! times the distance. A larger change is accepted if at least the fraction `least_later` occurs
+  !! over the second half, so that the law does not jump at equilibrium. Rounding errors of
+  !! cancelling parts differ from point to point.
   real(wp), parameter :: steep = 10.0_wp, least_later = 1.0e-2_wp
 
 contains
 
-  !> A law of all coordinates, and of their rates, as one without its linear part at rest, which is
-  !! given apart.
+  !> Subtract the linear part at static equilibrium from a law of all coordinates and rates, and
+  !! return it in `slopes`.
   subroutine about_rest(law, slopes, defined)
-    !> Its program reads the coordinates, then the rates; its parity may be lost.
+    !> Its program reads the coordinates, then the rates. Its parity may be lost.
     type(law_term), intent(inout) :: law
-    !> Derivatives at rest, shape (2 n_dof); behind a kernel those by rates stay in the law, 0 here.
+    !> Derivatives at equilibrium, shape (2 n_dof); 0 for rates if the law has a kernel.
     real(wp), intent(out) :: slopes(:)
-    !> Whether it has a value around rest, and one alone: 1/x in tanh(1/x) is of either sign.
+    !> True if the law has a unique value near equilibrium, unlike tanh(1/x).
     logical, intent(out) :: defined
     real(wp) :: at(4*size(slopes) + 1, size(slopes)), value(4*size(slopes) + 1)
     real(wp) :: by(4*size(slopes) + 1, size(slopes)), change(2*size(slopes))
@@ -82,7 +82,7 @@ contains
     call law%program%measure()
   end subroutine about_rest
 
-  !> Without the arguments that its program does not read.
+  !> Remove arguments that the program does not read.
   subroutine drop_unread(self)
     class(law_term), intent(inout) :: self
     integer :: place(size(self%arguments, 1)), i
@@ -105,8 +105,8 @@ contains
     self%program%n_arguments = count(used)
   end subroutine drop_unread
 
-  !> A law as one without the multiples of arguments that its program takes off last, such as its
-  !! linear part at rest; these by coordinates and by rates, shapes (n_dof), to be added to it.
+  !> Remove the multiples of arguments that the program subtracts last, such as the linear part at
+  !! equilibrium. Returns them by coordinates and by rates, shapes (n_dof).
   subroutine part_last(self, by_q, by_v)
     class(law_term), intent(inout) :: self
     real(wp), intent(out) :: by_q(:), by_v(:)
@@ -152,7 +152,7 @@ contains
     end do
   end subroutine part_linear
 
-  !> Arguments from coordinates and rates, of every lane.
+  !> Arguments from coordinates and rates, in every vector lane.
   pure function arguments_of_lanes(self, q, v) result(values)
     class(law_term), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, size(self%arguments, 2))
@@ -172,13 +172,13 @@ contains
     end do
   end function arguments_of_lanes
 
-  !> A law from numbers: arguments, equations, instructions, kernel, parity, degree, state; A and A'
-  !! (arguments n_dof); equation and weight of each target; code and number of each instruction.
+  !> A law from its vector: arguments, equations, instructions, kernel, parity, degree, state; A and
+  !! A' (arguments x n_dof); equation and weight of targets; code and number of instructions.
   subroutine new_law_term(law, vector, n_dof, used)
     type(law_term), intent(out) :: law
     real(wp), intent(in) :: vector(:)
     integer, intent(in) :: n_dof
-    !> How many numbers it took.
+    !> Number of entries read.
     integer, intent(out) :: used
     integer :: m, k, n
 
@@ -205,8 +205,8 @@ contains
     call law%program%measure()
   end subroutine new_law_term
 
-  !> Coordinates whose rates laws read, and how these read what is then handed to them: all
-  !! coordinates, and behind them these rates.
+  !> Coordinates whose rates appear in laws, and the matrices `seen` of the laws, which act on all
+  !! coordinates followed by these rates.
   pure subroutine read_rates(laws, n_dof, rates)
     type(law_term), intent(inout) :: laws(:)
     integer, intent(in) :: n_dof
@@ -229,13 +229,13 @@ contains
     end do
   end subroutine read_rates
 
-  !> Add the laws to the hereditary variables in which they stand.
+  !> Add the laws to their hereditary variables.
   subroutine add_laws(laws, polynomials, u, w)
     type(law_term), intent(in) :: laws(:)
-    !> Of those that are polynomials, or of the others.
+    !> True: only polynomial laws; false: only nonpolynomial laws.
     logical, intent(in) :: polynomials
-    !> Coordinates and the rates that laws read, shape (n_samples, n_seen), and variables,
-    !! (n_samples, n_memory).
+    !> Coordinates and the rates that laws depend on, shape (n_samples, n_seen), and hereditary
+    !! variables, (n_samples, n_memory).
     real(wp), intent(in) :: u(:, :)
     real(wp), intent(inout) :: w(:, :)
     real(wp) :: value(size(u, 1))
@@ -252,7 +252,7 @@ contains
     end do
   end subroutine add_laws
 
-  !> Their derivatives by the coordinates and rates.
+  !> Add the derivatives of laws by the coordinates and rates.
   subroutine add_law_slopes(laws, polynomials, u, slopes)
     type(law_term), intent(in) :: laws(:)
     logical, intent(in) :: polynomials

@@ -7,8 +7,8 @@
 !!   power      := primary [(^|**) factor]
 !!   primary    := number | name | function ( comparison {, comparison} ) | ( comparison )
 !!
-!! Names are arguments of the law or parameters, whose numbers are put in. What is known when a
-!! law is read is worked out then.
+!! Names are arguments of the law or parameters, which are replaced by their values. Constant
+!! expressions are evaluated at compile time.
 module viscovib_law_text
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
@@ -24,15 +24,15 @@ module viscovib_law_text
 
   public :: compile_law
 
-  !> Bounds that keep a slip of the pen from filling the memory.
+  !> Limits on nesting, length and stack.
   integer, parameter :: max_depth = 100, max_code = 2000, max_stack = 60
-  !> An angle with a number larger than this is that of a quotient.
+  !> atan2 with a larger number as its second operand becomes atan of the quotient.
   real(wp), parameter :: least_divisor = 1.0e-20_wp
   character(len=*), parameter :: letters = &
                                  'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
 
   type, extends(text_cursor) :: cursor_type
-    !> The program so far, its length, and the parity and degree of each value on its stack.
+    !> Program, parities and degrees on the stack; length of the program, depth of the stack.
     integer :: code(max_code) = 0, parity(max_stack) = 0, degree(max_stack) = 0
     integer :: n = 0, held = 0
     real(wp) :: number(max_code) = 0.0_wp
@@ -40,14 +40,14 @@ module viscovib_law_text
 
 contains
 
-  !> Compile a text; if something is wrong, `fault` says what, else it is empty.
+  !> Compile a text. `fault` describes an error, and is empty otherwise.
   subroutine compile_law(text, arguments, names, values, program, parity, degree, fault)
     character(len=*), intent(in) :: text
     !> Names of arguments, and of parameters with their values.
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
     type(law_program), intent(out) :: program
-    !> As of `parity_of`, and its degree as a polynomial, 0 if it is none.
+    !> Parity as for `parity_of`; degree as a polynomial, 0 if it is none.
     integer, intent(out) :: parity, degree
     character(len=:), allocatable, intent(out) :: fault
     type(cursor_type) :: cursor
@@ -69,7 +69,7 @@ contains
     degree = max(cursor%degree(1), 0)
   end subroutine compile_law
 
-  !> Append an instruction; what works on numbers alone is worked out.
+  !> Append an instruction. Instructions with constant operands are evaluated.
   subroutine emit(cursor, code, number)
     type(cursor_type), intent(inout) :: cursor
     integer, intent(in) :: code
@@ -165,11 +165,10 @@ contains
     end do
   end subroutine read_term
 
-  !> A number times a value is that value times the number, bit for bit, which takes no place on the
-  !! stack.
+  !> Swap a number and a value that it multiplies. The product is identical and needs less stack.
   subroutine put_number_last(cursor, left)
     type(cursor_type), intent(inout) :: cursor
-    !> The last instruction of the first factor, which is all of it if it is a number.
+    !> Last instruction of the first factor (its only one if it is a number).
     integer, intent(in) :: left
 
     if (cursor%code(left) /= put_number .or. cursor%code(cursor%n) == put_number) return
@@ -214,7 +213,7 @@ contains
     call raise(cursor)
   end subroutine read_power
 
-  !> The last value is the exponent of the one before; one that is known is part of the
+  !> Raise the value before the last to the last value. A constant exponent becomes part of the
   !! instruction.
   subroutine raise(cursor)
     type(cursor_type), intent(inout) :: cursor
@@ -231,8 +230,7 @@ contains
     call emit(cursor, merge(square, known_power, abs(exponent - 2.0_wp) <= 0.0_wp), exponent)
   end subroutine raise
 
-  !> The angle of the last value and the one before. With a number > 0 it is atan of the quotient
-  !! and has no cut.
+  !> Angle of the last two values. With a constant > 0 it is atan of the quotient and has no cut.
   subroutine turn(cursor)
     type(cursor_type), intent(inout) :: cursor
 
@@ -266,7 +264,7 @@ contains
     end if
   end subroutine read_primary
 
-  !> What stands in parentheses: so many values, and the end of them.
+  !> Read n values in parentheses.
   recursive subroutine read_inside(cursor, arguments, names, values, n)
     type(cursor_type), intent(inout) :: cursor
     character(len=*), intent(in) :: arguments(:), names(:)
@@ -297,7 +295,7 @@ contains
     character(len=*), intent(in) :: arguments(:), names(:)
     real(wp), intent(in) :: values(:)
     character(len=:), allocatable :: name
-    !> Filled in two steps: gfortran 12 makes too little room for an array constructor of both.
+    !> Filled in two steps: gfortran 12 allocates too little memory for a joint array constructor.
     character(len=64) :: known(size(arguments) + size(names))
     integer :: code, first, i
 
@@ -347,8 +345,8 @@ contains
     end do
   end function place_of
 
-  !> The name that is written most alike, as a question; nothing if none is. Of those as near, one
-  !! of as many letters is meant.
+  !> Suggestion of the most similar name, as a question; empty if none is similar. Among equally
+  !! similar names one of equal length is preferred.
   pure function likely(name, names) result(question)
     character(len=*), intent(in) :: name, names(:)
     character(len=:), allocatable :: question

@@ -1,6 +1,6 @@
-!> A periodic load as a Fourier series: forces on the coordinates and motion
-!! of the base, both in the form Im sum_k P_k exp(i k nu t). The base moves along the direction
-!! that a system has, or each coordinate by its own amplitude.
+!> A periodic load as a Fourier series: forces on the coordinates and motion of the base, both in
+!! the form Im sum_k P_k exp(i k nu t). The base moves along the system's base direction, or with
+!! one amplitude for each coordinate.
 !!
 !! The mean (k = 0) is the imaginary part of its coefficient.
 module viscovib_load
@@ -14,13 +14,13 @@ module viscovib_load
   public :: load_type, new_load
 
   type :: load_type
-    !> Orders k with a coefficient that is not 0, ascending.
+    !> Harmonic orders k with a nonzero coefficient, ascending.
     integer, allocatable :: orders(:)
     !> Force coefficients (N, N m), shape (n_dof, size(orders)).
     complex(wp), allocatable :: force(:, :)
     !> Base displacement coefficients (m), shape (size(orders)).
     complex(wp), allocatable :: base(:)
-    !> Besides, what the base moves each coordinate by, shape (n_dof, size(orders)).
+    !> Additional base displacement of each coordinate, shape (n_dof, size(orders)).
     complex(wp), allocatable :: moved(:, :)
     !> Force coefficients per (k nu)^2 (kg, kg m), as unbalances have them, shape (n_dof,
     !! size(orders)).
@@ -51,7 +51,7 @@ contains
     !> Shape (n_dof, n) and (n).
     complex(wp), intent(in) :: force(:, :), base(:)
     type(status_type), intent(out) :: status
-    !> By what the base moves each coordinate, shape (n_dof, n).
+    !> Base displacement of each coordinate, shape (n_dof, n).
     complex(wp), intent(in), optional :: moved(:, :)
     !> Forces per (k nu)^2, shape (n_dof, n); of order 0 they are 0.
     complex(wp), intent(in), optional :: inertial(:, :)
@@ -113,7 +113,7 @@ contains
     finite = ieee_is_finite(real(z)) .and. ieee_is_finite(aimag(z))
   end function finite
 
-  !> Every order is odd: the load changes sign after half a period.
+  !> True if every order is odd: the load changes sign after half a period.
   pure logical function is_odd(self)
     class(load_type), intent(in) :: self
     is_odd = all(mod(self%orders, 2) == 1)
@@ -157,7 +157,7 @@ contains
     if (abs(self%base(j)) > 0.0_wp) y = y + system%base_direction*self%base(j)
   end function shift
 
-  !> Coefficient of order k on the coordinates of the system, motion of the base included.
+  !> Load coefficient of order k on the system coordinates, including base motion.
   pure function coefficient(self, system, order, nu) result(p)
     class(load_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
@@ -173,7 +173,7 @@ contains
     end do
   end function coefficient
 
-  !> Which coordinates the load acts on, the moving base included.
+  !> Mask of the coordinates on which the load acts, including base motion.
   pure function drives(self, system) result(driven)
     class(load_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
@@ -186,7 +186,7 @@ contains
     end do
   end function drives
 
-  !> The same on some of the coordinates, the only ones that it acts on.
+  !> The load on the kept coordinates. It must not act on any other.
   pure subroutine take_part(self, kept, part)
     class(load_type), intent(in) :: self
     !> Shape (n_dof).

@@ -1,13 +1,13 @@
-!> A system in the coordinates of its linear rest: sections that go from step to step exactly.
+!> Modal coordinates of the linear subsystem ("sections"), which are integrated exactly in time.
 !!
-!! With u = Phi x the rest M u'' + C u' + K u = p becomes
+!! With u = Phi x the linear subsystem M u'' + C u' + K u = p becomes
 !!
-!!   x_m'' + rate_m x_m' + square_m x_m = (Phi^-1 M^-1 p)_m - (N x)_m - (D x')_m,
+!!   x_m'' + rate_m x_m' + square_m x_m = (Phi^-1 M^-1 p)_m - (N x)_m - (D x')_m.
 !!
-!! Phi being the modes of M and of the symmetric part of K, mass normalised, rate the diagonal of
-!! Phi^T C Phi; N and D, what is left of K and C, are 0 for symmetric K and damping by modes. A
-!! coordinate whose displacement no spring sees and that shares no mass, as one whose rate is a
-!! state of memory (viscovib_hidden_memory), is a section by itself.
+!! Phi contains the mass-normalized modes of M and the symmetric part of K; rate is the diagonal of
+!! Phi^T C Phi. N and D are the remaining parts of K and C; they are 0 for symmetric K and modal
+!! damping. A coordinate without stiffness and mass coupling, such as a memory variable
+!! (viscovib_hidden_memory), is a section of its own.
 module viscovib_modal_frame
   use viscovib_kinds, only: wp
   use viscovib_symmetric_modes, only: find_symmetric_modes
@@ -16,18 +16,17 @@ module viscovib_modal_frame
 
   public :: has_frame, is_definite, modal_frame, new_modal_frame
 
-  !> Coordinates of a frame, at most.
+  !> Largest number of coordinates of a frame.
   integer, parameter, public :: most_in_frame = 512
-  !> What is left of a matrix that counts as rounding, by the sizes that made it.
+  !> Entries below this fraction of the terms in their sum count as rounding errors.
   real(wp), parameter :: rounding = 1.0e-14_wp
 
   type :: modal_frame
-    !> Phi^T, shape (n, n), a coordinate a column: x -> u; and (Phi^-1)^T, a section a column.
+    !> Phi^T, shape (n, n), columns: coordinates, x -> u; and (Phi^-1)^T, columns: sections.
     real(wp), allocatable :: to_coordinates(:, :), to_sections(:, :)
     !> Shape (n).
     real(wp), allocatable :: squares(:), rates(:)
-    !> Sections whose displacements no force depends on: they stay 0, however far the rates would
-    !! lead, shape (n).
+    !> Sections whose displacements no force depends on, shape (n). They are kept at 0.
     logical, allocatable :: unseen(:)
     !> N^T and D^T, shape (n, n); not allocated: 0.
     real(wp), allocatable :: coupling(:, :), drag(:, :)
@@ -38,10 +37,10 @@ module viscovib_modal_frame
 
 contains
 
-  !> Whether a symmetric matrix is positive definite, but for rounding.
+  !> True if a symmetric matrix is numerically positive definite.
   pure logical function is_definite(matrix)
     real(wp), intent(in) :: matrix(:, :)
-    !> Part of an entry of the diagonal that others must leave of it.
+    !> Smallest pivot, as a fraction of the diagonal entry.
     real(wp), parameter :: least = 1.0e-10_wp
     real(wp) :: l(size(matrix, 1), size(matrix, 1)), left
     integer :: i, j
@@ -58,7 +57,7 @@ contains
     is_definite = .true.
   end function is_definite
 
-  !> Whether a mass (n, n) has modes to write a motion in: symmetric and positive definite.
+  !> True if a mass matrix (n, n) is symmetric and positive definite, as modal coordinates require.
   pure logical function has_frame(mass)
     real(wp), intent(in) :: mass(:, :)
     has_frame = all(abs(mass - transpose(mass)) <= rounding*maxval(abs(mass)))
@@ -69,9 +68,9 @@ contains
     type(modal_frame), intent(out) :: frame
     !> M, C and K, shape (n, n).
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
-    !> How many of the last coordinates stand for what is remembered.
+    !> Number of last coordinates that represent memory.
     integer, intent(in) :: n_hidden
-    !> Not where M is not symmetric and positive definite.
+    !> False if M is not symmetric and positive definite.
     logical, intent(out) :: found
     real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, left
     real(wp), allocatable :: part(:, :), squares(:)
@@ -117,8 +116,8 @@ contains
     if (.not. any(abs(frame%drag) > 0.0_wp)) deallocate (frame%drag)
   end subroutine new_modal_frame
 
-  !> The frequency at which what is seen of the rest is as stiff as it is heavy (rad/s): all
-  !! coordinates together, and what laws see, each by itself. Sections need no steps, but these do.
+  !> Largest rate sqrt(stiffness/mass) (rad/s) of all coordinates together and of each deflection in
+  !! laws. The sections do not limit the step size, but these rates do.
   pure real(wp) function pace(self, seen)
     class(modal_frame), intent(in) :: self
     !> Deflections by coordinates, shape (n_seen, n).
@@ -145,15 +144,15 @@ contains
     pace = sqrt(square)
   end function pace
 
-  !> Sum of the sizes of what the sections contribute to a deflection n . u: what its rounding is a
-  !! part of.
+  !> Sum of the absolute contributions of sections to a deflection n . u, a scale for its rounding
+  !! error.
   pure real(wp) function sum_of_sizes(self, u, n)
     class(modal_frame), intent(in) :: self
     real(wp), intent(in) :: u(:), n(:)
     sum_of_sizes = sum(abs(matmul(u, self%to_sections)*matmul(self%to_coordinates, n)))
   end function sum_of_sizes
 
-  !> (Phi^T A Phi)^T without rounding; not allocated where it is 0.
+  !> (Phi^T A Phi)^T with rounding errors set to 0; not allocated if it is 0.
   subroutine take_part(a, shapes, part)
     real(wp), intent(in) :: a(:, :), shapes(:, :)
     real(wp), allocatable, intent(out) :: part(:, :)

@@ -1,4 +1,4 @@
-!> Sums over the modes of a structure, many modes at a time.
+!> Sums over the modes of a structure, vectorized over modes.
 module viscovib_mode_sums
   use viscovib_kinds, only: wp
   implicit none
@@ -6,13 +6,12 @@ module viscovib_mode_sums
 
   public :: add_polynomial, apart, multiply, nearest_pole, resonances, slopes, total
 
-  !> Modes are filled up to a multiple of this by some that nothing sees or pushes, and taken so
-  !! many at a time.
+  !> Modes are padded with zeros to a multiple of `mode_lanes` and processed in groups of this size.
   integer, parameter, public :: mode_lanes = 8
   integer, parameter, public :: block = 64
-  !> Of polynomials that stand for distant modes.
+  !> Degree of the polynomials that represent distant modes.
   integer, parameter, public :: degree = 25
-  !> What is taken for the rest of a difference that is exactly 0, relative.
+  !> Relative and absolute value that replace a difference of exactly 0.
   real(wp), parameter, public :: rounding = epsilon(1.0_wp), least = tiny(1.0_wp)**0.25_wp
 
 contains
@@ -28,8 +27,8 @@ contains
     end if
   end function nearest_pole
 
-  !> A polynomial of real coefficients and its derivative: even and odd powers apart, which on the
-  !! imaginary axis are sums of real numbers.
+  !> Value and slope of a polynomial with real coefficients. On the imaginary axis even and odd
+  !! powers are separate real sums.
   pure subroutine add_polynomial(c, x, value, slope)
     real(wp), intent(in) :: c(0:degree)
     complex(wp), intent(in) :: x
@@ -76,7 +75,7 @@ contains
     do i = 1, n
       x = squares(i) + rates(i)*by_s + on_axis
       y = losses(i) + rates(i)*aimag(s) + off_axis
-      ! Without damping and in resonance what is left of the difference is rounding.
+      ! Without damping and at resonance the difference is only rounding error.
       x = x + merge(0.0_wp, rounding*abs(squares(i)) + least, abs(x) + abs(y) > 0.0_wp)
       size_of = 1.0_wp/(x*x + y*y)
       re(i) = x*size_of
@@ -84,7 +83,7 @@ contains
     end do
   end subroutine resonances
 
-  !> Their derivatives by s: -(rates + 2 s) t^2.
+  !> Derivatives of `resonances` by s: -(rates + 2 s) t^2.
   pure subroutine slopes(n, rates, s, re, im, slope_re, slope_im)
     integer, intent(in) :: n
     real(wp), intent(in) :: rates(n), re(n), im(n)
@@ -101,7 +100,7 @@ contains
     end do
   end subroutine slopes
 
-  !> Multiply by complex numbers, of which the last may lack.
+  !> Multiply by complex factors.
   pure subroutine multiply(n, factors, re, im)
     integer, intent(in) :: n
     complex(wp), intent(in) :: factors(n)
@@ -115,7 +114,7 @@ contains
     end do
   end subroutine multiply
 
-  !> sum w (re + i im), lane by lane; n is a multiple of `mode_lanes`.
+  !> sum w (re + i im) in vector lanes; n is a multiple of `mode_lanes`.
   pure complex(wp) function total(n, w, re, im)
     integer, intent(in) :: n
     real(wp), intent(in) :: w(n), re(n), im(n)
@@ -132,7 +131,7 @@ contains
     total = cmplx(sum(sum_re), sum(sum_im), wp)
   end function total
 
-  !> s - pole, or rounding where that is 0.
+  !> s - pole, or a value of the size of rounding errors where this is 0.
   elemental complex(wp) function apart(s, pole)
     complex(wp), intent(in) :: s, pole
     apart = s - pole

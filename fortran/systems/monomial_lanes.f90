@@ -1,5 +1,4 @@
-!> Monomials of a system over a block of lanes: what they add to accelerations, and their
-!! derivatives.
+!> Monomials of a system for a block of vector lanes: their accelerations and derivatives.
 module viscovib_monomial_lanes
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_multiple, multiply_lanes, n_lanes
@@ -11,7 +10,7 @@ module viscovib_monomial_lanes
 
 contains
 
-  !> a - M^(-1) c prod_d u_d^p_d.
+  !> a := a - M^(-1) c prod_d u_d^p_d.
   pure subroutine take_monomials(monomials, n_dof, inverse, q, a)
     type(monomial_type), intent(in) :: monomials(:)
     integer, intent(in) :: n_dof
@@ -35,7 +34,7 @@ contains
     end do
   end subroutine take_monomials
 
-  !> The derivatives of that by coordinates, by the product rule.
+  !> Add the derivatives of these accelerations with respect to coordinates (product rule).
   pure subroutine add_monomial_slopes(monomials, n_dof, inverse, q, by_q)
     type(monomial_type), intent(in) :: monomials(:)
     integer, intent(in) :: n_dof

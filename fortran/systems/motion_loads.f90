@@ -1,4 +1,4 @@
-!> What drives a motion in time besides its state: a periodic load, piecewise cubics, constants.
+!> Loads of a solution in time: a periodic load, piecewise cubics, constants.
 module viscovib_motion_loads
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, n_lanes, turn
@@ -10,10 +10,10 @@ module viscovib_motion_loads
 
   !> Accelerations Im sum_k load(:,k) exp(i orders(k) nu t) + F(t).
   type :: motion_loads
-    !> Shape (n_dof, size(orders)), and orders, ascending.
+    !> Shape (n_dof, size(orders)), and harmonic orders in ascending order.
     complex(wp), allocatable :: load(:, :)
     integer, allocatable :: orders(:)
-    !> F, and the present piece of it, from `enter` on, shape (n_dof, 4).
+    !> F, and its current piece, set by `enter`, shape (n_dof, 4).
     logical :: timed = .false.
     type(timed_cubics) :: table
     real(wp), allocatable :: piece(:, :)
@@ -26,7 +26,7 @@ module viscovib_motion_loads
 
 contains
 
-  !> Accelerations for ever, besides the others.
+  !> Add constant accelerations.
   subroutine hold(self, push)
     class(motion_loads), intent(inout) :: self
     real(wp), intent(in) :: push(:)
@@ -42,12 +42,12 @@ contains
     end if
   end subroutine hold
 
-  !> A load in time as cubics between breaks.
+  !> Add a load given as cubics between breaks.
   subroutine add_table(self, inverse, breaks, pieces)
     class(motion_loads), intent(inout) :: self
     !> M^(-1).
     real(wp), intent(in) :: inverse(:, :)
-    !> Forces on the first coordinates; shapes (n) and (m, 4, n), the last one of no effect.
+    !> Forces on the first coordinates; shapes (n) and (m, 4, n). The last piece is not used.
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
     integer :: i
     self%table%breaks = breaks
@@ -65,23 +65,23 @@ contains
     if (self%timed) self%piece = self%table%between(from, to)
   end subroutine enter
 
-  !> The highest order that pushes anything.
+  !> Highest harmonic order with a nonzero load.
   pure integer function highest(self)
     class(motion_loads), intent(in) :: self
     highest = maxval([self%orders, 0], [any(abs(self%load) > 0.0_wp, 1), .true.])
   end function highest
 
-  !> On top of other accelerations.
+  !> Add the accelerations of the loads.
   pure subroutine add_to(self, drive, a)
     class(motion_loads), intent(in) :: self
-    !> cos(nu t), sin(nu t), and the time in the present piece of a table, shape (n_lanes, 2 or 3).
+    !> cos(nu t), sin(nu t), and the time in the current piece, shape (n_lanes, 2 or 3).
     real(wp), intent(in) :: drive(:, :)
     !> Shape (n_lanes, n_dof).
     real(wp), intent(inout) :: a(:, :)
     real(wp) :: c(n_lanes), s(n_lanes)
     integer :: d, k, order
 
-    ! cos and sin of the order reached so far.
+    ! cos and sin of the current order.
     order = 0
     c = 1.0_wp
     s = 0.0_wp

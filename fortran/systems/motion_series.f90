@@ -1,13 +1,13 @@
-!> Polynomial systems without memory, with laws of functions, as power series in time: many motions
-!! side by side, four blocks of lanes.
+!> Taylor series in time of polynomial systems without memory and with function laws, for many
+!! trajectories at once in four blocks of vector lanes.
 !!
 !! With q = sum_k q_k (t/h)^k over a step h,
 !!
-!!   q_(k+1) = h v_k/(k + 1),  v_(k+1) = h a_k/(k + 1),
+!!   q_(k+1) = h v_k/(k + 1),  v_(k+1) = h a_k/(k + 1).
 !!
-!! a_k being the coefficient of the acceleration: a sum of multiples of registers, of springs,
-!! dampers, both parts of each order of the load, and the forces, whose registers a `series_program`
-!! finds. Sums and multiples at the end of a law are taken apart into those of the acceleration.
+!! a_k is the coefficient of the acceleration: a weighted sum of registers for springs, dampers,
+!! both parts of each load order, and forces, which a `series_program` computes. Final sums and
+!! multiples of a law are merged into the sum of the acceleration.
 module viscovib_motion_series
   use viscovib_aligned, only: alignment_slack, first_aligned
   use viscovib_kinds, only: wp
@@ -21,19 +21,18 @@ module viscovib_motion_series
 
   public :: motion_series, new_motion_series
 
-  !> Up to so many coordinates sums are taken apart, for every equation; more equations would each
-  !! sum again.
+  !> Largest number of coordinates for merging sums. With more equations each sum would be repeated.
   integer, parameter :: most_apart = 3
 
   type :: motion_series
     integer :: n_dof = 0
     type(series_program) :: program
-    !> Orders of the load; their sines and cosines are the registers behind `before_loads`.
+    !> Orders of the load. Their sines and cosines are in the registers after `before_loads`.
     integer, allocatable, private :: orders(:)
     integer, private :: before_loads = 0
-    !> What the accelerations are sums of: registers, those of equation d from ends(d - 1) + 1 to
-    !! ends(d), and their weights of all blocks, shape (n_wide, n_terms) from `first` on, on a cache
-    !! line.
+    !> Terms of the accelerations: equation d uses the registers from ends(d - 1) + 1 to ends(d).
+    !! `room` contains their weights in all blocks, shape (n_wide, n_terms), from `first` on,
+    !! aligned to a cache line.
     integer, allocatable, private :: ends(:), registers(:)
     integer, private :: first = 1
     real(wp), allocatable, private :: room(:)
@@ -45,12 +44,12 @@ module viscovib_motion_series
 
 contains
 
-  !> Of blocks of motions that differ in their numbers only.
+  !> Series for blocks of trajectories that differ only in their parameters.
   subroutine new_motion_series(series, motions, known)
     type(motion_series), intent(out) :: series
-    !> As many as there are blocks, or less.
+    !> At most one motion per block.
     type(lane_motion_type), intent(in) :: motions(:)
-    !> Whether all functions of the laws have series here.
+    !> True if all functions of the laws have series here.
     logical, intent(out) :: known
     integer, allocatable :: products(:)
     integer :: i, m, n
@@ -80,7 +79,7 @@ contains
     series%program%n_registers = series%before_loads + 2*size(series%orders)
   end subroutine new_motion_series
 
-  !> What the accelerations are sums of.
+  !> Registers and weights of the accelerations.
   subroutine take_terms(series, motions, products)
     type(motion_series), intent(inout) :: series
     type(lane_motion_type), intent(in) :: motions(:)
@@ -111,7 +110,7 @@ contains
     series%room(series%first:series%first + size(kept) - 1) = [kept]
   end subroutine take_terms
 
-  !> Numbers that law i puts on its stack, in every lane; in idle blocks those of the first.
+  !> Constants of law i in every vector lane. Idle blocks repeat the first block.
   pure function numbers_of(motions, i) result(numbers)
     type(lane_motion_type), intent(in) :: motions(:)
     integer, intent(in) :: i
@@ -130,8 +129,8 @@ contains
     end do
   end function numbers_of
 
-  !> In equation d the weights of stiffness and damping of each coordinate, of both parts of each
-  !! order of the load, and of products, which are known last; in every lane, 0 in idle blocks.
+  !> Weights in equation d: stiffness and damping of each coordinate, both parts of each load order,
+  !! then products. In every vector lane; 0 in idle blocks.
   pure function weights_of(motions, d) result(weights)
     type(lane_motion_type), intent(in) :: motions(:)
     integer, intent(in) :: d
@@ -164,11 +163,11 @@ contains
   pure subroutine expand(self, order, h, turning, cosine, sine, s, lost)
     class(motion_series), intent(in) :: self
     integer, intent(in) :: order
-    !> Steps; how far the load's phase turns in them; its cosine and sine at the start.
+    !> Step sizes; phase change of the load over a step; cosine and sine of the phase at the start.
     real(wp), intent(in), dimension(n_wide) :: h, turning, cosine, sine
-    !> All registers, first coordinates, then velocities.
+    !> All registers: coordinates, velocities, then the others.
     real(wp), intent(inout) :: s(n_wide, 0:order, self%program%n_registers)
-    !> Lanes in which a force has no series.
+    !> Vector lanes in which a force has no series.
     logical, intent(out) :: lost(n_wide)
     integer :: d, k, n_terms
 
@@ -185,7 +184,7 @@ contains
     end do
   end subroutine expand
 
-  !> Coefficients k + 1 of a coordinate and its velocity; four blocks by turns: no sum waits.
+  !> Coefficients k + 1 of a coordinate and its velocity, with four interleaved sums.
   pure subroutine next_terms(n, n_terms, registers, order, k, d, h, weights, s)
     integer, intent(in) :: n, n_terms, registers(n_terms), order, k, d
     real(wp), intent(in) :: h(n_lanes, n_blocks), weights(n_lanes, n_blocks, n_terms)
@@ -216,7 +215,7 @@ contains
     end do
   end subroutine next_terms
 
-  !> sin and cos of each order at the start, by rotation.
+  !> sin and cos of each order at the start of the step, by rotation.
   pure subroutine start_loads(self, order, cosine, sine, s)
     class(motion_series), intent(in) :: self
     integer, intent(in) :: order
@@ -240,7 +239,7 @@ contains
     end do
   end subroutine start_loads
 
-  !> Their coefficients k + 1.
+  !> Coefficients k + 1 of the load's sines and cosines.
   pure subroutine turn_loads(self, order, k, turning, s)
     class(motion_series), intent(in) :: self
     integer, intent(in) :: order, k
@@ -255,7 +254,7 @@ contains
     end do
   end subroutine turn_loads
 
-  !> The next coefficients of a sine and a cosine.
+  !> Next coefficients of a sine and a cosine.
   pure subroutine turn_on(part, turning, sine, cosine, next_sine, next_cosine)
     real(wp), intent(in) :: part
     real(wp), intent(in), dimension(n_wide) :: turning, sine, cosine
@@ -270,7 +269,7 @@ contains
     end do
   end subroutine turn_on
 
-  !> total + x y: as in `viscovib_wide_series`, here so that it is made part of the loop above.
+  !> total + x y, as in `viscovib_wide_series`; repeated here so that the compiler inlines it.
   pure subroutine add_product(total, x, y)
     real(wp), intent(inout) :: total(n_lanes)
     real(wp), intent(in) :: x(n_lanes), y(n_lanes)
@@ -281,7 +280,7 @@ contains
     end do
   end subroutine add_product
 
-  !> The next coefficient of an integral; what runs away stays a number.
+  !> Next coefficient of an integral, limited to finite numbers.
   pure subroutine integrate(part, h, rate, next)
     real(wp), intent(in) :: part, h(n_lanes), rate(n_lanes)
     real(wp), intent(out) :: next(n_lanes)

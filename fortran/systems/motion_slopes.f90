@@ -1,13 +1,12 @@
-!> Derivatives of the accelerations of a motion in time, on the sides of its surfaces that are held,
-!! or sliding on them.
+!> Derivatives of the accelerations of a solution on fixed sides of switching surfaces, or sliding
+!! on them.
 !!
-!! On the sides they are those of `linearise`. Where the motion slides, the accelerations are
-!! a = a_+ + sum_j mu_j b_j with r_j = c_j + n_j . a = 0 (viscovib_switched_laws), so that
+!! On fixed sides `linearise` gives them. In sliding, the accelerations are a = a_+ + sum_j mu_j b_j
+!! with r_j = c_j + n_j . a = 0 (viscovib_switched_laws), so that
 !!
-!!   da = (1 - B (N B)^-1 N) (da_+ + sum_j mu_j db_j) - B (N B)^-1 (dc + dN a),
+!!   da = (1 - B (N B)^-1 N) (da_+ + sum_j mu_j db_j) - B (N B)^-1 (dc + dN a).
 !!
-!! db, dc and dN being differences of fourth order of what is constant or linear for all but odd
-!! laws: then these are exact.
+!! db, dc and dN are fourth-order differences, exact if b, c and n are constant or linear.
 module viscovib_motion_slopes
   use viscovib_driven_system, only: driven_system_type
   use viscovib_few_equations, only: solve
@@ -21,12 +20,12 @@ module viscovib_motion_slopes
 
   public :: has_slopes, motion_slopes
 
-  !> Distance of differences, as a part of what varies.
+  !> Step of the differences, as a fraction of the largest coordinate or velocity.
   real(wp), parameter :: apart = 2.0_wp**(-7)
 
 contains
 
-  !> Whether derivatives of a system are known: not with elements that know what was, but stops.
+  !> True if the derivatives are available: no hysteresis, and few arguments per law.
   pure logical function has_slopes(system)
     class(driven_system_type), intent(in) :: system
     integer :: i
@@ -44,7 +43,7 @@ contains
     end select
   end function has_slopes
 
-  !> da/dq and da/dv at states of a block of lanes, (n_lanes, equation, by).
+  !> da/dq and da/dv for a block of vector lanes, shape (n_lanes, equation, by).
   subroutine motion_slopes(system, q, v, drive, by_q, by_v)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: q(n_lanes, system%n_dof), v(n_lanes, system%n_dof)
@@ -61,10 +60,10 @@ contains
     end select
   end subroutine motion_slopes
 
-  !> From the derivatives near the surfaces, and accelerations there, to those on them.
+  !> Project derivatives and accelerations near the surfaces onto sliding.
   subroutine keep_sliding(laws, n_dof, slides, q, v, a, by_q, by_v)
     type(switched_laws), intent(in) :: laws
-    !> Surfaces on which the motion slides.
+    !> `slides`: number of surfaces on which the solution slides.
     integer, intent(in) :: n_dof, slides
     real(wp), intent(in), dimension(n_lanes, n_dof) :: q, v, a
     real(wp), intent(inout), dimension(n_lanes, n_dof, n_dof) :: by_q, by_v
@@ -90,7 +89,7 @@ contains
 
   contains
 
-    !> What b mu and c + n . a change by with a coordinate, or a velocity: behind each other.
+    !> Derivatives of b mu, followed by those of c + n . a, by one coordinate or velocity.
     function changes(d, of_place) result(by)
       integer, intent(in) :: d
       logical, intent(in) :: of_place

@@ -17,7 +17,7 @@ module viscovib_mount
 
   public :: mount_type, mount_parameters, new_mount
 
-  !> Which nonlinear geometry the equations have.
+  !> Geometric nonlinearity of the equations.
   !! exact: full sine and cosine, memory on the deflection;
   !! cubic: potential expanded to fourth order, memory on every term;
   !! printed: as cubic, with the signs and factors the paper prints.
@@ -32,8 +32,8 @@ module viscovib_mount
     !> C (N s/m, N s; N s, N m s).
     real(wp) :: damping(2, 2) = 0.0_wp
     integer :: geometry = geometry_cubic
-    !> epsilon and epsilon_1 of the paper: factors of the cubic terms and of
-    !! every kernel. 0 removes the terms and their cost.
+    !> epsilon and epsilon_1 of the paper: factors of the cubic terms and of every kernel. 0 removes
+    !! the terms and their cost.
     real(wp) :: cubic_scale = 1.0_wp, memory_scale = 1.0_wp
     !> Index into the kernels given to `new_mount` for the spring in x and the
     !! spring in phi; 0: without memory.
@@ -168,7 +168,7 @@ contains
     end if
   end subroutine deflection_remainder
 
-  !> exact: (0, l (1 - cos phi) v_1); nothing for the others.
+  !> exact: (0, l (1 - cos phi) v_1); zero for the other geometries.
   subroutine force_remainder(self, u, v, f)
     class(mount_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :), v(:, :)
@@ -262,7 +262,7 @@ contains
       a = p%stiffness_x/p%mass
       d = (p%stiffness_x*p%offset**2 + p%stiffness_phi)/p%inertia
       b = p%stiffness_x*abs(p%offset)/(sqrt(p%mass)*sqrt(p%inertia))
-      ! In this order, nearly repeated frequencies keep their difference.
+      ! This order preserves the difference of nearly equal frequencies.
       gap = (a - p%stiffness_phi/p%inertia) - p%stiffness_x*p%offset**2/p%inertia
       root = hypot(gap, 2.0_wp*b)
       omega(2) = sqrt(0.5_wp*(a + d + root))

@@ -1,8 +1,8 @@
-!> The mount up to third-degree terms, its hereditary variables among the unknowns:
+!> The mount up to third-degree terms, with its hereditary variables among the unknowns:
 !!
-!!   M u'' + C u' + F(u, v) = load,      v_j - (1 - R_j*) w_j(u) = 0,
+!!   M u'' + C u' + F(u, v) = load,      v_j - (1 - R_j*) w_j(u) = 0.
 !!
-!! so that memory acts on every term as the equations have it (docs/explanation).
+!! Memory acts on every term as in the original equations (docs/explanation).
 module viscovib_mount_form
   use viscovib_full_oscillator, only: put_behind
   use viscovib_jet, only: jet_type, operator(-), variables

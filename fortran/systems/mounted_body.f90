@@ -1,12 +1,12 @@
-!> A rigid body in space on mounts, as it is written down, where it rests under its weight, and the
-!! systems made of it about that position.
+!> A rigid body in space on mounts as defined by the user, its static equilibrium under its weight,
+!! and the systems for motion about it.
 !!
-!! Small rotations make a polynomial system, d_j = e_j . u with rows e_j; finite ones a body that
-!! turns (`viscovib_turning_body`). The weight W and preloads g_j(0) rest where
+!! Small rotations give a polynomial system, d_j = e_j . u with rows e_j; finite rotations give a
+!! turning body (`viscovib_turning_body`). In static equilibrium of weight W and preloads g_j(0),
 !!
 !!   sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = W,
 !!
-!! I_j the integral of the kernel: all relaxation is over.
+!! with I_j the integral of the kernel, i.e. after complete relaxation.
 module viscovib_mounted_body
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term
@@ -23,19 +23,19 @@ module viscovib_mounted_body
 
   public :: build_small, build_turning, mounted_body, rest_type
 
-  !> Springs are as they are written down: laws are whole, of d and its rate.
+  !> Springs are as defined by the user; laws depend on d and its rate, including linear parts.
   type :: mounted_body
     real(wp) :: mass = 0.0_wp, inertia(3, 3) = 0.0_wp, gravity(3) = 0.0_wp
-    !> Angular momentum of parts that spin steadily inside, in axes of the body (kg m^2/s).
+    !> Angular momentum of internal rotors, in body axes (kg m^2/s).
     real(wp) :: spin(3) = 0.0_wp
-    !> Whether rotations are finite, and loads turn with the body.
+    !> True for finite rotations; true for loads in body axes.
     logical :: exact = .false., loads_turn = .false.
     real(wp), allocatable :: base_direction(:)
     type(body_spring), allocatable :: springs(:)
     character(len=16), allocatable :: names(:)
-    !> The mount of each spring, a place in `names`, and its local axis (0: it is along none).
+    !> Mount of each spring, an index into `names`, and its local axis (0: none).
     integer, allocatable :: mount_of(:), axis_of(:)
-    !> Of the columns of fluid, each a coordinate of its own.
+    !> Fluid tracks, one coordinate each.
     real(wp), allocatable :: track_mass(:), track_damping(:)
   contains
     procedure :: n_dof
@@ -45,15 +45,15 @@ module viscovib_mounted_body
     procedure, private :: balance
   end type mounted_body
 
-  !> Where it rests: coordinates, deflections of springs, and what these carry.
+  !> Static equilibrium: coordinates, deflections of springs, and their forces.
   type :: rest_type
     real(wp), allocatable :: q(:), d(:), carried(:)
   contains
     procedure :: axes
   end type rest_type
 
-  !> Newton's method ends where a step is this part of the displacement; what may be left of weight
-  !! and preloads; the least part of these that is put on at once; what is no stiffness.
+  !> Relative step at which Newton's method ends; tolerated relative residual of weight and
+  !! preloads; smallest load increment; relative stiffness that counts as 0.
   real(wp), parameter :: settled = 1.0e-15_wp, accurate = 1.0e-9_wp, least_part = 1.0e-4_wp, &
                          no_stiffness = 1.0e-12_wp
   integer, parameter :: max_steps = 30
@@ -66,7 +66,7 @@ contains
     n_dof = 6 + size(self%track_mass)
   end function n_dof
 
-  !> How it is turned there; `exact`: rotations are finite.
+  !> Rotation matrix at static equilibrium; identity unless rotations are finite (`exact`).
   pure function axes(self, exact)
     class(rest_type), intent(in) :: self
     logical, intent(in) :: exact
@@ -81,7 +81,7 @@ contains
     end do
   end function axes
 
-  !> M about the centre of mass.
+  !> Mass matrix about the center of mass.
   pure function masses(self)
     class(mounted_body), intent(in) :: self
     real(wp) :: masses(6 + size(self%track_mass), 6 + size(self%track_mass))
@@ -94,7 +94,7 @@ contains
     masses(4:6, 4:6) = self%inertia
   end function masses
 
-  !> Where the body rests, weight and preloads put on little by little; at 0 without any.
+  !> Find static equilibrium by load increments of weight and preloads; q = 0 without any.
   subroutine find_rest(self, kernels, rest, status)
     class(mounted_body), intent(in) :: self
     type(kernel_holder), intent(in) :: kernels(:)
@@ -175,12 +175,12 @@ contains
     end do
   end subroutine find_kept
 
-  !> Newton's method from a position near by. `found` is false where it leads nowhere, or to a
-  !! position that is not held.
+  !> Newton's method for one load increment. `found` is false if it diverges or the equilibrium is
+  !! unstable.
   subroutine settle(self, kept, weight, waiting, size_of, q, d, carried, found, status)
     class(mounted_body), intent(in) :: self
     real(wp), intent(in) :: kept(:), weight(:)
-    !> Of the force of each spring, what is not put on yet; the size of all that is.
+    !> Part of each spring's force that is not applied yet; magnitude of all loads.
     real(wp), intent(in) :: waiting(:), size_of
     real(wp), intent(inout) :: q(:)
     real(wp), intent(out) :: d(:), carried(:)
@@ -201,7 +201,7 @@ contains
       where (abs(squares) > no_stiffness*maxval(abs(squares)))
         push = push/squares
       else where
-        ! What is free to move without being pushed stays.
+        ! Free directions without load do not move.
         push = 0.0_wp
       end where
       step = matmul(shapes, push)
@@ -223,7 +223,7 @@ contains
             .and. maxval(abs(left)) < accurate*size_of
   end subroutine settle
 
-  !> What is left of the weight at q, and how that changes.
+  !> Residual of the equilibrium at q, and the tangent stiffness.
   subroutine balance(self, kept, weight, waiting, q, d, carried, left, tangent)
     class(mounted_body), intent(in) :: self
     real(wp), intent(in) :: kept(:), weight(:), waiting(:), q(:)
@@ -248,7 +248,7 @@ contains
     tangent = (tangent + transpose(tangent))/2.0_wp
   end subroutine balance
 
-  !> Deflection of a spring, and its slopes: e . (u + R p - p) and T^T (p x R^T e).
+  !> Deflection of a spring, and its derivatives: e . (u + R p - p) and T^T (p x R^T e).
   pure subroutine place(spring, exact, q, d, row)
     type(body_spring), intent(in) :: spring
     logical, intent(in) :: exact
@@ -289,8 +289,8 @@ contains
     end do
   end function bend_of
 
-  !> Small rotations about the position at rest: springs by kernel, the first without memory, which
-  !! the stiffness that the preload gives joins.
+  !> System for small rotations about static equilibrium. The geometric stiffness of preloads is
+  !! added to the springs without memory.
   subroutine build_small(self, kernels, rest, system, status)
     type(mounted_body), intent(in) :: self
     type(kernel_holder), intent(in) :: kernels(:)
@@ -310,7 +310,7 @@ contains
     allocate (p%laws(0))
     p%damping(4:6, 4:6) = gyroscopic(self%spin)
     if (any(abs([self%spin, self%gravity]) > 0.0_wp)) then
-      ! Neither the weight nor h turns with a floor that does: on it the weight is -phi x W more.
+      ! Neither the weight nor h rotates with a floor: relative to it, -phi x W is added.
       allocate (p%space_damping(n, n), p%space_stiffness(n, n), source=0.0_wp)
       p%space_damping(4:6, 4:6) = gyroscopic(self%spin)
       p%space_stiffness(1:3, 4:6) = gyroscopic(self%mass*self%gravity)
@@ -336,7 +336,7 @@ contains
     call new_polynomial(system, p, kernels, status)
   end subroutine build_small
 
-  !> A turn at the rate w turns h too, which takes the torque w x h = -h x w.
+  !> Matrix of the torque w x h = -h x w that a rotation at the rate w needs.
   pure function gyroscopic(h) result(matrix)
     real(wp), intent(in) :: h(3)
     real(wp) :: matrix(3, 3)
@@ -345,8 +345,8 @@ contains
     matrix(:, 3) = [-h(2), h(1), 0.0_wp]
   end function gyroscopic
 
-  !> Of a force F at a point p of the body, to second order in theta: the work is F . (theta x p +
-  !! theta x (theta x p)/2).
+  !> Geometric stiffness of a force F at a body point p, to second order in theta: the work is F .
+  !! (theta x p + theta x (theta x p)/2).
   pure function stiffness_of(p, force) result(bend)
     real(wp), intent(in) :: p(3), force(3)
     real(wp) :: bend(3, 3)
@@ -357,7 +357,7 @@ contains
     end do
   end function stiffness_of
 
-  !> Laws that are no polynomials, on all equations that feel the spring.
+  !> Add nonpolynomial laws to all equations on which the spring acts.
   subroutine add_laws_of(spring, row, laws)
     type(body_spring), intent(in) :: spring
     real(wp), intent(in) :: row(:)
@@ -385,8 +385,8 @@ contains
     end do
   end subroutine add_laws_of
 
-  !> Finite rotations about the position at rest, in axes that stand as those of the floor there:
-  !! arms are R p, and what holds rotations is deflected along R T^-T e, as it grows there.
+  !> System for finite rotations about static equilibrium, in axes parallel to the floor: arms are R
+  !! p, and the deflection of rotational mounts is along R T^-T e.
   subroutine build_turning(self, kernels, rest, system)
     type(mounted_body), intent(in) :: self
     type(kernel_holder), intent(in) :: kernels(:)

@@ -1,14 +1,13 @@
-!> Elements of a motion in time that know what was: hysteresis, and stops with restitution.
+!> Elements with internal state in time integration: hysteresis, and stops with restitution.
 !!
-!! Hysteresis (viscovib_hysteresis): between two turns of its deflection d the states depend on the
-!! change of d since the last one alone, so that the force is a smooth function of d there; surfaces
-!! are d' = 0 and the places at which a state has a kink.
+!! Hysteresis (viscovib_hysteresis): between two reversals of its deflection d the states depend
+!! only on the change of d since the last reversal, so the force is a smooth function of d. The
+!! switching surfaces are d' = 0 and the deflections at which a state has a kink.
 !!
-!! A stop with restitution e: at d = gap the velocity along its normal n, n . v < 0, becomes
-!! -e n . v by an impulse M^(-1) n (Newton's law of impact). Where the flight that would follow
-!! rises less than rounding of the place, all the impacts that were to come, their times a
-!! geometric series, are taken as one: the motion rests against the stop from its sum on, until
-!! the stop would have to pull.
+!! A stop with restitution e: at d = gap the velocity along its normal n, n . v < 0, becomes -e n .
+!! v by an impulse M^(-1) n (Newton's law of impact). When the next flight would rise less than the
+!! rounding error of the coordinate, all remaining impacts (their times form a geometric series) are
+!! replaced by one. The stop then stays closed until it would have to pull.
 module viscovib_moving_element
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_hysteresis_catalogue, only: new_hysteresis
@@ -19,22 +18,22 @@ module viscovib_moving_element
 
   public :: fastest_settling, moving_element, new_moving_element
 
-  !> What `state` of a law that is a stop with restitution is; its numbers are gap, restitution, and
-  !! 1 if it stands on both sides.
+  !> Value of `state` of a law that is a stop with restitution. Its parameters are the gap, the
+  !! restitution, and 1 for a stop on both sides.
   integer, parameter, public :: state_stop = 100
-  !> Kinks nearer than this part of a deflection are where the state is already.
+  !> Kinks closer than this fraction of a deflection count as reached.
   real(wp), parameter :: nearest = 1.0e-13_wp
 
   type :: moving_element
-    !> Whether it is a stop; d = e . u; M^(-1) times the direction in which its force acts.
+    !> True for a stop; d = e . u; M^(-1) times the direction of its force.
     logical :: is_stop = .false.
     real(wp), allocatable :: e(:), weights(:)
-    !> Of a stop: gap, restitution, on both sides, and since when it rests on each.
+    !> Stop: gap, restitution, both sides, and time since which each side is closed (-1: open).
     real(wp) :: gap = 0.0_wp, restitution = 0.0_wp
     logical :: both = .false.
     real(wp) :: since(2) = -1.0_wp
-    !> Of hysteresis: stiffness that is linear at rest, deflection and states at the last turn or
-    !! kink, the way since then, how far the next kink is, and whether it is set.
+    !> Hysteresis: linear stiffness at zero states, deflection and states at the last reversal or
+    !! kink, direction since then, distance to the next kink, and whether it is initialized.
     class(hysteresis_type), allocatable :: memory
     real(wp) :: stiffness = 0.0_wp, from = 0.0_wp, ahead = 0.0_wp
     real(wp), allocatable :: z(:)
@@ -85,7 +84,7 @@ contains
     if (self%is_stop .and. .not. self%both) n_surfaces = 1
   end function n_surfaces
 
-  !> The force without its linear part at rest.
+  !> The force without its linear part at zero states.
   pure real(wp) function force(self, d)
     class(moving_element), intent(in) :: self
     real(wp), intent(in) :: d
@@ -95,8 +94,8 @@ contains
     force = self%memory%force(d, z) - self%stiffness*d
   end function force
 
-  !> Of hysteresis: how fast its states settle where the deflection moves on so (1/s). A disturbance
-  !! of z' = g(z) d' changes as (dg/dz) d' times itself.
+  !> Relaxation rate of hysteresis states at a deflection rate (1/s). A perturbation of z' = g(z) d'
+  !! changes at the rate (dg/dz) d'.
   pure real(wp) function settling(self, d, rate)
     class(moving_element), intent(in) :: self
     real(wp), intent(in) :: d, rate
@@ -108,7 +107,7 @@ contains
     settling = maxval(abs(by_z))*abs(rate)
   end function settling
 
-  !> The largest of some elements at states, shape (n, n_dof).
+  !> Largest relaxation rate of all elements over all states, shape (n, n_dof).
   pure real(wp) function fastest_settling(elements, q, v) result(fastest)
     type(moving_element), intent(in) :: elements(:)
     real(wp), intent(in) :: q(:, :), v(:, :)
@@ -125,8 +124,8 @@ contains
     end do
   end function fastest_settling
 
-  !> The power with which the force begins at a surface, where it is not smooth on its sides (0: it
-  !! is).
+  !> Exponent of the force at a surface that is not smooth on its sides (0: the force is smooth
+  !! there).
   pure real(wp) function roughness(self, which)
     class(moving_element), intent(in) :: self
     integer, intent(in) :: which
@@ -134,8 +133,8 @@ contains
     if (which == 2 .and. .not. self%is_stop) roughness = self%memory%rough
   end function roughness
 
-  !> What is watched of its surfaces, at a deflection and its rate: of hysteresis the rate, and how
-  !! far the next kink is; of a stop how far it is.
+  !> Event function of a surface: for hysteresis the deflection rate (1) or the distance to the next
+  !! kink (2); for a stop the remaining gap.
   pure real(wp) function surface(self, which, d, rate)
     class(moving_element), intent(in) :: self
     integer, intent(in) :: which
@@ -150,7 +149,7 @@ contains
     end if
   end function surface
 
-  !> Hysteresis at a turn (1) or a kink (2).
+  !> Update hysteresis at a reversal (1) or a kink (2).
   subroutine turn(self, which, d)
     class(moving_element), intent(inout) :: self
     integer, intent(in) :: which
@@ -158,7 +157,7 @@ contains
     real(wp) :: by_z(size(self%z)), by_d(size(self%z)), work, change
 
     change = d - self%from
-    ! A little beyond, lest rounding leaves it before its kink.
+    ! Step slightly beyond the kink, so that rounding errors do not leave the state before it.
     if (which == 2) change = self%way*self%ahead*(1.0_wp + 8.0_wp*epsilon(1.0_wp))
     call self%memory%advance(change, self%z, by_z, by_d, work)
     self%from = self%from + change
@@ -166,7 +165,7 @@ contains
     call self%look_ahead()
   end subroutine turn
 
-  !> At the start of a motion: from a state of rest straight to the deflection.
+  !> Initialize the element by a monotonic path from zero states to the deflection d.
   subroutine set(self, d, rate)
     class(moving_element), intent(inout) :: self
     real(wp), intent(in) :: d, rate
@@ -190,7 +189,7 @@ contains
     if (any(distances > small)) self%ahead = minval(distances, distances > small)
   end subroutine look_ahead
 
-  !> How many numbers it must know to go on.
+  !> Number of values that `keep` saves for a continuation.
   pure integer function n_kept(self)
     class(moving_element), intent(in) :: self
     n_kept = 2

@@ -4,11 +4,10 @@
 !!
 !!   M u'' + C u' + F(u, v) = load(t),   v_j = (1 - R_j*) w_j,   w = w(u),
 !!
-!! with m hereditary variables: w_j is what a spring would do without memory
-!! (a force or a deflection), v_j the same with memory. Near rest w = W u and
-!! F = B v, so the linear stiffness of variable j is B(:,j) W(j,:). A system
-!! gives the matrices and the two nonlinear remainders, for whole arrays of
-!! samples at once; all that is linear is done here.
+!! with m hereditary variables: w_j is a spring quantity without memory (a force or a deflection),
+!! v_j the same quantity with memory. Near equilibrium w = W u and F = B v, so the linear stiffness
+!! of variable j is B(:,j) W(j,:). A system provides the matrices and the two nonlinear remainders
+!! for arrays of samples; all linear parts are computed here.
 module viscovib_oscillator
   use viscovib_counters, only: count_up, counted_transforms, counting
   use viscovib_kernel_holder, only: kernel_holder
@@ -16,7 +15,7 @@ module viscovib_oscillator
   implicit none
   private
 
-  ! The holder too, as those expect who fill `kernels`.
+  ! Also exported for modules that fill `kernels`.
   public :: oscillator_type, kernel_holder
 
   type, abstract :: oscillator_type
@@ -24,32 +23,31 @@ module viscovib_oscillator
     real(wp), allocatable :: mass(:, :), damping(:, :)
     !> W, shape (n_memory, n_dof), and B, shape (n_dof, n_memory).
     real(wp), allocatable :: gather(:, :), spread(:, :)
-    !> The distinct kernels, and which of them each hereditary variable has
-    !! (0: none, the variable forgets at once).
+    !> The distinct kernels, and the kernel of each hereditary variable (0: none, no memory).
     type(kernel_holder), allocatable :: kernels(:)
     integer, allocatable :: kernel_of(:)
-    !> Nonlinear terms and kernels that were given as 0 and left out.
+    !> Numbers of nonlinear terms and kernels with coefficient 0, which are left out.
     integer :: n_zero = 0, n_silent = 0
-    !> Coordinates whose rates some w_j depend on; not allocated: none. Samples of u have these
-    !! rates as further columns, derivatives by them too.
+    !> Coordinates whose rates some w_j depend on; not allocated: none. These rates are additional
+    !! columns of samples of u and of derivatives.
     integer, allocatable :: rates(:)
-    !> Which w_j have a nonlinear part at all, shape (n_memory).
+    !> True for each w_j with a nonlinear part, shape (n_memory).
     logical, allocatable :: bent(:)
     !> F = B v exactly; `force_remainder` is then never called.
     logical :: separable = .true.
-    !> w(-u) = -w(u) and F(-u,-v) = -F(u,v): odd loads give odd motion.
+    !> w(-u) = -w(u) and F(-u,-v) = -F(u,v): odd loads give odd solutions.
     logical :: odd = .false.
     !> Highest power of u in w and F if they are polynomials, else 0.
     integer :: degree = 0
-    !> How u moves when the base does, without deforming a spring (n_dof).
+    !> Displacement of u per unit base displacement without spring deformation, shape (n_dof).
     real(wp), allocatable :: base_direction(:)
-    !> Forces by the rates and by the displacements that a moving base gives the coordinates, which
-    !! hang on space and not on the base, shape (n_dof, n_dof); not allocated: none.
+    !> Forces due to the absolute rates and displacements of a moving base (relative to inertial
+    !! space), shape (n_dof, n_dof); not allocated: none.
     real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
-    !> F depends on rates and loads too: `moving_remainder` and `moving_slopes` give it.
+    !> True if F also depends on rates and loads: `moving_remainder` and `moving_slopes` then apply.
     logical :: moving = .false.
-    !> Coordinates stand for more that were eliminated: the load depends on the frequency too, and
-    !! no coordinate is idle.
+    !> True if other coordinates were eliminated: the load then also depends on the frequency, and
+    !! no coordinate can be skipped.
     logical :: condensed = .false.
   contains
     procedure(deflection_remainder_interface), deferred :: deflection_remainder
@@ -88,8 +86,7 @@ module viscovib_oscillator
       class(oscillator_type), intent(in) :: self
       !> Coordinates, and rates, shape (n_samples, n_dof + n_rates).
       real(wp), intent(in), contiguous :: u(:, :)
-      !> Remainder, shape (n_samples, n_memory); columns that are not `bent`
-      !! are left alone.
+      !> Remainder, shape (n_samples, n_memory); columns that are not `bent` are unchanged.
       real(wp), intent(inout), contiguous :: w(:, :)
     end subroutine deflection_remainder_interface
 
@@ -109,8 +106,8 @@ module viscovib_oscillator
       import :: oscillator_type, wp
       class(oscillator_type), intent(in) :: self
       real(wp), intent(in), contiguous :: u(:, :)
-      !> d w_j/d u_b, shape (n_samples, n_memory, n_dof + n_rates); variables that are not
-      !! `bent` are left alone.
+      !> d w_j/d u_b, shape (n_samples, n_memory, n_dof + n_rates); variables that are not `bent`
+      !! are unchanged.
       real(wp), intent(inout), contiguous :: slopes(:, :, :)
     end subroutine deflection_slopes_interface
 
@@ -127,14 +124,14 @@ module viscovib_oscillator
 
 contains
 
-  !> Masses other by a factor.
+  !> Scale the masses by a factor.
   subroutine weigh(self, factor)
     class(oscillator_type), intent(inout) :: self
     real(wp), intent(in) :: factor
     self%mass = factor*self%mass
   end subroutine weigh
 
-  !> Variables with a kernel that is 0 forget at once.
+  !> Variables with a zero kernel have no memory.
   subroutine drop_zero_kernels(self)
     class(oscillator_type), intent(inout) :: self
     integer :: i
@@ -146,8 +143,8 @@ contains
     end do
   end subroutine drop_zero_kernels
 
-  !> What a harmonic balance takes at samples of w(u) - W u: all, unless a system says what is
-  !! integrated in another way.
+  !> Part of w(u) - W u that harmonic balance evaluates at samples. Default: all; systems may
+  !! override it for terms that are integrated differently.
   subroutine sampled_remainder(self, u, w)
     class(oscillator_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -155,7 +152,7 @@ contains
     call self%deflection_remainder(u, w)
   end subroutine sampled_remainder
 
-  !> Its derivatives.
+  !> Derivatives of `sampled_remainder`.
   subroutine sampled_slopes(self, u, slopes)
     class(oscillator_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -163,7 +160,7 @@ contains
     call self%deflection_slopes(u, slopes)
   end subroutine sampled_slopes
 
-  !> F(u, u', v, load) - B v of systems that are `moving`; of others F(u, v) - B v.
+  !> F(u, u', v, load) - B v for `moving` systems, otherwise F(u, v) - B v.
   subroutine moving_remainder(self, u, rate, v, load, f)
     class(oscillator_type), intent(in) :: self
     !> Coordinates, rates and loads (n_samples, n_dof), hereditary variables (n_samples, n_memory).
@@ -175,7 +172,7 @@ contains
     end associate
   end subroutine moving_remainder
 
-  !> Its derivatives.
+  !> Derivatives of `moving_remainder`.
   subroutine moving_slopes(self, u, rate, v, load, by_u, by_rate, by_v)
     class(oscillator_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :), rate(:, :), v(:, :), load(:, :)
@@ -187,7 +184,7 @@ contains
     end associate
   end subroutine moving_slopes
 
-  !> The load under which a system that is `moving` moves so; 0 of others, which do not ask for it.
+  !> Load that produces a given motion of a `moving` system; 0 for other systems.
   subroutine load_along(self, u, rate, acceleration, v, load)
     class(oscillator_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :), rate(:, :), acceleration(:, :), v(:, :)
@@ -197,13 +194,13 @@ contains
     end associate
   end subroutine load_along
 
-  !> The same state by other numbers, of systems whose coordinates end somewhere, near that place.
+  !> Equivalent state in other coordinates, for systems whose coordinates have a singularity nearby.
   subroutine rename_state(self, u, v, renamed, like)
     class(oscillator_type), intent(in) :: self
     !> Coordinates and rates, shape (n_dof).
     real(wp), intent(inout) :: u(:), v(:)
     logical, intent(out) :: renamed
-    !> The numbers wanted are those nearest to these coordinates, shape (n_dof).
+    !> Choose the state closest to these coordinates, shape (n_dof).
     real(wp), intent(in), optional :: like(:)
     renamed = .false.
     associate (not_needed => [self%n_dof(), size(u), size(v)], nor => present(like))
@@ -220,21 +217,21 @@ contains
     n_memory = size(self%gather, 1)
   end function n_memory
 
-  !> How many rates some w_j depend on.
+  !> Number of rates on which some w_j depend.
   pure integer function n_rates(self)
     class(oscillator_type), intent(in) :: self
     n_rates = 0
     if (allocated(self%rates)) n_rates = size(self%rates)
   end function n_rates
 
-  !> No nonlinear term is left to evaluate.
+  !> True if there is no nonlinear term.
   pure logical function is_linear(self)
     class(oscillator_type), intent(in) :: self
     is_linear = self%separable .and. .not. any(self%bent)
   end function is_linear
 
-  !> Which coordinates act on each other without another between them, shape
-  !! (n_dof, n_dof). Nothing is known here of what is not linear: it may couple all.
+  !> Mask of directly coupled coordinates, shape (n_dof, n_dof). A system with unknown nonlinear
+  !! terms counts as fully coupled.
   pure function coupling(self) result(coupled)
     class(oscillator_type), intent(in) :: self
     logical :: coupled(size(self%gather, 2), size(self%gather, 2))
@@ -242,7 +239,7 @@ contains
     if (self%is_linear()) coupled = self%linear_coupling()
   end function coupling
 
-  !> The same of mass, damping and springs alone.
+  !> Coupling by mass, damping and springs alone.
   pure function linear_coupling(self) result(coupled)
     class(oscillator_type), intent(in) :: self
     logical :: coupled(size(self%gather, 2), size(self%gather, 2))
@@ -259,18 +256,18 @@ contains
     coupled = coupled .or. transpose(coupled)
   end function linear_coupling
 
-  !> Amplitudes beyond this have powers that could leave the range of numbers, or lean on the wall
-  !! of a law outside its domain.
+  !> Largest amplitude whose powers do not overflow. Beyond it, the `wall` value of a law outside of
+  !! its domain could also enter a solution.
   pure real(wp) function largest_amplitude(self)
     class(oscillator_type), intent(in) :: self
     largest_amplitude = 10.0_wp**min(180/max(self%degree, 3), 40)
   end function largest_amplitude
 
-  !> 1 - (R_c - i R_s) at each circular frequency, a column for each
-  !! hereditary variable: what memory leaves of the variable.
+  !> 1 - (R_c - i R_s) at each circular frequency, one column per hereditary variable: the fraction
+  !! of the variable that remains with memory.
   subroutine retained(self, mu, fraction)
     class(oscillator_type), intent(in) :: self
-    !> Circular frequencies (rad/s), shape (n); 0 asks for the integral.
+    !> Circular frequencies (rad/s), shape (n); 0 uses the integral of the kernel.
     real(wp), intent(in) :: mu(:)
     !> Shape (n, n_memory).
     complex(wp), intent(out) :: fraction(:, :)
@@ -281,7 +278,7 @@ contains
       if (.not. any(self%kernel_of == i)) cycle
       if (counting) call count_up(counted_transforms, size(mu))
       block
-        ! Made where there is a kernel only: room for a few numbers takes as long as they do.
+        ! Allocated only if there is a kernel, since allocation is expensive for few frequencies.
         real(wp) :: cosine(size(mu)), sine(size(mu))
         call self%kernels(i)%transform(mu, cosine, sine)
         do j = 1, self%n_memory()
@@ -292,10 +289,10 @@ contains
     end do
   end subroutine retained
 
-  !> What `retained` gave, differentiated by mu.
+  !> Derivative of `retained` by mu.
   subroutine retained_slope(self, mu, fraction, slope)
     class(oscillator_type), intent(in) :: self
-    !> Circular frequencies (rad/s), shape (n); at 0 the slope is given as 0.
+    !> Circular frequencies (rad/s), shape (n); the slope at 0 is set to 0.
     real(wp), intent(in) :: mu(:)
     !> From `retained`, and its derivative (s), shape (n, n_memory).
     complex(wp), intent(in) :: fraction(:, :)
@@ -332,7 +329,7 @@ contains
 
     if (size(mu) == 0) return
     do b = 1, size(stiffness, 2)
-      ! What is elastic, in place of the first order, which comes last.
+      ! Elastic part, stored in the slot of the first frequency, which is computed last.
       stiffness(:, b, 1) = (0.0_wp, 0.0_wp)
       do j = 1, size(self%kernel_of)
         if (self%kernel_of(j) == 0 .and. abs(self%gather(j, b)) > 0.0_wp) then
@@ -355,16 +352,16 @@ contains
     end do
   end subroutine dynamic_stiffness
 
-  !> Of order k, on the coordinates relative to the moving base: P_k + (k nu)^2 M Y_k, less what
-  !! hangs on space, (i k nu C_s + K_s) Y_k, where the base moves the coordinates by Y_k.
+  !> Load of order k for coordinates relative to the moving base: P_k + (k nu)^2 M Y_k - (i k nu
+  !! C_s + K_s) Y_k, with the base displacement Y_k of the coordinates.
   pure function load_coefficient(self, force, base, order, nu, stiffness, fraction) result(p)
     class(oscillator_type), intent(in) :: self
     !> P_k and Y_k.
     complex(wp), intent(in) :: force(:), base(:)
     integer, intent(in) :: order
     real(wp), intent(in) :: nu
-    !> From `dynamic_stiffness` and `retained` at this order, if they are known: of use where
-    !! coordinates are condensed.
+    !> From `dynamic_stiffness` and `retained` at this order, if available; used for condensed
+    !! systems.
     complex(wp), intent(in), optional :: stiffness(:, :), fraction(:)
     complex(wp) :: p(size(force))
 
@@ -380,7 +377,7 @@ contains
     end associate
   end function load_coefficient
 
-  !> Which coordinates are pushed where the base moves them so.
+  !> Mask of the coordinates that a base displacement loads.
   pure function moved_by(self, base) result(pushed)
     class(oscillator_type), intent(in) :: self
     complex(wp), intent(in) :: base(:)
@@ -392,14 +389,14 @@ contains
     end if
   end function moved_by
 
-  !> Add d(D y - s P)/dnu of each order, memory apart: k (i C - 2 k nu M) Y_k - s dP_k/dnu.
+  !> Add d(D y - s P)/dnu for each order, without memory: k (i C - 2 k nu M) Y_k - s dP_k/dnu.
   pure subroutine add_frequency_slope(self, orders, nu, y, load_orders, force, base, factor, total)
     class(oscillator_type), intent(in) :: self
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: nu
     !> Harmonics, shape (size(orders), n_dof).
     complex(wp), intent(in) :: y(:, :)
-    !> Orders of the load, its forces and what the base moves the coordinates by, shapes (n_dof, n),
+    !> Orders of the load, its forces and base displacements of the coordinates, shapes (n_dof, n),
     !! and its factor s.
     integer, intent(in) :: load_orders(:)
     complex(wp), intent(in) :: force(:, :), base(:, :)
@@ -429,8 +426,7 @@ contains
     end do
   end subroutine add_frequency_slope
 
-  !> The first kernel in use whose integral does not exist (0: none). Such a
-  !! system has no static response.
+  !> First used kernel with an infinite integral (0: none). Such a system has no static response.
   integer function kernel_without_integral(self)
     class(oscillator_type), intent(in) :: self
     integer :: i

@@ -1,4 +1,4 @@
-!> Undamped modes of any oscillator about rest, without memory: K r = omega^2 M r, K = B W.
+!> Undamped modes about static equilibrium, without memory: K r = omega^2 M r, K = B W.
 module viscovib_oscillator_modes
   use viscovib_dense, only: factorize, solve
   use viscovib_eigenvalues, only: eigenvalues
@@ -12,21 +12,20 @@ module viscovib_oscillator_modes
 
   public :: oscillator_modes, least_loss
 
-  !> Parts of the largest entry: asymmetry, imaginary parts and negative values that are
-  !! rounding.
+  !> Asymmetry, imaginary parts and negative values up to these fractions of the largest entry count
+  !! as rounding errors.
   real(wp), parameter :: asymmetric = 1.0e-12_wp, complex_part = 1.0e-9_wp, &
                          negative = 1.0e-12_wp
 
 contains
 
-  !> All modes. K need not be symmetric (follower forces); its modes then are those of
-  !! M^-1 K, which must be real.
+  !> All modes. If K is not symmetric (follower forces), the modes of M^-1 K, which must be real.
   subroutine oscillator_modes(system, omega, shapes, status)
     class(oscillator_type), intent(in) :: system
-    !> Circular frequencies (rad/s), ascending, shape (n_dof); a column each, shape
+    !> Circular frequencies (rad/s), ascending, shape (n_dof); mode shapes in columns, shape
     !! (n_dof, n_dof).
     real(wp), intent(out) :: omega(:), shapes(:, :)
-    !> Subject 'stiffness' if rest flutters or is unstable.
+    !> Subject 'stiffness' if static equilibrium is unstable by flutter or divergence.
     type(status_type), intent(out) :: status
     real(wp) :: stiffness(size(omega), size(omega))
 
@@ -46,8 +45,8 @@ contains
     omega = sqrt(max(omega, 0.0_wp))
   end subroutine oscillator_modes
 
-  !> The smallest loss factor of all modes, by damping and memory: a resonance is this part of
-  !! its frequency wide. 0 where that is unknown, as with follower forces or modes at frequency 0.
+  !> Smallest loss factor of all modes, from damping and memory: the relative width of a resonance.
+  !! 0 where it is unknown, as with follower forces or modes at frequency 0.
   real(wp) function least_loss(system) result(loss)
     class(oscillator_type), intent(in) :: system
     real(wp), dimension(system%n_dof(), system%n_dof()) :: stiffness, shapes
@@ -108,7 +107,7 @@ contains
       squares([i, j]) = squares([j, i])
     end do
     do j = 1, n
-      ! A little off the eigenvalue, so that it can be solved.
+      ! Shift slightly off the eigenvalue, so that the matrix is regular.
       factors = matrix
       do i = 1, n
         factors(i, i) = factors(i, i) - squares(j) - 16.0_wp*epsilon(largest)*largest

@@ -36,8 +36,8 @@ module viscovib_pendulum
     type(pendulum_parameters) :: parameters
     !> r = w3^2/w2^2; static elongation z_r; stiffness 1 + 3 alpha z_r^2.
     real(wp) :: r = 0.0_wp, z_r = 0.0_wp, stiffness = 0.0_wp
-    !> What the equations need, for each lane; all lanes alike unless they were
-    !! set apart.
+    !> Constants of the equations in each vector lane. All lanes are equal unless `set_lane` changes
+    !! them.
     real(wp), private :: constants(n_lanes, n_constants) = 0.0_wp
   contains
     procedure :: acceleration
@@ -52,8 +52,8 @@ module viscovib_pendulum
 
 contains
 
-  !> Numbers of which all that are rounded are other by this part of them, either way, such that the
-  !! body stays a rigid one. Frequencies of loads are not rounded: phases are carried in two reals.
+  !> Parameters perturbed by the relative amount `part`, to estimate the effect of rounding errors.
+  !! The body remains rigid. Load frequencies are not rounded: phases use two reals.
   pure type(pendulum_parameters) function shaken(self, part) result(other)
     class(pendulum_parameters), intent(in) :: self
     real(wp), intent(in) :: part
@@ -139,7 +139,7 @@ contains
     end if
   end function static_elongation
 
-  !> Give a lane the constants of another pendulum with the same equations.
+  !> Set the constants of a vector lane from another pendulum with the same equations.
   pure subroutine set_lane(self, lane, other)
     class(pendulum_type), intent(inout) :: self
     integer, intent(in) :: lane
@@ -147,7 +147,7 @@ contains
     self%constants(lane, :) = other%constants(1, :)
   end subroutine set_lane
 
-  !> q'' from the closed-form solution of the mass matrix.
+  !> q'', with the mass matrix inverted in closed form.
   pure subroutine acceleration(self, q, v, drive, a)
     class(pendulum_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -164,7 +164,7 @@ contains
     end select
   end subroutine acceleration
 
-  !> The same and its change in the direction (dq, dv).
+  !> q'' and its change in the direction (dq, dv).
   pure subroutine tangent(self, q, v, drive, dq, dv, a, da)
     class(pendulum_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -182,7 +182,7 @@ contains
     end select
   end subroutine tangent
 
-  !> Z = 1 + z: the spring does not pass through the pivot.
+  !> Margin Z = 1 + z: the spring does not pass through the pivot.
   pure function margin(self, q)
     class(pendulum_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof)
@@ -190,9 +190,9 @@ contains
     margin = 1.0_wp + q(:, 1)
   end function margin
 
-  !> Energy (over m L^2 omega_1^2); kept without loads and damping, except by the
-  !! printed equations, which keep none: theirs is that of the exact ones. The cubic
-  !! equations are Lagrange's for the energies to fourth degree.
+  !> Energy (over m L^2 omega_1^2), conserved without loads and damping. The printed equations
+  !! conserve no energy; the energy of the exact equations is returned for them. The cubic equations
+  !! are Lagrange's equations for the energies to fourth degree.
   pure function energy(self, q, v) result(total)
     class(pendulum_type), intent(in) :: self
     !> Shape (3).
@@ -214,7 +214,7 @@ contains
     end associate
   end function energy
 
-  !> Its part at rest.
+  !> Potential energy and its gradient.
   pure subroutine potential(self, q, value, slope)
     class(pendulum_type), intent(in) :: self
     real(wp), intent(in) :: q(self%n_dof)
@@ -234,7 +234,7 @@ contains
       slope(1) = z*(self%stiffness + 3.0_wp*self%z_r*p%alpha*z + p%alpha*z**2)
       slope(2:3) = p%w2**2*[lift_slope(1), p%e*lift_slope(2)]
       if (p%equations == equations_cubic) then
-        ! z phi^2/2 is all there is to fourth degree.
+        ! z phi^2/2 is the only coupling term up to fourth degree.
         value = value + 0.5_wp*p%w2**2*z*q(2)**2
         slope(1:2) = slope(1:2) + p%w2**2*q(2)*[0.5_wp*q(2), z]
       else
@@ -256,11 +256,11 @@ contains
     end associate
   end function power
 
-  !> Undamped linear modes, the inertial coupling of phi and psi included:
-  !! (w2^2 - L)(w3^2 - L) = e r L^2 for L = omega^2, and (z) apart.
+  !> Undamped linear modes, including the inertial coupling of phi and psi: (w2^2 - L)(w3^2 - L) = e
+  !! r L^2 for L = omega^2; z is uncoupled.
   pure subroutine natural_modes(self, omega, shapes)
     class(pendulum_type), intent(in) :: self
-    !> Over omega_1: of z, then of the two swinging modes, ascending.
+    !> Frequencies over omega_1: of z, then of the two swinging modes, ascending.
     real(wp), intent(out) :: omega(3)
     !> Column j is mode j in (z, phi, psi), its largest entry 1 or -1.
     real(wp), intent(out) :: shapes(3, 3)
@@ -277,7 +277,7 @@ contains
     shapes = 0.0_wp
     shapes(1, 1) = 1.0_wp
     do j = 1, 2
-      ! Of the two equations, the one whose coefficients are larger.
+      ! Use the equation with the larger coefficients.
       if (abs(a - lambda(j)) >= abs(b - lambda(j))) then
         psi = 1.0_wp
         phi = self%parameters%e*lambda(j)/(a - lambda(j))

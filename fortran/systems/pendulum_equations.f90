@@ -1,4 +1,4 @@
-!> The equations of the spring pendulum along the lanes, with their derivatives.
+!> The equations of the spring pendulum in vector lanes, with their derivatives.
 !!
 !! q = (z, phi, psi), s = sin(phi-psi), c = cos(phi-psi), Z = 1+z, p = psi'';
 !! all three variants read
@@ -12,9 +12,9 @@
 !!          d = phi - psi, Q = Z^2;
 !! printed: G = 0 (its psi'' is printed as psi'), H = c, Q = Z^2.
 !!
-!! Source: "Plane motion of the rigid body with the spring-damper suspension"
-!! (seed paper 000), its misprints corrected (docs/explanation). Derivatives by the
-!! chain rule, line by line: d_x is the change of x in the direction given.
+!! Source: "Plane motion of the rigid body with the spring-damper suspension" (seed paper 000), with
+!! its misprints corrected (docs/explanation). Derivatives by the chain rule, line by line: d_x is
+!! the change of x in the given direction.
 module viscovib_pendulum_equations
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -25,8 +25,8 @@ module viscovib_pendulum_equations
   public :: exact_acceleration, cubic_acceleration, printed_acceleration
   public :: exact_tangent, cubic_tangent, printed_tangent
 
-  !> Places of the constants: e, r, w2^2, w3^2, stiffness 1 + 3 alpha z_r^2,
-  !! 3 alpha z_r, alpha, damping, loads, 1/(1 - e r).
+  !> Indices of the constants: e, r, w2^2, w3^2, stiffness 1 + 3 alpha z_r^2, 3 alpha z_r, alpha,
+  !! damping, loads, 1/(1 - e r).
   integer, parameter, public :: i_e = 1, i_r = 2, i_w2 = 3, i_w3 = 4, i_stiffness = 5, &
                                 i_square = 6, i_alpha = 7, i_damping = 8, i_load = 11, &
                                 i_inverse = 14, n_constants = 14

@@ -1,17 +1,16 @@
-!> The spring pendulum up to third-degree terms in (q, q', q''), by exact
-!! differentiation of its equations in the form that has the loads by themselves:
+!> The spring pendulum up to third-degree terms in (q, q', q''), by exact differentiation of its
+!! equations in the form with separate loads:
 !!
 !!   z'' + e S psi'' - ... = f0 cos(p1 t),
 !!   Q phi'' + e G psi'' - ... = m01 cos(p2 t),
 !!   psi'' + r (S z'' + H phi'') - ... = m02 cos(p3 t)
 !!
-!! (docs/explanation; the letters as in `viscovib_pendulum_equations`).
+!! (docs/explanation; notation of `viscovib_pendulum_equations`).
 !!
-!! With the ordering of weak coupling e counts as a factor of the size of the amplitude: it is
-!! e times a fourth unknown that is 1, held there by a constant load, so that every power of e
-!! takes a degree. The linear part is that of e = 0 (z and phi alone, psi driven by phi); e
-!! shifts frequencies to e^2; e times cubic, e^2 times quadratic and e^3 times linear terms are
-!! dropped, being of fourth order.
+!! With the weak-coupling ordering e is of the order of the amplitude. It is multiplied by a fourth
+!! unknown that a constant load keeps at 1, so every power of e adds a degree. The linear part has
+!! e = 0 (z and phi uncoupled, psi driven by phi); frequency shifts are correct to e^2. Terms of
+!! fourth order are dropped: e times cubic, e^2 times quadratic and e^3 times linear terms.
 module viscovib_pendulum_form
   use viscovib_jet, only: constant_jet, cosine, jet_type, operator(*), operator(+), &
     operator(-), sine, variables
@@ -30,8 +29,8 @@ module viscovib_pendulum_form
   character(len=*), parameter, public :: ordering_names(2) = &
     [character(len=13) :: 'general', 'weak_coupling']
 
-  !> The pendulum itself: M(q) (q'' - a(q, q', t)), the exact left sides minus loads where the
-  !! equations are `exact`.
+  !> The full pendulum: M(q) (q'' - a(q, q', t)), which for the `exact` equations equals their left
+  !! sides minus loads.
   type, extends(full_system_type) :: full_pendulum_type
     type(pendulum_type) :: pendulum
   contains
@@ -40,11 +39,11 @@ module viscovib_pendulum_form
 
 contains
 
-  !> The exact equations and the cubic ones have the same form.
+  !> Polynomial form of the exact or the printed (cubic) equations.
   subroutine new_pendulum_form(form, pendulum, ordering, status)
     type(polynomial_form_type), intent(out) :: form
     type(pendulum_type), intent(in) :: pendulum
-    !> A place in `ordering_names`.
+    !> Index in `ordering_names`.
     integer, intent(in) :: ordering
     type(status_type), intent(out) :: status
     type(pendulum_type) :: linear
@@ -119,11 +118,11 @@ contains
     real(wp), dimension(n_lanes) :: s, c, length
     integer :: at, n, i
 
-    ! Weak coupling: the unknown that is 1.
+    ! Weak coupling: the unknown with the value 1.
     if (size(e, 2) > 3) e(:, 4) = y(:, 4, 0) - load(:, 4)
     do at = 1, size(y, 1), n_lanes
       n = min(n_lanes, size(y, 1) - at + 1)
-      ! What is left of the last lanes stands at rest.
+      ! Unused vector lanes are at rest.
       q = 0.0_wp
       v = 0.0_wp
       drive = 0.0_wp
@@ -145,8 +144,8 @@ contains
     end do
   end subroutine sides
 
-  !> Without e the body follows phi, but phi not the body: the mass matrix is a
-  !! triangle, and the left vectors are those of its transpose.
+  !> Left vectors for e = 0: phi drives psi but not the reverse, so the mass matrix is triangular
+  !! and the left vectors are those of its transpose.
   subroutine uncoupled(r, form)
     real(wp), intent(in) :: r
     type(polynomial_form_type), intent(inout) :: form

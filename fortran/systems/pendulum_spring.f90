@@ -1,5 +1,5 @@
-!> The spring pendulum while it does not swing: phi = psi = 0 and no moments. Then all
-!! variants of its equations are those of the spring alone,
+!> The spring pendulum without swinging: phi = psi = 0 and no moments. All variants of its equations
+!! then reduce to the spring equation,
 !!
 !!   z'' = f0 cos(p1 t) - c1 z' - z (1 + 3 alpha z_r^2 + 3 alpha z_r z + alpha z^2).
 module viscovib_pendulum_spring
@@ -34,7 +34,7 @@ contains
     end associate
   end subroutine new_spring
 
-  !> Whether anything moves phi or psi, from a state (z, z', phi, phi', psi, psi').
+  !> True if a moment or the state (z, z', phi, phi', psi, psi') moves phi or psi.
   pure logical function swings(pendulum, state)
     type(pendulum_type), intent(in) :: pendulum
     real(wp), intent(in) :: state(6)
@@ -55,7 +55,7 @@ contains
     end do
   end subroutine acceleration
 
-  !> 1 + z, as of the pendulum.
+  !> 1 + z, as for the pendulum.
   pure function margin(self, q)
     class(spring_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof)

@@ -1,4 +1,4 @@
-!> Lines of a plan: what is left out because it would change nothing.
+!> Lines of a plan: computations that are skipped, and laws that need extra work.
 module viscovib_plan_text
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: called
@@ -15,7 +15,7 @@ module viscovib_plan_text
 
 contains
 
-  !> Terms, kernels and loads that are 0.
+  !> Terms, kernels and loads with coefficient 0.
   function tell_zeros(system, load) result(text)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -33,7 +33,7 @@ contains
     end if
   end function tell_zeros
 
-  !> Coordinates that nothing moves.
+  !> Coordinates that stay at rest.
   function tell_idle(moved) result(text)
     logical, intent(in) :: moved(:)
     character(len=:), allocatable :: text
@@ -42,7 +42,7 @@ contains
                                  //'(neither moved by load or start nor coupled to one that is)'//nl
   end function tell_idle
 
-  !> Laws that are not 0 at rest, and those that the core cannot compute itself.
+  !> Laws evaluated in Python, and laws with a nonzero force at rest.
   function tell_laws(system) result(text)
     class(oscillator_type), intent(in) :: system
     character(len=:), allocatable :: text
@@ -57,7 +57,7 @@ contains
     end if
   end function tell_laws
 
-  !> How many laws are functions outside of the core.
+  !> Number of laws that call functions outside of the core.
   integer function n_outside(system)
     class(oscillator_type), intent(in) :: system
     integer :: i
@@ -68,7 +68,7 @@ contains
     end select
   end function n_outside
 
-  !> The largest force at rest of laws that are no polynomials, such as of a gap that is negative.
+  !> Largest force at rest of nonpolynomial laws, such as a contact with a negative gap.
   real(wp) function force_at_rest(system)
     class(oscillator_type), intent(in) :: system
     real(wp) :: value(1)

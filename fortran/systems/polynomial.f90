@@ -1,13 +1,11 @@
-!> A system of n degrees of freedom with polynomial forces, as a user writes it
-!! down:
+!> A system of n degrees of freedom with polynomial forces, as defined by the user:
 !!
-!!   M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t),
+!!   M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t).
 !!
-!! every f_g a sum of monomials c prod_d u_d^p_d of degree 2 or more on chosen
-!! equations, and of laws given as text that are no polynomials. All springs and
-!! forces with one kernel R_g make up one group: the hereditary variables are the
-!! forces of each group on each equation, so that F = B v with a column of the unit
-!! matrix for each.
+!! Each f_g is a sum of monomials c prod_d u_d^p_d of degree 2 or more on chosen equations, and of
+!! nonpolynomial laws given as text. All springs and forces with one kernel R_g form a group. The
+!! hereditary variables are the forces of each group on each equation, so that F = B v, with a
+!! column of the unit matrix for each variable.
 module viscovib_polynomial
   use viscovib_checks, only: check_finite
   use viscovib_counters, only: count_up, counted_deflections, counted_monomials, counting
@@ -24,7 +22,7 @@ module viscovib_polynomial
   public :: monomial_type, polynomial_type, polynomial_parameters, new_polynomial, multiply
   public :: highest_degree
 
-  !> Bounds that keep a slip of the pen from filling the memory.
+  !> Limits on the size of the system.
   integer, parameter, public :: max_coordinates = 64, max_degree = 15
 
   type :: polynomial_parameters
@@ -36,12 +34,12 @@ module viscovib_polynomial
     !> Monomials: c, equation, kernel, and powers, shape (n, n_monomials).
     real(wp), allocatable :: coefficient(:)
     integer, allocatable :: on(:), monomial_kernel(:), powers(:, :)
-    !> How u moves with the base, shape (n); all 0: the base is fixed.
+    !> Displacement of u per unit base displacement, shape (n); all 0: fixed base.
     real(wp), allocatable :: base_direction(:)
-    !> Parts of C, and forces besides, that hang on space and not on a base that moves, shapes
-    !! (n_dof, n_dof); not allocated: none.
+    !> Parts of C, and additional forces, that refer to inertial space and not to a moving base,
+    !! shapes (n_dof, n_dof); not allocated: none.
     real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
-    !> Forces that are no polynomials; none if not allocated.
+    !> Nonpolynomial forces; not allocated: none.
     type(law_term), allocatable :: laws(:)
   contains
     procedure :: resize_monomials
@@ -116,7 +114,7 @@ contains
     call system%drop_zero_kernels()
   end subroutine new_polynomial
 
-  !> Another room for monomials.
+  !> Change the capacity for monomials.
   pure subroutine resize_monomials(self, n)
     class(polynomial_parameters), intent(inout) :: self
     integer, intent(in) :: n
@@ -184,7 +182,7 @@ contains
     end if
   end subroutine check_parameters
 
-  !> Whether it is symmetric, and all pivots of Cholesky's factors are positive.
+  !> Check that the mass is symmetric, with positive Cholesky pivots.
   subroutine check_mass(mass, status)
     real(wp), intent(in) :: mass(:, :)
     type(status_type), intent(inout) :: status
@@ -231,7 +229,7 @@ contains
     monomial%power = pack(powers, powers > 0)
   end subroutine set_monomial
 
-  !> One hereditary variable for each kernel and equation that have a force.
+  !> Define one hereditary variable for each pair of kernel and equation with a force.
   subroutine add_variables(system, p, n_kernels)
     type(polynomial_type), intent(inout) :: system
     type(polynomial_parameters), intent(in) :: p
@@ -279,7 +277,7 @@ contains
     end do
   end subroutine add_variables
 
-  !> K u alone has left its place: the monomials of each group on each equation.
+  !> Nonlinear part of w(u): monomials and laws of each group on each equation.
   subroutine deflection_remainder(self, u, w)
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -288,7 +286,7 @@ contains
     if (size(self%laws) > 0) call add_laws(self%laws, .false., u, w)
   end subroutine deflection_remainder
 
-  !> Its polynomials: what else there is a harmonic balance integrates by itself.
+  !> The polynomial part only; harmonic balance integrates the other laws separately.
   subroutine sampled_remainder(self, u, w)
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -333,7 +331,7 @@ contains
     end select
   end subroutine multiply
 
-  !> None: F = B v.
+  !> Zero: F = B v.
   subroutine force_remainder(self, u, v, f)
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :), v(:, :)
@@ -343,7 +341,7 @@ contains
     end associate
   end subroutine force_remainder
 
-  !> c p_b u_b^(p_b - 1) prod_d/=b u_d^p_d, and derivatives of laws.
+  !> Slopes c p_b u_b^(p_b - 1) prod_d/=b u_d^p_d, and derivatives of laws.
   subroutine deflection_slopes(self, u, slopes)
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -352,7 +350,7 @@ contains
     if (size(self%laws) > 0) call add_law_slopes(self%laws, .false., u, slopes)
   end subroutine deflection_slopes
 
-  !> Of the polynomials.
+  !> Slopes of the polynomial part.
   subroutine sampled_slopes(self, u, slopes)
     class(polynomial_type), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -391,7 +389,7 @@ contains
     end associate
   end subroutine force_slopes
 
-  !> Springs, and products in which coordinates stand together.
+  !> Coordinates coupled by springs, products or laws.
   pure function coupling(self) result(coupled)
     class(polynomial_type), intent(in) :: self
     logical :: coupled(size(self%gather, 2), size(self%gather, 2))
@@ -422,7 +420,7 @@ contains
     stiffness = matmul(self%spread, self%gather)
   end function stiffness_at_rest
 
-  !> Of monomials, 1 without any.
+  !> Highest degree of monomials; 1 if there are none.
   pure integer function highest_degree(monomials)
     type(monomial_type), intent(in) :: monomials(:)
     integer :: i

@@ -1,4 +1,4 @@
-!> Polynomial systems whose forces and memory act in few of their coordinates, condensed to these.
+!> Condenses polynomial systems to the few coordinates with nonlinear forces or memory.
 module viscovib_polynomial_condensation
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
@@ -14,23 +14,23 @@ module viscovib_polynomial_condensation
 
   public :: condense_polynomial, condenses, is_overdamped
 
-  !> Coordinates from which on a system is condensed, if half of them or fewer have forces or
-  !! memory: below, the whole equations take no longer.
+  !> Smallest number of coordinates for condensation. At most half of them may have forces or
+  !! memory. Smaller systems are as fast without condensation.
   integer, parameter :: smallest = 4
-  !> Coordinates from which on stability without memory is judged by the condensed equations: this
-  !! many, and so many more for each coordinate left (measured with 1 to 4 of them). Below,
-  !! monodromy matrices take less time, and give all multipliers. With memory the determinant of
-  !! the whole takes 10 to 200 times as long.
+  !> Smallest number of coordinates for stability by the condensed equations without memory, also
+  !! per remaining coordinate (measured with 1 to 4 of them). For fewer coordinates monodromy
+  !! matrices are faster and give all multipliers. With memory the full determinant takes 10 to 200
+  !! times as long.
   integer, parameter :: smallest_judged = 8, judged_each = 3
-  !> How many times as fast as the springs dampers are where steps in time follow modes: those of
-  !! the whole equations must be as short as what decays (measured: equal costs at 20 to 70).
+  !> Ratio of damping rate to natural frequency above which integration in time uses modes. The full
+  !! equations need steps as short as the decay (equal times measured at ratios of 20 to 70).
   real(wp), parameter :: much_faster = 50.0_wp
-  !> Times that what decays would have to decay before a motion is long.
+  !> Minimum duration of the run in decay times for integration by modes.
   real(wp), parameter :: many_decays = 3000.0_wp
 
 contains
 
-  !> Whether motions of a system, and their stability if wanted, take less time condensed.
+  !> True if condensation makes solutions (and their stability, if requested) faster.
   pure logical function condenses(system, stability)
     type(polynomial_type), intent(in) :: system
     logical, intent(in) :: stability
@@ -44,8 +44,8 @@ contains
     condenses = n >= max(smallest_judged, judged_each*q + 2)
   end function condenses
 
-  !> Whether motions in time take less time by modes, of which what decays fast is exact: dampers
-  !! are much faster than springs, and than the motion is short, and no law switches.
+  !> True if integration by modes, with exact fast decay, is faster: damping rates far exceed the
+  !! natural frequencies, the run is long and no law switches.
   logical function is_overdamped(system, t_end)
     type(polynomial_type), intent(in) :: system
     real(wp), intent(in) :: t_end
@@ -58,7 +58,7 @@ contains
     if (allocated(system%space_damping) .or. .not. any(touched(system))) return
     do i = 1, size(system%laws)
       if (system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))) return
-      ! A slope by a rate may be that of a thin layer.
+      ! A rate-dependent law may be stiff in a thin layer.
       if (any(abs(system%laws(i)%rates) > 0.0_wp)) return
     end do
     mass = system%mass
@@ -75,7 +75,7 @@ contains
                     .and. fastest > much_faster*sqrt(maxval(sum(abs(pull), 2)))
   end function is_overdamped
 
-  !> Coordinates in which forces or memory act.
+  !> Mask of the coordinates with nonlinear forces or memory.
   pure function touched(system)
     type(polynomial_type), intent(in) :: system
     logical :: touched(size(system%mass, 1))
@@ -98,7 +98,7 @@ contains
     end do
   end function touched
 
-  !> The system without loads; a failure where no sum over modes gives its compliance.
+  !> Condense the system without loads. Fails if its compliance is not a sum over modes.
   subroutine condense_polynomial(system, model, condensed, status)
     type(polynomial_type), intent(in) :: system
     type(structure_model), intent(out) :: model
@@ -117,8 +117,8 @@ contains
     dofs = pack([(i, i=1, n)], touched(system))
     model%mass = system%mass
     model%damping = system%damping
-    ! Elastic forces belong to the rest, also of springs with memory: of these the condensed system
-    ! has what is hereditary.
+    ! Elastic forces, also of springs with memory, belong to the linear subsystem. The condensed
+    ! system contains their hereditary parts.
     model%stiffness = matmul(system%spread, system%gather)
     model%places = unit
     model%base_direction = system%base_direction

@@ -1,11 +1,10 @@
-!> A system up to its third-degree terms, as the asymptotic methods take it:
+!> A system up to third-degree terms, for the asymptotic methods:
 !!
 !!   (A_0 + A_1 d + A_2 d^2) y + (1 - R*) [H y + N_2(x, x) + N_3(x, x, x)] = load(t),
 !!
-!! d = d/dt, where each argument x_i is one of the unknowns y or one of their
-!! derivatives, and each equation has its own relaxation kernel R, or none. The
-!! first unknowns are the coordinates of the system; with memory the hereditary
-!! variables follow. Loads are columns times cos(p t).
+!! d = d/dt, where each argument x_i is one of the unknowns y or one of their derivatives, and each
+!! equation has its own relaxation kernel R, or none. The first unknowns are the coordinates of the
+!! system; with memory the hereditary variables follow. Loads are columns times cos(p t).
 module viscovib_polynomial_form
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
@@ -15,13 +14,13 @@ module viscovib_polynomial_form
 
   public :: polynomial_form_type, term_type, full_system_type
 
-  !> coefficient x_i x_j x_k in equation `row`; k = 0 in quadratic terms.
+  !> The term coefficient x_i x_j x_k in equation `row`; k = 0 in quadratic terms.
   type :: term_type
     integer :: row = 0, at(3) = 0
     real(wp) :: coefficient = 0.0_wp
   end type term_type
 
-  !> The system itself, which the form follows to the third degree.
+  !> The full system, which the form approximates to the third degree.
   type, abstract :: full_system_type
   contains
     procedure(sides_interface), deferred :: sides
@@ -29,14 +28,14 @@ module viscovib_polynomial_form
 
   abstract interface
 
-    !> Of each equation, at so many samples, left side minus load; where it has a kernel, what
-    !! (1 - R*) acts on, A_k left out.
+    !> Left side minus load of each equation, at samples. With a kernel, only the operand of
+    !! (1 - R*) is returned, without A_k.
     subroutine sides_interface(self, y, load, e)
       import :: full_system_type, wp
       class(full_system_type), intent(in) :: self
       !> Unknowns and their first two derivatives, shape (n_samples, n, 0:2).
       real(wp), intent(in), contiguous :: y(:, :, 0:)
-      !> Loads by themselves, cos(p_k t), shape (n_samples, n_loads).
+      !> Unit loads cos(p_k t), shape (n_samples, n_loads).
       real(wp), intent(in), contiguous :: load(:, :)
       !> Shape (n_samples, n).
       real(wp), intent(out), contiguous :: e(:, :)
@@ -45,22 +44,22 @@ module viscovib_polynomial_form
   end interface
 
   type :: polynomial_form_type
-    !> Unknowns (as many as equations), coordinates among them, arguments.
+    !> Number of unknowns (and equations), of coordinates, and of arguments.
     integer :: n = 0, n_dof = 0, n_arguments = 0
     !> Argument i is derivative(i) of unknown source(i).
     integer, allocatable :: source(:), derivative(:)
     !> A_k, shape (n, n, 0:2), and H, shape (n, n).
     real(wp), allocatable :: linear(:, :, :), hereditary(:, :)
     type(term_type), allocatable :: quadratic(:), cubic(:)
-    !> Kernel of each equation (0: none), and the factor of all kernels.
+    !> Kernel of each equation (0: none), and the kernels with their factors.
     integer, allocatable :: kernel_of(:)
     type(kernel_holder), allocatable :: kernels(:)
     !> Amplitudes, shape (n, n_loads), and circular frequencies of the loads.
     real(wp), allocatable :: load(:, :), drives(:)
-    !> Near the modes: frequencies, shapes and left vectors, a column each, of the
-    !! system without damping and memory. Search for the true ones begins here.
+    !> Approximate modes in columns: frequencies, mode shapes and left vectors of the system without
+    !! damping and memory. They are initial values for the true modes.
     real(wp), allocatable :: omega(:), right(:, :), left(:, :)
-    !> Not allocated: the form is all of the system.
+    !> Not allocated: the form is exact.
     class(full_system_type), allocatable :: full
   contains
     procedure :: n_modes
@@ -83,8 +82,8 @@ contains
     n_modes = size(self%omega)
   end function n_modes
 
-  !> A copy of all but the full system, component by component: gfortran 12 copies the array of
-  !! kernels badly.
+  !> Copy all but the full system, component by component: gfortran 12 copies the array of kernels
+  !! incorrectly.
   subroutine copy_to(self, copy)
     class(polynomial_form_type), intent(in) :: self
     type(polynomial_form_type), intent(out) :: copy
@@ -111,9 +110,9 @@ contains
     has_memory = any(self%kernel_of > 0)
   end function has_memory
 
-  !> 1 - R(s) of each equation, R the Laplace transform. What decays and hardly turns, the mean of
-  !! a decaying motion, was larger the longer ago: memory takes it as one that does not decay. A
-  !! kernel without integral relaxes wholly under what stands still, up to rounding.
+  !> 1 - R(s) of each equation, R the Laplace transform. For decaying s with |Im s| <= |Re s| (the
+  !! mean of a decaying solution) the history grows backward in time; the real part of s is then set
+  !! to 0. A kernel with infinite integral relaxes completely under a constant load, up to rounding.
   function retained(self, s) result(fraction)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s
@@ -149,8 +148,8 @@ contains
     end if
   end function operator_at
 
-  !> Divided difference (L(s) - L(t))/(s - t), the derivative where s = t: what
-  !! L does to an amplitude that changes at the rate of a resonance.
+  !> Divided difference (L(s) - L(t))/(s - t), or the derivative if s = t: the action of L on an
+  !! amplitude that varies with the detuning of a resonance.
   function operator_between(self, s, t) result(l)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s, t
@@ -170,11 +169,11 @@ contains
     l = l + spread(self%retained_between([s, t, u]), 2, self%n)*self%hereditary
   end function second_difference
 
-  !> Divided differences of 1 - R of each equation at two or three points. Near each other, by
-  !! Cauchy's integral over a circle around them, the trapezoidal rule of which converges
-  !! geometrically: nothing small is divided by, and rounding grows by the radius alone.
-  !! It calls itself with nonzero points in place of zeros, or with fewer of them, so at most twice
-  !! deep; at points that are no numbers, or at rest where nothing turns, it is not a number.
+  !> Divided differences of 1 - R of each equation at two or three points. For close points it uses
+  !! Cauchy's integral over a circle around them. The trapezoidal rule converges geometrically and
+  !! needs no small divisors; only the radius amplifies rounding errors. The recursion (with nonzero
+  !! points in place of zeros, or with fewer points) is at most two deep. The result is NaN for
+  !! non-finite points, or for zero points without an oscillating mode.
   recursive function retained_between(self, s) result(slope)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s(:)
@@ -188,7 +187,7 @@ contains
     if (.not. all(abs(s) <= huge(1.0_wp))) return
     middle = sum(s)/size(s)
     if (.not. any(abs(s) > 0.0_wp)) then
-      ! All at rest: by points that turn slowly to either side.
+      ! All points are 0: use small imaginary points on either side.
       middle = cmplx(0.0_wp, 1.0e-5_wp*minval(self%omega), wp)
       if (.not. (aimag(middle) > 0.0_wp .and. aimag(middle) <= huge(1.0_wp))) return
       slope = self%retained_between(s + middle*[(i - 0.5_wp*(size(s) + 1), i=1, size(s))])
@@ -201,8 +200,8 @@ contains
       return
     end if
     slope = (0.0_wp, 0.0_wp)
-    ! Kernels are analytic off the negative real axis, |middle| away at least for a mode that
-    ! turns.
+    ! Kernels are analytic off the negative real axis, whose distance is at least |middle| for an
+    ! oscillating mode.
     n = merge(16, 32, width <= 0.005_wp)
     radius = merge(0.1_wp, 0.35_wp, width <= 0.005_wp)*abs(middle)
     ray(:n) = [(cmplx(cos(two_pi*i/n), sin(two_pi*i/n), wp)*radius, i=1, n)]
@@ -219,7 +218,7 @@ contains
 
   contains
 
-    !> The difference of one point less.
+    !> The divided difference without point k.
     function without(k) result(value)
       integer, intent(in) :: k
       complex(wp) :: value(self%n)
@@ -233,7 +232,7 @@ contains
 
   end function retained_between
 
-  !> The two points farthest from each other.
+  !> The two points farthest apart.
   pure subroutine most_distant(s, first, last)
     complex(wp), intent(in) :: s(:)
     integer, intent(out) :: first, last
@@ -249,7 +248,7 @@ contains
     end do
   end subroutine most_distant
 
-  !> x of the motion y exp(s t).
+  !> Arguments x of the solution y exp(s t).
   pure function arguments_at(self, s, y) result(x)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s, y(:)
@@ -260,7 +259,7 @@ contains
     end do
   end function arguments_at
 
-  !> The symmetric bilinear N_2(a, b), kernels left out.
+  !> The symmetric bilinear form N_2(a, b), without kernels.
   pure function quadratic_at(self, a, b) result(value)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: a(:), b(:)
@@ -275,7 +274,7 @@ contains
     end do
   end function quadratic_at
 
-  !> The symmetric trilinear N_3(a, b, c), kernels left out.
+  !> The symmetric trilinear form N_3(a, b, c), without kernels.
   pure function cubic_at(self, a, b, c) result(value)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: a(:), b(:), c(:)

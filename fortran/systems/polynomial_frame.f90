@@ -1,4 +1,4 @@
-!> The linear rest of a polynomial system by its sections (`viscovib_modal_frame`).
+!> Modal frame of the linear subsystem of a polynomial system (`viscovib_modal_frame`).
 module viscovib_polynomial_frame
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term, part_linear
@@ -12,13 +12,13 @@ module viscovib_polynomial_frame
 
 contains
 
-  !> With the linear parts of its laws.
+  !> Include the linear parts of the laws.
   subroutine new_polynomial_frame(frame, pace, system, n_hidden, status)
     type(modal_frame), intent(out) :: frame
-    !> That of what coordinates do and laws see (rad/s).
+    !> Largest rate of the coordinates and of the arguments of laws (rad/s).
     real(wp), intent(out) :: pace
     type(polynomial_type), intent(in) :: system
-    !> How many of its last coordinates stand for what is remembered.
+    !> Number of last coordinates that represent memory.
     integer, intent(in) :: n_hidden
     type(status_type), intent(inout) :: status
     real(wp), dimension(system%n_dof(), system%n_dof()) :: identity, stiffness, damping

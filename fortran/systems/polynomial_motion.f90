@@ -1,10 +1,10 @@
-!> A polynomial system without memory in time, under a periodic load and piecewise cubics:
+!> A polynomial system without memory in time, with a periodic load and piecewise cubics:
 !!
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
-!! Kernels of exponentials are further coordinates (viscovib_hidden_memory), as which others are
-!! taken (viscovib_fitted_motion). Drives are cos(nu t), sin(nu t), those of higher orders follow
-!! by rotation, and the time in a piece of F.
+!! Kernels of exponentials become additional coordinates (viscovib_hidden_memory); other kernels are
+!! fitted by them (viscovib_fitted_motion). The drives are cos(nu t), sin(nu t), and the time within
+!! a piece of F. Higher orders follow by rotation.
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
@@ -34,8 +34,8 @@ module viscovib_polynomial_motion
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
     type(switched_laws) :: laws
-    !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof), and an upper bound of the rates that
-    !! these have at rest.
+    !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof), and an upper bound of the rates of the
+    !! linear system.
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
     real(wp), private :: linear_rate = 0.0_wp
     !> As of `part_linear`.
@@ -64,13 +64,13 @@ contains
   subroutine new_polynomial_motion(motion, system, load, nu, status, in_sections)
     type(polynomial_motion_type), intent(out) :: motion
     type(polynomial_type), intent(in) :: system
-    !> A base moves in sections alone; coordinates are relative to it then.
+    !> Base motion requires `in_sections`; coordinates are then relative to the base.
     type(load_type), intent(in) :: load
     !> Circular frequency of the load (rad/s), > 0.
     real(wp), intent(in) :: nu
     type(status_type), intent(out) :: status
-    !> Whether the sections of a linear rest of more coordinates than lanes hold are wanted, and
-    !! those of exponentials that remember.
+    !> True to use modal coordinates for more coordinates than fit in vector lanes, and coordinates
+    !! for the memory of exponentials.
     logical, intent(in), optional :: in_sections
     type(polynomial_type) :: whole
     complex(wp) :: forces(system%n_dof(), size(load%orders))
@@ -108,11 +108,11 @@ contains
     if (n_hidden == 0) call set_up(motion, system, load%orders, forces, nu, status)
   end subroutine new_polynomial_motion
 
-  !> The motion of a system without memory.
+  !> Set up the motion of a system without memory.
   subroutine set_up(motion, system, orders, forces, nu, status)
     type(polynomial_motion_type), intent(inout) :: motion
     type(polynomial_type), intent(in) :: system
-    !> Of the load, and what it is on the first coordinates, shape (n, size(orders)).
+    !> Orders of the load, and forces on the first coordinates, shape (n, size(orders)).
     integer, intent(in) :: orders(:)
     complex(wp), intent(in) :: forces(:, :)
     real(wp), intent(in) :: nu
@@ -159,24 +159,24 @@ contains
     motion%sloped = .false.
   end subroutine set_up
 
-  !> Hold the laws on one side of each of their surfaces, or on it.
+  !> Fix the laws on one side of each surface, or on it.
   subroutine take_sides(self, sides)
     class(polynomial_motion_type), intent(inout) :: self
     integer, intent(in) :: sides(:)
     if (size(sides) == 0) return
     call self%laws%take(sides)
     self%signals = self%laws%signals
-    ! What a function depends on jumps nowhere inside of a step that ends on the jump.
+    ! Operands do not jump within a step that ends at the jump.
     if (self%layers%exist()) call self%layers%find(self%laws%laws)
   end subroutine take_sides
 
-  !> Where the motion slides on a surface: 1 - lambda^2, lambda being -1 and 1 on its sides.
+  !> Event function of a surface; in sliding 1 - lambda^2, lambda = -1 and 1 on its sides.
   subroutine signal_at(self, k, t, q, v, g)
     class(polynomial_motion_type), intent(in) :: self
     integer, intent(in) :: k
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
     real(wp), intent(out) :: g(:)
-    !> Rounding must not carry it off the edge, where a mass may come to rest for good.
+    !> Prevents rounding errors from leaving the surface where a mass may come to rest permanently.
     real(wp), parameter :: edge = 1.0e-13_wp
     real(wp) :: mu(size(t), self%laws%n_slides()), d(size(t)), rate(size(t))
     integer :: j
@@ -203,14 +203,14 @@ contains
     end if
     g = 1.0_wp
     j = self%laws%place_of(k)
-    ! Surfaces that are one are watched once.
+    ! Equal surfaces are monitored once.
     if (j == 0) return
     call weights_between(self, t, q, v, mu)
     g = mu(:, j)
     if (self%laws%law_of(k) > 0) g = g*(2.0_wp - g) + edge
   end subroutine signal_at
 
-  !> Where between both sides of its surface each slide is, at states.
+  !> Position mu between the sides of each sliding surface, at given states.
   subroutine weights_between(self, t, q, v, mu)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
@@ -227,7 +227,7 @@ contains
     end do
   end subroutine weights_between
 
-  !> Across a surface, or onto it where both sides push there, or off it.
+  !> Cross a surface, start sliding if both sides push towards it, or end sliding.
   subroutine meet(self, k, t, q, v, sides, touched)
     class(polynomial_motion_type), intent(inout) :: self
     integer, intent(in) :: k
@@ -235,7 +235,7 @@ contains
     real(wp), intent(inout) :: v(:)
     integer, intent(inout) :: sides(:)
     logical, intent(inout) :: touched(:)
-    !> Part of the larger push that counts as none.
+    !> Fraction of the larger push that counts as 0.
     real(wp), parameter :: slack = 1.0e-11_wp
     integer :: before(size(sides)), beyond(size(sides)), one
     real(wp) :: mu(1, self%laws%n_slides()), push(2), speed(size(v))
@@ -256,7 +256,7 @@ contains
       before = sides
       beyond = merge(-sides(k)*one*self%laws%sense, sides, same)
       sides = beyond
-      ! Where the push of one side just ends, as where a stop lets go, rounding must not decide.
+      ! A push that just vanishes, as when a stop opens, must not depend on rounding errors.
       push = [push_from(before), push_from(beyond)]
       if (all(push > -slack*maxval(abs(push))) .and. any(push > 0.0_wp)) then
         sides = merge(slides, sides, same)
@@ -267,7 +267,7 @@ contains
 
   contains
 
-    !> How the motion is pushed to the surface on these sides.
+    !> Push towards the surface for these sides.
     real(wp) function push_from(there)
       integer, intent(in) :: there(:)
       real(wp), dimension(n_lanes, self%n_dof) :: a
@@ -279,7 +279,7 @@ contains
 
   end subroutine meet
 
-  !> A turn or a kink of hysteresis; an impact, or the end of a rest against a stop.
+  !> Reversal or kink of hysteresis; impact or opening of a stop.
   subroutine meet_element(self, k, t, q, v, sides)
     class(polynomial_motion_type), intent(inout) :: self
     integer, intent(in) :: k
@@ -288,7 +288,7 @@ contains
     integer, intent(inout) :: sides(:)
     real(wp) :: d(1), n(size(q)), b(size(q)), away, press, height, lost, times(n_lanes)
     real(wp), dimension(n_lanes, self%n_dof) :: a
-    !> So long a flight rises no further than rounding of what the motion falls in a step.
+    !> The rise of a flight of this duration is within rounding errors of the motion in a step.
     real(wp), parameter :: soon = sqrt(8.0_wp*epsilon(1.0_wp))
 
     associate (element => self%laws%elements(self%laws%element_of(k)), which => self%laws%which(k))
@@ -311,9 +311,9 @@ contains
       times = t + [0.0_wp, spread(soon*self%step_length, 1, n_lanes - 1)]
       call self%acceleration(spread(q, 1, n_lanes), spread(v, 1, n_lanes), self%drive_at(times), a)
       away = dot_product(n, v)
-      ! A load that only begins to push is behind its first instant.
+      ! A load that only starts to push acts after its first instant.
       press = -min(dot_product(n, a(1, :)), dot_product(n, a(2, :)))
-      ! Compared with the gap, or with what the motion falls in a step.
+      ! Compared with the gap, or with the distance moved in a step.
       height = max(abs(element%gap), abs(press)*self%step_length**2)
       if (allocated(self%frame)) height = max(height, self%frame%sum_of_sizes(q, n))
       height = 4.0_wp*epsilon(1.0_wp)*height
@@ -327,7 +327,7 @@ contains
     end associate
   end subroutine meet_element
 
-  !> As short as its laws are stiff there.
+  !> Limited by the stiffness of the laws at these states.
   real(wp) function longest_part(self, q, v)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(:, :), v(:, :)
@@ -335,15 +335,15 @@ contains
                                 self%thin, q, v, self%laws%elements)
   end function longest_part
 
-  !> Elements that know what was begin here.
+  !> Initialize elements with internal state.
   subroutine settle(self, q, v)
     class(polynomial_motion_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
     call begin_elements(self%laws, q, v)
   end subroutine settle
 
-  !> How many numbers say what elements know, stops first, and on which side of every surface the
-  !! motion is.
+  !> Number of saved values: internal states of elements, stops first, and the side of every
+  !! surface.
   pure integer function n_switches(self)
     class(polynomial_motion_type), intent(in) :: self
     n_switches = 2*size(self%laws%holds) + self%laws%n_known()
@@ -376,10 +376,10 @@ contains
     self%fresh = kept(m + n + 1:) > 0.0_wp
   end subroutine recall_switches
 
-  !> A force in time besides the periodic load, as cubics between breaks.
+  !> Add a force in time, given as cubics between breaks.
   subroutine add_table(self, breaks, pieces)
     class(polynomial_motion_type), intent(inout) :: self
-    !> Shapes (n) and (n_dof - n_hidden, 4, n), the last one of no effect.
+    !> Shapes (n) and (n_dof - n_hidden, 4, n). The last piece is not used.
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
     call self%loads%add_table(self%inverse, breaks, pieces)
     self%timed = .true.
@@ -387,14 +387,14 @@ contains
     self%quarters = [self%quarters, 0]
   end subroutine add_table
 
-  !> Forces for ever, on all coordinates.
+  !> Add constant forces on all coordinates.
   subroutine hold(self, force)
     class(polynomial_motion_type), intent(inout) :: self
     real(wp), intent(in) :: force(:)
     call self%loads%hold(matmul(self%inverse, force))
   end subroutine hold
 
-  !> The base turns a corner: surfaces are left or passed over at once, turns are made.
+  !> Corner of the base motion: leave or cross surfaces at once, and reverse hysteresis.
   subroutine jump(self, t, q, before, v, sides)
     class(polynomial_motion_type), intent(inout) :: self
     real(wp), intent(in) :: t, q(:), before(:)
@@ -464,7 +464,7 @@ contains
     call self%laws%add_sloped(q, v, a, by_q, by_v)
   end subroutine linearise
 
-  !> Accelerations by all but the laws.
+  !> Accelerations without the laws.
   pure subroutine but_laws(self, q, v, drive, a)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -483,7 +483,7 @@ contains
     call self%add_pushes(q, drive, a)
   end subroutine but_laws
 
-  !> But for the linear rest. Where the motion slides, the laws depend on all of an acceleration.
+  !> Accelerations without the linear subsystem. Sliding needs the full acceleration.
   pure subroutine push(self, q, v, drive, rest, a)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -499,7 +499,7 @@ contains
     if (slides) a = a - rest
   end subroutine push
 
-  !> Accelerations by monomials and loads, on top of others.
+  !> Add the accelerations by monomials and loads.
   pure subroutine add_pushes(self, q, drive, a)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), drive(n_lanes, size(self%drives))
@@ -508,7 +508,7 @@ contains
     call self%loads%add_to(drive, a)
   end subroutine add_pushes
 
-  !> The equations hold everywhere.
+  !> The equations are valid everywhere.
   pure function margin(self, q)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof)
@@ -516,8 +516,8 @@ contains
     margin = 1.0_wp + 0.0_wp*q(:, 1)
   end function margin
 
-  !> Upper bound of the rates of the linear system and of all orders of the load (rad/s): what
-  !! steps begin with.
+  !> Upper bound of the rates of the linear system and of all load orders (rad/s), for the initial
+  !! step size.
   pure real(wp) function fastest(self)
     class(polynomial_motion_type), intent(in) :: self
     fastest = max(self%linear_rate, self%drives(1)*self%loads%highest())

@@ -1,8 +1,8 @@
-!> Coordinates that nothing moves, and the system without them.
+!> Coordinates that stay at rest, and the system without them.
 !!
-!! Coordinates that act on each other, by mass, damping, springs or a product in a
-!! force, make up a group. A group in which no coordinate is driven stays at rest, and
-!! acts on no other: the equations of the others are complete without it.
+!! Coordinates coupled by mass, damping, springs or a product in a force form a group. A group
+!! without a driven coordinate stays at rest and acts on no other group, so the equations of the
+!! remaining groups are complete without it.
 module viscovib_reduction
   use viscovib_kernel_holder, only: copy_kernels
   use viscovib_kinds, only: wp
@@ -16,7 +16,7 @@ module viscovib_reduction
 
 contains
 
-  !> The groups in which a coordinate is driven; all, if none is.
+  !> Coordinates of the groups with a driven coordinate; all coordinates if none is driven.
   pure function moved_coordinates(system, driven) result(moved)
     class(oscillator_type), intent(in) :: system
     !> Shape (n_dof).
@@ -34,8 +34,8 @@ contains
     end do
   end function moved_coordinates
 
-  !> The system of the coordinates kept: groups, not parts of one, as
-  !! `moved_coordinates` gives them.
+  !> The system of the kept coordinates. They must be whole groups, as `moved_coordinates` returns
+  !! them.
   subroutine reduce(system, kept, reduced)
     class(oscillator_type), intent(in) :: system
     !> Shape (n_dof).
@@ -107,7 +107,7 @@ contains
     call read_rates(reduced%laws, size(dofs), reduced%rates)
   end subroutine reduce
 
-  !> Whether entries of a state (u_1, u_1', u_2, ...) belong to coordinates that move.
+  !> Mask of the entries of a state (u_1, u_1', u_2, ...) that belong to moving coordinates.
   pure function state_mask(moved) result(mask)
     logical, intent(in) :: moved(:)
     logical :: mask(2*size(moved))

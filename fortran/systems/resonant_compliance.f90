@@ -1,12 +1,12 @@
-!> The inverse of a compliance next to resonances of modes that hardly lose anything.
+!> Inverse of a compliance near resonances of lightly damped modes.
 !!
-!! There H(s) = H_r(s) + sum_m seen_m pushed_m^T/t_m is nothing but the few terms whose
-!! t_m = squares_m + rates_m s + s^2 all but vanish, and its inverse rounding. With amplitudes a of
-!! these modes as unknowns of their own, forces h on the rest and a load (y0, p),
+!! Near a resonance, H(s) = H_r(s) + sum_m seen_m pushed_m^T/t_m is dominated by the few terms with
+!! t_m = squares_m + rates_m s + s^2 close to 0. Rounding errors then dominate its inverse. With the
+!! amplitudes a of these modes as extra unknowns, forces h on the other modes and a load (y0, p),
 !!
 !!   H_r h + seen a = y - y0,   pushed^T h - t a = -p,
 !!
-!! nothing vanishes, and with the inverse X of this matrix H^-1 is its upper left part.
+!! the matrix is regular. With its inverse X, H^-1 is the upper left block of X.
 module viscovib_resonant_compliance
   use viscovib_compliance, only: compliance_type, push_type
   use viscovib_dense, only: invert
@@ -16,12 +16,12 @@ module viscovib_resonant_compliance
 
   public :: near_modes, bordered, bordered_slope, without_modes
 
-  !> A mode is next to its resonance where |t_m| is less than this part of |squares_m|.
+  !> A mode is near resonance if |t_m| is less than this fraction of |squares_m|.
   real(wp), parameter :: near = 1.0e-2_wp
 
 contains
 
-  !> Modes next to a resonance at s = i mu; of one deflection none, whose compliance is a number.
+  !> Modes near resonance at s = i mu. Empty for a single deflection, whose compliance is a scalar.
   pure function near_modes(rest, mu) result(modes)
     class(compliance_type), intent(in) :: rest
     real(wp), intent(in) :: mu
@@ -63,7 +63,7 @@ contains
     call invert(whole, x, singular)
   end subroutine bordered
 
-  !> Derivative of the matrix of which X is the inverse by mu.
+  !> Derivative of the inverse of X with respect to mu.
   pure subroutine bordered_slope(rest, modes, mu, slope)
     class(compliance_type), intent(in) :: rest
     integer, intent(in) :: modes(:)
@@ -84,7 +84,7 @@ contains
     end do
   end subroutine bordered_slope
 
-  !> A push without some modes.
+  !> The load `push` without the given modes.
   pure function without_modes(push, modes) result(others)
     type(push_type), intent(in) :: push
     integer, intent(in) :: modes(:)

@@ -1,4 +1,4 @@
-!> Finite rotations by their rotation vector theta: the body is turned by |theta| about theta.
+!> Finite rotations by the rotation vector theta: a rotation by the angle |theta| about theta.
 !!
 !! With S v = theta x v and q = theta . theta = t^2,
 !!
@@ -6,9 +6,9 @@
 !!   omega = T theta',               T = 1 - b S + c S^2, c = (t - sin t)/t^3,
 !!   T^-1 = 1 + S/2 + d S^2,         d = (1 - a/(2 b))/q,
 !!
-!! omega being the angular velocity in the axes of the body (Cardona and Geradin 1988). All of it
-!! is analytic in theta, and computed of complex numbers, so that a derivative is an imaginary part
-!! (complex steps, exact to rounding).
+!! where omega is the angular velocity in body axes (Cardona and Geradin 1988). All functions are
+!! analytic in theta and computed with complex numbers, so that derivatives follow from imaginary
+!! parts (complex steps, exact to rounding).
 module viscovib_rotation
   use viscovib_kinds, only: wp
   implicit none
@@ -16,7 +16,7 @@ module viscovib_rotation
 
   public :: cross, new_rotation, rotation_type
 
-  !> Below this |q| functions are series of so many terms.
+  !> For |q| up to `small` the functions are series with this number of terms.
   real(wp), parameter :: small = 1.0_wp
   integer, parameter :: n_terms = 9
   integer :: i_term
@@ -151,7 +151,7 @@ contains
     w = v - 0.5_wp*w + self%d*cross(self%theta, w)
   end function unspin_transposed
 
-  !> (dT/dt) theta' of a rotation that goes on at the rate theta'.
+  !> (dT/dt) theta' for a rotation with the rate theta'.
   pure function spin_rate(self, rate) result(w)
     class(rotation_type), intent(in) :: self
     complex(wp), intent(in) :: rate(3)

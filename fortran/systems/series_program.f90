@@ -1,6 +1,5 @@
-!> Programs of force laws, for motions given as power series in time (see `viscovib_series_terms`),
-!! from those for values: what an instruction needs twice is made once. Numbers may differ from lane
-!! to lane.
+!> Compiles force laws to programs for power series in time (`viscovib_series_terms`). Common
+!! subexpressions are computed once. Numbers may differ between vector lanes.
 module viscovib_series_program
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: add, divide, f_acos, f_acosh, f_asin, f_asinh, f_atan, &
@@ -15,7 +14,7 @@ module viscovib_series_program
 
   public :: series_program
 
-  !> Largest powers made by products; parts that sums are taken apart into.
+  !> Largest power computed by products; largest number of terms when sums are expanded.
   integer, parameter :: highest_power = 32, most_parts = 64
   real(wp), parameter :: half_pi = 1.57079632679489661923_wp, no_number(n_wide) = 0.0_wp
 
@@ -36,7 +35,7 @@ module viscovib_series_program
     procedure, private :: multiple
   end type series_program
 
-  !> What stands on the stack of a law: a register, or (0) a number that is known, in each lane.
+  !> Value on the stack of a law: a register, or (register 0) a constant for each vector lane.
   type :: item_type
     integer :: register = 0
     real(wp) :: number(n_wide) = 0.0_wp
@@ -44,17 +43,17 @@ module viscovib_series_program
 
 contains
 
-  !> A law of coordinates and velocities, in registers 1 ... n and n + 1 ... 2 n.
+  !> Compile a law of coordinates and velocities, which are registers 1 ... n and n + 1 ... 2 n.
   subroutine add_law(self, law, numbers, by_q, by_v, result, known)
     class(series_program), intent(inout) :: self
     type(law_program), intent(in) :: law
-    !> Those that it puts on its stack, shape (n_wide, n_code).
+    !> Constants of its instructions, shape (n_wide, n_code).
     real(wp), intent(in) :: numbers(:, :)
-    !> What its arguments are, shape (n_arguments, n_dof).
+    !> Matrices from coordinates and velocities to arguments, shape (n_arguments, n_dof).
     real(wp), intent(in) :: by_q(:, :), by_v(:, :)
-    !> The register of its value.
+    !> Register of the law's value.
     integer, intent(out) :: result
-    !> Whether all its functions are known here.
+    !> True if all its functions are supported.
     logical, intent(out) :: known
     type(item_type) :: stack(law%depth + 3), arguments(size(by_q, 1))
     integer :: i, k, top
@@ -83,7 +82,7 @@ contains
 
   contains
 
-    !> A multiple of a coordinate or a velocity.
+    !> Add a multiple of a coordinate or a velocity.
     subroutine add_argument(register, factor)
       integer, intent(in) :: register
       real(wp), intent(in) :: factor
@@ -99,7 +98,7 @@ contains
 
   end subroutine add_law
 
-  !> A product of powers of coordinates.
+  !> Compile a product of powers of coordinates.
   subroutine add_monomial(self, dof, power, result)
     class(series_program), intent(inout) :: self
     integer, intent(in) :: dof(:), power(:)
@@ -114,15 +113,15 @@ contains
     result = self%register_of(value)
   end subroutine add_monomial
 
-  !> Registers that are sums and multiples of others, taken apart into these as far as it goes.
-  !! Nothing is gathered, so that what each lane sums does not depend on numbers of others, which
-  !! steps are the same in all.
+  !> Expand registers that are sums and multiples as far as possible. Equal terms are not merged, so
+  !! that the operations are the same in all vector lanes and each lane is independent of the
+  !! others' numbers.
   subroutine take_apart(self, sums, registers, places, factors)
     class(series_program), intent(in) :: self
-    !> Whether sums are; else multiples alone.
+    !> Also expand sums; otherwise only multiples.
     logical, intent(in) :: sums
-    !> In return what they are sums of, which stands for which of the given ones, and by what it is
-    !! multiplied, in every lane.
+    !> On return the terms of the sums. `places`: index of the given register to which each term
+    !! belongs; `factors`: its factor in every vector lane.
     integer, allocatable, intent(inout) :: registers(:)
     integer, allocatable, intent(out) :: places(:)
     real(wp), allocatable, intent(out) :: factors(:, :)
@@ -162,7 +161,7 @@ contains
     end do
   end subroutine take_apart
 
-  !> The step whose value a register is; 0: none, it is of the motion or something else of a step.
+  !> Index of the step that computes a register; 0: a coordinate, velocity or auxiliary register.
   pure integer function maker_of(self, register)
     class(series_program), intent(in) :: self
     integer, intent(in) :: register
@@ -171,10 +170,10 @@ contains
     end do
   end function maker_of
 
-  !> Leave out steps whose values neither are wanted nor lead to some that are.
+  !> Remove steps whose values are not needed.
   subroutine leave_out_unused(self, registers)
     class(series_program), intent(inout) :: self
-    !> The results, after registers that are not of the program.
+    !> Registers that are needed; larger numbers belong to other programs.
     integer, intent(in) :: registers(:)
     logical :: wanted(0:self%n_registers), used(size(self%steps))
     integer :: i, next
@@ -192,7 +191,7 @@ contains
     self%steps = pack(self%steps, used)
   end subroutine leave_out_unused
 
-  !> A step of a program, once: its register.
+  !> Add a step, or find an identical one, and return its register.
   type(item_type) function put(self, code, a, b, number) result(item)
     class(series_program), intent(inout) :: self
     integer, intent(in) :: code, a, b
@@ -208,7 +207,7 @@ contains
     end do
     item%register = self%n_registers + 1
     self%steps = [self%steps, series_step(code, item%register, a, b, number)]
-    ! Of sines both functions and the derivative of the operand, of others what their equation has.
+    ! Additional registers: both functions and the operand's derivative, or parts of equations.
     select case (code)
     case (turn, stretch, bend)
       self%n_registers = self%n_registers + 3
@@ -219,7 +218,7 @@ contains
     end select
   end function put
 
-  !> The register that holds a value.
+  !> Register of a value; constants get one.
   integer function register_of(self, item)
     class(series_program), intent(inout) :: self
     type(item_type), intent(in) :: item
@@ -230,7 +229,7 @@ contains
     register_of = number%register
   end function register_of
 
-  !> A value times a number.
+  !> Multiply a value by a number.
   type(item_type) function multiple(self, item, factor)
     class(series_program), intent(inout) :: self
     type(item_type), intent(in) :: item
@@ -285,8 +284,8 @@ contains
     if (mod(n, 2) == 1) item = self%combine(product_of, item, x)
   end function raised
 
-  !> An instruction of a law: its operands stand in the first places of the stack, where its value
-  !! goes.
+  !> Apply an instruction of a law. Its operands are the first entries of the stack; the value
+  !! replaces the first.
   subroutine apply(self, code, number, x, known)
     class(series_program), intent(inout) :: self
     integer, intent(in) :: code
@@ -347,7 +346,7 @@ contains
     end if
   end function half_power
 
-  !> A function of one value.
+  !> Apply a function of one value.
   subroutine function_of(self, code, x, known)
     class(series_program), intent(inout) :: self
     integer, intent(in) :: code
@@ -376,7 +375,7 @@ contains
     end select
   end subroutine function_of
 
-  !> Functions whose derivative is one over a power of 1 +- x^2.
+  !> Functions whose derivative is the reciprocal of a power of 1 +- x^2.
   type(item_type) function inverse_function(self, code, x) result(item)
     class(series_program), intent(inout) :: self
     integer, intent(in) :: code
@@ -400,7 +399,7 @@ contains
     end if
   end function inverse_function
 
-  !> A function of numbers that are known.
+  !> Evaluate a function of constants.
   subroutine of_numbers(code, number, x, known)
     integer, intent(in) :: code
     real(wp), intent(in) :: number
@@ -420,7 +419,7 @@ contains
     end do
   end subroutine of_numbers
 
-  !> A number that is the same in all lanes.
+  !> A number repeated for all vector lanes.
   pure function in_all(number) result(numbers)
     real(wp), intent(in) :: number
     real(wp) :: numbers(n_wide)

@@ -1,10 +1,10 @@
-!> Force laws of motions given as power series in time: one coefficient after the other.
+!> Taylor coefficients of force laws along a solution, computed one order at a time.
 !!
-!! With u = sum_k u_k t^k each function of it obeys a differential equation of first order whose
-!! coefficients are sums of products, such as k y_k = sum_(j=1)^k j u_j w_(k-j), w = 1 - y^2, of
-!! y = tanh(u): R. E. Moore, Interval Analysis, 1966, chapter 11; A. Jorba, M. Zou, A software
+!! With u = sum_k u_k t^k each function of u satisfies a first-order differential equation whose
+!! coefficients are sums of products. For y = tanh(u): k y_k = sum_(j=1)^k j u_j w_(k-j),
+!! w = 1 - y^2. R. E. Moore, Interval Analysis, 1966, chapter 11; A. Jorba, M. Zou, A software
 !! package for the numerical integration of ODEs by means of high-order Taylor methods, Exp. Math.
-!! 14, 2005. Each value is a register that holds all its coefficients so far.
+!! 14, 2005. Each value is a register with all its coefficients so far.
 module viscovib_series_terms
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
@@ -17,14 +17,14 @@ module viscovib_series_terms
 
   public :: run_series, series_step
 
-  !> Steps of a program: a number, a multiple, a sum with a number, sums, products, and functions by
-  !! their differential equations. y' = a'/b is the last.
+  !> Instructions: a number, a multiple, a sum with a number, sums, products, and functions defined
+  !! by differential equations. `over` is y' = a'/b.
   integer, parameter, public :: take_number = 1, scale_up = 2, shift = 3, add_up = 4, &
                                 take_off = 5, product_of = 6, square_of = 7, quotient = 8, &
                                 root = 9, grow = 10, turn = 11, stretch = 12, bend = 13, over = 14
 
-  !> One step: what it does, the register of its value (others of it follow), those it reads, and a
-  !! number, which stands in all lanes where it is a function's.
+  !> One instruction: its code, the register of its value (auxiliary registers follow), its
+  !! operands, and a number. For a function the number is the same in all vector lanes.
   type :: series_step
     integer :: code = 0, to = 0, a = 0, b = 0
     real(wp) :: number(n_wide) = 0.0_wp
@@ -32,12 +32,12 @@ module viscovib_series_terms
 
 contains
 
-  !> Coefficient k of all registers but those of the motion, from those before and the motion's.
+  !> Coefficient k of all computed registers, from lower coefficients and those of the solution.
   pure subroutine run_series(n, steps, order, k, s, lost)
     integer, intent(in) :: n, order, k
     type(series_step), intent(in) :: steps(n)
     real(wp), intent(inout) :: s(n_wide, 0:order, *)
-    !> Lanes in which a function has no series, beyond its domain or at its end.
+    !> Vector lanes in which an argument is not inside the domain of a function.
     logical, intent(inout) :: lost(n_wide)
     integer :: i
 
@@ -72,12 +72,12 @@ contains
     end do
   end subroutine run_series
 
-  !> A function at the start of the step.
+  !> Order-0 coefficient of a function.
   pure subroutine begin_function(step, order, a, b, y, lost)
     type(series_step), intent(in) :: step
     integer, intent(in) :: order
     real(wp), intent(in) :: a(n_wide), b(n_wide)
-    !> Its value, and what else its equation has.
+    !> Its value and the auxiliary registers of its equation.
     real(wp), intent(inout) :: y(n_wide, 0:order, 3)
     logical, intent(inout) :: lost(n_wide)
     logical :: bad(n_wide)
@@ -115,7 +115,7 @@ contains
       end if
       y(:, 0, 2) = 1.0_wp + step%number(1)*y(:, 0, 1)**2
       if (step%number(1) < 0.0_wp) y(:, 0, 2) = (1.0_wp - y(:, 0, 1))*(1.0_wp + y(:, 0, 1))
-      ! What the square brings of the next.
+      ! Start of the square's next coefficient.
       y(:, 1, 2) = 0.0_wp
     case default
       call sines(a, y(1, 0, 1), y(1, 0, 2))
@@ -123,7 +123,7 @@ contains
     lost = lost .or. bad
   end subroutine begin_function
 
-  !> A function of numbers one by one.
+  !> Evaluate a function element by element.
   pure subroutine by_one(code, x, y)
     integer, intent(in) :: code
     real(wp), intent(in) :: x(n_wide)
@@ -135,7 +135,7 @@ contains
     end do
   end subroutine by_one
 
-  !> Sines and cosines of any angles; those in range do not depend on the others.
+  !> Sines and cosines of any angles. Values of vector lanes are independent of each other.
   pure subroutine sines(a, sine, cosine)
     real(wp), intent(in) :: a(n_wide)
     real(wp), intent(out) :: sine(n_wide), cosine(n_wide)
@@ -173,7 +173,7 @@ contains
       call square_term(k, 1.0_wp, y, term)
       y(:, k, 1) = confined((a(:, k) - term)/(2.0_wp*y(:, 0, 1)))
     case (over)
-      ! j y_j stands in the second register, from j = 1 on.
+      ! The second register contains j y_j, from j = 1 on.
       term = 0.0_wp
       if (k > 1) call product_term(k - 2, 1.0_wp, y(1, 0, 2), b(1, 1), term)
       y(:, k - 1, 2) = confined((k*a(:, k) - term)/divisor(b(:, 0)))
@@ -192,7 +192,7 @@ contains
     end select
   end subroutine go_on
 
-  !> c x in every lane. These are not unrolled, as in `viscovib_wide_series`.
+  !> c x in every vector lane. These loops are not unrolled, as in `viscovib_wide_series`.
   pure subroutine put_multiple(c, x, y)
     real(wp), intent(in) :: c(n_wide), x(n_wide)
     real(wp), intent(out) :: y(n_wide)
@@ -203,7 +203,7 @@ contains
     end do
   end subroutine put_multiple
 
-  !> k x in every lane.
+  !> k x in every vector lane.
   pure subroutine put_times(k, x, y)
     integer, intent(in) :: k
     real(wp), intent(in) :: x(n_wide)
@@ -215,7 +215,7 @@ contains
     end do
   end subroutine put_times
 
-  !> a + c b in every lane.
+  !> a + c b in every vector lane.
   pure subroutine put_sum(c, a, b, y)
     real(wp), intent(in) :: c, a(n_wide), b(n_wide)
     real(wp), intent(out) :: y(n_wide)
@@ -226,13 +226,13 @@ contains
     end do
   end subroutine put_sum
 
-  !> What runs away stays a number.
+  !> Limit diverging values to finite numbers.
   elemental real(wp) function confined(x)
     real(wp), intent(in) :: x
     confined = min(max(x, -largest), largest)
   end function confined
 
-  !> What lanes divide by; those that cannot are lost.
+  !> Divisor, or 1 where division is impossible; such vector lanes are marked as lost.
   elemental real(wp) function divisor(x)
     real(wp), intent(in) :: x
     divisor = merge(x, 1.0_wp, abs(x) > 1.0_wp/largest)

@@ -1,4 +1,4 @@
-!> Springs of a body's mounts: their forces, and what they are seen from a deflection.
+!> Spring forces of a body's mounts, and the same springs about a given deflection.
 module viscovib_spring_about
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: add, put_argument, put_number, subtract
@@ -12,7 +12,7 @@ module viscovib_spring_about
 
 contains
 
-  !> k d + g(d) without memory, and its slope.
+  !> Force k d + g(d) without memory, and its slope.
   subroutine force_of(spring, d, force, slope)
     type(body_spring), intent(in) :: spring
     real(wp), intent(in) :: d
@@ -35,7 +35,7 @@ contains
     end do
   end subroutine force_of
 
-  !> The spring as seen from a deflection: what its force differs by, linear part and rest.
+  !> The spring about a deflection: its force increment, split into linear and nonlinear parts.
   function spring_about(spring, at) result(seen)
     type(body_spring), intent(in) :: spring
     real(wp), intent(in) :: at
@@ -71,7 +71,7 @@ contains
     end do
   end function spring_about
 
-  !> f(at + d) - f(at).
+  !> Replace f(d) by f(at + d) - f(at).
   subroutine shift(law, at)
     type(law_term), intent(inout) :: law
     real(wp), intent(in) :: at

@@ -1,4 +1,4 @@
-!> Powers of what springs are deflected, written out in products of the coordinates.
+!> Expand powers of spring deflections in products of the coordinates.
 module viscovib_spring_products
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: max_degree, polynomial_parameters
@@ -10,19 +10,19 @@ module viscovib_spring_products
 
 contains
 
-  !> How many products of n coordinates have this power.
+  !> Number of products of n coordinates with this total power.
   pure real(wp) function n_products(n, power)
     integer, intent(in) :: n, power
     n_products = gamma(real(n + power, wp))/(gamma(power + 1.0_wp)*gamma(real(n, wp)))
   end function n_products
 
-  !> sum_j c_j e_j (e_j . u)^p by kernel.
+  !> Add sum_j c_j e_j (e_j . u)^p for each kernel.
   subroutine add_products(springs, rows, n_kernels, p)
     type(body_spring), intent(in) :: springs(:)
     !> e_j, shape (size(springs), n).
     real(wp), intent(in) :: rows(:, :)
     integer, intent(in) :: n_kernels
-    !> Gets all monomials.
+    !> Receives all monomials.
     type(polynomial_parameters), intent(inout) :: p
     integer :: power, kernel, on, j, n, m, powers(size(rows, 2))
     real(wp) :: parts(size(springs)), total
@@ -52,7 +52,7 @@ contains
 
   contains
 
-    !> What springs of one kernel give of one product, on every equation.
+    !> Add one product of all springs with one kernel to every equation.
     subroutine add_product()
       parts = 0.0_wp
       do j = 1, size(springs)
@@ -73,7 +73,7 @@ contains
 
   end subroutine add_products
 
-  !> The next way to spread a sum over places, from all in the last to all in the first.
+  !> Next exponents with the same sum: from all in the last to all in the first.
   pure subroutine next_powers(powers)
     integer, intent(inout) :: powers(:)
     integer :: i, last, n
@@ -89,7 +89,7 @@ contains
     powers(n) = last - 1
   end subroutine next_powers
 
-  !> How often a product of these powers stands in a power of a sum.
+  !> Multinomial coefficient of a product in the power of a sum.
   pure real(wp) function ways(powers)
     integer, intent(in) :: powers(:)
     ways = gamma(sum(powers) + 1.0_wp)/product(gamma(powers + 1.0_wp))

@@ -1,13 +1,13 @@
-!> Springs so different that rounding of the stiffness hides the soft ones: warnings about it.
+!> Warnings about stiffness ratios so large that rounding errors hide the soft springs.
 !!
-!! A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K is off by up to half a unit
-!! in its last place: omega^2 is then off by about
+!! A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K has a rounding error of up
+!! to half a unit in its last place. The error of omega^2 is then about
 !!
 !!   0.3 eps sqrt(sum_ij (phi_i K_ij phi_j)^2),                                             (1)
 !!
 !! (first-order perturbation of a simple eigenvalue, Wilkinson, The Algebraic Eigenvalue Problem,
-!! 1965, chapter 2; an entry is off by 0.21 eps of itself in the mean square, and by the same as
-!! its mirror image).
+!! 1965, chapter 2). The root mean square error of an entry is 0.21 eps times the entry; K_ij and
+!! K_ji have the same error.
 module viscovib_stiffness_ratio
   use viscovib_damped_modes, only: find_damped_modes
   use viscovib_kinds, only: wp
@@ -19,23 +19,23 @@ module viscovib_stiffness_ratio
 
   public :: hidden_modes, hidden_poles, hidden_springs
 
-  !> Products of what nearly cancels.
+  !> Precision for sums with strong cancellation.
   integer, parameter :: wide = selected_real_kind(18)
-  !> Part that an entry of the matrix is off by, in (1).
+  !> Relative error of a matrix entry in (1).
   real(wp), parameter :: off = 0.3_wp*epsilon(1.0_wp)
-  !> Part of the square of a frequency that may be rounding error without a warning, and how little
-  !! of it the rounding of a free body leaves.
+  !> Largest relative rounding error of omega^2 without a warning, and the relative error above
+  !! which a mode may be that of a free body.
   real(wp), parameter :: least = 1.0e-6_wp, free = 0.15_wp
-  !> Part of a mode's kinetic energy that a coordinate takes part with; stiffnesses that are
-  !! rounding of what cancels, next to the largest; asymmetry that is rounding.
+  !> Kinetic energy fraction above which a coordinate participates in a mode; stiffnesses and
+  !! asymmetry below these fractions of the largest entry are rounding errors.
   real(wp), parameter :: taking = 1.0e-3_wp, nothing = 1.0e-30_wp, asymmetric = 1.0e-12_wp
 
 contains
 
-  !> Of real modes: a line to warn of the worst, empty of none.
+  !> Warning about the least accurate real mode; empty if none.
   !!
-  !! A mode within rounding error is that of a free body, unless it is large compared with the
-  !! softest coordinate that takes part or is joined to those.
+  !! A mode smaller than its error belongs to a free body, unless the error is large compared with
+  !! the softest coordinate that participates in the mode or is connected to one.
   function hidden_modes(squares, shapes, mass, stiffness) result(text)
     !> Shapes (m), (n, m) and (n, n).
     real(wp), intent(in) :: squares(:), shapes(:, :), mass(:, :), stiffness(:, :)
@@ -53,7 +53,7 @@ contains
     is_free = .false.
     do m = 1, size(squares)
       if (abs(squares(m))*least >= 10.0_wp*lost(m)) cycle
-      ! Rounding of the algorithm is as large: of the matrix as it stands.
+      ! The eigenvalue solver has errors of the same size; evaluate with the matrix itself.
       found = abs(real(sum(real(shapes(:, m), wide) &
                            *matmul(real(stiffness, wide), real(shapes(:, m), wide))), wp))
       part = lost(m)/max(found, tiny(found)/epsilon(found))
@@ -68,7 +68,7 @@ contains
     if (at > 0) text = told('mode '//show(at), frequency, worst, is_free)
   end function hidden_modes
 
-  !> Of complex modes, which (1) with right and left moves; twice that is the part of the square.
+  !> Warning about complex modes, by (1) with left and right vectors and twice the relative error.
   function hidden_poles(poles, left, right, stiffness) result(text)
     !> Shapes (p), (n, p) and (n, n).
     complex(wp), intent(in) :: poles(:), left(:, :), right(:, :)
@@ -88,7 +88,7 @@ contains
     if (lost(at) > least) text = told('a mode', abs(poles(at)), lost(at), .false.)
   end function hidden_poles
 
-  !> Of a polynomial system, which is solved in its coordinates, without its damping.
+  !> Warning about a polynomial system, which is solved in its coordinates, without damping.
   function hidden_springs(system) result(text)
     type(polynomial_type), intent(in) :: system
     character(len=:), allocatable :: text
@@ -110,7 +110,7 @@ contains
     end if
   end function hidden_springs
 
-  !> The root of (1).
+  !> Square root in (1).
   pure function spread_of(left, stiffness, right) result(root)
     real(wp), intent(in) :: left(:, :), stiffness(:, :), right(:, :)
     real(wp) :: root(size(left, 2)), largest
@@ -121,7 +121,7 @@ contains
     root = largest*sqrt(sum(left**2*matmul((stiffness/largest)**2, right**2), 1))
   end function spread_of
 
-  !> The least square of a frequency of one coordinate alone, of those that take part or are joined.
+  !> Smallest k_ii/m_ii of the coordinates that participate in the mode or are connected to one.
   pure real(wp) function softest_beside(shape, mass, stiffness) result(softest)
     real(wp), intent(in) :: shape(:), mass(:, :), stiffness(:, :)
     logical :: takes(size(shape))

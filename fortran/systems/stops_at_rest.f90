@@ -1,4 +1,4 @@
-!> Stops against which a motion rests while another one is hit.
+!> Impacts in the presence of stops that are already in contact.
 module viscovib_stops_at_rest
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides
@@ -10,10 +10,10 @@ module viscovib_stops_at_rest
 
 contains
 
-  !> What an impact does to stops against which the motion rests: they answer one after the other.
+  !> Apply successive impacts to the closed stops until none is penetrated.
   subroutine push_on(laws, first, v, sides)
     type(switched_laws), intent(inout) :: laws
-    !> The surface of the stop that was hit.
+    !> Surface of the stop that was hit first.
     integer, intent(in) :: first
     real(wp), intent(inout) :: v(:)
     integer, intent(inout) :: sides(:)

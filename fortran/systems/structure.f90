@@ -1,14 +1,13 @@
-!> A structure of any number of coordinates, condensed to those at which something is nonlinear
-!! or remembers.
+!> A structure with any number of coordinates, condensed to those with nonlinear forces or memory.
 !!
-!! M u'' + C u' + K u + Q g(Q^T u) = p with few columns of Q. Harmonic k of y = Q^T u obeys
+!! M u'' + C u' + K u + Q g(Q^T u) = p with few columns of Q. Harmonic k of y = Q^T u satisfies
 !!
 !!   H(i k nu)^-1 (Y_k - Y0_k) + G_k = 0,   H(s) = Q^T D(s)^-1 Q,   Y0_k = Q^T D(i k nu)^-1 P_k,
 !!
-!! equation (1) of the theory of structures multiplied by H^-1. That is an oscillator of the
-!! coordinates y with the dynamic stiffness H^-1 and the load H^-1 Y0, and all that follows from
-!! the equations of harmonic balance holds for it. The linear stiffness of elements with a kernel
-!! belongs to D too, which has no memory: of it only the hereditary part, -R* kappa y, is in g.
+!! equation (1) of the theory of structures multiplied by H^-1. This is an oscillator with the
+!! coordinates y, the dynamic stiffness H^-1 and the load H^-1 Y0. All methods based on harmonic
+!! balance apply to it. The linear stiffness of elements with a kernel belongs to D, which has no
+!! memory; g contains only its hereditary part, -R* kappa y.
 module viscovib_structure
   use viscovib_compliance, only: compliance_type, push_type
   use viscovib_dense, only: invert
@@ -20,10 +19,10 @@ module viscovib_structure
 
   public :: structure_type, structure_load, few_coordinates
 
-  !> A dynamic stiffness that stands for one without bound.
+  !> Finite value that represents an infinite dynamic stiffness.
   real(wp), parameter :: rigid = huge(1.0_wp)**0.25_wp
 
-  !> One harmonic of the load: forces, and what the motion of the base does, over mu^2.
+  !> One harmonic of the load: forces, and the load by base motion, divided by mu^2.
   type :: structure_load
     integer :: order = 0
     type(push_type) :: force, base
@@ -32,14 +31,14 @@ module viscovib_structure
     complex(wp), allocatable :: at_rest(:)
   end type structure_load
 
-  !> The rest before it was condensed, y'' + C y' + K y + P g(S^T y) = 0, where it has few
-  !! coordinates that are no real modes; else nothing is allocated.
+  !> Uncondensed linear subsystem with nonlinear forces, y'' + C y' + K y + P g(S^T y) = 0.
+  !! Allocated only if it has few coordinates and no real modes.
   type :: few_coordinates
     !> C and K, shape (n, n); P and S, shape (n, n_dof). Masses are 1.
     real(wp), allocatable :: damping(:, :), stiffness(:, :), pushed(:, :), seen(:, :)
   end type few_coordinates
 
-  !> Mass and damping of the coordinates are no part of the equations: the former only weighs them.
+  !> Mass and damping of the coordinates do not enter the equations; the mass is only a weight.
   type, extends(polynomial_type) :: structure_type
     type(compliance_type) :: rest
     type(few_coordinates) :: few
@@ -53,7 +52,7 @@ module viscovib_structure
 
 contains
 
-  !> H(i mu)^-1, and sum_j B(:,j) W(j,:) (f_j - 1) of what is hereditary.
+  !> H(i mu)^-1, plus the hereditary parts sum_j B(:,j) W(j,:) (f_j - 1).
   pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
     class(structure_type), intent(in) :: self
     real(wp), intent(in) :: mu(:)
@@ -80,7 +79,7 @@ contains
     end do
   end subroutine dynamic_stiffness
 
-  !> H(i mu)^-1, from H where no mode is next to a resonance.
+  !> H(i mu)^-1. It is computed from h unless a mode is near resonance.
   pure subroutine invert_at(self, mu, h, stiffness)
     class(structure_type), intent(in) :: self
     real(wp), intent(in) :: mu
@@ -114,7 +113,7 @@ contains
     end do
   end subroutine invert_compliance
 
-  !> H^-1 Y0 of one order: with D and what memory retains, D Y0 without what is hereditary of D.
+  !> H^-1 Y0 for one order. If `stiffness` and `fraction` are given: D Y0 minus its hereditary part.
   pure function load_coefficient(self, force, base, order, nu, stiffness, fraction) result(p)
     class(structure_type), intent(in) :: self
     complex(wp), intent(in) :: force(:), base(:)
@@ -125,7 +124,7 @@ contains
     complex(wp) :: h(size(p), size(p)), inverse(size(p), size(p)), y(size(p))
     integer :: i, j
 
-    ! What the load of the coordinates contains only determines which orders exist.
+    ! The load of the coordinates only determines which orders exist.
     p = 0.0_wp*(force + base)
     do j = 1, size(self%loads)
       if (self%loads(j)%order /= order) cycle
@@ -153,7 +152,7 @@ contains
     end do
   end function load_coefficient
 
-  !> H^-1 (Y - s Y0) next to resonances, and its derivative by mu.
+  !> H^-1 (Y - s Y0) near resonances, or its derivative by mu.
   pure function near_forces(self, near, mu, y, load, factor, slope) result(forces)
     class(structure_type), intent(in) :: self
     integer, intent(in) :: near(:)
@@ -161,7 +160,7 @@ contains
     complex(wp), intent(in) :: y(:)
     type(structure_load), intent(in) :: load
     real(wp), intent(in) :: factor
-    !> Whether the derivative is wanted instead.
+    !> If present, return the derivative.
     logical, intent(in), optional :: slope
     complex(wp) :: forces(size(y))
     complex(wp), dimension(size(y) + size(near), size(y) + size(near)) :: x, bend
@@ -212,7 +211,7 @@ contains
     if (present(slope)) slope = slope + mu*(2.0_wp*part + mu*((0.0_wp, 1.0_wp)*part_slope))
   end subroutine deflections
 
-  !> Add d[H^-1 (Y - s Y0)]/dnu of each order: -k H^-1 [dH/dmu H^-1 (Y - s Y0) + s dY0/dmu].
+  !> Add d[H^-1 (Y - s Y0)]/dnu for each order: -k H^-1 [dH/dmu H^-1 (Y - s Y0) + s dY0/dmu].
   pure subroutine add_frequency_slope(self, orders, nu, y, load_orders, force, base, factor, total)
     class(structure_type), intent(in) :: self
     integer, intent(in) :: orders(:)
@@ -269,7 +268,7 @@ contains
     no_load%base = no_load%force
   end function no_load
 
-  !> All: the rest lies between them.
+  !> The linear subsystem couples all coordinates.
   pure function coupling(self) result(coupled)
     class(structure_type), intent(in) :: self
     logical :: coupled(size(self%gather, 2), size(self%gather, 2))

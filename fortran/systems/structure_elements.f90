@@ -1,4 +1,4 @@
-!> Local elements of a structure, in as few directions as they need.
+!> Local elements of a structure, and the independent directions in which they act.
 module viscovib_structure_elements
   use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_kinds, only: wp
@@ -14,40 +14,40 @@ module viscovib_structure_elements
     !> e, shape (n_places).
     real(wp), allocatable :: direction(:)
     real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp
-    !> Coefficients of f by power of d, and what is no polynomial: one law of d without its linear
-    !! part, or none.
+    !> Coefficients of f by power of d; one law of d without its linear part for a nonpolynomial
+    !! force, or none.
     real(wp) :: powers(2:max_degree) = 0.0_wp
     type(law_term), allocatable :: laws(:)
     !> 0: none.
     integer :: kernel = 0
-    !> Not a force: its deflection is one of those left.
+    !> True if the element exerts no force and only observes its deflection.
     logical :: is_watched = .false.
-    !> e in terms of the directions found, shape (n_directions), where it is active.
+    !> e in terms of the independent directions, shape (n_directions), if the element is active.
     real(wp), allocatable :: mix(:)
   contains
     procedure :: is_active
   end type element_type
 
-  !> A direction that depends on others but for this part of it is one of theirs; a weight of it
-  !! that is rounding.
+  !> A direction with a smaller independent part counts as dependent; smaller weights count as
+  !! rounding errors.
   real(wp), parameter :: dependent = 1.0e-9_wp, no_weight = 1.0e-12_wp
 
 contains
 
-  !> Whether it is more than elastic.
+  !> True if the element is not purely elastic, or observes its deflection.
   pure logical function is_active(self)
     class(element_type), intent(in) :: self
     is_active = self%is_watched .or. size(self%laws) > 0 .or. any(abs(self%powers) > 0.0_wp) &
                 .or. (self%kernel > 0 .and. abs(self%stiffness) > 0.0_wp)
   end function is_active
 
-  !> Add their linear parts to K and C.
+  !> Add the linear parts of elements to K and C.
   pure subroutine add_elements(elements, places, stiffness, damping, low)
     type(element_type), intent(in) :: elements(:)
-    !> Places in terms of the coordinates, shape (n_places, n).
+    !> Observed coordinates in terms of all coordinates, shape (n_places, n).
     real(wp), intent(in) :: places(:, :)
     real(wp), intent(inout) :: stiffness(:, :), damping(:, :)
-    !> The rounding error of K: the digits of soft springs in the presence of a stiff element.
+    !> Rounding error of K: digits of soft springs in the presence of a stiff element.
     real(wp), intent(out), optional :: low(:, :)
     real(real128), allocatable :: total(:, :)
     real(wp) :: e(size(stiffness, 1))
@@ -68,12 +68,12 @@ contains
     if (present(low)) low = real(total - stiffness, wp)
   end subroutine add_elements
 
-  !> Independent directions of active elements, and each of these in terms of them.
+  !> Find independent directions of the active elements, and express each element in them.
   pure subroutine find_directions(elements, n, directions)
     type(element_type), intent(inout) :: elements(:)
-    !> Places.
+    !> Number of observed coordinates.
     integer, intent(in) :: n
-    !> Shape (n, q); without active elements the first place stands for the linear response.
+    !> Shape (n, q). Without active elements, the first coordinate represents the linear response.
     real(wp), allocatable, intent(out) :: directions(:, :)
     real(wp) :: chosen(n, size(elements)), basis(n, size(elements)), r(size(elements), &
                                                                        size(elements))
@@ -84,7 +84,7 @@ contains
     r = 0.0_wp
     do i = 1, size(elements)
       if (.not. elements(i)%is_active()) cycle
-      ! Orthogonal to those before, twice, so that rounding is no part of it.
+      ! Orthogonalize against previous directions twice, to remove rounding errors.
       left = elements(i)%direction
       weights = 0.0_wp
       do pass = 1, 2
@@ -121,8 +121,8 @@ contains
     directions = reshape(one, [n, 1])
   end subroutine find_directions
 
-  !> Forces of the elements on q coordinates, as a polynomial system has them. Elastic stiffness is
-  !! part of the rest: of it only what is hereditary stands here.
+  !> Forces of the elements on q coordinates as a polynomial system. Elastic stiffness belongs to
+  !! the linear subsystem; only its hereditary part is included here.
   pure subroutine put_laws(elements, q, n_kernels, p)
     type(element_type), intent(in) :: elements(:)
     integer, intent(in) :: q, n_kernels
@@ -169,7 +169,7 @@ contains
     end do
   end subroutine put_laws
 
-  !> Monomials of an element.
+  !> Number of monomials of an element.
   pure integer function terms_of(element) result(n)
     type(element_type), intent(in) :: element
     integer :: i, m, power
@@ -191,7 +191,7 @@ contains
     type(element_type), intent(in) :: element
     integer, intent(in) :: power
     type(polynomial_parameters), intent(inout) :: p
-    !> Monomials in use.
+    !> Number of monomials so far.
     integer, intent(inout) :: n
     integer, allocatable :: places(:), exponents(:)
     real(wp) :: factor
@@ -213,7 +213,7 @@ contains
         p%powers(:, n) = 0
         p%powers(places, n) = exponents
       end do
-      ! The next way to share the power out.
+      ! Next set of exponents with the same sum.
       first = findloc(exponents > 0, .true., 1)
       if (first == size(places)) exit
       i = exponents(first)

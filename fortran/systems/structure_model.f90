@@ -1,5 +1,5 @@
-!> A structure as it is written down: matrices, elements and loads; condensed to the deflections of
-!! its elements, and its motions in all coordinates.
+!> A structure as defined by the user: matrices, elements and loads. It is condensed to the
+!! deflections of its elements, and solutions are expanded to all coordinates.
 module viscovib_structure_model
   use viscovib_dense, only: factorize, invert, solve
   use viscovib_kernel_holder, only: kernel_holder
@@ -18,32 +18,32 @@ module viscovib_structure_model
 
   public :: structure_model, condense, set_rest, put_load, expand, add_linear
 
-  !> Monomials that all elements together may have.
+  !> Largest number of monomials of all elements.
   integer, parameter :: most_terms = 20000
-  !> Part of a rigid body's motion that is no deflection; of a load that nothing holds: rounding.
+  !> Relative deflections by a rigid body, and unsupported loads, that are rounding errors.
   real(wp), parameter :: unseen = 1.0e-10_wp, unheld = 1.0e-9_wp
-  !> Coordinates up to which matrices behind complex modes are kept.
+  !> Largest number of coordinates for keeping the matrices if modes are complex.
   integer, parameter :: most_few = 24
-  !> Largest entries of matrices; of factors and elements.
+  !> Largest entry of matrices, and of factors and elements.
   real(wp), parameter :: largest = 1.0e40_wp, largest_factor = 1.0e20_wp
 
   type :: structure_model
-    !> M, C and K without elements, shape (n, n), and the places that have names in terms of the
-    !! coordinates, shape (n_places, n): of a reduced structure its shapes, else the unit matrix.
+    !> M, C and K without elements, shape (n, n); observed coordinates in terms of all coordinates,
+    !! shape (n_places, n): shapes of a reduced structure, otherwise the unit matrix.
     real(wp), allocatable :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
     type(modal_damping) :: modal
-    !> Whether the places are but some of what its coordinates stand for.
+    !> True if the observed coordinates are only a part of those that the reduced model represents.
     logical :: is_reduced = .false.
-    !> How the places move with the base, shape (n_places).
+    !> Displacement of observed coordinates per unit base displacement, shape (n_places).
     real(wp), allocatable :: base_direction(:)
     type(element_type), allocatable :: elements(:)
-    !> Found: directions (n_places, q), the rest, loads on the places, (n_places, n_loads), and of
-    !! the base (n_loads) by order.
+    !> Results: directions (n_places, q), linear subsystem, loads on observed coordinates,
+    !! (n_places, n_loads), and base motion (n_loads) by order.
     real(wp), allocatable :: directions(:, :)
     type(rest_type) :: rest
     type(load_type) :: load
-    !> Order 0: inverse of the bordered matrix of deflections and rigid bodies, and these in terms
-    !! of the modes of zero frequency.
+    !> Order 0: inverse of the bordered matrix of deflections and rigid bodies, and the rigid bodies
+    !! in terms of the modes of zero frequency.
     real(wp), allocatable, private :: held(:, :), turn(:, :)
   contains
     procedure :: told
@@ -53,7 +53,7 @@ module viscovib_structure_model
 
 contains
 
-  !> The structure without loads.
+  !> Condense the structure, without loads.
   subroutine condense(model, kernels, system, status)
     type(structure_model), intent(inout) :: model
     type(kernel_holder), intent(in) :: kernels(:)
@@ -97,13 +97,13 @@ contains
     allocate (system%loads(0))
   end subroutine condense
 
-  !> The linear rest of the condensed system, of which the modes are known.
+  !> Set the linear subsystem of the condensed system from the modes.
   subroutine set_rest(model, system, stiffness, weights, status)
     type(structure_model), intent(inout) :: model
     type(structure_type), intent(inout) :: system
-    !> With the linear parts of elements, shape (n, n).
+    !> Including the linear parts of elements, shape (n, n).
     real(wp), intent(in) :: stiffness(:, :)
-    !> What H tends to is 1/(weight s^2), shape (q).
+    !> H tends to 1/(weight s^2) at high frequency, shape (q).
     real(wp), allocatable, intent(out) :: weights(:)
     type(status_type), intent(out) :: status
     real(wp), allocatable :: seen(:, :)
@@ -141,7 +141,7 @@ contains
     end if
   end subroutine set_rest
 
-  !> The matrices behind complex modes, in units that make the masses 1.
+  !> Keep the uncondensed matrices, scaled to unit masses.
   subroutine keep_matrices(model, damping, stiffness, few)
     type(structure_model), intent(in) :: model
     real(wp), intent(in) :: damping(:, :), stiffness(:, :)
@@ -168,7 +168,7 @@ contains
     end do
   end subroutine keep_matrices
 
-  !> Numbers whose squares and products stay within the range of numbers.
+  !> Check that squares and products of all numbers do not overflow.
   subroutine check_sizes(model, status)
     type(structure_model), intent(in) :: model
     type(status_type), intent(out) :: status
@@ -210,11 +210,11 @@ contains
     end do
   end subroutine check_sizes
 
-  !> K and C with the linear parts of elements.
+  !> K and C including the linear parts of elements.
   pure subroutine add_linear(model, stiffness, damping, low)
     type(structure_model), intent(in) :: model
     real(wp), intent(out) :: stiffness(:, :), damping(:, :)
-    !> As of `add_elements`.
+    !> As in `add_elements`.
     real(wp), intent(out), optional :: low(:, :)
 
     stiffness = model%stiffness
@@ -222,7 +222,7 @@ contains
     call add_elements(model%elements, model%places, stiffness, damping, low)
   end subroutine add_linear
 
-  !> C with the dampers of elements and Rayleigh's factors.
+  !> C including the dampers of elements and Rayleigh damping.
   function all_damping(self) result(damping)
     class(structure_model), intent(in) :: self
     real(wp), dimension(size(self%mass, 1), size(self%mass, 1)) :: damping, stiffness
@@ -230,8 +230,8 @@ contains
     damping = damping + self%modal%rayleigh(1)*self%mass + self%modal%rayleigh(2)*stiffness
   end function all_damping
 
-  !> The limit of H^-1 at rest: y = elastic h + seen eta, 0 = seen^T h + loads of rigid bodies, with
-  !! forces h and rigid bodies eta.
+  !> Static limit of H^-1: y = elastic h + seen eta, 0 = seen^T h + loads on rigid bodies, with
+  !! forces h and rigid-body displacements eta.
   subroutine find_static(model, system, status)
     type(structure_model), intent(inout) :: model
     type(structure_type), intent(inout) :: system
@@ -258,7 +258,7 @@ contains
       end do
       bodies = gram
       if (m > 0) call find_symmetric_modes(unit, matmul(transpose(gram), gram), sizes, model%turn)
-      ! Rigid bodies that no deflection sees come first.
+      ! Order rigid bodies without deflections last.
       a = count(sizes <= 1.0e-13_wp*maxval([sizes, 0.0_wp]))
       model%turn = cshift(model%turn, a, 2)
       m = m - a
@@ -289,14 +289,14 @@ contains
     end associate
   end subroutine find_static
 
-  !> Loads on the places, and those of the condensed coordinates that stand for them.
+  !> Set the loads on observed coordinates and the equivalent loads on the condensed coordinates.
   subroutine put_load(model, load, in_time, system, condensed, status)
     type(structure_model), intent(inout) :: model
     type(load_type), intent(in) :: load
-    !> A motion in time is wanted, which needs no position of rest.
+    !> True for integration in time, which needs no static equilibrium.
     logical, intent(in) :: in_time
     type(structure_type), intent(inout) :: system
-    !> It only determines which orders exist, and where the base is.
+    !> It only defines the orders and the base motion.
     type(load_type), intent(out) :: condensed
     type(status_type), intent(out) :: status
     complex(wp), allocatable :: force(:, :), push(:), pole(:), eta(:)
@@ -354,8 +354,8 @@ contains
 
   end subroutine put_load
 
-  !> Forces h of order 0 on the rest at given deflections, and rigid bodies: of the load alone,
-  !! where the deflections are 0, less the effective load.
+  !> Static forces h at given deflections, and rigid-body displacements. For zero deflections, h is
+  !! the negative effective load.
   subroutine at_rest(self, system, y, push, pole, h, eta, status)
     class(structure_model), intent(in) :: self
     type(structure_type), intent(in) :: system
@@ -390,12 +390,12 @@ contains
     eta = matmul(self%turn(:, :m), found(q + 1:))
   end subroutine at_rest
 
-  !> Harmonics of places from those of the deflections: U_k = D_k^-1 (P_k + E h), h being the forces
-  !! of the elements that give these deflections.
+  !> Harmonics of observed coordinates from those of the deflections: U_k = D_k^-1 (P_k + E h), with
+  !! the element forces h for these deflections.
   subroutine expand(model, system, nu, factor, orders, y, wanted, u)
     type(structure_model), intent(in) :: model
     type(structure_type), intent(in) :: system
-    !> Frequency, and factor of the load.
+    !> Frequency, and load factor.
     real(wp), intent(in) :: nu, factor
     integer, intent(in) :: orders(:), wanted(:)
     !> Relative to the base, shape (n_orders, q).
@@ -432,13 +432,13 @@ contains
           w = -1.0_wp/rest%poles
         else
           t = rest%squares*cmplx(1.0_wp, rest%losses, wp) + rest%rates*s + s**2
-          ! In a resonance without damping what is left of the difference is rounding.
+          ! Without damping and at resonance the difference is only rounding error.
           where (.not. abs(t) > 0.0_wp) t = epsilon(1.0_wp)*abs(rest%squares) + tiny(1.0_wp)
           t = 1.0_wp/t
           w = 1.0_wp/(s - rest%poles)
           near = near_modes(system%rest, aimag(s))
           amplitudes = push(near)
-          ! Modes next to a resonance are unknowns of their own.
+          ! Modes near resonance are separate unknowns.
           t(near) = 0.0_wp
           y0 = matmul(t*push, seen) + matmul(w*pole, system%rest%left)
           if (size(near) > 0) then
@@ -461,7 +461,7 @@ contains
     end do
   end subroutine expand
 
-  !> Forces on the rest, and amplitudes of modes next to a resonance.
+  !> Forces, and amplitudes of modes near resonance.
   function near_answer(system, near, mu, right) result(x)
     type(structure_type), intent(in) :: system
     integer, intent(in) :: near(:)
@@ -492,7 +492,7 @@ contains
     x = cmplx(right(:n), right(n + 1:), wp)
   end function forces
 
-  !> What was condensed, a line of a plan.
+  !> Line of a plan: the condensation.
   function told(self) result(text)
     class(structure_model), intent(in) :: self
     character(len=:), allocatable :: text

@@ -1,8 +1,8 @@
-!> The linear rest of a structure by its modes: (M s^2 + C s + K)^-1 between some of its places.
+!> Linear subsystem of a structure by modes: (M s^2 + C s + K)^-1 between observed coordinates.
 !!
-!! Coordinates without mass (0), on which nothing else pushes, follow the others (1) at once,
-!! u_0 = -K_00^-1 K_01 u_1, which leaves K_11 - K_10 K_00^-1 K_01 (Guyan, AIAA Journal 3 (1965) 380,
-!! exact here).
+!! Coordinates without mass (0) carry no other forces. They follow the other coordinates (1)
+!! statically, u_0 = -K_00^-1 K_01 u_1. This leaves the stiffness K_11 - K_10 K_00^-1 K_01 (Guyan,
+!! AIAA Journal 3 (1965) 380, exact here).
 module viscovib_structure_rest
   use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_damped_modes, only: find_damped_modes
@@ -16,32 +16,32 @@ module viscovib_structure_rest
 
   public :: rest_type, modal_damping, new_rest, is_symmetric
 
-  !> Coordinates up to which complex modes are computed here: it takes n^4.
+  !> Largest number of coordinates for complex modes; the time grows as n^4.
   integer, parameter, public :: most_coupled = 100
-  !> Part of what is summed that is rounding.
+  !> Fraction of the terms of a sum that counts as rounding error.
   real(wp), parameter :: rounding = 1.0e-12_wp
-  !> A diagonal entry that is larger than this multiple of all others is a support by the penalty
-  !! method, next to which the digits of the other coordinates are lost.
+  !> A diagonal entry larger than this multiple of all others is a penalty support. It would destroy
+  !! the digits of the other coordinates.
   real(wp), parameter :: huge_ratio = 1.0e20_wp
 
-  !> Damping that leaves modes uncoupled: ratios (one or one a mode), Rayleigh's factors of M and K,
+  !> Damping that does not couple modes: ratios (one, or one per mode), Rayleigh factors of M and K,
   !! loss factor.
   type :: modal_damping
     real(wp), allocatable :: ratios(:)
     real(wp) :: rayleigh(2) = 0.0_wp, loss = 0.0_wp
   end type modal_damping
 
-  !> Modes as `viscovib_compliance` has them, with shapes at the places, (n_places, n).
+  !> Modes as in `viscovib_compliance`, with shapes at observed coordinates, shape (n_places, n).
   type :: rest_type
     real(wp), allocatable :: squares(:), rates(:), losses(:), shapes(:, :)
     complex(wp), allocatable :: poles(:), left(:, :), right(:, :)
-    !> K where all modes are its, shape (n, n); empty where what has no mass follows.
+    !> K, shape (n, n); empty if there are coordinates without mass.
     real(wp), allocatable :: springs(:, :)
-    !> What rounding took of it; not allocated: nothing.
+    !> Rounding error of K; not allocated: 0.
     real(wp), allocatable :: springs_low(:, :)
-    !> Springs that rounding hides, a line; empty of others.
+    !> Warning about soft springs hidden by rounding errors; empty if there are none.
     character(len=:), allocatable :: hidden
-    !> Which coordinates have no mass, and what they are in terms of the others.
+    !> Mask of coordinates without mass, and matrix that gives them from the other coordinates.
     logical, allocatable :: idle(:)
     real(wp), allocatable :: follow(:, :)
   contains
@@ -55,13 +55,13 @@ contains
 
   subroutine new_rest(rest, mass, damping, stiffness, places, modal, status, low)
     type(rest_type), intent(out) :: rest
-    !> Shape (n, n), with the linear parts of elements.
+    !> Shape (n, n), including the linear parts of elements.
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
-    !> Places in terms of the coordinates, shape (n_places, n).
+    !> Observed coordinates in terms of all coordinates, shape (n_places, n).
     real(wp), intent(in) :: places(:, :)
     type(modal_damping), intent(in) :: modal
     type(status_type), intent(out) :: status
-    !> What rounding took of the stiffness.
+    !> Rounding error of the stiffness.
     real(wp), intent(in) :: low(:, :)
 
     call set_ok(status)
@@ -80,7 +80,7 @@ contains
     end if
   end subroutine new_rest
 
-  !> Refuse a coordinate that a huge number on the diagonal fixes.
+  !> Fail if a very large diagonal entry fixes a coordinate.
   subroutine refuse_penalty(matrix, name, status)
     real(wp), intent(in) :: matrix(:, :)
     character(len=*), intent(in) :: name
@@ -100,7 +100,7 @@ contains
     end do
   end subroutine refuse_penalty
 
-  !> The modes of what has mass; the places are where these and what follows them are.
+  !> Modes of the coordinates with mass. The others follow statically at the observed coordinates.
   subroutine find_condensed(rest, mass, damping, stiffness, places, modal, status)
     type(rest_type), intent(inout) :: rest
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
@@ -150,7 +150,7 @@ contains
     rest%follow = -matmul(inverse, stiffness(gone, kept))
     carry = -matmul(transpose(inverse), transpose(stiffness(kept, gone)))
     left = stiffness(kept, kept) + matmul(stiffness(kept, gone), rest%follow)
-    ! Rounding must not take symmetry away.
+    ! Keep the matrix symmetric in the presence of rounding errors.
     if (is_symmetric(stiffness)) left = 0.5_wp*(left + transpose(left))
     whole = places(:, kept) + matmul(places(:, gone), rest%follow)
     pushed = places(:, kept) + matmul(places(:, gone), carry)
@@ -171,10 +171,10 @@ contains
     n_modes = size(self%squares) + size(self%poles)/2
   end function n_modes
 
-  !> Fail if something that has other answers than the modes' acts on a coordinate without mass.
+  !> Fail if a force other than the modes can represent acts on a coordinate without mass.
   subroutine refuse_on_idle(self, forces, subject, what, status)
     class(rest_type), intent(in) :: self
-    !> On the coordinates, shape (n, n_forces).
+    !> Forces on the coordinates, shape (n, n_forces).
     real(wp), intent(in) :: forces(:, :)
     character(len=*), intent(in) :: subject, what
     type(status_type), intent(out) :: status
@@ -188,26 +188,26 @@ contains
                          //'Structure of Python takes it')
   end subroutine refuse_on_idle
 
-  !> Put coordinates without mass where the others want them.
+  !> Set the coordinates without mass from the others.
   pure subroutine place_idle(self, u)
     class(rest_type), intent(in) :: self
     real(wp), intent(inout) :: u(:)
     if (any(self%idle)) u = unpack(matmul(self%follow, pack(u, .not. self%idle)), self%idle, u)
   end subroutine place_idle
 
-  !> Coordinates of real modes, and states of complex ones, of displacements u. In two ways, of the
-  !! same value,
+  !> Modal coordinates of real modes, and states of complex modes, for displacements u. There are
+  !! two equivalent formulas,
   !!
-  !!   phi^T M u = phi^T K u/omega^2,    right^T (pole M + C) u = -right^T K u/pole,
+  !!   phi^T M u = phi^T K u/omega^2,    right^T (pole M + C) u = -right^T K u/pole.
   !!
-  !! each mode in the one that rounding of its shape takes least from. What hardly bends a stiff
-  !! spring hardly moves its mode, K u being exact: phi^T M u may leave 1e-16 there, which swings,
-  !! at 1e-16 omega.
+  !! Each mode uses the one with the smaller rounding error. Displacements that hardly deform a
+  !! stiff spring hardly excite its mode. K u is exact, but phi^T M u may have an error of 1e-16,
+  !! which then oscillates.
   pure subroutine in_modes(self, mass, damped, u, q, z)
     class(rest_type), intent(in) :: self
     !> Shape (n, n), C u, and u.
     real(wp), intent(in) :: mass(:, :), damped(:), u(:)
-    !> As many as modes.
+    !> One value per mode.
     real(wp), intent(out) :: q(:)
     complex(wp), intent(out) :: z(:)
     real(wp), dimension(size(u)) :: moved, moved_most, pulled
@@ -246,7 +246,7 @@ contains
   subroutine find_modes(rest, mass, damping, stiffness, places, pushed, modal, status)
     type(rest_type), intent(inout) :: rest
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
-    !> Places in terms of the coordinates; what forces at the places are on them.
+    !> Matrices from coordinates to observed coordinates, and from forces there to the coordinates.
     real(wp), intent(in) :: places(:, :), pushed(:, :)
     type(modal_damping), intent(in) :: modal
     type(status_type), intent(inout) :: status
@@ -258,12 +258,12 @@ contains
     rest%hidden = ''
     if (is_symmetric(stiffness) .and. is_symmetric(damping)) then
       call find_symmetric_modes(mass, stiffness, squares, shapes, rest%springs_low)
-      ! Squares of frequencies that are rounding are 0: motions that no spring resists.
+      ! Set squares within rounding errors to 0: rigid-body modes.
       pulled = matmul(abs(stiffness), abs(shapes))
       where (abs(squares) <= rounding*sum(abs(shapes)*pulled, 1)) squares = 0.0_wp
       rest%hidden = hidden_modes(squares, shapes, mass, stiffness)
       seen = matmul(transpose(shapes), matmul(damping, shapes))
-      ! Each product next to its own terms: one strong damper says nothing of weak ones.
+      ! Compare each product with its own terms, so that a strong damper does not hide weak ones.
       lost = rounding*matmul(transpose(abs(shapes)), matmul(abs(damping), abs(shapes)))
       where (abs(seen) <= lost) seen = 0.0_wp
       do i = 1, n
@@ -309,7 +309,7 @@ contains
       slowest = minval(abs(rest%poles))
       fastest = maxval(abs(rest%poles))
       if (slowest <= rounding*fastest) then
-        ! Rigid bodies and springs that rounding hides look alike here.
+        ! Rigid bodies and springs hidden by rounding errors cannot be distinguished here.
         call fail(status, status_input_error, 'damping', 'damping: couples the modes, whose ' &
                   //'slowest has a rate of '//show(slowest)//' 1/s, the fastest '//show(fastest) &
                   //' 1/s: a rigid body, or so soft that rounding hides it; the ratio must be ' &
@@ -330,7 +330,7 @@ contains
     allocate (rest%squares(0), rest%rates(0), rest%losses(0), rest%shapes(size(places, 1), 0))
   end subroutine find_coupled
 
-  !> Within the rounding error of each entry, of the diagonal, and of the largest entry.
+  !> True if symmetric within rounding errors of the entry, diagonal and largest entry.
   pure logical function is_symmetric(matrix)
     real(wp), intent(in) :: matrix(:, :)
     real(wp) :: beside, least

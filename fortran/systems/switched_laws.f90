@@ -1,16 +1,16 @@
-!> Force laws and elements of a motion in time, each on one side of its surfaces or sliding on it.
+!> Force laws and elements in time integration, each on one side of its switching surfaces or
+!! sliding.
 !!
-!! A jump, such as that of sign(v), is set-valued on its surface g = 0 (Filippov): where the motion
-!! is pushed there from both sides it stays, and the law takes the value between both for which it
-!! does. With the force on the one side, a_+, and by what it differs from that on the other, 2 b_j
-!! for surface j,
+!! A jump, such as in sign(v), is set-valued on its surface g = 0 (Filippov). If the solution is
+!! pushed to the surface from both sides it stays there (sliding), and the law takes the
+!! intermediate value that keeps it there. With the acceleration a_+ on one side, and the difference
+!! 2 b_j to the other side of surface j,
 !!
 !!   a = a_+ + sum_j mu_j b_j,  0 <= mu_j <= 2,  d g_j/dt = c_j + n_j . a = 0,
 !!
-!! c_j = dg_j/dq . v and n_j = dg_j/dv: linear equations for mu (the equivalent control, V. I.
-!! Utkin, Sliding Modes in Control and Optimization, 1992). The motion leaves a surface where mu_j
-!! leaves this interval. In the same way a stop pushes with b = M^(-1) n and any mu >= 0 while the
-!! motion rests against it.
+!! c_j = dg_j/dq . v and n_j = dg_j/dv. These are linear equations for mu (equivalent control, V. I.
+!! Utkin, Sliding Modes in Control and Optimization, 1992). Sliding ends when mu_j leaves this
+!! interval. Similarly, a closed stop pushes with b = M^(-1) n and mu >= 0.
 module viscovib_switched_laws
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_multiple, n_lanes
@@ -27,31 +27,31 @@ module viscovib_switched_laws
 
   public :: switched_laws, new_switched_laws, slide_directions
 
-  !> The other value of a law that slides: which law, and its program on the other side.
+  !> Other side of a sliding law: index of the law, and its program there.
   type :: other_side
     integer :: law = 0
     type(law_program) :: program
   end type other_side
 
-  !> Surfaces that are one, on which the motion slides: the first of them, and what jumps there.
+  !> A sliding surface: the first of equal surfaces, and the laws that jump on it.
   type :: slide_type
     integer :: leader = 0
     type(other_side), allocatable :: others(:)
-    !> The stop against which it rests instead, 0: none.
+    !> Element of a closed stop, 0: none.
     integer :: stop = 0
   end type slide_type
 
   type :: switched_laws
     integer :: n_dof = 0
     type(law_term), allocatable :: laws(:)
-    !> Elements that know what was.
+    !> Elements with internal state.
     type(moving_element), allocatable :: elements(:)
     !> The place of each of these among all laws as they were given.
     integer, allocatable, private :: place_of_law(:), place_of_element(:)
     !> Of each surface, its law or behind those its element (the other is 0), which one of it, the
     !! first surface that is the same, and whether both signals have the same sign (1) or not (-1).
     integer, allocatable :: law_of(:), element_of(:), which(:), leader(:), sense(:)
-    !> Where each surface is the motion: on a side, 1 or -1; not known, 0; on it, `slides`.
+    !> Position relative to each surface: side 1 or -1; unknown, 0; on it, `slides`.
     integer, allocatable :: holds(:)
     type(signal_type), allocatable :: signals(:)
     type(law_term), allocatable, private :: free(:)
@@ -127,8 +127,8 @@ contains
     end do
   end subroutine new_switched_laws
 
-  !> Whether two signals differ by a constant factor only: its sign, else 0. They are compared at
-  !! places that no law prefers.
+  !> Sign of the constant factor between two signals; 0 if they are not proportional. They are
+  !! compared at generic points.
   integer function likeness(one, other, n_dof)
     type(signal_type), intent(in) :: one, other
     integer, intent(in) :: n_dof
@@ -152,10 +152,10 @@ contains
     if (all(abs(f - factor*g) <= 1.0e-12_wp*maxval(abs(f)))) likeness = nint(sign(1.0_wp, factor))
   end function likeness
 
-  !> Hold the laws where the motion is.
+  !> Fix the laws on the given sides.
   subroutine take(self, holds)
     class(switched_laws), intent(inout) :: self
-    !> Of each surface: 1, -1, 0 or `slides`.
+    !> For each surface: 1, -1, 0 or `slides`.
     integer, intent(in) :: holds(:)
     type(law_program), allocatable :: programs(:)
     real(wp), allocatable :: rough(:)
@@ -209,7 +209,7 @@ contains
     end do
   end subroutine take
 
-  !> With what power a law begins on its surface j.
+  !> Initial exponent of a law on its surface j.
   pure real(wp) function rough_surface(program, j)
     type(law_program), intent(in) :: program
     integer, intent(in) :: j
@@ -219,7 +219,7 @@ contains
     rough_surface = rough(j)
   end function rough_surface
 
-  !> What jumps on a surface.
+  !> Find the laws that jump on a surface.
   subroutine slide_on(self, k, other, slide)
     class(switched_laws), intent(in) :: self
     integer, intent(in) :: k, other(:)
@@ -242,14 +242,14 @@ contains
     slide%others = slide%others(:m)
   end subroutine slide_on
 
-  !> On how many surfaces the motion slides.
+  !> Number of surfaces on which the solution slides.
   pure integer function n_slides(self)
     class(switched_laws), intent(in) :: self
     n_slides = 0
     if (allocated(self%sliding)) n_slides = size(self%sliding)
   end function n_slides
 
-  !> Which slide a surface leads, 0: none.
+  !> Index of the slide whose first surface is k; 0: none.
   pure integer function place_of(self, k)
     class(switched_laws), intent(in) :: self
     integer, intent(in) :: k
@@ -260,7 +260,7 @@ contains
     end do
   end function place_of
 
-  !> How many numbers elements must know to go on.
+  !> Number of values that the elements save for a continuation.
   pure integer function n_known(self)
     class(switched_laws), intent(in) :: self
     integer :: i
@@ -270,7 +270,7 @@ contains
     end do
   end function n_known
 
-  !> These numbers, those of stops first.
+  !> Saved values of the elements, stops first.
   function known(self) result(kept)
     class(switched_laws), intent(in) :: self
     real(wp) :: kept(self%n_known())
@@ -301,12 +301,12 @@ contains
     end do
   end subroutine recall
 
-  !> Take the laws from the accelerations that all else gives.
+  !> Subtract the laws from the accelerations of all other forces.
   pure subroutine add(self, q, v, a, mu)
     class(switched_laws), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(inout) :: a(n_lanes, self%n_dof)
-    !> Where between both sides each slide is, shape (n_lanes, n_slides).
+    !> Position between the sides of each sliding surface, shape (n_lanes, n_slides).
     real(wp), intent(out), optional :: mu(:, :)
     real(wp) :: value(n_lanes)
     integer :: d, i, l
@@ -407,7 +407,7 @@ contains
     end do
   end subroutine add_sloped
 
-  !> total + c x; most arguments are one coordinate or one rate, and most c are 0.
+  !> total + c x. Most c are 0.
   pure subroutine add_some(total, c, x)
     real(wp), intent(inout) :: total(n_lanes)
     real(wp), intent(in) :: c, x(n_lanes)
@@ -427,7 +427,7 @@ contains
     end do
   end function deflection
 
-  !> The normal of the surface of a stop, and M^(-1) times it.
+  !> Normal of a stop's surface, and M^(-1) times it.
   pure subroutine normal(self, k, n, b)
     class(switched_laws), intent(in) :: self
     integer, intent(in) :: k
@@ -438,7 +438,7 @@ contains
     b = way*self%elements(self%element_of(k))%weights
   end subroutine normal
 
-  !> Keep the motion on the surfaces on which it slides.
+  !> Correct the accelerations so that the solution remains on its sliding surfaces.
   pure subroutine slide_along(self, q, v, a, mu)
     class(switched_laws), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -452,8 +452,8 @@ contains
     call slide_directions(self, q, v, b, c, n)
     do i = 1, size(a, 1)
       if (present(mu)) mu(i, :) = 0.0_wp
-      ! What large forces leave of an acceleration is rounding; the second turn takes it away, else
-      ! a mass that sticks would creep, the further the longer it sticks.
+      ! The second pass removes rounding errors of large forces. Without it a sticking mass would
+      ! creep steadily.
       do turn = 1, 2
         do j = 1, size(x)
           x(j) = -(c(i, j) + dot_product(n(i, :, j), a(i, :)))
@@ -468,8 +468,8 @@ contains
     end do
   end subroutine slide_along
 
-  !> The velocities on the surfaces on which the motion slides, next to those at a state: where
-  !! it comes to them, it is there but for rounding, with which it would go on.
+  !> Project the velocities of a state onto the sliding surfaces, from which they differ by rounding
+  !! errors, which would otherwise persist.
   subroutine stay(self, q, v)
     class(switched_laws), intent(in) :: self
     real(wp), intent(in) :: q(:)
@@ -496,8 +496,8 @@ contains
     if (all(abs(x) < wall)) v = v + matmul(b(1, :, :), x)
   end subroutine stay
 
-  !> Of every slide: b, by what its force changes accelerations; c and n, by what the signal of its
-  !! surface changes along the motion and by accelerations.
+  !> For each slide: b, the change of accelerations by its force; c and n, the derivatives of its
+  !! signal along the velocities and by accelerations.
   pure subroutine slide_directions(self, q, v, b, c, n)
     class(switched_laws), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -530,7 +530,7 @@ contains
     end do
   end subroutine slide_directions
 
-  !> What a signal changes by along the motion: c by the velocities, n by the accelerations.
+  !> Time derivative of a signal: c from the velocities, n . a from the accelerations.
   pure subroutine gradient(signal, q, v, c, n)
     type(signal_type), intent(in) :: signal
     real(wp), intent(in) :: q(:, :), v(:, :)
@@ -543,7 +543,7 @@ contains
     n = matmul(slopes, signal%by_v)
   end subroutine gradient
 
-  !> How fast a signal changes at one state with these accelerations.
+  !> Time derivative of a signal at a state with given accelerations.
   real(wp) function rate(self, k, q, v, a)
     class(switched_laws), intent(in) :: self
     integer, intent(in) :: k

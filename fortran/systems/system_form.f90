@@ -1,5 +1,5 @@
-!> A polynomial system (`viscovib_polynomial`) up to third-degree terms, its hereditary
-!! variables among the unknowns, as the mount's are in `viscovib_mount_form`.
+!> Polynomial form of a system (`viscovib_polynomial`) up to third-degree terms, with hereditary
+!! variables among the unknowns, as in `viscovib_mount_form`.
 module viscovib_system_form
   use viscovib_full_oscillator, only: put_behind
   use viscovib_kernel_holder, only: copy_kernels
@@ -18,7 +18,7 @@ module viscovib_system_form
 
 contains
 
-  !> A mount or a polynomial system, under one load.
+  !> Form of a mount or a polynomial system with one load.
   subroutine new_oscillator_form(form, oscillator, load, nu, status)
     type(polynomial_form_type), intent(out) :: form
     class(oscillator_type), intent(in) :: oscillator
@@ -110,7 +110,7 @@ contains
     call put_behind(form, system)
   end subroutine new_system_form
 
-  !> Monomials of degree 2 and 3; those beyond are in the full system alone.
+  !> Copy monomials of degree 2 and 3. Higher degrees are only in the full system.
   subroutine take_monomials(form, system, n)
     type(polynomial_form_type), intent(inout) :: form
     type(polynomial_type), intent(in) :: system

@@ -1,5 +1,5 @@
-!> A system together with a small disturbance of its motion: the variational
-!! equation, in coordinates (q, dq).
+!> A system together with a small perturbation of its solution: the variational equation, in
+!! coordinates (q, dq).
 module viscovib_tangent_system
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_kinds, only: wp

@@ -1,4 +1,4 @@
-!> Loads in time that are cubics between breaks, and nothing before the first and after the last.
+!> Loads given as piecewise cubics in time; zero before the first and after the last break.
 module viscovib_timed_cubics
   use viscovib_kinds, only: wp
   implicit none
@@ -7,8 +7,8 @@ module viscovib_timed_cubics
   public :: timed_cubics
 
   type :: timed_cubics
-    !> Shapes (n) and (n_rows, 4, n): sum_p pieces(:, p, i) (t - breaks(i))^(4-p); the last one of
-    !! no effect.
+    !> Shapes (n) and (n_rows, 4, n): sum_p pieces(:, p, i) (t - breaks(i))^(4-p). The last piece is
+    !! not used.
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
   contains
     procedure :: between
@@ -16,7 +16,7 @@ module viscovib_timed_cubics
 
 contains
 
-  !> The cubic at the middle of a piece of time, in powers of the time since it began, shape
+  !> The cubic of the interval from `from` to `to`, in powers of the time since `from`, shape
   !! (n_rows, 4).
   pure function between(self, from, to) result(cubic)
     class(timed_cubics), intent(in) :: self

@@ -1,23 +1,23 @@
-!> A rigid body in space on mounts that hold its points along directions fixed in space, under
-!! finite rotations (`viscovib_rotation`): coordinates x, theta, and those of fluid tracks.
+!> A rigid body in space with finite rotations (`viscovib_rotation`), on mounts with directions
+!! fixed in space. The coordinates are x, theta, and those of fluid tracks.
 !!
-!! A mount at the arm p, in axes of the body, is deflected by d = e . (x + R p - p), one that holds
-!! rotations by d = e . theta. With v_j = (1 - R_j*) [k_j d_j + g_j(d_j)], forces and moments
+!! A mount at the arm p, in body axes, has the deflection d = e . (x + R p - p); a rotational mount
+!! has d = e . theta. With v_j = (1 - R_j*) [k_j d_j + g_j(d_j)], forces and moments are
 !!
 !!   m x'' = f - sum_j e_j (v_j + c_j d_j'),
 !!   J omega' + omega x (J omega + h) = m_b - sum_j (p_j x R^T e_j) (v_j + c_j d_j')
 !!                                           - sum_j T^-T e_j v_j,
 !!
-!! over points held and over rotations held, h the angular momentum of parts that spin steadily
-!! inside, constant in axes of the body (Goldstein, Classical Mechanics, 5.5). The second is solved
-!! for theta'' and multiplied by J, so that masses are constant, and what is left of it depends on
-!! rates and loads too:
+!! summed over translational and rotational mounts. h is the constant angular momentum of internal
+!! rotors in body axes (Goldstein, Classical Mechanics, 5.5). The second equation is solved for
+!! theta'' and multiplied by J, so that masses are constant. Its remainder also depends on rates and
+!! loads:
 !!
 !!   M u'' + C u' + B v + r(u, u', v, load) = load.
 !!
-!! Coordinates count from a position where the weight rests on the mounts: each carries a constant
-!! P_j there, which remembers nothing and whose moment turns with the body, in v_j's place above.
-!! What is linear of these moments stands in three further variables, on theta.
+!! Coordinates are relative to the static equilibrium under the weight. There each mount carries a
+!! constant preload P_j without memory, added to v_j in the moments, which rotate with the body. The
+!! linear part of these moments uses three additional variables, on theta.
 module viscovib_turning_body
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
@@ -31,35 +31,35 @@ module viscovib_turning_body
 
   public :: body_spring, new_turning_body, row_of, turning_body
 
-  !> A complex step, whose square is nothing.
+  !> Size of a complex step, whose square is negligible.
   real(wp), parameter :: tiny_step = 1.0e-100_wp
-  !> Beyond this angle, well after pi, the same rotation is described by the opposite vector.
+  !> Beyond this angle, somewhat more than pi, the rotation is described by the opposite vector.
   real(wp), parameter :: far_turned = 3.5_wp
 
   type :: body_spring
     integer :: kernel = 0
-    !> Whether it holds rotations.
+    !> True for a rotational mount.
     logical :: turning = .false.
     !> e and p (m).
     real(wp) :: direction(3) = 0.0_wp, arm(3) = 0.0_wp
-    !> k, with the slope of its law, and c; what it carries at rest.
+    !> k, including the slope of its law, and c; static load.
     real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp, preload = 0.0_wp
-    !> Coordinate of a fluid track that it holds too (0: none).
+    !> Coordinate of the fluid track that it drives (0: none).
     integer :: track = 0
-    !> g(d): coefficients by power from 2 on, and laws that are no polynomials.
+    !> g(d): coefficients by power from 2 on, and nonpolynomial laws.
     real(wp), allocatable :: coefficient(:)
     type(law_term), allocatable :: laws(:)
   end type body_spring
 
   type, extends(oscillator_type) :: turning_body
     type(body_spring), allocatable :: springs(:)
-    !> Whether loads are given in the axes of the body, and turn with it.
+    !> True if loads are given in body axes.
     logical :: loads_turn = .false.
-    !> h (kg m^2/s); C holds what it does at small rates.
+    !> h (kg m^2/s). C contains its effect at small rates.
     real(wp) :: spin_inside(3) = 0.0_wp
     real(wp) :: inertia(3, 3) = 0.0_wp
     real(wp), private :: inverse(3, 3) = 0.0_wp
-    !> Whether a rotation and what is turned once more are the same to all springs.
+    !> True if rotations that differ by a full turn are equivalent for all springs.
     logical, private :: winds = .false.
   contains
     procedure :: deflection_remainder
@@ -77,7 +77,7 @@ contains
 
   subroutine new_turning_body(body, mass, damping, base_direction, springs, kernels)
     type(turning_body), intent(out) :: body
-    !> Of all coordinates, about the centre of mass.
+    !> For all coordinates, about the center of mass.
     real(wp), intent(in) :: mass(:, :), damping(:, :), base_direction(:)
     type(body_spring), intent(in) :: springs(:)
     type(kernel_holder), intent(in) :: kernels(:)
@@ -119,7 +119,7 @@ contains
     call body%drop_zero_kernels()
   end subroutine new_turning_body
 
-  !> Masses other by a factor, and what is known of them.
+  !> Scale the masses, and update the inertia and its inverse.
   subroutine weigh(self, factor)
     class(turning_body), intent(inout) :: self
     real(wp), intent(in) :: factor
@@ -131,8 +131,8 @@ contains
     self%inverse = real(inverse)
   end subroutine weigh
 
-  !> What moments of constant forces at points that turn change by with theta, in axes of the body;
-  !! symmetric where they are in balance.
+  !> Derivatives by theta of the moments of constant forces at body points, in body axes; symmetric
+  !! if the forces are in equilibrium.
   pure function stiffness_of_preload(springs) result(bend)
     type(body_spring), intent(in) :: springs(:)
     real(wp) :: bend(3, 3)
@@ -152,7 +152,7 @@ contains
     end do
   end function stiffness_of_preload
 
-  !> What a small motion deflects.
+  !> Coefficients of the deflection for small motions.
   pure function row_of(spring, n) result(row)
     type(body_spring), intent(in) :: spring
     integer, intent(in) :: n
@@ -207,7 +207,7 @@ contains
     end do
   end subroutine deflection_remainder
 
-  !> (k + g') dd/du - k (its value at 0), dd/dtheta = T^T (p x R^T e).
+  !> Slopes (k + g') dd/du - k (its value at 0), with dd/dtheta = T^T (p x R^T e).
   subroutine deflection_slopes(self, u, slopes)
     class(turning_body), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :)
@@ -246,7 +246,7 @@ contains
     end do
   end subroutine deflection_slopes
 
-  !> At rest and without loads; motions take `moving_remainder`.
+  !> At zero rates and loads. The equations of motion use `moving_remainder`.
   subroutine force_remainder(self, u, v, f)
     class(turning_body), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :), v(:, :)
@@ -293,7 +293,7 @@ contains
       y = rate(i, :)
       z = v(i, :)
       do b = 1, 6
-        ! Nothing depends on the place.
+        ! Nothing depends on x.
         if (b > 3) then
           x(b) = cmplx(u(i, b), tiny_step, wp)
           call remainder_of(self, x, y, z, load(i, :), found)
@@ -317,7 +317,7 @@ contains
     end do
   end subroutine moving_slopes
 
-  !> From the balance of forces and moments.
+  !> Loads from the balance of forces and moments.
   subroutine load_along(self, u, rate, acceleration, v, load)
     class(turning_body), intent(in) :: self
     real(wp), intent(in), contiguous :: u(:, :), rate(:, :), acceleration(:, :), v(:, :)
@@ -354,9 +354,9 @@ contains
     end do
   end subroutine load_along
 
-  !> The other vector of the rotation where the angle is large: at 2 pi a vector says no more how
-  !! the body is turned. Springs that hold rotations know one of both only, and keep it. With
-  !! `like`, it is the one that is nearer to these coordinates.
+  !> Switch to the opposite rotation vector if the angle is large: at 2 pi the rotation vector is
+  !! singular. Rotational springs are not invariant, so the vector is kept. With `like`, choose the
+  !! vector closer to those coordinates.
   subroutine rename_state(self, u, v, renamed, like)
     class(turning_body), intent(in) :: self
     real(wp), intent(inout) :: u(:), v(:)
@@ -372,7 +372,7 @@ contains
     if (renamed) call take_other(u(4:6), v(4:6), other)
   end subroutine rename_state
 
-  !> theta' of the other vector follows from the same spin.
+  !> theta' of the other vector, from the same angular velocity.
   pure subroutine take_other(theta, rate, other)
     real(wp), intent(inout) :: theta(3), rate(3)
     real(wp), intent(in) :: other(3)
@@ -386,7 +386,7 @@ contains
     theta = other
   end subroutine take_other
 
-  !> Moment that the force of a mount gives, in axes of the body.
+  !> Moment of a unit mount force, in body axes.
   pure function moment_of(spring, turn) result(moment)
     type(body_spring), intent(in) :: spring
     type(rotation_type), intent(in) :: turn
@@ -400,7 +400,7 @@ contains
     end if
   end function moment_of
 
-  !> r of one state, on x and theta.
+  !> Remainder r of one state, for x and theta.
   pure subroutine remainder_of(self, u, rate, v, load, r)
     class(turning_body), intent(in) :: self
     complex(wp), intent(in) :: u(:), rate(:), v(:)

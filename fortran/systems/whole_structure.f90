@@ -1,8 +1,8 @@
-!> Structures of few coordinates by their whole equations, in which steps in time end
-!! where laws switch.
+!> Structures with few coordinates as uncondensed equations, whose time steps end where laws switch.
 !!
-!! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load, with C of modal damping in terms of
-!! all modes: C = M Phi diag(rates) Phi^T M, Phi^T M Phi = 1. Elements may remember by exponentials.
+!! M u'' + C u' + K u + sum_j e_j f_j(e_j . u, e_j . u') = load. Modal damping gives C in terms of
+!! all modes: C = M Phi diag(rates) Phi^T M, Phi^T M Phi = 1. Kernels of elements may be
+!! exponentials.
 module viscovib_whole_structure
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
@@ -19,7 +19,7 @@ module viscovib_whole_structure
 
 contains
 
-  !> Whether it is small, all with mass, and its losses are those of dampers.
+  !> True if the model is small, its mass matrix is positive definite and all damping is viscous.
   pure logical function may_be_whole(model) result(may)
     type(structure_model), intent(in) :: model
     may = .false.
@@ -28,7 +28,7 @@ contains
     may = .not. (abs(model%modal%loss) > 0.0_wp .or. any(model%rest%idle))
   end function may_be_whole
 
-  !> Whether it also has laws with kinks or jumps.
+  !> True if the model also has laws with kinks or jumps.
   pure logical function switches(model)
     type(structure_model), intent(in) :: model
     integer :: i, j
@@ -42,7 +42,7 @@ contains
     end do
   end function switches
 
-  !> The same in all its coordinates; the model is condensed.
+  !> The polynomial system in all coordinates. The model is condensed already.
   subroutine whole_polynomial(model, kernels, system, status)
     type(structure_model), intent(in) :: model
     type(kernel_holder), intent(in) :: kernels(:)
@@ -55,7 +55,7 @@ contains
     integer :: a, i, n
 
     n = size(model%mass, 1)
-    ! Stiffness that does not relax; the damping has Rayleigh's besides.
+    ! Stiffness that does not relax. Rayleigh damping is added to the damping below.
     elastic%stiffness = model%stiffness
     elastic%damping = model%damping
     elastic%places = model%places
@@ -64,7 +64,7 @@ contains
     call add_linear(elastic, stiffness, damping)
     damping = model%all_damping()
     if (any(abs(model%modal%ratios) > 0.0_wp)) then
-      ! Real modes, which have every damping.
+      ! Real modes, which include all damping.
       pushed = matmul(model%mass, model%rest%shapes)
       damping = matmul(pushed*spread(model%rest%rates, 1, n), transpose(pushed))
     end if

@@ -1,11 +1,11 @@
-!> All passages of a function of the state through 0 inside a step, by ranges: none is missed, be
-!! the function as thin as exp(-(x/1e-6)^2) - 0.5 or as fast as sin(1000*x).
+!> All zero crossings of a function of the state inside a step, by interval bounds: none is missed,
+!! even if the function is as thin as exp(-(x/1e-6)^2) - 0.5 or as fast as sin(1000*x).
 !!
-!! What the function reads are polynomials of the step, smooth and never hidden. In a part of the
-!! step their ranges follow from three derivatives in its middle and a bound of the next one. From
-!! these follow ranges of the function and of its rate (`viscovib_law_bounds`). A part in which the
-!! function keeps its sign has no passage; one in which it only rises or only falls has as its ends
-!! show; any other is halved.
+!! The arguments of the function are the polynomials of the step, which are smooth. In a part of
+!! the step their ranges follow from three derivatives at its middle and a bound of the next one.
+!! These give ranges of the function and of its rate (`viscovib_law_bounds`). A part in which the
+!! function keeps its sign has no crossing. If it is monotonic there, the values at the ends
+!! decide. Any other part is bisected.
 module viscovib_all_passages
   use viscovib_event_search, only: place_of_change
   use viscovib_kinds, only: wp
@@ -21,30 +21,30 @@ module viscovib_all_passages
   public :: passage_search
 
   real(wp), parameter :: pi = 3.141592653589793_wp
-  !> The shortest part, as one of the step; parts looked at in a step at most.
+  !> The shortest part, relative to the step; largest number of parts in a step.
   integer, parameter :: most_halvings = 40, most_parts = 20000
   real(wp), parameter :: shortest = 0.5_wp**most_halvings
-  !> Values so many times as large as their rounding have a sign; rounding of the polynomials.
+  !> Values above this multiple of their rounding error have a sign; rounding of polynomials.
   real(wp), parameter :: certain = 4.0_wp, of_series = 8.0_wp*epsilon(1.0_wp)
-  !> Part of its largest value by which a function that begins beyond 0 does not count as there; of
-  !! its terms, by which it may go beyond 0 in the shortest part without being detected.
+  !> Values at the start up to this part of the largest value count as 0; part of the terms by which
+  !! the function may exceed 0 undetected in the shortest part.
   real(wp), parameter :: on_surface = 1.0e-13_wp, matters = 1.0e-6_wp
 
-  !> Results of a range: there are no values, they keep their sign, are 0 but for rounding, only
-  !! rise or only fall; or nothing yet.
+  !> Results of a range: no values, positive, negative, 0 but for rounding, monotonic; or not yet
+  !! decided.
   integer, parameter :: no_value = 1, above = 2, below = 3, nothing = 4, one_way = 5, unclear = 6
 
   type :: passage_search
-    !> Passages of the last step that was searched, ascending, and the side after each.
+    !> Crossings of the last step that was searched, ascending, and the side after each.
     integer :: n = 0
     real(wp), allocatable :: places(:)
     integer, allocatable :: to(:)
-    !> Whether some may be missing.
+    !> True if some may be missing.
     logical :: lost = .false.
-    !> Places to which the matrix belongs that makes Chebyshev series of values there.
+    !> Points of the path, and the matrix from values there to Chebyshev coefficients.
     real(wp), allocatable, private :: points(:), matrix(:, :)
-    !> Of each argument: its series, shape (n, n_arguments); bound of its third derivative; its
-    !! rounding.
+    !> For each argument: its series, shape (n, n_arguments); bound of its third derivative; its
+    !! rounding error.
     real(wp), allocatable, private :: series(:, :), third(:), noise(:)
   contains
     procedure :: find
@@ -60,14 +60,14 @@ module viscovib_all_passages
 
 contains
 
-  !> Find the passages of a step.
+  !> Find the crossings of a step.
   subroutine find(self, signal, path, floor, largest, side)
     class(passage_search), intent(inout) :: self
     type(signal_type), intent(in) :: signal
     type(step_path), intent(in) :: path
-    !> What counts as 0; the largest value so far.
+    !> Values that count as 0; the largest value so far.
     real(wp), intent(in) :: floor, largest
-    !> On which side of 0 the signal is: at the start, then at the end; 0: unknown.
+    !> Side of 0 of the signal: at the start on entry, at the end on return; 0: unknown.
     integer, intent(inout) :: side
     type(range_type) :: range
     real(wp) :: from, to, g, scale, zero, ends(most_halvings + 2)
@@ -125,7 +125,7 @@ contains
 
   contains
 
-    !> The signal is on a side from a place on.
+    !> Set the side from a position on; a change of side is a crossing.
     subroutine turn_to(other, place)
       integer, intent(in) :: other
       real(wp), intent(in) :: place
@@ -133,7 +133,7 @@ contains
       side = other
     end subroutine turn_to
 
-    !> The side at the end of a part in which there is one passage at most.
+    !> The side at the end of a part with at most one crossing.
     subroutine look_at_end(a, b, zero)
       real(wp), intent(in) :: a, b, zero
       integer :: other
@@ -148,7 +148,7 @@ contains
       end if
     end subroutine look_at_end
 
-    !> Whether a part that cannot be halved again may hide two passages.
+    !> Detect whether a part of the shortest length may hide two crossings.
     subroutine look_beyond(range, b)
       type(range_type), intent(in) :: range
       real(wp), intent(in) :: b
@@ -161,8 +161,8 @@ contains
 
   end subroutine find
 
-  !> Whether a function goes nowhere in a part, and is 0 at all places looked at: terms that take
-  !! each other away, as in x - abs(x).
+  !> True if a function is small in a part, and 0 at all sample points: its terms cancel,
+  !! as in x - abs(x).
   logical function stays_zero(self, signal, path, range, from, to, scale)
     class(passage_search), intent(in) :: self
     type(signal_type), intent(in) :: signal
@@ -178,7 +178,7 @@ contains
     end do
   end function stays_zero
 
-  !> The signal at a place; at the ends of the step it is that of the neighbouring steps.
+  !> The signal at a position; at the ends of the step it is that of the neighbouring steps.
   real(wp) function value_at(self, signal, path, x)
     class(passage_search), intent(in) :: self
     type(signal_type), intent(in) :: signal
@@ -197,10 +197,10 @@ contains
     value_at = g(1)
   end function value_at
 
-  !> What a range shows about the events in it.
+  !> Conclusion from a range about the crossings in it.
   pure integer function told_by(range, zero, small)
     type(range_type), intent(in) :: range
-    !> What counts as 0; up to which of it that says something.
+    !> Values that count as 0; largest such bound that is conclusive.
     real(wp), intent(in) :: zero, small
     told_by = unclear
     if (range%outside == nowhere) told_by = no_value
@@ -216,20 +216,20 @@ contains
     end if
   end function told_by
 
-  !> How a signal changes at a passage of the step that was searched last: its rate, and the size of
-  !! the rate of that, by time.
+  !> Change of a signal at a crossing of the step that was searched last: its rate, and the size of
+  !! its second derivative, by time.
   !!
-  !! At a jump the bend is -1, and the rate gives how far the passage moves where all that the
-  !! signal reads is other: by as much, divided by the rate, at most.
+  !! At a jump the bend is -1, and the rate bounds the shift of the crossing: if all arguments
+  !! change by some amount, the crossing moves by at most this amount divided by the rate.
   subroutine change_at(self, law, path, x, rate, bend)
     class(passage_search), intent(in) :: self
     type(law_program), intent(in) :: law
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: x
     real(wp), intent(out) :: rate, bend
-    !> How far a jump may lie from the place found, and rates are compared, as parts of the step.
+    !> Distance of a jump from its computed position, and of compared rates, in parts of the step.
     real(wp), parameter :: there = 1.0e-9_wp, beside = 1.0e-6_wp
-    !> By how much what is read is other, relative to its rounding.
+    !> Perturbation of the arguments, relative to their rounding errors.
     real(wp), parameter :: other = 2.0_wp**20
     type(range_type) :: here, one, two
     real(wp) :: low, high, wide, reach
@@ -276,7 +276,7 @@ contains
 
   end subroutine change_at
 
-  !> Remember a passage.
+  !> Store a crossing.
   subroutine note(self, place, to)
     class(passage_search), intent(inout) :: self
     real(wp), intent(in) :: place
@@ -297,8 +297,8 @@ contains
     self%to(self%n) = to
   end subroutine note
 
-  !> The matrix of a path's places: polynomials at the zeros of a Chebyshev polynomial, then their
-  !! cosine transform.
+  !> The matrix for the points of a path: interpolation at the zeros of a Chebyshev polynomial, then
+  !! their cosine transform.
   subroutine prepare(self, path)
     class(passage_search), intent(inout) :: self
     type(step_path), intent(in) :: path
@@ -325,7 +325,7 @@ contains
     end do
   end subroutine prepare
 
-  !> Series of what a function reads.
+  !> Series of the arguments of a function.
   subroutine take_path(self, law, path)
     class(passage_search), intent(inout) :: self
     type(law_program), intent(in) :: law
@@ -359,7 +359,7 @@ contains
     end associate
   end subroutine take_path
 
-  !> Values of all arguments at a place.
+  !> Values of all arguments at a position.
   function arguments_at(self, x) result(values)
     class(passage_search), intent(in) :: self
     real(wp), intent(in) :: x
@@ -380,7 +380,7 @@ contains
     class(passage_search), intent(in) :: self
     type(law_program), intent(in) :: law
     real(wp), intent(in) :: from, to
-    !> By how much all that is read, but for the time, may be other.
+    !> Perturbation of all arguments, except the time.
     real(wp), intent(in), optional :: wide
     type(range_type) :: arguments(size(self%series, 2))
     real(wp) :: t(size(self%series, 1), 0:2), p(0:2), middle(1, size(arguments)), g(1)
@@ -414,7 +414,7 @@ contains
     if (present(wide)) return
     if (range%outside /= inside .or. range%jumps) return
     if (range%value(1)*range%value(2) > 0.0_wp) return
-    ! From the middle it goes no further than its rate allows.
+    ! The mean value theorem limits the distance from the value in the middle.
     rest = maxval(abs(range%rate))
     if (rest*half > range%value(2) - range%value(1)) return
     call law%evaluate(middle, g)

@@ -1,20 +1,20 @@
 !> Growth of small perturbations in a step of a repeated length, with linear derivatives.
 !!
-!! Disturbances Y of n coordinates obey Y'' = A_q(t) Y + A_v(t) Y' (viscovib_motion_beside). Where a
-!! few local laws are all that varies, the slopes at node i of a step are those of a base and a few
-!! products,
+!! Perturbations Y of n coordinates obey Y'' = A_q(t) Y + A_v(t) Y' (viscovib_motion_beside). If
+!! only a few local laws vary, the slopes at node i of a step are those of a base and a low-rank
+!! sum,
 !!
 !!   A_q(t_i) = B_q + sum_k u_k w_k^T (k of node i),  A_v(t_i) likewise,
 !!
-!! so that with X = Y'' at the nodes, G the matrix of the collocation of the base and e_i(u) what is
-!! u at node i and else 0,
+!! so that with X = Y'' at the nodes, G the collocation matrix of the base and e_i(u) the vector
+!! that is u at node i and 0 elsewhere,
 !!
 !!   G X = F s + sum_k e_i(u_k) z_k,  z_k = w_k^T Y or w_k^T Y' at node i,
 !!
-!! s being the disturbances before the step. G^-1 F, and with it what the base makes of s, is found
-!! once for all steps of a length; of each step there is left a system for z (J. Sherman,
-!! W. J. Morrison, Ann. Math. Stat. 21, 1950; M. A. Woodbury). A step takes some 20 n^3 operations
-!! then, where its own G takes 600.
+!! with the perturbations s before the step. G^-1 F is computed once for all steps of one length.
+!! Each step then requires only the solution of a small system for z (J. Sherman,
+!! W. J. Morrison, Ann. Math. Stat. 21, 1950; M. A. Woodbury). A step then takes some 20 n^3
+!! operations, instead of 600 with its own G.
 module viscovib_base_step
   use viscovib_dense, only: factorize, solve_columns
   use viscovib_kinds, only: wp
@@ -23,11 +23,11 @@ module viscovib_base_step
 
   public :: base_step
 
-  !> Rounding error of derivatives, as a part of their terms.
+  !> Rounding error of derivatives, relative to their terms.
   real(wp), parameter :: rounding = 32.0_wp*epsilon(1.0_wp)
-  !> How much of the step products may change, so that no digits are lost in their system.
+  !> Largest change of the step due to a product, so that no digits are lost in the small system.
   real(wp), parameter :: most = 4.0_wp
-  !> Products of a node at most, as one of so many coordinates; beyond them its own G is as fast.
+  !> Largest number of products of a node is n divided by this; with more, its own G is as fast.
   integer, parameter :: part = 8
 
   type :: base_step
@@ -35,7 +35,7 @@ module viscovib_base_step
     !> Slopes of the base, shape (n, n), and factors of G.
     real(wp), allocatable, private :: by_q(:, :), by_v(:, :), g(:, :)
     integer, allocatable, private :: pivots(:)
-    !> X for disturbances of 1 before the step, and those behind it, coordinates before velocities.
+    !> X for unit perturbations before the step, and those after it, coordinates before velocities.
     real(wp), allocatable, private :: x(:, :), map(:, :)
   contains
     procedure :: make
@@ -52,8 +52,8 @@ module viscovib_base_step
 
 contains
 
-  !> Take slopes, shape (n, n), for a base of steps h with nodes c, weights b_q and b, and sums a_q
-  !! and a over them.
+  !> Set up the base from slopes, shape (n, n), for steps h with nodes c, weights b_q and b, and
+  !! sums a_q and a.
   subroutine make(self, h, by_q, by_v, c, b_q, b, a_q, a, singular)
     class(base_step), intent(out) :: self
     real(wp), intent(in) :: h, by_q(:, :), by_v(:, :), c(:), b_q(:), b(:), a_q(:, :), a(:, :)
@@ -90,7 +90,7 @@ contains
     end do
   end subroutine make
 
-  !> What accelerations x at the nodes, from block to block, add to coordinates and velocities.
+  !> Contribution of accelerations x at the nodes, block by block, to coordinates and velocities.
   pure function behind(h, n, b_q, b, x) result(added)
     real(wp), intent(in) :: h, b_q(:), b(:), x(:, :)
     integer, intent(in) :: n
@@ -106,8 +106,8 @@ contains
     end do
   end function behind
 
-  !> Disturbances q, v, shape (n, m), over a step with slopes by_q, by_v at the nodes, (n, n, s).
-  !! done is false, and nothing changed, where these are not those of the base and a few products.
+  !> Advance perturbations q, v, shape (n, m), over a step with slopes by_q, by_v at the nodes,
+  !! (n, n, s). `done` is false, without changes, if the slopes are not the base and a few products.
   subroutine advance(self, by_q, by_v, c, b_q, b, a_q, a, q, v, done)
     class(base_step), intent(in) :: self
     real(wp), intent(in) :: by_q(:, :, :), by_v(:, :, :), c(:), b_q(:), b(:), a_q(:, :), a(:, :)
@@ -162,8 +162,8 @@ contains
     v = after(n + 1:, :)
   end subroutine advance
 
-  !> The part of the derivatives without the base, as products: eliminated by the largest number on
-  !! the diagonal, which no unit of a coordinate changes.
+  !> The difference of the derivatives from the base, as products: elimination with the largest
+  !! diagonal entry, which does not depend on the units of coordinates.
   subroutine find_products(self, by_q, by_v, found, done)
     class(base_step), intent(in) :: self
     real(wp), intent(in) :: by_q(:, :, :), by_v(:, :, :)

@@ -1,12 +1,12 @@
-!> What motions from many starts settle on: the rules by which basins of attraction are found.
+!> Attractors of motions from many starts: the rules that determine basins of attraction.
 !!
-!! Of each motion the last points are known: states a period of the load apart, or of a system
-!! without a load two states some time apart. It has settled on period p where its last p points
-!! repeat the p before them; motions whose last points are near each other settle on one orbit.
+!! The last points of each motion are given: states a load period apart, or for a system
+!! without a load two states some time apart. A motion has settled on period p if its last p points
+!! repeat the previous p points. Motions with nearby last points settle on the same orbit.
 !!
-!! A start may lie on a saddle, or on what leads to one, and a motion may creep: of what it has left
-!! to go, a look sees a part. So an orbit attracts only if as long again as the run was the motion
-!! stays where it is, and nearby motions come nearer.
+!! A start may be on a saddle or on its stable manifold, and a motion may creep, so that the last
+!! points show only a part of the remaining change. An orbit therefore counts as an attractor only
+!! if the motion stays there for another run time, and nearby motions approach it.
 module viscovib_basin_rules
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
@@ -15,16 +15,16 @@ module viscovib_basin_rules
 
   public :: find_orbits, disturbances, judge_orbit
 
-  !> Labels of what has not settled, and of what did not reach its end.
+  !> Labels of motions that have not settled, and of motions that did not reach their end.
   integer, parameter, public :: unsettled = -1, has_left = -2
   !> Perturbations that distinguish an attractor from a saddle, each with its negative.
   integer, parameter :: n_pushes = 3
-  !> The orbit itself, and with all of these.
+  !> The orbit itself and all perturbed motions.
   integer, parameter, public :: n_disturbed = 1 + 2*n_pushes
-  !> Largest remaining perturbation of an attractor; how little a rest moves, of the
-  !! scale; how many tolerances states of one orbit are apart, and as many again the pushes.
+  !> Largest remaining perturbation of an attractor; largest motion at rest, relative to the
+  !! scale; distance of states of one orbit, and size of perturbations, in units of the tolerance.
   real(wp), parameter :: nearer = 0.5_wp, stands = 1.0e-12_wp, alike = 10.0_wp, pushed = 3.0_wp
-  !> Coordinates that are smaller than this part of the largest are measured by that part of it.
+  !> Smaller coordinates than this part of the largest one are measured by this part of it.
   real(wp), parameter :: smallest = 1.0e-9_wp, least_scale = 1.0e-290_wp
   real(wp), parameter :: golden = 0.6180339887498949_wp
 
@@ -33,23 +33,23 @@ contains
   !> Label motions by the orbits that their last points repeat, those with more starts first.
   subroutine find_orbits(largest, points, ended, most, near, fastest, scale, labels, periods, &
                          moved, shown, n_orbits)
-    !> The largest of each number of a state in starts and on the way; last points of each motion,
-    !! shape (width, n_points, n).
+    !> Largest absolute value of each number of a state in the starts and runs; last points of each
+    !! motion, shape (width, n_points, n).
     real(wp), intent(in) :: largest(:), points(:, :, :)
     !> Whether a motion reached its end.
     logical, intent(in) :: ended(:)
-    !> The longest period looked for; how near states are that count as the same, of the scale.
+    !> Longest period considered; largest distance of states that count as equal, of the scale.
     integer, intent(in) :: most
     real(wp), intent(in) :: near
-    !> Fastest frequency: velocities count as the displacements times it. 0: not known.
+    !> Fastest frequency; converts velocities to displacements. 0: unknown.
     real(wp), intent(in) :: fastest
     !> Scale of each number of a state.
     real(wp), intent(out) :: scale(:)
-    !> The orbit of each motion, from 0; its period, 0 if it has not settled; by how much it still
-    !! changes in a period, of the scale.
+    !> The orbit of each motion, from 0; its period, 0 if it has not settled; its remaining change
+    !! in a period, of the scale.
     integer, intent(out) :: labels(:), periods(:)
     real(wp), intent(out) :: moved(:)
-    !> The motion that shows each orbit: that which repeats best.
+    !> A representative motion of each orbit: the one that repeats best.
     integer, intent(out) :: shown(:), n_orbits
     real(wp) :: last(size(scale), size(points, 2)), apart
     integer :: i, n, p
@@ -64,7 +64,7 @@ contains
       last = points(:, :, i)/spread(scale, 2, n)
       moved(i) = huge(1.0_wp)
       do p = 1, most
-        ! The whole of the last period must repeat, not one state of it by chance.
+        ! The whole last period must repeat; a single state may repeat by chance.
         apart = maxval(abs(last(:, n - p + 1:) - last(:, n - 2*p + 1:n - p)))
         moved(i) = min(moved(i), apart)
         if (apart > near) cycle
@@ -80,8 +80,8 @@ contains
     call by_size(labels, shown, n_orbits)
   end subroutine find_orbits
 
-  !> The largest of each number of a state, at ends too; displacements determine what counts as
-  !! slow.
+  !> Largest absolute value of each number of a state, including last points; with a known
+  !! frequency, displacements and velocities share a scale.
   subroutine find_scale(largest, points, ended, fastest, scale)
     real(wp), intent(in) :: largest(:), points(:, :, :), fastest
     logical, intent(in) :: ended(:)
@@ -101,8 +101,8 @@ contains
     scale = max(scale, smallest*max(maxval(scale), least_scale))
   end subroutine find_scale
 
-  !> The orbits of motions of one period: that which repeats best shows one, and has with it all
-  !! that are near.
+  !> The orbits of motions of one period: the motion that repeats best represents an orbit, and all
+  !! nearby motions belong to it.
   subroutine gather(points, here, period, moved, near, scale, labels, shown, n_orbits)
     real(wp), intent(in) :: points(:, :, :), moved(:), near, scale(:)
     logical, intent(in) :: here(:)
@@ -134,7 +134,7 @@ contains
     end do
   end subroutine gather
 
-  !> Number orbits by falling numbers of starts; of as many, in the order in which they were found.
+  !> Number orbits by decreasing numbers of starts; equal numbers in the order of detection.
   subroutine by_size(labels, shown, n_orbits)
     integer, intent(inout) :: labels(:), shown(:)
     integer, intent(in) :: n_orbits
@@ -155,9 +155,9 @@ contains
     labels = new(labels)
   end subroutine by_size
 
-  !> By what an orbit is disturbed, of the scale, a column a motion: the first by nothing. No
-  !! direction is special; velocities with displacements, against them, and coordinates against each
-  !! other, as what dampers leave of a velocity may take back what a displacement was.
+  !> Perturbations of an orbit, relative to the scale, one column per motion, the first column zero.
+  !! They have no special direction: displacements and velocities have equal or opposite signs,
+  !! since damping may cancel the effect of a displacement and a velocity on each other.
   pure subroutine disturbances(near, pushes)
     real(wp), intent(in) :: near
     !> Shape (width, n_disturbed).
@@ -175,20 +175,20 @@ contains
     end do
   end subroutine disturbances
 
-  !> Whether an orbit attracts, by the ends of motions from it, disturbed as above.
+  !> Test if an orbit attracts, by the ends of motions from it with the perturbations above.
   !!
-  !! What stands still to the last digits is at rest: friction holds it anywhere, and neighbours
-  !! stay where they are. Where a state is more than its numbers, what is disturbed is a start that
-  !! settles there; most must come back, as it may lie near a border, and with kernels all of these
-  !! must have come nearer: some disturbances are gone soon, though the motion creeps.
+  !! An orbit that is constant to the last digits is at rest: friction holds it anywhere, and
+  !! neighbours stay where they are. If the state has memory, a start that settles there is
+  !! perturbed instead: most motions must return, as the start may be near a basin boundary, and
+  !! with kernels the returning ones must have come nearer, since some perturbations decay fast.
   subroutine judge_orbit(ends, ended, orbit, scale, near, of_starts, has_kernels, attracts, rest)
     !> Shapes (width, n_disturbed), (n_disturbed) and (width, period).
     real(wp), intent(in) :: ends(:, :), orbit(:, :), scale(:), near
     logical, intent(in) :: ended(:)
-    !> Whether starts were disturbed; whether nearby motions must come nearer then.
+    !> True if starts were perturbed; true if nearby motions must then come nearer.
     logical, intent(in) :: of_starts, has_kernels
     logical, intent(out) :: attracts
-    !> The largest part of a disturbance that is left; huge: not known.
+    !> The largest remaining part of a perturbation; huge: unknown.
     real(wp), intent(out) :: rest
     real(wp) :: pushes(size(scale), n_disturbed), away(n_disturbed), parts(2:n_disturbed)
     logical, dimension(2:n_disturbed) :: back, come

@@ -1,4 +1,4 @@
-!> States of a body whose base moves, of those relative to the base that the equations have.
+!> States of a body with a moving base, from the relative states in the equations.
 module viscovib_body_states
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -8,7 +8,7 @@ module viscovib_body_states
 
   public :: body_function, put_on_base
 
-  !> A function of the state of the body, asked at states relative to its base.
+  !> A function of the state of the body, evaluated at states relative to its base.
   type, extends(watched_function) :: body_function
     class(driven_system_type), pointer :: system => null()
     class(watched_function), pointer :: signal => null()
@@ -29,7 +29,7 @@ contains
     call self%signal%at(t, body_q, body_v, g)
   end subroutine at
 
-  !> States at times, shape (size(t), n_dof), from relative ones.
+  !> Convert relative states to states of the body at times, shape (size(t), n_dof).
   subroutine put_on_base(system, t, q, v)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t(:)

@@ -1,5 +1,5 @@
 !> Gauss collocation of an acceleration: a step of a second-order equation, and
-!! the polynomial through the nodes and both ends that stands for anything else.
+!! the polynomial through the nodes and both ends that represents other quantities.
 !!
 !! u'' is the polynomial through its values a_j at the nodes c_j, so that
 !!   u'(c_i) = v_0 + h sum_j A1_ij a_j,  u(c_k) = u_0 + c_k h v_0 + h^2 sum_j A2_kj a_j
@@ -20,7 +20,7 @@ module viscovib_collocation
     !! u' at the end, shape (s).
     real(wp), allocatable :: a1(:, :), a2(:, :), b(:)
     real(wp), allocatable, private :: factors(:)
-    !> Derivatives of the polynomials at the points, shape (0:s+1, 0:s+1), a point a column.
+    !> Derivatives of the polynomials at the points, shape (0:s+1, 0:s+1), one column per point.
     real(wp), allocatable, private :: derivatives(:, :)
     !> Weights of the values at the points for the last coefficient in Legendre
     !! polynomials, shape (0:s+1).
@@ -88,7 +88,7 @@ contains
     slopes = matmul(self%derivatives, self%basis(x))
   end function slopes
 
-  !> Derivatives at x of the polynomials that are 1 at one point and 0 at the others.
+  !> Derivatives at x of the polynomials that are 1 at one point and 0 at the other points.
   pure function derivatives_at(points, factors, x) result(slopes)
     real(wp), intent(in) :: points(:), factors(:), x
     real(wp) :: slopes(size(points)), rest

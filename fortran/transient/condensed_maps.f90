@@ -3,12 +3,12 @@
 !! With w_0 at the start and X = w - w_0 at the nodes and the end,
 !!
 !!   X = a - H f,   f_k = B (v_k - W w_k),
-!!   v_jk = sum_p E_kp (W_j (w_0 + X_p) + y_jp) - (remembered),
+!!   v_jk = sum_p E_kp (W_j (w_0 + X_p) + y_jp) - (memory),
 !!
-!! since the rest holds the springs W w as if they forgot at once; a what the deflections would gain
-!! without the elements, H from `viscovib_modal_maps`, f the forces at the nodes, E and y as in
-!! `viscovib_hereditary_maps`. So X = G z + Z y and f = F z + Y y with z = (w_0, a, remembered, y at
-!! the start): `viscovib_step_equations` finds X and y.
+!! since the linear subsystem contains the springs W w without memory; a is the change of the
+!! deflections without the elements, H from `viscovib_modal_maps`, f the forces at the nodes, E and
+!! y as in `viscovib_hereditary_maps`. So X = G z + Z y and f = F z + Y y with z = (w_0, a, memory,
+!! y at the start): `viscovib_step_equations` solves for X and y.
 module viscovib_condensed_maps
   use viscovib_collocation, only: collocation_type
   use viscovib_dense, only: factorize, solve
@@ -78,7 +78,7 @@ contains
     map%by_bend(:map%n_forces, :) = by_bend + matmul(by_x, right(:, n_in + 1:))
   end subroutine new_condensed_map
 
-  !> Where each part of z, y and X is.
+  !> Offsets of the parts of z, y and X.
   subroutine lay_out(map, system, channels, table)
     type(step_map_type), intent(inout) :: map
     class(oscillator_type), intent(in) :: system
@@ -99,7 +99,7 @@ contains
     map%n_core = padded((map%s + 1)*map%n_dof)
   end subroutine lay_out
 
-  !> Forces of the elements at the nodes by X, by z but a, and by y at the nodes and the end.
+  !> Forces of the elements at the nodes by X, by z except a, and by y at the nodes and the end.
   pure subroutine set_forces(map, system, channels, e, by_x, by_input, by_bend)
     type(step_map_type), intent(in) :: map
     class(oscillator_type), intent(in) :: system

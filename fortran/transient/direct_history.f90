@@ -1,6 +1,6 @@
 !> The whole past, step by step, with exact weights for every lag: cost N^2, any
-!! kernel. The judge of the fast way, and right for short runs. Weights of equal steps
-!! that follow each other are kept, those of other pairs of steps made anew.
+!! kernel. Reference for the sums of exponentials, and suitable for short runs. Weights of
+!! consecutive equal steps are kept; those of other pairs of steps are recomputed.
 module viscovib_direct_history
   use viscovib_kernel_holder, only: copy_kernels, kernel_holder
   use viscovib_known_past, only: known_past_type
@@ -18,9 +18,9 @@ module viscovib_direct_history
 
   type, extends(history_type) :: direct_history_type
     integer :: s = 0, n_stored = 0, n_lags = 0
-    !> Steps stored before those of the present length.
+    !> Number of stored steps before those of the present length.
     integer :: n_other = 0
-    !> Length of a step, and where the present one begins.
+    !> Length of a step, and start time of the present one.
     real(wp) :: h = 0.0_wp, now = 0.0_wp
     type(collocation_type) :: table
     type(kernel_holder), allocatable :: kernels(:)
@@ -29,9 +29,9 @@ module viscovib_direct_history
     real(wp), allocatable :: weights(:, :, :, :)
     !> Channels at the points of the steps made, shape (0:s+1, n_channels, n).
     real(wp), allocatable :: g(:, :, :)
-    !> Where these begin and their lengths, shape (n).
+    !> Start times and lengths of these steps, shape (n).
     real(wp), allocatable :: begins(:), lengths(:)
-    !> The first step where it was made of panels, as masses.
+    !> Point masses of the first step if it consisted of panels.
     real(wp), allocatable :: times(:), masses(:, :)
     !> The motion before t = 0.
     type(known_past_type) :: known_past
@@ -101,7 +101,7 @@ contains
     end do
   end subroutine recall
 
-  !> Add what the nodes remember of steps of other lengths.
+  !> Add the memory of steps of other lengths to the nodes.
   subroutine add_others(self, remembered)
     class(direct_history_type), intent(in) :: self
     real(wp), intent(inout) :: remembered(:)

@@ -1,5 +1,5 @@
-!> Many trajectories of one kind of system, eight at a time in the lanes, or by Taylor's method four
-!! times as many.
+!> Many trajectories of one kind of system, eight at a time in the lanes, or four times as many by
+!! Taylor's method.
 module viscovib_ensemble
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
@@ -22,12 +22,12 @@ module viscovib_ensemble
 
   public :: blocks_of, check_method, ensemble_job, ensemble_block, run_block, run_together
 
-  !> Steps between two looks at whether the run is to be given up.
+  !> Steps between two checks for an interruption.
   integer, parameter :: patience = 512
 
 contains
 
-  !> Run a block from time 0; `cancel` may be set from elsewhere to give up.
+  !> Run a block from time 0; another thread may set `cancel` to interrupt it.
   subroutine run_block(job, system, block, cancel)
     type(ensemble_job), intent(in) :: job
     class(differentiable_system_type), intent(in) :: system
@@ -46,7 +46,7 @@ contains
   subroutine run(job, system, motion, block, cancel)
     type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
-    !> The same without a disturbance, whose coordinates come behind those of the motion itself.
+    !> The same without perturbations, whose coordinates follow those of the motion itself.
     class(differentiable_system_type), intent(in) :: motion
     type(ensemble_block), intent(inout) :: block
     integer, intent(inout) :: cancel
@@ -57,7 +57,7 @@ contains
     logical :: good(n_lanes), halting(size(ieee_all))
 
     call flushing%begin()
-    ! Within a step a motion may leave the range of numbers, which the results show.
+    ! Within a step a motion may leave the range of numbers; the results show it.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
     call take_off(f, job, system, motion, block)
@@ -83,10 +83,10 @@ contains
     call ieee_set_halting_mode(ieee_all, halting)
   end subroutine run
 
-  !> Run blocks of one kind of system side by side, by Taylor's method.
+  !> Run blocks of one kind of system together, by Taylor's method.
   subroutine run_together(job, motions, blocks, cancel)
     type(ensemble_job), intent(in) :: job
-    !> A system of each block; as many as `blocks_of` says, or less: then some lanes are idle.
+    !> One system per block; at most `blocks_of` blocks. With fewer, some lanes are idle.
     type(lane_motion_type), intent(in) :: motions(:)
     type(ensemble_block), intent(inout) :: blocks(:)
     integer, intent(inout) :: cancel
@@ -147,13 +147,13 @@ contains
     call ieee_set_halting_mode(ieee_all, halting)
   end subroutine run_together
 
-  !> How many blocks run side by side.
+  !> Number of blocks that run together.
   pure integer function blocks_of(job)
     type(ensemble_job), intent(in) :: job
     blocks_of = merge(n_blocks, 1, is_series(job%method))
   end function blocks_of
 
-  !> Whether the method can do the job.
+  !> Check that the method supports the job.
   subroutine check_method(job, system, status)
     type(ensemble_job), intent(in) :: job
     class(differentiable_system_type), intent(in) :: system

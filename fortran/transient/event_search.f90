@@ -1,8 +1,8 @@
-!> Where a function of the state passes 0 inside a step, by the polynomial of the step.
+!> Zeros of a function of the state inside a step, by the polynomial of the step.
 !!
-!! A passage is a change of sign between two of the places at which states are known, or between one
-!! of them and an extremum that lies beyond 0: contacts near grazing are shorter than a step and
-!! leave no trace at its ends.
+!! A crossing is a change of sign between two points at which states are known, or between such a
+!! point and an extremum beyond 0: contacts near grazing are shorter than a step and cause no
+!! change of sign at its ends.
 module viscovib_event_search
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: watched_function
@@ -13,21 +13,21 @@ module viscovib_event_search
 
   public :: first_passage, place_of_change, signal_along
 
-  !> Parts in which an interval is searched where an extremum may lie beyond 0, and steps that
+  !> Parts in which an interval is searched where an extremum may be beyond 0, and iterations that
   !! find the extremum.
   integer, parameter :: n_parts = 8, n_golden = 40
   real(wp), parameter :: golden = 0.6180339887498949_wp
 
-  !> How far from a known place, as a part of an interval, its slope is looked at.
+  !> Distance from a known point, as a part of an interval, at which the slope is checked.
   real(wp), parameter :: beside = 1.0e-6_wp
-  !> The part of the change in an interval that may lie there.
+  !> Largest part of the change in an interval that may occur within that distance.
   real(wp), parameter :: smooth = 1.0e-3_wp
-  !> Digits of a signal that differences of large numbers may lose.
+  !> Largest factor of cancellation in differences of large numbers.
   real(wp), parameter :: most_lost = 1.0e6_wp
 
 contains
 
-  !> The signal at places of a step.
+  !> The signal at positions x of a step.
   subroutine signal_along(signal, path, x, g)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
@@ -38,12 +38,12 @@ contains
     call signal%at(t, q, v, g)
   end subroutine signal_along
 
-  !> The first place after `from` at which a signal leaves its side of 0.
+  !> The first position after `from` at which a signal changes its sign.
   subroutine first_passage(signal, path, from, side, fresh, found, place)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: from
-    !> 1 or -1, the sign at `from`; whether it has just come there from the other side.
+    !> 1 or -1, the sign at `from`; whether the sign has just changed at `from`.
     integer, intent(in) :: side
     logical, intent(in) :: fresh
     logical, intent(out) :: found
@@ -51,7 +51,7 @@ contains
     real(wp) :: x(size(path%points) + 1), g(size(path%points) + 1), low, high, change, slack
     integer :: j, n
 
-    ! Places that hardly differ from the first one say nothing.
+    ! Points that hardly differ from the first one give no information.
     n = count(path%points > from + 1.0e-9_wp*(1.0_wp - from)) + 1
     x(1) = from
     x(2:n) = path%points(size(path%points) - n + 2:)
@@ -65,7 +65,7 @@ contains
     place = from
     slack = 0.0_wp
     if (fresh) then
-      ! What leaves a surface slowly is on either side of it by rounding for a while.
+      ! A signal that leaves a surface slowly has rounding errors of either sign at first.
       slack = rounding_of(signal, path)
       g(1) = max(g(1), 0.0_wp)
       where (g(2:n) < 0.0_wp .and. g(2:n) >= -slack) g(2:n) = 0.0_wp
@@ -87,11 +87,11 @@ contains
     if (found) place = place_of_change(signal, path, side, low, high)
   end subroutine first_passage
 
-  !> What rounding of states makes of a signal in a step.
+  !> Change of a signal in a step due to rounding of the states.
   real(wp) function rounding_of(signal, path)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
-    !> What states are other by, relatively.
+    !> Relative perturbation of states.
     real(wp), parameter :: other = 1.0_wp + 4.0_wp*epsilon(1.0_wp)
     real(wp), dimension(size(path%points)) :: times, g, moved
     times = path%start + path%h*path%points
@@ -100,7 +100,7 @@ contains
     rounding_of = maxval(abs(moved - g))
   end function rounding_of
 
-  !> Of what begins on the surface, a place where it is on its side, if there is one before x.
+  !> For a signal that starts on the surface: a position before x with the right sign, if any.
   subroutine leave_start(signal, path, side, from, x, low)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
@@ -117,14 +117,14 @@ contains
     low = from
   end subroutine leave_start
 
-  !> Whether a signal passes 0 between two places at which it has not.
+  !> True if a signal passes 0 between two points at which it has not changed sign.
   subroutine dip(signal, path, side, from, to, fresh, slack, found, low, high)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     integer, intent(in) :: side
     real(wp), intent(in) :: from, to
     logical, intent(in) :: fresh
-    !> As far beyond 0 is no passage.
+    !> Values beyond 0 by up to this amount are no crossing.
     real(wp), intent(in) :: slack
     logical, intent(out) :: found
     real(wp), intent(out) :: low, high
@@ -142,7 +142,7 @@ contains
       high = x(i)
       if (fresh .and. i == 1) then
         call leave_start(signal, path, side, from, x(1), low)
-        ! Rounding where it begins is no passage.
+        ! Rounding at the start is no crossing.
         if (low <= from) cycle
       end if
       return
@@ -154,15 +154,15 @@ contains
     a = x(max(k - 1, 0))
     b = x(min(k + 1, n_parts))
     if (k == 0 .or. k == n_parts) then
-      ! The extremum may be near a known node; seen from there the signal falls.
-      ! Where it begins or ends on 0, rounding falls.
+      ! The extremum may be near a known node if the signal falls from there.
+      ! At a start or end on 0 rounding makes it fall.
       if (k == 0 .and. fresh .or. g(k) <= lost(signal, path)) return
       at = [a, b] + [beside, -beside]*(b - a)
       call signal_along(signal, path, at, value)
       value = side*value
       i = merge(1, 2, k == 0)
       if (.not. value(i) < g(k)) return
-      ! What changes as much there as in all of the interval is rounding.
+      ! As large a change next to the node as in the whole interval is rounding.
       if (g(k) - value(i) > smooth*(maxval(g) - g(k))) return
     end if
     do i = 1, n_golden
@@ -184,8 +184,7 @@ contains
     end do
   end subroutine dip
 
-  !> Rounding error of a signal in a step, by how much less states differ there than they
-  !! are large.
+  !> Rounding error of a signal in a step, from the cancellation in differences of states.
   real(wp) function lost(signal, path)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
@@ -201,7 +200,7 @@ contains
     lost = 8.0_wp*epsilon(1.0_wp)*max(maxval(abs(g)), digits*(maxval(g) - minval(g)))
   end function lost
 
-  !> How many times as large numbers are as they differ; at most so many times as may matter.
+  !> Ratio of the size of numbers to their differences; at most `most_lost`.
   pure real(wp) function cancelled(x)
     real(wp), intent(in) :: x(:)
     real(wp) :: size_of, change
@@ -211,8 +210,8 @@ contains
     if (size_of > 0.0_wp) cancelled = min(most_lost, size_of/max(change, size_of/most_lost))
   end function cancelled
 
-  !> The place of a change of sign: secants through both ends, that which stays counting half
-  !! (Illinois), with bisection where they are slow.
+  !> Position of a change of sign: secants with the Illinois modification (the end that stays counts
+  !! half), and bisection where they converge slowly.
   real(wp) function place_of_change(signal, path, side, from, to) result(x)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
@@ -229,7 +228,7 @@ contains
     last = 0
     width = high - low
     do i = 1, 100
-      ! Where there is no value on one side, secants say nothing.
+      ! Secants are useless if the signal has no value on one side.
       edge = maxval(abs(ends)) >= wall
       if (edge .or. mod(i, 4) == 0 .and. high - low > 0.25_wp*width &
           .or. ends(1) - ends(2) <= 0.0_wp) then

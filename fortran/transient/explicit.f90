@@ -1,6 +1,6 @@
-!> Runge-Kutta in fixed steps, trajectories side by side in the lanes of the vector unit: explicit
+!> Runge-Kutta methods in fixed steps, with trajectories in the lanes of the vector unit: explicit
 !! methods, and collocations whose stages are iterated. Each lane may have its own step and its own
-!! load frequencies, and does the same arithmetic whatever its neighbours are.
+!! load frequencies. Its results do not depend on the other lanes.
 module viscovib_explicit
   use viscovib_aligned, only: alignment_slack, first_aligned, settle
   use viscovib_counters, only: count_up, counted_accelerations, counting
@@ -22,19 +22,19 @@ module viscovib_explicit
   type :: explicit_type
     type(explicit_table_type) :: table
     integer :: n_dof = 0, n_drives = 0
-    !> Time since the present piece of a load began, for a system that asks for it.
+    !> Time since the present piece of a load began, for systems that need it.
     real(wp) :: since = 0.0_wp
     !> Total number of evaluations of a block of trajectories.
     integer(i8) :: n_evaluations = 0
-    !> Lanes whose equations the last step could solve; all of an explicit method.
+    !> Lanes in which the last step solved its equations; all lanes for an explicit method.
     logical :: made(n_lanes) = .true.
-    !> Lanes that have no accelerations of a step before, to predict the next from.
+    !> Lanes without accelerations of a previous step for prediction.
     logical, private :: fresh(n_lanes) = .true.
     !> Load phases and their growth in a step, in two parts, shape (n_lanes, n).
     real(wp), allocatable, private :: high(:, :), low(:, :), step_high(:, :), step_low(:, :)
     type(room_plan), private :: plan
     real(wp), allocatable, private :: room(:)
-    !> Where in it the first column begins.
+    !> Index of its first column.
     integer, private :: first = 1
   contains
     procedure :: begin_again
@@ -67,7 +67,7 @@ contains
   subroutine new_explicit(method, n_dof, which, frequencies, q, v, start, h)
     type(explicit_type), intent(out) :: method
     integer, intent(in) :: n_dof
-    !> Place in `lane_methods`.
+    !> Index in `lane_methods`.
     integer, intent(in) :: which
     !> Circular frequencies of the loads, shape (n_lanes, n_drives).
     real(wp), intent(in) :: frequencies(:, :)
@@ -88,7 +88,7 @@ contains
     call method%begin_again(frequencies, q, v, start, h)
   end subroutine new_explicit
 
-  !> Start anew as `new_explicit` does, without making the table again, which takes the time of
+  !> Start again as `new_explicit` does, without building the table, which takes as long as
   !! some steps.
   subroutine begin_again(self, frequencies, q, v, start, h)
     class(explicit_type), intent(inout) :: self
@@ -103,7 +103,7 @@ contains
     call self%change_steps(frequencies, h)
   end subroutine begin_again
 
-  !> Go on with other steps.
+  !> Continue with other step sizes.
   subroutine change_steps(self, frequencies, h)
     class(explicit_type), intent(inout) :: self
     real(wp), intent(in) :: frequencies(:, :), h(n_lanes)
@@ -114,15 +114,15 @@ contains
     call furnish(self%table, self%plan, frequencies, h, self%room(self%first))
   end subroutine change_steps
 
-  !> Let each load run some quarter turns ahead.
+  !> Advance the phase of each load by some quarter turns.
   pure subroutine turn_phases(self, quarters)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: quarters(:)
     call turn_phase(self%high, self%low, spread(quarters, 1, n_lanes))
   end subroutine turn_phases
 
-  !> One step of every lane. Nothing is checked: a lane that overflows holds
-  !! infinities and disturbs no other.
+  !> One step of every lane. Nothing is checked: a lane that overflows contains
+  !! infinities and does not affect other lanes.
   subroutine step(self, system)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -163,7 +163,7 @@ contains
     if (counting) call count_up(counted_accelerations, n)
   end subroutine count_stages
 
-  !> Accelerations of stage i, from those of others and their weights.
+  !> Accelerations of stage i, from the accelerations of other stages and their weights.
   subroutine stage(self, system, i, n_terms, from, weights, room, f)
     class(explicit_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -187,7 +187,7 @@ contains
   end subroutine stage
 
   !> Accelerations at the nodes of a collocation, predicted by those of the step before; in lanes
-  !! where that fails by those at the start of the step.
+  !! where that fails, the iteration starts from those at the start of the step.
   subroutine solve(self, system, room)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -214,7 +214,7 @@ contains
     self%fresh = .not. self%made
   end subroutine solve
 
-  !> Let some lanes begin with the accelerations at the start of the step.
+  !> Start some lanes from the accelerations at the start of the step.
   subroutine start_again(self, system, lanes, room)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -226,7 +226,7 @@ contains
     end associate
   end subroutine start_again
 
-  !> Accelerations at the start of a step, whose load phases stand in the room.
+  !> Accelerations at the start of a step, whose load phases are in the workspace.
   subroutine accelerate(self, system, room, a)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -241,7 +241,7 @@ contains
     end associate
   end subroutine accelerate
 
-  !> The first sweep over the nodes, of lanes at work.
+  !> The first sweep over the nodes, for active lanes.
   subroutine predict(self, system, room, state)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -262,7 +262,7 @@ contains
     end associate
   end subroutine predict
 
-  !> Sweeps over the nodes until every lane at work is solved or has run away.
+  !> Sweep over the nodes until every active lane has converged or diverged.
   subroutine iterate(self, system, room, state)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -295,7 +295,7 @@ contains
     end associate
   end subroutine iterate
 
-  !> Least margin of the system at the nodes of the last step of a collocation, a lane each.
+  !> Least margin of the system at the nodes of the last step of a collocation, for each lane.
   function margin_at_nodes(self, system) result(least)
     class(explicit_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -344,7 +344,7 @@ contains
     end do
   end subroutine get_state
 
-  !> Accelerations of all lanes, shape (n_lanes, max_dof); the next step does not notice.
+  !> Accelerations of all lanes, shape (n_lanes, max_dof); the next step is not affected.
   subroutine get_accelerations(self, system, a)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -356,14 +356,14 @@ contains
     call self%accelerate(system, self%room(self%first), a)
   end subroutine get_accelerations
 
-  !> Elements before a column of the room.
+  !> Number of elements before a column of the workspace.
   pure integer function place(self, column)
     class(explicit_type), intent(in) :: self
     integer, intent(in) :: column
     place = self%first - 1 + n_lanes*(column - 1)
   end function place
 
-  !> Put another state in a lane; its rounding error is dropped.
+  !> Replace the state in a lane, without its rounding error.
   pure subroutine set_lane(self, lane, q, v)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: lane
@@ -380,7 +380,7 @@ contains
     end associate
   end subroutine set_lane
 
-  !> Put other values of coordinates first ... n_dof and their velocities in all lanes.
+  !> Replace coordinates first ... n_dof and their velocities in all lanes.
   pure subroutine set_from(self, first, q, v)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: first
@@ -398,8 +398,8 @@ contains
     end associate
   end subroutine set_from
 
-  !> Multiply coordinates first ... n_dof, their velocities and rests by a factor
-  !! a lane.
+  !> Multiply coordinates first ... n_dof, their velocities and rounding errors by one factor
+  !! per lane.
   pure subroutine scale_lanes(self, first, factors)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: first
@@ -410,7 +410,7 @@ contains
         at = self%place(self%plan%q + max_dof*i + d - 1)
         self%room(at + 1:at + n_lanes) = factors*self%room(at + 1:at + n_lanes)
       end do
-      ! Accelerations predict those of the next step: a disturbance's are proportional to it.
+      ! Accelerations predict the next step: those of a perturbation are proportional to it.
       do i = 0, self%table%n_stages - 1
         at = self%place(self%plan%f + max_dof*i + d - 1)
         self%room(at + 1:at + n_lanes) = factors*self%room(at + 1:at + n_lanes)
@@ -418,13 +418,13 @@ contains
     end do
   end subroutine scale_lanes
 
-  !> Length of all that one lane must know to go on bit for bit.
+  !> Length of the data that a lane needs to continue bit for bit.
   pure integer function lane_memory_size(self)
     class(explicit_type), intent(in) :: self
     lane_memory_size = 4*max_dof + 2*self%n_drives
   end function lane_memory_size
 
-  !> State, rests and phases of a lane.
+  !> State, rounding errors and phases of a lane.
   pure function save_lane(self, lane) result(memory)
     class(explicit_type), intent(in) :: self
     integer, intent(in) :: lane
@@ -447,7 +447,7 @@ contains
     self%low(lane, :) = memory(i + 1:i + self%n_drives)
   end subroutine load_lane
 
-  !> Let a lane stand still from now on.
+  !> Stop the motion of a lane from now on.
   pure subroutine stop_lane(self, lane)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: lane

@@ -1,5 +1,5 @@
-!> One trajectory by an explicit method: every lane carries the same one, which
-!! costs no more than a single lane would.
+!> One trajectory by an explicit method: every lane computes the same one, which
+!! costs no more than a single lane.
 module viscovib_explicit_stepper
   use viscovib_driven_system, only: driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
@@ -34,7 +34,7 @@ contains
   subroutine new_explicit_stepper(method, system, which, q, v, start, h)
     type(explicit_stepper_type), intent(out) :: method
     class(driven_system_type), intent(in) :: system
-    !> Place in `explicit_names`.
+    !> Index in `explicit_names`.
     integer, intent(in) :: which
     real(wp), intent(in) :: q(:), v(:), start, h
     method%explicit = .true.
@@ -62,7 +62,7 @@ contains
     self%v = v(1, :)
   end subroutine step
 
-  !> The state at the end of a step that left the range of numbers; its loads have gone on.
+  !> Set the state at the end of a step that left the range of numbers; its loads have advanced.
   subroutine arrive(self, q, v)
     class(explicit_stepper_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
@@ -117,7 +117,7 @@ contains
     self%v = v(1, :)
   end subroutine load_memory
 
-  !> Steps of eight parts of its length, one a lane: states inside have the order of the method,
+  !> Path from steps to eight Gauss nodes, one per lane: states inside have the order of the method,
   !! at the cost of one more step.
   subroutine trace(self, system, memory, path)
     class(explicit_stepper_type), intent(in) :: self
@@ -149,7 +149,7 @@ contains
     path%v(n_lanes + 2, :) = self%v
   end subroutine trace
 
-  !> From both ends of the step and the rates there.
+  !> Least margin from both ends of the step and the rates there.
   real(wp) function least_margin(self, system, q_before, v_before) result(least)
     class(explicit_stepper_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system

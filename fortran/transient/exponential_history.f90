@@ -1,11 +1,11 @@
-!> The past in a few numbers: the kernel as a sum of exponentials for all lags of
+!> Memory of the past with constant size: the kernel as a sum of exponentials for all lags of
 !! at least the first node's, each with its own convolution
 !!
 !!   H_q(t) = integral_0^t exp(-r_q (t - s)) g(s) ds,
 !!   H_q(t + h) = exp(-r_q h) H_q(t) + h sum_k phi_qk g_k,
 !!
-!! phi being exact for the polynomial through the points of a step. The cost of a
-!! step and the memory do not grow with time.
+!! with phi exact for the polynomial through the points of a step. The cost of a
+!! step and the storage do not grow with time.
 module viscovib_exponential_history
   use viscovib_known_past, only: known_past_type
   use viscovib_memory_channels, only: channels_type
@@ -20,10 +20,10 @@ module viscovib_exponential_history
 
   public :: exponential_history_type, exponential_moments, new_exponential_history
 
-  !> Terms taken together in `store`, nodes in `recall`.
+  !> Terms processed together in `store`, nodes in `recall`.
   integer, parameter :: block = 8, few = 4
 
-  !> Lengths of steps whose weights are kept for when they come again.
+  !> Number of step lengths whose weights are kept.
   integer, parameter :: most_lengths = 64
 
   !> Weights of exponentials for steps of one length.
@@ -35,12 +35,12 @@ module viscovib_exponential_history
     real(wp), allocatable :: decay(:), gain(:, :)
   end type weights_type
 
-  !> The exponentials of one kernel and the channels that it works on.
+  !> The exponentials of one kernel and the channels with this kernel.
   type :: group_type
     integer :: first = 0, last = 0, n_terms = 0
     !> Weights (with the scale of the memory) and rates of the terms.
     real(wp), allocatable :: terms(:), rates(:)
-    !> By length of step, and the place of the present one.
+    !> Weights for each step length, and the index of the present one.
     type(weights_type), allocatable :: lengths(:)
     integer :: now = 1, n_lengths = 0
     !> H, shape (n_padded, first:last).
@@ -65,15 +65,15 @@ module viscovib_exponential_history
 
 contains
 
-  !> `possible` is false where a kernel has no sum of exponentials.
+  !> `possible` is false if a kernel has no sum of exponentials.
   subroutine new_exponential_history(history, system, channels, table, h, least, t_end, &
                                      tolerance, possible)
     type(exponential_history_type), intent(out) :: history
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(collocation_type), intent(in) :: table
-    !> Step, and the shortest that may follow; latest time of any run that goes on from
-    !! this; relative error.
+    !> Step, and the shortest that may follow; latest time of any run that continues
+    !! this one; relative error.
     real(wp), intent(in) :: h, least, t_end, tolerance
     logical, intent(out) :: possible
     real(wp), allocatable :: weights(:), rates(:)
@@ -126,7 +126,7 @@ contains
         group%now = k
         if (k <= group%n_lengths) cycle
         if (k > most_lengths) then
-          ! The oldest make room.
+          ! Discard the stored lengths.
           group%now = 1
           group%n_lengths = 0
         else if (k > size(group%lengths)) then
@@ -216,7 +216,7 @@ contains
     real(wp), dimension(few) :: one, two, three, four
     integer :: i, q
 
-    ! Four sums at once, since each addition waits for the one before.
+    ! Four independent sums, since each addition waits for the one before.
     do i = 1, n_fours
       one = 0.0_wp
       two = 0.0_wp

@@ -1,6 +1,6 @@
-!> Largest sizes of coordinates and velocities along a motion, and integrals of them and of their
-!! squares over time, by the polynomials of steps and of their parts: what lies between the ends of
-!! steps counts as well.
+!> Largest absolute values of coordinates and velocities along a motion, and integrals of them and
+!! of their squares over time, from the polynomials of steps and of their parts, including the
+!! interior of steps.
 module viscovib_extremes
   use viscovib_kinds, only: wp
   use viscovib_quadrature, only: gauss_nodes, lagrange, lagrange_factors
@@ -10,19 +10,19 @@ module viscovib_extremes
 
   public :: extremes_type
 
-  !> Steps that find an extremum between two places.
+  !> Iterations that find an extremum between two points.
   integer, parameter :: n_golden = 32
   real(wp), parameter :: golden = 0.6180339887498949_wp
 
   type :: extremes_type
-    !> Whether they are asked for.
+    !> True if they are requested.
     logical :: wanted = .false.
-    !> The time from which on the motion counts.
+    !> Start time of the evaluation.
     real(wp) :: from = 0.0_wp
-    !> Of each coordinate and velocity in turn, shape (2 n_dof); not allocated: none was seen.
+    !> For each coordinate and velocity in turn, shape (2 n_dof); not allocated before any step.
     real(wp), allocatable :: peak(:), total(:), squares(:)
-    !> Places where states are known, to which these belong: of the polynomial that is 1 at one of
-    !! them its values at the nodes of a rule that integrates its square, and the rule's weights.
+    !> Points of the states for which these are valid: values of the Lagrange polynomials at the
+    !! nodes of a rule that integrates their squares, and the rule's weights.
     real(wp), allocatable, private :: points(:), factors(:), values(:, :), weights(:)
   contains
     procedure :: take
@@ -33,7 +33,7 @@ module viscovib_extremes
 
 contains
 
-  !> Take in what counts of a step, or of a part of one.
+  !> Add a step, or a part of one, from the start time on.
   subroutine take(self, path)
     class(extremes_type), intent(inout) :: self
     type(step_path), intent(in) :: path
@@ -80,7 +80,7 @@ contains
     end do
   end subroutine take_in
 
-  !> What belongs to the places of a path.
+  !> Prepare the matrices for the points of a path.
   subroutine prepare(self, points)
     class(extremes_type), intent(inout) :: self
     real(wp), intent(in) :: points(:)
@@ -103,10 +103,10 @@ contains
     end do
   end subroutine prepare
 
-  !> The largest size of a polynomial if it is above `least`; else `least`.
+  !> The largest absolute value of a polynomial if it is above `least`; else `least`.
   real(wp) function largest(self, along, least)
     class(extremes_type), intent(in) :: self
-    !> Its values at the places.
+    !> Its values at the points.
     real(wp), intent(in) :: along(:), least
     real(wp) :: low, high, at(2), value(2)
     integer :: i, j, n
@@ -142,7 +142,7 @@ contains
       value_at = dot_product(lagrange(self%points, self%factors, x), along)
     end function value_at
 
-    !> How far beyond its value there a polynomial may rise near a node.
+    !> Bound of the rise of the polynomial above its value at a node.
     real(wp) function rise(i)
       integer, intent(in) :: i
       rise = maxval(along(max(i - 1, 1):min(i + 1, n))) - minval(along(max(i - 1, 1):min(i + 1, n)))

@@ -1,5 +1,5 @@
-!> A block of trajectories on its way, one a lane: where they are, whether they stop, and what is
-!! learnt from them as they pass.
+!> A block of trajectories in progress, one per lane: their states, their stops, and the
+!! quantities accumulated along the way.
 module viscovib_flight
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
@@ -20,32 +20,32 @@ module viscovib_flight
   public :: after_step, before_step, ensemble_block, ensemble_job, flight_type, gather, land, &
     take_off
 
-  !> Steps between two rescalings of a disturbance.
+  !> Steps between two normalizations of the perturbations.
   integer, parameter :: rescaling = 8
-  !> Rounding of a rate, as a part of it.
+  !> Relative rounding error of a rate.
   real(wp), parameter :: rounding = 8.0_wp*epsilon(1.0_wp)
 
-  !> What to do with every trajectory.
+  !> Options for every trajectory.
   type :: ensemble_job
-    !> Place in `lane_methods`.
+    !> Index in `lane_methods`.
     integer :: method = 3
-    !> Steps in all; those before anything is gathered; between samples of lines; between
-    !! two points of a section (0: none wanted).
+    !> Number of steps; steps before accumulation begins; steps between samples of lines; steps
+    !! between points of a section (0: no section).
     integer(i8) :: n_steps = 1, n_discard = 0, sample_every = 1, section_every = 0
-    !> Peaks, means and rms of the motion, which begin so much of a step before the others.
+    !> Request peaks, means and rms; their interval begins this part of a step earlier.
     logical :: moments = .false.
     real(wp) :: ahead = 0.0_wp
-    !> Exponents wanted, from the largest on.
+    !> Number of Lyapunov exponents, from the largest on.
     integer :: n_exponents = 0
-    !> Circular frequencies of lines wanted.
+    !> Circular frequencies of the requested lines.
     real(wp), allocatable :: lines(:)
   end type ensemble_job
 
-  !> A block of trajectories, and what was learnt. Lane first.
+  !> A block of trajectories and their results. Lane first.
   type :: ensemble_block
-    !> Before: start. After: the last state, that at t_reached, shape (n_lanes, n_dof).
+    !> On entry the start; on return the state at t_reached, shape (n_lanes, n_dof).
     real(wp), allocatable :: q(:, :), v(:, :)
-    !> Load frequencies, shape (n_lanes, n_drives); steps.
+    !> Load frequencies, shape (n_lanes, n_drives); step sizes.
     real(wp), allocatable :: frequencies(:, :)
     real(wp) :: h(n_lanes) = 0.0_wp
     integer :: outcome(n_lanes) = run_completed
@@ -54,41 +54,41 @@ module viscovib_flight
     complex(wp), allocatable :: lines(:, :, :)
     !> q and v of each section point, shape (n_lanes, 2 n_dof, n_points).
     real(wp), allocatable :: sections(:, :, :)
-    !> Mean rates of growth of small disturbances, shape (n_lanes, n_exponents); NaN of a motion
+    !> Lyapunov exponents, shape (n_lanes, n_exponents); NaN for a motion
     !! that stops.
     real(wp), allocatable :: lyapunov(:, :)
-    !> How far these may be off for the time they are means over.
+    !> Errors of the exponents due to the finite averaging time.
     real(wp), allocatable :: lyapunov_error(:, :)
-    !> Whether steps may have missed a thin layer of a force.
+    !> True if steps may have missed a thin layer of a force.
     logical :: missed(n_lanes) = .false.
   end type ensemble_block
 
-  !> A block on its way: where its lanes are, how near to a stop, and what is gathered.
+  !> A block in progress: states of its lanes, margins to a stop, and accumulators.
   type :: flight_type
-    !> Coordinates of the motion itself; the others are its disturbance.
+    !> Number of coordinates of the motion itself; further ones are its perturbation.
     integer :: n = 0
-    !> Whether steps are made for many blocks together; else by a method of its own.
+    !> True if the steps are made for many blocks together; else by `method`.
     logical :: together = .false.
     type(explicit_type) :: method
-    !> The same motion with further disturbances, one each.
+    !> The same motion with further perturbations, one each.
     type(explicit_type), allocatable :: others(:)
     type(moments_type) :: moments
     type(lines_type) :: lines
     real(wp), allocatable :: q(:, :), v(:, :), q_before(:, :), v_before(:, :)
-    !> Accelerations, where peaks and means are wanted.
+    !> Accelerations, if peaks and means are requested.
     real(wp) :: a(n_lanes, max_dof) = 0.0_wp
     real(wp), dimension(n_lanes) :: margin = 0.0_wp, rate = 0.0_wp
     real(wp), allocatable :: growth(:, :)
     type(growth_course) :: course
     logical :: alive(n_lanes) = .true.
-    !> States before, times in steps.
+    !> Previous states, times in steps.
     type(run_history) :: past
     type(lane_watch) :: layers
   end type flight_type
 
 contains
 
-  !> Everything as it is at time 0.
+  !> Initialize at time 0.
   subroutine take_off(f, job, system, motion, block)
     type(flight_type), intent(out) :: f
     type(ensemble_job), intent(in) :: job
@@ -102,7 +102,7 @@ contains
     allocate (f%q(n_lanes, system%n_dof), f%v(n_lanes, system%n_dof), source=0.0_wp)
     f%q(:, :n) = block%q
     f%v(:, :n) = block%v
-    ! A disturbance in no special direction.
+    ! A perturbation in no special direction.
     if (system%n_dof > n) f%q(:, n + 1:) = 1.0_wp/sqrt(real(n, wp))
     allocate (f%growth(n_lanes, max(job%n_exponents, 1)), source=0.0_wp)
     call f%course%begin(size(f%growth, 2), job%n_steps - job%n_discard)
@@ -125,8 +125,8 @@ contains
     call f%layers%begin(motion, f%q, f%v, f%together)
   end subroutine take_off
 
-  !> Take in for peaks and means what counts of step i, which ends here; of one before them its
-  !! end alone.
+  !> Add step i, which ends here, to peaks and means; before their interval begins only its
+  !! end is stored.
   subroutine gather(f, system, job, i)
     type(flight_type), intent(inout) :: f
     class(driven_system_type), intent(in) :: system
@@ -144,7 +144,7 @@ contains
     end if
   end subroutine gather
 
-  !> Further disturbances, each along a coordinate or a velocity of its own.
+  !> Start further perturbations, each along its own coordinate or velocity.
   subroutine take_others(f, n, count)
     type(flight_type), intent(inout) :: f
     integer, intent(in) :: n, count
@@ -168,7 +168,7 @@ contains
     call rescale(f, .true.)
   end subroutine take_others
 
-  !> Remember where step i begins.
+  !> Store the state at the start of step i.
   subroutine before_step(f, i)
     type(flight_type), intent(inout) :: f
     integer(i8), intent(in) :: i
@@ -189,8 +189,8 @@ contains
     end do
   end subroutine keep
 
-  !> What step i has brought: lanes in which the motion stops within it stand still from then on, of
-  !! the others is gathered what is wanted.
+  !> Process step i: lanes in which the motion stops remain constant from then on; requested
+  !! quantities are accumulated in the other lanes.
   subroutine after_step(f, job, system, motion, block, i, made)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
@@ -223,7 +223,7 @@ contains
     end if
   end subroutine after_step
 
-  !> Lanes in which the motion stops within step i.
+  !> Detect lanes in which the motion stops within step i.
   subroutine find_stops(f, job, system, motion, block, i, made)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
@@ -239,7 +239,7 @@ contains
     good = made .and. size_in_range(f%n, f%q, f%v, system%range%coordinate, system%range%speed) &
            <= 1.0_wp
     doubtful = f%alive .and. .not. good
-    ! Equations that hold everywhere have a margin that does not change.
+    ! Equations that are valid everywhere have a constant margin.
     if (system%limited) then
       margin_before = f%margin
       rate_before = f%rate
@@ -258,7 +258,7 @@ contains
     end do
   end subroutine find_stops
 
-  !> The size of motions as a part of the largest.
+  !> The size of motions relative to the largest allowed size.
   pure function size_in_range(n, q, v, coordinate, speed) result(part)
     integer, intent(in) :: n
     real(wp), intent(in) :: q(n_lanes, n), v(n_lanes, n), coordinate, speed
@@ -277,7 +277,7 @@ contains
     part = part/coordinate + rates/speed
   end function size_in_range
 
-  !> Margin of the physics in every lane, and its change in a step.
+  !> Margin to the edge of the physical range in every lane, and its change in a step.
   subroutine measure_margin(f, system, h)
     type(flight_type), intent(inout) :: f
     class(driven_system_type), intent(in) :: system
@@ -291,7 +291,7 @@ contains
     f%rate = system%margin(ahead) - f%margin
   end subroutine measure_margin
 
-  !> Whether the motion of a lane stops inside step i, and where.
+  !> Test if the motion of a lane stops inside step i, and where.
   subroutine judge_lane(f, job, system, motion, block, i, l, good)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
@@ -332,7 +332,7 @@ contains
     f%alive(l) = .false.
     block%q(l, :) = stop%q
     block%v(l, :) = stop%v
-    ! Near a stop accelerations may be infinite: the lane waits at rest instead.
+    ! Near a stop accelerations may be infinite, so the lane continues at rest.
     f%q(l, :) = 0.0_wp
     f%v(l, :) = 0.0_wp
     if (f%together) return
@@ -346,7 +346,7 @@ contains
     end if
   end subroutine judge_lane
 
-  !> The motion of a lane as small steps find it; its disturbances stay.
+  !> Set the motion of a lane to the result of small steps; its perturbations remain.
   subroutine put_motion(f, l, q, v)
     type(flight_type), intent(inout) :: f
     integer, intent(in) :: l
@@ -366,8 +366,8 @@ contains
     end do
   end subroutine put_motion
 
-  !> Make the disturbances orthonormal again (Gram and Schmidt); their growth counts once
-  !! something is gathered.
+  !> Orthonormalize the perturbations (Gram and Schmidt); their growth counts once
+  !! accumulation has begun.
   subroutine rescale(f, too_early)
     type(flight_type), intent(inout) :: f
     logical, intent(in) :: too_early
@@ -385,7 +385,7 @@ contains
       end if
       at(:, :f%n, j) = q(:, f%n + 1:)
       at(:, f%n + 1:, j) = v(:, f%n + 1:)
-      ! Twice: a single pass leaves the rounding error of large parts.
+      ! Twice: a single pass leaves the rounding error of large components.
       do k = 1, merge(2, 0, j > 1)
         do i = 1, j - 1
           along = sum(at(:, :, i)*at(:, :, j), 2)
@@ -425,7 +425,7 @@ contains
     end do
   end subroutine keep_section
 
-  !> Last states, and what was gathered.
+  !> Store final states and accumulated quantities.
   subroutine land(f, job, block)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
@@ -444,8 +444,8 @@ contains
       allocate (block%mean, block%rms, mold=block%peak)
       call f%moments%hand_over(block%peak, block%mean, block%rms)
     end if
-    ! Of a motion that stopped, peaks and means are those until then; what belongs to the
-    ! whole of it is not known.
+    ! For a motion that stopped, peaks and means are those until the stop; quantities of the
+    ! whole motion are NaN.
     nowhere = merge(0.0_wp, ieee_value(1.0_wp, ieee_quiet_nan), f%alive)
     if (f%lines%n > 0) then
       block%lines = f%lines%amplitudes()

@@ -1,10 +1,10 @@
-!> Gauss-Legendre collocation in fixed steps, the nodes side by side in the
+!> Gauss-Legendre collocation in fixed steps, with the nodes in the lanes of the
 !! vector unit.
 !!
 !! q_i = q_0 + c_i h v_0 + h^2 sum_j a2_ij f_j, v_i = v_0 + h sum_j a_ij f_j,
 !! f_i = a(q_i, v_i): solved by fixed-point iteration from the polynomial of the
-!! step before, stopped when the accelerations hardly change; by Newton's method of
-!! few systems with laws of functions (viscovib_node_newton). Symplectic and
+!! step before, until the accelerations hardly change, or by Newton's method for
+!! small systems with laws of functions (viscovib_node_newton). Symplectic and
 !! symmetric; order 2s at the step ends.
 module viscovib_gauss
   use viscovib_aligned, only: alignment_slack, first_aligned, settle
@@ -24,17 +24,17 @@ module viscovib_gauss
 
   public :: gauss_type, new_gauss
 
-  !> Iterations of a step before it is tried again from a constant start.
+  !> Iterations of a step before it is repeated from a constant start.
   integer, parameter :: max_iterations = 40
-  !> Changes below this are those of numbers that fade out of range.
+  !> Changes below this are those of numbers near underflow.
   real(wp), parameter :: negligible = 1.0e-300_wp
-  !> Part of the state that a step does not resolve.
+  !> Relative change of the state that a step does not resolve.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
-  !> Degree of the polynomial that predicts a step: higher ones run away when
-  !! steps are large; Newton's method comes back from farther.
+  !> Degree of the polynomial that predicts a step: higher degrees diverge when
+  !! steps are large; Newton's method converges from larger errors.
   integer, parameter :: prediction_degree = 5, newton_degree = 6
 
-  !> Where things begin in the room of a method, in columns of lanes.
+  !> Offsets of the arrays in the workspace of a method, in columns of lanes.
   type :: room_plan
     integer :: sums = 0, prediction = 0, times = 0, drive = 0, f = 0, f_new = 0, q = 0, v = 0
     integer :: n_columns = 0
@@ -43,18 +43,18 @@ module viscovib_gauss
   type, extends(stepper_type) :: gauss_type
     type(gauss_table_type) :: table
     type(phases_type) :: phases
-    !> Iteration stops when accelerations change by less than this part.
+    !> Iteration stops when accelerations change relatively by less than this.
     real(wp) :: tolerance = 0.0_wp
-    !> What rounding has left out of the state, shape (n_dof).
+    !> Accumulated rounding errors of the state, shape (n_dof).
     real(wp), allocatable :: q_rest(:), v_rest(:)
-    !> Whether the accelerations of a step before are there to predict from.
+    !> True if accelerations of a previous step exist for prediction.
     logical :: has_history = .false.
     !> Largest distance of two nodes, in steps.
     real(wp), private :: widest = 1.0_wp
     type(room_plan), private :: plan
     !> Tables, and accelerations and states at the nodes.
     real(wp), allocatable, private :: room(:)
-    !> Where in it the first column begins.
+    !> Index of its first column.
     integer, private :: first = 1
   contains
     procedure :: step
@@ -103,7 +103,7 @@ contains
     end associate
   end subroutine new_gauss
 
-  !> Put the tables, with the step in them, where the loops will find them.
+  !> Store the tables, scaled by the step, in the workspace.
   pure subroutine furnish(table, h, plan, room)
     type(gauss_table_type), intent(in) :: table
     real(wp), intent(in) :: h
@@ -160,7 +160,7 @@ contains
     self%has_history = .false.
   end subroutine put
 
-  !> One step; not made if the iteration settles from neither start.
+  !> One step; not made if the iteration converges from neither start.
   subroutine step(self, system, made)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -168,7 +168,7 @@ contains
     call self%step_in_room(system, self%room(self%first), made)
   end subroutine step
 
-  !> The state at the end of a step that was not made.
+  !> Set the state at the end of a step that another method made.
   subroutine arrive(self, q, v)
     class(gauss_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
@@ -220,7 +220,7 @@ contains
     end associate
   end subroutine step_in_room
 
-  !> To the end of the step, by the accelerations at its nodes.
+  !> Advance to the end of the step, from the accelerations at its nodes.
   subroutine advance(self, blocks, f)
     class(gauss_type), intent(inout) :: self
     integer, intent(in) :: blocks
@@ -242,7 +242,7 @@ contains
     call self%phases%advance()
   end subroutine advance
 
-  !> Accelerations at the start of the step, at every node.
+  !> Use the accelerations at the start of the step at every node.
   subroutine constant_start(self, system, room)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -264,8 +264,8 @@ contains
     end associate
   end subroutine constant_start
 
-  !> The accelerations at the nodes, from those at hand: by Newton's method where derivatives are
-  !! known.
+  !> Solve for the accelerations at the nodes, from the present ones: by Newton's method if the
+  !! system has derivatives.
   subroutine solve(self, system, room, converged)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -296,7 +296,7 @@ contains
     end associate
   end subroutine solve
 
-  !> Fixed point of the accelerations.
+  !> Fixed-point iteration for the accelerations.
   subroutine iterate(self, system, room, converged)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -307,7 +307,7 @@ contains
 
     n = size(self%q)
     blocks = self%table%n_blocks
-    ! Coordinates are taken three at a time, those that are lacking too.
+    ! Coordinates are processed in groups of three, including unused ones.
     q_0 = 0.0_wp
     v_0 = 0.0_wp
     q_0(:n) = self%q
@@ -333,13 +333,13 @@ contains
         do b = 0, blocks - 1
           call exchange(n, room(1, p%f_new + max_dof*b), room(1, p%f + max_dof*b), change)
         end do
-        ! An iterate that runs away is stopped before it overflows.
+        ! A diverging iteration is stopped before it overflows.
         if (.not. change <= system%range%push) return
         ! The next correction would shrink by the same factor again.
         expected = change
         if (before > change) expected = change*(change/before)
         if (expected <= wanted) exit
-        ! Where accelerations are what large terms leave, rounding is all that still changes.
+        ! If accelerations are small differences of large terms, only rounding still changes them.
         if (k > 2 .and. change >= 0.5_wp*before .and. self%h**2*change <= lost) exit
         before = change
       end do
@@ -348,7 +348,7 @@ contains
     end associate
   end subroutine iterate
 
-  !> From the nodes of the step and the rates there.
+  !> Least margin from the nodes of the step and the rates there.
   real(wp) function least_margin(self, system, q_before, v_before) result(least)
     class(gauss_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -360,14 +360,14 @@ contains
     ends(2, :) = q_before
     ends(3, :) = q_before + self%widest/3.0_wp*self%h*v_before
     margins = system%margin(ends)
-    ! The last place before the first node follows from the motion at the start.
+    ! The last position before the first node follows from the motion at the start.
     least = min(margins(1), margins(2) + min(0.0_wp, margins(3) - margins(2)))
     do b = 0, self%table%n_blocks - 1
       least = min(least, self%margin_at_nodes(system, self%room(self%first), b))
     end do
   end function least_margin
 
-  !> The hull of cubics between the nodes of a block.
+  !> Lower bound of the margin from the hull of cubics between the nodes of a block.
   real(wp) function margin_at_nodes(self, system, room, b) result(least)
     class(gauss_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -430,7 +430,7 @@ contains
     size_of = lane_sum(lanes)
   end function size_of
 
-  !> Length of all that a run must know to go on bit for bit.
+  !> Length of the data that a run needs to continue bit for bit.
   pure integer function memory_size(self)
     class(gauss_type), intent(in) :: self
     memory_size = 4*size(self%q) + 2*size(self%phases%high) + n_nodes_values(self) + 1
@@ -441,7 +441,7 @@ contains
     n_nodes_values = n_lanes*max_dof*self%table%n_blocks
   end function n_nodes_values
 
-  !> State, rests, phases, accelerations, and whether these predict.
+  !> State, rounding errors, phases, accelerations, and the flag that these can predict.
   pure function save_memory(self) result(memory)
     class(gauss_type), intent(in) :: self
     real(wp) :: memory(self%memory_size())

@@ -1,5 +1,5 @@
-!> Runs whose step after a corner of the load is made of panels that double their length: a motion
-!! remembered by a steep kernel is not smooth there.
+!> Runs whose step after a corner of the load consists of panels that double their length: a motion
+!! with a steep kernel is not smooth there.
 module viscovib_graded_march
   use viscovib_hereditary_start, only: panel_ends
   use viscovib_histories, only: keeping_type
@@ -12,16 +12,16 @@ module viscovib_graded_march
 
   public :: graded_march_type, pull, push
 
-  !> How many numbers of a run's memory are those of this type.
+  !> Length of the saved data of this type.
   integer, parameter, public :: n_common = 4
 
   type, abstract, extends(march_type) :: graded_march_type
     type(keeping_type) :: keeping
     !> Time, and the load at the nodes of a step.
     type(load_clock) :: clock
-    !> The next step follows one of its own kind.
+    !> True if the next step follows one of its own kind.
     logical :: rolling = .false.
-    !> Which panel of a step is being made; 0: the whole step.
+    !> Index of the panel in progress; 0: the whole step.
     integer :: panel = 0
   contains
     procedure :: step
@@ -37,8 +37,8 @@ module viscovib_graded_march
 
   abstract interface
 
-    !> The first step as panels, where memory makes the start singular; `made` is false where
-    !! a plain step will do.
+    !> The first step as panels, where memory makes the start singular; `made` is false if
+    !! a plain step suffices.
     subroutine first_interface(self, system, load, made)
       import :: graded_march_type, oscillator_type, time_load_type
       class(graded_march_type), intent(inout), target :: self
@@ -57,7 +57,7 @@ module viscovib_graded_march
       logical, intent(out) :: made
     end subroutine plain_interface
 
-    !> The next step begins at the present state and knows of no step before.
+    !> Start the next step at the present state, without extrapolation from the previous step.
     subroutine stand_interface(self, system)
       import :: graded_march_type, oscillator_type
       class(graded_march_type), intent(inout) :: self
@@ -98,12 +98,12 @@ contains
     end if
     if (made) return
     self%keeping%at_corner = graded
-    ! What was tried says nothing of the start.
+    ! The failed step gives no prediction.
     call self%stand_still(system)
   end subroutine step
 
-  !> One step after a corner of the load. Lengths are powers of 2 but for the last, so that
-  !! other steps find their maps again.
+  !> One step after a corner of the load. Lengths are powers of 2 except the last, so that
+  !! other steps can reuse their maps.
   subroutine add_graded_step(self, system, load, until, made)
     class(graded_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -150,7 +150,7 @@ contains
     call self%keeping%turn(before, h)
   end subroutine enter
 
-  !> What of this type a run must know to go on, shape (n_common).
+  !> Data of this type that a run needs to continue, shape (n_common).
   pure function common_memory(self) result(memory)
     class(graded_march_type), intent(in) :: self
     real(wp) :: memory(n_common)
@@ -167,7 +167,7 @@ contains
     self%keeping%n_doublings = nint(memory(4))
   end subroutine take_common
 
-  !> Write a part behind the first n numbers, and count it.
+  !> Append a part after the first n numbers, and increase n.
   pure subroutine push(memory, n, part)
     real(wp), intent(inout) :: memory(:)
     integer, intent(inout) :: n
@@ -176,7 +176,7 @@ contains
     n = n + size(part)
   end subroutine push
 
-  !> Read it again.
+  !> Read the next part, and increase n.
   pure subroutine pull(memory, n, part)
     real(wp), intent(in) :: memory(:)
     integer, intent(inout) :: n

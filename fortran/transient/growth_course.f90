@@ -1,5 +1,4 @@
-!> How small disturbances of a motion grow on the way, and how far off their mean rate of growth is
-!! for that.
+!> Growth of small perturbations along a motion, and the error of its mean rate.
 module viscovib_growth_course
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
@@ -8,17 +7,17 @@ module viscovib_growth_course
 
   public :: growth_course
 
-  !> Looks at their growth, and how far off its mean rate is in units of the range of what it was
-  !! off a straight line, over the time: of a random walk 2 is 2.5 standard deviations.
+  !> Number of samples; error of the mean rate in units of the range of the deviation from a
+  !! straight line, over the time: for a random walk a factor of 2 is 2.5 standard deviations.
   integer, parameter :: most_looks = 64
   real(wp), parameter :: in_ranges = 2.0_wp, golden = 0.5_wp*(sqrt(5.0_wp) - 1.0_wp)
 
-  !> How disturbances have grown on the way, at places of the time that counts, from its beginning.
+  !> Growth of perturbations at samples of the averaging time, from its beginning.
   type :: growth_course
     integer :: n = 0
-    !> Steps that count, and that of the next look.
+    !> Number of steps of the averaging time, and step of the next sample.
     integer(i8) :: steps = 0, next = 0
-    !> Parts of that time, and logarithms, shape (n_lanes, n_exponents, 0:most_looks).
+    !> Fractions of that time, and logarithms, shape (n_lanes, n_exponents, 0:most_looks).
     real(wp) :: at(0:most_looks) = 0.0_wp
     real(wp), allocatable :: growth(:, :, :)
   contains
@@ -39,8 +38,8 @@ contains
     call self%place_next()
   end subroutine begin
 
-  !> Looks are not evenly apart, lest they meet all swings at the same phase: parts of the golden
-  !! section before even places. The last is at the end.
+  !> Samples are not equidistant, to avoid equal phases of oscillations: each is a fraction from the
+  !! golden section before an equidistant time. The last is at the end.
   pure subroutine place_next(self)
     class(growth_course), intent(inout) :: self
     real(wp) :: k
@@ -50,7 +49,7 @@ contains
     if (self%n + 1 == most_looks) self%next = self%steps
   end subroutine place_next
 
-  !> Keep the growth after so many steps, if it is due.
+  !> Store the growth after `done` steps, if a sample is due.
   pure subroutine see(self, done, growth)
     class(growth_course), intent(inout) :: self
     integer(i8), intent(in) :: done
@@ -62,10 +61,10 @@ contains
     call self%place_next()
   end subroutine see
 
-  !> How far off the mean rate of growth may be, times the time. Growth that wanders about a
-  !! straight line, as near chaos, or settles on one, as after a start, has a mean rate that is
-  !! off by a part of what it wandered: of a random walk over a time T the range of what it is off
-  !! its chord is 1.25 standard deviations of its end in the mean; of a start that adds C, C.
+  !> Error of the mean growth rate, times the time. If the growth fluctuates about a straight line,
+  !! as near chaos, or approaches one, as after a start, the error of its mean rate is a part of the
+  !! deviation: for a random walk over a time T the mean range of the deviation from its chord is
+  !! 1.25 standard deviations of its end; for a start that adds C, it is C.
   pure function unsure(self) result(off)
     class(growth_course), intent(in) :: self
     real(wp) :: off(size(self%growth, 1), size(self%growth, 2))

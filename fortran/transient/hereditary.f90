@@ -1,5 +1,5 @@
-!> Motion with memory in equal steps: Gauss collocation of the accelerations, with
-!! hereditary variables remembered as polynomials through the nodes and both ends.
+!> Motion with memory in equal steps: Gauss collocation of the accelerations; the history of
+!! hereditary variables is stored as polynomials through the nodes and both ends.
 !!
 !! The maps of a step are in `hereditary_maps`, its nonlinear equations in
 !! `step_equations`.
@@ -26,20 +26,20 @@ module viscovib_hereditary
 
   public :: hereditary_type, new_hereditary
 
-  ! Results of runs of every kind.
+  ! Re-exported constants.
   public :: past_exponentials, past_direct, begun, no_exponentials, step_too_large, no_integral
 
-  !> The state are the coordinates.
+  !> The state consists of the coordinates.
   type, extends(graded_march_type) :: hereditary_type
-    !> Beyond this a coordinate or velocity has left the range of numbers.
+    !> Bound of coordinates and velocities; beyond it the run has diverged.
     real(wp) :: bound = huge(1.0_wp)
     !> State, shape (n_dof), and its rounding error.
     real(wp), allocatable :: u(:), v(:), u_rest(:), v_rest(:)
     !> Largest last Legendre coefficient of the displacements on a step, and largest
-    !! displacement, shape (n_dof): together they show how well steps resolve the motion.
+    !! displacement, shape (n_dof): their ratio shows how well steps resolve the motion.
     real(wp), allocatable :: roughness(:), largest(:)
     type(collocation_type) :: table
-    !> Maps by length of step, and the place of the present one.
+    !> Maps for each step length, and the index of the present one.
     type(step_map_type), allocatable :: maps(:)
     integer :: now = 1
     type(step_equations_type) :: equations
@@ -51,9 +51,9 @@ module viscovib_hereditary
     real(wp), allocatable :: points(:, :)
     !> T W, shape (n_channels, n_dof), and T of the bent variables.
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
-    !> Room for a step: channels at the points.
+    !> Workspace of a step: channels at the points.
     real(wp), allocatable, private :: g(:, :)
-    !> Lengths of the maps; how many there are.
+    !> Step lengths of the maps, and their number.
     real(wp), allocatable, private :: lengths(:)
     integer, private :: n_lengths = 0
   contains
@@ -76,12 +76,12 @@ module viscovib_hereditary
     procedure :: begin_panels
   end type hereditary_type
 
-  !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
+  !> Share of nonlinear forces in the displacements above which a motion may escape in a step.
   real(wp), parameter :: bending = 1.0e-3_wp
 
 contains
 
-  !> A run from (u, v) at time 0. `reason`: `begun`, or why it is not.
+  !> A run from (u, v) at time 0. `reason`: `begun`, or why the run cannot start.
   subroutine new_hereditary(run, system, load, s, past, held, u, v, h, t_end, tolerance, reason, &
                             before, moved, shortest, kinks)
     type(hereditary_type), intent(out) :: run
@@ -89,14 +89,14 @@ contains
     type(time_load_type), intent(in) :: load
     !> Nodes of a step; `past_exponentials` or `past_direct`.
     integer, intent(in) :: s, past
-    !> Displacement held for all t < 0, shape (n_dof): what is remembered.
+    !> Displacement held for all t < 0, shape (n_dof).
     real(wp), intent(in) :: held(:)
     !> Start, shape (n_dof); step; latest time; relative error of the kernels as
     !! exponentials and of a step's solution.
     real(wp), intent(in) :: u(:), v(:), h, t_end, tolerance
     integer, intent(out) :: reason
     !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the
-    !! motion before 0 is known; `held` is the first of them then.
+    !! motion before 0 is known; `held` is then the first of these displacements.
     real(wp), intent(in), optional :: before(:), moved(:, :)
     !> Shortest step of a run whose steps change after corners of the load.
     real(wp), intent(in), optional :: shortest
@@ -146,7 +146,7 @@ contains
     call run%stand_still(system)
   end subroutine new_hereditary
 
-  !> The next step begins at the present state and knows of no step before.
+  !> Start the next step at the present state, without extrapolation from the previous step.
   subroutine stand_still(self, system)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -155,8 +155,8 @@ contains
     self%rolling = .false.
   end subroutine stand_still
 
-  !> Go on at time t from a state, relative to the base, under another load; what is
-  !! remembered stays. `made` is false where steps are too large.
+  !> Continue at time t from a state, relative to the base, under another load; the memory
+  !! is kept. `made` is false if steps are too large.
   subroutine take_up(self, system, load, t, u, v, made)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -172,7 +172,7 @@ contains
     call self%stand_still(system)
   end subroutine take_up
 
-  !> A jump of the state relative to the base.
+  !> Add a jump to the state relative to the base.
   subroutine kick(self, base, displacement, velocity)
     class(hereditary_type), intent(inout) :: self
     type(base_motion_type), intent(in) :: base
@@ -181,7 +181,7 @@ contains
     call add_any(self%v, self%v_rest, base%of_coordinates(velocity))
   end subroutine kick
 
-  !> Steps from time t on are h long.
+  !> Set the step length to h from time t on.
   subroutine change_step(self, system, load, t, h, made)
     class(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -239,7 +239,7 @@ contains
       if (made .and. size(self%equations%y) > 0 .and. .not. self%trusted) then
         self%doubtful = runs_away(s, self%h, self%u, self%v, self%largest, x, &
                                   self%table%last_coefficient)
-        ! What is linear escapes nowhere, be it ever so steep.
+        ! A linear motion cannot escape, however steep it is.
         if (self%doubtful) self%doubtful = self%equations%nonlinear_share(self%u) > bending
       end if
       made = made .and. .not. self%doubtful
@@ -269,7 +269,7 @@ contains
     self%rolling = .true.
   end subroutine plain_step
 
-  !> Begin with other numbers for the same state where the system has such.
+  !> Use an equivalent representation of the same state, if the system has one.
   subroutine rename_start(self, system)
     type(hereditary_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -287,7 +287,7 @@ contains
     call self%stand_still(system)
   end subroutine rename_start
 
-  !> Make room for the panels of a step.
+  !> Allocate the panels of a step.
   subroutine begin_panels(self, ends)
     class(hereditary_type), intent(inout) :: self
     real(wp), intent(in) :: ends(0:)
@@ -312,7 +312,7 @@ contains
   end function resolution
 
   !> The first step as a sequence of panels, where memory makes the start singular;
-  !! `made` is false where a plain step will do.
+  !! `made` is false if a plain step suffices.
   subroutine add_first_step(self, system, load, made)
     class(hereditary_type), intent(inout), target :: self
     class(oscillator_type), intent(in) :: system
@@ -364,7 +364,7 @@ contains
     furthest = maxval(self%largest)
   end function furthest
 
-  !> State a fraction of a step back from its end, by the polynomial of the step.
+  !> State at a fraction of the last step, by the polynomial of the step.
   subroutine inside(self, theta, u, v)
     class(hereditary_type), intent(in) :: self
     !> In [0, 1], 1 at the end of the last step.
@@ -383,8 +383,8 @@ contains
     end if
   end subroutine inside
 
-  !> How far coordinates have moved from the start of the last step at its other points, shape
-  !! (s+1, n_dof): what they are at both is too near to each other for velocities on short steps.
+  !> Change of the coordinates from the start of the last step to its other points, shape
+  !! (s+1, n_dof): on short steps differences of the coordinates are too inaccurate for velocities.
   pure function rises_of(self) result(rises)
     class(hereditary_type), intent(in) :: self
     real(wp) :: rises(self%table%s + 1, size(self%u))
@@ -420,7 +420,7 @@ contains
   subroutine load_memory(self, memory, other_load)
     class(hereditary_type), intent(inout) :: self
     real(wp), intent(in) :: memory(:)
-    !> The load is another one now: its phases are not those that were saved.
+    !> The load has changed: the saved phases are not used.
     logical, intent(in) :: other_load
     integer :: n
 

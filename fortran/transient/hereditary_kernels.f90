@@ -1,4 +1,4 @@
-!> The plain loops of a step with memory, over arrays of known shapes.
+!> The inner loops of a step with memory, over arrays of explicit shape.
 module viscovib_hereditary_kernels
   use viscovib_hereditary_maps, only: row_block
   use viscovib_kinds, only: wp
@@ -9,13 +9,13 @@ module viscovib_hereditary_kernels
   public :: gather_channels, judge, runs_away
   public :: product_of
 
-  !> Part of a displacement by which the last Legendre coefficient of a step shows that the
-  !! step is no picture of the motion.
+  !> Largest last Legendre coefficient of a resolved step, relative to the
+  !! displacement.
   real(wp), parameter :: unresolved = 1.0e-2_wp
 
 contains
 
-  !> What was held before the start, on top of what is remembered since.
+  !> Add the memory of the displacement held before the start to the memory since then.
   pure subroutine add_held(n, held, remembered)
     integer, intent(in) :: n
     real(wp), intent(in) :: held(n)
@@ -23,7 +23,7 @@ contains
     remembered = remembered + held
   end subroutine add_held
 
-  !> Channels at the points of a step, less what was held.
+  !> Channels at the points of a step, less the held value.
   pure subroutine gather_channels(n_points, n_dof, n_bent, n_channels, points, y_start, y, gather, &
                                   gather_bends, held, g)
     integer, intent(in) :: n_points, n_dof, n_bent, n_channels
@@ -45,7 +45,7 @@ contains
     end do
   end subroutine gather_channels
 
-  !> The largest last coefficient and displacement of all steps so far.
+  !> Update the largest last coefficient and displacement of all steps.
   pure subroutine judge(n, points, last_coefficient, roughness, largest)
     integer, intent(in) :: n
     real(wp), intent(in) :: points(n), last_coefficient(n)
@@ -66,7 +66,7 @@ contains
   end subroutine add_up
 
 
-  !> As `add_up`, whichever is the larger.
+  !> As `add_up`, for any relative size of the arguments.
   elemental subroutine add_any(total, rest, increment)
     real(wp), intent(inout) :: total, rest
     real(wp), intent(in) :: increment
@@ -94,7 +94,7 @@ contains
     y = ahead(:n)
   end subroutine carry_on
 
-  !> Largest change and size, NaN if anything is.
+  !> Largest change and size; NaN if any entry is NaN.
   pure subroutine compare(n, x, next, change, size_of)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n), next(n)
@@ -112,14 +112,14 @@ contains
       shift = abs(next(r:r + row_block - 1) - x(r:r + row_block - 1))
       moved = larger(moved, shift)
       largest = larger(largest, there)
-      ! What is not a number would be lost in a comparison, but not in a sum.
+      ! A NaN would be lost in a comparison, but not in a sum.
       poison = poison + 0.0_wp*shift
     end do
     size_of = largest_of(largest)
     change = largest_of(moved) + sum(poison)
   end subroutine compare
 
-  !> Largest of the lanes, in pairs: `maxval` looks at them one by one.
+  !> Largest of the lanes, in pairs: `maxval` compares them one by one.
   pure real(wp) function largest_of(x)
     real(wp), intent(in) :: x(row_block)
     real(wp) :: quarter(row_block/2)
@@ -170,8 +170,8 @@ contains
     end do
   end subroutine product_of
 
-  !> Whether a coordinate, never larger before, grows faster than the step is long, and the
-  !! step does not resolve it: as a polynomial it may pass where the motion has no end.
+  !> True if a coordinate, larger than before, grows faster than the step is long, and the
+  !! step does not resolve it: its polynomial may pass an escape to infinity.
   pure logical function runs_away(s, h, u, v, largest, x, last_coefficient)
     integer, intent(in) :: s
     real(wp), intent(in) :: h, u(:), v(:), largest(:), x(:), last_coefficient(:)
@@ -185,7 +185,7 @@ contains
       size_of = maxval(abs(points))
       grows = u(d)*v(d) > 0.0_wp .and. h*abs(v(d)) > 0.5_wp*abs(u(d)) &
               .and. abs(u(d)) > 0.7_wp*largest(d)
-      ! Let go of at rest, as the first step.
+      ! Released at rest, as in the first step.
       if (.not. (abs(v(d)) > 0.0_wp .or. largest(d) > 0.0_wp)) then
         grows = abs(u(d)) > 0.0_wp .and. size_of > 1.5_wp*abs(u(d))
       end if

@@ -1,9 +1,9 @@
-!> The linear part of a step with memory, solved once and for all.
+!> The linear part of a step with memory, factorized once for each step length.
 !!
 !! Accelerations a at the nodes of a Gauss collocation satisfy
 !!
 !!   M a_i + C u'_i + sum_j B_j v_ji + r_i = f_i,
-!!   v_ji = sum_k E_ik w_jk - (what is remembered from before the step),
+!!   v_ji = sum_k E_ik w_jk - (memory from before the step),
 !!
 !! with w_jk = W_j u_k + y_jk at the points of the step (its start, the nodes, its
 !! end), y the nonlinear part, and E = 1 - L, where
@@ -11,10 +11,10 @@
 !! polynomial through the points. Everything but y and r is linear, so that
 !!
 !!   X = G z + Z y,  X = displacements from the start at the nodes and the end, the
-!!                       gain of velocity, and the v_ji if F is not linear in them,
+!!                       change of velocity, and the v_ji if F is not linear in them,
 !!                   z = start, load, memories, y at the start
 !!
-!! and a step is: one product for G z, then X = G z + Z y(X) until it holds.
+!! and a step consists of the product G z and the iteration X = G z + Z y(X).
 module viscovib_hereditary_maps
   use viscovib_memory_channels, only: channels_type
   use viscovib_collocation, only: collocation_type
@@ -29,33 +29,33 @@ module viscovib_hereditary_maps
   public :: step_map_type, new_step_map, local_weights
   public :: find_map, place_of, padded, remaining_weights, remember_held
 
-  !> Lengths of steps whose maps are kept for when they come again.
+  !> Number of step lengths whose maps are kept.
   integer, parameter :: most_lengths = 64
 
-  !> Rows are padded to whole registers.
+  !> Rows are padded to whole vector registers.
   integer, parameter, public :: row_block = 8
 
   type :: step_map_type
     integer :: s = 0, n_dof = 0, n_memory = 0, n_channels = 0
-    !> Length of the step, and how many rates nonlinear variables depend on.
+    !> Length of the step, and number of rates in the nonlinear variables.
     real(wp) :: h = 0.0_wp
     integer :: n_rates = 0
-    !> Nonlinear hereditary variables, and whether r is there.
+    !> Nonlinear hereditary variables; false if there are force remainders r.
     integer, allocatable :: bent(:)
     logical :: separable = .true.
     !> G and Z, shapes (n_rows, n_inputs) and (n_rows, n_bends).
     real(wp), allocatable :: from_input(:, :), from_bend(:, :)
-    !> What each node remembers of a displacement held before the start, that is
-    !! beyond the motion since, shape (s, n_channels).
+    !> Memory at each node of a displacement held before the start, in excess of
+    !! the contribution of the step itself, shape (s, n_channels).
     real(wp), allocatable :: held(:, :)
-    !> First rows of velocity and of v; rows before those of v, whole registers.
+    !> First rows of velocity and of v; rows before those of v, in whole registers.
     integer :: velocity_row = 0, variable_row = 0, n_core = 0
-    !> Where in z each part begins, less 1.
+    !> Offset of each part in z.
     integer :: at_u = 0, at_v = 0, at_load = 0, at_memory = 0, at_bend = 0
-    !> Where r begins among the nonlinear inputs, less 1.
+    !> Offset of r in the nonlinear inputs.
     integer :: at_remainder = 0
-    !> Rates at the nodes from that at the start of the step, shape (s), and from the displacements
-    !! at the nodes since, shape (s, s) (1/s).
+    !> Rates at the nodes from the rate at the start of the step, shape (s), and from the
+    !! displacements at the nodes relative to the start, shape (s, s) (1/s).
     real(wp), allocatable :: rate_from_start(:), rate_from_moved(:, :)
   end type step_map_type
 
@@ -74,7 +74,7 @@ contains
 
     weights = 0.0_wp
     do m = 1, size(lengths)
-      ! The rules of some kernels take seconds. What calls this looks at it as well.
+      ! The rules of some kernels take seconds. The caller checks the stop request as well.
       if (stop_wanted()) return
       call kernel%local_rules(lengths(m)*table%points(1:table%s), sigma, w)
       do i = 1, table%s
@@ -87,7 +87,7 @@ contains
     end do
   end subroutine local_weights
 
-  !> Maps of a step h. `singular`: the step is so large that the equations of its
+  !> Maps of a step of length h. `singular`: the step is so large that the equations of its
   !! nodes have no solution.
   subroutine new_step_map(map, system, channels, table, h, singular)
     type(step_map_type), intent(out) :: map
@@ -164,13 +164,13 @@ contains
     map%rate_from_start = 1.0_wp - h*matmul(map%rate_from_moved, table%points(1:table%s))
   end subroutine set_rates
 
-  !> Rows in whole registers.
+  !> Number of rows, rounded up to whole registers.
   pure integer function padded(n)
     integer, intent(in) :: n
     padded = (n + row_block - 1)/row_block*row_block
   end function padded
 
-  !> E = 1 - L for each kernel, and for none (place 0).
+  !> E = 1 - L for each kernel, and without a kernel (index 0).
   subroutine remaining_weights(system, table, h, e)
     class(oscillator_type), intent(in) :: system
     type(collocation_type), intent(in) :: table
@@ -190,7 +190,7 @@ contains
     end do
   end subroutine remaining_weights
 
-  !> What nodes remember of a displacement held before the start.
+  !> Memory at the nodes of a displacement held before the start.
   subroutine remember_held(map, channels, e)
     type(step_map_type), intent(inout) :: map
     type(channels_type), intent(in) :: channels
@@ -239,7 +239,7 @@ contains
     end do
   end subroutine set_equations
 
-  !> B W of the variables with one kernel (0: with none).
+  !> B W of the variables with one kernel (0: without a kernel).
   subroutine stiffness_of(system, kernel, stiffness)
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: kernel
@@ -254,15 +254,15 @@ contains
     end do
   end subroutine stiffness_of
 
-  !> Rows of G and Z for displacements and velocities. Columns of loads are the answers to a unit
-  !! of force at each node; all other inputs are forces too.
+  !> Rows of G and Z for displacements and velocities. Columns of loads are the responses to a unit
+  !! force at each node; all other inputs are converted to forces.
   subroutine set_core_rows(map, system, channels, table, h, e, answers)
     type(step_map_type), intent(inout) :: map
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(collocation_type), intent(in) :: table
     real(wp), intent(in) :: h, e(table%s, 0:table%s + 1, 0:size(system%kernels))
-    !> Accelerations by unit forces, shape (s n_dof, s n_dof).
+    !> Accelerations due to unit forces, shape (s n_dof, s n_dof).
     real(wp), intent(in) :: answers(:, :)
     real(wp) :: by_load(map%n_core, map%s, map%n_dof), by_force(map%n_core, map%s)
     real(wp) :: forces(map%s*map%n_dof, 2*map%n_dof)
@@ -307,7 +307,7 @@ contains
     end do
   end subroutine set_core_rows
 
-  !> Forces at the nodes by a unit of each displacement, then of each velocity at the start.
+  !> Forces at the nodes due to a unit of each displacement, then of each velocity at the start.
   subroutine start_forces(map, system, table, h, e, forces)
     type(step_map_type), intent(in) :: map
     class(oscillator_type), intent(in) :: system
@@ -337,7 +337,7 @@ contains
     end do
   end subroutine start_forces
 
-  !> Answers to forces that act on coordinates in these parts.
+  !> Responses to forces that are distributed over coordinates in these parts.
   pure subroutine combine(by_load, parts, by_force)
     real(wp), intent(in) :: by_load(:, :, :), parts(:)
     real(wp), intent(out) :: by_force(:, :)
@@ -385,10 +385,10 @@ contains
     end do
   end subroutine set_variable_rows
 
-  !> The place of the map of steps h, or where it is to be put: `now`.
+  !> Index of the map for step length h, or the index for a new map: `now`.
   subroutine find_map(maps, lengths, n_lengths, h, now)
     type(step_map_type), allocatable, intent(inout) :: maps(:)
-    !> Of the steps of each map, as many as there are: n_lengths.
+    !> Step length of each map; n_lengths of them are valid.
     real(wp), allocatable, intent(inout) :: lengths(:)
     integer, intent(inout) :: n_lengths
     real(wp), intent(in) :: h
@@ -402,9 +402,9 @@ contains
     call move_alloc(grown, maps)
   end subroutine find_map
 
-  !> The place of steps h among lengths, or a new one, the next if there is room for more.
+  !> Index of step length h among the lengths, or a new index; a full list starts again.
   pure subroutine place_of(lengths, n_lengths, h, now)
-    !> As many as there are places; n_lengths of them are taken.
+    !> Array of step lengths, of which n_lengths are valid.
     real(wp), allocatable, intent(inout) :: lengths(:)
     integer, intent(inout) :: n_lengths
     real(wp), intent(in) :: h

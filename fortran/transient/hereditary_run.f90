@@ -1,4 +1,4 @@
-!> A run with memory in fixed steps: what is kept of it, and how it ends.
+!> A run with memory in fixed steps: its stored states and its outcome.
 module viscovib_hereditary_run
   use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_states, counting
@@ -21,8 +21,8 @@ module viscovib_hereditary_run
 
 contains
 
-  !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
-  !! those at wanted times. Underflow is abrupt meanwhile.
+  !> Make steps first+1 ... first+n_steps, storing every save_every-th state and
+  !! the states at requested times. Subnormal numbers are flushed to zero.
   subroutine run_hereditary(run, system, load, base, first, n_steps, save_every, times, states, &
                             at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch, &
                             thinnest)
@@ -31,24 +31,24 @@ contains
     type(time_load_type), intent(in) :: load
     type(base_motion_type), intent(inout) :: base
     integer(i8), intent(in) :: first, n_steps, save_every
-    !> Wanted times within these steps, ascending.
+    !> Requested times within these steps, ascending.
     real(wp), intent(in) :: times(:)
-    !> Of the body, (u_1, u'_1, u_2, u'_2, ...) after steps save_every, 2 save_every, ..., shape
-    !! (2 n_observed, n_steps/save_every), or no columns at all to keep none; the same at
-    !! the wanted times, as many as were reached.
+    !> States of the body, (u_1, u'_1, u_2, u'_2, ...) after steps save_every, 2 save_every, ...,
+    !! shape (2 n_observed, n_steps/save_every), or no columns to store none; the same at the
+    !! requested times, as many as were reached.
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
-    !> Whole steps made; the state in `run` is that at t_reached, the end of the last or
-    !! where the motion stops inside the next.
+    !> Number of whole steps; the state in `run` is that at t_reached, the end of the last step or
+    !! the stop inside the next.
     integer(i8), intent(out) :: n_done
     real(wp), intent(out) :: t_reached
     integer, intent(out) :: n_reached, outcome
-    !> Where steps end; without: equal ones.
+    !> Ends of steps; absent: equal steps.
     type(mesh_type), intent(in), optional :: mesh
-    !> Whether load and base are others than before; the state is relative to this base.
+    !> True if load and base have changed; the state is relative to the new base.
     logical, intent(in), optional :: anew
-    !> Events to look for, by the polynomials of the steps; their states are those of the body.
+    !> Events to detect, by the polynomials of the steps; their states are those of the body.
     type(watch_type), intent(inout), optional :: watch
-    !> How many times as far as a polynomial follows what a law depends on has gone in a step.
+    !> Largest change of an argument of a law in a step, relative to the length that is resolved.
     real(wp), intent(out), optional :: thinnest
     type(layer_watch) :: layers
     type(flushing_type) :: flushing
@@ -59,7 +59,7 @@ contains
     if (present(thinnest)) thinnest = layers%thinness()
   end subroutine run_hereditary
 
-  !> The steps themselves; `layers` follows them.
+  !> Make the steps; `layers` monitors them.
   subroutine make_steps(run, system, load, base, layers, first, n_steps, save_every, times, &
                         states, at_times, n_done, n_reached, t_reached, outcome, mesh, anew, watch)
     class(march_type), intent(inout) :: run
@@ -142,7 +142,7 @@ contains
       if (present(watch)) then
         call look_inside(run, base, watch, from, now, t_reached, outcome)
         if (outcome /= run_completed) then
-          ! The step goes beyond the event: it is not one of those made.
+          ! The step extends beyond the event: it does not count.
           n_done = i - 1
           call keep_reached(run, base, times, now, at_times, n_reached)
           n_reached = min(n_reached, count(times <= t_reached))
@@ -159,7 +159,7 @@ contains
     t_reached = now
   end subroutine make_steps
 
-  !> Let thin layers be looked for between the state now and that before, unless it `jumps`.
+  !> Monitor thin layers between the present state and the one before, unless it `jumps`.
   subroutine look_on(run, layers, now, jumps)
     class(march_type), intent(in) :: run
     type(layer_watch), intent(inout) :: layers
@@ -174,7 +174,7 @@ contains
     end if
   end subroutine look_on
 
-  !> Keep the state where a run begins at the wanted times until then.
+  !> Store the state at the start of a run for the requested times up to then.
   subroutine keep_present(run, base, times, now, at_times, n_reached)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(inout) :: base
@@ -190,7 +190,7 @@ contains
     end do
   end subroutine keep_present
 
-  !> Keep the states at the wanted times that the last step has reached.
+  !> Store the states at the requested times that the last step has reached.
   subroutine keep_reached(run, base, times, now, at_times, n_reached)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(inout) :: base
@@ -213,7 +213,7 @@ contains
     end do
   end subroutine keep_reached
 
-  !> Keep (u, v), relative to the base, as the state of the body at time t.
+  !> Store (u, v), relative to the base, as the state of the body at time t.
   subroutine keep(base, t, u, v, state)
     type(base_motion_type), intent(inout) :: base
     real(wp), intent(in) :: t
@@ -224,7 +224,7 @@ contains
     state(2::2) = v
   end subroutine keep
 
-  !> The base turns a corner at time `now`, of which the body knows nothing.
+  !> Apply a corner of the base motion at time `now`; the motion of the body is unchanged.
   subroutine turn(run, base, ends, piece, now)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(inout) :: base

@@ -1,11 +1,11 @@
-!> The first step of a motion with memory that does not begin at rest.
+!> The first step of a motion with memory that does not start at rest.
 !!
 !! A weakly singular kernel makes accelerations grow like t^alpha after a deflection
 !! or a push at t = 0, which no polynomial follows. The step is made of panels that
 !! double their length, [0, d], [d, 2d], [2d, 4d] ... [h/2, h]: on each of them the
-!! motion is smooth, and the first is too short to matter. The past of a panel is the
-!! one before it, with exact weights, and everything earlier as masses at Chebyshev
-!! points, which are carried from each interval to the next, twice as long.
+!! motion is smooth, and the error of the first is negligible. The past of a panel consists of the
+!! previous panel, with exact weights, and of point masses at Chebyshev points for the
+!! earlier past, which are transferred from each interval to the next, twice as long.
 module viscovib_hereditary_start
   use viscovib_known_past, only: known_past_type
   use viscovib_memory_channels, only: channels_type
@@ -27,28 +27,28 @@ module viscovib_hereditary_start
 
   public :: direct_panels, march_start, panel_ends, panel_maker, start_type
 
-  !> Doublings from the first panel to the step: the error that the first leaves in
-  !! a velocity is below (2^-doublings)^(1+alpha) of its change over the step.
+  !> Doublings from the first panel to the step: the first panel causes an error of
+  !! a velocity below (2^-doublings)^(1+alpha) of its change over the step.
   integer, parameter :: doublings = 44
   integer, parameter :: max_iterations = 100
-  !> Nodes of a panel at least; no step has as many.
+  !> Smallest number of nodes of a panel; no step has as many.
   integer, parameter :: least_nodes = 9
 
   type :: start_type
     type(collocation_type) :: table
-    !> What the rest of the run must know.
+    !> The past that subsequent steps need.
     type(past_type) :: past
     !> Ends of the panels, shape (0:n).
     real(wp), allocatable :: ends(:)
-    !> Displacements where each panel begins, shape (n_dof, n), and how far they have moved from
-    !! there at its other points, shape (s+1, n_dof, n): on a panel of 1e-13 of a step they
-    !! themselves are the same to rounding, and give no velocity.
+    !> Displacements at the start of each panel, shape (n_dof, n), and displacements relative to it
+    !! at its other points, shape (s+1, n_dof, n). On a panel of 1e-13 of a step the displacements
+    !! themselves are equal to rounding, and give no velocity.
     real(wp), allocatable :: begins(:, :), rises(:, :, :)
   contains
     procedure :: at
   end type start_type
 
-  !> What makes panels, one after the other, and keeps the state at the end of the last.
+  !> Solves panels, one after the other, and stores the state at the end of the last.
   type, abstract :: panel_maker
   contains
     procedure(make_interface), deferred :: make
@@ -58,7 +58,7 @@ module viscovib_hereditary_start
   type, extends(panel_maker) :: direct_panels
     !> State, shape (n_dof).
     real(wp), allocatable :: u(:), v(:)
-    !> The panels made, as `start_type` keeps them.
+    !> The solved panels, as in `start_type`.
     integer :: n_made = 0
     real(wp), allocatable :: begins(:, :), rises(:, :, :)
   contains
@@ -67,7 +67,7 @@ module viscovib_hereditary_start
 
   abstract interface
 
-    !> The next panel, from `now` on. `made` is false if it does not settle.
+    !> Solve the next panel, from time `now`. `made` is false if the iteration does not converge.
     subroutine make_interface(self, system, channels, load, table, local, now, length, &
                               remembered, points, g, made)
       import :: channels_type, collocation_type, oscillator_type, panel_maker, time_load_type, wp
@@ -79,7 +79,7 @@ module viscovib_hereditary_start
       !> L of each kernel.
       real(wp), intent(in) :: local(table%s, 0:table%s + 1, size(system%kernels))
       real(wp), intent(in) :: now, length
-      !> By the nodes, shape (s, n_channels).
+      !> Memory at the nodes, shape (s, n_channels).
       real(wp), intent(in) :: remembered(:, :)
       !> Displacements and channels at the points, shapes (0:s+1, n_dof), (0:s+1, n_channels).
       real(wp), intent(out) :: points(0:table%s + 1, size(system%gather, 2)), g(0:, :)
@@ -90,8 +90,8 @@ module viscovib_hereditary_start
 
 contains
 
-  !> March over [0, h]. `made` is false where a plain step will do, and if a panel does not settle:
-  !! the step is too large.
+  !> March over [0, h]. `made` is false if a plain step suffices, or if a panel does not converge
+  !! because the step is too large.
   subroutine march_start(start, system, channels, load, known_past, h, panels, made)
     type(start_type), intent(out) :: start
     class(oscillator_type), intent(in) :: system
@@ -100,7 +100,7 @@ contains
     !> The motion before.
     type(known_past_type), intent(in) :: known_past
     real(wp), intent(in) :: h
-    !> With the state at 0, and then at h.
+    !> With the state at 0 on entry, and at h on return.
     class(panel_maker), intent(inout) :: panels
     logical, intent(out) :: made
     real(wp) :: length
@@ -163,8 +163,8 @@ contains
     start%past%last = g
   end subroutine march_start
 
-  !> True if the kernels are smooth over the first step, and so is the motion. Knots of a table and
-  !! the jump at its end come later: there masses at points would not keep the order of the steps.
+  !> True if the kernels, and thus the motion, are smooth over the first step. Knots of a table and
+  !! the jump at its end come later: there point masses would reduce the order of the steps.
   pure logical function is_smooth(system, channels, h)
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
@@ -179,15 +179,15 @@ contains
     end do
   end function is_smooth
 
-  !> Nodes of the panels of a first step. The intervals of a step half as long, and of the step
-  !! after it, are some of those of the whole: with other nodes, errors there differ.
+  !> Nodes of the panels of a first step. A step half as long, and the step after it, use some of
+  !! the intervals of the whole step: with other nodes, their errors differ.
   pure integer function nodes_of(h)
     real(wp), intent(in) :: h
     nodes_of = least_nodes + modulo(exponent(h), 2)
   end function nodes_of
 
-  !> What the nodes of a panel from `now` on remember: the panel before, and the far
-  !! past as masses on [0, since].
+  !> Memory at the nodes of a panel from `now` on: the panel before, and the earlier
+  !! past as point masses on [0, since].
   subroutine recall(system, channels, table, now, length, since, before, x, masses, far, &
                     remembered)
     class(oscillator_type), intent(in) :: system
@@ -196,7 +196,7 @@ contains
     real(wp), intent(in) :: now, length, since
     real(wp), intent(in) :: before(0:table%s + 1, size(channels%kernel_of))
     real(wp), intent(in) :: x(far_nodes), masses(far_nodes, size(channels%kernel_of))
-    !> There is a far past.
+    !> True if there is an earlier past.
     logical, intent(in) :: far
     real(wp), intent(out) :: remembered(table%s, size(channels%kernel_of))
     real(wp), allocatable :: sigma(:), w(:)
@@ -224,8 +224,8 @@ contains
     end do
   end subroutine recall
 
-  !> Add a panel to the far past: masses of the interval before, [0, 1/2] of the new
-  !! one, and of the panel, its other half (all of it if it is the first).
+  !> Add a panel to the earlier past: masses of the interval before, [0, 1/2] of the new
+  !! interval, and of the panel, its other half (all of it for the first panel).
   subroutine carry(table, first, length, before, x, factors, masses)
     type(collocation_type), intent(in) :: table
     logical, intent(in) :: first
@@ -255,7 +255,7 @@ contains
     masses = fresh
   end subroutine carry
 
-  !> A panel: accelerations at its nodes by iteration, which contracts like the
+  !> Solve a panel: accelerations at its nodes by fixed-point iteration, which contracts like the
   !! square of its length.
   subroutine make_panel(self, system, channels, load, table, local, now, length, remembered, &
                         points, g, made)
@@ -354,7 +354,7 @@ contains
     self%v = self%v + length*matmul(table%b, a)
   end subroutine make_panel
 
-  !> Remember where a panel begins, and how far its other points are from there.
+  !> Store the start of a panel, and its other points relative to the start.
   subroutine keep_panel(panels, rise)
     class(direct_panels), intent(inout) :: panels
     real(wp), intent(in) :: rise(:, :)
@@ -388,7 +388,7 @@ contains
     v = matmul(slopes(2:), self%rises(:, :, k))/length
   end subroutine at
 
-  !> 0, then powers of 2 that double, then h. `between`: 3/4 of such powers.
+  !> 0, then powers of 2 that double, then h. `between`: 3/4 of these powers.
   pure function panel_ends(h, doublings, between) result(ends)
     real(wp), intent(in) :: h
     integer, intent(in) :: doublings
@@ -399,7 +399,7 @@ contains
     do k = 1, doublings
       ends(k) = scale(merge(0.75_wp, 1.0_wp, between), exponent(h) - 1 - doublings + k)
     end do
-    ! The last of them is at most 3 h/4.
+    ! The last power is at most 3 h/4.
     if (ends(doublings) > 0.75_wp*h) ends(1:doublings) = 0.5_wp*ends(1:doublings)
     ends(doublings + 1) = h
   end function panel_ends

@@ -1,8 +1,8 @@
-!> Where a motion with memory stops: a step that cannot be made is tried again in steps as
-!! small as need be, by the method of the run, each compared with two of half its length.
+!> Detection of the end of a motion with memory: a failed step is repeated with small steps
+!! of the same method, each compared with two half steps.
 !!
-!! What is remembered must be right for lags as short as these steps; a sum of
-!! exponentials that was not fitted for them leaves an error of its own.
+!! The memory must be accurate for lags as short as these steps; a sum of
+!! exponentials that was not fitted for them causes an additional error.
 module viscovib_hereditary_stops
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
@@ -16,27 +16,27 @@ module viscovib_hereditary_stops
 
   public :: stop_hereditary, hereditary_past
 
-  !> Steps between two states that are remembered, and steps beyond the present one within which
-  !! a stop that it seems to lead to must be, as of `run_history`.
+  !> Steps between two stored states; number of steps after the present one within which the
+  !! predicted stop must occur, as in `run_history`.
   integer, parameter :: stride = 32
   real(wp), parameter :: beyond = 8.0_wp
 
-  !> Part of a state by which a step may differ from two of half its length.
+  !> Allowed difference of a step and two half steps, relative to the state.
   real(wp), parameter :: closeness = 1.0e-11_wp
-  !> Times the largest displacement so far, beyond which a motion that no step follows has
-  !! escaped.
+  !> A motion that no step follows has escaped if it exceeds the largest earlier displacement
+  !! by this factor.
   real(wp), parameter :: far = 1.0e3_wp
-  !> Steps after which a step of the run is given up as too large.
+  !> Small steps after which a step of the run counts as too large.
   integer, parameter :: max_steps = 2000
 
-  !> All that going on needs, and the state.
+  !> The data needed to continue, and the state.
   type :: scout_type
     real(wp) :: ahead = 0.0_wp
     real(wp), allocatable :: memory(:), u(:), v(:)
   end type scout_type
 
-  !> All that going on needs from two moments before, the older first: near an escape the steps
-  !! of a run are wrong by the same part at every scale, small steps from before them are not.
+  !> The data needed to continue from two earlier times, the older first: near an escape the steps
+  !! of a run have the same relative error at every scale, unlike small steps from earlier states.
   type :: hereditary_past
     integer :: n_steps = 0, n_kept = 0
     real(wp) :: t(2) = 0.0_wp
@@ -50,7 +50,7 @@ module viscovib_hereditary_stops
 
 contains
 
-  !> Remember every so many steps; `n_before`: steps made so far.
+  !> Store the state every `stride` steps; `n_before`: number of steps so far.
   subroutine note(self, run, t, n_before)
     class(hereditary_past), intent(inout) :: self
     class(march_type), intent(in) :: run
@@ -70,15 +70,15 @@ contains
     self%at(self%n_kept)%memory = run%save_memory()
   end subroutine note
 
-  !> What was before does not lead here by the same equations.
+  !> Discard the stored states: from here on the equations are different.
   subroutine forget(self)
     class(hereditary_past), intent(inout) :: self
     self%n_steps = 0
     self%n_kept = 0
   end subroutine forget
 
-  !> The stop of a step that could not be made, by small steps from the older moment, if they
-  !! find one; the run is there then, else it stays.
+  !> Search the stop of a failed step by small steps from the older stored state. The run is set to
+  !! the stop if it is found, and is otherwise unchanged.
   subroutine confirm(self, run, system, load, until, h, t_reached, outcome)
     class(hereditary_past), intent(in) :: self
     class(march_type), intent(inout) :: run
@@ -105,13 +105,13 @@ contains
     end if
   end subroutine confirm
 
-  !> How the motion goes on in the step that `run` could not make; the run is at the stop
-  !! then, or where the motion does not stop, at the start of the step.
+  !> Outcome of the step that failed. The run is set to the stop, or to the
+  !! start of the step if the motion does not stop.
   subroutine stop_hereditary(run, system, load, n_before, start, until, t_reached, outcome)
     class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
-    !> Steps made before; start and end of this one.
+    !> Number of steps before; start and end of this one.
     integer(i8), intent(in) :: n_before
     real(wp), intent(in) :: start, until
     real(wp), intent(out) :: t_reached
@@ -122,7 +122,7 @@ contains
     call run%sharpen()
     begin%memory = run%save_memory()
     call run%get_state(begin%u, begin%v)
-    ! Steps that are too large may overflow, which is how they are known.
+    ! Steps that are too large may overflow; the result shows it.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
     at = begin
@@ -134,7 +134,7 @@ contains
     t_reached = start + at%ahead
   end subroutine stop_hereditary
 
-  !> Small steps up to h or to the stop: the last state before it.
+  !> Small steps up to h or to the stop; returns the last state before it.
   subroutine march(run, system, load, n_before, start, h, at, outcome)
     class(march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
@@ -163,7 +163,7 @@ contains
       call advance(at, s, whole, made)
       if (made) call advance(at, 0.5_wp*s, half, made)
       if (made .and. n_before == 0 .and. .not. at%ahead > 0.0_wp) then
-        ! A first step ends as the second of half its length does: that is made in two.
+        ! The second half of a first step ends like a first step: it is split in two.
         call advance(half, 0.25_wp*s, rest, made)
         if (made) call advance(rest, 0.25_wp*s, double, made)
       else if (made) then
@@ -198,13 +198,13 @@ contains
 
   end subroutine march
 
-  !> Whether two ends of a step agree.
+  !> True if two ends of a step agree.
   pure logical function alike(one, other, s)
     type(scout_type), intent(in) :: one, other
     real(wp), intent(in) :: s
     real(wp) :: size_of
     size_of = maxval(abs(other%u)) + s*maxval(abs(other%v))
-    ! All of them: a largest one skips what is no number.
+    ! Test each number: a maximum skips NaN.
     alike = all(abs(one%u - other%u) <= closeness*size_of) &
             .and. all(s*abs(one%v - other%v) <= closeness*size_of)
   end function alike

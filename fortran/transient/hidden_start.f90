@@ -1,11 +1,11 @@
-!> What exponentials that remember know where a run begins, of a motion before it.
+!> Initial state of the hidden masses that represent memory, for a motion with a known past.
 !!
-!! With g_h the force of what was held for all t < 0, or before the first of known times, the rest
+!! Let g_h be the variable held for all t < 0, or before the first of known times. The difference
 !! g - g_h has a beginning:
 !!
 !!   R*g = I g_h + R*(g - g_h),   I = integral_0^inf R dt,
 !!
-!! so that sums which stand for R as far as a run reaches need not do so for ever: the pull I g_h is
+!! so that a sum of exponentials must represent R only for the time of a run: the force I g_h is
 !! a constant load, each mass (viscovib_hidden_memory) is dragged by g - g_h, and begins with
 !!
 !!   m z' = integral_(-inf)^0 exp(r s) (g - g_h) ds.
@@ -26,16 +26,16 @@ module viscovib_hidden_start
 
 contains
 
-  !> Let a motion go on from a past.
+  !> Initialize a motion with its past.
   subroutine begin_hidden(motion, system, fitted, held, status, before, moved)
     type(polynomial_motion_type), intent(inout) :: motion
-    !> With its own kernels, and with those that the motion has.
+    !> With its own kernels, and with the kernels of the motion.
     type(polynomial_type), intent(in) :: system, fitted
     !> Displacement held for all t < 0, shape (n_dof).
     real(wp), intent(in) :: held(:)
     type(status_type), intent(out) :: status
     !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the motion
-    !! before 0 is known; `held` is the first of them then.
+    !! before 0 is known; `held` is then the first of these displacements.
     real(wp), intent(in), optional :: before(:), moved(:, :)
     type(channels_type) :: channels
     type(known_past_type) :: past

@@ -1,4 +1,4 @@
-!> How the past of a run is kept: as exponentials, or step by step.
+!> Storage of the past of a run: as exponentials, or step by step.
 module viscovib_histories
   use viscovib_collocation, only: collocation_type
   use viscovib_direct_history, only: direct_history_type, new_direct_history
@@ -15,25 +15,25 @@ module viscovib_histories
   integer, parameter, public :: past_exponentials = 1, past_direct = 2
 
   !> Doublings from the first panel after a corner or a jump of the load to a step:
-  !! accelerations follow it like t^(2+alpha) at most, so that fewer are needed than at a
-  !! start, see `viscovib_hereditary_start`; and after a corner of the base, which is a jump
-  !! of the relative velocity: like t^(1+alpha). At most, where a piece follows a much
+  !! accelerations after it follow t^(2+alpha), so that fewer are needed than at a
+  !! start, see `viscovib_hereditary_start`; after a corner of the base, which is a jump
+  !! of the relative velocity, they follow t^(1+alpha). Largest number, for a piece after a much
   !! shorter one.
   integer, parameter :: corner_doublings = 14, kink_doublings = 21, most_doublings = 60
 
-  !> What a run of half the step leaves of the error of sums of exponentials: lattices of two runs
-  !! may coincide, and with them what they leave, which no difference of states would show.
+  !> Factor of the error of sums of exponentials for every other halving of the step: otherwise both
+  !! runs may use the same lattice, and the difference of states would not show its error.
   real(wp), parameter :: sharper = 0.25_wp
 
-  !> How a run treats corners.
+  !> Treatment of corners in a run.
   type :: keeping_type
-    !> Whether some kernel is so steep at the start that a motion with a corner needs panels
+    !> True if some kernel is so steep at the start that a motion with a corner needs panels
     !! after it.
     logical :: steep = .false.
-    !> The next step follows a corner of the load; doublings that it needs, and all do.
+    !> True if the next step follows a corner of the load; doublings of this step, and usual number.
     logical :: at_corner = .false.
     integer :: n_doublings = corner_doublings, doublings = corner_doublings
-    !> Which ends panels have: in a run of half the step others, so that their errors differ.
+    !> Choice of panel ends: different in a run of half the step, so that the errors differ.
     logical :: between = .false.
   contains
     procedure :: turn
@@ -41,7 +41,7 @@ module viscovib_histories
 
 contains
 
-  !> Room for the past. `possible` is false where a kernel has no sum of exponentials.
+  !> Create storage for the past. `possible` is false if a kernel has no sum of exponentials.
   subroutine new_history(history, keeping, system, channels, table, past, h, t_end, tolerance, &
                          possible, shortest, kinks)
     class(history_type), allocatable, intent(out) :: history
@@ -88,12 +88,12 @@ contains
     error = max(merge(sharper, 1.0_wp, modulo(exponent(h), 2) == 1)*tolerance, 1.0e-14_wp)
   end function error_of_sums
 
-  !> A corner, where steps before are followed by steps h.
+  !> Register a corner, with step `before` before it and step h after it.
   subroutine turn(self, before, h)
     class(keeping_type), intent(inout) :: self
     real(wp), intent(in) :: before, h
     self%at_corner = self%steep
-    ! What a short piece left behind is as steep as that piece is short.
+    ! The motion after a short piece is as steep as the piece is short.
     self%n_doublings = min(max(self%doublings, exponent(h) - exponent(before)), most_doublings)
   end subroutine turn
 

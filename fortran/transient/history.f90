@@ -1,6 +1,6 @@
-!> What a run remembers of the motion before the present step: abstract.
+!> Abstract memory of a run: the motion before the present step.
 !!
-!! A channel g is remembered as (R*g)(t) less what the step itself adds.
+!! The memory of a channel g is (R*g)(t) without the contribution of the present step.
 module viscovib_history
   use viscovib_known_past, only: known_past_type
   use viscovib_collocation, only: collocation_type
@@ -10,12 +10,12 @@ module viscovib_history
 
   public :: history_type, past_type, far_nodes
 
-  !> Nodes that stand for the whole past but the last panel.
+  !> Nodes that represent the whole past except the last panel.
   integer, parameter :: far_nodes = 24
 
-  !> The motion on [0, h] where its first step was made of panels: masses that act
-  !! like the channels on [0, h/2] on all that sees them from beyond h, and the
-  !! channels at the points of a step on the last panel, [h/2, h]. No masses: no
+  !> The motion on [0, h] if its first step consisted of panels: point masses that
+  !! represent the channels on [0, h/2] for all times beyond h, and the
+  !! channels at the points of a step on the last panel, [h/2, h]. Without masses there is no
   !! such past.
   type :: past_type
     !> Times, shape (n); masses, shape (n, n_channels).
@@ -41,28 +41,28 @@ module viscovib_history
 
   abstract interface
 
-    !> What the nodes of the present step remember, node i of channel c at (c-1) s + i.
+    !> Memory at the nodes of the present step, node i of channel c at (c-1) s + i.
     subroutine recall_interface(self, remembered)
       import :: history_type, wp
       class(history_type), intent(in) :: self
       real(wp), intent(out), contiguous :: remembered(:)
     end subroutine recall_interface
 
-    !> The step is made: the channels at its points, shape (0:s+1, n_channels).
+    !> Store a completed step: the channels at its points, shape (0:s+1, n_channels).
     subroutine store_interface(self, g)
       import :: history_type, wp
       class(history_type), intent(inout) :: self
       real(wp), intent(in), contiguous :: g(0:, :)
     end subroutine store_interface
 
-    !> At t = 0, before any step: a motion before it.
+    !> Add a known motion before t = 0; called before any step.
     subroutine ancient_interface(self, known_past)
       import :: known_past_type, history_type
       class(history_type), intent(inout) :: self
       type(known_past_type), intent(in) :: known_past
     end subroutine ancient_interface
 
-    !> The present step is the second, after a first one made of panels.
+    !> Start with the second step, after a first one made of panels.
     subroutine begin_interface(self, table, past)
       import :: collocation_type, history_type, past_type
       class(history_type), intent(inout) :: self
@@ -70,7 +70,7 @@ module viscovib_history
       type(past_type), intent(in) :: past
     end subroutine begin_interface
 
-    !> Steps are h long from now on.
+    !> Set the step length to h from now on.
     subroutine change_interface(self, h)
       import :: history_type, wp
       class(history_type), intent(inout) :: self

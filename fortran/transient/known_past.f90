@@ -1,7 +1,7 @@
-!> A motion known before t = 0: straight lines between displacements at times, the
-!! first one held before them. What springs remember of it is a polynomial on each
-!! piece, integrated with exact weights at any lag. A piece on which no polynomial stands for it,
-!! as where a law has a corner, is cut until one does.
+!> A prescribed displacement history before t = 0: linear interpolation of given displacements,
+!! constant before the first one. The memory channels of it are piecewise polynomials,
+!! integrated with exact weights at any lag. A piece that a polynomial does not resolve, as at
+!! a corner of a law, is bisected.
 module viscovib_known_past
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_memory_channels, only: channels_type
@@ -13,13 +13,13 @@ module viscovib_known_past
 
   public :: known_past_type, new_known_past
 
-  !> Nodes of a piece; places at which its polynomial is compared with what it stands for; how
-  !! many parts a piece is cut into at most, by so many halvings.
+  !> Nodes of a piece; points at which its polynomial is checked; largest number of parts of a
+  !! piece; largest number of bisections.
   integer, parameter :: nodes = 8, n_checks = 25, most_parts = 2000, most_halvings = 50
-  !> What a part may be off by, times its length, relative to the size of the channel.
+  !> Interpolation error of a part times its length, relative to the size of the channel.
   real(wp), parameter :: resolved = 1.0e-13_wp
 
-  !> From a displacement on, by a change in a length of time.
+  !> A linear displacement: its start, its duration, and its change over the duration.
   type :: line_type
     real(wp) :: begin = 0.0_wp, length = 0.0_wp
     real(wp), allocatable :: u(:), change(:)
@@ -29,8 +29,8 @@ module viscovib_known_past
 
   type :: known_past_type
     type(collocation_type) :: table
-    !> Ends of the pieces, ascending to 0, shape (0:n); channels at the points of each,
-    !! less what was held, shape (0:nodes+1, n_channels, n).
+    !> Ends of the pieces, ascending to 0, shape (0:n); channels at the points of each piece,
+    !! less the held value, shape (0:nodes+1, n_channels, n).
     real(wp), allocatable :: times(:), g(:, :, :)
   contains
     procedure :: is_known
@@ -43,7 +43,7 @@ contains
     type(known_past_type), intent(out) :: known_past
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
-    !> Ascending to 0, shape (n+1); none or one: nothing is known.
+    !> Ascending to 0, shape (n+1). With fewer than two times there is no known history.
     real(wp), intent(in) :: times(:)
     !> Displacements, shape (n_dof, n+1).
     real(wp), intent(in) :: u(:, :)
@@ -84,7 +84,7 @@ contains
     end do
   end subroutine new_known_past
 
-  !> Channels, less what was held, at parts of a line; shape (n, n_channels).
+  !> Channels, less the held value, at fractions of a line; shape (n, n_channels).
   subroutine remember(self, system, channels, parts, g)
     class(line_type), intent(in) :: self
     class(oscillator_type), intent(in) :: system
@@ -110,9 +110,9 @@ contains
     g = matmul(w, transpose(channels%gather)) - spread(channels%held, 1, size(parts))
   end subroutine remember
 
-  !> Parts of a line, from 0 to 1, each of which a polynomial stands for: halved until what it
-  !! is off by, times the length of the part, is rounding. A law with a corner or a jump leaves
-  !! so short a part around that place that it has no weight.
+  !> Split a line into parts, from 0 to 1, that a polynomial resolves. A part is bisected until its
+  !! interpolation error times its length is at rounding level. The part around a corner or jump
+  !! of a law becomes so short that it has no weight.
   subroutine resolve(table, system, channels, line, size_of, cuts)
     type(collocation_type), intent(in) :: table
     class(oscillator_type), intent(in) :: system
@@ -124,7 +124,7 @@ contains
     real(wp) :: low, high, shortest, off(size(size_of))
     real(wp) :: g(nodes + 2, size(size_of)), between(n_checks, size(size_of))
     real(wp) :: by_nodes(n_checks, nodes + 2), checks(n_checks)
-    ! Ends of the parts that are not yet looked at, the next one last.
+    ! Ends of the parts that are not yet checked, the next one last.
     real(wp) :: ends(most_halvings + 1)
     integer :: i, n
 
@@ -161,10 +161,10 @@ contains
     if (allocated(self%g)) is_known = size(self%g, 3) > 0
   end function is_known
 
-  !> What is remembered of it at a time t > 0, shape (n_channels).
+  !> Memory integrals of this history at a time t > 0, shape (n_channels).
   subroutine recall(self, kernels, kernel_of, t, remembered)
     class(known_past_type), intent(in) :: self
-    !> Kernels, and which of them each channel has.
+    !> Kernels, and the index of the kernel of each channel.
     type(kernel_holder), intent(in) :: kernels(:)
     integer, intent(in) :: kernel_of(:)
     real(wp), intent(in) :: t

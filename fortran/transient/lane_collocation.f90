@@ -1,9 +1,9 @@
-!> Gauss-Legendre collocation with trajectories side by side in the lanes: what its fixed-point
-!! iteration needs.
+!> Gauss-Legendre collocation with trajectories in the lanes: procedures for its fixed-point
+!! iteration.
 !!
 !!   f_i = a(q_0 + c_i h v_0 + h^2 sum_j a2_ij f_j, v_0 + h sum_j a_ij f_j)
-!! is solved node after node, each with the newest accelerations of the others (Gauss and Seidel). A
-!! lane that is solved is left alone, so that its numbers do not depend on its neighbours.
+!! is solved node by node, each with the newest accelerations of the other nodes (Gauss and Seidel).
+!! A converged lane is not changed, so that its numbers do not depend on its neighbours.
 module viscovib_lane_collocation
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
@@ -14,18 +14,18 @@ module viscovib_lane_collocation
 
   !> Sweeps over all nodes before a step counts as too large.
   integer, parameter, public :: max_sweeps = 40
-  !> Relative change of accelerations at which they are solved: only rounding still changes.
+  !> Relative change of accelerations at convergence: only rounding still changes them.
   real(wp), parameter :: solved = 4.0e-15_wp
-  !> Changes below this are those of numbers that fade out of range.
+  !> Changes below this are those of numbers near underflow.
   real(wp), parameter :: negligible = 1.0e-300_wp
-  !> Part of the state that a step does not resolve.
+  !> Relative change of the state that a step does not resolve.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
-  !> States of a lane: its accelerations are iterated, they are solved, they ran away.
+  !> States of a lane: iterating, converged, diverged.
   real(wp), parameter, public :: at_work = 1.0_wp, is_solved = 0.0_wp, ran_away = -1.0_wp
 
 contains
 
-  !> The same accelerations at all nodes, in lanes that are asked for.
+  !> Set the same accelerations at all nodes in the selected lanes.
   pure subroutine start_lanes(n_nodes, n_dof, wanted, f_0, f)
     integer, intent(in) :: n_nodes, n_dof
     logical, intent(in) :: wanted(n_lanes)
@@ -39,11 +39,11 @@ contains
     end do
   end subroutine start_lanes
 
-  !> Put new accelerations of a node in the place of old ones in lanes at work; add up changes and
+  !> Replace the accelerations of a node in active lanes; accumulate changes and
   !! sizes.
   pure subroutine exchange_lanes(n_dof, runaway, new, old, state, change, total)
     integer, intent(in) :: n_dof
-    !> Accelerations that change by more than this are running away.
+    !> Accelerations that change by more than this diverge.
     real(wp), intent(in) :: runaway
     real(wp), intent(in) :: new(n_lanes, max_dof)
     real(wp), intent(inout) :: old(n_lanes, max_dof)
@@ -63,7 +63,7 @@ contains
     end do
   end subroutine exchange_lanes
 
-  !> Which lanes are solved after sweep `sweep`.
+  !> Mark the lanes that have converged after sweep `sweep`.
   pure subroutine judge_sweep(sweep, n_nodes, h, size_of_state, change, before, total, state)
     integer, intent(in) :: sweep, n_nodes
     !> Steps; sum of the sizes of coordinates, and of velocities times the step; changes of this
@@ -79,7 +79,7 @@ contains
       expected = change(l)
       if (before(l) > change(l)) expected = change(l)*(change(l)/before(l))
       if (expected <= max(solved*total(l), negligible)) state(l) = is_solved
-      ! Where accelerations are what large terms leave, rounding is all that still changes.
+      ! If accelerations are small differences of large terms, only rounding still changes them.
       if (sweep > 2 .and. change(l) >= 0.5_wp*before(l) &
           .and. h(l)**2*change(l) <= n_nodes*rounding*size_of_state(l)) state(l) = is_solved
     end do

@@ -1,5 +1,5 @@
-!> Amplitudes at given frequencies, learnt from trajectories as they pass, without storing them:
-!! one accumulator a lane.
+!> Amplitudes at given frequencies, accumulated along trajectories without storing them:
+!! one accumulator per lane.
 module viscovib_lane_lines
   use viscovib_constants, only: pi
   use viscovib_kinds, only: i8, wp
@@ -74,7 +74,7 @@ contains
     call step_phase(self%high, self%low, self%step_high, self%step_low)
   end subroutine add_lines
 
-  !> X, shape (n_lanes, n, n_dof), the leakage of the mean taken out.
+  !> X, shape (n_lanes, n, n_dof), without the leakage of the mean.
   pure function amplitudes(self) result(x)
     class(lines_type), intent(in) :: self
     complex(wp) :: x(n_lanes, self%n, self%n_dof)

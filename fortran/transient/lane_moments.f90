@@ -1,10 +1,10 @@
-!> Largest size, mean and mean square of states, learnt from trajectories as they pass, without
-!! storing them: one accumulator a lane.
+!> Largest absolute value, mean and mean square of states, accumulated along trajectories without
+!! storing them: one accumulator per lane.
 !!
-!! They are those of the motion itself, not of samples. In a step it is the polynomial of degree 8
-!! through the coordinates q, their velocities and accelerations at both ends and at the end of a
-!! neighbouring step (Hermite's interpolation): its error is (x (x - h) (x + h))^3 q^(9)/9! at x,
-!! at most 1.6e-7 h^9 |q^(9)|.
+!! The values are those of the motion itself, not of samples. In a step the motion is represented by
+!! the polynomial of degree 8 through the coordinates q, their velocities and accelerations at both
+!! ends and at the end of a neighbouring step (Hermite's interpolation): its error is
+!! (x (x - h) (x + h))^3 q^(9)/9! at x, at most 1.6e-7 h^9 |q^(9)|.
 module viscovib_lane_moments
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
@@ -18,24 +18,24 @@ module viscovib_lane_moments
   integer, parameter :: degree = 8
   !> Nodes within a step of the rule that integrates squares.
   integer, parameter :: n_nodes = 6
-  !> Steps of Newton's method to the top of a polynomial, from the highest of its places.
+  !> Iterations of Newton's method for the extremum of a polynomial, from its highest sample.
   integer, parameter :: n_newton = 4
 
   type :: moments_type
     integer, private :: n_dof = 0
-    !> Of each lane its step, and the time in steps that was taken in.
+    !> For each lane its step size, and the accumulated time in steps.
     real(wp), dimension(n_lanes), private :: h = 0.0_wp, length = 0.0_wp
-    !> Ends of steps that are known, 3 at most; how much of a step waits for a neighbouring end.
+    !> Number of known ends of steps, at most 3; part of a step that waits for a neighbouring end.
     integer, private :: n_ends = 0
     real(wp), private :: waiting = 0.0_wp
     !> q, h v and h^2 a at the last ends, the latest last: lane, which, end, coordinate.
     real(wp), private :: ends(n_lanes, 3, 3, max_dof) = 0.0_wp
-    !> Lane, coordinate, and q or h v: largest sizes; integrals over the time in steps, and what
-    !! rounding left out of them.
+    !> Lane, coordinate, and q or h v: largest sizes; integrals over the time in steps, and their
+    !! rounding errors.
     real(wp), dimension(n_lanes, max_dof, 2), private :: peak = 0.0_wp, total = 0.0_wp
     real(wp), dimension(n_lanes, max_dof, 2), private :: squares = 0.0_wp
     real(wp), dimension(n_lanes, max_dof, 2), private :: total_rest = 0.0_wp, squares_rest = 0.0_wp
-    !> Of a step from 0 to 1: both ends and nodes between; weights of the nodes.
+    !> Positions in a step from 0 to 1: both ends and nodes between; weights of the nodes.
     real(wp), private :: places(0:n_nodes + 1) = 0.0_wp, weights(n_nodes) = 0.0_wp
   contains
     procedure :: begin
@@ -58,20 +58,20 @@ contains
     moments%places(n_nodes + 1) = 1.0_wp
   end subroutine new_moments
 
-  !> The start of the first step that counts, or of one before it.
+  !> Set the start of the first step that counts, or of a step before it.
   pure subroutine begin(self, q, v, a)
     class(moments_type), intent(inout) :: self
     real(wp), dimension(n_lanes, *), intent(in) :: q, v, a
     call self%shift(q, v, a)
   end subroutine begin
 
-  !> Take in the last part of a step, of which the end is given; lanes that stand still are left
+  !> Add the last part of a step whose end is given; stopped lanes are left
   !! out.
   pure subroutine add(self, q, v, a, alive, part)
     class(moments_type), intent(inout) :: self
     real(wp), dimension(n_lanes, *), intent(in) :: q, v, a
     logical, intent(in) :: alive(n_lanes)
-    !> How much of the step.
+    !> The part of the step.
     real(wp), intent(in) :: part
 
     call self%shift(q, v, a)
@@ -99,7 +99,7 @@ contains
     self%n_ends = min(self%n_ends + 1, 3)
   end subroutine shift
 
-  !> The last part of the step that ends at 1, or at 0, of the last steps.
+  !> Accumulate the last part of the step that ends at 1, or at 0, of the last steps.
   pure subroutine take_in(self, until, part, alive)
     class(moments_type), intent(inout) :: self
     real(wp), intent(in) :: until, part
@@ -154,7 +154,7 @@ contains
     end do
   end subroutine through_three
 
-  !> The same through two ends, at 0 and 1, of a run of a single step.
+  !> The same through two ends, at 0 and 1, for a run of a single step.
   pure subroutine through_two(ends, c)
     real(wp), intent(in) :: ends(n_lanes, 3, 2)
     real(wp), intent(out) :: c(n_lanes, 0:degree)
@@ -172,7 +172,7 @@ contains
     c(:, 5) = 6.0_wp*sums(:, 1) - 3.0_wp*sums(:, 2) + 0.5_wp*sums(:, 3)
   end subroutine through_two
 
-  !> A coordinate (which = 1) or its velocity (2), by its polynomial.
+  !> Accumulate a coordinate (which = 1) or its velocity (2), from its polynomial.
   pure subroutine take_in_one(self, c, places, part, alive, d, which)
     class(moments_type), intent(inout) :: self
     real(wp), intent(in) :: c(n_lanes, 0:degree), places(0:n_nodes + 1), part
@@ -204,7 +204,7 @@ contains
     call add_one(merge(mean, 0.0_wp, alive), self%total(:, d, which), self%total_rest(:, d, which))
     call add_one(merge(square, 0.0_wp, alive), self%squares(:, d, which), &
                  self%squares_rest(:, d, which))
-    ! A top between places is above the highest of them by less than they differ.
+    ! A maximum between samples exceeds the highest sample by less than the samples differ.
     if (.not. any(alive .and. highest + rise > self%peak(:, d, which))) return
     do l = 1, n_lanes
       if (alive(l) .and. highest(l) + rise(l) > self%peak(l, d, which)) then
@@ -213,7 +213,7 @@ contains
     end do
   end subroutine take_in_one
 
-  !> Values of the polynomials of all lanes at some places.
+  !> Values of the polynomials of all lanes at the sample positions.
   pure subroutine evaluate(c, places, x)
     real(wp), intent(in) :: c(n_lanes, 0:degree), places(0:n_nodes + 1)
     real(wp), intent(out) :: x(n_lanes, 0:n_nodes + 1)
@@ -231,7 +231,7 @@ contains
     end do
   end subroutine evaluate
 
-  !> Raise a peak to the largest size of a polynomial, of which values at some places are known.
+  !> Raise a peak to the largest size of a polynomial with known samples.
   pure subroutine reach(x, c, places, peak)
     real(wp), intent(in) :: x(0:n_nodes + 1), c(0:degree), places(0:n_nodes + 1)
     real(wp), intent(inout) :: peak

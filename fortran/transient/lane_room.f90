@@ -1,4 +1,4 @@
-!> The room of a method that goes side by side: states, stages and load phases in one array, in
+!> The workspace of a method that runs in lanes: states, stages and load phases in one array, in
 !! columns of lanes.
 module viscovib_lane_room
   use viscovib_explicit_tables, only: explicit_table_type
@@ -9,18 +9,18 @@ module viscovib_lane_room
 
   public :: furnish, new_room_plan, room_plan
 
-  !> Where things begin in the room, in columns.
+  !> Offsets of the arrays in the workspace, in columns.
   type :: room_plan
     integer :: h = 1, q = 0, v = 0, q_rest = 0, v_rest = 0, in_q = 0, in_v = 0, stage_q = 0
     integer :: stage_v = 0, drive = 0, cosine = 0, sine = 0, stage_cosine = 0, stage_sine = 0
-    !> Of collocations only: accelerations of the step before (behind f), accelerations to be, and
+    !> For collocations only: accelerations of the previous step (after f), new accelerations, and
     !! coordinates at the nodes.
     integer :: f = 0, f_old = 0, f_new = 0, node_q = 0, n_columns = 0
   end type room_plan
 
 contains
 
-  !> Put steps and the load phases of the stages into the room.
+  !> Store steps and the load phases of the stages in the workspace.
   pure subroutine furnish(table, plan, frequencies, h, room)
     type(explicit_table_type), intent(in) :: table
     type(room_plan), intent(in) :: plan
@@ -37,7 +37,7 @@ contains
         room(:, plan%stage_sine + column) = 0.0_wp
         do k = 1, n_lanes
           angle = frequencies(k, j)*(h(k)*table%c(i))
-          ! Lanes that stand still, and loads that do: most where one motion is followed.
+          ! Stopped lanes, and constant loads: most of them when a single motion is computed.
           if (angle == 0.0_wp) cycle
           room(k, plan%stage_cosine + column) = cos(angle)
           room(k, plan%stage_sine + column) = sin(angle)

@@ -1,7 +1,7 @@
-!> Whether runs side by side, made in whole steps, may have jumped over thin layers of their forces:
-!! what `viscovib_layer_watch` is for one run.
+!> Detection of thin layers of forces that runs in lanes, in whole steps, may have jumped over:
+!! the counterpart of `viscovib_layer_watch` for lanes.
 !!
-!! States of all lanes are kept together as they come, and those of a lane looked at many at a time.
+!! States of all lanes are stored in order of time, and many states of a lane are checked at once.
 module viscovib_lane_watch
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -13,14 +13,14 @@ module viscovib_lane_watch
 
   public :: lane_watch
 
-  !> What counts as unseen by a power series: its terms show a layer ahead, which keeps it from
-  !! converging within the step, until rounding hides them, as it does those of tanh from about 18
-  !! of its widths on; these are 7 within three steps.
+  !> The bound for power series: their terms detect a layer ahead, which prevents convergence
+  !! within the step, until rounding hides it; for tanh from about 18 of its widths on. That
+  !! corresponds to 7 within three steps.
   real(wp), parameter :: unseen_by_series = 5.0_wp
 
   type :: lane_watch
     logical :: on = .false.
-    !> How many times as far as a polynomial follows an operand may go in a step.
+    !> Largest change of an operand in a step, in units of the length that a polynomial resolves.
     real(wp), private :: most = unseen
     integer, private :: n = 0
     !> Steps since time 0, and states, shape (n_lanes, n_states, n_dof).
@@ -39,11 +39,11 @@ contains
   subroutine begin(self, system, q, v, by_series)
     class(lane_watch), intent(out) :: self
     class(driven_system_type), intent(in) :: system
-    !> Shape (n_lanes, n_dof or more), of which those of the motion itself are kept.
+    !> Shape (n_lanes, n_dof or more); only the coordinates of the motion itself are kept.
     real(wp), intent(in), contiguous :: q(:, :), v(:, :)
-    !> Whether steps are made by power series, which look at forces at one place.
+    !> True for power series, which evaluate forces at one point only.
     logical, intent(in) :: by_series
-    ! Steps that are made in parts see for themselves.
+    ! Steps that are made in parts check for layers themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
     if (.not. self%on) return
     self%most = merge(unseen_by_series, unseen, by_series)
@@ -51,11 +51,11 @@ contains
     call note(self, 0.0_wp, system%n_dof, q, v)
   end subroutine begin
 
-  !> After step i; which of the lanes asked for may have missed a layer.
+  !> After step i: mark the selected lanes that may have missed a layer.
   subroutine see(self, system, i, h, q, v, asked, missed)
     class(lane_watch), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    !> Steps; lengths of them.
+    !> Number of steps; their lengths.
     real(wp), intent(in) :: i, h(n_lanes)
     real(wp), intent(in), contiguous :: q(:, :), v(:, :)
     logical, intent(in) :: asked(n_lanes)
@@ -70,7 +70,7 @@ contains
     call note(self, i, size(self%q, 3), q, v)
   end subroutine see
 
-  !> Which of the lanes asked for may have missed a layer between the states kept.
+  !> Mark the selected lanes that may have missed a layer between the states kept.
   subroutine look(self, system, h, asked, missed)
     class(lane_watch), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -94,7 +94,7 @@ contains
     end do
   end subroutine look
 
-  !> Lanes that go so little far altogether that they miss nothing.
+  !> Lanes whose total change is so small that they miss nothing.
   subroutine look_at_all(self, layers, h, q, v, followed)
     class(lane_watch), intent(in) :: self
     type(law_layers), intent(in) :: layers
@@ -110,7 +110,7 @@ contains
     followed = layers%followed(self%n, t, q(:n_lanes*self%n, :n), v(:n_lanes*self%n, :n), self%most)
   end subroutine look_at_all
 
-  !> The same of one lane.
+  !> The same for one lane.
   logical function look_at(self, layers, h, lane) result(missed)
     class(lane_watch), intent(in) :: self
     type(law_layers), intent(in) :: layers

@@ -1,12 +1,12 @@
-!> Whether a run made in whole steps may have jumped over thin layers of its forces.
+!> Detection of thin layers of forces that a run in whole steps may have jumped over.
 !!
-!! States at the ends of steps are gathered and looked at many at a time, which costs a small part
-!! of the steps. A layer counts as unseen where what a function depends on goes so far from one end
-!! to the next that no node of the step needs to lie in the layer.
+!! States at the ends of steps are collected, and many of them are checked at once, at a small
+!! part of the cost of the steps. A layer may be missed if the arguments of a function change so
+!! much from one end to the next that no node of the step needs to be inside the layer.
 !!
-!! Runs without memory look with `see` and begin anew in parts (those side by side by
-!! `viscovib_lane_watch`); others `follow` their steps to
-!! the end, and determine how much shorter the steps would have to be.
+!! Runs without memory use `see` and are repeated in parts if a layer was missed (in lanes:
+!! `viscovib_lane_watch`). Runs with memory `follow` their steps to the
+!! end, and report by which factor the steps are too long.
 module viscovib_layer_watch
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -18,13 +18,13 @@ module viscovib_layer_watch
 
   public :: layer_watch
 
-  !> States looked at together; two are shared with those before.
+  !> Number of states checked together; number shared with the previous group.
   integer, parameter, public :: n_states = 64, n_shared = 2
   type :: layer_watch
     logical :: on = .false.
     integer, private :: n = 0
     real(wp), allocatable, private :: t(:), q(:, :), v(:, :)
-    !> Of runs that are followed.
+    !> For `follow`.
     type(law_layers), private :: layers
     real(wp), private :: thinnest = 0.0_wp
   contains
@@ -42,19 +42,19 @@ module viscovib_layer_watch
 
 contains
 
-  !> Before the first step.
+  !> Initialize before the first step.
   subroutine begin(self, system, t, q, v)
     class(layer_watch), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t, q(:), v(:)
-    ! Steps that are made in parts see for themselves.
+    ! Steps that are made in parts check for layers themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
     if (.not. self%on) return
     call self%room(size(q))
     call self%note(t, q, v)
   end subroutine begin
 
-  !> After a step; `missed`: a layer may have been.
+  !> Process a step; `missed`: a layer may have been missed.
   subroutine see(self, system, t, q, v, missed)
     class(layer_watch), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -68,7 +68,7 @@ contains
     call self%note(t, q, v)
   end subroutine see
 
-  !> Whether a layer may have been missed between the states gathered.
+  !> True if a layer may have been missed between the collected states.
   logical function look(self, system)
     class(layer_watch), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -80,11 +80,11 @@ contains
     end associate
   end function look
 
-  !> Before the first step of a run with memory, or of a structure.
+  !> Initialize before the first step of a run with memory, or of a structure.
   subroutine begin_to_follow(self, system, t, q, v)
     class(layer_watch), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
-    !> Time, and what laws read then, with its rates.
+    !> Time, and the arguments of laws then, with their rates.
     real(wp), intent(in) :: t, q(:), v(:)
     self%on = .false.
     select type (system)
@@ -99,7 +99,7 @@ contains
     call self%note(t, q, v)
   end subroutine begin_to_follow
 
-  !> After a step.
+  !> Process a step.
   subroutine follow(self, t, q, v)
     class(layer_watch), intent(inout) :: self
     real(wp), intent(in) :: t, q(:), v(:)
@@ -110,7 +110,7 @@ contains
     call self%note(t, q, v)
   end subroutine follow
 
-  !> The motion goes on from another state at once.
+  !> Restart after a jump of the state.
   subroutine jump(self, t, q, v)
     class(layer_watch), intent(inout) :: self
     real(wp), intent(in) :: t, q(:), v(:)
@@ -119,7 +119,7 @@ contains
     call self%note(t, q, v)
   end subroutine jump
 
-  !> How many times as far as a polynomial follows what a function depends on has gone in a step.
+  !> Largest change of an argument in a step, in units of the length that a polynomial resolves.
   real(wp) function thinness(self)
     class(layer_watch), intent(in) :: self
     thinness = self%thinnest
@@ -130,7 +130,7 @@ contains
     end associate
   end function thinness
 
-  !> For states of so many coordinates.
+  !> Allocate states of n_dof coordinates.
   subroutine room(self, n_dof)
     class(layer_watch), intent(inout) :: self
     integer, intent(in) :: n_dof
@@ -147,7 +147,7 @@ contains
     self%v(self%n, :) = v
   end subroutine note
 
-  !> All but the states that those to come share.
+  !> Discard all states except those shared with the next group.
   subroutine forget(self)
     class(layer_watch), intent(inout) :: self
     self%t(:n_shared) = self%t(n_states - n_shared + 1:)

@@ -1,4 +1,4 @@
-!> What runs of motions with memory have in common, whatever equations their steps solve.
+!> Common interface of runs of motions with memory, for any equations of a step.
 module viscovib_march
   use viscovib_base_motion, only: base_motion_type
   use viscovib_kinds, only: i8, wp
@@ -9,15 +9,15 @@ module viscovib_march
 
   public :: march_type, inside_each
 
-  !> Why no run can be made.
+  !> Reason why a run cannot start.
   integer, parameter, public :: begun = 0, no_exponentials = 1, step_too_large = 2, no_integral = 3
 
   type, abstract :: march_type
     real(wp) :: h = 0.0_wp
-    !> The last step was not made only because it may have passed an escape to infinity;
-    !! the next one is made all the same.
+    !> The last step failed only because it may have passed an escape to infinity;
+    !! the next step is accepted in spite of that.
     logical :: doubtful = .false., trusted = .false.
-    !> Whether a run ends where a step is too large, without a search for where inside it stops.
+    !> True if a run ends where a step is too large, without a search for the stop inside it.
     logical :: gives_up = .false.
   contains
     procedure(step_interface), deferred :: step
@@ -49,21 +49,21 @@ module viscovib_march
       class(march_type), intent(inout) :: self
     end subroutine sharpen_interface
 
-    !> One step to time `until`; `made` is false, and the state stays, if its equations do
-    !! not settle.
+    !> One step to time `until`; `made` is false, and the state is unchanged, if its equations do
+    !! not converge.
     subroutine step_interface(self, system, load, n_before, until, made)
       import :: i8, march_type, oscillator_type, time_load_type, wp
       class(march_type), intent(inout) :: self
       class(oscillator_type), intent(in) :: system
       type(time_load_type), intent(in) :: load
-      !> Steps made before.
+      !> Number of steps before.
       integer(i8), intent(in) :: n_before
       real(wp), intent(in) :: until
       logical, intent(out) :: made
     end subroutine step_interface
 
-    !> Steps from time t on are h long; `enter`: a piece of the mesh begins there, the load
-    !! has a corner. `made` is false where such steps are too large.
+    !> Set the step length to h from time t on; `enter`: a piece of the mesh begins there, the load
+    !! has a corner. `made` is false if such steps are too large.
     subroutine enter_interface(self, system, load, t, h, made)
       import :: march_type, oscillator_type, time_load_type, wp
       class(march_type), intent(inout) :: self
@@ -73,8 +73,8 @@ module viscovib_march
       logical, intent(out) :: made
     end subroutine enter_interface
 
-    !> Go on at time t from a state, relative to the base, under another load; what is
-    !! remembered stays. `made` is false where steps are too large.
+    !> Continue at time t from a state, relative to the base, under another load; the memory
+    !! is kept. `made` is false if steps are too large.
     subroutine take_up_interface(self, system, load, t, u, v, made)
       import :: march_type, oscillator_type, time_load_type, wp
       class(march_type), intent(inout) :: self
@@ -84,12 +84,12 @@ module viscovib_march
       logical, intent(out) :: made
     end subroutine take_up_interface
 
-    !> A jump of the state relative to the base, which has a corner.
+    !> Add a jump to the state relative to the base, which has a corner.
     subroutine kick_interface(self, base, displacement, velocity)
       import :: base_motion_type, march_type, wp
       class(march_type), intent(inout) :: self
       type(base_motion_type), intent(in) :: base
-      !> Of the base, from those before, as many as it has.
+      !> Jumps of the base, old minus new value, one for each base displacement.
       real(wp), intent(in) :: displacement(:), velocity(:)
     end subroutine kick_interface
 
@@ -100,14 +100,14 @@ module viscovib_march
       real(wp), allocatable, intent(out) :: u(:), v(:)
     end subroutine state_interface
 
-    !> What is kept of the state, shape (n_observed).
+    !> The observed part of the state, shape (n_observed).
     subroutine observe_interface(self, u, v)
       import :: march_type, wp
       class(march_type), intent(in) :: self
       real(wp), intent(out) :: u(:), v(:)
     end subroutine observe_interface
 
-    !> The same a fraction of a step back from its end.
+    !> The same inside the last step.
     subroutine inside_interface(self, theta, u, v)
       import :: march_type, wp
       class(march_type), intent(in) :: self
@@ -116,14 +116,14 @@ module viscovib_march
       real(wp), intent(out) :: u(:), v(:)
     end subroutine inside_interface
 
-    !> `furthest`: the largest displacement so far, measured as the state is; `resolution`: the
+    !> `furthest`: the largest displacement so far, measured like the state; `resolution`: the
     !! largest last Legendre coefficient of a displacement, relative to its largest value.
     pure real(wp) function real_interface(self)
       import :: march_type, wp
       class(march_type), intent(in) :: self
     end function real_interface
 
-    !> How much `observe` returns; all that a run must know to go on bit for bit.
+    !> Number of observed coordinates; length of the data that a run needs to continue bit for bit.
     pure integer function size_interface(self)
       import :: march_type
       class(march_type), intent(in) :: self
@@ -139,7 +139,7 @@ module viscovib_march
       import :: march_type, wp
       class(march_type), intent(inout) :: self
       real(wp), intent(in) :: memory(:)
-      !> The load is another one now: its phases are not those that were saved.
+      !> The load has changed: the saved phases are not used.
       logical, intent(in) :: other_load
     end subroutine load_interface
 
@@ -147,7 +147,7 @@ module viscovib_march
 
 contains
 
-  !> What laws read and its rates, shape (n_read).
+  !> Arguments of laws and their rates, shape (n_read).
   subroutine read_all(self, u, v)
     class(march_type), intent(in) :: self
     real(wp), intent(out) :: u(:), v(:)
@@ -159,7 +159,7 @@ contains
     n_all = self%n_observed()
   end function n_all
 
-  !> By how much what is observed may be off, (u_1, u'_1, ...), by rounding of frequencies that
+  !> Errors of the observed values, (u_1, u'_1, ...), due to rounding of frequencies that
   !! were computed beforehand.
   pure function no_errors(self) result(errors)
     class(march_type), intent(in) :: self
@@ -167,12 +167,12 @@ contains
     errors = 0.0_wp
   end function no_errors
 
-  !> Some coordinates and their velocities at places of a part of the last step.
+  !> Some coordinates and their velocities at positions in a part of the last step.
   subroutine inside_each(self, begin, width, points, which, u, v)
     class(march_type), intent(inout) :: self
-    !> The part, in [0, 1], and places in it, in [0, 1] too.
+    !> The part, in [0, 1], and positions in it, in [0, 1] too.
     real(wp), intent(in) :: begin, width, points(:)
-    !> Places among what `observe` returns.
+    !> Indices of the coordinates in the result of `observe`.
     integer, intent(in) :: which(:)
     !> Shape (size(points), size(which)).
     real(wp), intent(out) :: u(:, :), v(:, :)

@@ -1,12 +1,12 @@
-!> Events in the steps of a run with memory or of a structure, whose inside no polynomial of the
-!! step follows: the first step with memory is singular, and modes that swing many times in a step
-!! go on exactly.
+!> Events in the steps of a run with memory or of a structure. No polynomial of the
+!! step represents the motion inside: the first step with memory is singular, and modes that
+!! oscillate many times in a step are integrated exactly.
 !!
-!! A step is searched in parts. Of each the signals are sampled at the nodes of Gauss's rule and at
-!! both ends. A part is halved until what each signal reads is its interpolant, the last
-!! coefficients in Legendre polynomials being small. A passage found by the interpolant is then
-!! found again by the motion itself: by Newton's method with the slope of the interpolant, where
-!! that is hardly wrong, else by bisection.
+!! A step is searched in parts. In each part the signals are sampled at the Gauss nodes and at
+!! both ends. A part is bisected until the interpolants represent the arguments of each signal:
+!! the last Legendre coefficients are small. A crossing of the interpolant is then
+!! refined on the motion itself: by Newton's method with the slope of the interpolant, if it is
+!! accurate enough, else by bisection.
 module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
   use viscovib_event_search, only: signal_along
@@ -24,14 +24,14 @@ module viscovib_march_events
 
   !> Nodes of a part.
   integer, parameter :: n_nodes = 10
-  !> Last coefficients, relative to the largest value of what a signal reads, at which the
-  !! interpolant stands for it.
+  !> Bound of the last coefficients, relative to the largest value of an argument, at which the
+  !! interpolant is accepted.
   real(wp), parameter :: resolved = 1.0e-9_wp
-  !> Halvings at most: a signal with a kink or a jump differs from its interpolant everywhere near
-  !! it.
+  !> Largest number of bisections: a signal with a kink or a jump differs from its interpolant
+  !! everywhere near it.
   integer, parameter :: most_halvings = 16
-  !> Parts of a part of a step: within which the slope of an interpolant is taken, and by which a
-  !! passage may differ by the motion itself; and of a place, by which it is exact.
+  !> Relative to a part: distance for the slope of an interpolant, largest correction of a
+  !! crossing by the motion itself; relative to a position: correction at convergence.
   real(wp), parameter :: closely = 1.0e-4_wp, nearly = 1.0e-6_wp, exactly = 1.0e-12_wp
 
 contains
@@ -79,7 +79,7 @@ contains
 
   contains
 
-    !> Accelerations at a place where velocities are v, from those near it.
+    !> Accelerations at a position where velocities are v, by a difference quotient.
     function rate_beside(place) result(a)
       real(wp), intent(in) :: place
       real(wp), dimension(run%n_observed()) :: a, other, speed
@@ -90,7 +90,7 @@ contains
       a = (v - speed)/((place - beside)*(now - from))
     end function rate_beside
 
-    !> The motion of the present part.
+    !> Sample the motion of the present part.
     subroutine sample()
       integer :: k
       path%start = from + begin*(now - from)
@@ -108,13 +108,13 @@ contains
 
   end subroutine look_inside
 
-  !> The place of a passage by the motion itself, near to that by the interpolant of a part, and
+  !> Position of a crossing of the motion itself, near that of the interpolant of a part, and
   !! the state there.
   subroutine settle(run, base, watch, path, passage, from, now, begin, width, x, u, v)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(in) :: base
     type(watch_type), intent(in) :: watch
-    !> The part, the passage in it, ends of the step, the part in it.
+    !> The part, the crossing in it, ends of the step, the part in the step.
     type(step_path), intent(in) :: path
     type(passage_type), intent(in) :: passage
     real(wp), intent(in) :: from, now, begin, width
@@ -170,7 +170,7 @@ contains
       do k = 1, 4
         off = -value_at(x)*ahead
         if (.not. abs(off) <= before) return
-        ! What is left is below rounding of the time, and changes no digit of the state.
+        ! The remainder is below the rounding of time, and changes no digit of the state.
         if (abs(off) <= exactly*max(x, width)) then
           u = u + off*(now - from)*v
           x = x + off
@@ -182,13 +182,13 @@ contains
       end do
     end subroutine by_slope
 
-    !> Whether the signal of the present passage has passed 0 at a place.
+    !> True if the signal of the present crossing has passed 0 at a position.
     logical function beyond(x)
       real(wp), intent(in) :: x
       beyond = passage%side*value_at(x) < 0.0_wp
     end function beyond
 
-    !> The signal of the present passage at a place; the state there is (u, v).
+    !> The signal of the present crossing at a position; the state there is (u, v).
     real(wp) function value_at(x)
       real(wp), intent(in) :: x
       real(wp) :: g(1)
@@ -202,10 +202,10 @@ contains
 
   end subroutine settle
 
-  !> Places in parts, made once.
+  !> Allocate the sample points of parts, once per run.
   subroutine prepare(watch, n)
     type(watch_type), intent(inout) :: watch
-    !> Coordinates that are observed.
+    !> Number of observed coordinates.
     integer, intent(in) :: n
     real(wp) :: nodes(n_nodes)
     integer :: i
@@ -218,7 +218,7 @@ contains
     end associate
   end subroutine prepare
 
-  !> State of the body at a place of the step.
+  !> State of the body at a position in the step.
   subroutine body_at(run, base, from, now, x, u, v)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(in) :: base
@@ -249,8 +249,8 @@ contains
     end do
   end function follows
 
-  !> True if interpolants represent what a signal reads, of which all passages are found then,
-  !! whatever it makes of it.
+  !> True if interpolants represent the arguments of a signal. All its crossings can then be found,
+  !! whatever the function.
   logical function arguments_follow(watch, which, path) result(follow)
     type(watch_type), intent(inout) :: watch
     integer, intent(in) :: which
@@ -271,7 +271,7 @@ contains
   !> True if the interpolant of a part represents a coordinate or a velocity.
   logical function is_followed(watch, k, path)
     type(watch_type), intent(inout) :: watch
-    !> Its place in the state.
+    !> Its index in the state.
     integer, intent(in) :: k
     type(step_path), intent(in) :: path
     real(wp) :: values(n_nodes + 2)
@@ -286,7 +286,7 @@ contains
     is_followed = sum(abs(matmul(values(2:n_nodes + 1), watch%last))) <= resolved*watch%scales(k)
   end function is_followed
 
-  !> Nodes of a part, and what makes of a signal there its last two coefficients.
+  !> Nodes of a part, and the matrix from samples of a signal to its last two coefficients.
   subroutine coefficients_of_nodes(nodes, last)
     real(wp), intent(out) :: nodes(n_nodes), last(n_nodes, 2)
     real(wp) :: weights(n_nodes), p(0:n_nodes - 1)

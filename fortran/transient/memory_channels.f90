@@ -1,5 +1,5 @@
-!> What a system remembers: the hereditary variables, or where forces are linear
-!! in them and share a kernel, the forces they sum to, which are fewer.
+!> The memory channels of a system: the hereditary variables, or if forces are linear
+!! in them and share a kernel, the fewer forces that they sum to.
 !!
 !! F(u, v) = B w + r(u, v) - S (R*g) with channels g = T w(u), each with one kernel.
 module viscovib_memory_channels
@@ -15,8 +15,8 @@ module viscovib_memory_channels
     real(wp), allocatable :: gather(:, :), spread(:, :)
     !> Kernel of each channel, ascending.
     integer, allocatable :: kernel_of(:)
-    !> Channels of the displacement held for all t < 0, and R* of them had it been
-    !! held ever after, shape (n_channels); 0 after rest.
+    !> Channels of the displacement held for all t < 0, and R* of them if it were
+    !! held for all later times, shape (n_channels); 0 after rest.
     real(wp), allocatable :: held(:), held_recalled(:)
   end type channels_type
 
@@ -25,7 +25,7 @@ contains
   subroutine new_channels(channels, system, held)
     type(channels_type), intent(out) :: channels
     class(oscillator_type), intent(in) :: system
-    !> Displacement for all t < 0, shape (n_dof); not 0 only where the kernels have
+    !> Displacement for all t < 0, shape (n_dof); must be 0 unless the kernels have
     !! integrals.
     real(wp), intent(in) :: held(:)
     real(wp), allocatable :: gather(:, :), spread(:, :)
@@ -77,7 +77,7 @@ contains
     end do
   end subroutine set_held
 
-  !> The hereditary variables of a displacement that is held.
+  !> The hereditary variables of a constant displacement.
   function variables_of(system, held)
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: held(:)
@@ -95,7 +95,7 @@ contains
     variables_of = w(1, :) + matmul(system%gather, held)
   end function variables_of
 
-  !> Whether a kernel grows without bound towards 0, or falls off well within a step h.
+  !> True if a kernel grows without bound towards 0, or decays well within a step h.
   logical function is_steep(system, channels, h)
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels

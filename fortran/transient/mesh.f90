@@ -1,5 +1,5 @@
-!> Where the steps of a run end: equal steps between the times at which a load has a
-!! jump or a corner, so that every step sees a smooth load and keeps its order.
+!> Ends of the steps of a run: equal steps between the times at which a load has a
+!! jump or a corner, so that the load is smooth in every step, and the step keeps its order.
 module viscovib_mesh
   use viscovib_kinds, only: i8, wp
   implicit none
@@ -8,7 +8,7 @@ module viscovib_mesh
   public :: mesh_type, new_mesh, equal_steps
 
   type :: mesh_type
-    !> Ends of the pieces, the first begins at 0; steps made by each, ascending.
+    !> Ends of the pieces, the first begins at 0; number of steps at the end of each, ascending.
     real(wp), allocatable :: ends(:)
     integer(i8), allocatable :: made_by(:)
     !> Length of the steps of each piece.
@@ -26,7 +26,7 @@ module viscovib_mesh
 
 contains
 
-  !> Pieces with their ends and the steps made by each end; none beyond 0: equal steps h.
+  !> Pieces with their ends and numbers of steps at each end; without ends above 0: equal steps h.
   pure subroutine new_mesh(mesh, h, ends, made_by)
     type(mesh_type), intent(out) :: mesh
     real(wp), intent(in) :: h
@@ -51,22 +51,22 @@ contains
     end do
   end subroutine new_mesh
 
-  !> Equal steps for ever.
+  !> A mesh of equal steps without end.
   pure type(mesh_type) function equal_steps(h)
     real(wp), intent(in) :: h
-    ! Allocated, else gfortran 12 takes assignments to them for uses.
+    ! Allocated, since gfortran 12 reports assignments to them as uses.
     allocate (equal_steps%ends(1), source=huge(1.0_wp))
     allocate (equal_steps%made_by(1), source=huge(1_i8))
     allocate (equal_steps%h(1), source=h)
   end function equal_steps
 
-  !> Whether there are pieces with an end.
+  !> True if there are pieces with an end.
   pure logical function is_broken(self)
     class(mesh_type), intent(in) :: self
     is_broken = self%ends(1) < huge(1.0_wp)
   end function is_broken
 
-  !> The piece in which step k+1 lies, after k steps.
+  !> The piece that contains step k+1.
   pure integer function piece_of(self, k)
     class(mesh_type), intent(in) :: self
     integer(i8), intent(in) :: k
@@ -84,7 +84,7 @@ contains
     piece_of = low
   end function piece_of
 
-  !> The same where it is this piece or the next.
+  !> The same if it is this piece or the next.
   pure integer function piece_of_next(self, piece, k)
     class(mesh_type), intent(in) :: self
     integer, intent(in) :: piece
@@ -93,7 +93,7 @@ contains
     if (k >= self%made_by(piece) .and. piece < size(self%ends)) piece_of_next = piece + 1
   end function piece_of_next
 
-  !> Whether step k+1 of this piece is its first.
+  !> True if step k+1 is the first of this piece.
   pure logical function begins(self, piece, k)
     class(mesh_type), intent(in) :: self
     integer, intent(in) :: piece
@@ -102,7 +102,7 @@ contains
     if (piece > 1) begins = k == self%made_by(piece - 1)
   end function begins
 
-  !> How many of the steps first+1 ... first+n are over at a time within or after the piece.
+  !> Number of the steps first+1 ... first+n that end by a time within or after the piece.
   pure integer(i8) function made_until(self, piece, first, n, t) result(made)
     class(mesh_type), intent(in) :: self
     integer, intent(in) :: piece
@@ -129,7 +129,7 @@ contains
     end if
   end function time
 
-  !> Time after k steps, as the run computes it that made them.
+  !> Time after k steps, as computed by the run that made them.
   pure real(wp) function start_of(self, k)
     class(mesh_type), intent(in) :: self
     integer(i8), intent(in) :: k

@@ -20,12 +20,12 @@ module viscovib_method_catalogue
 
 contains
 
-  !> A stepper at (q, v), by the place of its method in `transient_methods`.
+  !> A stepper at (q, v), by the index of its method in `transient_methods`.
   subroutine new_stepper(stepper, system, method, q, v, start, h, tolerance)
     class(stepper_type), allocatable, intent(out) :: stepper
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: method
-    !> State (n_dof); time of the start; step; relative change of accelerations
+    !> State (n_dof); start time; step; relative change of accelerations
     !! at which the equations of a collocation count as solved.
     real(wp), intent(in) :: q(:), v(:), start, h, tolerance
     type(gauss_type), allocatable :: gauss
@@ -47,8 +47,8 @@ contains
     end if
   end subroutine new_stepper
 
-  !> Whether a method takes the sections of a linear rest exactly: its polynomials are of orders
-  !! that these know.
+  !> True if a method can integrate the sections of a linear subsystem exactly: its polynomials are
+  !! of supported orders.
   pure logical function takes_sections(method)
     integer, intent(in) :: method
     takes_sections = .false.

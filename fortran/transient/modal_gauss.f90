@@ -1,15 +1,15 @@
-!> Gauss-Legendre collocation of what acts on a linear rest, whose sections go from step to step
-!! exactly (viscovib_modal_frame).
+!> Gauss-Legendre collocation of the forces on a linear subsystem in modal coordinates (sections),
+!! whose steps are exact (viscovib_modal_frame).
 !!
 !! In sections x the equations are x'' + rate x' + square x = p(x, x', t). With p the polynomial
 !! through its values p_j at the nodes,
 !!
 !!   x(c_i h) = by_x_i x_0 + by_v_i x'_0 + sum_j gain_ij p_j,
 !!
-!! and so for x' and at the end (viscovib_section_step): solved by fixed-point iteration from the
-!! polynomial of the step before. Steps need to resolve p alone, not the frequencies of the rest;
-!! the order at their ends is that of Gauss's quadrature, twice the number of nodes. At the faces
-!! of a step the state are the coordinates themselves.
+!! and similarly for x' and at the end (viscovib_section_step). Fixed-point iteration starts from
+!! the polynomial of the step before. Steps need to resolve p only, not the frequencies of the
+!! linear subsystem. The order at the ends of steps is that of Gauss's quadrature, twice the number
+!! of nodes. The interface of the type uses the coordinates themselves as state.
 module viscovib_modal_gauss
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_accelerations, counted_coordinates, &
@@ -29,33 +29,33 @@ module viscovib_modal_gauss
 
   public :: modal_gauss_type, new_modal_gauss
 
-  !> Iterations of a step before it is tried again from a constant start.
+  !> Iterations of a step before it is repeated from a constant start.
   integer, parameter :: max_iterations = 40
-  !> Part of a state that a step does not resolve; changes of numbers that fade out of range.
+  !> Relative change that a step does not resolve; changes of numbers near underflow.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp), negligible = 1.0e-300_wp
   !> Degree of the polynomial that predicts a step.
   integer, parameter :: prediction_degree = 5
 
-  !> What steps of one length do to sections: what the state adds to itself and its rate at the
-  !! nodes, shape (n_lanes, n), and the end, (n); pushes at nodes, (n_lanes, s, n) and (s, n).
+  !> Maps of sections for steps of one length: change by the state at the
+  !! nodes, shape (n_lanes, n), and the end, (n); by pushes at nodes, (n_lanes, s, n) and (s, n).
   type :: section_maps
     real(wp) :: h = 0.0_wp
     real(wp), allocatable, dimension(:, :) :: x_by_x, x_by_v, v_by_x, v_by_v, end_x, end_v
     real(wp), allocatable :: end_state(:, :, :), x_by_push(:, :, :), v_by_push(:, :, :)
-    !> How much a unit push at all nodes moves a section, with its rate times h, shape (n).
+    !> Change of a section, with its rate times h, by a unit push at all nodes, shape (n).
     real(wp), allocatable :: size_of_push(:)
   end type section_maps
 
   type, extends(stepper_type) :: modal_gauss_type
     type(gauss_table_type) :: table
     type(phases_type) :: phases
-    !> Iteration stops when pushes move the sections by less than this part.
+    !> Iteration stops when the sections change relatively by less than this.
     real(wp) :: tolerance = 0.0_wp
     !> Sections, their rates, and the rounding errors of both, shape (n).
     real(wp), allocatable :: x(:), x_rate(:), x_rest(:), rate_rest(:)
-    !> Whether these are those of the state, and pushes of a step before are there.
+    !> True if these agree with the state; true if pushes of a previous step exist.
     logical, private :: x_follows = .false., rate_follows = .false., has_history = .false.
-    !> Maps of the steps of a run, and of the last part of one; which of them holds.
+    !> Maps for the full steps of a run and for the last partial step; index of the present one.
     type(section_maps), private :: maps(2)
     integer, private :: now = 1
     !> Legendre coefficients of the polynomials up to each node and the end, (s, s, s + 1).
@@ -86,7 +86,7 @@ contains
     class(driven_system_type), intent(in) :: system
     !> Number of nodes, 2 to 8.
     integer, intent(in) :: s
-    !> Of the first coordinates; those behind them begin with 0.
+    !> State of the first coordinates; further coordinates start at 0.
     real(wp), intent(in) :: q(:), v(:)
     real(wp), intent(in) :: start, h, tolerance
     type(collocation_type) :: points
@@ -190,14 +190,14 @@ contains
     class(modal_gauss_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
     self%has_history = .false.
-    ! Places stay to the last digit, or a mass would not rest on a stop.
+    ! Positions stay the same to the last digit, or a mass would not rest on a stop.
     if (any(abs(q - self%q) > 0.0_wp)) self%x_follows = .false.
     self%rate_follows = .false.
     self%q = q
     self%v = v
   end subroutine put
 
-  !> The state at the end of a step that was not made.
+  !> Set the state at the end of a step that another method made.
   subroutine arrive(self, q, v)
     class(modal_gauss_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
@@ -205,7 +205,7 @@ contains
     call self%phases%advance()
   end subroutine arrive
 
-  !> One step; not made if the iteration settles from neither start.
+  !> One step; not made if the iteration converges from neither start.
   subroutine step(self, system, made)
     class(modal_gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -249,7 +249,7 @@ contains
     call self%phases%advance()
   end subroutine step
 
-  !> What acts on the sections at the nodes, from where they are.
+  !> Forces on the sections at the nodes, from their present states.
   subroutine pushes(self, system, drive, push)
     class(modal_gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -285,7 +285,7 @@ contains
     if (counting) call count_up(counted_coordinates, n)
   end subroutine pushes
 
-  !> The sections at the nodes under the pushes at hand.
+  !> The sections at the nodes under the present pushes.
   subroutine follow(self)
     class(modal_gauss_type), intent(inout) :: self
     real(wp), dimension(n_lanes) :: moved, rate
@@ -330,10 +330,10 @@ contains
           moved = moved + weight(m)*maxval(abs(new(:s, m)))
         end do
         self%push = new
-        ! An iterate that runs away is stopped before it overflows.
+        ! A diverging iteration is stopped before it overflows.
         if (.not. change <= self%h**2*system%range%push) return
-        ! The next correction would shrink by the same factor again. It is compared with how far the
-        ! motion goes, else a short part of a step gives no velocity.
+        ! The next correction would shrink by the same factor again. It is compared with the
+        ! distance moved, else a short part of a step gives no velocity.
         expected = change
         if (before > change) expected = change*(change/before)
         made = expected <= max(self%tolerance*(moved + way), negligible) &
@@ -346,7 +346,7 @@ contains
     if (made) made = all(abs(self%q_at) <= system%range%coordinate)
   end subroutine solve
 
-  !> The sections to the end of the step, their sums compensated.
+  !> Advance the sections to the end of the step, with compensated sums.
   subroutine move(self)
     class(modal_gauss_type), intent(inout) :: self
     real(wp) :: change(2)
@@ -364,7 +364,7 @@ contains
     end associate
   end subroutine move
 
-  !> From both ends of the step and its nodes.
+  !> Least margin at both ends of the step and its nodes.
   real(wp) function least_margin(self, system, q_before, v_before) result(least)
     class(modal_gauss_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
@@ -398,13 +398,13 @@ contains
     path%v(s + 2, :) = self%v
   end subroutine trace
 
-  !> Length of all that a run must know to go on bit for bit.
+  !> Length of the data that a run needs to continue bit for bit.
   pure integer function memory_size(self)
     class(modal_gauss_type), intent(in) :: self
     memory_size = (6 + n_lanes)*size(self%q) + 2*size(self%phases%high) + 3
   end function memory_size
 
-  !> State, sections, rests, phases, pushes, and which of these hold.
+  !> State, sections, rounding errors, phases, pushes, and flags that show which are valid.
   pure function save_memory(self) result(memory)
     class(modal_gauss_type), intent(in) :: self
     real(wp) :: memory(self%memory_size())

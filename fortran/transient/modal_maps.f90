@@ -1,14 +1,14 @@
-!> The linear rest of a structure over one step, exactly, as maps made once for each length of
-!! steps.
+!> The linear subsystem of a structure over one step, exactly, as maps that are built once for each
+!! step length.
 !!
-!! The rest is a sum of sections q_m'' + rate_m q_m' + square_m q_m = p_m; the deflections are
-!! w_j = sum_m seen_mj q_m. What acts on it during a step is
+!! The subsystem is a sum of sections q_m'' + rate_m q_m' + square_m q_m = p_m; the deflections are
+!! w_j = sum_m seen_mj q_m. The forces during a step are
 !!
 !!   p_m = sum_l pushed_ml f_l(t) + Im sum_k wave_mk exp(i nu_k t),
 !!
-!! f_l the polynomials through their values at the Gauss nodes of the step (forces of elements,
-!! columns of tables, whose cubics they are for 4 nodes or more). Each section's answer is in
-!! `viscovib_section_step`.
+!! with f_l the polynomials through their values at the Gauss nodes of the step (forces of elements,
+!! columns of tables, whose cubics are exact for 4 nodes or more). `viscovib_section_step` gives
+!! the response of each section.
 module viscovib_modal_maps
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
@@ -22,17 +22,17 @@ module viscovib_modal_maps
   public :: modal_map_type, sections_type, new_modal_map, legendre_of_nodes
 
   type :: sections_type
-    !> Shape (n), for maps whole blocks of modes: squares of frequencies (1/s^2), and rates of
-    !! damping (1/s).
+    !> Shape (n), in maps padded to whole blocks of modes: squares of frequencies (1/s^2), and
+    !! damping rates (1/s).
     real(wp), allocatable :: squares(:), rates(:)
     !> Deflections by modes, shape (n, n_seen); pushes of forces on modes, shape (n, n_pushed).
     real(wp), allocatable :: seen(:, :), pushed(:, :)
     !> Im sum_k waves(:,k) exp(i frequencies(k) t), shapes (n_waves) and (n, n_waves).
     real(wp), allocatable :: frequencies(:)
     complex(wp), allocatable :: waves(:, :)
-    !> What has no real modes.
+    !> The part without real modes.
     type(poles_type) :: others
-    !> How modes move with the base, shape (n); none where it does not.
+    !> Motion of the modes due to the base, shape (n); empty without base motion.
     real(wp), allocatable :: inner(:)
   end type sections_type
 
@@ -45,8 +45,8 @@ module viscovib_modal_maps
     !> Deflections at the nodes and the end by forces at the nodes, point p of deflection j at
     !! (j-1)(s+1)+p and node k of force l at (l-1)s+k.
     real(wp), allocatable :: answer(:, :)
-    !> By waves, at phase 0 at the start: deflections as above, then the sections at the end, then
-    !! their velocities, then what has no real modes, then rates of what follows at once; shape
+    !> Response to harmonic loads with phase 0 at the start: deflections as above, sections at the
+    !! end, their velocities, the part without real modes, and rates of massless variables; shape
     !! ((s+1) n_seen + 2 n + 2 n_poles + n_at_once, n_waves).
     complex(wp), allocatable :: swing(:, :)
     type(pole_map_type) :: poles
@@ -58,7 +58,7 @@ contains
   !! (0:s-1, s).
   pure function legendre_of_nodes(table, c) result(coefficients)
     type(collocation_type), intent(in) :: table
-    !> End of the time that matters, part of the step.
+    !> End of the time interval, relative to the step.
     real(wp), intent(in) :: c
     real(wp) :: coefficients(0:table%s - 1, table%s)
     real(wp) :: factors(table%s), orders(0:table%s), values(table%s)

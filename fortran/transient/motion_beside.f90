@@ -1,16 +1,16 @@
-!> What small disturbances of a motion become, along it and across its surfaces.
+!> Evolution of small perturbations along a motion and across its switching surfaces.
 !!
 !! Along a step the derivatives Y of the state by an earlier one obey Y'' = A_q Y + A_v Y' with the
 !! derivatives of the accelerations at the nodes of the step: collocation with the same nodes, so
-!! that Y is the derivative of the step itself. At a surface h(q, v) = 0 a motion near this one
-!! switches at another time. With the equations f- = (v, a) before and f+ behind it and
-!! R the impact, if there is one, a disturbance becomes (M. A. Aizerman, F. R. Gantmakher, Q. J.
+!! that Y is the derivative of the step itself. At a surface h(q, v) = 0 a perturbed motion
+!! switches at another time. With the right sides f- = (v, a) before and f+ after the surface and
+!! the impact R, if there is one, a perturbation d becomes (M. A. Aizerman, F. R. Gantmakher, Q. J.
 !! Mech. Appl. Math. 11, 1958; saltation)
 !!
 !!   dR d + (f+ - dR f-) (grad h . d)/(grad h . f-).
 !!
-!! Where the motion stays on its surface, as where friction sticks, that leaves no disturbance off
-!! it: a column less, and a multiplier that is exactly 0.
+!! Where the motion stays on its surface, as in sticking friction, perturbations off the surface
+!! vanish: the rank falls by one, and a multiplier is exactly 0.
 module viscovib_motion_beside
   use viscovib_base_step, only: base_step
   use viscovib_dense, only: factorize, solve_columns
@@ -26,27 +26,27 @@ module viscovib_motion_beside
 
   public :: motion_beside
 
-  !> Change of an acceleration, as a part of its terms, that is rounding.
+  !> Change of an acceleration, relative to its terms, that counts as rounding.
   real(wp), parameter :: same = 1.0e-10_wp
-  !> Coordinates from which on steps of a length that comes again share what is linear in them.
+  !> Number of coordinates from which on steps of a repeated length share their linear part.
   integer, parameter :: many = 8
 
   type :: motion_beside
     !> Derivatives of coordinates and velocities, a column each, shape (n_dof, n_columns).
     real(wp), allocatable :: q(:, :), v(:, :)
-    !> Whether these are known, and how many surfaces were passed.
+    !> True if these are known; number of surfaces crossed.
     logical :: known = .true.
     integer :: n_passed = 0
     !> Nodes, weights of v and q, sums over nodes and double sums.
     real(wp), allocatable, private :: c(:), b(:), b_q(:), a(:, :), a_q(:, :)
-    !> What steps of one length share, and lengths of the last steps: parts of steps, which end
-    !! where laws switch, do not come again.
+    !> Data shared by steps of one length, and lengths of the last steps. Parts of steps that end at
+    !! a switch have lengths that do not repeat.
     type(base_step), private :: base
     real(wp), private :: lengths(4) = 0.0_wp
-    !> At a surface: velocities and accelerations before; h by coordinates and velocities, and how
-    !! fast it changes along the motion.
+    !> At a surface: velocities and accelerations before; derivatives of h by coordinates and by
+    !! velocities; rate of h along the motion.
     real(wp), allocatable, private :: v_before(:), a_before(:), h_q(:), h_v(:)
-    !> Sizes of the terms of each acceleration there.
+    !> Sizes of the terms of each acceleration at the surface.
     real(wp), allocatable, private :: terms(:)
     real(wp), private :: rate = 0.0_wp
     logical, private :: is_stop = .false., slid = .false.
@@ -61,7 +61,7 @@ module viscovib_motion_beside
 
 contains
 
-  !> Disturbances of each coordinate, then of each velocity.
+  !> Start with unit perturbations of each coordinate, then of each velocity.
   subroutine begin(self, n)
     class(motion_beside), intent(out) :: self
     integer, intent(in) :: n
@@ -96,7 +96,7 @@ contains
     end do
   end subroutine take_table
 
-  !> Along the last part of a step, of which `path` knows the states at Gauss's nodes.
+  !> Advance along the last part of a step; `path` has the states at the Gauss nodes.
   subroutine follow(self, system, path)
     class(motion_beside), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -147,7 +147,7 @@ contains
     end do
   end subroutine follow
 
-  !> Make a base of steps h with these slopes, if such a step was among the last ones.
+  !> Factorize shared data for steps of length h, if one of the last steps had this length.
   subroutine share(self, h, by_q, by_v)
     class(motion_beside), intent(inout) :: self
     real(wp), intent(in) :: h, by_q(:, :), by_v(:, :)
@@ -181,7 +181,7 @@ contains
     end do
   end subroutine slopes_at_nodes
 
-  !> The motion has come to a surface, and is still on its side of it, or slides on it.
+  !> Store the state at a surface, before the crossing; the motion may slide on the surface.
   subroutine arrive(self, system, which, side, t, q, v)
     class(motion_beside), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -199,7 +199,7 @@ contains
     self%rate = dot_product(self%h_q, v) + dot_product(self%h_v, self%a_before)
   end subroutine arrive
 
-  !> It is behind the surface, or on it.
+  !> Update the perturbations after the crossing.
   subroutine depart(self, system, t, q, v)
     class(motion_beside), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -207,18 +207,18 @@ contains
     real(wp) :: early(size(self%q, 2)), jump(size(v)), change(size(v)), along
     real(wp) :: impact(size(self%q, 2))
 
-    ! Where a motion leaves what it slid on nothing jumps.
+    ! Nothing jumps where a motion stops sliding.
     if (self%slid) return
     jump = v - self%v_before
     change = acceleration_at(system, t, q, v) - self%a_before
-    ! So it is behind a kink, and grazing does no harm there. Each coordinate has its own unit.
+    ! Continuous accelerations: a kink, harmless even at grazing. Each coordinate has its own unit.
     self%terms = self%terms + terms_at(system, t, q, v)
     if (.not. self%is_stop .and. all(abs(change) <= same*self%terms)) return
     self%known = self%known .and. abs(self%rate) > tiny(1.0_wp)
     if (.not. self%known) return
     early = (matmul(self%h_q, self%q) + matmul(self%h_v, self%v))/self%rate
     if (self%is_stop) then
-      ! An impact takes its part of the velocity towards the stop.
+      ! An impact changes the velocity towards the stop.
       along = dot_product(self%h_q, self%v_before)
       impact = matmul(self%h_q, self%v)/along
       change = change - jump*(dot_product(self%h_q, self%a_before)/along)
@@ -243,7 +243,7 @@ contains
     a = lanes(1, :)
   end function acceleration_at
 
-  !> How large what depends on the state is in each acceleration.
+  !> Magnitude of the state-dependent terms of each acceleration.
   function terms_at(system, t, q, v) result(terms)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t, q(:), v(:)
@@ -254,8 +254,8 @@ contains
     terms = matmul(abs(by_q(1, :, :)), abs(q)) + matmul(abs(by_v(1, :, :)), abs(v))
   end function terms_at
 
-  !> What a surface's signal changes by: that of a law by its program, that of a stop, which is
-  !! linear in coordinates, by differences.
+  !> Derivatives of a surface's signal: by the program of a law, or by differences for a stop, whose
+  !! signal is linear in coordinates.
   subroutine find_gradient(system, which, t, q, v, h_q, h_v)
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: which

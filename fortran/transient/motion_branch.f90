@@ -1,4 +1,4 @@
-!> Branches of periodic motions in time: pseudo-arclength continuation (Keller 1977) of the map of a
+!> Branches of periodic motions: pseudo-arclength continuation (Keller 1977) of the map of a
 !! period, with errors by another step size, bifurcation points and extremes.
 module viscovib_motion_branch
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_quiet_nan, ieee_value
@@ -15,7 +15,7 @@ module viscovib_motion_branch
 
   public :: branch_options, motion_branch, trace_motion
 
-  !> How a branch ends; without a motion at the start of the range; without a motion next to it.
+  !> Outcome of a branch; no motion at the start of the range; no motion next to the start.
   integer, parameter, public :: branch_completed = 0, branch_stuck = 1, branch_points = 2, &
                                 branch_stopped = 3, branch_without_start = 4, branch_singular = 5
   character(len=*), parameter, public :: branch_endings(0:5) = &
@@ -35,8 +35,8 @@ module viscovib_motion_branch
     real(wp) :: start = 0.0_wp, finish = 1.0_wp, max_step = 0.02_wp
     integer :: max_points = 2000
     type(accuracy_type) :: accuracy
-    !> A state near the first motion, hidden states may be missing; not allocated: the motion from
-    !! rest is followed first.
+    !> A state near the first motion, optionally without hidden states; not allocated: the motion
+    !! from rest settles first.
     real(wp), allocatable :: begin(:)
   end type branch_options
 
@@ -44,15 +44,15 @@ module viscovib_motion_branch
     integer :: outcome = branch_completed
     !> Clause of a message about an end without a further step.
     character(len=:), allocatable :: reason
-    !> Points with errors: fewer than were found after an interruption.
+    !> Number of points with errors: fewer than were found after an interruption.
     integer :: n_points = 0
-    !> Of each point: the parameter, the motion with its errors, the allowed error, after how many
-    !! periods of the load it repeats, and extremes, shape (n_dof, n).
+    !> For each point: the parameter, the motion with its errors, the allowed error, the number of
+    !! load periods after which it repeats, and extremes, shape (n_dof, n).
     real(wp), allocatable :: p(:), allowed(:), low(:, :), high(:, :)
     type(steady_type), allocatable :: motions(:)
     integer, allocatable :: repeats_after(:)
     !> Events, each with the point before it, its location and error, NaN if it is not located, the
-    !! largest displacements there, and whether stability is decided at both points next to it.
+    !! largest displacements there, and true if stability is decided at both points next to it.
     integer, allocatable :: kind(:), before(:)
     real(wp), allocatable :: place(:), place_error(:), largest(:, :)
     logical, allocatable :: is_sure(:)
@@ -105,7 +105,7 @@ contains
     call judge_events(path, points, branch)
   end subroutine trace_motion
 
-  !> Points from the beginning of the range to its end.
+  !> Trace the points from the beginning of the range to its end.
   subroutine follow(path, state, options, points, outcome)
     type(motion_path), intent(in) :: path
     real(wp), intent(in) :: state(:)
@@ -144,7 +144,7 @@ contains
       call look_at_ends()
       if (outcome /= branch_points) exit
       call add(new)
-      ! Where motions are larger than at the beginning, steps are as much longer.
+      ! For motions larger than the first one, steps are longer in proportion.
       if (cosine > straight .and. new%iterations <= easy) then
         step = min(growth*step, options%max_step &
                    *max(1.0_wp, maxval(abs(new%z(:size(state))))))
@@ -162,7 +162,7 @@ contains
       outcome = branch_points
     end subroutine add
 
-    !> Half the step; around a corner where steps are short.
+    !> Halve the step; if steps are short, continue around a corner.
     subroutine shorten()
       type(motion_point) :: next
       logical :: made
@@ -199,7 +199,7 @@ contains
 
   end subroutine follow
 
-  !> Keep as many points as there is capacity for.
+  !> Change the capacity of the array of points, which keeps as many points as fit.
   subroutine resize(points, capacity)
     type(motion_point), allocatable, intent(inout) :: points(:)
     integer, intent(in) :: capacity
@@ -211,11 +211,11 @@ contains
     call move_alloc(kept, points)
   end subroutine resize
 
-  !> Whether a step leads along the branch: not to another part of it, and not around a bend.
+  !> Test if a step follows the branch: not to another part of it, and not around a bend.
   subroutine check_step(here, new, step, cosine, good)
     type(motion_point), intent(in) :: here, new
     real(wp), intent(in) :: step
-    !> Of the angle between both tangents.
+    !> Cosine of the largest angle.
     real(wp), intent(out) :: cosine
     logical, intent(out) :: good
 
@@ -229,7 +229,7 @@ contains
     good = good .and. (cosine >= bent .or. step <= 1.0e3_wp*shortest)
   end subroutine check_step
 
-  !> Of the largest angle between the tangents of two points and the chord between them.
+  !> Cosine of the largest angle between the tangents of two points and the chord between them.
   pure real(wp) function cosine_of(one, other) result(cosine)
     type(motion_point), intent(in) :: one, other
     real(wp) :: chord(size(one%z))

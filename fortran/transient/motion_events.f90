@@ -20,26 +20,26 @@ module viscovib_motion_events
                                 event_pair = 4, event_grazing = 5
   character(len=*), parameter, public :: event_names(5) = &
     [character(len=15) :: 'fold', 'branch point', 'period doubling', 'Neimark-Sacker', 'grazing']
-  !> Multipliers that cross the unit circle at each kind.
+  !> Number of multipliers that cross the unit circle, for each kind.
   integer, parameter :: n_crossing(event_fold:event_pair) = [1, 1, 1, 2]
-  !> Distance of the ends between which a crossing is located, as a part of the way.
+  !> Distance of the ends between which a crossing is located, relative to the chord.
   real(wp), parameter :: near = 1.0e-13_wp
   !> Distance of motions on both sides, and the remaining part of the test function: a location with
-  !! larger ones is a corner of the branch.
+  !! larger values is a corner of the branch.
   real(wp), parameter :: close = 1.0e-10_wp, jump = 1.0e-3_wp
-  !> Halvings of the way between two points whose events do not explain the change of stability.
+  !> Bisections of the chord between two points whose events do not explain the change of stability.
   integer, parameter :: max_halvings = 6
   !> Iterations of Brent's method.
   integer, parameter :: max_iterations = 100
-  !> Points around a location at which Newton's equations are singular, and the agreement of its
-  !! positions by different numbers of points.
+  !> Points around a location at which Newton's equations are singular, and the allowed difference
+  !! of its positions from different numbers of points.
   integer, parameter :: n_nodes = 8
   real(wp), parameter :: agreement = 1.0e-7_wp
 
   !> An event between two points. It is not located if `has_point` is false.
   type :: motion_event
     integer :: kind = 0
-    !> The place on the way, 0 to 1.
+    !> Position on the chord, 0 to 1.
     real(wp) :: part = 0.5_wp
     logical :: has_point = .false.
     type(motion_point) :: point
@@ -49,7 +49,7 @@ module viscovib_motion_events
   type :: seen_points
     type(motion_point) :: points(-1:1)
     real(wp) :: parts(-1:1) = 0.0_wp
-    !> In the order of the first points with each sign.
+    !> Signs in the order of their first points, and their number.
     integer :: order(3) = 0, n = 0
     type(motion_point) :: last
   contains
@@ -58,8 +58,8 @@ module viscovib_motion_events
 
 contains
 
-  !> The test function of a kind. For grazing it is the sign of whether there are as many switches
-  !! as at the end of the way.
+  !> The test function of a kind. For grazing it is 1 if there are as many switches as at the end of
+  !! the chord, else -1.
   real(wp) function test_function(kind, point, n_passed) result(value)
     integer, intent(in) :: kind, n_passed
     type(motion_point), intent(in) :: point
@@ -85,10 +85,10 @@ contains
     end select
   end function test_function
 
-  !> The sign of the product of all m_i m_j - 1, i < j, times the smallest of them, and whether that
-  !! is of a complex pair.
+  !> The sign of the product of all m_i m_j - 1, i < j, times the smallest of their sizes; `is_pair`
+  !! is true if the smallest factor belongs to a complex pair.
   !!
-  !! It is continuous where a pair of multipliers becomes real, and does not mix pairs.
+  !! The value is continuous where a pair of multipliers becomes real, and does not mix pairs.
   subroutine find_nearest_pair(point, value, is_pair)
     type(motion_point), intent(in) :: point
     real(wp), intent(out) :: value
@@ -115,8 +115,8 @@ contains
     if (.not. abs(real(sign_of)) > 0.0_wp .or. least <= 0.0_wp) value = 0.0_wp
   end subroutine find_nearest_pair
 
-  !> Errors of the locations of events, as parts of the range, by other step sizes: huge if these do
-  !! not have them, NaN if an event is not located.
+  !> Errors of the locations of events, relative to the range, from a run with another step size:
+  !! huge if that run does not find the event, NaN if an event is not located.
   subroutine find_event_errors(path, one, other, blur, found, errors)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
@@ -145,7 +145,7 @@ contains
           if (events(k)%kind /= found(i)%kind .or. .not. events(k)%has_point) cycle
           errors(i) = min(errors(i), abs(events(k)%point%z(size(one%z)) - place))
         end do
-        ! Ends differ by rounding, and by the remainder of Newton's method.
+        ! The ends differ by rounding, and by the remainder of Newton's method.
         if (errors(i) < huge(1.0_wp)) then
           errors(i) = errors(i) + max(found(i)%point%correction, epsilon(1.0_wp)*abs(place))
         end if
@@ -155,15 +155,15 @@ contains
 
   !> Events between two points, in their order.
   !!
-  !! If they do not explain the number of multipliers that cross the unit circle, some happen twice:
-  !! the halves of the way are searched then.
+  !! If they do not explain the number of multipliers that cross the unit circle, some events occur
+  !! twice. Then both halves of the chord are searched.
   recursive subroutine find_events(path, one, other, blur, found, halvings)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
     !> Error of the multipliers.
     real(wp), intent(in) :: blur
     type(motion_event), allocatable, intent(inout) :: found(:)
-    !> Halvings that are left; at first as many as are allowed.
+    !> Remaining number of bisections; absent in the first call.
     integer, intent(in), optional :: halvings
     type(motion_event), allocatable :: first(:), second(:), grazings(:)
     type(motion_event) :: event
@@ -181,7 +181,7 @@ contains
       if (.not. value_one*value_other < 0.0_wp) cycle
       if (kind == event_pair .and. max(abs(value_one), abs(value_other)) <= 2.0_wp*blur) cycle
       call locate(path, one, other, kind, event)
-      ! Two real multipliers whose product passes 1 are on both sides of the circle.
+      ! Two real multipliers whose product crosses 1 are on both sides of the circle.
       if (kind == event_pair .and. event%has_point) then
         call find_nearest_pair(event%point, value_one, is_pair)
         if (.not. is_pair) cycle
@@ -205,8 +205,8 @@ contains
     end if
     call find_grazings(path, one, other, grazings)
     if (size(grazings) == 1) then
-      ! At a corner of the branch no motions are between two motions: events without a location are
-      ! at the corner.
+      ! At a corner of the branch there are no motions between the two points: events without a
+      ! location are at the corner.
       do i = 1, size(first)
         if (first(i)%has_point) cycle
         kind = first(i)%kind
@@ -231,7 +231,7 @@ contains
     call move_alloc(all_events, events)
   end subroutine append
 
-  !> By their places, equal ones in their order.
+  !> Sort by position; equal positions keep their order.
   subroutine sort_events(events)
     type(motion_event), intent(inout) :: events(:)
     type(motion_event) :: next
@@ -248,8 +248,8 @@ contains
     end do
   end subroutine sort_events
 
-  !> Whether events may change the number of multipliers outside the unit circle as it changes; also
-  !! if a multiplier is too near to the circle.
+  !> True if the events can cause the change in the number of multipliers outside the unit circle;
+  !! also if a multiplier is too near to the circle.
   logical function explains(kinds, one, other, blur)
     integer, intent(in) :: kinds(:)
     type(motion_point), intent(in) :: one, other
@@ -272,7 +272,7 @@ contains
     explains = possible(at_other - at_one)
   end function explains
 
-  !> How many multipliers are outside of the unit circle; -1: one is too near to it.
+  !> Number of multipliers outside the unit circle; -1 if one is too near to it.
   integer function n_outside(point, blur)
     type(motion_point), intent(in) :: point
     real(wp), intent(in) :: blur
@@ -282,7 +282,7 @@ contains
     if (any(abs(sizes - 1.0_wp) <= 2.0_wp*blur)) n_outside = -1
   end function n_outside
 
-  !> Where the number of switches changes, from the last such place to the first.
+  !> Locations where the number of switches changes, in descending order.
   subroutine find_grazings(path, one, other, found)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
@@ -310,10 +310,10 @@ contains
     end do
   end subroutine find_grazings
 
-  !> The last motion with the switches of one of two points on the way to the other.
+  !> The last motion with the same switches, from one of two points towards the other.
   !!
-  !! Where an impact begins, the branch has a corner, and no motions are across the way between
-  !! points on both sides of it. The branch is smooth up to there from the side without impact.
+  !! Where an impact begins, the branch has a corner, and there are no motions across the chord
+  !! between points on both sides of it. From the side without impact the branch is smooth up to it.
   subroutine find_last_before_corner(path, one, other, last, found)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
@@ -349,7 +349,7 @@ contains
     found = there > 0.0_wp .and. beyond < 2.0_wp*reach
   end subroutine find_last_before_corner
 
-  !> Note a point and its test function.
+  !> Store a point and the sign of its test function.
   subroutine see(self, part, point, value)
     class(seen_points), intent(inout) :: self
     real(wp), intent(in) :: part, value
@@ -365,7 +365,7 @@ contains
     self%order(self%n) = s
   end subroutine see
 
-  !> Where a test function passes 0 on the way, by Brent's method.
+  !> Locate the zero of a test function on the chord, by Brent's method.
   subroutine locate(path, one, other, kind, event, points)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
@@ -397,8 +397,8 @@ contains
     if (event%has_point) event%point = seen%last
   end subroutine locate
 
-  !> Brent's method (R. P. Brent, Algorithms for Minimization without Derivatives, 1973, 4); `lost`:
-  !! Newton's method finds no motion at some place.
+  !> Brent's method (R. P. Brent, Algorithms for Minimization without Derivatives, 1973, 4). `lost`
+  !! is true if Newton's method fails at some position.
   subroutine find_root(path, one, other, kind, root, seen, lost)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
@@ -491,7 +491,7 @@ contains
   end subroutine find_root
 
   !> The zero of a test function by its polynomial through points around it: at a branch point
-  !! Newton's equations are singular, and next to it no motion is found.
+  !! Newton's equations are singular, and no motion is found next to it.
   subroutine interpolate_event(path, one, other, kind, event)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
@@ -517,7 +517,7 @@ contains
       z(n, :) = point%z
     end do
     if (n < n_nodes - 2) return
-    ! With all points and without one: the difference is the error.
+    ! With all points, and without the first point: the difference is the error.
     call interpolated_roots(x(:n), values(:n), roots)
     call interpolated_roots(x(2:n), values(2:n), others)
     roots = [roots, others]

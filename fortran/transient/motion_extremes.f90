@@ -1,4 +1,4 @@
-!> The smallest and largest displacements of a motion that can be computed at any times.
+!> The smallest and largest displacements of a motion that can be evaluated at any time.
 module viscovib_motion_extremes
   use viscovib_kinds, only: wp
   use viscovib_sorting, only: sort_reals
@@ -22,19 +22,19 @@ module viscovib_motion_extremes
     end subroutine states_interface
   end interface
 
-  !> Corrections of the times of extremes: an impact takes a halving for each bit.
+  !> Corrections of the times of extremes: an impact needs one bisection per bit.
   integer, parameter :: max_turns = 60
   !> Intervals of time below this part of it are rounding error.
   real(wp), parameter :: narrow = 4.0e-16_wp
 
 contains
 
-  !> Zeros of the velocities by the rule of Illinois, all at once, until the remaining change of a
+  !> Zeros of the velocities by the Illinois method, all at once, until the remaining change of a
   !! displacement is at most `tolerance` times its size.
   subroutine find_extremes(motion, times, tolerance, low, high)
     class(timed_motion), intent(in) :: motion
     real(wp), intent(in) :: times(:), tolerance
-    !> Of each coordinate, shape (n_dof).
+    !> For each coordinate, shape (n_dof).
     real(wp), allocatable, intent(out) :: low(:), high(:)
     real(wp), allocatable :: t(:), states(:, :), more(:), a(:), b(:), at_a(:), at_b(:)
     real(wp), allocatable :: between(:), found(:, :), here(:), speed(:), size_of(:)

@@ -1,5 +1,5 @@
-!> Periodic motions in time along a parameter p: solutions of P(y, p) = y, where P is the map of a
-!! period (viscovib_period_map), in a fixed number of steps.
+!> Branches of periodic motions along a parameter p: solutions of P(y, p) = y, where P is the map
+!! of a period (viscovib_period_map), with a fixed number of steps.
 !!
 !! Points are z = (y, p), in units of the size of the first motion and of the range of p.
 module viscovib_motion_path
@@ -15,13 +15,13 @@ module viscovib_motion_path
 
   public :: map_family, map_motion, motion_path, motion_point, plain_family
 
-  !> Distance of differences by the parameter, as a part of it, and corrections below which the
-  !! derivative by the parameter is kept.
+  !> Relative step of differences by the parameter; correction below which the derivative by the
+  !! parameter is kept.
   real(wp), parameter :: difference = 1.0e-6_wp, settled = 1.0e-7_wp
   !> Relative change of differences to both sides above which their distance is reduced by this
   !! factor, and the smallest distance.
   real(wp), parameter :: straight = 1.0e-2_wp, nearer = 1.0_wp/32.0_wp, nearest = 5.0e-13_wp
-  !> Distances behind a corner at which its other side is sought, and at which motions on it are.
+  !> Distances after a corner at which its other side is searched, and of the motions on that side.
   real(wp), parameter :: behind(4) = [1.0e-8_wp, 1.0e-7_wp, 1.0e-6_wp, 1.0e-5_wp], &
                          on(5) = [1.0e-7_wp, 1.0e-6_wp, 1.0e-5_wp, 1.0e-4_wp, 1.0e-3_wp]
   !> Relative error of extremes.
@@ -35,7 +35,7 @@ module viscovib_motion_path
   end type map_family
 
   abstract interface
-    !> The map at p, valid until the next call; `made` is false where there is none.
+    !> The map at p, valid until the next call; `made` is false if there is none.
     subroutine map_interface(self, p, map, made)
       import :: map_family, period_map, wp
       class(map_family), intent(inout), target :: self
@@ -45,7 +45,7 @@ module viscovib_motion_path
     end subroutine map_interface
   end interface
 
-  !> Along the frequency of the load, or the factor of the load.
+  !> Along the frequency of the load, or along the factor of the load.
   type, extends(map_family) :: plain_family
     type(period_map) :: map
     logical :: is_frequency = .true.
@@ -80,7 +80,7 @@ module viscovib_motion_path
     integer(i8) :: n_steps = 1
     !> The size of the first motion, and the allowed error of states.
     real(wp) :: size = 1.0_wp, tolerance = 0.0_wp
-    !> Of z.
+    !> Units of z.
     real(wp), allocatable :: units(:)
   contains
     procedure :: set_units
@@ -129,7 +129,7 @@ contains
     call multipliers_of(self%by_start, multipliers)
   end function multipliers
 
-  !> The derivatives and the tangent, a square matrix.
+  !> The derivatives and the tangent as a square matrix.
   pure function bordered(self) result(matrix)
     class(motion_point), intent(in) :: self
     real(wp) :: matrix(size(self%z), size(self%z))
@@ -137,13 +137,13 @@ contains
     matrix(size(self%z), :) = self%tangent
   end function bordered
 
-  !> The sign of its determinant: it changes at branch points only.
+  !> The sign of the determinant of `bordered`: it changes at branch points only.
   pure real(wp) function orientation(self)
     class(motion_point), intent(in) :: self
     orientation = sign_of_determinant(self%bordered())
   end function orientation
 
-  !> Units by the map at the beginning and the size of its motion.
+  !> Set the units from the map at the beginning and the size of its motion.
   subroutine set_units(self, map)
     class(motion_path), intent(inout) :: self
     type(period_map), intent(in) :: map
@@ -180,12 +180,12 @@ contains
     end if
   end subroutine run_at
 
-  !> The map at z and its derivatives in units of z, that by the parameter with a new distance of
-  !! differences, or as given.
+  !> The map at z and its derivatives in units of z. The derivative by the parameter is computed
+  !! with an adapted step of differences, or kept.
   subroutine find_slopes(self, z, keep, by_p, distance, ran, slopes, found)
     class(motion_path), intent(in) :: self
     real(wp), intent(in) :: z(:)
-    !> Whether the derivative by the parameter is kept.
+    !> True to keep the derivative by the parameter.
     logical, intent(in) :: keep
     real(wp), allocatable, intent(inout) :: by_p(:)
     real(wp), intent(inout) :: distance
@@ -216,8 +216,8 @@ contains
 
   !> The derivative of the end of a motion by the parameter, by differences.
   !!
-  !! Derivatives grow like the square root of the depth to which a law is entered: near grazing,
-  !! differences across it are those of neither side.
+  !! Derivatives grow like the square root of the penetration of a law: near grazing,
+  !! differences across it are wrong on both sides.
   subroutine by_parameter(self, y, p, here, distance, by_p, found)
     class(motion_path), intent(in) :: self
     real(wp), intent(in) :: y(:), p, here(:)
@@ -246,7 +246,7 @@ contains
     end do
   end subroutine by_parameter
 
-  !> The motion nearest to a guess across a direction; `found` is false if Newton's method fails.
+  !> Correct a guess in the plane across a direction; `found` is false if Newton's method fails.
   subroutine correct(self, guess, along, point, found)
     class(motion_path), intent(in) :: self
     real(wp), intent(in) :: guess(:), along(:)
@@ -263,7 +263,7 @@ contains
     before = 0.25_wp*huge(before)
     distance = difference
     do turn = 1, max_iterations
-      ! So near to the end the derivative by the parameter no longer changes.
+      ! So near to convergence the derivative by the parameter no longer changes.
       call self%find_slopes(point%z, turn > 1 .and. distance >= difference &
                             .and. before <= settled, by_p, distance, ran, point%slopes, found)
       if (.not. found) return
@@ -294,7 +294,7 @@ contains
     found = .false.
   end subroutine correct
 
-  !> A point on the way between two points.
+  !> A point on the chord between two points.
   subroutine between(self, one, other, part, point, found)
     class(motion_path), intent(in) :: self
     type(motion_point), intent(in) :: one, other
@@ -306,9 +306,9 @@ contains
     call self%correct(one%z + part*chord, chord/norm2(chord), point, found)
   end subroutine between
 
-  !> The next point where the branch has a corner, as where an impact begins.
+  !> The next point after a corner of the branch, for example where an impact begins.
   !!
-  !! Behind it the branch continues in the null direction of the derivatives of the other side. The
+  !! After it the branch continues in the null direction of the derivatives of the other side. The
   !! sign of the determinant, which is constant, distinguishes forwards and backwards.
   subroutine round_corner(self, here, next, found)
     class(motion_path), intent(in) :: self
@@ -338,7 +338,7 @@ contains
     found = .false.
   end subroutine round_corner
 
-  !> A clause of a message: whether laws switch otherwise next to a point.
+  !> A clause of a message: whether the number of switches is different near a point.
   function switches_ahead(self, here) result(text)
     class(motion_path), intent(in) :: self
     type(motion_point), intent(in) :: here

@@ -1,13 +1,13 @@
-!> The accelerations at the nodes of a collocation step by Newton's method, for systems that know
-!! their derivatives.
+!> The accelerations at the nodes of a collocation step by Newton's method, for systems with
+!! derivatives.
 !!
 !! With the states q, v that accelerations f give at the nodes (h^2 A_q and h A being the sums over
 !! nodes), the equations are f = a(q, v). With r = a - f a step is f + (1 - M)^(-1) r,
 !!
 !!   M d = (da/dq) h^2 A_q d + (da/dv) h A d,
 !!
-!! so that f becomes a + M r + M^2 r + ..., as many terms as matter compared with a step of Newton's
-!! method leaves. Each costs the sums over nodes alone, much less than a law does.
+!! so that f becomes a + M r + M^2 r + ..., summed until the terms are small compared with the error
+!! of the Newton step. Each term costs only the sums over nodes, much less than a law.
 module viscovib_node_newton
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
@@ -18,14 +18,14 @@ module viscovib_node_newton
 
   public :: newton_nodes
 
-  !> Steps of the method, and terms of the series of one.
+  !> Largest number of Newton steps, and of terms of the series of one step.
   integer, parameter :: max_steps = 8, max_terms = 30
-  !> A series may grow at first, being that of a matrix that is not normal.
+  !> Number of terms that may grow at first, since the matrix may not be normal.
   integer, parameter :: may_grow = 4
-  !> A step leaves the square of the relative change before it, as a rule; the series is summed to
-  !! this part of that, and of what is wanted.
+  !> A step usually reduces the relative change to its square; the series is summed to
+  !! this part of that, and of the tolerance.
   real(wp), parameter :: fine = 0.1_wp
-  !> By how much the error may be larger than the squares show.
+  !> Safety factor of the error estimate from the squares.
   real(wp), parameter :: margin = 10.0_wp
 
 contains
@@ -38,8 +38,8 @@ contains
     real(wp), intent(in) :: times(n_lanes, blocks)
     real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
     real(wp), intent(in) :: drive(n_lanes, max_dof, blocks), q_0(max_dof), v_0(max_dof)
-    !> Sum of the sizes of accelerations, the change of that sum that is wanted; of displacements
-    !! the rounding error, and the square of the step.
+    !> Sum of the sizes of accelerations, tolerance of the change of that sum; rounding error of
+    !! displacements, and the square of the step.
     real(wp), intent(in) :: total, wanted, lost, h_2
     real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), f_new(n_lanes, max_dof, blocks)
     real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)
@@ -67,8 +67,8 @@ contains
       end do
       if (.not. change <= system%range%push) return
       if (k > 2 .and. change > before) then
-        ! Where accelerations are what large terms leave, rounding is all that still changes.
-        ! Under stiff forces that of the places is so many times as much.
+        ! If accelerations are small differences of large terms, only rounding still changes them.
+        ! Stiff forces amplify the rounding of displacements by this factor.
         stiff = max(1.0_wp, h_2*maxval(abs(by_q(:, :n**2, :blocks))))
         converged = h_2*change <= lost*stiff
         return
@@ -89,14 +89,14 @@ contains
       before = change
     end do
     converged = k <= max_steps
-    ! States inside the step are asked for.
+    ! The states at the nodes are needed for interpolation.
     do b = 1, blocks
       call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
                        v(1, 1, b))
     end do
   end subroutine newton_nodes
 
-  !> Put new accelerations in the place of old ones, and what has changed in theirs.
+  !> Replace the old accelerations by the new ones, and those by the differences.
   pure subroutine part(n, new, old, change)
     integer, intent(in) :: n
     real(wp), intent(inout) :: new(n_lanes, n), old(n_lanes, n), change
@@ -116,7 +116,7 @@ contains
     change = change + lane_sum(sizes)
   end subroutine part
 
-  !> M of one coordinate in one block, a column a node.
+  !> M of one coordinate in one block, one column per node.
   pure subroutine make_columns(sums, by_q, by_v, columns)
     real(wp), intent(in) :: sums(n_lanes, 2, n_lanes), by_q(n_lanes), by_v(n_lanes)
     real(wp), intent(out) :: columns(n_lanes, n_lanes)
@@ -129,7 +129,7 @@ contains
     end do
   end subroutine make_columns
 
-  !> The series of one coordinate in one block: `add_series` with M at hand.
+  !> The series of one coordinate in one block: `add_series` with the matrix M.
   pure subroutine add_one_series(columns, left, most, f, r, summed)
     real(wp), intent(in) :: columns(n_lanes, n_lanes), left, most
     real(wp), intent(inout) :: f(n_lanes), r(n_lanes)
@@ -162,16 +162,16 @@ contains
     end do
   end subroutine add_one_series
 
-  !> f + M r + M^2 r + ..., r being what `r` holds at first.
+  !> f + M r + M^2 r + ..., with the initial content of `r`.
   pure subroutine add_series(n, blocks, times, sums, by_q, by_v, left, most, f, r, q, v, summed)
     integer, intent(in) :: n, blocks
     real(wp), intent(in) :: times(n_lanes, blocks)
     real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
     real(wp), intent(in) :: by_q(n_lanes, most_sloped**2, 2), by_v(n_lanes, most_sloped**2, 2)
-    !> What may be left out; terms above the other run away.
+    !> Tolerance of the sum; terms above `most` diverge.
     real(wp), intent(in) :: left, most
     real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), r(n_lanes, max_dof, blocks)
-    !> Room.
+    !> Workspace.
     real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)
     logical, intent(out) :: summed
     real(wp) :: nothing(max_dof), size_of, before, expected
@@ -200,7 +200,7 @@ contains
     end do
   end subroutine add_series
 
-  !> A term of the series in a block, and the sum with it.
+  !> Compute the next term of the series in a block, and add it to the sum.
   pure subroutine next_term(n, by_q, by_v, q, v, term, total, size_of)
     integer, intent(in) :: n
     real(wp), intent(in) :: by_q(n_lanes, n, n), by_v(n_lanes, n, n), q(n_lanes, n), v(n_lanes, n)

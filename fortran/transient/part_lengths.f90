@@ -1,4 +1,4 @@
-!> How long a part of a step may be because of the forces on it.
+!> Limits for the length of a part of a step due to the forces on it.
 module viscovib_part_lengths
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -11,15 +11,15 @@ module viscovib_part_lengths
 
 contains
 
-  !> How long the part just made should have been because of thin layers of forces in it. Once one
-  !! may have been missed, all that follow are seen well.
+  !> Length that the last part should have had because of thin layers of forces in it. Once a layer
+  !! may have been missed, all later parts resolve layers.
   subroutine look_for_layers(path, system, until, h, length)
     type(step_path), intent(in) :: path
     class(driven_system_type), intent(inout) :: system
-    !> Where the step ends; the part's length.
+    !> End of the step; length of the part.
     real(wp), intent(in) :: until, h
     real(wp), intent(out) :: length
-    !> The shortest part as one of the step of the run; a part is made that much shorter at once.
+    !> Shortest part relative to the step of the run; largest reduction at once.
     real(wp), parameter :: least = 1.0e-12_wp, most = 1.0_wp/32.0_wp
     real(wp) :: thin
 
@@ -34,15 +34,15 @@ contains
     end if
   end subroutine look_for_layers
 
-  !> The same because of stiff forces, up to a place of the part. Parts that end or begin on a
-  !! surface, and those of steps that could not be made at once, may be the same in steps of any
-  !! length: no comparison of runs would show their errors.
+  !> The same for stiff forces, up to a position in the part. Parts that end or begin on a
+  !! surface, and parts of steps that failed as a whole, may be equal for all step
+  !! sizes: a comparison of runs would not show their errors.
   subroutine look_for_stiff(path, system, place, h, length)
     type(step_path), intent(in) :: path
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: place, h
     real(wp), intent(inout) :: length
-    !> Parts at most.
+    !> Largest number of parts.
     real(wp), parameter :: most = 1.0e6_wp
     real(wp) :: longest
     integer :: n

@@ -1,8 +1,8 @@
-!> How sure passages are: by those of another run in other steps, and by what errors of states make
-!! of their times.
+!> Error estimates of events: from another run with a different step size, and from the effect of
+!! errors of states on their times.
 !!
-!! A function g of the state that is off by d passes 0 later or earlier by d/|g'|, near grazing by
-!! as much as the square root of 2 d/|g''|: there it may not pass at all.
+!! A function g of the state with error d crosses 0 later or earlier by d/|g'|, near grazing by
+!! up to the square root of 2 d/|g''|: there it may not cross 0 at all.
 module viscovib_passage_errors
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
@@ -15,27 +15,27 @@ module viscovib_passage_errors
 
   public :: passage_errors
 
-  !> Rounding of what a function reads.
+  !> Relative rounding error of the arguments of a function.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
-  !> Passages ahead that are compared, too: inside a step two polynomials may be near to each other
-  !! by chance at any one.
+  !> Number of subsequent events that are compared, too: inside a step the difference of two
+  !! polynomials may be small by chance at a single event.
   integer, parameter :: ahead = 2
 
 contains
 
-  !> Errors of the time of each passage, and of the largest of its state; NaN where the other run
-  !! has no such event, though errors of states do not show that it may be missing.
+  !> Errors of the time of each event, and the largest error of its state; NaN if the other run
+  !! has no such event although the errors of states do not explain this.
   subroutine passage_errors(vector, own, other, times, apart, least, span, compared, errors)
-    !> Functions, as of `new_watch`.
+    !> Functions, as in `new_watch`.
     real(wp), intent(in) :: vector(:)
-    !> Passages of a run and of the other, a column each: which function, time, state (2 n),
-    !! accelerations (n), rate and bend of the function (`change_at`). Those of one function ascend.
+    !> Events of this run and of the other, a column each: index of the function, time, state (2 n),
+    !! accelerations (n), rate and bend of the function (`change_at`). Ascending for each function.
     real(wp), intent(in) :: own(:, :), other(:, :)
-    !> Times ascending, and by how much states of the two runs differ there, a column each.
+    !> Times, ascending, and differences of the states of the two runs there, a column each.
     real(wp), intent(in) :: times(:), apart(:, :)
-    !> What states are off by at least; where the shorter of the runs begins and ends.
+    !> Smallest error of states; start and end of the shorter run.
     real(wp), intent(in) :: least, span(2)
-    !> Whether states of passages of the two can be compared.
+    !> True if states at events of both runs can be compared.
     logical, intent(in) :: compared
     !> Shape (2, size(own, 2)).
     real(wp), intent(out) :: errors(:, :)
@@ -74,7 +74,7 @@ contains
         if (known .and. partner(i) == 0 .and. .not. may_vanish) then
           known = t + 2.0_wp*errors(1, i) >= span(2) .or. t - 2.0_wp*errors(1, i) <= span(1)
           if (.not. known .and. is_of_pair(own, n, i)) then
-            ! The other run keeps off 0 where this one passes it twice.
+            ! The other run does not reach 0 where this one crosses it twice.
             known = .true.
             errors(1, i) = abs(rate)/bend
           end if
@@ -89,12 +89,12 @@ contains
     end do
   end subroutine passage_errors
 
-  !> Whether a function passes 0 and comes back as its curvature shows, on either side of an
+  !> True if a function crosses 0 and returns according to its curvature, on either side of an
   !! extremum.
   pure logical function is_of_pair(own, n, i)
     real(wp), intent(in) :: own(:, :)
     integer, intent(in) :: n, i
-    !> How far the other passage is, in distances of this one from the extremum; it would be 2.
+    !> Distance of the other event, relative to that of this one from the extremum; ideally 2.
     real(wp), parameter :: across = 4.0_wp
     associate (rate => own(3*n + 3, i), bend => own(3*n + 4, i))
       is_of_pair = bend > 0.0_wp .and. count(nint(own(1, :)) == nint(own(1, i)) &
@@ -102,7 +102,7 @@ contains
     end associate
   end function is_of_pair
 
-  !> Of each passage the same of the other run, 0: it has none. Both are the nearest to each other.
+  !> The matching event of the other run, 0 if none. Both must be nearest to each other.
   pure subroutine find_partners(own, other, n, partner)
     real(wp), intent(in) :: own(:, :), other(:, :)
     integer, intent(in) :: n
@@ -115,13 +115,13 @@ contains
     do i = 1, size(own, 2)
       if (nearest(i) == 0) cycle
       if (back(nearest(i)) /= i) cycle
-      ! What rises does not fall.
+      ! A rising signal does not match a falling one.
       if (own(3*n + 3, i)*other(3*n + 3, nearest(i)) < 0.0_wp) cycle
       partner(i) = nearest(i)
     end do
   end subroutine find_partners
 
-  !> Of each passage of one run the nearest of another, of the same function; 0: there is none.
+  !> The nearest event of the other run for the same function; 0 if there is none.
   pure subroutine find_nearest(one, other, nearest)
     real(wp), intent(in) :: one(:, :), other(:, :)
     integer, intent(out) :: nearest(:)
@@ -149,7 +149,7 @@ contains
     end do
   end subroutine find_nearest
 
-  !> Take in by how much two states differ, apart from what their times differ by.
+  !> Update the differences of two states, corrected for the difference of their times.
   pure subroutine compare(one, other, n, off)
     real(wp), intent(in) :: one(:), other(:)
     integer, intent(in) :: n
@@ -162,7 +162,7 @@ contains
     off = max(off, abs(states - 0.5_wp*later*paces))
   end subroutine compare
 
-  !> What errors of a state make of a function, and rounding; at a jump the largest of those read.
+  !> Error of a function from errors of a state and rounding; at a jump the largest argument error.
   pure real(wp) function slack_of(law, t, state, off, bend) result(slack)
     type(law_program), intent(in) :: law
     real(wp), intent(in) :: t, state(:), off(:), bend
@@ -193,11 +193,11 @@ contains
     slack = slack + range%noise
   end function slack_of
 
-  !> By how much a time is off of a function that is off by `slack`.
+  !> Error of the zero of a function with the error `slack`.
   pure subroutine time_error(slack, rate, bend, error, may_vanish)
     real(wp), intent(in) :: slack, rate, bend
     real(wp), intent(out) :: error
-    !> Whether the function may not pass 0 at all.
+    !> True if the function may not cross 0 at all.
     logical, intent(out) :: may_vanish
     real(wp) :: rest
     rest = rate**2 - 2.0_wp*max(bend, 0.0_wp)*slack

@@ -1,5 +1,5 @@
-!> The time of a passage by steps of their own from the start of a step, of functions that may be
-!! thin: their slope at one place says nothing of the next.
+!> The time of an event by separate steps from the start of a step, for functions that may be
+!! thin: their slope at one position does not predict the next.
 module viscovib_passage_time
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: signal_along
@@ -12,20 +12,20 @@ module viscovib_passage_time
 
   public :: settle_thin
 
-  !> Moves along the motion to where its polynomial has the passage; the first reach about it, as a
-  !! part of it, how often it grows and how much; parts of the reach at most.
+  !> Numbers of corrections along the motion, of enlargements of the search, and of iterations;
+  !! first radius of the search relative to the position, factor of enlargement, largest shift.
   integer, parameter :: n_moves = 3, n_reaches = 16, n_turns = 80
   real(wp), parameter :: first_reach = 8.0_wp*epsilon(1.0_wp), growth = 8.0_wp, furthest = 1.0e-3_wp
 
-  !> A signal along the motion in a step as the method makes it, on its side above 0.
+  !> A signal along the motion that the method computes in a step, positive before the event.
   type :: signal_of_method
-    !> The method where the step begins.
+    !> The method at the start of the step.
     class(stepper_type), pointer :: start => null()
     class(driven_system_type), pointer :: system => null()
     class(watched_function), pointer :: signal => null()
     type(step_path), pointer :: path => null()
     integer :: side = 1
-    !> Whether the last step was made, and the state there.
+    !> True if the last step succeeded, and the state there.
     logical :: made = .true.
     real(wp), allocatable :: q(:), v(:)
   contains
@@ -35,11 +35,11 @@ module viscovib_passage_time
 
 contains
 
-  !> The place at which the method itself has a passage, near that of the polynomial of its step,
-  !! and the state there. Where there is none, the place stays, and the state is that of the
+  !> Position of an event of the method itself, near the event of the polynomial of its step,
+  !! and the state there. If there is none, the position is unchanged, and the state is that of the
   !! polynomial.
   subroutine settle_thin(start, system, signal, side, path, place, q, v)
-    !> The method where the step begins.
+    !> The method at the start of the step.
     class(stepper_type), intent(in), target :: start
     class(driven_system_type), intent(in), target :: system
     class(watched_function), intent(in), target :: signal
@@ -61,13 +61,13 @@ contains
     along%q = q
     along%v = v
     call path%at([place], t, here, rate)
-    ! The state of the polynomial is one of the method a little earlier or later.
+    ! The state of the polynomial is a state of the method a little earlier or later.
     x = place
     do i = 1, n_moves
       call along%go(x)
       if (.not. along%made) exit
       reach = sum((along%q - here(1, :))*along%v)/max(path%h*sum(along%v*along%v), tiny(1.0_wp))
-      ! At rest it says nothing.
+      ! At rest this shift is meaningless.
       if (.not. abs(x - reach - place) <= furthest) exit
       x = min(max(x - reach, 0.0_wp), 1.0_wp)
     end do
@@ -93,16 +93,16 @@ contains
     v = along%v
   end subroutine settle_thin
 
-  !> The error of the polynomial may exceed the signal beyond 0 near grazing: then its
-  !! passage is far from that of the method, which is near the same extremum.
+  !> Near grazing the error of the polynomial may exceed the signal beyond 0: then its
+  !! event is far from that of the method, but both are near the same extremum.
   subroutine look_about_extremum(along, place, low, high, ends, found)
     type(signal_of_method), intent(inout) :: along
-    !> The passage of the polynomial; places about that of the method, and values there.
+    !> The event of the polynomial; bracket of the event of the method, and values at its ends.
     real(wp), intent(in) :: place
     real(wp), intent(inout) :: low, high, ends(2)
     logical, intent(out) :: found
-    !> Distance of the values that determine an extremum, as a part of the step, how far it
-    !! may be, and how often it is taken, and the other side looked for.
+    !> Distance of the samples that determine an extremum, relative to the step, its largest
+    !! shift, number of refinements, and number of search steps for the other side.
     real(wp), parameter :: beside = 1.0e-4_wp, widest = 0.1_wp
     integer, parameter :: n_takes = 3, n_looks = 8
     real(wp) :: s(3), centre, wide, move, reach, there
@@ -136,7 +136,7 @@ contains
     end do
   end subroutine look_about_extremum
 
-  !> Bring both sides of a passage together.
+  !> Reduce the bracket of an event.
   subroutine close_in(along, low, high, ends)
     type(signal_of_method), intent(inout) :: along
     real(wp), intent(inout) :: low, high, ends(2)
@@ -146,7 +146,7 @@ contains
     last = 0
     do i = 1, n_turns
       x = low + (high - low)*(ends(1)/(ends(1) - ends(2)))
-      ! Where the signal is 0 at an end but for rounding, secants stay there.
+      ! If the signal is 0 at an end but for rounding, secants stay there.
       if (modulo(i, 3) == 0 .or. x <= low .or. x >= high) x = 0.5_wp*(low + high)
       if (high - low <= 2.0_wp*epsilon(1.0_wp)*high .or. x <= low .or. x >= high) exit
       g = along%value(x)
@@ -164,7 +164,7 @@ contains
     end do
   end subroutine close_in
 
-  !> To the state at a place.
+  !> Advance to a position.
   subroutine go(self, x)
     class(signal_of_method), intent(inout) :: self
     real(wp), intent(in) :: x
@@ -177,7 +177,7 @@ contains
     end if
   end subroutine go
 
-  !> The signal there.
+  !> The signal at a position.
   real(wp) function value(self, x)
     class(signal_of_method), intent(inout) :: self
     real(wp), intent(in) :: x

@@ -1,8 +1,8 @@
 !> The map of a state over one or more periods of the load, and its derivative.
 !!
-!! A state are coordinates and velocities alternately, then the rates of hidden states of memory by
-!! exponentials. Steps end where laws switch. The derivative is that of the collocation times the
-!! jump of perturbations at each switch (viscovib_motion_beside).
+!! A state consists of coordinates and velocities alternately, then the rates of hidden states of
+!! memory by exponentials. Steps end where laws switch. The derivative is that of the collocation
+!! times the jump of perturbations at each switch (viscovib_motion_beside).
 module viscovib_period_map
   use viscovib_constants, only: pi
   use viscovib_fitted_memory, only: bound_hidden, needs_fit
@@ -25,8 +25,8 @@ module viscovib_period_map
 
   public :: new_period_map, period_map, period_run
 
-  !> Steps per period of the fastest linear motion at first, per period of the load at least, and
-  !! in all at most.
+  !> First number of steps per period of the fastest linear motion, smallest number per period of
+  !! the load, and largest total.
   real(wp), parameter :: first_per_period = 4.0_wp, most_first_steps = 1.0e9_wp
   integer, parameter :: least_per_period = 4
   !> Relative change at which the iterations of a step end.
@@ -37,7 +37,7 @@ module viscovib_period_map
     type(load_type) :: load
     !> Frequency of the load, and of the fastest motion (rad/s).
     real(wp) :: nu = 1.0_wp, fastest = 0.0_wp
-    !> Periods of the load; the method as of `viscovib_method_catalogue`.
+    !> Periods of the load; the method as in `viscovib_method_catalogue`.
     integer :: n_periods = 1, method = 1
     integer :: n_dof = 0, n_hidden = 0
   contains
@@ -52,15 +52,15 @@ module viscovib_period_map
 
   !> A motion over the time of the map.
   type :: period_run
-    !> The last state, and its derivatives by the first, 0 if they were not followed.
+    !> The last state, and its derivatives by the first, 0 if they were not computed.
     real(wp), allocatable :: last(:), by_start(:, :)
-    !> States without hidden ones at the wanted times, as many as were reached.
+    !> States without hidden ones at the requested times, as many as were reached.
     real(wp), allocatable :: at_times(:, :)
     integer :: n_reached = 0
-    !> Switches of laws on the way.
+    !> Number of switches of laws.
     integer :: n_passed = 0
-    !> How it ended as of `viscovib_simulate`, when, and whether the derivatives exist: at a grazing
-    !! contact there are none.
+    !> Outcome as in `viscovib_simulate`, its time, and true if the derivatives exist: at a grazing
+    !! contact they do not.
     integer :: outcome = run_completed
     real(wp) :: reached = 0.0_wp
     logical :: known = .true.
@@ -143,7 +143,7 @@ contains
     weights(1:2*self%n_dof:2) = 1.0_wp
   end function weights
 
-  !> The largest entry of a state or of a difference of states, with these factors.
+  !> The largest entry of a state or of a difference of states, multiplied by these weights.
   pure real(wp) function size_of(self, state)
     class(period_map), intent(in) :: self
     real(wp), intent(in) :: state(:)
@@ -162,19 +162,19 @@ contains
                       ceiling(min(first_steps_of(self), most_first_steps), i8))
   end function first_steps
 
-  !> Whether the end was reached, with the derivatives if these were wanted.
+  !> True if the end was reached, with the derivatives if requested.
   pure logical function is_complete(self)
     class(period_run), intent(in) :: self
     is_complete = self%outcome == run_completed .and. self%known
   end function is_complete
 
-  !> The motion from a state in so many steps.
+  !> The motion from a state in a given number of steps.
   subroutine run(self, state, n_steps, ran, times, derivatives)
     class(period_map), intent(in) :: self
     real(wp), intent(in) :: state(:)
     integer(i8), intent(in) :: n_steps
     type(period_run), intent(out) :: ran
-    !> Ascending times at which states are wanted; whether derivatives are, else they are.
+    !> Ascending times of requested states; whether to compute derivatives (default: yes).
     real(wp), intent(in), optional :: times(:)
     logical, intent(in), optional :: derivatives
     type(polynomial_motion_type) :: motion
@@ -197,10 +197,10 @@ contains
     allocate (ran%by_start(size(state), merge(size(state), 0, followed)), source=0.0_wp)
     allocate (ran%at_times(2*n, size(wanted)), source=0.0_wp)
     call new_fitted_motion(motion, self%system, self%load, self%nu, h, h*n_steps, status)
-    ! Of a system that varies the checks are those of its first value.
+    ! For a varied system the checks were made at its first value.
     ran%known = .not. status%failed()
     if (.not. ran%known) return
-    ! Displacements that represent memory act on nothing, and begin with 0.
+    ! Displacements that represent memory have no effect, and begin with 0.
     allocate (hidden(motion%n_hidden), source=0.0_wp)
     call new_stepper(stepper, motion, self%method, [state(1:2*n:2), hidden], &
                      [state(2:2*n:2), state(2*n + 1:)], 0.0_wp, h, of_a_step)
@@ -221,7 +221,7 @@ contains
 
   subroutine take_derivatives(along, n, n_all, ran)
     type(motion_beside), intent(in) :: along
-    !> Coordinates, and these with hidden ones.
+    !> Number of coordinates, without and with hidden ones.
     integer, intent(in) :: n, n_all
     type(period_run), intent(inout) :: ran
     real(wp) :: whole(2*n_all, 2*n_all)
@@ -230,7 +230,7 @@ contains
     ran%n_passed = along%n_passed
     ran%known = along%known
     if (.not. ran%known) return
-    ! Of all coordinates, then of all velocities, the place of each number of the state.
+    ! Index of each number of the state among all coordinates, then all velocities.
     place(:2*n) = [([i, n_all + i], i=1, n)]
     place(2*n + 1:) = [(n_all + i, i=n + 1, n_all)]
     whole(:n_all, :) = along%q
@@ -239,7 +239,7 @@ contains
     ran%known = all(abs(ran%by_start) <= huge(1.0_wp))
   end subroutine take_derivatives
 
-  !> Newton's step (1 - P')^-1 left to a state that repeats, and the factor `enlarged` by which the
+  !> Newton's step (1 - P')^-1 left towards a periodic state, and the factor `enlarged` by which the
   !! inverse amplifies errors.
   subroutine step_back(self, by_start, left, step, enlarged)
     class(period_map), intent(in) :: self
@@ -251,7 +251,7 @@ contains
 
     n = size(left)
     allocate (weights, source=self%weights())
-    ! So no unit of time makes a small singular value.
+    ! Balanced, so that the unit of time does not cause small singular values.
     allocate (balanced, source=-spread(weights, 2, n)*by_start/spread(weights, 1, n))
     do i = 1, n
       balanced(i, i) = balanced(i, i) + 1.0_wp

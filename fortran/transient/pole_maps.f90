@@ -1,11 +1,11 @@
-!> What of the rest of a structure has no real modes, over one step: z_m' = pole_m z_m + p_m,
-!! w_j = Re sum_m left_mj z_m, one of each conjugate pair standing for both.
+!> The part of a linear subsystem without real modes, over one step: z_m' = pole_m z_m + p_m,
+!! w_j = Re sum_m left_mj z_m, with one pole of each conjugate pair.
 !!
 !!   z(c h) = exp(pole c h) z(0) + integral_0^(c h) exp(pole (c h - t)) p(t) dt,
 !!   p_m = sum_l right_ml f_l(t) + sum_k (sine_mk sin nu_k t + cosine_mk cos nu_k t),
 !!
-!! f_l polynomials through the nodes as in `viscovib_modal_maps`. The last `n_at_once` of them stand
-!! for what has no mass: z_m = p_m. Their rates are those of p_m, the polynomials' slopes.
+!! f_l polynomials through the nodes as in `viscovib_modal_maps`. The last `n_at_once` variables
+!! are massless (instantaneous): z_m = p_m. Their rates are those of p_m, from the polynomials.
 module viscovib_pole_maps
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
@@ -20,19 +20,19 @@ module viscovib_pole_maps
   type :: poles_type
     !> Shape (n) (1/s).
     complex(wp), allocatable :: poles(:)
-    !> What is seen of them and pushes them, shapes (n, n_seen) and (n, n_pushed).
+    !> Output and input coefficients, shapes (n, n_seen) and (n, n_pushed).
     complex(wp), allocatable :: left(:, :), right(:, :)
-    !> By waves, shape (n, n_waves).
+    !> Forcing by harmonic loads, shape (n, n_waves).
     complex(wp), allocatable :: sine(:, :), cosine(:, :)
-    !> By a jump of the base and of its velocity, shape (n).
+    !> Change due to a jump of the base and of its velocity, shape (n).
     complex(wp), allocatable :: by_base(:), by_base_rate(:)
-    !> How many of them, the last, follow their forces at once.
+    !> Number of instantaneous variables, the last ones.
     integer :: n_at_once = 0
   end type poles_type
 
   type :: pole_map_type
-    !> Gains by the state at the nodes and the end, shape (n, s+1); at the end by forces at the
-    !! nodes, shape (n, s).
+    !> Gains by the state at the nodes and the end, shape (n, s+1); gains at the end by forces at
+    !! the nodes, shape (n, s).
     complex(wp), allocatable :: by_z(:, :), gain(:, :)
     !> Slopes at the end of polynomials of unit value at one node, shape (s).
     real(wp), allocatable :: slope(:)
@@ -40,9 +40,9 @@ module viscovib_pole_maps
 
 contains
 
-  !> The maps, and what they add to those of the deflections and of what swings: rows
-  !! (j-1)(s+1)+p, and in `swing` at the end rows of Re z, then of Im z, then of the rates of what
-  !! follows at once.
+  !> The maps, and their contributions to the maps of the deflections and of harmonic loads: rows
+  !! (j-1)(s+1)+p, and in `swing` at the end rows of Re z, then of Im z, then of the rates of
+  !! instantaneous variables.
   subroutine new_pole_map(map, poles, frequencies, coefficients, table, h, answer, swing)
     type(pole_map_type), intent(out) :: map
     type(poles_type), intent(in) :: poles
@@ -106,7 +106,7 @@ contains
     end do
   end subroutine new_pole_map
 
-  !> By polynomials of unit value at one node, over a time `now`.
+  !> Gains by polynomials of unit value at one node, over a time `now`.
   pure subroutine pole_gain(pole, now, coefficients, gain)
     complex(wp), intent(in) :: pole
     real(wp), intent(in) :: now, coefficients(:, :)
@@ -116,7 +116,7 @@ contains
     gain = now*matmul(moments, coefficients)
   end subroutine pole_gain
 
-  !> Answer to sine sin(nu t + phi) + cosine cos(nu t + phi): factors of sin phi and of cos phi.
+  !> Response to sine sin(nu t + phi) + cosine cos(nu t + phi): factors of sin phi and of cos phi.
   pure function pole_wave(pole, nu, now, sine, cosine) result(waved)
     complex(wp), intent(in) :: pole, sine, cosine
     real(wp), intent(in) :: nu, now
@@ -128,7 +128,7 @@ contains
     waved = [sine*of_cosine - cosine*of_sine, sine*of_sine + cosine*of_cosine]
   end function pole_wave
 
-  !> The same of what follows at once, x = nu t: sine sin(x + phi) + cosine cos(x + phi).
+  !> The same for instantaneous variables, x = nu t: sine sin(x + phi) + cosine cos(x + phi).
   pure function wave_at_once(x, sine, cosine) result(waved)
     real(wp), intent(in) :: x
     complex(wp), intent(in) :: sine, cosine
@@ -158,7 +158,7 @@ contains
     end associate
   end function slopes_of_nodes
 
-  !> a + what deflections gain by the state alone, at each point.
+  !> Add the change of deflections due to the state alone, at each point, to a.
   pure subroutine add_pole_points(map, poles, z, a)
     type(pole_map_type), intent(in) :: map
     type(poles_type), intent(in) :: poles
@@ -183,13 +183,13 @@ contains
     seen_of_poles = sum(real(left)*real(z) - aimag(left)*aimag(z))
   end function seen_of_poles
 
-  !> Re sum left pole z: what the forces add to a rate at once is nothing.
+  !> Re sum left pole z: the instantaneous contributions of forces to a rate cancel.
   pure real(wp) function pole_rates(left, poles, z)
     complex(wp), intent(in) :: left(:), poles(:), z(:)
     pole_rates = seen_of_poles(left, poles*z)
   end function pole_rates
 
-  !> What is seen of rates of what follows at once.
+  !> Contribution of instantaneous variables to an observed rate.
   pure real(wp) function seen_at_once(left, rates)
     complex(wp), intent(in) :: left(:)
     !> Of the last of `left`.
@@ -197,8 +197,8 @@ contains
     seen_at_once = sum(real(left(size(left) - size(rates) + 1:))*rates)
   end function seen_at_once
 
-  !> Rates at x, part of a step of length h, of what follows forces at the nodes, shape
-  !! (s, n_pushed), and waves whose phases are phi there.
+  !> Rates of instantaneous variables at x, relative to a step of length h, due to forces at the
+  !! nodes, shape (s, n_pushed), and harmonic loads with phases phi there.
   pure subroutine rates_at_once(poles, table, frequencies, x, h, forces, phi, rates)
     type(poles_type), intent(in) :: poles
     type(collocation_type), intent(in) :: table
@@ -216,14 +216,14 @@ contains
     end do
   end subroutine rates_at_once
 
-  !> To the end of the step, the sums compensated.
+  !> Advance to the end of the step, with compensated sums.
   pure subroutine move_poles(map, poles, forces, swing, z, rest, rates, finite)
     type(pole_map_type), intent(in) :: map
     type(poles_type), intent(in) :: poles
-    !> Shape (s, n_pushed); rows of Re z, of Im z and of the rates of what follows at once, or none.
+    !> Shape (s, n_pushed); rows of Re z, Im z and the rates of instantaneous variables, or none.
     real(wp), intent(in) :: forces(:, :), swing(:)
     complex(wp), intent(inout) :: z(:), rest(:)
-    !> Of what follows at once.
+    !> Rates of instantaneous variables.
     real(wp), intent(inout) :: rates(:)
     logical, intent(out) :: finite
     complex(wp) :: gained(size(z)), total
@@ -253,8 +253,8 @@ contains
     end do
   end subroutine move_poles
 
-  !> z a time `now` after the start of a step, by its forces' Legendre coefficients over that time,
-  !! shape (s, n_pushed), and by waves whose phases were phi at the start.
+  !> z at time `now` after the start of a step, from Legendre coefficients of the forces over that
+  !! time, shape (s, n_pushed), and from harmonic loads with phases phi at the start.
   subroutine poles_inside(poles, frequencies, now, orders, phi, z)
     type(poles_type), intent(in) :: poles
     real(wp), intent(in) :: frequencies(:), now, orders(:, :), phi(:)

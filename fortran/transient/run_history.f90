@@ -1,9 +1,9 @@
-!> States that a run has left behind, from which its stop is confirmed.
+!> Stored states of a run, from which its stop is confirmed.
 !!
-!! Near a time T at which a motion runs away it looks the same at every scale: steps of length h
-!! at distances of a few h from T are wrong by a part that does not fall with h, and so is the T
-!! that they lead to, by a part of h. From a state `stride` steps before, small steps lead to
-!! the T of that state, whose distance from the true one falls with the order of the method.
+!! Near a time T at which a motion diverges it is self-similar: steps of length h
+!! at distances of a few h from T have a relative error that does not decrease with h, and the
+!! predicted T has an error proportional to h. From a state `stride` steps before, small steps find
+!! a T whose error decreases with the order of the method.
 module viscovib_run_history
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -13,16 +13,16 @@ module viscovib_run_history
 
   public :: run_history
 
-  !> Steps between two states that are remembered.
+  !> Steps between two stored states.
   integer, parameter :: stride = 32
-  !> Steps beyond the present one within which a stop that it seems to lead to must be.
+  !> Number of steps after the present one within which the predicted stop must occur.
   real(wp), parameter :: beyond = 8.0_wp
 
-  !> The last two states, the older first: of every lane.
+  !> The last two states of every lane, the older first.
   type :: run_history
-    !> Steps since it began, and states remembered.
+    !> Steps since the last stored state, and number of stored states.
     integer :: n_steps = 0, n_kept = 0
-    !> Times, in whatever unit; states, shape (lanes, coordinates, 2).
+    !> Times, in any unit; states, shape (lanes, coordinates, 2).
     real(wp) :: t(2) = 0.0_wp
     real(wp), allocatable :: q(:, :, :), v(:, :, :)
   contains
@@ -34,7 +34,7 @@ module viscovib_run_history
 
 contains
 
-  !> Count a step; whether the state it begins at is to be remembered.
+  !> Count a step; true if the state at its start is to be stored.
   logical function is_due(self)
     class(run_history), intent(inout) :: self
     is_due = self%n_steps == 0
@@ -42,7 +42,7 @@ contains
     if (self%n_steps == stride) self%n_steps = 0
   end function is_due
 
-  !> Remember a state.
+  !> Store a state.
   subroutine note(self, t, q, v)
     class(run_history), intent(inout) :: self
     real(wp), intent(in) :: t
@@ -63,24 +63,24 @@ contains
     self%v(:, :, self%n_kept) = v
   end subroutine note
 
-  !> What was before does not lead here by the equations as they are now.
+  !> Discard the stored states: from here on the equations are different.
   subroutine forget(self)
     class(run_history), intent(inout) :: self
     self%n_steps = 0
     self%n_kept = 0
   end subroutine forget
 
-  !> How a motion ends that seems to stop in the step from `from` on, or whose step there cannot
-  !! be made: by small steps from the older state. A stop that they do not find is not one.
+  !> Outcome of a motion that seems to stop in the step after `from`, or whose step there
+  !! fails: by small steps from the older state. Only a stop that they find is accepted.
   subroutine confirm(self, system, row, n, lane, frequencies, unit, from, h, stop)
     class(run_history), intent(in) :: self
     class(driven_system_type), intent(in) :: system
-    !> Lane of the states remembered; what follows as of `find_stop`.
+    !> Lane of the stored states; the other arguments as in `find_stop`.
     integer, intent(in) :: row, n, lane
-    !> Unit of the times remembered.
+    !> Unit of the stored times.
     real(wp), intent(in) :: frequencies(:, :), unit
     real(wp), intent(in) :: from, h
-    !> By small steps from `from`; `ahead` from there, also in return.
+    !> On entry by small steps from `from`; `ahead` is the time from there, also on return.
     type(stop_type), intent(inout) :: stop
     type(stop_type) :: other
     real(wp) :: begin, until

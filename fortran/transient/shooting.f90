@@ -1,4 +1,4 @@
-!> Periodic motions in time by Newton's method for the map of a period (viscovib_period_map), with
+!> Periodic motions by Newton's method for the map of a period (viscovib_period_map), with
 !! step sizes that are halved until the state no longer changes.
 module viscovib_shooting
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -17,19 +17,19 @@ module viscovib_shooting
     multipliers_of, show_repeating, steady_from_rest
   public :: accuracy_type, repeating_type, steady_type
 
-  !> Rounding error of a state at the end of a period, as a part of the largest.
+  !> Rounding error of a state at the end of a period, relative to its largest entry.
   real(wp), parameter :: rounding = 8.0_wp*epsilon(1.0_wp)
   !> Iterations of Newton's method, and halvings of one of its steps.
   integer, parameter :: max_iterations = 30, max_halvings = 8
-  !> Periods from rest before Newton's method begins, and more where it has failed.
+  !> Periods from rest before Newton's method begins, and more after each failure.
   integer, parameter :: settling(3) = [30, 100, 400]
-  !> How often steps from rest are made 16 times shorter if they are too large.
+  !> Number of times that steps from rest are made 16 times shorter if they are too large.
   integer, parameter :: max_shorter = 3
-  !> Doublings of the number of steps, and how many of them may fail.
+  !> Doublings of the number of steps, and allowed number of failures.
   integer, parameter :: max_doublings = 12, max_failures = 3
   !> Multipliers as large as this part of the largest determine the error of stability.
   real(wp), parameter :: leading = 0.9_wp
-  !> States of a period that are shown at least.
+  !> Smallest number of states that are shown for a period.
   integer, parameter, public :: n_shown = 256
 
   !> The allowed error of a state: absolute + relative times its largest entry.
@@ -39,7 +39,7 @@ module viscovib_shooting
     procedure :: allowed
   end type accuracy_type
 
-  !> The end of Newton's method.
+  !> Result of Newton's method.
   type :: repeating_type
     real(wp), allocatable :: state(:), by_start(:, :)
     integer :: n_passed = 0, iterations = 0
@@ -52,7 +52,7 @@ module viscovib_shooting
   type :: steady_type
     type(repeating_type) :: found
     integer(i8) :: n_steps = 0
-    !> Of the state and of the multipliers; NaN: unknown.
+    !> Errors of the state and of the multipliers; NaN: unknown.
     real(wp) :: error = 0.0_wp, multiplier_error = 0.0_wp
     !> The largest first.
     complex(wp), allocatable :: multipliers(:)
@@ -80,12 +80,12 @@ contains
     if (abs(largest - 1.0_wp) > self%multiplier_error) stability = merge(1, 0, largest < 1.0_wp)
   end function stability
 
-  !> Newton's method for a state that repeats.
+  !> Newton's method for a periodic state.
   subroutine find_repeating(map, start, n_steps, tolerance, found)
     type(period_map), intent(in) :: map
     real(wp), intent(in) :: start(:)
     integer(i8), intent(in) :: n_steps
-    !> Of corrections, velocities divided by the frequency of the load.
+    !> Tolerance of corrections, with velocities divided by the frequency of the load.
     real(wp), intent(in) :: tolerance
     type(repeating_type), intent(out) :: found
     type(period_run) :: ran
@@ -134,7 +134,7 @@ contains
     type(period_map), intent(in) :: map
     real(wp), intent(in) :: step(:), before
     integer(i8), intent(in) :: n_steps
-    !> Whether it is the last one, which need not reduce anything.
+    !> True for the last step, which need not reduce the remainder.
     logical, intent(in) :: last
     real(wp), intent(inout) :: state(:)
     type(period_run), intent(inout) :: ran
@@ -187,7 +187,7 @@ contains
     end do
   end subroutine steady_from_rest
 
-  !> A period in few steps; from rest against a stop a motion needs short ones.
+  !> Run one period in few steps; from rest against a stop a motion needs short steps.
   subroutine run_one_period(one, state, ran)
     type(period_map), intent(in) :: one
     real(wp), intent(in) :: state(:)
@@ -199,7 +199,7 @@ contains
     end do
   end subroutine run_one_period
 
-  !> Double the steps until the state that repeats changes by no more than is allowed.
+  !> Double the number of steps until the periodic state changes by no more than is allowed.
   !!
   !! The last two runs differ by one step, so that no position of a switch within its step is common
   !! to both. Their difference is the estimated error.
@@ -268,14 +268,14 @@ contains
     apart = map%size_of(one%state - other%state)
   end function apart
 
-  !> Amplified rounding error of the state that repeats.
+  !> Amplified rounding error of the periodic state.
   pure real(wp) function rounding_of(map, found)
     type(period_map), intent(in) :: map
     type(repeating_type), intent(in) :: found
     rounding_of = rounding*map%size_of(found%state)*max(1.0_wp, found%enlarged)
   end function rounding_of
 
-  !> Multipliers of a motion, and errors by another run if there is one.
+  !> Multipliers of a motion, and errors by comparison with another run, if present.
   subroutine estimate(map, found, n_steps, iterations, steady, other)
     type(period_map), intent(in) :: map
     type(repeating_type), intent(in) :: found
@@ -307,8 +307,8 @@ contains
     if (.not. found) multipliers = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine multipliers_of
 
-  !> Of the leading multipliers, by the difference of two derivatives and rounding: an eigenvalue
-  !! moves with its matrix by its condition.
+  !> Error of the leading multipliers, from the difference of two derivatives and rounding,
+  !! amplified by the condition of the eigenvalues.
   real(wp) function error_of_multipliers(map, by_start, other, multipliers) result(error)
     type(period_map), intent(in) :: map
     real(wp), intent(in) :: by_start(:, :), other(:, :)
@@ -330,12 +330,12 @@ contains
     error = max(1.0_wp, maxval(conditions))*(norm2(change) + rounding*norm2(balanced))
   end function error_of_multipliers
 
-  !> Errors of a state that repeats in so many steps, by twice as many and one.
+  !> Errors of a periodic state by comparison with twice as many steps and one.
   subroutine judge_repeating(map, state, n_steps, correction, steady)
     type(period_map), intent(in) :: map
     real(wp), intent(in) :: state(:)
     integer(i8), intent(in) :: n_steps
-    !> The last one of Newton's method.
+    !> The last correction of Newton's method.
     real(wp), intent(in) :: correction
     type(steady_type), intent(out) :: steady
     type(period_run) :: one, other

@@ -1,4 +1,4 @@
-!> A run in fixed steps: what is kept of it, and how it ends.
+!> A run in fixed steps: its stored states and its outcome.
 module viscovib_simulate
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_driven_system, only: driven_system_type
@@ -25,35 +25,35 @@ module viscovib_simulate
   public :: run_coarse, run_completed, run_diverged, run_event, run_names, run_stopped, &
     run_unphysical
 
-  !> Parts of a step, before laws count as too fast for it.
+  !> Number of parts of a step above which laws count as too fast for the step.
   integer, parameter :: most_parts = 32768
 
 contains
 
-  !> Make steps first+1 ... first+n_steps, keeping every save_every-th state and
-  !! those at wanted times. Underflow is abrupt meanwhile.
+  !> Make steps first+1 ... first+n_steps, storing every save_every-th state and
+  !! the states at requested times. Subnormal numbers are flushed to zero.
   subroutine simulate(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
                       n_reached, t_reached, outcome, mesh, watch, beside, accelerations)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
-    !> Wanted times within these steps, ascending.
+    !> Requested times within these steps, ascending.
     real(wp), intent(in) :: times(:)
     !> (q_1, v_1, q_2, v_2, ...) after steps save_every, 2 save_every, ..., of the first
-    !! coordinates, shape (2 n, n_steps/save_every), or no columns at all to keep none;
-    !! the same at the wanted times, as many as were reached.
+    !! coordinates, shape (2 n, n_steps/save_every), or no columns to store none;
+    !! the same at the requested times, as many as were reached.
     real(wp), intent(inout) :: states(:, :), at_times(:, :)
-    !> Whole steps made; the state in `method` is that at t_reached, the end of the last
-    !! step or where the motion stops inside the next.
+    !> Number of whole steps; the state in `method` is that at t_reached, the end of the last
+    !! step or the stop inside the next.
     integer(i8), intent(out) :: n_done
     integer, intent(out) :: n_reached
     real(wp), intent(out) :: t_reached
     integer, intent(out) :: outcome
-    !> Where steps end; without: equal ones.
+    !> Ends of steps; absent: equal steps.
     type(mesh_type), intent(in), optional :: mesh
     !> Events to look for.
     type(watch_type), intent(inout), optional :: watch
-    !> What small disturbances become, by a collocation.
+    !> Evolution of small perturbations, for a collocation.
     type(motion_beside), intent(inout), optional :: beside
     !> At the wanted times accelerations relative to the base, then forces of laws, shape
     !! (n_dof - n_hidden + n_laws, size(times)).
@@ -78,7 +78,7 @@ contains
                      n_reached, t_reached, outcome, missed, mesh, watch, beside, accelerations)
   end subroutine simulate
 
-  !> The same, but given up where whole steps may have missed a thin layer of a force.
+  !> The same, but interrupted if whole steps may have missed a thin layer of a force.
   subroutine run_through(method, system, first, n_steps, save_every, times, states, at_times, &
                          n_done, n_reached, t_reached, outcome, missed, mesh, watch, beside, &
                          accelerations)
@@ -163,7 +163,7 @@ contains
       call wanted%keep_between(method, system, now)
     else if (outcome /= run_stopped) then
       wanted%n_reached = min(wanted%n_reached, count(times <= t_reached))
-      ! Small steps may find the stop before the last of the steps made.
+      ! Small steps may locate the stop before the last of the steps made.
       n_done = ends%made_until(piece, first, n_done, t_reached)
       if (present(watch)) call watch%drop_after(t_reached)
     end if
@@ -178,7 +178,7 @@ contains
     if (present(accelerations)) accelerations = wanted%accelerations
   end subroutine run_through
 
-  !> Keep the present state, that of the body.
+  !> Store the present state of the body.
   subroutine keep(method, system, now, state)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
@@ -193,7 +193,7 @@ contains
     state(2::2) = v(:size(state)/2)
   end subroutine keep
 
-  !> On which sides of surfaces the motion is: as an earlier run has left it, or by its state.
+  !> Sides of surfaces at the start: from an earlier run, or from the state.
   subroutine find_sides(at, method, system, now)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(in) :: method
@@ -244,7 +244,7 @@ contains
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_step
 
-  !> Remember the present state.
+  !> Add the present state to the history.
   subroutine note(past, t, method)
     type(run_history), intent(inout) :: past
     real(wp), intent(in) :: t
@@ -254,7 +254,7 @@ contains
     call past%note(t, reshape(method%q, [1, n]), reshape(method%v, [1, n]))
   end subroutine note
 
-  !> The step is made, but not the part of it up to a wanted time.
+  !> Set the outcome of a step that succeeded, except for the part up to a requested time.
   subroutine give_up(method, at, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     type(watched_step_type), intent(in) :: at
@@ -274,7 +274,7 @@ contains
     type(run_history), intent(inout) :: past
     type(wanted_states), intent(inout) :: wanted
     type(watch_type), intent(inout) :: watch
-    !> Where steps end, and the present piece.
+    !> Ends of steps, and the present piece.
     type(mesh_type), intent(in) :: ends
     integer, intent(in) :: piece
     real(wp), intent(inout) :: t_reached
@@ -308,7 +308,7 @@ contains
         call halve(at, method, system, more)
         if (more) cycle
       end if
-      ! Beyond a surface the equations are others, or the motion was thrown back.
+      ! After a surface the equations are different, or the motion was reflected.
       if (at%n_passed > 0) call past%forget()
       if (.not. at%made .or. at%near_edge) then
         call system%take_sides(0*at%sides)
@@ -324,7 +324,7 @@ contains
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
   end subroutine make_parts
 
-  !> Whether a run goes on at the end of a piece, whose corner is turned as those on the way are.
+  !> Test if a run continues at the end of a piece; its corner is then treated like later ones.
   subroutine come_from(system, ends, piece, first, turns)
     class(driven_system_type), intent(inout) :: system
     type(mesh_type), intent(in) :: ends
@@ -335,7 +335,7 @@ contains
     if (turns) call system%enter(ends%beginning(piece - 1), ends%ends(piece - 1))
   end subroutine come_from
 
-  !> The next piece of the mesh begins on the way.
+  !> Begin the next piece of the mesh.
   subroutine go_on(method, system, ends, piece, now, at)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
@@ -349,15 +349,15 @@ contains
     call begin_small(at, system%first_part())
   end subroutine go_on
 
-  !> Steps of a piece of the mesh from now on; they are the same again if it was entered
-  !! already. Where the base turns a corner the body does not: relative velocities jump.
+  !> Set the steps for a piece of the mesh. A piece that was already entered keeps its steps. At a
+  !! corner of the base motion the velocity of the body is continuous: relative velocities jump.
   subroutine enter_piece(method, system, ends, piece, now, turns, speed)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     type(mesh_type), intent(in) :: ends
     integer, intent(in) :: piece
     real(wp), intent(in) :: now
-    !> Whether the motion comes from the piece before; velocities before the corner.
+    !> True if the motion comes from the piece before; velocities before the corner.
     logical, intent(in) :: turns
     real(wp), intent(out) :: speed(:)
     real(wp) :: from, q(size(speed)), v(size(speed))
@@ -376,7 +376,7 @@ contains
     end if
   end subroutine enter_piece
 
-  !> On which sides of its surfaces the motion is behind a corner of the base.
+  !> Sides of the surfaces after a corner of the base motion.
   subroutine turn(method, system, now, speed, sides)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
@@ -390,16 +390,16 @@ contains
     if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
   end subroutine turn
 
-  !> Whether the step that was not made, or comes near the edge of the physics, leads out; if so
-  !! the state in `method` becomes that at the stop. If not, small steps replace it there: near
-  !! the edge the motion is stiff or fast, and a step may be wrong that seems to be made.
+  !> Handle a failed step, or one near the edge of the physical range. If the motion stops in it,
+  !! the state in `method` becomes that at the stop. Otherwise small steps replace it near the edge,
+  !! where the motion is stiff or fast and a step that seems to succeed may be wrong.
   subroutine judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in) :: system
     type(watched_step_type), intent(in) :: at
     type(run_history), intent(in) :: past
     type(wanted_states), intent(inout) :: wanted
-    !> Wanted states that were known before the step.
+    !> Number of requested states that were known before the step.
     integer, intent(in) :: n_before
     type(watch_type), intent(inout) :: watch
     real(wp), intent(out) :: t_reached

@@ -1,5 +1,5 @@
 !> States inside a step of the run that small steps replace, as near
-!! the pivot of a pendulum: events and states at wanted times, by the motion inside each of them.
+!! the pivot of a pendulum: events and states at requested times, from each of the small steps.
 module viscovib_small_steps
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
@@ -16,7 +16,7 @@ module viscovib_small_steps
   type, extends(step_visitor) :: note_taker
     type(watch_type), pointer :: watch => null()
     type(wanted_states), pointer :: wanted => null()
-    !> An event has ended the run: when and where.
+    !> An event has ended the run: its time and state.
     logical :: ended = .false.
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
@@ -26,14 +26,14 @@ module viscovib_small_steps
 
 contains
 
-  !> Go the way of `find_stop` from (q, v) once more and note what is wanted of it. An event that
+  !> Repeat the steps of `find_stop` from (q, v) and store the requested data. An event that
   !! ends the run is its stop.
   subroutine note_small_steps(system, q, v, start, h, watch, wanted, stop)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: q(:), v(:), start, h
     type(watch_type), intent(inout), target :: watch
     type(wanted_states), intent(inout), target :: wanted
-    !> As `find_stop` returned it; not "step too large".
+    !> Result of `find_stop`, other than "step too large".
     type(stop_type), intent(inout) :: stop
     type(note_taker) :: notes
     type(stop_type) :: again
@@ -50,7 +50,7 @@ contains
     stop%v = notes%v
   end subroutine note_small_steps
 
-  !> Events and wanted states of one small step.
+  !> Store events and requested states of one small step.
   subroutine visit(self, path)
     class(note_taker), intent(inout) :: self
     type(step_path), intent(in) :: path

@@ -1,8 +1,8 @@
-!> The nonlinear equations of one step with memory: X = G z + Z y(X), where y are the
-!! bends of hereditary variables and the force remainders at the points of the step.
+!> The nonlinear equations of one step with memory: X = G z + Z y(X), where y contains the
+!! nonlinear parts of hereditary variables and the force remainders at the points of the step.
 !!
-!! Found by iteration, which contracts like h^2 times the nonlinear stiffness, and by
-!! Newton's method where that does not. The maps G and Z are in `hereditary_maps`.
+!! Solved by fixed-point iteration, which contracts like h^2 times the nonlinear stiffness, and by
+!! Newton's method where the iteration is slow. The maps G and Z are in `hereditary_maps`.
 module viscovib_step_equations
   use viscovib_collocation, only: collocation_type
   use viscovib_counters, only: count_up, counted_turns, counting
@@ -18,31 +18,31 @@ module viscovib_step_equations
   public :: step_equations_type, new_step_equations, solved_for
 
   integer, parameter :: max_iterations = 50
-  !> A correction whose cubes may pass the range of numbers: iterations go on to no motion there.
+  !> A correction whose cube may overflow: the iteration diverges.
   real(wp), parameter, public :: out_of_reach = 1.0e75_wp
-  !> Contraction beyond which Newton's method takes over, and turns before it is judged.
+  !> Contraction beyond which Newton's method replaces the iteration; iterations before this test.
   real(wp), parameter :: slow = 0.25_wp
   integer, parameter :: patience = 2
-  !> Change at which rounding is all that is left, relative to displacements.
+  !> Change at rounding level, relative to displacements.
   real(wp), parameter :: rounding = 1.0e-13_wp
 
   type :: step_equations_type
     integer :: n_iterations = 0
     !> Nonlinear inputs: hereditary variables at the start of the step, shape (n_bent),
-    !! and what `from_bend` takes.
+    !! and the argument of `from_bend`.
     real(wp), allocatable :: y_start(:), y(:)
     !> Inputs of the step, and its solution.
     real(wp), allocatable :: z(:), x(:)
-    !> Solution counts as found at this change, relative to displacements.
+    !> Relative change of displacements at which a solution counts as converged.
     real(wp), private :: solved = rounding
-    !> What carries nonlinear inputs on to the next step: from the start and from the
+    !> Extrapolation of nonlinear inputs to the next step: from the start and from the
     !! other points; of force remainders from nodes.
     real(wp), allocatable, private :: onward_start(:), onward(:, :), onward_nodes(:, :)
     !> From X of a coordinate to its rates at the points, times h.
     real(wp), allocatable, private :: to_rates(:, :)
-    !> Room: linear part, next X, displacements with rates and hereditary variables at the points.
+    !> Workspace: linear part, next X, displacements with rates and hereditary variables at points.
     real(wp), allocatable, private :: linear(:), next(:), u_points(:, :), w_points(:, :)
-    !> Zeros, as many as X has rows.
+    !> Zeros, shape of X.
     real(wp), allocatable, private :: nothing(:)
   contains
     procedure :: start_bends
@@ -58,8 +58,8 @@ module viscovib_step_equations
 
 contains
 
-  !> Relative change at which solutions count as found in a motion wanted so exactly: so far beyond
-  !! it that steps and kernels alone decide the error, also where the motion makes much of little.
+  !> Relative change at which solutions count as converged for a tolerance: so small that steps and
+  !! kernels determine the error, even if the motion amplifies small errors.
   pure real(wp) function solved_for(tolerance) result(solved)
     real(wp), intent(in) :: tolerance
     solved = max(1.0e-6_wp*tolerance, epsilon(1.0_wp))
@@ -69,7 +69,7 @@ contains
     type(step_equations_type), intent(out) :: self
     type(step_map_type), intent(in) :: map
     type(collocation_type), intent(in) :: table
-    !> Relative change of displacements at which a solution counts as found.
+    !> Relative change of displacements at which a solution counts as converged.
     real(wp), intent(in) :: solved
     real(wp) :: basis(0:table%s + 1)
     integer :: j, s
@@ -97,7 +97,7 @@ contains
     call node_extrapolation(table, self%onward_nodes)
   end subroutine new_step_equations
 
-  !> From values at the nodes of one step to those at the nodes of the next.
+  !> Extrapolation from values at the nodes of one step to the nodes of the next.
   subroutine node_extrapolation(table, onward)
     type(collocation_type), intent(in) :: table
     real(wp), intent(out) :: onward(:, :)
@@ -110,13 +110,13 @@ contains
     end do
   end subroutine node_extrapolation
 
-  !> From now on solve them to rounding.
+  !> Solve to rounding from now on.
   subroutine sharpen(self)
     class(step_equations_type), intent(inout) :: self
     self%solved = min(self%solved, rounding)
   end subroutine sharpen
 
-  !> Nonlinear part at displacements u and velocities v, as the start of the next step.
+  !> Nonlinear part at displacements u and velocities v, for the start of the next step.
   subroutine start_bends(self, system, map, u_start, v_start)
     class(step_equations_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -134,8 +134,8 @@ contains
     end do
   end subroutine start_bends
 
-  !> Nonlinear parts at the points of the next step by those of the last, if it was one
-  !! of the same kind, else by those at its end.
+  !> Predict the nonlinear parts at the points of the next step: extrapolated from the last step if
+  !! it was of the same kind, else constant.
   subroutine predict(self, map, rolling)
     class(step_equations_type), intent(inout) :: self
     type(step_map_type), intent(in) :: map
@@ -161,7 +161,7 @@ contains
     end do
   end subroutine predict
 
-  !> X = G z + Z y(X), from the predicted y on.
+  !> Solve X = G z + Z y(X), starting from the predicted y.
   subroutine iterate(self, system, map, u, made)
     class(step_equations_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -195,9 +195,9 @@ contains
       end if
       call compare(map%n_core, self%x, self%next, change, size_of)
       call copy(n_rows, self%next, self%x)
-      ! The next correction would shrink by the same factor again. It is compared with how far the
-      ! motion goes in the step, not with where it is: else a short step, as the first ones of
-      ! memory are, gives no velocity. The rounding error of the displacements does not shrink.
+      ! The next correction would shrink by the same factor again. It is compared with the change of
+      ! the motion in the step, not with its displacement: else a short step, such as the first ones
+      ! with memory, gives no velocity. The rounding error of the displacements does not shrink.
       expected = change
       if (before > change .and. turn > 1) expected = change*(change/before)
       made = expected <= self%solved*size_of &
@@ -208,7 +208,7 @@ contains
     end do
   end subroutine iterate
 
-  !> What nonlinear parts move on the step, by the displacements on it.
+  !> Displacement in the step due to the nonlinear parts, relative to the displacements.
   pure real(wp) function nonlinear_share(self, u)
     class(step_equations_type), intent(in) :: self
     !> Displacements at the start of the step, shape (n_dof).
@@ -219,7 +219,7 @@ contains
     if (size_of > 0.0_wp) nonlinear_share = maxval(abs(self%x - self%linear))/size_of
   end function nonlinear_share
 
-  !> y(X), and the displacements it is at.
+  !> y(X), and the displacements at which it is evaluated.
   subroutine evaluate_bends(self, system, map, u)
     class(step_equations_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -270,8 +270,8 @@ contains
     end do
   end subroutine evaluate_remainders
 
-  !> Rates and loads at the nodes. Accelerations are a polynomial of as many terms as there are
-  !! nodes, which displacements and the rate at the start decide.
+  !> Rates and loads at the nodes. Accelerations are a polynomial with one term per node; the
+  !! displacements and the rate at the start determine it.
   subroutine at_nodes(self, map, rates, loads)
     class(step_equations_type), intent(in) :: self
     type(step_map_type), intent(in) :: map

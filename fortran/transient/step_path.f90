@@ -10,7 +10,7 @@ module viscovib_step_path
   type :: step_path
     !> Start and length of the step.
     real(wp) :: start = 0.0_wp, h = 0.0_wp
-    !> Places in [0, 1] at which states are known, ascending, both ends among them, shape (n);
+    !> Positions in [0, 1] of known states, ascending, including both ends, shape (n);
     !! states there, shape (n, n_dof).
     real(wp), allocatable :: points(:), q(:, :), v(:, :)
     real(wp), allocatable, private :: factors(:)
@@ -28,7 +28,7 @@ contains
     path%factors = lagrange_factors(points)
   end subroutine new_path
 
-  !> States at some places of the step.
+  !> States at some positions in the step.
   subroutine at(self, x, t, q, v)
     class(step_path), intent(in) :: self
     real(wp), intent(in) :: x(:)
@@ -44,7 +44,7 @@ contains
     end do
   end subroutine at
 
-  !> Accelerations at a place, by how velocities change near it.
+  !> Accelerations at a position, by a difference quotient of velocities.
   function acceleration_at(self, x) result(a)
     class(step_path), intent(in) :: self
     real(wp), intent(in) :: x

@@ -1,4 +1,4 @@
-!> The abstract stepper: one trajectory in fixed steps, whatever the method.
+!> The abstract stepper: one trajectory in fixed steps, for any method.
 module viscovib_stepper
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
@@ -14,7 +14,7 @@ module viscovib_stepper
     real(wp), allocatable :: q(:), v(:)
     !> Time since the present piece of the load began, at the start of the step.
     real(wp) :: since = 0.0_wp
-    !> Whether steps are wrong where the motion is stiff, though they are made.
+    !> True if steps may succeed and still be wrong for stiff motions.
     logical :: explicit = .false.
     !> Total number of evaluations of a block of trajectories.
     integer(i8) :: n_evaluations = 0
@@ -33,7 +33,7 @@ module viscovib_stepper
 
   abstract interface
 
-    !> One step. `made` is false, and the state stays, if it cannot be made: the
+    !> One step. `made` is false, and the state is unchanged, if it fails: the
     !! step is too large.
     subroutine step_interface(self, system, made)
       import :: driven_system_type, stepper_type
@@ -42,14 +42,14 @@ module viscovib_stepper
       logical, intent(out) :: made
     end subroutine step_interface
 
-    !> The state at the end of a step that was not made, found otherwise.
+    !> Set the state at the end of a failed step, from another method.
     subroutine arrive_interface(self, q, v)
       import :: stepper_type, wp
       class(stepper_type), intent(inout) :: self
       real(wp), intent(in) :: q(:), v(:)
     end subroutine arrive_interface
 
-    !> Go on from the present state with another step, as if it were the start; a
+    !> Continue from the present state with another step, as from a start; a
     !! copy of a stepper must be given its step in this way before it is used.
     subroutine change_interface(self, system, h)
       import :: driven_system_type, stepper_type, wp
@@ -58,14 +58,14 @@ module viscovib_stepper
       real(wp), intent(in) :: h
     end subroutine change_interface
 
-    !> Go on from another state at the same time, as after an impact.
+    !> Continue from another state at the same time, as after an impact.
     subroutine put_interface(self, q, v)
       import :: stepper_type, wp
       class(stepper_type), intent(inout) :: self
       real(wp), intent(in) :: q(:), v(:)
     end subroutine put_interface
 
-    !> Length of all that a run must know to go on bit for bit.
+    !> Length of the data that a run needs to continue bit for bit.
     pure integer function size_interface(self)
       import :: stepper_type
       class(stepper_type), intent(in) :: self
@@ -77,7 +77,7 @@ module viscovib_stepper
       real(wp) :: memory(self%memory_size())
     end function save_interface
 
-    !> Lower bound of the system's margin inside the last step, as far as its method knows,
+    !> Lower bound of the system's margin inside the last step, as far as its method provides it,
     !! and at its end.
     real(wp) function margin_interface(self, system, q_before, v_before)
       import :: driven_system_type, stepper_type, wp
@@ -92,9 +92,9 @@ module viscovib_stepper
       import :: driven_system_type, step_path, stepper_type, wp
       class(stepper_type), intent(in) :: self
       class(driven_system_type), intent(in) :: system
-      !> What was saved before the step.
+      !> The data saved before the step.
       real(wp), intent(in) :: memory(:)
-      !> All but when it began.
+      !> Everything except its start time is set.
       type(step_path), intent(inout) :: path
     end subroutine trace_interface
 
@@ -108,8 +108,8 @@ module viscovib_stepper
 
 contains
 
-  !> State a time h ahead by a step of that length, which has the order of the
-  !! method where interpolation inside a step has not; `self` stays.
+  !> State after a time h by one step of that length, which has the order of the
+  !! method, unlike interpolation inside a step; `self` is unchanged.
   subroutine look_ahead(self, system, h, q, v, made)
     class(stepper_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system

@@ -1,5 +1,5 @@
-!> One step of a stiff motion by Radau's collocation of five nodes (order 9, L-stable), for systems
-!! that know their derivatives.
+!> One step of a stiff motion by Radau collocation with five nodes (order 9, L-stable), for systems
+!! with derivatives.
 !!
 !! The accelerations F_i at the nodes c_i, the last of which is the end of the step, solve
 !!
@@ -26,16 +26,16 @@ module viscovib_stiff_step
     [0.05710419611451768219312_wp, 0.27684301363812382768005_wp, 0.58359043236891682005670_wp, &
      0.86024013565621944784791_wp, 1.0_wp]
   integer, parameter :: max_iterations = 12
-  !> Change of the accelerations, as a part of them, after which the next one is rounding, and one
-  !! below which a change that does not shrink any more is.
+  !> Relative change of the accelerations after which the next one is rounding; the same for
+  !! a change that no longer decreases.
   real(wp), parameter :: solved = 1.0e-8_wp, all_but_solved = 1.0e-6_wp
 
 contains
 
-  !> The largest rate at which a coordinate's own damping takes its velocity away.
+  !> The largest decay rate of a velocity due to the coordinate's own damping.
   real(wp) function fastest_damping(system, lane, q, v) result(fastest)
     class(differentiable_system_type), intent(in) :: system
-    !> Lane of the block whose parameters count.
+    !> Lane of the block whose parameters are used.
     integer, intent(in) :: lane
     real(wp), intent(in) :: q(:), v(:)
     real(wp) :: by_q(size(q), size(q)), by_v(size(q), size(q)), a(size(q))
@@ -50,7 +50,7 @@ contains
   !> A step of length h.
   subroutine stiff_step(system, lane, frequencies, start, h, q, v, q_nodes, v_nodes, made)
     class(differentiable_system_type), intent(in) :: system
-    !> Lane of the block whose parameters count; its load frequencies.
+    !> Lane of the block whose parameters are used; its load frequencies.
     integer, intent(in) :: lane
     real(wp), intent(in) :: frequencies(:), start, h, q(:), v(:)
     !> States at the nodes, the last at the end, shape (n_nodes, n_dof).
@@ -87,7 +87,7 @@ contains
     end do
   end subroutine stiff_step
 
-  !> Newton's equations for the change of the accelerations: what they lack and its derivatives.
+  !> Newton's equations for the change of the accelerations: residual and its derivatives.
   subroutine newton_equations(system, lane, h, a, b, drive, q_nodes, v_nodes, f, lack, matrix)
     class(differentiable_system_type), intent(in) :: system
     integer, intent(in) :: lane
@@ -111,7 +111,7 @@ contains
     end do
   end subroutine newton_equations
 
-  !> Accelerations at a state and their derivatives, a direction a column.
+  !> Accelerations at a state and their derivatives, one column per direction.
   subroutine slopes(system, lane, q, v, drive, a, by_q, by_v)
     class(differentiable_system_type), intent(in) :: system
     integer, intent(in) :: lane

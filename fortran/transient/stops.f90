@@ -1,16 +1,16 @@
-!> Where a motion stops: a step that may lead out of what the equations describe, or
-!! out of the range of numbers, is made again in steps as small as need be.
+!> Detection of the end of a motion: a step that may leave the physical range or the
+!! range of numbers is repeated with small steps.
 !!
 !! Verner's method of order 9 with step doubling, independent of the method of the run:
-!! a step counts only if two of half its length give the same. The place is then found
-!! by bisection of the last of them. Systems that go by their sections have more coordinates than
-!! there is room for in a lane: their small steps are those of sections.
+!! a step is accepted only if two half steps give the same. The last one is then bisected
+!! to locate the stop. Systems with a modal frame may have more coordinates than the
+!! lanes can store: their small steps use `modal_gauss`.
 !!
-!! A damped pendulum reaches its pivot otherwise than by passing it: near it the damping
-!! moment -c phi' takes the angular momentum (1+z)^2 phi' away at the rate c/(1+z)^2, and
-!! z' stays as it is. Explicit steps would shrink with (1+z)^2, so where damping is what limits
-!! them they are implicit ones, of the same order. The rest of the way is a straight line from
-!! where the margin is small enough.
+!! A damped pendulum approaches its pivot in a special way: near it the damping
+!! moment -c phi' reduces the angular momentum (1+z)^2 phi' at the rate c/(1+z)^2, and
+!! z' stays constant. Explicit steps would shrink with (1+z)^2, so where damping limits
+!! them the steps are implicit, of the same order. From a small margin on, the motion is
+!! extrapolated by a straight line.
 module viscovib_stops
   use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_set_flag, &
     ieee_set_halting_mode
@@ -27,52 +27,52 @@ module viscovib_stops
 
   public :: find_stop, stop_type, step_visitor, in_range, least_between, needs_small_steps
 
-  !> How a run ends: all steps done; a coordinate or velocity leaves the range of
-  !! numbers; the state leaves the system's physics; the time for it was over; the motion
-  !! goes on, but the steps of the run are too large for it; an event ends the run.
+  !> Outcome of a run: all steps done; a coordinate or velocity leaves the range of
+  !! numbers; the state leaves the physical range; time limit reached; the motion
+  !! continues, but the steps of the run are too large for it; an event ends the run.
   integer, parameter, public :: run_completed = 0, run_diverged = 1, run_unphysical = 2, &
                                 run_stopped = 3, run_coarse = 4, run_event = 5
   character(len=*), parameter, public :: run_names(0:5) = &
     [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large', &
      'event']
 
-  !> Part of a state by which a step may differ from two of half its length.
+  !> Allowed difference of a step and two half steps, relative to the state.
   real(wp), parameter :: closeness = 1.0e-12_wp
-  !> Where steps become as short as rounding of time, the motion is at the edge of its
-  !! physics if its margin is less.
+  !> If steps shrink to the rounding of time and the margin is below this, the motion is at the
+  !! edge of its physical range.
   real(wp), parameter :: edge = 1.0e-6_wp
-  !> Steps after which a step of the run is given up as too large, and as many near the
-  !! edge of the physics, where the margin is less.
+  !> Small steps after which a step of the run counts as too large, and the same near the edge of
+  !! the physical range, where the margin is below `near`.
   integer, parameter :: max_steps = 2000, max_near = 100000
   real(wp), parameter :: near = 0.1_wp
   !> Margin below which damping may be fast.
   real(wp), parameter, public :: within_reach = 0.5_wp
-  !> The rate of damping times the step from which on a step of the run may be wrong, and what of it
-  !! belongs to the relative change of the margin.
+  !> Rate of damping times step above which a step of the run may be wrong; factor of the
+  !! relative change of the margin in this bound.
   real(wp), parameter :: fast = 1.0_wp, of_change = 2.5_wp
-  !> Rate of damping times the step beyond which small steps are implicit: explicit ones, where the
-  !! motion limits them and not their stability, are shorter.
+  !> Rate of damping times step above which small steps are implicit. Explicit steps that accuracy
+  !! limits, and not stability, are shorter.
   real(wp), parameter :: stiff = 3.0_wp
-  !> Order of the difference of a step and two of half its length, in the step.
+  !> Exponent of the step in the difference of a step and two half steps.
   real(wp), parameter :: order = 10.0_wp
-  !> Place of the method in `explicit_names`.
+  !> Index of the method in `explicit_names`.
   integer, parameter :: method_place = 4
-  !> Nodes of a small step of sections, and to what part of the motion its equations are solved.
+  !> Nodes of a small step with a modal frame, and relative tolerance of its equations.
   integer, parameter :: section_nodes = 8
   real(wp), parameter :: solved = 1.0e-15_wp
 
-  !> How a motion ends in a step, when and where; `run_completed`: it does not.
+  !> End of a motion in a step: outcome, time and state; `run_completed` if it does not end.
   type :: stop_type
     integer :: outcome = run_completed
-    !> Whether the motion came near the edge of the physics, where small steps may stand for one of
-    !! the run.
+    !> True if the motion came near the edge of the physical range, where small steps may replace a
+    !! step of the run.
     logical :: near_edge = .false.
-    !> From the start of the step.
+    !> Time from the start of the step.
     real(wp) :: ahead = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
   end type stop_type
 
-  !> One that is shown the motion inside each of the small steps, in their order.
+  !> A visitor that receives the motion inside each of the small steps, in their order.
   type, abstract :: step_visitor
   contains
     procedure(visit_interface), deferred :: visit
@@ -86,31 +86,31 @@ module viscovib_stops
     end subroutine visit_interface
   end interface
 
-  !> One trajectory in a lane of its own.
+  !> One trajectory in its own lane.
   type :: scout_type
     integer :: lane = 1, n = 0
     real(wp), allocatable :: frequencies(:, :)
-    !> Start of the step of the run, and of the present one after it.
+    !> Start of the step of the run, and time of the present state after it.
     real(wp) :: start = 0.0_wp, ahead = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
-    !> Whether its next step is an implicit one; whether the last one was made.
+    !> True if its next step is implicit; true if the last step succeeded.
     logical :: implicit = .false., made = .true.
   end type scout_type
 
 contains
 
-  !> Whether a state can be computed with.
+  !> True if a state is within the range of numbers of the system.
   pure logical function in_range(system, q, v)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: q(:), v(:)
     in_range = all(abs(q) <= system%range%coordinate) .and. all(abs(v) <= system%range%speed)
   end function in_range
 
-  !> Whether a step of the run may be wrong that seems to be made: near the edge of the physical
+  !> True if a step of the run may be wrong although it succeeded: near the edge of the physical
   !! range motions are fast or stiff.
   logical function needs_small_steps(system, lane, q, v, h, least) result(needs)
     class(driven_system_type), intent(in) :: system
-    !> Lane of the block whose parameters count; state before the step; its length and least
+    !> Lane of the block whose parameters are used; state before the step; its length and least
     !! margin.
     integer, intent(in) :: lane
     real(wp), intent(in) :: q(:), v(:), h, least
@@ -126,37 +126,37 @@ contains
     end select
   end function needs_small_steps
 
-  !> Lower bound of a quantity between two places, from its values and its rates times
+  !> Lower bound of a quantity between two points, from its values and its rates times
   !! their distance: the hull of the cubic through them.
   pure elemental real(wp) function least_between(from, rate_from, to, rate_to)
     real(wp), intent(in) :: from, rate_from, to, rate_to
     least_between = min(from, to, from + rate_from/3.0_wp, to - rate_to/3.0_wp)
   end function least_between
 
-  !> How the motion from (q, v) at time `start` ends within h, if it does.
+  !> End of the motion from (q, v) at time `start` within h, if it ends.
   subroutine find_stop(system, n, lane, frequencies, q, v, start, h, stop, visitor)
     class(driven_system_type), intent(in) :: system
-    !> Coordinates of the motion itself, the others may run away; lane of the block whose
-    !! parameters count; circular frequencies of the loads, shape (n_lanes, n_drives).
+    !> Coordinates of the motion itself (others may diverge); lane of the block whose
+    !! parameters are used; circular frequencies of the loads, shape (n_lanes, n_drives).
     integer, intent(in) :: n, lane
     real(wp), intent(in) :: frequencies(:, :)
     !> Shape (system%n_dof).
     real(wp), intent(in) :: q(:), v(:), start, h
     type(stop_type), intent(out) :: stop
-    !> Only where all lanes have the same parameters, and no coordinate runs away.
+    !> Only if all lanes have the same parameters, and no coordinate diverges.
     class(step_visitor), intent(inout), optional :: visitor
     type(scout_type) :: begin
     type(explicit_type) :: method
     logical :: halting(size(ieee_all))
 
-    ! One by one: the constructor of gfortran 12 copies arrays with strides wrongly.
+    ! Component by component: the constructor of gfortran 12 copies arrays with strides wrongly.
     begin%lane = lane
     begin%n = n
     begin%start = start
     begin%frequencies = frequencies
     begin%q = q
     begin%v = v
-    ! Steps that are too large may overflow, which is how they are known.
+    ! Steps that are too large may overflow; the result shows it.
     call ieee_get_halting_mode(ieee_all, halting)
     call ieee_set_halting_mode(ieee_all, .false.)
     if (.not. allocated(system%frame)) then
@@ -200,13 +200,13 @@ contains
       lost = (margin - margin_of(system, moved(at, s)))/s
       if (lost > 0.0_wp) then
         if (margin <= edge) then
-          ! The straight rest of the way.
+          ! Straight line to the edge.
           stop%outcome = run_unphysical
           call show_line(at, min(h - at%ahead, margin/lost), visitor)
           at%ahead = min(h, at%ahead + margin/lost)
           exit
         end if
-        ! Where it begins does not depend on the run.
+        ! Its start does not depend on the run.
         if (margin <= 2.0_wp*edge) s = min(s, (margin - edge*(1.0_wp - 1.0e-9_wp))/lost)
       end if
       at%implicit = is_stiff(system, at, s)
@@ -221,7 +221,7 @@ contains
       if (.not. miss <= 1.0_wp) then
         s = s*max(0.2_wp, 0.9_wp*miss**(-1.0_wp/order))
       else if (at%implicit .and. leaves(system, whole)) then
-        ! To where the straight rest of the way begins: beyond it rounding is all there is.
+        ! Go to the start of the straight line: beyond it rounding dominates.
         lost = margin - margin_of(system, whole)
         s = s*min(0.9_wp, (margin - 1.5_wp*edge)/lost)
       else if (leaves(system, whole)) then
@@ -230,7 +230,7 @@ contains
         return
       else if (min(least_margin(system, at, half, 0.5_wp*s), &
                    least_margin(system, half, double, 0.5_wp*s)) <= 0.0_wp) then
-        ! Whether it leaves between is seen with smaller steps.
+        ! Smaller steps decide whether it leaves in between.
         s = 0.5_wp*s
       else
         call show_step(system, method, at, s, visitor)
@@ -243,12 +243,12 @@ contains
     stop%v = at%v
   end subroutine march
 
-  !> The last state before a motion leaves within a step of length s that is resolved.
+  !> The last state before a motion leaves within a resolved step of length s.
   subroutine bisect(system, method, at, s, shortest, stop)
     class(driven_system_type), intent(in) :: system
     type(explicit_type), intent(inout) :: method
     type(scout_type), intent(in) :: at
-    !> Its length; what is shorter is no time.
+    !> Its length; shorter times are negligible.
     real(wp), intent(in) :: s, shortest
     type(stop_type), intent(out) :: stop
     type(scout_type) :: inside, outside, try
@@ -272,11 +272,11 @@ contains
         inside = try
       end if
     end do
-    ! At the edge of the physics velocities may be infinite.
+    ! At the edge of the physical range velocities may be infinite.
     at_edge = in_range(system, outside%q(:at%n), outside%v(:at%n)) &
               .or. margin_of(system, inside) <= edge
     stop%outcome = merge(run_unphysical, run_diverged, at_edge)
-    ! A wall throws it far in less time than counts.
+    ! A wall accelerates it strongly in a negligible time.
     if (.not. at_edge .and. low <= shortest) inside = at
     stop%ahead = inside%ahead
     stop%q = inside%q
@@ -325,7 +325,7 @@ contains
     next%v = v(at%lane, :)
   end subroutine step_from
 
-  !> Whether the damping of a motion is faster than an explicit step can follow.
+  !> True if the damping of a motion is too fast for an explicit step.
   logical function is_stiff(system, at, s)
     class(driven_system_type), intent(in) :: system
     type(scout_type), intent(in) :: at
@@ -337,7 +337,7 @@ contains
     end select
   end function is_stiff
 
-  !> States at the nodes of an implicit step; those at its start where it cannot be made.
+  !> States at the nodes of an implicit step; the state at its start if the step fails.
   subroutine nodes_of(system, at, s, q, v, made)
     class(driven_system_type), intent(in) :: system
     type(scout_type), intent(in) :: at
@@ -355,7 +355,7 @@ contains
     v = spread(at%v, 1, n_nodes)
   end subroutine nodes_of
 
-  !> Put all lanes where a trajectory is, each with a step of its own.
+  !> Put all lanes at the state of a trajectory, each with its own step.
   subroutine begin_at(system, method, at, h)
     class(driven_system_type), intent(in) :: system
     type(explicit_type), intent(inout) :: method
@@ -367,8 +367,8 @@ contains
     if (system%timed) method%since = at%start - system%present_piece(1) + at%ahead
   end subroutine begin_at
 
-  !> Show a small step: by steps of eight parts of its length, one a lane, which have the order of
-  !! the method; an implicit one by its nodes.
+  !> Show a small step to the visitor: by steps to eight Gauss nodes, one per lane, which have the
+  !! order of the method; an implicit step by its nodes.
   subroutine show_step(system, method, at, s, visitor)
     class(driven_system_type), intent(in) :: system
     type(explicit_type), intent(inout) :: method
@@ -398,7 +398,7 @@ contains
     call show(at, s, nodes, q, v, last, visitor)
   end subroutine show_step
 
-  !> Show the straight rest of the way.
+  !> Show the straight line to the visitor.
   subroutine show_line(at, s, visitor)
     type(scout_type), intent(in) :: at
     real(wp), intent(in) :: s
@@ -408,7 +408,7 @@ contains
     call show(at, s, none(:, 1), none, none, moved(at, s), visitor)
   end subroutine show_line
 
-  !> Show the motion by its states at both ends of a step and at places between.
+  !> Show the motion by its states at both ends of a step and at points between.
   subroutine show(at, s, places, q, v, last, visitor)
     type(scout_type), intent(in) :: at, last
     real(wp), intent(in) :: s, places(:), q(:, :), v(:, :)
@@ -430,17 +430,17 @@ contains
     call visitor%visit(path)
   end subroutine show
 
-  !> By how much two ends of a step differ, 1: as much as they may; huge if one of them
-  !! is no number.
+  !> Difference of two ends of a step in units of the allowed difference; huge if one of them
+  !! is not finite.
   pure real(wp) function apart(one, other, h)
     type(scout_type), intent(in) :: one, other
-    !> A time by which velocities count.
+    !> Time that converts velocities to displacements.
     real(wp), intent(in) :: h
     real(wp) :: size_of
     apart = huge(1.0_wp)
     if (.not. (one%made .and. other%made)) return
     associate (n => one%n)
-      ! All of them: a largest one skips what is no number.
+      ! Test each number: a maximum skips NaN.
       if (.not. (all(abs(one%q(:n)) <= huge(1.0_wp)) .and. all(abs(one%v(:n)) <= huge(1.0_wp)) &
                  .and. all(abs(other%q(:n)) <= huge(1.0_wp)) &
                  .and. all(abs(other%v(:n)) <= huge(1.0_wp)))) return
@@ -452,7 +452,7 @@ contains
     end associate
   end function apart
 
-  !> Whether a state is out of range or out of the physics.
+  !> True if a state is outside of the range of numbers or of the physical range.
   logical function leaves(system, at)
     class(driven_system_type), intent(in) :: system
     type(scout_type), intent(in) :: at
@@ -468,7 +468,7 @@ contains
     margin_of = margins(at%lane)
   end function margin_of
 
-  !> Lower bound of the margin between two states s apart.
+  !> Lower bound of the margin between two states that are a time s apart.
   real(wp) function least_margin(system, from, to, s)
     class(driven_system_type), intent(in) :: system
     type(scout_type), intent(in) :: from, to

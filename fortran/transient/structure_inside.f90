@@ -1,4 +1,4 @@
-!> The motion of a structure inside a step, exactly as its maps have it at the end.
+!> The motion of a structure inside a step, exact like its maps at the end of the step.
 module viscovib_structure_inside
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: imaginary_unit
@@ -15,17 +15,17 @@ module viscovib_structure_inside
 
 contains
 
-  !> Modes and their velocities a time `ahead` after the start of a part.
+  !> Modes and their velocities at the time `ahead` after the start of a part.
   subroutine state_inside(part, sections, usual, ahead, q, v, z, z_rate)
     type(part_type), intent(in) :: part
     type(sections_type), intent(in) :: sections
-    !> Of steps; parts of a first step have their own.
+    !> Table of ordinary steps; parts of a first step have their own table.
     type(collocation_type), intent(in) :: usual
     real(wp), intent(in) :: ahead
     !> Shape (n).
     real(wp), intent(out) :: q(:), v(:)
     complex(wp), intent(out) :: z(:)
-    !> Of what follows its forces at once.
+    !> Rates of the massless variables.
     real(wp), intent(inout) :: z_rate(:)
     type(collocation_type) :: table
     real(wp) :: orders(part%s, size(sections%pushed, 2)), push(part%s)

@@ -1,5 +1,5 @@
-!> The loops of a step over all modes of a structure, eight modes at a time, which is how their
-!! arrays are laid out: mode (b-1) 8 + i at (i, b).
+!> The loops of a step over all modes of a structure, in blocks of eight modes, which is the layout
+!! of their arrays: mode (b-1) 8 + i at (i, b).
 module viscovib_structure_kernels
   use viscovib_kinds, only: wp
   implicit none
@@ -11,7 +11,7 @@ module viscovib_structure_kernels
 
 contains
 
-  !> a + what deflections gain by the state of the modes alone, at each point.
+  !> Add the change of deflections due to the state of the modes, at each point, to a.
   pure subroutine free_points(n_blocks, n_points, r, by_q, by_v, seen, q, v, a)
     integer, intent(in) :: n_blocks, n_points, r
     real(wp), intent(in), dimension(mode_block, n_blocks, n_points) :: by_q, by_v
@@ -39,7 +39,7 @@ contains
     end if
   end subroutine free_points
 
-  !> Eight sums a point: what ends in arrays is done eight at a time, what ends in a number is not.
+  !> Eight sums per point: results in arrays are vectorized, scalar results are not.
   pure subroutine one_deflection(n_blocks, n_points, by_q, by_v, seen, q, v, lanes)
     integer, intent(in) :: n_blocks, n_points
     real(wp), intent(in), dimension(mode_block, n_blocks, n_points) :: by_q, by_v
@@ -68,7 +68,7 @@ contains
     seen_of = sum(lanes(:, 1))
   end function seen_of
 
-  !> Of the columns of lanes the first is used.
+  !> Products of modes in the first column of lanes.
   pure subroutine products(n_blocks, seen, x, lanes)
     integer, intent(in) :: n_blocks
     real(wp), intent(in), dimension(mode_block, n_blocks) :: seen, x
@@ -83,20 +83,20 @@ contains
     lanes(:, min(1, n_blocks)) = total
   end subroutine products
 
-  !> Modes to the end of the step, their sums compensated: by their state, by forces at the nodes,
-  !! and by what waves add.
+  !> Advance the modes to the end of the step, with compensated sums: due to their state, forces at
+  !! the nodes, and harmonic loads.
   pure subroutine move_modes(n_blocks, s, n_pushed, by_q, by_v, rate_by_q, rate_by_v, gain, &
                              rate_gain, pushed, forces, n_swings, swing, q, v, q_rest, v_rest, &
                              largest, finite)
     integer, intent(in) :: n_blocks, s, n_pushed, n_swings
     real(wp), intent(in), dimension(mode_block, n_blocks) :: by_q, by_v, rate_by_q, rate_by_v
-    !> Node by node of a block, as they are used.
+    !> Node by node within a block, in the order of use.
     real(wp), intent(in), dimension(mode_block, s, n_blocks) :: gain, rate_gain
     real(wp), intent(in) :: pushed(mode_block, n_blocks, n_pushed), forces(s, n_pushed)
-    !> Of the modes, then of their velocities, 2 blocks or none.
+    !> For the modes, then for their velocities, 2 blocks or none.
     real(wp), intent(in) :: swing(mode_block, n_blocks, n_swings)
     real(wp), intent(inout), dimension(mode_block, n_blocks) :: q, v, q_rest, v_rest
-    !> Of the modes, so far: sum of the sizes of all.
+    !> Largest sum of the absolute values of all modes so far.
     real(wp), intent(inout) :: largest
     logical, intent(out) :: finite
     real(wp), dimension(mode_block, n_blocks) :: moved, there
@@ -114,7 +114,7 @@ contains
     end do
     finite = .true.
     if (n_blocks == 0) return
-    ! What is no number would be lost in a comparison, but not in a sum.
+    ! A NaN would be lost in a comparison, but not in a sum.
     finite = sum(moved(:, 1)) <= huge(1.0_wp)
     if (finite) largest = max(largest, sum(there(:, 1)))
   end subroutine move_modes

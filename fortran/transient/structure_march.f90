@@ -1,10 +1,10 @@
-!> Motion of a structure in time: its linear rest by exact maps of a step, the forces of its
-!! elements as polynomials through the Gauss nodes, what they remember as in
+!> Motion of a structure in time: its linear subsystem by exact maps of a step, the forces of its
+!! elements as polynomials through the Gauss nodes, their memory as in
 !! `viscovib_hereditary`.
 !!
-!! The state are the modes of the rest; the unknowns of a step are the deflections of the elements
-!! at its nodes and its end (`viscovib_condensed_maps`). A step costs as many operations as there
-!! are modes, times its nodes.
+!! The state consists of the modes of the linear subsystem; the unknowns of a step are the
+!! deflections of the elements at its nodes and its end (`viscovib_condensed_maps`). The cost of a
+!! step is proportional to the number of modes times the number of nodes.
 module viscovib_structure_march
   use viscovib_base_motion, only: base_motion_type
   use viscovib_collocation, only: collocation_type, new_collocation
@@ -36,10 +36,10 @@ module viscovib_structure_march
 
   public :: structure_march_type, new_structure_march
 
-  !> Rounds in which places at the start are found, where elements remember.
+  !> Iterations for the positions at the start if elements have memory.
   integer, parameter :: n_settling = 5
 
-  !> The state are the modes.
+  !> The state consists of the modes.
   type, extends(graded_march_type) :: structure_march_type
     type(state_type) :: state
     type(step_equations_type) :: equations
@@ -55,18 +55,18 @@ module viscovib_structure_march
     type(channels_type), private :: channels
     class(history_type), allocatable, private :: history
     type(known_past_type), private :: known_past
-    !> Of all that swings with the load; the clock is that of the columns of tables.
+    !> All quantities that are harmonic with the load; `clock` evaluates the columns of tables.
     type(load_clock), private :: swing
     !> T W, shape (n_channels, n_seen), and T of the bent variables.
     real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
-    !> The last step in parts, and how many there are.
+    !> The last step in parts, and their number.
     type(part_type), allocatable, private :: parts(:)
     integer, private :: n_parts = 0
-    !> What events look at in every step.
+    !> Maps for event detection in each step.
     type(places_type), private :: places
-    !> As of `phase_errors`.
+    !> As in `phase_errors`.
     type(phases_type), private :: phases
-    !> Room for a step.
+    !> Workspace for a step.
     real(wp), allocatable, private :: points(:, :), g(:, :), values(:), columns(:), recalled(:)
   contains
     procedure :: take_up
@@ -94,27 +94,27 @@ module viscovib_structure_march
 
 contains
 
-  !> A run from modes (q, v) at time 0. `reason`: `begun`, or why it is not.
+  !> A run from modes (q, v) at time 0. `reason`: `begun`, or why the run cannot start.
   subroutine new_structure_march(run, system, sections, shown, shown_left, load, s, past, held, q, &
                                  v, h, t_end, tolerance, reason, before, moved, shortest, kinks)
     type(structure_march_type), intent(out) :: run
-    !> The elements, in their deflections; a rest of n sections.
+    !> The elements, in their deflections; a linear subsystem of n sections.
     class(oscillator_type), intent(in) :: system
     type(sections_type), intent(in) :: sections
     !> Coordinates observed, by modes, shape (n, n_observed).
     real(wp), intent(in) :: shown(:, :)
     complex(wp), intent(in) :: shown_left(:, :)
-    !> Columns of tables, which push last in `sections%pushed`.
+    !> Columns of tables, whose forces are the last in `sections%pushed`.
     type(time_load_type), intent(in) :: load
     !> Nodes of a step; as in `new_history`.
     integer, intent(in) :: s, past
     !> Deflections held for all t < 0, shape (n_seen).
     real(wp), intent(in) :: held(:)
-    !> Start, shape (n), then Re z and Im z of what has no real modes; step; latest time; relative
-    !! error of the kernels as exponentials and of a step's solution.
+    !> Start, shape (n), then Re z and Im z of the part without real modes; step; latest time;
+    !! relative error of the kernels as exponentials and of a step's solution.
     real(wp), intent(in) :: q(:), v(:), h, t_end, tolerance
     integer, intent(out) :: reason
-    !> As in `new_hereditary`, of the deflections.
+    !> As in `new_hereditary`, for the deflections.
     real(wp), intent(in), optional :: before(:), moved(:, :)
     real(wp), intent(in), optional :: shortest
     logical, intent(in), optional :: kinks
@@ -163,7 +163,7 @@ contains
     call run%stand_still(system)
   end subroutine new_structure_march
 
-  !> A piece of the mesh begins, where the load may jump.
+  !> Begin a piece of the mesh, where the load may jump.
   subroutine enter_structure(self, system, load, t, h, made)
     class(structure_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -180,7 +180,7 @@ contains
     call self%stand_still(system)
   end subroutine enter_structure
 
-  !> What follows its forces at once does so from time t on.
+  !> Set the massless variables to their equilibrium at time t.
   subroutine settle(self, system, load, t, made)
     class(structure_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -192,7 +192,7 @@ contains
     made = .true.
     if (self%sections%others%n_at_once == 0) return
     if (size(self%recalled) > 0) call self%history%recall(self%recalled)
-    ! What is remembered of the short step begins at the place found before.
+    ! The memory of the short step begins at the position found before.
     do i = 1, merge(1, n_settling, size(self%recalled) == 0)
       call settle_at_once(self%state, system, self%sections, self%channels, self%table, load, t, &
                           self%h, self%solved, self%recalled, made)
@@ -200,7 +200,7 @@ contains
     end do
   end subroutine settle
 
-  !> The next step knows of no step before.
+  !> Start the next step without extrapolation from the previous step.
   subroutine stand_still(self, system)
     class(structure_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -224,7 +224,7 @@ contains
     type(base_motion_type), intent(in) :: base
     real(wp), intent(in) :: displacement(:), velocity(:)
     integer :: n
-    ! Where a base comes to rest, only these jumps show it.
+    ! If a base comes to rest, only these jumps show it.
     associate (inner => self%sections%inner, poles => self%sections%others, &
                not_needed => base%direction, moved => displacement(1), speed => velocity(1))
       n = size(inner)
@@ -267,7 +267,7 @@ contains
     allocate (self%values(size(self%maps(self%now)%maps%modal%swing, 1)))
   end subroutine change_step
 
-  !> One step to time `until`, forces as polynomials.
+  !> One step to time `until`, with forces as polynomials.
   subroutine plain_step(self, system, load, until, made)
     class(structure_march_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -304,7 +304,7 @@ contains
     self%rolling = .true.
   end subroutine plain_step
 
-  !> Make room for the panels of a step.
+  !> Allocate the panels of a step.
   subroutine begin_panels(self, ends)
     class(structure_march_type), intent(inout) :: self
     real(wp), intent(in) :: ends(0:)
@@ -314,8 +314,8 @@ contains
     allocate (self%parts(size(ends) - 1))
   end subroutine begin_panels
 
-  !> The first step as panels, where memory makes the start singular; `made` is false where a
-  !! plain step will do.
+  !> The first step as panels, where memory makes the start singular; `made` is false if a
+  !! plain step suffices.
   subroutine add_first_step(self, system, load, made)
     class(structure_march_type), intent(inout), target :: self
     class(oscillator_type), intent(in) :: system
@@ -408,7 +408,7 @@ contains
     call show_state(self%sections, self%shown, self%shown_left, q, w, z, z_rate, u, v)
   end subroutine inside
 
-  !> As of a `march_type`; of a step of one part by maps that are made once.
+  !> As in `march_type`; an undivided step uses maps that are built once.
   subroutine inside_part(self, begin, width, points, which, u, v)
     class(structure_march_type), intent(inout) :: self
     real(wp), intent(in) :: begin, width, points(:)
@@ -435,12 +435,12 @@ contains
   pure real(wp) function resolution(self)
     class(structure_march_type), intent(in) :: self
     resolution = 0.0_wp
-    ! Without forces that depend on deflections nothing needs polynomials.
+    ! Without forces that depend on deflections, no polynomials are needed.
     if (size(self%equations%y) + size(self%recalled) == 0) return
     resolution = self%state%resolution(self%sections)
   end function resolution
 
-  !> As of a `march_type`.
+  !> As in `march_type`.
   pure function phase_errors(self) result(errors)
     class(structure_march_type), intent(in) :: self
     real(wp) :: errors(2*self%n_observed())

@@ -1,13 +1,13 @@
-!> What rounding of the frequencies of a structure, and of its poles, makes of a motion.
+!> Error of the motion of a structure due to rounding of its frequencies and poles.
 !!
-!! A frequency omega is known to eps omega. After a time t its mode swings with a phase that is off
-!! by eps omega t, in steps of any length alike, so that no comparison of runs shows it:
+!! A frequency omega has the error eps omega. After a time t its mode has the phase error
+!! eps omega t, for any step size, so that no comparison of runs shows it:
 !!
 !!   |dq| = eps t |q'|,    |dq'| = eps t omega |q'|,    |dz| = eps t |pole z|,                   (1)
 !!
-!! of what a mode did so long ago that it has faded since nothing is left: t is at most the time in
-!! which it decays. If it oscillates, the phase of its samples is unknown, so that the largest
-!! values of (1) count; those of different modes are independent of each other.
+!! where t is at most the decay time of the mode, since earlier motion has decayed. For an
+!! oscillating mode the phase of its samples is unknown, so that the largest values of (1) are
+!! used; those of different modes are independent of each other.
 module viscovib_structure_phases
   use viscovib_kinds, only: wp
   use viscovib_modal_maps, only: sections_type
@@ -17,14 +17,14 @@ module viscovib_structure_phases
 
   public :: new_phases, phases_type
 
-  !> Part of a frequency that it is known to: of squares half of it is rounding at most, and what
-  !! steps make of it has as much of its own.
+  !> Relative error of a frequency: at most half of the rounding of its square, and as much from the
+  !! steps.
   real(wp), parameter :: known_to = 2.0_wp*epsilon(1.0_wp)
-  !> Beyond this no motion is followed: it runs away.
+  !> Bound of motions; larger ones diverge.
   real(wp), parameter :: largest = sqrt(huge(1.0_wp))
 
   type :: phases_type
-    !> Times in which modes and what has no real modes fade; largest t |q'| and t |z| so far.
+    !> Decay times of modes and of the part without real modes; largest t |q'| and t |z| so far.
     real(wp), allocatable, private :: fading(:), fading_others(:), swept(:), swept_others(:)
   contains
     procedure :: follow
@@ -39,7 +39,7 @@ contains
 
     associate (squares => sections%squares, rates => sections%rates, poles => sections%others%poles)
       allocate (phases%fading(size(squares)), phases%fading_others(size(poles)), source=largest)
-      ! exp(-rate t/2), and exp(-square t/rate) of what creeps.
+      ! exp(-rate t/2), and exp(-square t/rate) for overdamped modes.
       where (rates > 1.0_wp/largest .and. squares > rates/largest)
         phases%fading = max(2.0_wp/rates, rates/squares)
       end where
@@ -48,7 +48,7 @@ contains
     end associate
   end subroutine new_phases
 
-  !> A step ends at time t.
+  !> Process a step that ends at time t.
   pure subroutine follow(self, state, t)
     class(phases_type), intent(inout) :: self
     type(state_type), intent(in) :: state
@@ -58,7 +58,7 @@ contains
                             *min(abs(state%z), largest))
   end subroutine follow
 
-  !> By how much what is observed is off, (u_1, u'_1, ...).
+  !> Errors of the observed values, (u_1, u'_1, ...).
   pure function errors(self, sections, shown, shown_left)
     class(phases_type), intent(in) :: self
     type(sections_type), intent(in) :: sections

@@ -1,9 +1,9 @@
-!> The motion of a structure at fixed places of its steps, by maps made once for each length of
-!! steps: what events look at, step after step.
+!> The motion of a structure at fixed positions in a step, for event detection, by matrices that
+!! are built once for each step length.
 !!
-!! At a place c of a step what is seen of the motion (`viscovib_structure_inside`) is linear in the
-!! state at its start, in the forces at its nodes and in the sines and cosines of the loads' phases
-!! there. One matrix a part of the step holds that for all places of the part.
+!! The observed coordinates (`viscovib_structure_inside`) at a position of a step are linear in the
+!! state at its start, in the forces at its nodes and in the sines and cosines of the load phases
+!! there. Each part of the step has one matrix for all its positions.
 module viscovib_structure_places
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
@@ -17,10 +17,10 @@ module viscovib_structure_places
 
   public :: places_type
 
-  !> Halvings of a step whose parts are kept, and numbers that are kept at most.
+  !> Depth of bisection up to which matrices are kept, and their largest total size.
   integer, parameter :: most_halvings = 4, most_numbers = 2*10**6
 
-  !> What is seen at the places of a part, by all that it depends on: coordinates, then their
+  !> Matrix from all inputs to the values at the positions of a part: coordinates, then their
   !! velocities, a column each.
   type :: rows_type
     real(wp), allocatable :: by(:, :)
@@ -28,7 +28,7 @@ module viscovib_structure_places
 
   type :: places_type
     real(wp), private :: h = -1.0_wp
-    !> Coordinates looked at, and places in a part.
+    !> Observed coordinates, and positions in a part.
     integer, allocatable, private :: which(:)
     real(wp), allocatable, private :: points(:)
     integer, private :: n_numbers = 0
@@ -39,19 +39,19 @@ module viscovib_structure_places
 
 contains
 
-  !> Coordinates and velocities at the places of a part of a step. `known` is false where no map is
-  !! kept of it.
+  !> Coordinates and velocities at the positions of a part of a step. `known` is false if no matrix
+  !! is kept for the part.
   subroutine look(self, part, sections, shown, shown_left, table, begin, width, points, which, u, &
                   v, known)
     class(places_type), intent(inout) :: self
     !> The whole step.
     type(part_type), intent(in) :: part
     type(sections_type), intent(in) :: sections
-    !> By modes, as of `show_state`.
+    !> By modes, as in `show_state`.
     real(wp), intent(in) :: shown(:, :)
     complex(wp), intent(in) :: shown_left(:, :)
     type(collocation_type), intent(in) :: table
-    !> The part, in [0, 1], and places in it.
+    !> The part, in [0, 1], and positions in it.
     real(wp), intent(in) :: begin, width, points(:)
     integer, intent(in) :: which(:)
     !> Shape (size(points), size(which)).
@@ -106,7 +106,7 @@ contains
     end do
   end subroutine begin_anew
 
-  !> All that the motion in a step depends on: q, v, Re z, Im z, forces, sines and cosines.
+  !> All inputs of the motion in a step: q, v, Re z, Im z, forces, sines and cosines.
   function all_of(part, sections, n) result(x)
     type(part_type), intent(in) :: part
     type(sections_type), intent(in) :: sections
@@ -126,7 +126,7 @@ contains
     real(wp), intent(in) :: shown(:, :)
     complex(wp), intent(in) :: shown_left(:, :)
     type(collocation_type), intent(in) :: table
-    !> After the start of the step.
+    !> From the start of the step.
     real(wp), intent(in) :: times(:)
     integer, intent(in) :: which(:)
     real(wp), allocatable :: of_q(:, :), of_v(:, :)
@@ -153,7 +153,7 @@ contains
     end do
   end subroutine make_rows
 
-  !> Modes and their velocities a time `now` after the start, a column each.
+  !> Rows of modes and their velocities at time `now` after the start, a column each.
   subroutine modes_at(of_q, of_v, part, sections, table, now)
     real(wp), intent(out) :: of_q(:, :), of_v(:, :)
     type(part_type), intent(in) :: part
@@ -203,14 +203,14 @@ contains
     end do
   end subroutine modes_at
 
-  !> The same of what has no real modes.
+  !> The same for the poles without real modes.
   subroutine poles_at(of_z, part, sections, table, now, at_z)
     complex(wp), intent(out) :: of_z(:, :)
     type(part_type), intent(in) :: part
     type(sections_type), intent(in) :: sections
     type(collocation_type), intent(in) :: table
     real(wp), intent(in) :: now
-    !> Numbers before Re z.
+    !> Count of inputs before Re z.
     integer, intent(in) :: at_z
     complex(wp) :: gain(part%s), waved(2)
     real(wp) :: orders(part%s, part%s)

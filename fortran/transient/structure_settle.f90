@@ -1,6 +1,6 @@
-!> What follows its forces at once, where a motion begins or its load jumps: a step so short that
-!! everything else is constant finds the forces, and their polynomials give values and slopes at its
-!! start.
+!> Massless variables at the start of a motion or after a jump of the load: a step so short that
+!! everything else is constant determines the forces, and their polynomials give values and slopes
+!! at its start.
 module viscovib_structure_settle
   use viscovib_collocation, only: collocation_type
   use viscovib_hereditary_maps, only: remaining_weights
@@ -19,12 +19,12 @@ module viscovib_structure_settle
 
   public :: settle_at_once
 
-  !> Length of that step, in steps of the run.
+  !> Length of that step, relative to the steps of the run.
   real(wp), parameter :: short = 1.0e-3_wp
 
 contains
 
-  !> `recalled`: what the nodes of the next step remember, as it is there.
+  !> `recalled`: memory at the nodes of the next step.
   subroutine settle_at_once(state, system, sections, channels, table, load, now, h, solved, &
                             recalled, made)
     type(state_type), intent(inout) :: state

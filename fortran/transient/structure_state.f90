@@ -1,4 +1,4 @@
-!> The state of a structure in time: its modes, in whole blocks, and its elements' deflections.
+!> The state of a structure in time: its modes, in whole blocks, and deflections of its elements.
 module viscovib_structure_state
   use viscovib_kinds, only: wp
   use viscovib_modal_maps, only: sections_type
@@ -14,9 +14,9 @@ module viscovib_structure_state
   type :: state_type
     !> Modes, their velocities, and the rounding errors of both, shape (n).
     real(wp), allocatable :: q(:), v(:), q_rest(:), v_rest(:)
-    !> Of what has no real modes.
+    !> The part without real modes.
     complex(wp), allocatable :: z(:), z_rest(:)
-    !> Rates of what follows its forces at once.
+    !> Rates of the massless variables.
     real(wp), allocatable :: z_rate(:)
     !> Deflections of the elements and their rates, shape (n_seen).
     real(wp), allocatable :: w(:), w_rate(:)
@@ -35,7 +35,7 @@ module viscovib_structure_state
 
 contains
 
-  !> Deflections and their rates of a state that begins.
+  !> Deflections and their rates of an initial state.
   pure subroutine start_state(state, sections)
     type(state_type), intent(inout) :: state
     type(sections_type), intent(in) :: sections
@@ -59,7 +59,7 @@ contains
               + seen_at_once(sections%others%left(:, j), state%z_rate)
   end function rate_of
 
-  !> A state that begins: modes, then Re z and Im z of what has none.
+  !> Set an initial state: modes, then Re z and Im z of the part without real modes.
   pure subroutine set_state(state, sections, q, v)
     type(state_type), intent(inout) :: state
     type(sections_type), intent(in) :: sections
@@ -88,7 +88,7 @@ contains
     call start_state(state, sections)
   end subroutine set_state
 
-  !> Coordinates, and their velocities, of modes (q, v) and of what has none.
+  !> Coordinates and their velocities, from modes (q, v) and from the part without real modes.
   pure subroutine show_state(sections, shown, shown_left, q, v, z, z_rate, u, rates)
     type(sections_type), intent(in) :: sections
     !> By modes, shapes (n, n_shown) and (n_poles, n_shown).
@@ -96,7 +96,7 @@ contains
     complex(wp), intent(in) :: shown_left(:, :)
     real(wp), intent(in) :: q(:), v(:)
     complex(wp), intent(in) :: z(:)
-    !> Of what follows at once.
+    !> Rates of the massless variables.
     real(wp), intent(in) :: z_rate(:)
     real(wp), intent(out) :: u(:), rates(:)
     integer :: d
@@ -108,8 +108,8 @@ contains
     end do
   end subroutine show_state
 
-  !> The largest last Legendre coefficient, relative to the largest deflection; or to a part of what
-  !! the modes could deflect, where a deflection is but the first trace of a wave.
+  !> The largest last Legendre coefficient, relative to the largest deflection; or to a part of the
+  !! deflection that the modes could cause, if a deflection is only the first trace of a wave.
   pure real(wp) function resolution(self, sections)
     class(state_type), intent(in) :: self
     type(sections_type), intent(in) :: sections
@@ -122,8 +122,8 @@ contains
     end do
   end function resolution
 
-  !> How many numbers hold a state but for what follows its forces at once: there is as much of
-  !! it as loads need.
+  !> Length of a saved state without its massless variables, whose number
+  !! depends on the load.
   pure integer function n_numbers(self)
     class(state_type), intent(in) :: self
     n_numbers = 1 + 4*(size(self%q) + size(self%z) - size(self%z_rate) + size(self%w))
@@ -163,7 +163,7 @@ contains
     end associate
   end subroutine load_numbers
 
-  !> What follows its forces at once: places, their rounding errors, and rates.
+  !> The massless variables: values, rounding errors, and rates.
   pure function at_once_numbers(self) result(numbers)
     class(state_type), intent(in) :: self
     real(wp) :: numbers(3*size(self%z_rate))
@@ -183,7 +183,7 @@ contains
     self%z_rate = numbers(2*n + 1:)
   end subroutine load_at_once
 
-  !> Sections to whole blocks: those added do not move.
+  !> Pad sections to whole blocks; additional sections do not move.
   pure type(sections_type) function padded_sections(sections) result(padded)
     type(sections_type), intent(in) :: sections
     integer :: n

@@ -1,4 +1,4 @@
-!> One step of a structure: the forces of its elements found, its modes moved on.
+!> One step of a structure: solve for the forces of its elements, and advance its modes.
 module viscovib_structure_step
   use viscovib_collocation, only: collocation_type
   use viscovib_condensed_maps, only: condensed_map_type, new_condensed_map
@@ -19,7 +19,7 @@ module viscovib_structure_step
   public :: bends_of, lengthen, make_step, maps_holder, maps_type, new_maps, part_type
   public :: structure_panels
 
-  !> Part of the displacements that nonlinear forces move on a step in which a motion may escape.
+  !> Share of nonlinear forces in the displacements above which a motion may escape in a step.
   real(wp), parameter :: bending = 1.0e-3_wp
 
   !> Maps of steps of one length.
@@ -29,7 +29,7 @@ module viscovib_structure_step
     type(condensed_map_type) :: condensed
   end type maps_type
 
-  !> A map by its place, so that maps can be moved.
+  !> A holder of maps, so that they can be moved.
   type :: maps_holder
     type(maps_type), allocatable :: maps
   end type maps_holder
@@ -48,7 +48,7 @@ module viscovib_structure_step
     type(sections_type), pointer :: sections => null()
     type(state_type) :: state
     real(wp) :: bound = huge(1.0_wp), solved = 0.0_wp
-    !> The panels made.
+    !> The solved panels.
     integer :: n_made = 0
     type(part_type), allocatable :: parts(:)
   contains
@@ -57,7 +57,7 @@ module viscovib_structure_step
 
 contains
 
-  !> E as in `remaining_weights`. `singular`: the step is too large.
+  !> Maps with E as in `remaining_weights`. `singular`: the step is too large.
   subroutine new_maps(maps, system, channels, sections, table, h, e, singular)
     type(maps_type), intent(out) :: maps
     class(oscillator_type), intent(in) :: system
@@ -76,7 +76,7 @@ contains
     maps%condensed%step%h = h
   end subroutine new_maps
 
-  !> Room for n maps.
+  !> Enlarge an array of maps to n.
   subroutine lengthen(maps, n)
     type(maps_holder), allocatable, intent(inout) :: maps(:)
     integer, intent(in) :: n
@@ -99,8 +99,8 @@ contains
     call equations%start_bends(system, maps%condensed%step, state%w, state%w_rate)
   end subroutine bends_of
 
-  !> The step. `made` is false, and the state stays, if its equations do not settle, or if it may
-  !! have passed an escape to infinity, `doubtful`, and is not `trusted`.
+  !> Make a step. `made` is false, and the state is unchanged, if its equations do not converge, or
+  !! if it may have passed an escape to infinity (`doubtful`) and is not `trusted`.
   subroutine make_step(state, system, sections, table, maps, equations, rolling, trusted, bound, &
                        swing, columns, remembered, part, points, made, doubtful)
     type(state_type), intent(inout) :: state
@@ -109,13 +109,13 @@ contains
     type(collocation_type), intent(in) :: table
     type(maps_type), intent(in) :: maps
     type(step_equations_type), intent(inout) :: equations
-    !> The step follows one of its own kind; largest deflection that laws stand.
+    !> True if the step follows one of its own kind; largest deflection in the range of laws.
     logical, intent(in) :: rolling, trusted
     real(wp), intent(in) :: bound
-    !> What waves add, as rows of `swing` of the modal map; columns of tables at the nodes; what
-    !! the nodes remember.
+    !> Contributions of harmonic loads, rows as in `swing` of the modal map; columns of tables at
+    !! the nodes; memory at the nodes.
     real(wp), intent(in), contiguous :: swing(:), columns(:), remembered(:)
-    !> Its q, v and forces are set; deflections at the points, shape (0:s+1, n_seen).
+    !> The part, whose q, v and forces are set; deflections at the points, shape (0:s+1, n_seen).
     type(part_type), intent(inout) :: part
     real(wp), intent(out), contiguous :: points(0:, :)
     logical, intent(out) :: made, doubtful
@@ -128,7 +128,7 @@ contains
     n_rows = (s + 1)*r
     n_swings = 0
     if (size(sections%frequencies) > 0) n_swings = 2
-    ! Without loads that swing nothing stands there.
+    ! Without harmonic loads `swing` is empty there.
     at_poles = size(swing)
     if (n_swings > 0) at_poles = n_rows + n_swings*n*mode_block
     doubtful = .false.
@@ -154,7 +154,7 @@ contains
       if (made .and. size(equations%y) > 0 .and. .not. trusted) then
         doubtful = runs_away(s, maps%h, state%w, state%w_rate, state%largest, equations%x, &
                              table%last_coefficient)
-        ! What is linear escapes nowhere, be it ever so steep.
+        ! A linear motion cannot escape, however steep it is.
         if (doubtful) doubtful = equations%nonlinear_share(state%w) > bending
       end if
       made = made .and. .not. doubtful
@@ -192,7 +192,7 @@ contains
     end do
   end subroutine make_step
 
-  !> Room for the forces of a step of s nodes.
+  !> Allocate the forces of a step with s nodes.
   pure subroutine make_room(part, s, n_pushed)
     type(part_type), intent(inout) :: part
     integer, intent(in) :: s, n_pushed
@@ -203,7 +203,7 @@ contains
     allocate (part%forces(s, n_pushed))
   end subroutine make_room
 
-  !> A panel, its maps made for it alone.
+  !> Solve a panel, with maps for its own length.
   subroutine make_panel(self, system, channels, load, table, local, now, length, remembered, &
                         points, g, made)
     class(structure_panels), intent(inout) :: self

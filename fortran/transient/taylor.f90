@@ -1,9 +1,9 @@
-!> Taylor's method of any order in fixed steps, many motions side by side in four blocks of lanes:
+!> Taylor's method of any order in fixed steps, for trajectories in four blocks of lanes:
 !! for large ensembles of systems whose forces have power series.
 !!
-!! An order of the series costs as many products as it has coefficients, far fewer operations than
-!! stages of a Runge-Kutta method of the same order, and reading the forces' program is shared by
-!! all blocks. Every lane does the same arithmetic whatever its neighbours hold.
+!! Coefficient k of a product costs k + 1 multiplications, far fewer operations than
+!! the stages of a Runge-Kutta method of the same order, and all blocks share the interpretation of
+!! the forces' program. The results of a lane do not depend on the other lanes.
 module viscovib_taylor
   use viscovib_aligned, only: alignment_slack, first_aligned
   use viscovib_kinds, only: wp
@@ -18,7 +18,7 @@ module viscovib_taylor
 
   public :: new_taylor, taylor_type
 
-  !> The last terms of series that converge within a step are at most this part of the motion.
+  !> Bound of the last terms of a converging series, relative to the motion.
   real(wp), parameter :: most_left = 1.0e-4_wp
 
   type :: taylor_type
@@ -32,7 +32,7 @@ module viscovib_taylor
     !> The load's phase and its growth in a step, in two parts.
     real(wp), dimension(n_wide), private :: high = 0.0_wp, low = 0.0_wp
     real(wp), dimension(n_wide), private :: step_high = 0.0_wp, step_low = 0.0_wp
-    !> Coefficients, and where they begin.
+    !> Coefficients, and the index where they begin.
     real(wp), allocatable, private :: room(:)
     integer, private :: first = 1
   contains
@@ -52,9 +52,9 @@ contains
   subroutine new_taylor(method, order, motions, frequencies, q, v, h)
     type(taylor_type), intent(out) :: method
     integer, intent(in) :: order
-    !> A block each.
+    !> One system per block.
     type(lane_motion_type), intent(in) :: motions(:)
-    !> Of all lanes: circular frequencies of the loads, states, and steps; shape (n_wide, n_dof).
+    !> For all lanes: circular frequencies of the loads, states, and steps; shape (n_wide, n_dof).
     real(wp), intent(in) :: frequencies(n_wide), q(:, :), v(:, :), h(n_wide)
     logical :: known
 
@@ -99,14 +99,14 @@ contains
     self%made = .not. lost .and. left <= most_left*size_of
   end subroutine step_in_room
 
-  !> The series of the first step, of which nothing but the accelerations at its start is asked.
+  !> The series of the first step, for the accelerations at its start only.
   subroutine expand_first(self)
     class(taylor_type), intent(inout) :: self
     logical :: lost(n_wide)
     call self%expand_in_room(self%room(self%first), lost)
   end subroutine expand_first
 
-  !> The series from the present state on.
+  !> Expand the series at the present state.
   subroutine expand_in_room(self, s, lost)
     class(taylor_type), intent(inout) :: self
     real(wp), intent(inout) :: s(n_wide, 0:self%order, self%series%program%n_registers)
@@ -121,7 +121,7 @@ contains
     call self%series%expand(self%order, self%h, self%turning, cosine, sine, s, lost)
   end subroutine expand_in_room
 
-  !> Accelerations of a block at the end of the step whose series is known, or at its start: the
+  !> Accelerations of a block at the end of the step with the present series, or at its start: the
   !! terms of a velocity are v_k = v^(k) h^k/k!, so that h v' = sum_k k v_k.
   subroutine get_accelerations(self, block, at_end, a)
     class(taylor_type), intent(in) :: self
@@ -135,7 +135,7 @@ contains
   pure subroutine accelerations_in_room(self, s, before, at_end, a)
     class(taylor_type), intent(in) :: self
     real(wp), intent(in) :: s(n_wide, 0:self%order, self%series%program%n_registers)
-    !> Lanes of the blocks before.
+    !> Number of lanes in previous blocks.
     integer, intent(in) :: before
     logical, intent(in) :: at_end
     real(wp), intent(inout) :: a(:, :)
@@ -148,7 +148,7 @@ contains
         total = total + k*s(before + 1:before + n_lanes, k, self%series%n_dof + d)
       end do
       do l = 1, n_lanes
-        ! A lane that waits at rest has steps of length 0.
+        ! A stopped lane has steps of length 0.
         a(l, d) = 0.0_wp
         if (self%h(before + l) > 0.0_wp) a(l, d) = total(l)/self%h(before + l)
       end do
@@ -170,8 +170,8 @@ contains
     end do
   end subroutine cosines
 
-  !> The sum of a series, the smallest terms first, added to the state in compensated summation; its
-  !! last two terms and its size besides, of a velocity times the step.
+  !> Add the sum of a series, the smallest terms first, to the state in compensated summation; also
+  !! accumulate its last two terms and its size, for a velocity times the step.
   pure subroutine add_terms(order, s, x, rest, left, size_of, h, is_rate)
     integer, intent(in) :: order
     real(wp), intent(in) :: s(n_wide, 0:order), h(n_wide)
@@ -199,7 +199,7 @@ contains
     end do
   end subroutine add_terms
 
-  !> The states of a block, and which of its lanes made the last step.
+  !> The states of a block, and the lanes in which the last step succeeded.
   pure subroutine get_block(self, block, q, v, made)
     class(taylor_type), intent(in) :: self
     integer, intent(in) :: block
@@ -217,7 +217,7 @@ contains
     made = self%made(before + 1:before + n_lanes)
   end subroutine get_block
 
-  !> Let a lane of a block wait at rest from now on.
+  !> Stop a lane of a block at rest.
   pure subroutine stop_lane(self, block, lane)
     class(taylor_type), intent(inout) :: self
     integer, intent(in) :: block, lane

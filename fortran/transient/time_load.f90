@@ -22,14 +22,14 @@ module viscovib_time_load
     procedure, private :: add_table
   end type time_load_type
 
-  !> What evaluates a load along equal steps, phases kept to the last digit.
+  !> Evaluates a load along equal steps, with phases accurate to the last digit.
   type :: load_clock
     !> The start of the present step.
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: high(:), low(:)
     real(wp), allocatable, private :: step_high(:), step_low(:), c(:)
-    !> Amplitudes turned to the nodes, factors of the sine and of the cosine of the
-    !! phase at the start of the step, a column a frequency.
+    !> Amplitudes rotated to the nodes, factors of the sine and of the cosine of the
+    !! phase at the start of the step, one column per frequency.
     real(wp), allocatable, private :: turned_sine(:, :), turned_cosine(:, :)
     integer, private :: piece = 1
   contains
@@ -54,7 +54,7 @@ contains
     call self%add_table(t, piece, f)
   end subroutine at
 
-  !> Add the cubic at t; `piece` is where the search begins and ends.
+  !> Add the cubic at t; `piece` is the first guess of its interval and returns the interval.
   subroutine add_table(self, t, piece, f)
     class(time_load_type), intent(in) :: self
     real(wp), intent(in) :: t
@@ -101,8 +101,8 @@ contains
     end do
   end subroutine new_clock
 
-  !> A clock of any quantities that swing with the load: their amplitudes at phase 0 at the
-  !! start of a step, shape (n, m), in place of the load's at the nodes.
+  !> A clock of any quantities that are harmonic with the load: their amplitudes at phase 0 at the
+  !! start of a step, shape (n, m), in place of the load amplitudes at the nodes.
   subroutine new_swing(clock, frequencies, amplitudes, start, h)
     type(load_clock), intent(out) :: clock
     real(wp), intent(in) :: frequencies(:), start, h
@@ -158,7 +158,7 @@ contains
     end do
   end subroutine add_table_at_nodes
 
-  !> To the start of the next step, at time t.
+  !> Advance to the start of the next step, at time t.
   subroutine advance(self, t)
     class(load_clock), intent(inout) :: self
     real(wp), intent(in) :: t

@@ -1,4 +1,4 @@
-!> States of a run at wanted times, each by a step of its own from where the step begins.
+!> States of a run at requested times, each by a separate step from the start of the step.
 module viscovib_wanted_states
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_driven_system, only: driven_system_type
@@ -13,12 +13,12 @@ module viscovib_wanted_states
   public :: wanted_states
 
   type :: wanted_states
-    !> Ascending; how many were reached, and the states there, shape (2 n_dof, n).
+    !> Ascending; number of times reached, and the states there, shape (2 n_dof, n).
     real(wp), allocatable :: times(:), states(:, :)
     !> Accelerations there, relative to the base, then forces of laws; not allocated: not wanted.
     real(wp), allocatable :: accelerations(:, :)
     integer :: n_reached = 0
-    !> The motion up to one of them could not be followed.
+    !> True if the motion up to one of them could not be computed.
     logical :: lost = .false.
   contains
     procedure :: begin
@@ -51,8 +51,8 @@ contains
     if (self%n_reached < size(self%times)) within = self%times(self%n_reached + 1) < from + h
   end function within
 
-  !> States at the wanted times from the present one up to the end of the step, or up to
-  !! one that no step leads to: `lost`.
+  !> States at the requested times from the present one up to the end of the step, or up to
+  !! the first one that cannot be reached: `lost`.
   subroutine keep_between(self, method, system, now)
     class(wanted_states), intent(inout) :: self
     class(stepper_type), intent(in) :: method
@@ -77,7 +77,7 @@ contains
                          method%v, now, ahead, stop)
           q = stop%q
           v = stop%v
-          ! Where the motion stops before, the step will show it.
+          ! If the motion stops before, the step itself reports it.
           self%lost = stop%outcome /= run_completed
           if (self%lost) return
         end if

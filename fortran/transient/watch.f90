@@ -1,4 +1,4 @@
-!> Events that a run is asked for: passages of functions of the state through 0.
+!> Requested events of a run: zero crossings of functions of the state.
 module viscovib_watch
   use viscovib_all_passages, only: passage_search
   use viscovib_extremes, only: extremes_type
@@ -11,45 +11,45 @@ module viscovib_watch
 
   public :: watch_type, new_watch, passage_type, coordinates_read, renumbered
 
-  !> Part of its largest value so far within which a signal of a motion that sticks counts as 0.
+  !> Part of its largest value so far below which a signal counts as 0 while the motion sticks.
   real(wp), parameter :: at_rest = 1.0e-11_wp
-  !> The least that a signal's largest value is once it had one, be it 0.
+  !> Lower bound of a signal's largest value once it has had a value, even if 0.
   real(wp), parameter :: valued = 2.0_wp**(-1000)
 
-  !> One passage: of which signal, its sign before, the place in the step, and how the signal
-  !! changes there, as `passage_search` has it.
+  !> One crossing: the index of its signal, the sign before it, its position in the step, and the
+  !! change of the signal there, as in `passage_search`.
   type :: passage_type
     integer :: which = 0, side = 1
     real(wp) :: place = 0.0_wp, rate = 0.0_wp, bend = 0.0_wp
   end type passage_type
 
-  !> Rows of a passage that is handed over besides the state: signal, time, and those two.
+  !> Rows of a crossing in addition to the state: signal, time, rate and bend.
   integer, parameter, public :: n_told = 4
 
   type :: watch_type
     type(signal_type), allocatable :: signals(:)
-    !> Coordinates that the signals' states hold; not allocated: all of them.
+    !> Coordinates in the states that the signals receive; not allocated: all of them.
     integer, allocatable :: reads(:)
-    !> Places in parts of steps that are searched, and what makes of a signal there its last
-    !! coefficients (`viscovib_march_events`), once they are made.
+    !> Sample points in parts of steps, and the matrix from samples of a signal to its last
+    !! coefficients (`viscovib_march_events`), once they are built.
     type(step_path), allocatable :: path
     real(wp), allocatable :: last(:, :)
-    !> Largest values of what signals read in them.
+    !> Largest values of the arguments of signals.
     real(wp), allocatable :: scales(:)
-    !> Passages that count: upwards 1, downwards -1, 0 both; whether the run ends there.
+    !> Directions that count: upwards 1, downwards -1, both 0; true if the event ends the run.
     integer, allocatable :: direction(:)
     logical, allocatable :: terminal(:)
-    !> On which side of 0 each signal was last, 0: on none yet; its largest value so far, 0: it
-    !! had none.
+    !> Last known side of 0 of each signal, 0: none yet; its largest value so far, 0 if it
+    !! had no value.
     integer, allocatable :: sides(:)
     real(wp), allocatable :: largest(:)
-    !> Signals may change anywhere between places: they are searched by ranges. Of each, in how many
-    !! steps some passages may be missing all the same.
+    !> Signals may change anywhere between points, so the search uses interval bounds. For each
+    !! signal: number of steps in which crossings may be missing.
     integer, allocatable :: lost(:)
     type(passage_search) :: search
-    !> Peaks and means along the motion, if they are asked for.
+    !> Peaks and means along the motion, if they are requested.
     type(extremes_type) :: extremes
-    !> What was found: signal and time; states, with those of coordinates that are hidden, and
+    !> Crossings found: signal and time; states, including hidden coordinates, and
     !! accelerations; rate and bend of the signal. Shapes (n), (2 n_dof, n), (n_dof, n), (2, n).
     integer :: n_found = 0
     integer, allocatable :: which(:)
@@ -66,16 +66,16 @@ module viscovib_watch
 
 contains
 
-  !> From numbers: how many; of each, direction, 1 if terminal, how many instructions, and code
-  !! and number of each, arguments being the state (q_1, v_1, q_2, ...) and the time; then, if
-  !! anything, a time: peaks and means of all coordinates are wanted from then on.
+  !> Decode a vector: the number of signals; for each direction, 1 if terminal, number of
+  !! instructions, and code and number of each, with arguments (q_1, v_1, q_2, ...) and time; then,
+  !! optionally, the time from which peaks and means of all coordinates are requested.
   subroutine new_watch(watch, vector, sides, n_dof)
     type(watch_type), intent(out) :: watch
     real(wp), intent(in) :: vector(:)
-    !> Of each, its side, then a power of 2 not above its largest value so far, then how often
-    !! passages may be missing; without: a run begins.
+    !> For each signal its side, then a power of 2 not above its largest value so far, then the
+    !! number of steps with missing crossings; absent at the beginning of a run.
     integer, intent(in), optional :: sides(:)
-    !> Signals are given the states of those of so many coordinates alone that they read.
+    !> Number of coordinates. If present, states contain only the coordinates that the signals read.
     integer, intent(in), optional :: n_dof
     real(wp) :: numbers(size(vector))
     integer :: i, k, m, n
@@ -121,15 +121,15 @@ contains
     allocate (watch%changes(2, 0))
   end subroutine new_watch
 
-  !> Whether nothing is asked for.
+  !> True if nothing is requested.
   pure logical function is_idle(self)
     class(watch_type), intent(in) :: self
     is_idle = size(self%signals) == 0 .and. .not. self%extremes%wanted
   end function is_idle
 
-  !> Which of n coordinates the signals read, themselves or their velocities.
+  !> True for each of n coordinates if the signals read it or its velocity.
   pure function coordinates_read(vector, n) result(read_at_all)
-    !> As of `new_watch`.
+    !> As in `new_watch`.
     real(wp), intent(in) :: vector(:)
     integer, intent(in) :: n
     logical :: read_at_all(n)
@@ -147,11 +147,11 @@ contains
     end do
   end function coordinates_read
 
-  !> The same signals of states that hold only some of n coordinates.
+  !> The same signals for states that contain only some of n coordinates.
   pure function renumbered(vector, n, places) result(other)
     real(wp), intent(in) :: vector(:)
     integer, intent(in) :: n
-    !> Coordinates that are held.
+    !> The coordinates in the states.
     integer, intent(in) :: places(:)
     real(wp) :: other(size(vector))
     integer :: i, k, m, place, argument
@@ -173,19 +173,19 @@ contains
     end do
   end function renumbered
 
-  !> Passages of one signal that were found.
+  !> Number of stored crossings of one signal.
   pure integer function count_of(self, which)
     class(watch_type), intent(in) :: self
     integer, intent(in) :: which
     count_of = count(self%which(:self%n_found) == which)
   end function count_of
 
-  !> Passages in a step that count, ascending; after one that ends the run none.
+  !> Crossings in a step that count, ascending, up to the first one that ends the run.
   subroutine look(self, path, sticks, found)
     class(watch_type), intent(inout) :: self
     type(step_path), intent(in) :: path
-    !> Whether the motion sticks to a surface of the system, or comes to one at the end of the step:
-    !! what is 0 there, but for rounding, has not passed 0.
+    !> True if the motion sticks to a surface of the system, or reaches one at the end of the step:
+    !! a signal that is 0 there, but for rounding, has not crossed 0.
     logical, intent(in) :: sticks
     type(passage_type), allocatable, intent(out) :: found(:)
     type(passage_type) :: next
@@ -202,7 +202,7 @@ contains
         call self%search%find(self%signals(i), path, merge(at_rest*largest, 0.0_wp, sticks), &
                               largest, self%sides(i))
       end associate
-      ! Its only values may lie between places.
+      ! Its only values may be between the points.
       if (self%search%n > 0 .or. self%sides(i) /= 0) then
         self%largest(i) = max(self%largest(i), valued)
       end if
@@ -231,7 +231,7 @@ contains
     found = [found(:n), next, found(n + 1:)]
   end subroutine insert
 
-  !> Remember a passage.
+  !> Store a crossing.
   subroutine keep(self, passage, t, q, v, a)
     class(watch_type), intent(inout) :: self
     type(passage_type), intent(in) :: passage
@@ -268,7 +268,7 @@ contains
     self%states(2::2, n) = v
   end subroutine keep
 
-  !> Forget passages after a time at which the motion turned out to have stopped.
+  !> Discard crossings after the time at which the motion stopped.
   subroutine drop_after(self, t)
     class(watch_type), intent(inout) :: self
     real(wp), intent(in) :: t
@@ -278,7 +278,7 @@ contains
     end do
   end subroutine drop_after
 
-  !> What was found, as `passage_errors` takes it: a column each, of the first n coordinates.
+  !> Crossings in the form for `passage_errors`: one column each, of the first n coordinates.
   pure function rows(self, n, n_found)
     class(watch_type), intent(in) :: self
     integer, intent(in) :: n, n_found
@@ -291,14 +291,14 @@ contains
     rows(3*n + 3:, :) = self%changes(:, :n_found)
   end function rows
 
-  !> What was found, as far as there is room; each column the signal, the time and the state of the
-  !! first coordinates, their accelerations, and the rate and bend of the signal.
-  !! Behind them, in three columns, peaks, integrals and those of squares, if they are asked for.
+  !> Copy the crossings, as many as fit; each column contains the signal, the time, the state and
+  !! the accelerations of the first coordinates, and the rate and bend of the signal. Three further
+  !! columns contain peaks, integrals and integrals of squares, if they are requested.
   subroutine hand_over(self, sides, found, n_found)
     class(watch_type), intent(in) :: self
     integer, intent(inout) :: sides(:)
     real(wp), intent(inout) :: found(:, :)
-    !> How many there are, even if there is less room.
+    !> Number of crossings, even if fewer fit.
     integer, intent(out) :: n_found
     integer :: n, told
     told = 2*((size(found, 1) - n_told)/3)

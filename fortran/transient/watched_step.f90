@@ -1,10 +1,10 @@
-!> Steps that end where the equations have a kink or a jump, and in which events are looked for.
+!> Steps that end where the equations have a kink or a jump, with a search for events.
 !!
-!! Within a step the equations are held on their side of each surface, so that the method sees
-!! a smooth right side. Where the motion passes a surface inside the step, the step is made
-!! again up to there, then on with the other side held: every part has the order of the method.
-!! Up to a rough surface, where a law such as max(d, 0)^1.5 is not smooth on its side either, and
-!! from there on, parts are no longer than their distance from it, each half or twice as long as
+!! Within a step the equations keep their side of each surface, so that the method integrates
+!! a smooth right side. If the motion crosses a surface inside the step, the step is repeated
+!! up to the surface, and continues with the other side: every part has the order of the method.
+!! Near a rough surface, where a law such as max(d, 0)^1.5 is not smooth on its side either,
+!! parts are no longer than their distance from it, each half or twice as long as
 !! its neighbour, so that the polynomials converge in all of them at the same rate.
 module viscovib_watched_step
   use viscovib_body_states, only: body_function, put_on_base
@@ -25,20 +25,20 @@ module viscovib_watched_step
 
   public :: watched_step_type, step_watched, begin_graded, begin_small, halve, sides_of
 
-  !> Surfaces passed in one step before the motion counts as one that stays on them, and
-  !! corrections of the time of a passage by steps of their own.
+  !> Crossings in one step above which the motion counts as sticking to surfaces, and corrections of
+  !! the time of a crossing by separate steps.
   integer, parameter :: most_passages = 1000, most_corrections = 60
-  !> Parts of a step that are begun again half as long, and the shortest of them as a part of what
-  !! is left of the step.
+  !> Largest number of halvings of the parts of a step, and the shortest part relative to the
+  !! remainder of the step.
   integer, parameter :: most_halvings = 200
   real(wp), parameter :: shortest = 1.0e-6_wp
-  !> What the part of a step that lies nearest to a rough surface may leave of error: under a force
-  !! x^p its length to the power of 2 + p.
+  !> Allowed error of the part next to a rough surface: under a force x^p the error is the length
+  !! of the part to the power of 2 + p.
   real(wp), parameter :: left_there = 1.0e-17_wp
-  !> How far they may lead, as a part of the step.
+  !> Largest correction of the position of an event, as a part of the step.
   real(wp), parameter :: furthest = 0.1_wp
 
-  !> A surface of a system as it is now: its signal, or until when the motion slides on it.
+  !> A surface of a system in its present state: its signal, or the end of sliding on it.
   type, extends(watched_function) :: surface_type
     class(driven_system_type), pointer :: system => null()
     integer :: which = 0
@@ -46,39 +46,39 @@ module viscovib_watched_step
     procedure :: at => surface_at
   end type surface_type
 
-  !> A step on its way.
+  !> A step in progress.
   type :: watched_step_type
-    !> Where its present part begins, and the step ends.
+    !> Start of the present part, and end of the step.
     real(wp) :: from = 0.0_wp, until = 0.0_wp
-    !> State where the present part begins.
+    !> State at the start of the present part.
     real(wp), allocatable :: q(:), v(:)
-    !> Sides of the surfaces of the system, or `slides`; whether the motion was just on one.
+    !> Sides of the surfaces of the system, or `slides`; true if the motion has just left a surface.
     integer, allocatable :: sides(:)
     logical, allocatable :: fresh(:)
-    !> The last part was made; an event ends the run; the part of the step that was passed.
+    !> True if the last part succeeded; true if an event ends the run.
     logical :: made = .false., ended = .false.
-    !> The part was made, but comes so near to the edge of the physics that only small steps follow
-    !! the motion: nothing was noted of it.
+    !> The part succeeded, but is so near to the edge of the physical range that only small steps
+    !! follow the motion. No events of it are stored.
     logical :: near_edge = .false.
-    !> The motion stays on a surface, as where dry friction sticks: no part leads on.
+    !> The motion stays on a surface, as in sticking dry friction: no part leads further.
     logical :: stuck = .false.
-    !> How many surfaces were passed in this step.
+    !> Number of crossings in this step.
     integer :: n_passed = 0
-    !> How often a part was begun again, half as long; the present one ends before the step does.
+    !> Number of halvings of parts; true if the present part ends before the step does.
     integer :: n_halved = 0
     logical :: short = .false.
-    !> A part was short for the sake of a rough surface; how long the next may be (0: any).
+    !> True if a part was shortened near a rough surface; largest length of the next part (0: any).
     logical :: graded = .false.
     real(wp) :: grade = 0.0_wp
     real(wp), allocatable :: memory(:)
     type(step_path) :: path
-    !> What small disturbances become; not allocated: nobody asks.
+    !> Small perturbations; not allocated if not requested.
     type(motion_beside), allocatable :: beside
   end type watched_step_type
 
 contains
 
-  !> What is watched of a surface at states.
+  !> Values of the signal of a surface at states.
   subroutine surface_at(self, t, q, v, g)
     class(surface_type), intent(in) :: self
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
@@ -86,7 +86,7 @@ contains
     call self%system%signal_at(self%which, t, q, v, g)
   end subroutine surface_at
 
-  !> The sign of what is watched of a surface.
+  !> Sign of the signal for a side of a surface.
   integer function sign_of(side)
     integer, intent(in) :: side
     sign_of = merge(1, side, side == slides)
@@ -107,8 +107,8 @@ contains
     end do
   end function sides_of
 
-  !> The next part of a step: up to its end, or to the first surface passed; `more`: not yet at
-  !! its end. Before it the method is where the part begins, and would step to the end.
+  !> The next part of a step: up to its end, or to the first crossing. `more` is true before the
+  !! end of the step. On entry the method is at the start of the part and its step is the remainder.
   subroutine step_watched(at, method, system, watch, wanted, more)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
@@ -156,7 +156,7 @@ contains
       surface%system => system
       surface%which = which
       call correct(method, system, surface, sign_of(at%sides(which)), at, place, passes, at%made)
-      ! A step that could not be made says nothing of a passage.
+      ! A failed step gives no information about a crossing.
       if (.not. at%made) return
       if (passes) then
         call pass(at, method, system, watch, wanted, which, place*method%h, more)
@@ -178,13 +178,13 @@ contains
     if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
 
-  !> Before the first step: fix the sides; the motion may begin on a surface with friction, or near
-  !! it.
+  !> Initialize before the first step: fix the sides. The motion may begin on or near a surface with
+  !! friction.
   subroutine begin_graded(at, system, q, v, jumps)
     type(watched_step_type), intent(inout) :: at
     class(driven_system_type), intent(inout) :: system
     real(wp), intent(in) :: q(:), v(:)
-    !> Whether the load may jump or bend here.
+    !> True if the load may have a jump or a corner here.
     logical, intent(in) :: jumps
     real(wp) :: g(2), here(2, size(q)), rate(2, size(q)), h
     integer :: i
@@ -209,7 +209,7 @@ contains
     end do
   end subroutine begin_graded
 
-  !> The next part is no longer than this (0: any), and those behind it double.
+  !> Limit the length of the next part (0: any); subsequent parts double.
   pure subroutine begin_small(at, length)
     type(watched_step_type), intent(inout) :: at
     real(wp), intent(in) :: length
@@ -217,15 +217,15 @@ contains
     if (.not. (at%grade > 0.0_wp .and. at%grade < length)) at%grade = length
   end subroutine begin_small
 
-  !> How long the part just made should have been because of rough surfaces ahead.
+  !> Length that the last part should have had because of rough surfaces ahead.
   subroutine look_for_rough(at, system, which, place, h, length)
     type(watched_step_type), intent(in) :: at
     class(driven_system_type), intent(in), target :: system
-    !> The surface that it passes (0: none), and where.
+    !> The surface that it crosses (0: none), and where.
     integer, intent(in) :: which
     real(wp), intent(in) :: place, h
     real(wp), intent(out) :: length
-    !> Where the rate at the end is taken from.
+    !> Distance for the difference quotient at the end.
     real(wp), parameter :: short = 1.0e-3_wp
     type(surface_type) :: surface
     real(wp) :: g(2), used
@@ -233,7 +233,7 @@ contains
 
     length = h
     if (.not. allocated(system%signals)) return
-    ! A part ends at the surface it passes: others may lie next to that one.
+    ! A part ends at its crossing; other surfaces may be next to that one.
     used = place*h
     surface%system => system
     do i = 1, size(system%signals)
@@ -243,7 +243,7 @@ contains
       if (i == which .or. at%sides(i) == slides) cycle
       surface%which = i
       call signal_along(surface, at%path, place*[1.0_wp - short, 1.0_wp], g)
-      ! It would be passed before as long a part has gone by again.
+      ! It would be crossed within another part of the same length.
       if (at%sides(i)*(g(2) + (g(2) - g(1))/short) < 0.0_wp) length = 0.5_wp*used
     end do
   end subroutine look_for_rough
@@ -255,7 +255,7 @@ contains
     closest = system%step_length*left_there**(1.0_wp/(2.0_wp + system%signals(which)%rough))
   end function closest
 
-  !> Let the present part be shorter.
+  !> Shorten the present part.
   subroutine shorten(at, method, system, length)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
@@ -266,7 +266,7 @@ contains
     at%graded = .true.
   end subroutine shorten
 
-  !> Begin the last part again, half as long, if that may help: steps are too large where a
+  !> Repeat the last part with half its length, if possible: steps are too large where a
   !! motion is fast, as near the pivot of a pendulum.
   subroutine halve(at, method, system, again)
     type(watched_step_type), intent(inout) :: at
@@ -294,7 +294,7 @@ contains
     call method%trace(system, at%memory, at%path)
   end subroutine trace
 
-  !> States wanted inside the last part, from its start.
+  !> Store the requested states inside the last part, from its start.
   subroutine keep_before(at, method, system, wanted)
     type(watched_step_type), intent(in) :: at
     class(stepper_type), intent(in) :: method
@@ -306,7 +306,7 @@ contains
     call wanted%keep_between(start, system, at%from)
   end subroutine keep_before
 
-  !> Up to a surface, and on the other side of it.
+  !> Advance to a surface, and continue on the other side of it.
   subroutine pass(at, method, system, watch, wanted, which, length, more)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
@@ -314,7 +314,7 @@ contains
     type(watch_type), intent(inout) :: watch
     type(wanted_states), intent(inout) :: wanted
     integer, intent(in) :: which
-    !> From where the method is.
+    !> From the present state of the method.
     real(wp), intent(in) :: length
     logical, intent(out) :: more
 
@@ -342,7 +342,7 @@ contains
     if (more) call method%change_step(system, at%until - at%from)
   end subroutine pass
 
-  !> On a surface: where the motion is from now on.
+  !> Side and velocities of the motion after it has reached a surface.
   subroutine meet(at, method, system, which)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
@@ -357,7 +357,7 @@ contains
     if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
   end subroutine meet
 
-  !> The surface that the last part passes first; 0: none.
+  !> The surface that the last part crosses first; 0: none.
   subroutine first_surface(at, system, which, place)
     type(watched_step_type), intent(in) :: at
     class(driven_system_type), intent(in), target :: system
@@ -381,8 +381,8 @@ contains
     end do
   end subroutine first_surface
 
-  !> The place of a passage by steps from the start of the part, which have the order of the method
-  !! where its polynomial has not: Newton's with its slope, kept between places on either side.
+  !> Position of a crossing by steps from the start of the part, which have the order of the method,
+  !! unlike its polynomial: Newton's method with the slope of the polynomial, safeguarded by bounds.
   subroutine correct(method, system, signal, side, at, place, passes, made, q, v)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
@@ -391,7 +391,7 @@ contains
     integer, intent(in) :: side
     type(watched_step_type), intent(in) :: at
     real(wp), intent(inout) :: place
-    !> Whether these steps pass the surface too, and all of them were made; and the state there.
+    !> True if these steps cross the surface too; true if all of them succeeded; state there.
     logical, intent(out) :: passes, made
     real(wp), intent(out), optional :: q(:), v(:)
     real(wp) :: here(size(at%q)), rate(size(at%q)), g(1), low, high, next, width
@@ -434,7 +434,7 @@ contains
 
   contains
 
-    !> Of the polynomial; never 0.
+    !> Slope of the polynomial; never 0.
     real(wp) function slope(x)
       real(wp), intent(in) :: x
       real(wp) :: pair(2), d
@@ -446,13 +446,13 @@ contains
 
   end subroutine correct
 
-  !> Events of the last part; one that ends the run leaves the method there.
+  !> Store the events of the last part; at an event that ends the run the method stops there.
   subroutine note_events(at, method, system, watch, sticks)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in), target :: system
     type(watch_type), intent(inout), target :: watch
-    !> As of `look`.
+    !> As in `look`.
     logical, intent(in) :: sticks
     type(passage_type), allocatable :: found(:)
     class(stepper_type), allocatable :: start
@@ -477,7 +477,7 @@ contains
       signal%signal => watch%signals(found(i)%which)
       call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
       if (abs(place - found(i)%place) > furthest) then
-        ! That is another event, or one that steps do not resolve: they are too large for so many.
+        ! A different event, or one that the steps do not resolve: too many for this step size.
         place = found(i)%place
         call at%path%at([place], t, here, rate)
         q = here(1, :)

@@ -6,8 +6,8 @@ A public name is loaded when it is first used.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-#: The public names of each module. Type checkers and editors read the imports below, which a
-#: test holds against this table.
+#: The public names of each module. Type checkers and editors read the imports below; a test
+#: compares them with this table.
 _NAMES = {
     "analyses.backbones": "Backbone BackbonePoint",
     "analyses.basins": "Basins basins",
@@ -345,7 +345,7 @@ else:
     __all__ = sorted(_MODULE)
 
     def __getattr__(name: str) -> Any:
-        """Load a public name, or a folder that holds some."""
+        """Load a public name or a subpackage."""
         if name == "__version__":
             from importlib.metadata import version
 

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; the exit status is that of the standalone driver."""
+    """Run one command and return the exit status of the standalone driver."""
     try:
         status = _run(arguments)
         sys.stdout.flush()
@@ -14,7 +14,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not isinstance(error, BrokenPipeError):
             why = error.strerror or error
             print(f"viscovib: standard output: cannot be written ({why})", file=sys.stderr)
-        # What could not be written would be tried again at the end.
+        # Discard the rest of the output, or Python would try to write it again at exit.
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 3
@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str] | None) -> int:
-    # The version alone is printed without loading what computes.
+    # Print the version without loading the other modules.
     if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
         from viscovib import __version__
 

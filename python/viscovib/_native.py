@@ -1,7 +1,7 @@
-"""The only importer of the compiled core: checks arrays before each call, raises after it.
+"""The only importer of the compiled core: checks arrays before a call, raises errors after it.
 
 f2py checks shapes on one side only, truncates numbers to integers and copies silently, so every
-argument is brought to its exact type, shape and memory order here.
+argument is converted to its exact type, shape and memory order here.
 """
 
 import ctypes
@@ -20,7 +20,7 @@ from viscovib import _viscovib  # type: ignore[attr-defined]
 from viscovib.common import progress
 from viscovib.errors import FileError, InputError, nearest
 
-#: The compiled core, typed by nothing but this module.
+#: The compiled core, without types.
 core: Any = _viscovib
 progress.pieces.append(core.pieces_of_work)
 
@@ -29,29 +29,29 @@ ComplexArray = npt.NDArray[np.complex128]
 
 _T = TypeVar("_T")
 
-# Once a block of this size was freed, glibc keeps smaller ones for the next call; before, each
-# call gets new pages from the system, which costs a branch of 1.1 ms up to 0.5 ms.
+# After a block of this size was freed, glibc keeps smaller blocks for the next call. Otherwise
+# each call gets new pages from the system, up to 0.5 ms of the 1.1 ms of a branch.
 np.empty(2**24, dtype=np.uint8)
 
 _IO_ERROR = 3
-#: Entries of a list that are looked at one by one, at a cost like that of reading them.
+#: Largest length of a list whose entries are checked one by one.
 _LONG_LIST = 1000
-#: Entries of a list that is looked at without making an array of it first.
+#: Largest length of a list that is checked before the conversion to an array.
 _SHORT_LIST = 64
-#: Entries that a range may have, which takes no memory before it becomes an array.
+#: Largest length of a range, which needs memory only as an array.
 _LONG_RANGE = 10**8
-#: Lists within lists that may be an array.
+#: Largest depth of nested lists.
 _DEEPEST = 32
-#: Values that the core takes at a time, and those of its vector unit.
+#: Block size of the core, and number of vector lanes.
 _BLOCK, _LANES = 1024, 8
-#: Samples, and steps in time, that may take long.
+#: Numbers of samples and of steps in time that may take long.
 MANY_SAMPLES, MANY_STEPS = 2**18, 2000
-#: Seconds of work between two looks at Ctrl-C, on a machine that is busy.
+#: Seconds of work between two checks of Ctrl-C on a busy machine.
 _PART = 0.1
 
 
 def number(name: str, value: object, other: str = "") -> float:
-    """Return ``value`` as a finite float, or say what it should have been, or what ``other``."""
+    """Return ``value`` as a finite float; ``other``: further allowed values for the message."""
     if type(value) is not float:
         refuse_mask(name, value)
         if isinstance(value, (bool, np.bool_, str, bytes)) or value is None:
@@ -61,7 +61,7 @@ def number(name: str, value: object, other: str = "") -> float:
         try:
             value = float(value)  # type: ignore[arg-type]
         except Exception:
-            # Whatever an object raises that is asked for its value: it is none.
+            # Any exception of the conversion means that the object is not a number.
             raise InputError(f"{name} = {shown(value)}: must be a real number{other}") from None
     result: float = value
     if not math.isfinite(result):
@@ -91,7 +91,7 @@ def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
 def real_array(name: str, value: object, *, ndim: int | None = None) -> FloatArray:
     """Return finite real numbers as a C-contiguous float64 array."""
     if type(value) in (tuple, list) and ndim in (None, 1):
-        # A few plain numbers, as states are: nothing but their range is to be looked at.
+        # A few plain numbers, such as a state: only check that they are finite.
         numbers: list[Any] | tuple[Any, ...] = value  # type: ignore[assignment]
         plain = 0 < len(numbers) <= _SHORT_LIST and set(map(type, numbers)) == {float}
         if plain and math.isfinite(sum(numbers)):
@@ -108,21 +108,21 @@ def complex_array(name: str, value: object, *, ndim: int | None = None) -> Compl
 
 
 def any_array(name: str, value: object) -> npt.NDArray[Any]:
-    """Return ``value`` as an array of any kind; the only way in for arrays of users."""
+    """Return ``value`` as an array of any kind; all user arrays pass through this function."""
     if type(value) is np.ndarray:
         return value
     if type(value) is range and value:
         entries = (value[-1] - value[0]) // value.step + 1
         if entries > _LONG_RANGE:
             raise InputError(f"{name}: has {entries} entries, must have at most {_LONG_RANGE}")
-    # Of a long list single entries are not looked at: one that is masked becomes NaN.
+    # Entries of a long list are not checked one by one: a masked entry becomes NaN.
     long = isinstance(value, (list, tuple)) and len(value) > _LONG_LIST
     if not long:
         refuse_mask(name, value)
     try:
         array = np.asarray(value)
     except Exception:
-        # Whatever an object raises that is asked for an array: it has none.
+        # Any exception of the conversion means that the object is not an array.
         raise InputError(
             f"{name} = {shown(value)}: must be an array of numbers of one shape"
         ) from None
@@ -132,7 +132,7 @@ def any_array(name: str, value: object) -> npt.NDArray[Any]:
 
 
 def refuse_mask(name: str, value: object) -> None:
-    """Refuse an array of which entries are masked: what stands behind a mask is no value."""
+    """Refuse an array with masked entries, which have no value."""
     if isinstance(value, np.ma.MaskedArray):
         if np.ma.is_masked(value):
             n = int(np.ma.getmaskarray(value).sum())
@@ -141,7 +141,7 @@ def refuse_mask(name: str, value: object) -> None:
                 "give values by filled()"
             )
     elif isinstance(value, (list, tuple)):
-        # Numbers, as most lists hold, are passed over at once.
+        # Most lists contain only numbers and need no further check.
         kinds = set(map(type, value))
         if any(issubclass(kind, (np.ma.MaskedArray, list, tuple)) for kind in kinds):
             if any(part is value for part in value):
@@ -161,7 +161,7 @@ def _refuse_below(name: str, value: object, depth: int) -> None:
 def _array(name: str, value: object) -> npt.NDArray[Any]:
     array = any_array(name, value)
     if array.dtype.kind == "O" and all(isinstance(one, Number) for one in array.flat):
-        # Of fractions, decimals, or of columns of a table that were read as objects.
+        # Fractions, decimals, or columns of a table that were read as objects.
         exact = any(isinstance(one, complex | np.complexfloating) for one in array.flat)
         try:
             array = array.astype(complex if exact else float)
@@ -173,7 +173,7 @@ def _array(name: str, value: object) -> npt.NDArray[Any]:
 
 
 def _kind(array: npt.NDArray[Any]) -> str:
-    """What is in an array that holds no numbers."""
+    """Kind of the content of an array without numbers."""
     if array.dtype.kind != "O":
         return {"U": "text", "S": "bytes", "b": "bool"}.get(array.dtype.kind, str(array.dtype))
     other = next((one for one in array.flat if not isinstance(one, Number)), None)
@@ -201,12 +201,12 @@ def flag(name: str, value: object) -> bool:
 
 
 def is_auto(value: object) -> bool:
-    """Whether ``value`` is the word "auto"."""
+    """True if ``value`` is the word "auto"."""
     return isinstance(value, str) and value == "auto"
 
 
 def check_instance(name: str, value: object, *types: type) -> None:
-    """Refuse what is of none of these types."""
+    """Refuse values of all other types."""
     if not isinstance(value, types):
         names = [one.__name__ for one in types]
         allowed = " or ".join(f"a{'n' if name[0] in 'AEIOU' else ''} {name}" for name in names)
@@ -234,12 +234,12 @@ def mapping(name: str, value: Any) -> Mapping[str, Any]:
 
 
 def shown(value: object) -> str:
-    """Return a value as messages show it: a line, not too long."""
+    """Return a value as a short line for messages."""
     try:
         text = " ".join(repr(value).split())
     except Exception:
         text = f"<{type(value).__name__}>"
-    # A letter that no file can hold would make the message one that cannot be printed.
+    # Characters without an encoding would make the message unprintable.
     text = text.encode("utf-8", "backslashreplace").decode()
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -248,7 +248,7 @@ def letters(name: str, text: str) -> bytes:
     """Return a text as bytes for the core, which would end at a NUL character."""
     if "\0" in text:
         raise InputError(f"{name} = {shown(text)}: must have no NUL character")
-    # A letter that no file can hold has no bytes of its own.
+    # Characters without an encoding have no bytes.
     return text.encode("utf-8", "backslashreplace")
 
 
@@ -257,7 +257,7 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
     found = routine(*arguments)
     if _unheard.error is not None:
         raise_unheard()
-    # What returns one thing returns no tuple.
+    # A routine with one result returns no tuple.
     *results, status = found if type(found) is tuple else (found,)
     if status != 0:
         letters = core.last_message(core.last_message_length())
@@ -266,24 +266,24 @@ def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[A
     return tuple(results)
 
 
-#: The status of a call during which there was Ctrl-C.
+#: Status of a call that Ctrl-C interrupted.
 _INTERRUPTED = -1
-#: Kinds of values as the core has them, by the kinds of arrays.
+#: Kinds of values in the core, by the kinds of arrays.
 _REAL, _COMPLEX, _INTEGER, _TEXT = 1, 2, 3, 4
 _KINDS = {"f": _REAL, "c": _COMPLEX, "i": _INTEGER, "u": _INTEGER, "b": _INTEGER}
 _NO_NUMBERS = np.empty(0)
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
-#: What the core takes for a system of which one vector holds all.
+#: Kernel kind that marks a system with all data in one vector for the core.
 _IN_VECTOR = -2
-#: Whether calls of the main thread hear Ctrl-C.
+#: True if calls of the main thread react to Ctrl-C.
 _HEARS = os.name == "posix"
 _NO_CANCEL = np.zeros(1, dtype=np.intc)
 
 
 class Handle:
-    """An object of the core, such as a system: built once, used by many tasks, freed with this.
+    """An object of the core, such as a system: built once, used by many tasks, freed with it.
 
-    A copy, or one that was pickled, is another object of the same values.
+    A copy or a pickled handle is a new object with the same values.
     """
 
     __slots__ = ("__weakref__", "_kind", "_parents", "_values", "number")
@@ -296,7 +296,7 @@ class Handle:
         return _new_handle, (self._kind, self._parents, self._values)
 
     def __del__(self, free: Any = core.free_object) -> None:
-        # Not there if no object could be made.
+        # The attribute is missing if the object could not be created.
         number = getattr(self, "number", 0)
         if number:
             free(number)
@@ -307,10 +307,9 @@ def _new_handle(kind: str, parents: tuple[Handle, ...], values: dict[str, Any]) 
 
 
 def run(task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
-    """Run a task of the core with values by name, about objects, and return what it finds.
+    """Run a task of the core with objects and values by name, and return its results.
 
-    Values are numbers, texts, and arrays of up to 4 dimensions; arrays that are found have the
-    order of Fortran.
+    Values are numbers, texts, and arrays of up to 4 dimensions; result arrays have Fortran order.
     """
     handle, sizes = _begin(task, parents, values)
     return _found(handle, sizes, 0)
@@ -319,7 +318,7 @@ def run(task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
 def oscillator_object(
     flat: FloatArray, kernels: "tuple[int, FloatArray, int, FloatArray]"
 ) -> Handle:
-    """Build an oscillator from its numbers and its kernels of x and phi."""
+    """Build an oscillator from its vector and its kernels of x and phi."""
     kind_x, data_x, kind_phi, data_phi = kernels
     return Handle(
         "system oscillator", flat=flat, kind_x=kind_x, data_x=data_x, kind_phi=kind_phi,
@@ -328,7 +327,7 @@ def oscillator_object(
 
 
 def polynomial_object(flat: FloatArray) -> Handle:
-    """Build a polynomial system from its vector, which holds its kernels too."""
+    """Build a polynomial system from its vector, which also contains its kernels."""
     return oscillator_object(flat, (_IN_VECTOR, _NO_NUMBERS, 0, _NO_NUMBERS))
 
 
@@ -380,25 +379,25 @@ def _begin(
         _NO_CANCEL if _listening.flag is None else _listening.flag,
     )  # fmt: skip
     if status == _INTERRUPTED and _unheard.error is None:
-        # Python has heard Ctrl-C by now. If nothing was raised, the work is done again.
+        # Python has handled Ctrl-C by now. If nothing was raised, repeat the work.
         return _begin(task, parents, values)
     if status != 0 or _unheard.error is not None:
         call(lambda: status)
     return handle, sizes
 
 
-#: Names of what tasks find, by their letters.
+#: Names of results of tasks, by their bytes.
 _names: dict[bytes, list[str]] = {}
-#: How values of such kinds are packed, by the task, their kinds and their names.
+#: Packing of values, by task, kinds and names.
 _plans: dict[tuple[Any, ...], tuple[bytes, list[int], list[int], list[int], list[int]]] = {}
 
 
 def _plan_of(
     task: str, names: list[str], kinds: tuple[type, ...]
 ) -> tuple[bytes, list[int], list[int], list[int], list[int]]:
-    """Return the names in the order of a call, and the places of values of each kind.
+    """Return the names in the order of a call, and the indices of values of each kind.
 
-    Single numbers come first, then arrays, then texts: so all elements are joined at once.
+    Single numbers come first, then arrays, then texts, so that all elements are joined in one step.
     """
     places: tuple[list[int], list[int], list[int], list[int]] = ([], [], [], [])
     for i, kind in enumerate(kinds):
@@ -417,7 +416,7 @@ def _plan_of(
 
 
 def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
-    """Unpack what a task found."""
+    """Unpack the results of a task."""
     text, integers, numbers, status = core.end_call(handle, keep, *sizes.tolist())
     if status != 0:
         call(lambda: status)
@@ -460,18 +459,18 @@ def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
 
 
 class _Unheard(threading.local):
-    """What a function that the core called raised, by thread: it cannot leave the core."""
+    """Exception of a Python function called by the core, by thread: it cannot pass through it."""
 
     error: BaseException | None = None
 
 
 _unheard = _Unheard()
-#: The procedure that the core calls, which must not be forgotten.
+#: The procedure that the core calls; a reference keeps it alive.
 _heard: list[Any] = []
 
 
 def raise_unheard() -> None:
-    """Raise what a function raised while the core was at work in this thread."""
+    """Raise the exception of a Python function that the core called in this thread."""
     error, _unheard.error = _unheard.error, None
     if error is not None:
         raise error
@@ -486,7 +485,7 @@ def hear_of_functions(
     real = ctypes.POINTER(ctypes.c_double)
 
     def outside(which: int, n: int, m: int, wanted: int, x: Any, value: Any, by: Any) -> None:
-        # After an error nothing counts that follows.
+        # Ignore all calls after an error.
         if _unheard.error is not None:
             return
         try:
@@ -512,7 +511,7 @@ def run_either(long: bool, task: str, /, *parents: Handle, **values: Any) -> dic
 
 
 def interruptible(work: Callable[[], _T]) -> _T:
-    """Do native work whose loops end after signals, in a thread only where a bar may be shown.
+    """Do native work whose loops react to signals, in a thread only if a bar may be shown.
 
     A thread costs 50 to 200 microseconds.
     """
@@ -522,7 +521,7 @@ def interruptible(work: Callable[[], _T]) -> _T:
 
 
 class _Listening(threading.local):
-    """The flag that makes native loops of a thread end."""
+    """The flag that ends native loops of a thread."""
 
     flag: npt.NDArray[np.intc] | None = None
 
@@ -531,15 +530,15 @@ _listening = _Listening()
 
 
 def listen(flag: npt.NDArray[np.intc]) -> None:
-    """Let native loops of this thread, and of those it waits for, end once the flag is 1."""
+    """End native loops of this thread, and of threads it waits for, when the flag is 1."""
     _listening.flag = flag
     core.listen(flag)
 
 
 def apart(work: Callable[[], _T]) -> _T:
-    """Do some work in a thread and wait for it, so that Ctrl-C is heard.
+    """Do work in a thread and wait for it, so that Ctrl-C works.
 
-    After Ctrl-C native loops of the thread end with what they have, which nobody sees.
+    After Ctrl-C native loops of the thread end, and their results are dropped.
     """
     results: list[_T] = []
     errors: list[BaseException] = []
@@ -562,7 +561,7 @@ def apart(work: Callable[[], _T]) -> _T:
             raise MemoryError("no memory for a thread") from None
         progress.wait(thread)
     except BaseException:
-        # Ctrl-C, which may come at any point above.
+        # Ctrl-C may occur at any point above.
         flag[0] = 1
         raise
     if errors:
@@ -578,16 +577,16 @@ def run_in_parts(
     /,
     **arrays: npt.NDArray[Any],
 ) -> dict[str, npt.NDArray[Any]]:
-    """Run a task on so many values at a time that Ctrl-C is heard between.
+    """Run a task on parts of the values, so that Ctrl-C works between the parts.
 
-    ``seconds``: what a value takes at most. Values are the last axis of arrays that are given and
-    found. ``whole``: what all values share.
+    ``seconds``: largest time per value. Values are the last axis of input and result arrays.
+    ``whole``: arguments common to all values.
     """
     n = next(iter(arrays.values())).shape[-1]
     parents = () if about is None else (about,)
     if n * seconds <= _PART:
         return run(task, *parents, **whole, **arrays)
-    # Whole blocks and lanes of the core, so that no bit depends on where parts end.
+    # Use full blocks and lanes of the core, so that results do not depend on the parts.
     wide = int(_PART / seconds)
     size = max(wide // _BLOCK * _BLOCK, min(wide // _LANES * _LANES, _BLOCK), _LANES)
     found: dict[str, npt.NDArray[Any]] = {}
@@ -603,13 +602,13 @@ def run_in_parts(
 
 
 def all_finite(array: npt.NDArray[Any]) -> bool:
-    """Whether there is no NaN and no infinity; in a fifth of the time of looking at each."""
+    """True without NaN and infinity; five times as fast as a check of each entry."""
     flat = array.ravel("K")
     return math.isfinite(np.vdot(flat, flat).real) or bool(np.isfinite(flat).all())
 
 
 def check_range(name: str, given: npt.NDArray[Any], found: npt.NDArray[Any], what: str) -> None:
-    """Refuse the first value given at which ``what`` is not a finite number.
+    """Refuse the first given value at which ``what`` is not a finite number.
 
     ``found`` has an entry or a row for each value.
     """
@@ -624,7 +623,7 @@ def check_range(name: str, given: npt.NDArray[Any], found: npt.NDArray[Any], wha
 
 
 def check_states(states: FloatArray, found: FloatArray, what: str) -> None:
-    """Refuse the first state at which something is not a finite number."""
+    """Refuse the first state at which ``what`` is not a finite number."""
     if all_finite(found):
         return
     i = tuple(int(k) for k in np.argwhere(~np.isfinite(found))[0][: states.ndim - 1])

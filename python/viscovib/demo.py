@@ -22,7 +22,7 @@ from viscovib.results.response import Peak, Response
 from viscovib.systems.mount import GEOMETRIES, Mount
 
 AMPLITUDES = (0.078, 0.048, 0.030, 0.020, 0.015)
-#: Below and above: where each coordinate resonates (rad/s).
+#: Frequency bands of both resonances (rad/s).
 BANDS = {"first": (0.3, 4.0), "second": (4.0, 12.0)}
 LOAD = 0.02
 NU = np.linspace(0.3, 12.0, 2341)
@@ -52,7 +52,7 @@ def curves(geometry: str, method: str) -> dict[float, Response]:
 
 
 def branches(geometry: str) -> dict[float, Branch]:
-    """Follow the whole branch for each of the five kernels, overhanging peaks and all."""
+    """Follow the whole branch for each of the five kernels, including overhanging peaks."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return {
@@ -114,7 +114,7 @@ def print_peaks(rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:
 
 
 def print_claim(rows: list[tuple[str, str, float, str, Peak, Peak]]) -> None:
-    """Say where the paper's claim of nonlinear peaks 3-4 % greater holds."""
+    """Print where the paper's claim of nonlinear peaks 3-4 % greater is valid."""
     print("\nThe paper claims nonlinear amplitudes 3-4 % greater than linear ones. Here:")
     for geometry in GEOMETRIES:
         ratios = {

@@ -9,12 +9,12 @@ from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-#: A message is no longer than this.
+#: Largest length of a message.
 _LONGEST = 1900
 
 
 def one_line(text: str) -> str:
-    """Return a text as it is shown: names of files may end lines or steer a terminal."""
+    """Return a text without control characters, which file names may contain."""
     return re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", "?", text)
 
 
@@ -39,7 +39,7 @@ class ConvergenceWarning(UserWarning):
 
 
 class StabilityWarning(UserWarning):
-    """Stability is unknown, a system creeps away from rest, or units or matrices look wrong."""
+    """Stability is unknown, a system creeps away from rest, or units or matrices seem wrong."""
 
 
 class SweepError(ViscovibError):
@@ -55,13 +55,13 @@ class RangeWarning(UserWarning):
 
 
 def near_name(wrong: str, known: Iterable[str]) -> str:
-    """Say which of the names known may have been meant, or which there are."""
+    """Return a hint with the most similar known name, or all known names."""
     known = list(known)
     near = nearest(wrong, known)
     return f"did you mean {near}?" if near else f"must be one of {', '.join(known)}"
 
 
-#: Words of textbooks and of other programs for the words of options.
+#: Synonyms of option words in textbooks and other programs.
 _SYNONYMS = {
     "harmonic balance": "newton",
     "harmonicbalance": "newton",
@@ -82,7 +82,7 @@ _SYNONYMS = {
 
 
 def nearest(wrong: str, known: Iterable[str]) -> str | None:
-    """Return the word that was probably meant, in any case of its letters; None if none is near."""
+    """Return the most similar word, ignoring case; None if no word is similar."""
     from difflib import get_close_matches
 
     known = list(known)
@@ -97,18 +97,18 @@ def nearest(wrong: str, known: Iterable[str]) -> str | None:
 
 
 def no_attribute(name: str, known: Iterable[str]) -> AttributeError:
-    """Return the error of a name that the package lacks; it names the one that is near."""
+    """Return the error of an unknown name of the package, with the most similar name."""
     near = "" if name.startswith("_") else near_name(name, known)
     meant = f": {near}" if near.startswith("did you mean") else ""
     return AttributeError(f"module 'viscovib' has no attribute {name!r}{meant}", name=name)
 
 
 def named_near(module: ModuleType, name: str) -> Any:
-    """Return a public name of a module. A misspelt keyword of its call names the nearest one."""
+    """Return a public name of a module; errors of misspelt keywords suggest similar names."""
     value = getattr(module, name)
     if isinstance(value, FunctionType):
         value = _naming_near(value)
-        # There too, so that both are one object: pickles name functions by their place.
+        # Replace it in the module too, because pickle refers to functions by their module.
         setattr(module, name, value)
     elif isinstance(value, type) and "__init__" in vars(value):
         value.__init__ = _naming_near(value.__init__)  # type: ignore[misc]
@@ -116,7 +116,7 @@ def named_near(module: ModuleType, name: str) -> Any:
 
 
 def _naming_near(function: _F) -> _F:
-    """Return the function, whose TypeError of a misspelt keyword names the one that is near."""
+    """Return the function with a TypeError that suggests similar keywords."""
 
     @functools.wraps(function)
     def called(*args: Any, **options: Any) -> Any:
@@ -132,7 +132,7 @@ def _naming_near(function: _F) -> _F:
 
 
 def _unnamed(function: Callable[..., Any], given: Sequence[Any]) -> str:
-    """What is to be said of more arguments without a name than the function takes."""
+    """Hint for too many positional arguments; empty if there are not too many."""
     import inspect
 
     parameters = list(inspect.signature(function).parameters.values())
@@ -144,7 +144,7 @@ def _unnamed(function: Callable[..., Any], given: Sequence[Any]) -> str:
 
 
 def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:
-    """What is to be said of the first name that the function does not know; empty if none is."""
+    """Hint for the first unknown keyword; empty if all are known."""
     import inspect
 
     parameters = inspect.signature(function).parameters
@@ -155,7 +155,7 @@ def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:
     return near_name(wrong[0], known) if wrong else ""
 
 
-#: Modules of Python between a call and the package: cached properties, wrappers, contexts.
+#: Python modules between a call and the package: cached properties, wrappers, contexts.
 _BETWEEN = frozenset({"viscovib", "functools", "contextlib"})
 
 

@@ -1,7 +1,7 @@
 """Factors from the units of drawings and test benches to SI: multiply by them.
 
-viscovib takes SI units (m, kg, s, N, rad) and converts nothing on its own. A number in another
-unit is multiplied by its factor, where it enters; a result is divided by it.
+viscovib uses SI units (m, kg, s, N, rad) and does not convert units. Multiply input in a different
+unit by its factor; divide results by it.
 
 Examples
 --------

@@ -1,1 +1,1 @@
-"""What is computed: steady responses, branches, motions in time, spectra, multiple scales."""
+"""Analyses: steady responses, branches, motions in time, spectra, multiple scales."""

@@ -1,4 +1,4 @@
-"""How exact a motion is wanted, whether two runs agree so far, and why they do not."""
+"""Tolerances of motions in time, and reasons why two runs disagree."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from viscovib.results.trajectory import Trajectory
 
 _EPS = float(np.finfo(float).eps)
-#: A coordinate is compared to this part of the largest at least.
+#: Smallest size of a coordinate in comparisons, relative to the largest coordinate.
 _SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Errors allowed: ``absolute``, and ``relative`` to the largest value of each column.
+    """Allowed errors: ``absolute``, and ``relative`` to the largest value of each column.
 
     ``by_size``: relative to the size of the motion instead, which for displacements is the largest
     displacement, for velocities the largest of all numbers.
@@ -52,11 +52,11 @@ class Accuracy:
 
     @property
     def solved(self) -> float:
-        """Relative error of what is represented, such as kernels, that goes with it."""
+        """Relative tolerance for approximations, such as kernels."""
         return 0.1 * min(filter(None, (self.absolute, self.relative)))
 
     def allowed(self, states: FloatArray) -> FloatArray:
-        """Largest error allowed in each column of states."""
+        """Largest allowed error of each column of states."""
         sizes = np.abs(states).max(axis=0, initial=0.0)
         if self.by_size:
             pair = sizes[::2].max(initial=0.0), sizes.max(initial=0.0)
@@ -66,7 +66,7 @@ class Accuracy:
 
     @property
     def text(self) -> str:
-        """What is allowed, in words."""
+        """The allowed error as a text."""
         if self.by_size:
             return f"{self.relative:g} of the size of the motion"
         if self.relative == 0:
@@ -74,7 +74,7 @@ class Accuracy:
         return f"{self.absolute:g} and {self.relative:g} of the largest"
 
     def __str__(self) -> str:
-        """Say it as it was given."""
+        """Return the tolerance as given by the user."""
         if self.by_size:
             return f"tolerance = {self.relative:g} of the size of the motion"
         if self.relative == 0:
@@ -83,23 +83,23 @@ class Accuracy:
 
 
 def along(run: "Trajectory") -> FloatArray:
-    """States of a run, and those on the way that it does not keep."""
+    """States of a run, including observed states that it does not keep."""
     looks = [] if run._resume is None else run._resume.looks
     return np.concatenate([looks, run.state]) if len(looks) else run.state
 
 
 def rounding_of(states: FloatArray) -> float:
-    """What rounding alone leaves of states; 0 only if they are all 0."""
+    """Rounding error of states; 0 only if all states are 0."""
     return 4 * _EPS * float(np.abs(states).max(initial=0.0))
 
 
-#: What a step may lose of a motion by rounding; states within which errors that grow by
-#: themselves are still small.
+#: Relative rounding error of a step; number of states within which growing errors are still
+#: small.
 _ROUNDING, _FEW = 4 * np.finfo(float).eps, 20
 
 
 def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
-    """Why halving the step leads nowhere, in a few words."""
+    """Return a text that explains why halving the step size does not help."""
     for run in (fine, coarse):
         if run.outcome != "completed":
             pole = run._pole_passed() or run._pole_after(run.t.size - 1)
@@ -129,7 +129,7 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
         )
     first = int(bad[0])
     t = fine.t
-    # What grows by itself does so over many steps; a corner makes an error within one.
+    # Unstable errors grow over many steps; a kink or jump causes an error within one step.
     most = np.maximum(np.maximum.accumulate(part), 1e-3 * allowed[worst])
     sudden = np.flatnonzero(most[1:] > 100 * most[:-1])
     if sudden.size:
@@ -152,7 +152,7 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
             f"rounding leaves about {part.max():.1e} of a motion as large as {size:.3g} in "
             f"{steps:.0f} steps: take a larger tolerance or a shorter run"
         )
-    # In a long run what grows by itself may have grown early, but not within a few steps.
+    # In a long run unstable errors may grow early, but not within a few steps.
     alike = min(0.05 * t.size, _FEW)
     if first > alike and np.median(part[: first // 2 + 1]) < 0.1 * allowed[worst]:
         grown = part[first:].max() / max(float(part[: first // 2 + 1].max()), 1e-300)
@@ -162,7 +162,7 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
             "the motion is chaotic or unstable, take a shorter run or a larger tolerance"
         )
     if t.size <= _FEW:
-        # So few states do not tell where errors come from.
+        # With so few states the source of errors is unknown.
         return (
             "the fastest motion is not resolved, or the motion is chaotic or unstable: take a "
             "larger tolerance, a smaller dt or a shorter run"

@@ -77,7 +77,7 @@ class Backbone(PeriodicMotions, Result):
         X_k.
     truncation : ndarray, shape (n,)
         Estimated relative error of the motion or of its frequency by neglected harmonics, whichever
-        is larger; at most 1, which also stands for unknown.
+        is larger; at most 1, which also means unknown.
     error : ndarray, shape (n,)
         Estimated relative error of the motion at its parameter value, or of its frequency,
         whichever is larger, by the last correction and rounding. It may exceed ``tolerance`` with
@@ -142,9 +142,9 @@ class Backbone(PeriodicMotions, Result):
     stable: npt.NDArray[np.bool_] | None = None
     growing: npt.NDArray[np.int32] | None = None
     _tolerance: float = 1e-10
-    #: How far rounding leaves each point off its curve.
+    #: Rounding error of each point.
     _off: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
-    #: Relative error that was allowed of each point.
+    #: Allowed relative error of each point.
     _allowed: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
 
     kind = "backbone"
@@ -157,7 +157,7 @@ class Backbone(PeriodicMotions, Result):
 
     @property
     def _short(self) -> int:
-        """Number of points that more harmonics would bring nearer."""
+        """Number of points with too few harmonics."""
         return int((self.truncation > np.maximum(self._tolerance, self._off)).sum())
 
     @property
@@ -302,7 +302,7 @@ def oscillator_backbone(
     chosen = _native.is_auto(harmonics)
     highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
     if isinstance(system, Structure):
-        # The coordinate whose amplitude counts is one of those condensed.
+        # Add the coordinate of the amplitude to the condensed ones.
         most = place - 1 if place else system._moving_most(j)
         loaded, row = system._free.watching(most)
         view = View.of(system, loaded, coordinates)
@@ -359,7 +359,7 @@ def oscillator_backbone(
 
 
 def imaginary(cosines: FloatArray) -> ComplexArray:
-    """X_k of cosines."""
+    """X_k of cosine coefficients."""
     found = np.zeros(cosines.shape, dtype=complex)
     found.imag = cosines
     return found

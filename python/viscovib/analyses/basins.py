@@ -26,18 +26,18 @@ from viscovib.systems.whole import whole_system
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Label of what has not settled.
+#: Label of motions that have not settled.
 UNSETTLED = -1
 _MOST_RUNS = 10_000_000
-#: Of which all coordinates are kept.
+#: Largest number of coordinates.
 _MOST_COORDINATES = 64
-#: Coordinates of a structure whose whole equations are at hand; a long time.
+#: Largest number of coordinates for the full equations of a structure; a long time.
 _FEW, _LONG = 6, 1e4
-#: Motions by which the step is found and how large motions are; how exact they are for the step.
+#: Number of motions for step size and scale; their tolerance for the step size.
 _PROBES, _PROBED = 16, 1e-6
-#: An orbit and its perturbed motions, which distinguish an attractor from a saddle.
+#: Number of motions (an orbit and perturbed ones) that distinguish an attractor from a saddle.
 _DISTURBED = 7
-#: Largest remaining part of a perturbation of an attractor; largest motion of a rest, of the scale.
+#: Largest remaining part of a perturbation of an attractor; largest relative motion of a rest.
 _NEARER, _STANDS = 0.5, 1e-12
 
 
@@ -203,7 +203,7 @@ def basins(
     most = _native.integer("max_period", max_period, 1, 1000)
     loaded = load is not None
     if isinstance(system, Pendulum):
-        # Without a load it settles, too; one that goes through 0 keeps its periods.
+        # A pendulum without a load settles too; a load whose values include 0 keeps its periods.
         loaded = n_periods is not None or any((system.f0, system.m01, system.m02))
     call: dict[str, Any] = {"n_threads": n_threads, "progress": progress}
     if not isinstance(system, Pendulum):
@@ -231,19 +231,19 @@ def basins(
         length = {"t_end": end}
         run = simulate_ensemble(system, initial=states, t_end=end, **call)
         if _remembers(system):
-            # What it remembers is not in its state.
+            # The state does not contain the memory: run again from the start.
             more = simulate_ensemble(system, initial=states, t_end=1.1 * end, **call)
         else:
-            # Of a short run a tenth may be less than a step.
+            # A tenth of a short run may be less than a step.
             finer = {"dt": min(float(run.step[0]), 0.1 * end)}
             more = simulate_ensemble(system, initial=run.state, t_end=0.1 * end, **(call | finer))
         points, most = np.stack([run.state, more.state], axis=1), 1
-        # One that leaves within that has no state to be looked at.
+        # A motion that diverges within this time has no final state.
         stays = more.outcome == "completed"
     ended = stays & (run.outcome == "completed")
     largest = _largest(system, states, call | {"t_end": float(run.t_end[0])})
     fastest = _fastest(system, call)
-    # Of many starts and attractors every one is compared with every other.
+    # All starts are compared with all attractors, which takes long if there are many.
     given = {"largest": largest, "points": np.transpose(points, (2, 1, 0)), "ended": ended}
     given |= {"most": most, "near": near, "fastest": fastest}
     found = _native.apart(lambda: _native.run("ensemble orbits", **given))
@@ -266,18 +266,18 @@ def basins(
 
 
 def _largest(system: Any, states: FloatArray, call: Mapping[str, Any]) -> FloatArray:
-    """The largest of each number of a state in all starts, and in motions from some of them.
+    """Largest value of each state component in all starts, and in motions from some of them.
 
-    What starts and ends at 0 may be far from it on the way.
+    A component that is 0 at the start and the end may be large in between.
     """
     run = simulate_ensemble(system, initial=_some(states), statistics=True, **call)
     assert run.peak is not None
-    # Of what did not reach its end peaks are NaN.
+    # Runs that did not reach their end have NaN peaks.
     return np.asarray(np.fmax(np.abs(states).max(axis=0), np.fmax.reduce(run.peak, axis=0)))
 
 
 def _remembers(system: Any) -> bool:
-    """Whether a state is more than coordinates and velocities: kernels, or hysteresis."""
+    """True if coordinates and velocities are not the whole state: kernels or hysteresis."""
     if isinstance(system, Pendulum):
         return False
     if _has_kernels(system):
@@ -292,7 +292,7 @@ def _has_kernels(system: Any) -> bool:
 
 
 def _fastest(system: Any, call: Mapping[str, Any]) -> float:
-    """Frequency of the fastest linear motion, or of a load."""
+    """Frequency of the fastest linear motion or of a load."""
     if isinstance(system, Pendulum):
         return max(float(system.natural_frequencies().max()), system.p1, system.p2, system.p3)
     nu = call.get("nu")
@@ -302,7 +302,7 @@ def _fastest(system: Any, call: Mapping[str, Any]) -> float:
     if isinstance(few, PolynomialSystem):
         own = few._fastest()
     else:
-        # Of the steps that runs begin with there are two a period.
+        # The initial step size corresponds to two steps per period.
         start = np.zeros(2 * len(system.dof_names))
         _, steps, _ = runs_of(system, _LONG, start, "auto", Acting(), None, False)
         own = np.pi * steps / _LONG
@@ -317,11 +317,11 @@ def _stable(
     call: Mapping[str, Any],
     starts: FloatArray | None,
 ) -> tuple[npt.NDArray[np.bool_], FloatArray]:
-    """Which periodic motions attract, and the remaining part of a perturbation of each.
+    """Mask of attracting periodic motions, and the remaining part of a perturbation of each.
 
-    The core's rules (``fortran/transient/basin_rules.f90``) tell it by motions as long again as the
-    run was. Where a state on the orbit is more than its numbers, what is disturbed is a start that
-    settles there (``starts``, one of each orbit).
+    The core (``fortran/transient/basin_rules.f90``) decides by a second run of the same length. If
+    a state includes memory, a start that settles on the orbit is perturbed instead (``starts``, one
+    for each orbit).
     """
     if not orbits:
         return np.zeros(0, dtype=bool), np.zeros(0)
@@ -359,9 +359,9 @@ def _come_to_rest(
     scale: FloatArray,
     call: Mapping[str, Any],
 ) -> npt.NDArray[np.bool_]:
-    """Which motions, one of each orbit, move less in a run twice as long, or stand still.
+    """Mask of motions, one of each orbit, that move less in a run twice as long, or are at rest.
 
-    Where friction holds what it can, neighbours stay where they are, and tell nothing of creeping.
+    With sticking friction, neighbours stay where they are and do not show creeping.
     """
     longer = dict(call)
     if "t_end" in call:
@@ -381,14 +381,14 @@ def _come_to_rest(
         pairs = [(one[-len(orbit) :], one[-2 * len(orbit) : -len(orbit)])
                  for one, orbit in zip(seen, orbits, strict=True)]  # fmt: skip
         moved.append(np.array([np.abs((new - old) / scale).max() for new, old in pairs]))
-    # What did not reach its end is NaN, and not less.
+    # Runs that did not reach their end are NaN, which is not smaller.
     return np.asarray(moved[1] <= np.maximum(_NEARER * moved[0], _STANDS))
 
 
 def _only(
     good: npt.NDArray[np.bool_], labels: npt.NDArray[np.intp], orbits: tuple[FloatArray, ...]
 ) -> tuple[npt.NDArray[np.intp], tuple[FloatArray, ...]]:
-    """Keep some orbits; what settles on others has not settled."""
+    """Keep some orbits; motions on dropped orbits are labelled as not settled."""
     place = np.where(good, np.cumsum(good) - 1, UNSETTLED)
     if good.size:
         labels = np.where(labels >= 0, place[np.maximum(labels, 0)], labels)
@@ -396,7 +396,7 @@ def _only(
 
 
 def _step(system: Any, states: FloatArray, call: Mapping[str, Any]) -> float:
-    """The step that follows some of the motions over three periods of the fastest linear one."""
+    """Step size for some motions over three periods of the fastest linear motion."""
     fastest = _fastest(system, call)
     if not fastest > 0:
         raise InputError('dt = "auto": the system has no linear period, must be a number')
@@ -407,7 +407,7 @@ def _step(system: Any, states: FloatArray, call: Mapping[str, Any]) -> float:
 
 
 def _some(states: FloatArray) -> FloatArray:
-    """Starts that stand for all."""
+    """A representative subset of the starts."""
     return states[:: max(1, states.shape[0] // _PROBES)]
 
 
@@ -416,7 +416,7 @@ def _grid(
     starts: Mapping[str, npt.ArrayLike],
     others: npt.ArrayLike | None,
 ) -> tuple[tuple[str, str], FloatArray, FloatArray, FloatArray]:
-    """Return both names, their values, and all starts, x running faster."""
+    """Return both names, their values, and all starts, with x varying fastest."""
     quantities = [f"{name}{dot}" for name in system.dof_names for dot in ("", "_dot")]
     given = _native.mapping("starts", starts)
     if len(given) != 2:

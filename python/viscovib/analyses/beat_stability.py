@@ -15,21 +15,21 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Monomial
 
-#: Steps in a period of the fastest line that counts: of at least this part of the largest.
+#: Steps per period of the fastest significant line; relative size of significant lines.
 _STEPS, _COUNTS = 30, 1e-3
-#: In decay times of the slowest mode: until the start has decayed, and growth is averaged over
-#: half of this and all of it.
+#: In decay times of the slowest mode: time until the initial state has decayed, and averaging time
+#: of the growth (also over half of it).
 _SETTLING, _AVERAGED = 14.0, 20.0
-#: The same of a neighbour that begins this part of the motion away: above rounding at the end.
+#: Relative initial distance of a neighbour and its averaging time: above rounding at the end.
 _BESIDE, _BESIDE_AVERAGED = 1e-4, 12.0
-#: Longest runs, in steps.
+#: Largest number of steps of a run.
 _MOST_STEPS = 1_000_000
-#: The run ends within so many estimated errors of the motion, or it left it.
+#: A run has left the motion if it ends beyond this multiple of the estimated errors.
 _STAYS = 5.0
 
 
 class _Growth(NamedTuple):
-    """Mean growth over the first half and over all of a time; the state at its end."""
+    """Mean growth over the first half and the whole of a time, and the final state."""
 
     half: float
     whole: float
@@ -46,13 +46,12 @@ def growth_of_neighbours(
     errors: FloatArray,
     slowest: float,
 ) -> tuple[float, float]:
-    """Return the growth of neighbours in the full equations, and its error (inf: not known).
+    """Return the growth of neighbours in the full equations, and its error (inf: unknown).
 
-    The equations are integrated from the state of the motion at t = 0 until what that lacks has
-    decayed; from there growth is averaged, g = log(|d(t + T)|/|d(t)|)/T of a neighbour d away.
-    That is the Lyapunov exponent + O(1/T): over T and T/2 it differs by the error of the longer
-    one, which is counted twice, plus one e-folding. A run that ends elsewhere than the motion,
-    beyond its errors, gives no result.
+    The equations are integrated from the state of the motion at t = 0 until the error of this
+    state has decayed. Then the growth g = log(|d(t + T)|/|d(t)|)/T of a difference d is averaged.
+    It is the Lyapunov exponent + O(1/T). Its error is twice the difference between T and T/2, plus
+    one e-folding. A run that ends farther from the motion than the errors allow has no result.
     """
     unknown = (0.0, np.inf)
     size = np.abs(harmonics[1:]).max(axis=1, initial=0.0)
@@ -106,7 +105,7 @@ def _of_pendulum(
 def _of_cubic(
     system: CubicSystem, varied: dict[str, float], start: FloatArray, step: float, slowest: float
 ) -> _Growth | None:
-    """Each load as an oscillator of its own, s'' + p^2 s = 0 from s = 1."""
+    """Represent each load by an additional oscillator, s'' + p^2 s = 0 with s(0) = 1."""
     drives = np.array(system.drives, dtype=float)
     load = np.array(system.load, dtype=float)
     for name, value in varied.items():

@@ -12,7 +12,7 @@ from viscovib.analyses.signals import tell_aliases
 from viscovib.common.values import Value
 from viscovib.results.trajectory import Trajectory
 
-#: Numbers of a motion for which the fit takes a few milliseconds.
+#: Array size of a motion up to which the fit takes a few milliseconds.
 _FEW = 500
 
 

@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _DOFS = Pendulum.dof_names
-#: Numbers of a result at most: 400 MB.
+#: Largest array size of a result: 400 MB.
 _MAX_NUMBERS = 50_000_000
-#: Time over which rates are averaged where none is given.
+#: Default averaging time of rates.
 _AVERAGED = 3000.0
 _FIRST = {1: 9, 2: 5, 3: 4}
 
@@ -134,7 +134,7 @@ class DrivenResponse(Result):
 
     @property
     def _along(self) -> tuple[FloatArray, str, bool]:
-        """What varies: its values, its label, and whether it is a circular frequency."""
+        """The varied parameter: values, label, and True if it is a circular frequency (rad/s)."""
         return self.parameter, self.varies or self.axes[0], False
 
     @property
@@ -295,7 +295,7 @@ def pendulum_response(
     multiple = SUBHARMONIC.check(subharmonic)
     denominator = MAX_DENOMINATOR.check(max_denominator)
     if varies in FREQUENCIES:
-        # Any value serves to sort the loads: one that moves has an axis of its own.
+        # Any value is sufficient to sort the loads: a varied frequency has a separate axis.
         pend = moved(pend, varies, 1.0)
     torus = make_torus(pend, varies, multiple, denominator)
     if varies is None:
@@ -339,7 +339,7 @@ def pendulum_response(
 
 
 def _fits(points: int, torus: Torus, bound: int) -> bool:
-    """Tell whether all unknowns, most of which may not be needed, fit in some of the memory."""
+    """True if all unknowns, most of which may not be needed, fit into a part of the memory."""
     return points * 3 * (2 * torus.count(bound) - 1) <= _MAX_NUMBERS // 4
 
 
@@ -352,10 +352,10 @@ def _solve(
     tolerance: float,
     duration: float,
 ) -> DrivenResponse:
-    """Solve with orders to the first bound, or to as many up to the last as the tolerance needs."""
+    """Solve with orders up to the first bound, or up to the last if the tolerance needs it."""
     n = 3 * (2 * torus.count(bounds[1]) - 1)
     check_size(varies or "nu", rows.size, n)
-    # Those that judge the solution come with the others.
+    # The orders for the error estimate are included.
     orders = torus.lattice(bounds[1] + torus.shells)
     kept = kept_by_symmetry(pend, torus, orders, varies)
     job = TorusJob.of(pend, torus, orders, varies, kept)

@@ -72,8 +72,8 @@ from viscovib.systems.pendulum import Pendulum
 if TYPE_CHECKING:
     import xarray as xr
 
-#: "auto" stops at half of the unknowns that may be asked for, and once so many additions failed to
-#: halve the estimate.
+#: "auto" stops at half of the largest number of unknowns, or after this number of additions that
+#: did not halve the estimate.
 _FEWER, _MAX_VAIN = 2.0, 2
 
 
@@ -153,12 +153,12 @@ class DrivenBranch(PeriodicMotions, Curve):
     iterations: IntArray
     error: FloatArray
     plan: Plan
-    #: The job as the core takes it, units of what varies in the parameter, the relative error
-    #: wanted and what orders left out come to where that is largest.
+    #: The job for the core with the unit of the parameter, the relative tolerance, and the largest
+    #: estimated error by neglected orders.
     _job: TorusJob = field(repr=False)
     _tolerance: float = field(repr=False)
     _worst: float = field(repr=False)
-    #: How far rounding leaves each point off its curve.
+    #: Rounding error of each point.
     _off: FloatArray = field(repr=False)
     dof_names: tuple[str, ...] = Pendulum.dof_names
     dof_units: tuple[str, ...] = ("1", "rad", "rad")
@@ -294,14 +294,14 @@ class DrivenBranch(PeriodicMotions, Curve):
 def _kept(
     pend: Pendulum, torus: Torus, orders: IntArray, varies: str, *, symmetric: bool
 ) -> IntArray:
-    """All orders, or what the symmetry of system and loads leaves of them."""
+    """Mask of the orders that are kept: all, or those allowed by the symmetry."""
     if symmetric:
         return kept_by_symmetry(pend, torus, orders, varies)
     return np.ones((len(orders), 3), dtype=np.intc)
 
 
 def _bound_left(torus: Torus, leave: BranchPoint) -> int:
-    """Highest order of the branch that is left, or one that its unknowns do not match."""
+    """Highest order of the branch that contains ``leave``."""
     bound = torus.lowest
     while 3 * (2 * len(torus.lattice(bound)) - 1) < leave._unknowns.size:
         bound += 1
@@ -310,21 +310,21 @@ def _bound_left(torus: Torus, leave: BranchPoint) -> int:
 
 @dataclass(frozen=True)
 class _Pass:
-    """One pass along a branch with some orders: the job, what the core found, what is left out."""
+    """One computation of a branch: orders, job, results of the core, error estimates."""
 
     orders: IntArray
     bound: int
     job: TorusJob
     found: dict[str, Any]
     worst: float
-    #: How far orders left out move folds, as the core has them.
+    #: Estimated shift of the folds by neglected orders, in the units of the core.
     moved: FloatArray
     next_bound: int
 
 
 @dataclass(frozen=True)
 class _Way:
-    """What is asked for: what varies, how it is followed, and where the branch begins."""
+    """The request: varied parameter, options of the continuation, and start of the branch."""
 
     system: Pendulum
     torus: Torus
@@ -333,15 +333,15 @@ class _Way:
     finish: float
     stops: FloatArray
     curve: CurveOptions
-    #: Time over which stability is found, in periods of the one base frequency if there is one;
-    #: 0: not at all.
+    #: Averaging time of stability, in periods if there is a single base frequency; 0: no
+    #: stability.
     span: float
     symmetric: bool
     leave: BranchPoint | None
     opposite: bool
 
     def along(self, bound: int, auto: bool) -> _Pass:
-        """Follow the branch with orders up to a bound; raise where it has no beginning."""
+        """Follow the branch with orders up to a bound; raise an error without a first motion."""
         torus, curve = self.torus, self.curve
         orders = torus.lattice(bound)
         n = 3 * (2 * len(orders) - 1)
@@ -368,7 +368,7 @@ class _Way:
         )
 
     def place_errors(self, last: _Pass) -> tuple[FloatArray, FloatArray]:
-        """How far off branch points and crossings are, as the core has them."""
+        """Estimated errors of branch points and crossings, in the units of the core."""
         torus, found = self.torus, last.found
         where, known = (found.get(name, np.zeros(0)) for name in ("crossings", "crossing_errors"))
         crossed = {
@@ -380,7 +380,7 @@ class _Way:
         }  # fmt: skip
         lost, step = np.isnan(where), torus.shells
         if torus.n_axes == 1:
-            # What orders left out do has signs: those next to the ones kept may cancel.
+            # Effects of neglected orders have signs: those of the next orders may cancel.
             step = max(step, min(last.bound, torus.largest() - last.bound) // step * step)
         errors = self._job(torus.lattice(last.bound + step)).run_apart(
             "drive errors", p=found["p"], x=found["x"], branch_p=found["branch_points"],
@@ -390,7 +390,7 @@ class _Way:
             known=np.where(lost, 0.0, known), bound=last.bound, step=step,
         )  # fmt: skip
         of_points, of_crossings = errors["branch_errors"], errors["crossing_errors"]
-        # Those that the continuation has located have the errors of these.
+        # Crossings that the continuation has located have the errors of its points.
         located = (
             (found["folds"], found["fold_x"], found["fold_errors"] + last.moved),
             (found["branch_points"], found["branch_x"], of_points),
@@ -403,12 +403,12 @@ class _Way:
         return of_points, of_crossings
 
     def _job(self, orders: IntArray) -> TorusJob:
-        """What the core takes of the system with these orders."""
+        """The job for the core with these orders."""
         kept = _kept(self.system, self.torus, orders, self.varies, symmetric=self.symmetric)
         return TorusJob.of(self.system, self.torus, orders, self.varies, kept)
 
     def _begin(self, n: int, job: TorusJob) -> dict[str, Any]:
-        """Unknowns to begin with, where, and the direction."""
+        """Unknowns, parameter and direction of the first point."""
         if self.leave is None:
             return {}
         begin, along = self.leave.departure(n, self.opposite)
@@ -498,7 +498,7 @@ def trace_pendulum(
 
 
 def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
-    """Give what the core found its names and units."""
+    """Create the result with names and units."""
     branch_errors, crossing_errors = way.place_errors(last)
     torus, unit, found = way.torus, last.job.unit, last.found
     n = found["p"].size

@@ -1,4 +1,4 @@
-"""Ensembles of motions: in the vector unit and in several threads."""
+"""Ensembles of motions, in the vector unit and in several threads."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Motions side by side: in a block of lanes, and by Taylor's method.
+#: Motions computed together: in a block of vector lanes, and by Taylor's method.
 _LANES, _WIDE = 8, 32
-#: Places of "diverged" and "step too large".
+#: Indices of "diverged" and "step too large".
 _DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large")
 _MAX_STEPS = 10**12
-#: Trajectories a native call takes at most: how often progress shows.
+#: Largest number of trajectories per native call, which sets the interval of progress.
 _MAX_PIECE = 1024
-#: Steps of all runs up to which a call by one thread is made at once, without another that waits
-#: for Ctrl-C: a tenth of a second.
+#: Largest number of steps of all runs (a tenth of a second) for a direct call, without a second
+#: thread for Ctrl-C.
 _SHORT = 2 * 10**5
-#: The most trajectories where they go one after another, each for itself.
+#: Largest number of trajectories per call if they are computed one by one.
 _MAX_SINGLE = 32
-#: How many times the first steps, four in the fastest period, those of samples are at least.
+#: Smallest number of steps with samples, in units of the first number (four per fastest period).
 _SAMPLED = 8
 
 
@@ -275,7 +275,7 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, prel
 
 
 def _exponents(lyapunov: object) -> tuple[bool, bool]:
-    """Whether exponents are wanted, and whether all of them."""
+    """Two flags: exponents are requested, and all of them."""
     if isinstance(lyapunov, str) and lyapunov == "all":
         return True, True
     if not isinstance(lyapunov, (bool, np.bool_)):
@@ -297,7 +297,7 @@ def _exponents_of(raw: _Raw) -> dict[str, FloatArray | None]:
 
 @dataclass(frozen=True)
 class _Length:
-    """How long each run is, in time and, where sections are wanted, in periods."""
+    """Length of each run, in time and, with sections, in periods."""
 
     span: FloatArray
     discard: float
@@ -347,11 +347,11 @@ class _Length:
 
     @property
     def spacing(self) -> FloatArray:
-        """Periods between sections, NaN without."""
+        """Times between sections; NaN without sections."""
         return self.span / (math.nan if self.periods is None else self.periods)
 
     def steps(self, dt: float | str, members: Members) -> int:
-        """Steps of each run: so many a period, where there are such."""
+        """Number of steps of each run, a multiple of the number of periods."""
         longest = float(self.span.max())
         if _native.is_auto(dt):
             n = members.first_steps(self.span)
@@ -368,7 +368,7 @@ class _Length:
 
     @property
     def discarded(self) -> FloatArray:
-        """The time of each run that is left out."""
+        """Discarded time of each run."""
         if self.periods is None:
             return np.full(self.span.size, self.discard)
         return np.asarray(self.discarded_periods * self.spacing)
@@ -379,7 +379,7 @@ class _Length:
         return math.ceil(self._discarded_part(n) * (1 - 1e-12))
 
     def ahead(self, n: int) -> float:
-        """How much of the last discarded step comes after the time that is left out."""
+        """Fraction of the last discarded step that lies after the discarded time."""
         if self.periods is not None:
             return 0.0
         return max(0.0, self.discarded_steps(n) - self._discarded_part(n))
@@ -390,7 +390,7 @@ class _Length:
 
 @dataclass(frozen=True)
 class _Raw:
-    """Results as the core gives them, run first."""
+    """Results of the core, with the run as first axis."""
 
     state: FloatArray
     ended: npt.NDArray[np.intc]
@@ -408,14 +408,14 @@ _Array = TypeVar("_Array", FloatArray, ComplexArray)
 
 
 def _of_whole(gathered: _Array | None, ended: npt.NDArray[np.intc]) -> _Array | None:
-    """What was gathered of whole runs: of one that stopped nothing is known, in neither part."""
+    """Set results of runs that did not reach their end to NaN (real and imaginary part)."""
     if gathered is not None:
         gathered[ended != 0] = complex(np.nan, np.nan) if np.iscomplexobj(gathered) else np.nan
     return gathered
 
 
 class _Job:
-    """Everything about the runs but the step."""
+    """All data of the runs except the step size."""
 
     def __init__(
         self,
@@ -434,11 +434,11 @@ class _Job:
 
     @property
     def lanes(self) -> int:
-        """How many motions go side by side."""
+        """Number of motions that are computed together."""
         return _WIDE if self.members.method_name in TAYLOR else _LANES
 
     def run(self, n_steps: int, progress: bool) -> _Raw:
-        """Make all runs with so many steps."""
+        """Compute all runs with a number of steps."""
         n = self.members.n
         piece = self._piece_size(progress)
         cancel = np.zeros(1, dtype=np.intc)
@@ -470,7 +470,7 @@ class _Job:
         )
 
     def _piece_size(self, progress: bool) -> int:
-        """How many runs a native call takes."""
+        """Number of runs per native call."""
         n = self.members.n
         if not self.members.side_by_side:
             return max(1, min(n // (8 * self.threads), _MAX_SINGLE))
@@ -482,7 +482,7 @@ class _Job:
     def _in_threads(
         self, slices: list[slice], n_steps: int, cancel: npt.NDArray[np.intc], progress: bool
     ) -> list[tuple[Any, ...]]:
-        """Make the runs of each slice; Ctrl-C is heard."""
+        """Compute the runs of each slice; Ctrl-C works."""
         pool = ThreadPoolExecutor(self.threads)
         try:
             futures = [pool.submit(self._heard, part, n_steps, cancel) for part in slices]
@@ -496,7 +496,7 @@ class _Job:
             pool.shutdown(cancel_futures=True)
 
     def _heard(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
-        """The same in a thread, which gives up once the flag is 1."""
+        """Compute a slice in a thread, which stops when the flag is 1."""
         _native.listen(cancel)
         return self._piece(part, n_steps, cancel)
 
@@ -526,7 +526,7 @@ class _Job:
 
 
 def _with_steps_told(coarse: _Raw, fine: _Raw) -> _Raw:
-    """Exponents that other steps change are no better known than that."""
+    """Increase the errors of exponents to their change with a different step size."""
     if fine.lyapunov is None or coarse.lyapunov is None or fine.lyapunov_error is None:
         return fine
     with np.errstate(invalid="ignore"):
@@ -536,7 +536,7 @@ def _with_steps_told(coarse: _Raw, fine: _Raw) -> _Raw:
 
 
 def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> FloatArray:
-    """By how much peaks, means and rms of some runs differ at most, shape of their states."""
+    """Largest differences of peaks, means and rms of some runs, in the shape of their states."""
     pairs = ((coarse.peak, fine.peak), (coarse.mean, fine.mean), (coarse.rms, fine.rms))
     parts = [np.abs(b[runs] - a[runs]) for a, b in pairs if a is not None and b is not None]
     return np.asarray(np.max(parts, axis=0))
@@ -545,7 +545,7 @@ def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> Flo
 def _refine(
     job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
 ) -> tuple[_Raw, int, float, Beside]:
-    """Halve the step until the last states stand still."""
+    """Halve the step size until the final states no longer change."""
     change, worst, factor = math.inf, 0, 1
     before = sections_of(job.members, coarse)
     changes_so_far: list[float] = []
@@ -559,7 +559,7 @@ def _refine(
         along = np.zeros_like(parts)
         if job.statistics:
             along[both] = _changes_along(coarse, fine, both)
-        # Of a state at 1e6 the time is what is known.
+        # For a state at 1e6 only the time is accurate.
         parts[fine.ended == _DIVERGED] = 0.0
         moved = np.abs(fine.t_reached - coarse.t_reached)
         changes = np.maximum(np.maximum(parts, along).max(axis=1), moved)

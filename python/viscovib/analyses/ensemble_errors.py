@@ -1,4 +1,4 @@
-"""Errors of the results of an ensemble other than its final states."""
+"""Errors of ensemble results except the final states."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from viscovib.analyses.singles import SingleMembers
 
 
 class Raw(Protocol):
-    """What is looked at of the results of the core."""
+    """Results of the core that are compared."""
 
     @property
     def amplitudes(self) -> ComplexArray | None:
-        """Of lines."""
+        """Amplitudes of lines."""
 
     @property
     def sections(self) -> FloatArray | None:
-        """At whole periods of a load."""
+        """States at whole periods of a load."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """Errors of other results than the final states; None: no result, or a given step size."""
+    """Errors of results except the final states; None: no result, or a given step size."""
 
     sections: float | None = None
     amplitudes: float | None = None
 
 
-#: Sections of some runs, and times where these are not those of a load.
+#: Sections of some runs, and their times if they are not periods of a load.
 Sections = tuple[FloatArray | None, FloatArray | None]
 
 
 def sections_of(members: Members, raw: Raw) -> Sections:
-    """Those of the last run."""
+    """Sections of the last run."""
     if isinstance(members, SingleMembers) and members.surface is not None:
         return members.passages()
     return raw.sections, None
@@ -49,7 +49,7 @@ def sections_of(members: Members, raw: Raw) -> Sections:
 def errors_beside(
     coarse: Raw, fine: Raw, before: Sections, after: Sections, runs: npt.NDArray[np.bool_]
 ) -> Beside:
-    """What halved steps change of sections and amplitudes of some runs, and rounding of these."""
+    """Changes of sections and amplitudes by halved steps, with their rounding errors."""
     sections, amplitudes = None, None
     if before[0] is not None and after[0] is not None:
         sections = 0.0
@@ -57,7 +57,7 @@ def errors_beside(
             if early is None or late is None:
                 continue
             a, b = early[runs], late[runs]
-            # Where one has more passages than the other, nothing is known.
+            # If the numbers of crossings differ, the error is unknown.
             alike = a.shape == b.shape and bool((np.isnan(a) == np.isnan(b)).all())
             moved = float(np.nanmax(np.abs(b - a), initial=0.0)) if alike else math.inf
             known = b[~np.isnan(b)]

@@ -16,13 +16,13 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import Passages
 from viscovib.systems.laws import Law, compile_law
 
-#: Passages that a native call has room for, and those of a run at most.
+#: Largest numbers of events of a native call and of a run.
 ROOM, _MOST = 50_000, 5_000_000
-#: What peaks and means along the motion take of that room: a column each.
+#: Columns for peaks and means along the motion.
 _GATHERED = 3
-#: Of the size of a signal that never had a value (`watch_type` of the core), and below.
+#: Exponent of the size of a signal that never had a value (`watch_type` of the core).
 _NO_VALUE = -1022
-#: The text of impacts; part of its travel within which a deflection is at its stop.
+#: The text of impacts; relative distance within which a deflection is at its stop.
 _IMPACT, _AT_STOP = re.compile(r"\s*impact\s*(?:\[\s*(\d+)\s*\])?\s*"), 1e-9
 _DIRECTIONS = {"any": 0, "up": 1, "down": -1}
 _MOST_EVENTS = 100
@@ -68,14 +68,14 @@ class Event:
 
 
 class Impact(NamedTuple):
-    """Where a passage of the rate of a deflection through 0 is an impact."""
+    """Condition under which a zero of the rate of a deflection is an impact."""
 
     direction: FloatArray
     gap: float
     both: bool
 
     def keeps(self, states: FloatArray) -> npt.NDArray[np.bool_]:
-        """Which states, shape (n, 2 m), are at the stop."""
+        """Mask of the states, shape (n, 2 m), at the stop."""
         d = states[:, : 2 * self.direction.size : 2] @ self.direction
         place = np.abs(d) if self.both else d
         return np.asarray(
@@ -84,7 +84,7 @@ class Impact(NamedTuple):
 
 
 def impact_of(called: str, event: Event, system: Any, names: Sequence[str]) -> tuple[Event, Impact]:
-    """Return the event of the core for ``"impact[i]"``, and what makes it one."""
+    """Return the event of the core for ``"impact[i]"``, and the condition of an impact."""
     from viscovib.systems.contacts import Contact, Stop
     from viscovib.systems.elements import direction_of
 
@@ -115,12 +115,12 @@ def impact_of(called: str, event: Event, system: Any, names: Sequence[str]) -> t
 
 
 def n_states(rows: int) -> int:
-    """How many rows of a passage are its state; others tell which and when, and what changes."""
+    """Number of rows with the state of an event; the others are index, time and derivatives."""
     return 2 * ((rows - 4) // 3)
 
 
 class Watch:
-    """Events as the core takes them, and what was found of them so far."""
+    """Events in the form of the core, and the events found so far."""
 
     def __init__(
         self,
@@ -129,27 +129,27 @@ class Watch:
         impacts: Sequence[Impact | None] = (),
     ) -> None:
         self.events = events
-        #: Of each event: where it counts; None: everywhere.
+        #: Condition of each event; None: no condition.
         self.impacts = impacts
         numbers: list[float] = [len(laws)]
         for law, event in zip(laws, events, strict=True):
             numbers += [_DIRECTIONS[event.direction], int(event.terminal), len(law.code)]
             numbers += [x for pair in zip(law.code, law.number, strict=True) for x in pair]
         self.vector = np.array(numbers, dtype=float)
-        # Of each, its side, a power of 2 not above its largest value so far, and in how many
-        # steps passages may be missing.
+        # For each event: its sign, the exponent of its largest value so far, and the number of
+        # steps in which events may be missing.
         self.sides = np.zeros(3 * len(events), dtype=np.intc)
         self.found: list[FloatArray] = []
-        #: Whether peaks and means are gathered.
+        #: True if peaks and means are computed.
         self.gathers = False
-        #: Of all that is observed: largest sizes, and integrals of values and of squares; none yet.
+        #: Largest sizes, and integrals of values and of squares; None: nothing observed yet.
         self.gathered: FloatArray | None = None
 
     @classmethod
     def checked(
         cls, events: object, names: Sequence[str], told: str = "", system: Any = None
     ) -> Watch:
-        """Compile events of a motion with these coordinates; the name ``told`` is for messages."""
+        """Compile events of a motion with these coordinates; ``told`` is the name in messages."""
         if isinstance(events, (str, Event)):
             events = [events]
         if not isinstance(events, (list, tuple)) or not 0 < len(events) <= _MOST_EVENTS:
@@ -186,7 +186,7 @@ class Watch:
         return watch
 
     def fresh(self) -> Watch:
-        """The same events of a run that begins."""
+        """Return the events for a new run."""
         other = object.__new__(Watch)
         other.events, other.vector, other.impacts = self.events, self.vector, self.impacts
         other.sides = np.zeros_like(self.sides)
@@ -196,7 +196,7 @@ class Watch:
 
     @classmethod
     def of_motion(cls, other: Watch | None, since: float) -> Watch:
-        """The same events, or none, and peaks and means along the motion from a time on."""
+        """Return the events, if any, with peaks and means of the motion from a time on."""
         watch = cls([], []) if other is None else other.fresh()
         watch.vector = np.append(watch.vector, since)
         watch.gathers = True
@@ -204,11 +204,11 @@ class Watch:
 
     @property
     def room(self) -> int:
-        """Columns that a native call has for what it finds."""
+        """Number of columns for the events of a native call."""
         return ROOM if self.events else _GATHERED
 
     def going_on(self) -> Watch:
-        """The same events of a run that goes on, with what is found from there on."""
+        """Return the events for a continued run, with new results only."""
         other = self.fresh()
         other.sides = self.sides.copy()
         other.sides[2 * len(self.events) :] = 0
@@ -216,17 +216,17 @@ class Watch:
 
     @property
     def undefined(self) -> list[int]:
-        """Places of those that had no value at any state of the run."""
+        """Indices of events that had no value at any state of the run."""
         _, sizes, _ = self.sides.reshape(3, -1)
         return np.flatnonzero(sizes <= _NO_VALUE).tolist()
 
     @property
     def lost(self) -> list[int]:
-        """Of each event, in how many steps passages may be missing."""
+        """Number of steps in which events may be missing, for each event."""
         return [int(steps) for steps in self.sides.reshape(3, -1)[2]]
 
     def take(self, found: FloatArray, count: int) -> npt.NDArray[np.bool_]:
-        """Remember what a native call has found; return which of it counts."""
+        """Store the events of a native call; return the mask of valid events."""
         if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:
             raise InputError(
                 f"events: more than {ROOM} in a piece of the run, or {_MOST} in all: take a "
@@ -243,7 +243,7 @@ class Watch:
         return counts
 
     def take_gathered(self, found: FloatArray, count: int) -> None:
-        """Take in what a native call, which found so many passages, has gathered."""
+        """Add the peaks and integrals of a native call that found ``count`` events."""
         if found.shape[1] < count + _GATHERED:
             raise InputError(
                 f"sections: more than {ROOM - _GATHERED} in a piece of the run: take a shorter run"
@@ -256,7 +256,7 @@ class Watch:
         self.gathered[1:] += integrals
 
     def passages(self, columns: slice) -> tuple[Passages, ...]:
-        """What was found of each event."""
+        """Events found, for each event function."""
         if not self.found:
             none = np.empty((0, columns.stop))
             return tuple(Passages(np.empty(0), none) for _ in self.events)
@@ -269,13 +269,13 @@ class Watch:
 
     @property
     def rows(self) -> FloatArray:
-        """What was found as `passage_errors` of the core takes it, a column each."""
+        """Events found, one per column, for `passage_errors` of the core."""
         if not self.found:
             return np.empty((4, 0), order="F")
         return np.asfortranarray(np.concatenate(self.found).T)
 
     @property
     def last_state(self) -> FloatArray:
-        """The state at the last passage."""
+        """The state at the last event."""
         last = self.found[-1][-1]
         return np.asarray(last[2 : 2 + n_states(last.size)])

@@ -45,16 +45,16 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, varied
 from viscovib.systems.varying_structure import varied_structure
 
-#: Numbers that all points together may hold.
+#: Largest array size of all points together.
 _MAX_NUMBERS = 4e8
 
 
 @dataclass(frozen=True)
 class _Way:
-    """What varies along a branch, and from where to where.
+    """The varied parameter of a branch and its range.
 
-    ``fixed`` is the frequency where that does not vary; ``numbers`` what a parameter of the
-    system is in the vector that the core takes.
+    ``fixed`` is the frequency if it does not vary; ``numbers`` maps a parameter of the system to
+    the vector of the core.
     """
 
     argument: str
@@ -63,7 +63,7 @@ class _Way:
     finish: float
     fixed: float
     numbers: Varied | None
-    #: The system that has these numbers.
+    #: The system with this vector.
     system: Steady
 
     @classmethod
@@ -76,7 +76,7 @@ class _Way:
         load: LoadLike | None,
         base: LoadLike | None,
     ) -> _Way:
-        """Hold the arguments against each other."""
+        """Check the arguments."""
         given = [name for name, ends in ranges.items() if ends is not None]
         if len(given) != 1:
             raise InputError(
@@ -105,47 +105,47 @@ class _Way:
         return cls(given[0], varies, start, finish, fixed, numbers, system)
 
     def along(self, job: Job) -> Job:
-        """Return system and load with what varies in them, as tasks take it."""
+        """Return system and load with the varied parameter for tasks."""
         job = job.along(varies=self.varies, at_nu=self.fixed)
         if self.numbers is None:
             return job
         return job.along(flat=self.numbers.rest, direction=self.numbers.direction)
 
     def nu(self, values: FloatArray) -> FloatArray:
-        """Frequencies at values of what varies."""
+        """Frequencies at values of the parameter."""
         return values if self.varies == "nu" else self.fixed * np.ones(values.size)
 
     def factors(self, values: FloatArray) -> FloatArray:
-        """Factors of the load there."""
+        """Factors of the load at values of the parameter."""
         return values if self.varies == "load_factor" else np.ones(values.size)
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """From unknowns of the core to what results hold: absolute motions, coordinates wanted."""
+    """Conversion of unknowns of the core to absolute motions of the requested coordinates."""
 
     system: Steady
     way: _Way
     job: Job
     orders: npt.NDArray[np.int32]
-    #: Of a structure: which coordinates are shown.
+    #: For a structure: the coordinates of the result.
     view: View | None
 
     def absolute(self, relative: ComplexArray, at: FloatArray) -> ComplexArray:
-        """Motions of the coordinates that the core has, shape (n, n_dof, n_orders)."""
+        """Motions of the coordinates of the core, shape (n, n_dof, n_orders)."""
         if self.view is not None:
             return np.ascontiguousarray(relative.T)
         direction = self.system._base_direction
         return _absolute(relative.T, direction, self.job, self.orders, self.way.factors(at))
 
     def motions(self, relative: ComplexArray, at: FloatArray) -> ComplexArray:
-        """Motions in the coordinates that the result holds."""
+        """Motions in the coordinates of the result."""
         if self.view is None:
             return self.absolute(relative, at)
         return self.view.expand(self.way.nu(at), self.orders, relative.T, self.way.factors(at))
 
     def directions(self, relative: ComplexArray, at: FloatArray) -> ComplexArray:
-        """Differences of motions in these coordinates."""
+        """Differences of motions in the coordinates of the result."""
         if self.view is None:
             return np.ascontiguousarray(relative.T)
         return self.view.expand(self.way.nu(at), self.orders, relative.T, np.zeros(at.size))
@@ -227,7 +227,7 @@ def trace_mount(
 
 
 def _advice(system: Steady) -> str:
-    """Return why a branch may not begin or go on, and what helps, as far as the system tells."""
+    """Return possible reasons why a branch does not begin or continue, with advice."""
     advice = told_edges(system) + advice_on_sticking(system)
     if isinstance(system, PolynomialSystem):
         advice += advice_on_springs(system._mass_matrix, system._stiffness_at_rest)
@@ -235,7 +235,7 @@ def _advice(system: Steady) -> str:
 
 
 def _check_size(points: int, n_dof: int, m: int) -> None:
-    """Refuse more points than there is room for."""
+    """Refuse more points than fit into memory."""
     most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
     if points > most:
         raise InputError(
@@ -254,7 +254,7 @@ def _begin(
     opposite: bool,
     begun: Start | None,
 ) -> dict[str, Any]:
-    """Unknowns to begin with, where, and the direction; nothing: at the beginning of the range."""
+    """Unknowns, parameter and direction of the first point; empty: start of the range."""
     n = 2 * orders.size * job.n_dof
     if leave is not None:
         check_departure(leave)
@@ -276,7 +276,7 @@ def _branch(
     plan: Plan,
     job: Job,
 ) -> Branch:
-    """Give what the core found its names and units."""
+    """Create the result with names and units."""
     system, way, view = shown.system, shown.way, shown.view
     stability: Stability | None = None
     crossings: tuple[Crossing, ...] = ()
@@ -348,7 +348,7 @@ def _branch(
 
 
 def _warn_of_doubts(branch: Branch, motions: ComplexArray, p: FloatArray) -> None:
-    """Tell where rounding, or harmonics left out, leave more than the tolerance."""
+    """Warn of points whose rounding or truncation error exceeds the tolerance."""
     stable, allowed, tolerance = branch.stable, branch._allowed, branch._tolerance
     few, blurred = branch._few, branch._off > allowed
     _warn_above(
@@ -394,7 +394,7 @@ def _absolute(
     kept: npt.NDArray[np.int32],
     factors: FloatArray,
 ) -> ComplexArray:
-    """From coordinates relative to the base to absolute ones."""
+    """Convert coordinates relative to the base to absolute coordinates."""
     result = np.ascontiguousarray(relative)
     for order, moved in base_shifts(job.orders, job.series, direction):
         for d in np.flatnonzero(moved):

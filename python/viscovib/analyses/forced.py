@@ -138,7 +138,7 @@ def forced_response(
         part of the list. Harmonics that are 0 by symmetry are dropped: even ones and the mean, if
         the load does not contain them.
     tolerance : float
-        A second name of ``rtol``. Default: 1e-10, and 1e-6 if a force law has corners (abs, min,
+        Alias of ``rtol``. Default: 1e-10, and 1e-6 if a force law has corners (abs, min,
         max, sign, hysteresis), because its harmonics decrease slowly.
     rtol, atol : float
         The errors of the iteration and of neglected harmonics are at most rtol times the size of

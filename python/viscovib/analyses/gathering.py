@@ -1,4 +1,4 @@
-"""Which motions of an ensemble go side by side, and which one after another."""
+"""Selection of the motions of an ensemble that are computed together or one by one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.varying import varied
 from viscovib.systems.whole import switches, whole_system
 
-#: Coordinates of a polynomial system in the vector unit at most, and with disturbances.
+#: Largest number of coordinates in the vector unit, without and with perturbations.
 _MOST, _MOST_DISTURBED = 6, 3
 
 
@@ -44,7 +44,7 @@ def members_of(
     surface: Event | None,
     lyapunov: bool,
 ) -> Members:
-    """Check a system and what varies."""
+    """Check a system and its varied parameters."""
     given = {} if parameters is None else _native.mapping("parameters", parameters)
     if not isinstance(system, Pendulum | PolynomialSystem | Structure | Mount):
         raise InputError(
@@ -75,10 +75,10 @@ def members_of(
     numbers = any(name not in ("nu", *SCALES) for name in given)
 
     def alone() -> Members:
-        # Pieces of an ensemble are made by several threads.
+        # Several threads may call this.
         with lock:
             if not made:
-                # Those that meet thin layers go in parts of steps, by a method that has such.
+                # Runs with thin layers need partial steps, which Taylor's method does not have.
                 own = "auto" if _is_series(method) else method
                 one: Any = system if numbers else few
                 made.append(SingleMembers(one, initial, given, load, nu, own, None))
@@ -100,12 +100,12 @@ def members_of(
 
 
 def _is_series(method: object) -> bool:
-    """Whether a method is Taylor's."""
+    """True for Taylor's method."""
     return isinstance(method, str) and method in TAYLOR
 
 
 def _check_scale(system: PolynomialSystem, name: str) -> None:
-    """Refuse to scale what is not there, before any run."""
+    """Refuse a factor of a missing part before any run."""
     try:
         varied(system, name, 1.0, 1.0)
     except InputError as error:
@@ -115,7 +115,7 @@ def _check_scale(system: PolynomialSystem, name: str) -> None:
 def side_by_side(
     system: Any, given: Mapping[str, object], disturbed: bool
 ) -> PolynomialSystem | None:
-    """The system in few coordinates whose motions go side by side; None: they do not."""
+    """The system whose motions are computed together; None: they are computed one by one."""
     most = _MOST_DISTURBED if disturbed else _MOST
     if isinstance(system, Mount | Pendulum) or len(system.dof_names) > most:
         return None

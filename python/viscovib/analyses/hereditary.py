@@ -1,4 +1,4 @@
-"""Motion with memory: what a run of a mount needs, checked, and its steps."""
+"""Motions with memory: checked arguments of a run of a mount, and its steps."""
 
 import copy
 import math
@@ -37,29 +37,29 @@ from viscovib.systems.oscillators import Oscillator, check_oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.whole import has_kinks
 
-#: Nodes of a step, and steps a fastest period to begin with when the step is to be found.
+#: Nodes per step, and steps per fastest period at the start of the step size search.
 NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
 FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
-#: Ways to keep the past, by their place in the core.
+#: Methods for the past, by their index in the core.
 PASTS = ("exponentials", "direct")
 _NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(1, 4)
-#: Place of "step too large" in the outcomes of runs.
+#: Index of "step too large" in the outcomes of runs.
 _COARSE = 4
-#: Steps up to which all of the past is affordable without being asked for.
+#: Largest number of steps for which the whole past is kept by default.
 _DIRECT_STEPS = 20_000
-#: How far beyond its end a run may go on: kernels as exponentials reach as far.
+#: Largest continued time of a run in units of its end; sums of exponentials are fitted for it.
 _REACH = 100.0
-#: Part of a step for which kernels are fitted where a run stops inside it.
+#: Fraction of a step for which kernels are fitted if a run stops inside a step.
 _FINE = 2.0**-14
-#: Kernels whose weights need no quadrature, and how many parameters they may have for that.
+#: Kernels whose weights need no quadrature, and their largest number of parameters.
 _CLOSED, _FEW = {kind._kind for kind in (AbelKernel, PronyKernel, RzhanitsynKernel)}, 50
-#: What lasts for ever, as a time (s).
+#: A time that represents infinity (s).
 EVER = 1e30
 
 
 @dataclass(frozen=True)
 class MountMotion:
-    """A motion of a mount that is wanted: all but its step."""
+    """A requested motion of a mount: all data except the step size."""
 
     mount: Oscillator
     end: float
@@ -74,10 +74,10 @@ class MountMotion:
     before: FloatArray
     moved: FloatArray
     memory: str
-    #: Which coordinates move at all, and the load as given.
+    #: Flags of the coordinates that move, and the load as given.
     moves: npt.NDArray[np.int32]
     series: tuple[npt.NDArray[np.int32], ComplexArray]
-    #: A table of displacements of the base: its times and cubics; one time: none.
+    #: A table of base displacements, its times and cubic coefficients; a single time: no table.
     table: LoadTable | None = None
     base_breaks: FloatArray = field(default_factory=lambda: np.zeros(1))
     base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1, 1), order="F"))
@@ -96,7 +96,7 @@ class MountMotion:
         held: npt.ArrayLike | Past | None,
         memory: str,
     ) -> "MountMotion":
-        """Check every argument of ``simulate`` that a mount has."""
+        """Check the arguments of ``simulate`` for a mount."""
         n = len(mount.dof_names)
         before, moved = history_of(held, n)
         first = moved[:, 0]
@@ -123,13 +123,13 @@ class MountMotion:
         driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
         if table is not None:
             motion = motion._on_table(table)
-        # At rest they move relative to the base.
+        # Coordinates at rest move relative to the base.
         moved = np.hstack([motion.base, *motion.base_pieces])
         driven |= (motion._directions @ moved).any(axis=1)
         return replace(motion, moves=moving(mount, driven))
 
     def _on_table(self, table: LoadTable) -> "MountMotion":
-        """The same with a base that moves by a table: its acceleration acts on what is relative."""
+        """Return the motion with a base table, whose acceleration is a load."""
         n = len(self.mount.dof_names)
         names = getattr(self.mount, "_base_names", ()) if table._columned else ()
         base_pieces = table._base_pieces(len(names), n)
@@ -156,7 +156,7 @@ class MountMotion:
 
     @property
     def _directions(self) -> FloatArray:
-        """How the coordinates move with each displacement of the base, shape (n, q)."""
+        """Motion of the coordinates per unit displacement of the base, shape (n, q)."""
         n = len(self.mount.dof_names)
         if self.base.shape[0] > 1:
             return np.eye(n)
@@ -165,12 +165,12 @@ class MountMotion:
 
     @property
     def travel(self) -> float:
-        """Largest displacement of the base, or more."""
+        """Upper bound of the displacement of the base."""
         table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
         return float(np.abs(self.base).sum()) + table
 
     def base_at(self, t: float) -> FloatArray:
-        """What the base moves the coordinates by, shape (n,)."""
+        """Displacements of the coordinates by the base, shape (n,)."""
         moved = (self.base * np.exp(1j * t * self.frequencies)).imag.sum(axis=1)
         if self.table is not None:
             times = np.asarray(self.table.times)
@@ -197,7 +197,7 @@ class MountMotion:
         return EarlierMotion(self.held, self.before, self.moved) if self.remembers else None
 
     def first_steps(self) -> int:
-        """Steps to begin with when the step is to be found."""
+        """Number of steps at the start of the step size search."""
         if isinstance(self.mount, PolynomialSystem):
             natural = self.mount._fastest()
         else:
@@ -209,7 +209,7 @@ class MountMotion:
 
     @property
     def remembers(self) -> bool:
-        """Whether some spring has memory."""
+        """True if a spring has memory."""
         return bool(self.mount._active_kernels)
 
     @cached_property
@@ -223,16 +223,16 @@ class MountMotion:
         )  # fmt: skip
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
-        """Return what makes a run with a step."""
+        """Return a function that creates a run with a step size."""
         return partial(MountRun, self, tolerance)
 
 
 class MountRun(Run):
-    """A run of a mount, or of whatever has a motion like one."""
+    """A run of a mount or of a system with the same kind of motion."""
 
     counts = "iterations"
     remembers_past = True
-    #: Reason of a run whose steps are too large, and the outcome it is then.
+    #: Code of the core for steps that are too large, and index of the outcome.
     too_large, coarse = _STEP_TOO_LARGE, _COARSE
 
     def __init__(
@@ -243,52 +243,52 @@ class MountRun(Run):
         self.motion = motion
         self.resolution = 0.0
         self.past = "exponentials"
-        #: Shortest step after corners, 0: none follows any; whether the base has some.
+        #: Shortest step after kinks and jumps (0: none), and True if the base has kinks.
         self.shortest, self.kinks = 0.0, motion.table is not None
         self.moves: Any = getattr(motion, "moves", None)
-        #: Coordinates that the run it goes on from computed.
+        #: Flags of the coordinates that the previous run computed.
         self.left_out: Any = None
         if motion.memory == "direct":
             self._keep_all()
 
     @property
     def over_kinks(self) -> bool:
-        """Whether laws have any: the past is known at whole steps only."""
+        """True if laws have kinks: the past is known at whole steps only."""
         return has_kinks(self.system)
 
     def on(self, mesh: Mesh) -> Run:
-        """The same run in the steps of a mesh."""
+        """Return the run with the steps of a mesh."""
         self.shortest = mesh.shortest
         return super().on(mesh)
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
-        """Make n steps."""
+        """Compute n steps."""
         begun = copy.copy(self)
         run = super().steps(n, want, progress)
         least = _FINE * self.h
         unsure = run.outcome in ("diverged", "step too large") and self.fitted
         if not unsure or 0 < self.shortest <= least:
             return run
-        # Where it stops is seen by steps that the exponentials were not fitted for.
+        # Locating the end needs steps for which the exponentials were not fitted.
         begun.shortest = least
         finer = again(begun, 1)
         return run if finer is None else finer.steps(n, want, progress)
 
     def _shaped(self, run: Trajectory) -> Trajectory:
-        """The run with how its steps resolve it."""
+        """Return the result with the resolution of its steps."""
         return replace(run, resolution=self.resolution)
 
     @property
     def sharpens(self) -> bool:  # type: ignore[override]
-        """Whether they are solved to more than rounding."""
+        """True if the step equations are not solved to rounding error."""
         return self.solved > ROUNDING
 
     def sharpen(self, factor: int) -> None:
-        """The same: by a third power, slower than any method gains by its steps."""
+        """Reduce the tolerance by the third power of ``factor``, less than any method gains."""
         self.solved = max(self.solved / float(factor) ** 3, ROUNDING)
 
     def adopt(self, earlier: Run) -> None:
-        """Go on from the end of an earlier run, under the loads of this one."""
+        """Continue from the end of an earlier run, with the loads of this run."""
         super().adopt(earlier)
         if not isinstance(earlier, MountRun):
             return
@@ -298,7 +298,7 @@ class MountRun(Run):
         self.resolution = earlier.resolution
 
     def prepare(self, like: Run, factor: int) -> None:
-        """Remember as much as another run will need."""
+        """Keep the memory that a continued run needs."""
         if isinstance(like, MountRun):
             self.shortest, self.kinks = like.shortest / factor, like.kinks
             self.moves = like.moves
@@ -310,13 +310,13 @@ class MountRun(Run):
 
     @property
     def fitted(self) -> bool:
-        """Whether some kernel is a sum of exponentials only for the steps it was fitted for."""
+        """True if a kernel is a fitted sum of exponentials, valid for certain steps only."""
         return self.past == "exponentials" and any(
             not isinstance(kernel, PronyKernel) for kernel in self.motion.mount._active_kernels
         )
 
     def serves(self) -> bool:
-        """Whether what is remembered serves the steps to come; if not, say what would."""
+        """True if the stored memory is valid for the next steps; else set the needed values."""
         kinks = self.kinks or self.motion.table is not None
         shortest = self.shortest
         if self.anew or self.mesh is not None:
@@ -332,7 +332,7 @@ class MountRun(Run):
         return not ((self.fitted and not same) or left_out)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Coordinates, velocities, what rounding left of them, forces and the past."""
+        """Mask of coordinates, velocities, their rounding errors, forces and past."""
         assert self.memory is not None
         n_phases = int(self.motion.frequencies.size)
         return of_mount(self.memory.size, self.state.size // 2, n_phases)
@@ -356,11 +356,11 @@ class MountRun(Run):
 
     @property
     def reach(self) -> float:
-        """Until when the run may go on."""
+        """Latest time to which the run may be continued."""
         return float(_REACH * self.motion.end)
 
     def _takes_long(self, count: int) -> bool:
-        """True for many steps, all the past, or first steps whose weights need quadratures."""
+        """True for many steps, the whole past, or first steps whose weights need quadrature."""
         if self.past != "exponentials" or count > _native.MANY_STEPS:
             return True
         if self.memory is not None and not self.anew:
@@ -394,12 +394,12 @@ class MountRun(Run):
             return Piece.of(found)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """The same of an oscillator."""
+        """Task, handles and values for an oscillator."""
         values = self._with_memory() | {"moves": self.moves}
         return "motion with memory", (self.motion.mount._handle, self.motion._given), values
 
     def _search_values(self) -> dict[str, Any]:
-        """The same of a run with memory."""
+        """Values of the step size search for a run with memory."""
         mesh = self.mesh
         return {
             "holds_places": False,
@@ -408,14 +408,14 @@ class MountRun(Run):
         }  # fmt: skip
 
     def take_search(self, found: dict[str, Any]) -> None:
-        """The same: how it is resolved, and how its past is kept."""
+        """Store the result of the step size search: resolution, shortest step, kind of past."""
         super().take_search(found)
         self.resolution, self.shortest = found["resolution"], found["shortest"]
         if PASTS[found["past"] - 1] == "direct":
             self._keep_all()
 
     def _with_memory(self) -> dict[str, Any]:
-        """What pieces with memory are given."""
+        """Values of tasks with memory."""
         ends, made_by = self._mesh_arrays()
         return {
             "nodes": NODES[self.method], "past": PASTS.index(self.past) + 1,
@@ -424,7 +424,7 @@ class MountRun(Run):
         }  # fmt: skip
 
     def _keep_all(self) -> None:
-        """All of the past, in shorter pieces since each is set up anew."""
+        """Keep the whole past, with shorter parts because each part is set up again."""
         self.past, self.piece = "direct", 1000
 
     def _turn_direct(self) -> None:
@@ -444,20 +444,20 @@ class MountRun(Run):
 
 
 def hereditary_run_of(run: Run) -> MountMotion | None:
-    """The motion of a run that is one with memory, or may be."""
+    """The motion of a run with memory, or None."""
     return run.motion if isinstance(run, MountRun) else None
 
 
 @cache
 def _no_pieces(n: int) -> FloatArray:
-    """The cubics of no table."""
+    """Cubic coefficients without a table."""
     pieces = np.zeros((n, 4, 1), order="F")
     pieces.setflags(write=False)
     return pieces
 
 
 def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the times of a table and the cubics between them as the core takes them."""
+    """Return the times of a table and its cubic coefficients for the core."""
     if force is None:
         return nothing(1), _no_pieces(n)
     if not isinstance(force, LoadTable):
@@ -466,7 +466,7 @@ def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
 
 
 def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
-    """Return 1 for coordinates driven or coupled to one that is, else 0, shape (n_dof,)."""
+    """Return 1 for coordinates that are driven or coupled to driven ones, else 0."""
     moves = driven.astype(np.int32)
     if isinstance(system, PolynomialSystem) and system._turns:
         return np.ones_like(moves)
@@ -477,7 +477,7 @@ def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.
 
 
 def history_of(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return times, ascending to 0, and displacements there, shape (n_dof, m)."""
+    """Return times, ascending to 0, and the displacements at them, shape (n_dof, m)."""
     if held is None:
         return np.zeros(1), np.zeros((n, 1), order="F")
     if not isinstance(held, Past):
@@ -496,7 +496,7 @@ def _vector(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
 
 
 def warn_of_slow_mode(mount: Oscillator) -> None:
-    """Warn that a run does not settle where a kernel's integral is 1 or more."""
+    """Warn that a run does not settle if the integral of a kernel is 1 or more."""
     scale = 1.0 if isinstance(mount, PolynomialSystem) else mount.memory_scale
     if all(scale * kernel.integral < 1 for kernel in mount._active_kernels):
         return

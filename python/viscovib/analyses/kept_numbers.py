@@ -1,7 +1,7 @@
-"""Which of the numbers that runs with memory keep are of the state, as the core writes them.
+"""Mask of the state in the memory of runs, in the layout of the core.
 
-Others are of time (phases of loads, clocks) or of the method: largest values so far, marks. What
-grows with a disturbance is the state alone.
+The other numbers belong to time (phases of loads, clocks) or to the method (largest values, flags).
+Only the state grows with a perturbation.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-#: What all such runs begin with: whether steps roll, the time, corners, doublings.
+#: First entries of all memories: flag of rolling steps, time, kinks, doublings.
 _COMMON = 4
-#: Modes go by blocks of so many, as `mode_block` of the core.
+#: Number of modes in a block, as `mode_block` of the core.
 _BLOCK = 8
 
 
 def of_mount(size: int, n_dof: int, n_phases: int) -> npt.NDArray[np.bool_]:
-    """Of runs whose state are all coordinates.
+    """Mask for runs whose state contains all coordinates.
 
-    They keep coordinates, velocities, the rests of both, twice what judges steps, forces, the
-    past, and phases in two parts.
+    The memory contains coordinates, velocities, their rounding errors, two arrays for the check of
+    steps, forces, the past, and phases in two parts.
     """
     belongs = np.ones(size, dtype=bool)
     belongs[:_COMMON] = False
@@ -35,17 +35,17 @@ def of_mount(size: int, n_dof: int, n_phases: int) -> npt.NDArray[np.bool_]:
 def of_structure(
     size: int, n_seen: int, modal: Mapping[str, Any]
 ) -> tuple[npt.NDArray[np.bool_], slice]:
-    """Of runs whose state are modes, and where deflections of elements are and their rates.
+    """Mask for runs whose state contains modes, and slice of the deflections with their rates.
 
-    They keep the largest sum of modes, modes, velocities and the rests of both; the same of what
-    has no real modes, in real and imaginary parts; deflections, their rates and twice what judges
-    them; forces and the past; phases in two parts; and three numbers each of what follows at once.
+    The memory contains the largest sum of modes; modes, velocities and their rounding errors; the
+    same for complex modes, in real and imaginary parts; deflections, their rates and two arrays for
+    their check; forces and the past; phases in two parts; three numbers for each massless mode.
     """
     n = -(-modal["squares"].size // _BLOCK) * _BLOCK
     at_once = int(modal["n_at_once"])
     poles = modal["poles"]
     n_poles = poles.size - at_once if at_once or poles.size > 1 or poles[0] != 0 else 0
-    # Those of loads that push nothing are left out.
+    # Loads without forces have no phases.
     waves = (modal[name] for name in ("waves", "sine", "cosine"))
     n_phases = int(np.logical_or.reduce([(wave != 0).any(axis=0) for wave in waves]).sum())
     belongs = np.ones(size, dtype=bool)

@@ -13,23 +13,23 @@ from viscovib._native import FloatArray
 from viscovib.analyses.signals import windowed
 
 _MAX_ITERATIONS = 60
-#: What a step is damped by at first and at most, in parts of the diagonal.
+#: Initial and largest damping of a step, relative to the diagonal.
 _FIRST_DAMPING, _MOST_DAMPING = 1e-3, 1e8
-#: Lines smaller than this part of the largest are rounding.
+#: Lines below this part of the largest are rounding errors.
 _FLOOR = 1e-12
-#: Bins of every third of which the noise around a line is judged.
+#: Number of bins around a line; every third gives the noise.
 _NEIGHBOURHOOD = 192
-#: While lines are still being found the others need not be known to rounding.
+#: Relative accuracy of lines while further lines are searched.
 ROUGH = 1e-6
-#: Least squares worse conditioned than this cannot tell the frequencies apart.
+#: Largest condition number; beyond it the frequencies are indistinguishable.
 _MAX_CONDITION = 1e12
-#: A line decays if that lowers the sum of squares by this many variances of the noise near it:
-#: by chance it does so once in 1e7 times (the square of a normal variable).
+#: A line decays if the decay lowers the sum of squares by this number of variances of the nearby
+#: noise. By chance this happens once in 1e7 cases (square of a normal variable).
 _DECAYS = 30.0
-#: Decays by exp(-2 x) over the record that a fit is begun with, and the most it may reach.
+#: Starting values x of a decay by exp(-2 x) over the record, and the largest decay.
 _STARTS = (0.3, 1.0, 3.0, 10.0, 30.0, 80.0)
 _MOST_DECAY = 150.0
-#: A steady line this near to a peak of what is left, in bins, may be one that decays.
+#: A steady line within this distance (bins) of a peak of the residual may be decaying.
 _NEAR = 6.0
 
 
@@ -40,12 +40,12 @@ class LineFit:
         self.samples, self.omega = samples, np.asarray(omega, dtype=float)
         n = self.omega.size
         self.decay, self.a, self.b = np.zeros(n), np.zeros(n), np.zeros(n)
-        #: Which lines may decay.
+        #: Flags of lines that may decay.
         self.damped = np.zeros(n, dtype=bool)
         self._signal = _native.Handle("spectrum signal", signal=samples)
         self.mean = float(samples.mean())
         self.half = max(0.5 * (samples.size - 1), 1.0)
-        #: Weighted sum of the squares of what was left when it was last asked for.
+        #: Weighted sum of squares of the residual, from the last call of ``sums``.
         self.total = math.inf
         #: The rounding error of this sum.
         self.rounding = 0.5 * samples.size * (1e-15 * float(np.abs(samples).max(initial=0.0))) ** 2
@@ -59,7 +59,7 @@ class LineFit:
         return more
 
     def sums(self, free: bool, damped: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-        """Matrix and right-hand side of a step; leave the weighted sum of squares in ``total``."""
+        """Matrix and right-hand side of a step; store the weighted sum of squares in ``total``."""
         places = np.flatnonzero(damped).astype(np.int32) + 1
         n_free = self.omega.size if free else 0
         found = self._run("line_sums", n_free=n_free, free_decay=places)
@@ -67,7 +67,7 @@ class LineFit:
         return found["matrix"], found["right"]
 
     def solve_amplitudes(self, times: int = 2) -> bool:
-        """Fit mean and amplitudes; the second time to remove what rounding left."""
+        """Fit mean and amplitudes; the second time removes rounding errors."""
         for _ in range(times):
             change = _solution(*self.sums(False, np.zeros(self.omega.size, dtype=bool)))
             if change is None:
@@ -76,11 +76,11 @@ class LineFit:
         return True
 
     def refine(self, enough: float = 1e-14) -> bool:
-        """Least squares in all parameters, to steps that are small enough.
+        """Least squares in all parameters, until the steps are small enough.
 
-        Gauss-Newton, and towards steepest descent (Levenberg, Marquardt) as long as a step leaves
-        more than there was, so that the fit never gets worse. Amplitudes follow from the decay
-        rates at each step, which makes the sum of squares far less curved (Golub and Pereyra,
+        Gauss-Newton steps, damped towards steepest descent (Levenberg, Marquardt) while a step
+        increases the residual, so the fit never gets worse. Amplitudes are solved for at each step
+        with the decay rates, which makes the sum of squares far less curved (Golub and Pereyra,
         Inverse Problems 19, 2003).
         """
         n = self.omega.size
@@ -95,7 +95,7 @@ class LineFit:
                 return False
             size = float(np.abs(change[1 + 2 * n :]).max(initial=0.0))
             settled = size <= enough or (size <= 1e-9 and size >= 0.5 * smallest)
-            # By the first order the step lowers the sum of squares by this.
+            # First-order decrease of the sum of squares by the step.
             settled |= float(change @ right) <= enough * self.total
             trial = copy(self)
             better = trial._step(change) and (not apart or trial.solve_amplitudes(1))
@@ -116,7 +116,7 @@ class LineFit:
         return True
 
     def let_decay(self, line: int) -> "LineFit | None":
-        """Fit again with a line that may decay or grow; None where that cannot be solved."""
+        """Fit again with a line that may decay or grow; None if this cannot be solved."""
         best: LineFit | None = None
         for size in (*_STARTS, *(-x for x in _STARTS)):
             trial = copy(self)
@@ -135,7 +135,7 @@ class LineFit:
         return best if best.refine(ROUGH) else None
 
     def settle_decays(self) -> "LineFit":
-        """Let those lines decay, and only those, that the signal says do."""
+        """Select the lines that decay according to the signal."""
         fit = self
         for line in fit._decays_seen():
             trial = fit.let_decay(line)
@@ -154,7 +154,7 @@ class LineFit:
         return fit
 
     def _decays_seen(self) -> list[int]:
-        """Steady lines whose decay, to first order, would lower the sum of squares enough."""
+        """Steady lines whose decay would, to first order, lower the sum of squares enough."""
         steady = np.flatnonzero(~self.damped)
         if not steady.size:
             return []
@@ -174,10 +174,10 @@ class LineFit:
         return seen
 
     def noise(self, line: int) -> float:
-        """Variance of a sample of the noise near a line, rounding at least.
+        """Variance of a sample of the noise near a line, at least the rounding error.
 
-        From the powers of the bins around it that no line is in: under a Hann window their mean
-        is 6/n of the variance.
+        It follows from the powers of nearby bins without lines: under a Hann window their mean is
+        6/n of the variance.
         """
         n = self.samples.size
         amplitudes = self._left()
@@ -193,7 +193,7 @@ class LineFit:
         return max(floor, n / 6 * float((amplitudes[near] ** 2).mean()))
 
     def next_line(self, alarm: float) -> float | None:
-        """Frequency of the largest peak that is neither rounding nor noise, None without one."""
+        """Frequency of the largest peak above rounding errors and noise; None: no peak."""
         n = self.samples.size
         amplitudes = self._left()
         for position in self.omega * n / (2 * math.pi):
@@ -202,7 +202,7 @@ class LineFit:
         k = int(above.argmax())
         if above[k] == 0.0:
             return None
-        # Between the bins of a Hann window the two largest neighbours tell where the peak is.
+        # With a Hann window the two largest neighbouring bins give the position of the peak.
         before = amplitudes[k - 1]
         after = amplitudes[k + 1] if k + 1 < amplitudes.size else 0.0
         ratio = max(before, after) / amplitudes[k]
@@ -219,7 +219,7 @@ class LineFit:
         return np.asarray((distance <= reach[:, np.newaxis]).any(axis=1))
 
     def _stands_out(self, amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
-        """Bins above rounding, and above noise but for a false alarm in any of all (1: all)."""
+        """Mask of bins above rounding errors and noise; ``alarm``: probability of a false alarm."""
         amplitudes[0] = 0.0
         largest = float(np.hypot(self.a, self.b).max(initial=0.0))
         above = amplitudes > _FLOOR * max(largest, float(np.abs(self.samples).max()))
@@ -234,14 +234,14 @@ class LineFit:
         return line if distance[line] <= _NEAR and not self.damped[line] else None
 
     def _left(self) -> FloatArray:
-        """Amplitude spectrum of what the lines leave, under a Hann window."""
+        """Amplitude spectrum of the residual under a Hann window."""
         left = self._run("line_residual")["residual"]
         spectra, _ = windowed(left[:, np.newaxis], 2)
         amplitudes: FloatArray = np.abs(spectra[:, 0])
         return amplitudes
 
     def _run(self, task: str, **values: Any) -> dict[str, Any]:
-        """Run a task about samples and lines; with many samples so that Ctrl-C is heard."""
+        """Run a task on samples and lines; with many samples such that Ctrl-C works."""
         table, mean = self._table(), float(self.mean)
 
         def work() -> dict[str, Any]:
@@ -263,11 +263,11 @@ class LineFit:
         self.b = self.b + change[2 : 2 + 2 * n : 2]
 
     def _step(self, change: FloatArray) -> bool:
-        """Move all parameters; False where a frequency leaves its range."""
+        """Change all parameters; return False if a frequency leaves its range."""
         n = self.omega.size
         moved, decays = np.split(change[1 + 2 * n :], [n])
         self._move_amplitudes(change)
-        # No line moves by more than a bin at once, nor changes its decay by more than e^2 pi.
+        # Limit a step to one bin for frequencies, and to a factor e^(2 pi) for decays.
         largest = float(np.abs(change[1 + 2 * n :]).max(initial=1e-300))
         share = min(1.0, math.pi / largest)
         self.omega = self.omega + share * moved / self.half
@@ -279,7 +279,7 @@ class LineFit:
         limit = _MOST_DECAY / self.half
         before, after = self.decay, self.decay.copy()
         after[self.damped] = np.clip(before[self.damped] + change, -limit, limit)
-        # The amplitude is that at the first sample, or at the last of a line that grows.
+        # The amplitude refers to the first sample, or to the last sample of a growing line.
         turned = np.where((before >= 0) & (after < 0), 1.0, 0.0) - np.where(
             (before < 0) & (after >= 0), 1.0, 0.0
         )
@@ -290,7 +290,7 @@ class LineFit:
 def _solution(matrix: FloatArray, right: FloatArray, damping: float = 0.0) -> FloatArray | None:
     """Change of the parameters, or None if they are indistinguishable.
 
-    ``damping``: what is added to the diagonal, in parts of it.
+    ``damping``: addition to the diagonal, relative to it.
     """
     scale = np.sqrt(np.diag(matrix))
     if not np.all(scale > 0) or not np.all(np.isfinite(matrix)):
@@ -304,10 +304,10 @@ def _solution(matrix: FloatArray, right: FloatArray, damping: float = 0.0) -> Fl
 
 
 def _stands_out(amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
-    """Bins above the noise around them, but for a false alarm in any of all; 0 is no bin.
+    """Mask of bins except 0 above the surrounding noise; ``alarm``: probability of a false bin.
 
-    Of m independent powers, exponentially distributed with one mean, let M be the j-th smallest.
-    Another exceeds c M with probability prod_i (m - i + 1)/(m - i + 1 + c), i = 1 ... j.
+    Let M be the j-th smallest of m independent powers with the same exponential distribution. One
+    more exceeds c M with probability prod_i (m - i + 1)/(m - i + 1 + c), i = 1 ... j.
     """
     power = amplitudes**2
     n = power.size
@@ -317,7 +317,7 @@ def _stands_out(amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
     padded[:n] = power
     around = np.sort(padded.reshape(n_blocks, width)[:, ::3], axis=1)
     empty = (around == 0.0).sum(axis=1)
-    # The bin itself and its neighbour in the window may be among them.
+    # Exclude the bin itself and its neighbour in the window.
     m = np.maximum(around.shape[1] - empty - 2, 1)
     j = (m + 1) // 2
     median = around[np.arange(n_blocks), np.minimum(empty + j - 1, around.shape[1] - 1)]
@@ -329,7 +329,7 @@ def _stands_out(amplitudes: FloatArray, alarm: float) -> npt.NDArray[np.bool_]:
 
 @cache
 def _multiple(m: int, probability: float) -> float:
-    """Multiple c of the median of m powers that another exceeds with this probability.
+    """Multiple c of the median of m powers that a further power exceeds with a probability.
 
     Newton's method from below: the logarithm of the probability is convex in c.
     """

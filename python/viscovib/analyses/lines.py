@@ -279,7 +279,7 @@ def dominant_frequencies(
 
 
 def _better(fit: LineFit, guess: float, wanted: int) -> LineFit | None:
-    """Fit that explains a peak of what is left: by one more line, or by a decay of one nearby."""
+    """Explain a peak of the residual by one more line, or by the decay of a nearby line."""
     more: LineFit | None = None
     if fit.omega.size < wanted and fit.samples.size >= 3 * (fit.omega.size + 1) + 2:
         more = fit.with_line(guess)
@@ -293,7 +293,7 @@ def _better(fit: LineFit, guess: float, wanted: int) -> LineFit | None:
         return more
     if decaying.total >= fit.total - decaying.noise(line):
         return more
-    # A new line has two parameters more: it must gain what noise does not (Schwarz's criterion).
+    # A new line has two more parameters and must gain more than noise does (Schwarz criterion).
     price = 2 * math.log(fit.samples.size) * decaying.noise(line)
     if more is not None and more.total < decaying.total - price:
         return more
@@ -307,10 +307,10 @@ def _lines(
     order: npt.NDArray[np.int_],
     explained: npt.NDArray[np.bool_] | bool = True,
 ) -> Lines:
-    """Return the result in this order, phases brought back to time 0."""
+    """Return the result in this order, with phases at time 0."""
     n = fit.samples.size
     omega, decay = fit.omega[order], fit.decay[order]
-    # Of a line that grows the fit holds the amplitude at the last sample.
+    # For a growing line the fit contains the amplitude at the last sample.
     first = np.hypot(fit.a, fit.b)[order] * np.exp(np.minimum(decay, 0.0) * (n - 1))
     shift = omega * (0.5 * (n - 1) + start / step)
     phase = np.arctan2(-fit.b[order], fit.a[order]) - shift

@@ -1,4 +1,4 @@
-"""The members of an ensemble: what differs from run to run, as the core takes it."""
+"""The members of an ensemble: data that differ from run to run, in the form of the core."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from viscovib.systems.many_numbers import Kind, ManySystems, linear_parts
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
-#: Numbers of a polynomial system that may vary; scales in the order of the core.
+#: Scales of a polynomial system that may vary, in the order of the core.
 SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
-#: Among what is asked of runs, behind their steps: of how many moments are wanted.
+#: Index of the number of moments in the arguments of runs after the step size.
 _MOMENTS = 6
-#: Place of the outcome "step too large".
+#: Index of the outcome "step too large".
 _COARSE = OUTCOMES.index("step too large")
 
 
@@ -36,40 +36,40 @@ class Members(ABC):
     system: Any
     varied: dict[str, FloatArray]
     states: FloatArray
-    #: Names of the coordinates that states hold.
+    #: Names of the coordinates in states.
     dof_names: tuple[str, ...]
     method_name: str
-    #: Whether runs go side by side in the vector unit, and otherwise the surface of sections.
+    #: True if runs are computed together in the vector unit; else the surface of sections.
     side_by_side = True
     surface: Any = None
-    #: The time of each run that is left out.
+    #: Discarded time of each run.
     discarded: FloatArray
-    #: From when on peaks and means along the motions are gathered; None: they are of samples at
+    #: Start times of peaks and means along the motions; None: peaks and means of samples at
     #: steps.
     gathered_since: FloatArray | None = None
-    #: Whether the step is to be found, by runs in shorter and shorter ones.
+    #: True if the step size is searched by runs with decreasing step sizes.
     step_is_sought = False
 
     @property
     def n(self) -> int:
-        """How many runs there are."""
+        """Number of runs."""
         return int(self.states.shape[0])
 
     @abstractmethod
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
-        """Name and frequencies of the load whose periods are meant."""
+        """Name and frequencies of the load of the sections."""
 
     @abstractmethod
     def first_steps(self, spans: FloatArray) -> int:
-        """Steps to begin with when the step is to be found."""
+        """Number of steps at the start of the step size search."""
 
     @abstractmethod
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
-        """Make some of the runs."""
+        """Compute a part of the runs."""
 
 
 class PendulumMembers(Members):
-    """Pendulums with other numbers and starts."""
+    """Pendulums with different parameters and starts."""
 
     def __init__(
         self,
@@ -95,12 +95,12 @@ class PendulumMembers(Members):
         self.natural = _native.run("system pendulum_frequencies", flat=self.flat)["omega"]
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
-        """Return those of p1, p2 or p3."""
+        """Return p1, p2 or p3."""
         name = f"p{_native.integer('sections', sections, 1, 3)}"
         return name, self.flat[PARAMETERS.index(name)]
 
     def first_steps(self, spans: FloatArray) -> int:
-        """Four a fastest linear period."""
+        """Four steps per period of the fastest linear motion."""
         loads = self.flat[[PARAMETERS.index(name) for name in ("p1", "p2", "p3")]]
         fastest = np.maximum(self.natural.max(axis=0), loads.max(axis=0))
         return _steps(spans, fastest)
@@ -113,9 +113,9 @@ class PendulumMembers(Members):
 
 
 class PolynomialMembers(Members):
-    """Polynomial systems without memory, with laws of any kind; ``alone``: makes runs singly.
+    """Polynomial systems without memory, with any laws; ``alone``: creates single runs.
 
-    ``with_parameters``: the systems with other numbers of laws or elements.
+    ``with_parameters``: creates systems with different parameters of laws or elements.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class PolynomialMembers(Members):
         return "nu", self.nu
 
     def first_steps(self, spans: FloatArray) -> int:
-        """Four a fastest linear period, and of the highest order of the load."""
+        """Four steps per period of the fastest linear motion and of the highest load harmonic."""
         inverse = np.linalg.inv(self.system._mass_matrix)
         own, dampers, fixed, lost = (
             np.abs(inverse @ part[..., i]).sum(axis=2).max(axis=1)
@@ -177,7 +177,7 @@ class PolynomialMembers(Members):
         return _steps(spans, np.maximum(fastest, highest * self.nu))
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
-        """Make some of the runs, those of a kind together."""
+        """Compute a part of the runs; runs of the same kind are computed together."""
         if len(self.kinds) == 1:
             return self._make(np.arange(part.start, part.stop), self.kinds[0], *given)
         h, *asked, sections = given
@@ -204,7 +204,7 @@ class PolynomialMembers(Members):
         return tuple(whole)
 
     def _make(self, runs: npt.NDArray[np.intp], kind: Kind, *given: Any) -> tuple[Any, ...]:
-        """Make runs of one kind."""
+        """Compute runs of one kind."""
         flat, own = kind.flat, self.own
         if flat.shape[0] > 1:
             flat, own = flat[np.searchsorted(kind.runs, runs)], own[runs]
@@ -217,14 +217,14 @@ class PolynomialMembers(Members):
             scales=self.scales[:, runs], initial=self.states[runs].T,
         )  # fmt: skip
         h, *asked, sections = given
-        # Once in steps of some length, always: parts of steps are more exact than whole ones, so
-        # that shorter steps would seem to err.
+        # A run that needs partial steps once uses them for all step sizes: they are more accurate
+        # than full steps and would disturb the comparison of step sizes.
         if missed.any():
             self._made_alone.update(runs[missed != 0].tolist())
         if not self._made_alone:
             return tuple(found)
         for k in np.flatnonzero([i in self._made_alone for i in runs.tolist()]):
-            # Steps side by side may have jumped over thin layers of laws; by itself a run sees.
+            # Common steps may have jumped over thin layers of laws; a single run detects them.
             i, here = int(runs[k]), slice(k, k + 1)
             its_own = sections[:, :, here] if sections.shape[2] else sections
             one = self._alone().call(slice(i, i + 1), h[here], *asked, its_own)
@@ -236,7 +236,7 @@ class PolynomialMembers(Members):
         return tuple(found)
 
     def _refuse_outrun(self, i: int, h: float, reached: float, asked: list[Any]) -> None:
-        """Refuse a run that has run away and outruns its laws, if shorter steps end there too."""
+        """Refuse a diverging run whose laws change too fast, if shorter steps end there too."""
         method, n_steps, cancel = asked[0], asked[1], asked[-1]
         nothing = np.empty((0, 0, 0), order="F")
         again = self._alone().call(
@@ -253,7 +253,7 @@ class PolynomialMembers(Members):
 
 
 def side_by_side(task: str, given: tuple[Any, ...], **values: Any) -> tuple[Any, ...]:
-    """Run a task about many runs, and return what it finds in the order of `Members.call`."""
+    """Run a task on many runs, and return its results in the order of `Members.call`."""
     (
         h, method, n_steps, n_discard, ahead, every, section_every, n_moments, exponents, lines,
         _, sections,
@@ -287,15 +287,15 @@ def _steps(spans: FloatArray, fastest: FloatArray) -> int:
     return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 
 
-#: Numbers in the states of all runs, whose matrices, peaks and sums are held besides.
+#: Largest size of the states of all runs; matrices, peaks and sums need further memory.
 _MOST_NUMBERS = 2**26
 
 
 def shared_runs(
     given: Mapping[str, npt.ArrayLike], initial: npt.ArrayLike, width: int
 ) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Return what varies, and a start for each run."""
-    # Checked before so many copies are made.
+    """Return the varied parameters, and a start for each run."""
+    # Check before copying.
     n = max(
         [1]
         + [

@@ -1,4 +1,4 @@
-"""Motion without memory, or by exponentials that are coordinates: by the methods of ODEs."""
+"""Motions without memory, or with exponentials as coordinates, by methods for ODEs."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -38,31 +38,31 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.whole import MOST_IN_FRAME, n_hidden
 
-#: Explicit methods by their place in the core.
+#: Explicit methods by their index in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
-#: Taylor's method by its order, of many motions side by side only.
+#: Taylor's method by its order, only for many motions together.
 TAYLOR = {"taylor8": 7, "taylor12": 8, "taylor16": 9, "taylor20": 10, "taylor24": 11}
-#: Those of many motions side by side.
+#: Methods for many motions together.
 SIDE_BY_SIDE = EXPLICIT | {"gauss8": 5, "gauss16": 6} | TAYLOR
-#: All methods by their place in the core.
+#: All methods for single runs by their index in the core.
 METHODS = {"gauss8": 1, "gauss16": 2, "gauss2": 3, "gauss3": 4} | {
     name: place + 4 for name, place in EXPLICIT.items()
 }
-#: What a system without memory may ask for; the last two are those of systems with memory.
+#: Methods of systems without memory; the last ones are those of systems with memory.
 _EVERY_METHOD = tuple({"auto": 0} | METHODS | NODES)
-#: Coordinates of a polynomial system that explicit methods take: those of a lane of the core.
+#: Largest number of coordinates for explicit methods: the size of a vector lane of the core.
 MAX_DOF = 6
-#: Methods that take more, by the sections of the linear rest.
+#: Methods for more coordinates, with modes of the linear subsystem.
 IN_SECTIONS = ("gauss8", "gauss2", "gauss3")
-#: The method whose parts behind a switch, each twice as long as the one before, see what fades.
+#: Methods with memory at switches: partial steps after a switch double their length.
 REMEMBERING = ("gauss8",)
-#: Allowed values of ``memory`` for such motions.
+#: Allowed values of ``memory`` for these motions.
 AS_COORDINATES = ("auto", "exponentials")
 #: Where the numbers of a system count its kernels; of structures they stand in elements alone.
 _N_KERNELS = 3
-#: How far beyond its end a run may go on: sums that stand for kernels reach as far.
+#: Largest continued time of a run in units of its end; sums of exponentials are fitted for it.
 _REACH = 100.0
-#: Their relative error, as far as runs with one of each do not tell it, as in the core.
+#: Relative error of these sums that runs with different sums do not show, as in the core.
 _FITTED = 1e-13
 
 
@@ -73,7 +73,7 @@ def pendulum_runs(
     method: str,
     solved: float,
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with."""
+    """Return a function that creates a run with a step size, and the first number of steps."""
     if initial is None:
         raise InputError("initial: must be given (or resume)")
     state = checked_state("initial", initial, (6,))
@@ -93,7 +93,7 @@ def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Fl
 
 
 def first_steps(system: Pendulum, end: float) -> int:
-    """Steps to begin with when the step is to be found: four a fastest linear period."""
+    """First number of steps of the step size search: four per fastest linear period."""
     natural = float(system.natural_frequencies().max())
     fastest = max(natural, system.p1, system.p2, system.p3)
     if not math.isfinite(end * fastest):
@@ -112,7 +112,7 @@ def goes_as_pendulum(
     held: npt.ArrayLike | Past | None,
     memory: str,
 ) -> TypeGuard[PolynomialSystem]:
-    """Whether a system needs nothing but what the methods of a pendulum give."""
+    """True if the methods of a pendulum are sufficient for a system."""
     if isinstance(system, Mount) or system._turns:
         return False
     if not (isinstance(memory, str) and memory in AS_COORDINATES):
@@ -123,14 +123,14 @@ def goes_as_pendulum(
     for given in (load, base):
         # Numbers and None are tested faster than mappings.
         if given is not None and type(given) is not float and isinstance(given, Mapping):
-            # What has the names of coordinates is of order 1.
+            # Names of coordinates mean order 1.
             orders += [1 if isinstance(order, str) else order for order in given]
     highest = max(orders, default=0)
     return (
         len(system.dof_names) <= MAX_DOF
-        # What no method is called is refused with the names of all.
+        # An unknown method is refused later with a list of all names.
         and not (isinstance(method, str) and method in NODES and method not in METHODS)
-        # Where no step has to end on a switch those of a mount serve.
+        # Without switches the methods of a mount are used.
         and ((base is None and held is None) or switches_by_itself(system))
         and isinstance(highest, int)
         and highest <= MAX_HARMONICS
@@ -138,7 +138,7 @@ def goes_as_pendulum(
 
 
 def goes_in_sections(system: object, method: str, memory: str) -> TypeGuard[PolynomialSystem]:
-    """Whether a system of more coordinates than lanes hold has steps that end where laws switch."""
+    """True if a system with more coordinates than a lane has steps that end at switches."""
     if not isinstance(system, PolynomialSystem) or system._turns or not switches_by_itself(system):
         return False
     n = len(system.dof_names)
@@ -152,12 +152,12 @@ def goes_in_sections(system: object, method: str, memory: str) -> TypeGuard[Poly
 
 
 def switches_by_itself(system: PolynomialSystem) -> bool:
-    """Whether some law has kinks or jumps."""
+    """True if a law has kinks or jumps."""
     return any(law.state or law.branches for group in system.groups for _, law in group.laws)
 
 
 def reads_rates(system: PolynomialSystem) -> bool:
-    """Whether some law depends on a velocity: its slope may be that of a thin layer."""
+    """True if a law depends on a velocity (and may have a thin layer)."""
     n = len(system.dof_names)
     return any(
         place >= n for group in system.groups for _, law in group.laws for place in law.places
@@ -165,7 +165,7 @@ def reads_rates(system: PolynomialSystem) -> bool:
 
 
 def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
-    """Whether steps may end where laws switch though the system remembers: by few exponentials."""
+    """True if steps may end at switches in spite of memory: it has few exponentials."""
     if method not in ("auto", *REMEMBERING) or not switches_by_itself(system):
         return False
     return 0 <= n_hidden(system)[0] <= MOST_IN_FRAME - len(system.dof_names)
@@ -173,7 +173,7 @@ def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
 
 @cache
 def _all_move(n: int) -> npt.NDArray[np.int32]:
-    """Flags of the core if every coordinate moves; read-only."""
+    """Flags for the core if every coordinate moves; read-only."""
     moves = np.ones(n, dtype=np.int32)
     moves.setflags(write=False)
     return moves
@@ -192,9 +192,9 @@ def polynomial_runs(
     base: LoadLike | LoadTable | None = None,
     held: npt.ArrayLike | Past | None = None,
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with.
+    """Return a function that creates a run with a step size, and the first number of steps.
 
-    ``whole``: of a structure by its whole equations, with elements that may switch.
+    ``whole``: full equations of a structure, with elements that may switch.
     """
     n = len(system.dof_names)
     motion: MountMotion | None = None
@@ -203,7 +203,7 @@ def polynomial_runs(
         state = np.zeros(2 * n) if initial is None else starting_state(initial, n, system.dof_names)
         if load is None and nu is not None:
             raise InputError("nu: must not be given without load")
-        # One number names no coordinate.
+        # A number contains no names of coordinates.
         named = None if type(load) is float else name_places(system.dof_names)
         orders, series = load_series(load, None, n, named)
     else:
@@ -213,7 +213,7 @@ def polynomial_runs(
         breaks, pieces, state = motion.breaks, motion.pieces, motion.state
         orders, series = motion.series
     frequency = 0.0 if nu is None else _native.number("nu", nu)
-    # Of so few numbers Python's own are looked at faster than arrays.
+    # For few numbers lists are faster than arrays.
     given_orders: list[int] = orders.tolist()
     if motion is not None:
         given_orders = [k if k >= 0 else -1 - k for k in given_orders]
@@ -226,7 +226,7 @@ def polynomial_runs(
     if type(method) is not str or method not in _EVERY_METHOD:
         _native.choice("method", method, _EVERY_METHOD)
     name = "gauss8" if method == "auto" else method
-    # Steps must see the highest order of the load.
+    # Steps must resolve the highest harmonic of the load.
     highest = frequency * max(acting, default=0)
     if n <= MAX_DOF:
         fastest = system._fastest()
@@ -239,7 +239,7 @@ def polynomial_runs(
         pushed[i] or any(forces[i]) or starts[2 * i] != 0 or starts[2 * i + 1] != 0
         for i in range(n)
     ]
-    # What elements and surfaces know is kept in one order, whatever acts later on.
+    # States of elements and surfaces keep their order if loads change later.
     together = all(driven) or whole or motion is not None or switches_by_itself(system)
     moves = _all_move(n) if together else moving(system, np.array(driven))
     layers = ThinLayers()
@@ -266,7 +266,7 @@ def polynomial_runs(
 
 @cache
 def _no_past(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What was held before a motion that begins at rest, times before it, and displacements."""
+    """Past of a motion that starts at rest: displacement held, times, displacements."""
     return nothing(n), nothing(1), np.zeros((n, 1), order="F")
 
 
@@ -277,10 +277,10 @@ def _no_cubics() -> tuple[FloatArray, FloatArray]:
 
 
 def _of_states(size: int, method: str, n: int, hidden: int = 0) -> npt.NDArray[np.bool_]:
-    """Which numbers that steppers keep are coordinates, velocities, and the rests of both.
+    """Mask of coordinates, velocities and their rounding errors in the memory of steppers.
 
-    Collocation keeps n of each, explicit methods as many as their lanes have at most; that of
-    sections has these besides, and ``hidden`` coordinates more.
+    Collocation keeps n of each, explicit methods the size of a lane; the method with modes also
+    keeps modal values, with ``hidden`` additional coordinates.
     """
     belongs = np.zeros(size, dtype=bool)
     if n > MAX_DOF or hidden:
@@ -324,11 +324,11 @@ class PolynomialRun(Run):
         job: tuple[Any, ...],
         h: float,
     ) -> "PolynomialRun":
-        """The same, the step last."""
+        """Create a run, with the step size as the last argument."""
         return cls(system, method, state, h, solved, job)
 
     def adopt(self, earlier: Run) -> None:
-        """Go on from the end of an earlier run: elements remember."""
+        """Continue from the end of an earlier run, with the states of its elements."""
         super().adopt(earlier)
         self.memory = earlier.memory
         if isinstance(earlier, PolynomialRun):
@@ -339,16 +339,16 @@ class PolynomialRun(Run):
 
     @property
     def has_layers(self) -> bool:
-        """Whether there are laws."""
+        """True if the system has laws that are not polynomials."""
         return any(group.laws for group in self.system.groups)
 
     @property
     def switched(self) -> FloatArray:
-        """What elements know, and sides of surfaces, as the core keeps them behind the method's."""
+        """States of elements and signs of surfaces, stored by the core after the method's data."""
         return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -3]
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Coordinates, velocities, what rounding left of them, and what elements know."""
+        """Mask of coordinates, velocities, their rounding errors, and states of elements."""
         assert self.memory is not None
         n = int(np.count_nonzero(self.job[6]))
         belongs = _of_states(self.memory.size, self.method, n, self.hidden)
@@ -361,13 +361,13 @@ class PolynomialRun(Run):
 
     @property
     def system_in_core(self) -> _native.Handle:
-        """The system in the core, its numbers other where the run is shaken."""
+        """The system in the core (with changed numbers in a run with perturbed parameters)."""
         handle: _native.Handle = self.job[14]
         return handle
 
     @property
     def motion(self) -> MountMotion | None:
-        """How its base moves and what came before it; None: not at all, and nothing."""
+        """Motion of the base and past of the run; None: neither."""
         known: MountMotion | None = self.job[10]
         return known
 
@@ -414,7 +414,7 @@ class PolynomialRun(Run):
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
 
     def _past_left(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What was held, without the motion before a run that has begun."""
+        """The displacement held, without the motion before a continued run."""
         held, before, moved = self.job[12]
         return held, before[-1:], moved[:, -1:]
 
@@ -444,7 +444,7 @@ class PolynomialRun(Run):
         return Piece.of(found)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """The same of such a system."""
+        """Task, handles and values for a polynomial system."""
         in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
         held, before, moved = self.job[12] if self.memory is None else self._past_left()
         ends, made_by = self._mesh_arrays()
@@ -469,7 +469,7 @@ class _PendulumRun(Run):
     def of(
         cls, system: Pendulum, method: str, state: FloatArray, solved: float, h: float
     ) -> "_PendulumRun":
-        """The same, the step last."""
+        """Create a run, with the step size as the last argument."""
         return cls(system, method, state, h, solved)
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
@@ -482,11 +482,11 @@ class _PendulumRun(Run):
 
     @property
     def swings(self) -> int:
-        """Whether anything moves phi or psi; else the spring alone is integrated."""
+        """1 if phi or psi move; 0: only the spring is integrated."""
         return int(self.begin[2:].any() or self.system.m01 != 0 or self.system.m02 != 0)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Coordinates, velocities, and what rounding left of them."""
+        """Mask of coordinates, velocities and their rounding errors."""
         assert self.memory is not None
         return _of_states(self.memory.size, self.method, 3)
 
@@ -504,12 +504,12 @@ class _PendulumRun(Run):
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         if self.anew:
-            # Under other loads it begins at the state, whatever was before.
+            # With new loads the run starts from the state only.
             self.memory = None
         return super()._native_steps(count, every, columns, times)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """The same of a pendulum."""
+        """Task, handles and values for a pendulum."""
         swings = self.watch is not None or bool(self.swings)
         values = {"method": METHODS[self.method], "swings": swings}
         return "motion of pendulum", (self.system._handle,), values

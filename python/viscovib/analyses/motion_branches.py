@@ -25,10 +25,10 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: How a branch ends, and kinds of events, by the numbers of the core.
+#: Outcomes of a branch and kinds of events, by their numbers in the core.
 _OUTCOMES = ("completed", "stuck", "points", "stopped", "without start", "singular")
 _EVENTS = ("", "fold", "branch point", "period doubling", "Neimark-Sacker", "grazing")
-#: States of a motion over its period at least.
+#: Smallest number of states of a motion over its period.
 _SHOWN = 256
 _MAX_STEP = Number("max_step", 1e-6, 0.5)
 
@@ -141,7 +141,7 @@ def trace_motion(
 
 
 def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accuracy) -> None:
-    """Warn if a branch ends early, of events without a location, and of large errors."""
+    """Warn of a branch that ends early, of events without a location, and of large errors."""
     at, doubts = branch.varies, []
     if branch.outcome == "stuck":
         doubts.append(
@@ -166,7 +166,7 @@ def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accurac
 def _branch(
     system: PolynomialSystem | Structure, mapping: PeriodMap, way: _Way, found: dict[str, Any]
 ) -> MotionBranch:
-    """Give what the core found its names."""
+    """Create the result with names."""
     p, places, kinds = found["p"], found["place"], [_EVENTS[kind] for kind in found["kind"]]
 
     def of(kind: str, values: FloatArray) -> FloatArray:

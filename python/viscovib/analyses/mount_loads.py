@@ -1,4 +1,4 @@
-"""Loads of motions with memory: sinusoids, and the inertia of what is relative to a moving base."""
+"""Loads of motions with memory: sinusoids, and inertia relative to a moving base."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def sinusoids(
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
     """Return frequencies, amplitudes of the load, shape (n_dof, m), and of the base.
 
-    Of the motion of the base its acceleration acts, on coordinates relative to it.
+    The acceleration of the base acts on coordinates relative to it.
     """
     n = len(mount.dof_names)
     if load is None and base is None:
@@ -48,7 +48,7 @@ def sinusoids(
 
 
 def _squares(frequencies: FloatArray) -> FloatArray:
-    """Squares of frequencies of a moving base: what it accelerates by."""
+    """Squares of the frequencies of a moving base, for its acceleration."""
     with np.errstate(over="ignore"):
         squares = frequencies**2
     if not np.isfinite(squares).all():
@@ -57,10 +57,10 @@ def _squares(frequencies: FloatArray) -> FloatArray:
 
 
 def inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> FloatArray:
-    """Loads of a base that moves the coordinates by cubics (4, n, m), shape (n, 4, m).
+    """Loads of a base with displacements of the coordinates by cubics (4, n, m), shape (n, 4, m).
 
-    -M y'' - C_s y' - K_s y of what is relative to it; where the last does not end with the table, a
-    piece before it and one behind, for ever, shape (n, 4, m + 2).
+    -M y'' - C_s y' - K_s y in relative coordinates. If K_s is not 0, infinite pieces before and
+    after the table are added, shape (n, 4, m + 2).
     """
     a, mass = cubics[:, :, :-1], mount._mass_matrix
     load = np.zeros((mass.shape[0], 4, times.size), order="F")

@@ -1,4 +1,4 @@
-"""The method of multiple scales to third order: modulation equations and what follows."""
+"""The method of multiple scales to third order: modulation equations and their solutions."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.structure import Structure
 
-#: Steps of the modulation equations at most.
+#: Largest number of steps of the modulation equations.
 _MOST_STEPS = 10_000_000
-#: Points at which the error of a motion is computed; between them it is read off. At least and
-#: at most so many, and one in so many steps: amplitudes are taken as cubic between them.
+#: Points at which the error of a motion is computed, with interpolation between them: smallest and
+#: largest number, and steps per point. Amplitudes are interpolated by cubics.
 _KNOTS, _MOST_KNOTS, _STEPS_A_KNOT = 65, 1025, 5
-#: How much finer steps are that tell the error of others, and the finest accuracy of these.
+#: Accuracy of the reference run for the error, relative to the accuracy and absolute.
 _FINER, _FINEST = 1e-3, 3e-15
-#: In place of a tolerance: resonances are chosen by what their terms do.
+#: Tolerance that selects resonances by their influence.
 _BY_INFLUENCE = -float(np.finfo(float).max)
-#: Of free vibrations: internal resonances within this part are solved for.
+#: Relative distance of internal resonances that free vibrations include.
 _FREE_BAND = 0.2
-#: The core's growth of modes at rest where nothing is near.
+#: Growth of modes at rest that the core returns without a nearby resonance.
 _NOT_NEAR = -1e300
-#: Amplitudes whose powers stay in the range of numbers.
+#: Largest amplitude whose powers do not overflow.
 _MOST_AMPLITUDE = 1e75
-#: Part of deflections that modes may leave out without a warning.
+#: Largest part of deflections that omitted modes may have without a warning.
 _FEW_MODES = 1e-2
 _OUTCOMES = ("complete", "overflow", "step limit", "cancelled")
 
@@ -129,7 +129,7 @@ class MultipleScales:
         self.tolerance = None if tolerance is None else _native.number("tolerance", tolerance)
         if self.tolerance is not None and not 0 <= self.tolerance < 1:
             raise InputError(f"tolerance = {self.tolerance:g}: must be in [0, 1)")
-        #: As the core takes it.
+        #: The tolerance for the core.
         self._tolerance = _BY_INFLUENCE if self.tolerance is None else self.tolerance
         names: tuple[str, ...] | None = None
         forces: Any = load
@@ -167,7 +167,7 @@ class MultipleScales:
         self.interaction: FloatArray = np.ascontiguousarray(interaction.imag)
         self.nonlinear_decay: FloatArray = np.ascontiguousarray(-interaction.real)
         self.frame: FloatArray = found["frame"]
-        #: What unlike coordinates are compared in.
+        #: Units for the comparison of different coordinates.
         self._units: FloatArray = found["units"][: self._n_dof].copy()
         self.autonomous = bool(found["autonomous"])
         self.terms: tuple[FlowTerm, ...] = found["terms"]
@@ -209,7 +209,7 @@ class MultipleScales:
         limit = _native.number("tolerance", tolerance)
         if not 0 <= limit < 1:
             raise InputError(f"tolerance = {limit:g}: must be in [0, 1)")
-        # The constant load that stands for e is none of the user's.
+        # The constant load that represents e is not a load of the user.
         loads = [load for load, _ in self._form.load_names.values()]
         drives = self._form.drives[: max(loads, default=0)]
         acting = np.flatnonzero(np.any(self._form.loads[:, : drives.size] != 0, axis=0))
@@ -296,7 +296,7 @@ class MultipleScales:
         return np.column_stack([np.interp(t, at_knots.t, row) for row in found["errors"]])
 
     def _found(self, task: str, **values: Any) -> dict[str, Any]:
-        """Run a task about the expansion so that Ctrl-C is heard."""
+        """Run a task on the expansion such that Ctrl-C works."""
         handle, tolerance = self._form.handle, float(self._tolerance)
         return _native.interruptible(
             lambda: _native.run(f"scales {task}", handle, tolerance=tolerance, **values)
@@ -411,7 +411,7 @@ class MultipleScales:
         return free_frequencies(j, b, terms, self.frequencies, self.interaction)
 
     def _n_loads(self) -> int:
-        """How many loads act, constant ones not counted."""
+        """Number of loads that act, without constant loads."""
         if isinstance(self.system, Pendulum):
             return sum(getattr(self.system, name) != 0 for name in ("f0", "m01", "m02"))
         if isinstance(self.system, CubicSystem):
@@ -420,7 +420,7 @@ class MultipleScales:
         return 1
 
     def _warn_of_lack(self, parameter: str, values: FloatArray) -> None:
-        """Warn of values at which motions have no place in the frame of frequencies."""
+        """Warn of values at which motions do not fit the common set of frequencies."""
         if values.size:
             warnings.warn(
                 f"at {things(values.size, 'value')} of {parameter} (the first is {values[0]:g}) "
@@ -432,7 +432,7 @@ class MultipleScales:
             )
 
     def _warn_of_beats(self, left_out: FloatArray) -> None:
-        """Say which motions no frame makes stand still, and what follows them."""
+        """Warn of beating motions, and name a function that computes them."""
         beats = int((left_out > LEAST_FALL).sum())
         if not beats or self._n_loads() < 2:
             return
@@ -447,7 +447,7 @@ class MultipleScales:
         )
 
     def _warn_beyond(self, j: int, amplitude: float) -> None:
-        """Say so where orders do not fall off at this amplitude of mode j."""
+        """Warn if the orders do not decrease at this amplitude of mode j."""
         start = np.zeros(self._n, dtype=complex)
         start[j] = amplitude
         with warnings.catch_warnings():
@@ -537,7 +537,7 @@ class MultipleScales:
         times: FloatArray,
         accuracy: float,
     ) -> FloatArray:
-        """What much finer steps change of amplitudes in time, and rounding."""
+        """Error of amplitudes in time: change with much finer steps, and rounding errors."""
         least = max(_FINER * accuracy, _FINEST)
         found = self._found("motion", **given, times=times, accuracy=least, max_steps=_MOST_STEPS)
         finer, steps = found["amplitudes"].T, found["n_steps"]
@@ -546,5 +546,5 @@ class MultipleScales:
         off[:n] = np.abs(2 * finer[:n] - amplitudes[:n]).max(axis=1, initial=0.0)
         sizes = np.maximum.accumulate(np.abs(amplitudes).max(axis=1, initial=0.0))
         eps = float(np.finfo(float).eps)
-        # First steps may be the same.
+        # The first steps may be equal.
         return np.asarray(off + (least + eps * np.sqrt(max(steps, 1))) * sizes)

@@ -1,18 +1,18 @@
-"""Lyapunov exponents by neighbouring motions, of systems that switch or remember.
+"""Lyapunov exponents from neighbouring motions, for systems with switches or memory.
 
 Neighbouring motions at a small distance d in coordinates and velocities are followed with the
-motion; repeatedly their differences are made orthogonal and of length d (Benettin et al.,
-Meccanica 15, 1980, with differences instead of the variational equation). Each is a run of its
-own, so that it switches at times of its own: what a corner, a jump or an impact does to small
-disturbances (saltation) is in the difference.
+motion. Their differences are repeatedly orthogonalized and scaled to the length d (Benettin et al.,
+Meccanica 15, 1980, with differences instead of the variational equation). Each neighbour is a
+separate run with its own switching times, so the difference includes the effect of kinks, jumps and
+impacts on perturbations (saltation).
 
-With memory the state is the whole past. A disturbance is then one of coordinates and velocities at
-t = 0 under an undisturbed past; from there on its own past belongs to it and is scaled with it.
-Exponents are the growth of its present coordinates and velocities: those of the past follow.
+With memory the state is the whole past. A perturbation changes coordinates and velocities at t = 0,
+with an unperturbed past. Afterwards its own past belongs to it and is scaled with it. Exponents are
+the growth rates of the present coordinates and velocities; the past follows them.
 
-Other data of a run than its state (phases of loads, first guesses, marks) are those of the motion.
-Phases differ by rounding where steps end at kinks: made longer with a difference that decays, such
-a rest would never decay, and be the largest disturbance in the end.
+All data of a run except its state (phases of loads, first guesses, flags) are copied from the
+motion. Phases differ by rounding errors where steps end at kinks. If such errors were scaled with a
+decaying difference, they would never decay and would become the largest perturbation.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from viscovib._native import FloatArray
 from viscovib.analyses.runs import Run, Wanted
 from viscovib.errors import InputError
 
-#: Distance of a neighbour, of the size of the motion; below this part of it two motions are one.
+#: Relative distance of a neighbour; relative length below which a difference has vanished.
 _APART, _ONE = 1e-7, 1e-7
-#: Growth between two looks that is taken for a moment between two switches, when first seen.
+#: Growth between two renewals that may be due to a switch of one motion only.
 _LEAP = 1e3
-#: What is left of a difference at least, lest rounding be seen; looks are as near as that needs.
+#: Smallest remaining difference above rounding errors, which sets the interval of renewals.
 _LEFT = 1e-2
-#: The same of one step, and by how much steps are shorter where less is left.
+#: Smallest remaining difference after one step, and refinement of steps if less remains.
 _LEFT_OF_STEP, _FINER = 1e-5, 8
-#: Error of a mean rate, in ranges of what growth was off a straight line, over the time.
+#: Error of a mean rate, in units of the range of deviations from linear growth over the time.
 _IN_RANGES = 2.0
-#: Looks in a row that may find a neighbour on another side: a moment is not that long.
+#: Largest number of successive renewals that wait for a neighbour to switch.
 _PATIENCE = 2
-#: Differences of sides are whole numbers; marks and counts are less than this.
+#: Smallest difference of switch states (whole numbers); bound of flags and counts.
 _MARKED, _COUNTED = 0.5, 1e6
-#: States by which the size of a motion is known, and looks by which that of late.
+#: Number of states for the size of a motion, and of renewals for its recent size.
 _LOOKS, _RECENT = 512, 16
-#: Distances of neighbours at least, of the largest size of the motion.
+#: Smallest distance of neighbours.
 _LEAST = 1e-100
-#: How much more of a perturbation than of the first one the history may contain.
+#: Largest share of the history in a perturbation, relative to the first perturbation.
 _HIDDEN = 1e4
-#: The same of one that is followed at all.
+#: Largest such share of a perturbation that is followed.
 _LOST = 1e12
 
 
@@ -66,13 +66,13 @@ def exponents_of(
     count: int,
     quarter: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean rates of growth of ``count`` disturbances, and errors; NaN of a motion that stops.
+    """Mean growth rates of ``count`` perturbations, and errors; NaN if the motion ends early.
 
-    ``make(moved, finer=)`` begins the run, its start moved by so much, in steps so many times
-    shorter; ``widths`` of a start, and of what is kept of coordinates and velocities; ``quarter``:
-    steps between two looks at most.
-    -inf: the disturbance vanishes altogether, as where friction sticks. NaN: it all but vanishes
-    from coordinates and velocities, and lives on in the past.
+    ``make(moved, finer=)`` creates the run, with the start changed by ``moved`` and steps shorter
+    by the factor ``finer``; ``widths``: sizes of a start, and of coordinates and velocities;
+    ``quarter``: largest number of steps between two renewals.
+    -inf: the perturbation vanishes, for example by sticking friction. NaN: it nearly vanishes from
+    coordinates and velocities but remains in the past.
     """
     try:
         beside = _Beside(partial(make, finer=1), widths, count, quarter)
@@ -85,10 +85,10 @@ def exponents_of(
 
 @dataclass
 class _Renewal:
-    """Differences made orthogonal and short again."""
+    """Orthogonalized and rescaled differences."""
 
     parts: list[FloatArray]
-    #: Of each, what its length was before, in that of a renewed one.
+    #: Length of each before, in units of the renewed length.
     lengths: FloatArray
 
 
@@ -103,18 +103,18 @@ class _Beside:
         quarter: int,
     ) -> None:
         self.make, self.widths, self.count, self.quarter = make, widths, count, quarter
-        #: Whether steps are as short as they become.
+        #: True if steps cannot become shorter.
         self.last_try = False
         self.runs: list[Run] = []
         #: Sums of the logarithms of growth.
         self.grown = np.zeros(count)
-        #: Undetermined exponents: the size and the rounding errors of their history hide the rest.
+        #: Undetermined exponents: the history and its rounding errors hide the present state.
         self.untold = np.zeros(count, dtype=bool)
-        #: Parts of the distance at which neighbours are, as their past must be near as well.
+        #: Reduction of the distance of each neighbour, so that its past is near too.
         self.nearer = np.ones(count)
 
     def rates(self, n_steps: int, n_discard: int) -> tuple[FloatArray, FloatArray]:
-        """Follow them; mean growth between the first and the last renewal of what counts."""
+        """Follow the motions; return mean growth between the first and the last counted renewal."""
         missing = np.full(self.count, math.nan), np.full(self.count, math.nan)
         if n_discard >= n_steps or not self._begin(n_steps):
             return missing
@@ -137,7 +137,7 @@ class _Beside:
             if least < _LEFT_OF_STEP and not self.last_try:
                 raise _TooFarError
             done += n
-            # One has switched and the other not yet: the difference is that of a moment.
+            # One motion has switched and the other not yet: the difference is temporary.
             if (most > _LEAP or self._astride()) and waited < _PATIENCE:
                 waited += 1
                 if done < n_steps or renewed > max(since, 0):
@@ -161,22 +161,22 @@ class _Beside:
         return rates, off
 
     def _begin(self, n_steps: int) -> bool:
-        """The motion and its neighbours at the start; False: the motion stops."""
+        """Create the motion and its neighbours; return False if the motion ends early."""
         scout = self.make(None)
         looked = scout.steps(n_steps, Wanted(every=max(1, n_steps // _LOOKS)), False)
         if looked.outcome != "completed":
             return False
         begun, width = self.widths
         size = np.abs(looked.state[:, :width]).max(axis=0)
-        # Coordinates with coordinates, velocities with velocities.
+        # Common scales of all coordinates and of all velocities.
         time = self.quarter * scout.h
         length = max(float(size[::2].max()), time * float(size[1::2].max())) or 1.0
         self.scale = np.resize([length, length / time], width)
-        # A motion may grow or fade by many orders: what is near is so of its size there.
+        # A motion may grow or decay by many orders: distances refer to its size at this time.
         early = looked.state[: 2 + 4 * self.quarter // max(1, n_steps // _LOOKS), :width]
         self.sizes = [float(np.linalg.norm(early / self.scale, axis=1).max()) or 1.0]
         self.apart = _APART * self.sizes[0]
-        # In no special direction.
+        # Random directions.
         first = np.linalg.qr(np.random.default_rng(1).standard_normal((begun, self.count)))[0]
         units = np.resize(self.scale, begun)
         moves = [None, *(self.apart * units * first[:, j] for j in range(self.count))]
@@ -186,7 +186,7 @@ class _Beside:
         return True
 
     def _renewal(self) -> _Renewal:
-        """Orthogonal differences from the motion, and their lengths."""
+        """Orthogonalized differences from the motion, and their lengths."""
         own = _whole(self.runs[0])
         belongs = self.runs[0].belongs_to_state()
         n, width = self.runs[0].state.size, self.scale.size
@@ -206,7 +206,7 @@ class _Beside:
             whole[n:] = np.where(belongs & ~_marks(own[n:], its[n:]), whole[n:], 0.0)
             whole /= self.nearer[j]
             told = whole[n:][self.runs[0].told_by_state()]
-            # Of coordinates and velocities in turn: first all of one kind, then all of the other.
+            # Reorder alternating values: first all coordinates, then all velocities.
             told[:] = whole[n - told.size : n].reshape(-1, 2).T.ravel()
             for _ in range(2):
                 for part in parts:
@@ -218,12 +218,12 @@ class _Beside:
         return _Renewal(parts, lengths)
 
     def _renew(self, found: _Renewal) -> None:
-        """Put the neighbours where they are near again."""
+        """Move the neighbours back to the small distance."""
         own, n = _whole(self.runs[0]), self.runs[0].state.size
         size = float(np.linalg.norm(own[: self.scale.size] / self.scale))
         self.sizes = [*self.sizes[1 - _RECENT :], size]
         apart = _APART * max(self.sizes)
-        # At rest at zero all distances are small.
+        # For a motion at rest at zero keep the distance.
         new = apart / self.apart if apart > _LEAST else 1.0
         for j, (run, part) in enumerate(zip(self.runs[1:], found.parts, strict=True)):
             length = found.lengths[j]
@@ -238,7 +238,7 @@ class _Beside:
         self.apart *= new
 
     def _astride(self) -> bool:
-        """Whether a neighbour is on another side of a surface than the motion."""
+        """True if a neighbour is on the other side of a switching surface."""
         mine = self.runs[0].switched
         return any(
             bool((np.abs(run.switched - mine) >= np.maximum(_MARKED, 1e-3 * np.abs(mine))).any())
@@ -247,7 +247,7 @@ class _Beside:
 
 
 def _unsure(course: list[tuple[int, FloatArray]]) -> FloatArray:
-    """How far off mean rates may be, times the time: as the core has it (``flight.f90``)."""
+    """Error of mean rates times the time, as in the core (``flight.f90``)."""
     done, grown = np.array([n for n, _ in course]), np.array([g for _, g in course])
     part = ((done - done[0]) / (done[-1] - done[0]))[:, None]
     with np.errstate(invalid="ignore"):
@@ -256,21 +256,21 @@ def _unsure(course: list[tuple[int, FloatArray]]) -> FloatArray:
 
 
 def _hidden(part: FloatArray, first: FloatArray, n: int) -> float:
-    """How much more of a perturbation than of the first one is in the history, behind n numbers."""
+    """Share of the history (after n numbers) in a perturbation, relative to the first one."""
     seen = np.abs(part[:n]).max() * np.abs(first[n:]).max()
     past = np.abs(part[n:]).max() * np.abs(first[:n]).max()
-    # Of a disturbance that has vanished nothing is anywhere.
+    # A vanished perturbation has no parts.
     return float(past / seen) if past > seen > 0 else 1.0
 
 
 def _marks(own: FloatArray, its: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which numbers of a memory say yes or no, or count: whole ones, that differ."""
+    """Mask of the flags and counts in a memory (small whole numbers)."""
     small = np.maximum(np.abs(own), np.abs(its)) < _COUNTED
     whole = (own == np.rint(own)) & (its == np.rint(its))
     return np.asarray(whole & small)
 
 
 def _whole(run: Run) -> FloatArray:
-    """All that going on needs."""
+    """State and memory, which are sufficient to continue a run."""
     assert run.memory is not None
     return np.concatenate([run.state, run.memory])

@@ -1,4 +1,4 @@
-"""Backbone curves of the pendulum: its free motions without losses."""
+"""Backbone curves of the pendulum: free motions without damping."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -32,10 +32,10 @@ from viscovib.systems.pendulum import Pendulum
 
 @dataclass(frozen=True)
 class _Orders:
-    """Orders kept of the motion, which repeats after ``multiple`` periods of the mode."""
+    """Harmonic orders of a motion with the period of ``multiple`` periods of the mode."""
 
     multiple: int
-    #: Of the mode's frequency: highest at first, highest at all.
+    #: Highest harmonics of the mode's frequency: at first, and at most.
     first: int
     most: int
     auto: bool
@@ -44,7 +44,7 @@ class _Orders:
     def checked(
         cls, harmonics: int | str, subharmonic: int, leave: BackbonePoint | None
     ) -> "_Orders":
-        """As many as are asked for, or as the tolerance will need."""
+        """Check the requested harmonics, or choose a first number."""
         multiple = SUBHARMONIC.check(subharmonic)
         if leave is not None:
             _check_departure(leave)
@@ -62,7 +62,7 @@ class _Orders:
 
     @property
     def highest(self) -> int:
-        """Highest order of the motion's own frequency at first."""
+        """First value of the highest harmonic of the motion's own frequency."""
         return self.multiple * self.first
 
 
@@ -140,7 +140,7 @@ def _backbone(
     judged: bool,
     plan: Plan,
 ) -> Backbone:
-    """Give what the core found its names and units; ``tolerances``: relative and absolute."""
+    """Create the result with names and units; ``tolerances``: relative and absolute."""
     coefficients, order = imaginary(found["cosines"].T), found["highest"]
     allowed = allowed_beside(coefficients, *tolerances)
     warn_of_doubts(found["truncation"], found["off"], (tolerances[0], allowed), order)
@@ -181,7 +181,7 @@ def _backbone(
 
 
 def _place(shape: FloatArray, dof: str | None, mode: int, *, by_energy: bool) -> int:
-    """Which coordinate's amplitude is meant."""
+    """Index of the coordinate of the amplitude."""
     if dof is None:
         return int(np.abs(shape).argmax())
     place = Pendulum.dof_names.index(_native.choice("dof", dof, Pendulum.dof_names))
@@ -193,14 +193,14 @@ def _place(shape: FloatArray, dof: str | None, mode: int, *, by_energy: bool) ->
 
 
 def _kept_text(auto: bool, first: int, n_cosines: int) -> str:
-    """Return what the plan says of the orders."""
+    """Return the text of the plan about the harmonics."""
     if auto:
         return f"harmonics chosen to meet the tolerance, {first} at first"
     return things(n_cosines, "cosine")
 
 
 def _ends(amplitude: object, energy: object) -> tuple[float, float]:
-    """Where the curve begins and ends."""
+    """Start and end of the curve."""
     if (amplitude is None) == (energy is None):
         raise InputError("amplitude_range or energy_range: must be given, and only one of them")
     name = "amplitude_range" if energy is None else "energy_range"
@@ -209,7 +209,7 @@ def _ends(amplitude: object, energy: object) -> tuple[float, float]:
 
 
 def _kept(pend: Pendulum, mode: int, highest: int, multiple: int, symmetric: bool) -> IntArray:
-    """1 where an order of a coordinate is an unknown, shape (n_orders, 3)."""
+    """1 where a harmonic of a coordinate is an unknown, shape (n_orders, 3)."""
     kept = np.ones((highest + 1, 3), dtype=np.intc, order="F")
     if mode == 0 and (symmetric or pend.equations == "printed"):
         kept[:, 1:] = 0
@@ -226,7 +226,7 @@ def _check_departure(leave: object) -> None:
 
 
 def _highest_left(leave: BackbonePoint, multiple: int) -> int:
-    """Return the order that the curve was followed with, of the mode's frequency."""
+    """Return the highest harmonic of the mode's frequency of the first curve."""
     highest, rest = divmod((leave._direction.size - 2) // 3 - 1, multiple)
     if rest:
         raise InputError(
@@ -238,7 +238,7 @@ def _highest_left(leave: BackbonePoint, multiple: int) -> int:
 def _departure(
     leave: BackbonePoint, kept: IntArray, opposite: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Cosines and direction of the other family; ``kept``: what is unknown of it."""
+    """Cosines and direction of the second branch; ``kept``: its unknowns."""
     n = kept.size
     if leave._direction.size != n + 2:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The map of one or more periods of the load in time, in the core: checked arguments, and runs."""
+"""The map over one or more periods of the load, computed by the core."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ class Ran(NamedTuple):
     """A motion over the whole time of the map."""
 
     last: FloatArray
-    #: Derivatives of the last state by the first; empty if they were not wanted.
+    #: Derivatives of the last state with respect to the first; empty if not requested.
     by_start: FloatArray
-    #: States at the wanted times, as many as were reached, without hidden states.
+    #: States at the requested times that were reached, without hidden states.
     at_times: FloatArray
-    #: Switches of laws on the way.
+    #: Number of switches of laws.
     passed: int
     outcome: str
     n_steps: int
 
 
 def check_mapped(system: object) -> None:
-    """Refuse a system whose motions are not mapped over a period."""
+    """Refuse a system without a map over a period."""
     if not isinstance(system, (PolynomialSystem, Structure)):
         raise InputError(
             f"system = {_native.shown(system)}: must be a PolynomialSystem or a Structure "
@@ -50,9 +50,9 @@ def check_mapped(system: object) -> None:
 
 @dataclass(frozen=True)
 class PeriodMap:
-    """From a state at t = 0 to that after so many periods of the load.
+    """Map of a state at t = 0 to the state after ``n_periods`` periods of the load.
 
-    A state are coordinates and velocities alternately, then the rates of hidden states.
+    A state contains coordinates and velocities alternately, then the rates of hidden states.
     """
 
     flat: FloatArray
@@ -109,14 +109,14 @@ class PeriodMap:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The map as tasks of the core take it."""
+        """The map as arguments of tasks of the core."""
         return {
             "orders": self.orders, "series": self.series, "nu": self.nu,
             "n_periods": self.n_periods, "method": METHODS[self.method],
         }  # fmt: skip
 
     def with_numbers(self, flat: FloatArray) -> PeriodMap:
-        """Return the map of a system of other numbers."""
+        """Return the map of a system with a different vector."""
         return replace(self, flat=flat)
 
     def along(self, way: _Way, p: float) -> PeriodMap:
@@ -144,7 +144,7 @@ class PeriodMap:
         times: FloatArray | None = None,
         derivatives: bool = True,
     ) -> Ran:
-        """Compute the motion from a state; ``steps`` = 0: as many as a search begins with."""
+        """Compute the motion from a state; ``steps`` = 0: number at the start of a search."""
         found = _native.run_either(
             steps > _native.MANY_STEPS, "motion of a period", self.system_in_core, **self.given,
             begin=state, n_steps=steps, times=nothing(0) if times is None else times,

@@ -35,7 +35,7 @@ from viscovib.systems.whole import usual_tolerance
 
 
 class _CurveOptions(CurveKeywords, total=False):
-    """What every curve may be given."""
+    """Options of every curve."""
 
     harmonics: int | str
     rtol: float | None
@@ -43,7 +43,7 @@ class _CurveOptions(CurveKeywords, total=False):
 
 
 class _TraceOptions(_CurveOptions, total=False):
-    """What every branch may be given besides."""
+    """Additional options of every branch."""
 
     at: npt.ArrayLike
     leave: BranchPoint | None
@@ -230,7 +230,7 @@ def trace_response(
     >>> vv.trace_response(duffing, (0.3, 3), load=0.3).folds.size
     2
     """
-    # The bar is the same whatever the system.
+    # The progress bar is the same for all systems.
     given = with_curve(locals() | {"progress": False}, "trace_response", usual_tolerance(system))
     with counted_pieces(PROGRESS.check(progress)):
         if isinstance(system, Pendulum):
@@ -362,7 +362,7 @@ def backbone(
     >>> round(vv.backbone(duffing, 0, (0.01, 1)).nu[-1], 3)  # of one harmonic alone: sqrt(7/4)
     np.float64(1.328)
     """
-    # The bar is the same whatever the system.
+    # The progress bar is the same for all systems.
     given = with_curve(locals() | {"progress": False}, "backbone")
     with counted_pieces(PROGRESS.check(progress)):
         if isinstance(system, Pendulum):

@@ -1,4 +1,4 @@
-"""Runs that go on: under the same loads, or under others, which act from there on."""
+"""Continued runs, with the same loads or with new loads."""
 
 import copy
 import math
@@ -35,12 +35,12 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Numbers of a pendulum that are its loads.
+#: Parameters of a pendulum that define its loads.
 _LOADS = ("f0", "m01", "m02", "p1", "p2", "p3")
-#: Part of its travel by which a base may be off where another motion of it begins.
+#: Largest jump of the base at the start of a new base motion, relative to its travel.
 _OFF = 1e-9
-#: A table ends at 0 below this part of its largest value; how often a jump returns through its
-#: end, and corners of a table on which steps end.
+#: A table ends at 0 below this part of its largest value; number of returns of a jump through its
+#: end; largest number of corners of a table at which steps end.
 _ENDS_AT_0, _RETURNS, _MOST_CORNERS = 1e-9, 8, 16
 
 Maker = Callable[[float], Run]
@@ -53,7 +53,7 @@ def known(
     base: LoadLike | LoadTable | None = None,
     watch: Watch | None = None,
 ) -> Maker:
-    """Let a run know what made it, where its loads have corners, and what tables its plan names."""
+    """Add to runs their maker, the corners of their loads, and the tables for their plan."""
     words = []
     tables = () if force is base is None else (("force", force), ("motion of the base", base))
     for name, table in tables:
@@ -66,7 +66,7 @@ def known(
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What makes runs that know it."""
+    """Maker of runs that adds itself and the data of loads to each run."""
 
     make: Maker
     breaks: FloatArray
@@ -82,9 +82,9 @@ class _Known:
 
 
 def breaks_of(force: LoadTable | None, base: LoadLike | LoadTable | None, n_dof: int) -> FloatArray:
-    """Return the times at which tables have corners, jumps and ends, ascending; none: no tables."""
+    """Return the times of corners, jumps and ends of tables, ascending."""
     breaks: FloatArray = nothing(0)
-    # What is no table is refused where loads are read.
+    # Other types are refused when loads are read.
     if isinstance(force, LoadTable):
         breaks = force._breaks(n_dof)
     if isinstance(base, LoadTable):
@@ -115,7 +115,7 @@ def with_delayed_jumps(
 def check_resumed(
     run: Trajectory, given: Mapping[str, object], choices: Mapping[str, object]
 ) -> None:
-    """Refuse by name what a run that goes on has already."""
+    """Refuse arguments that a continued run takes from the earlier run."""
     _native.check_instance("resume", run, Trajectory)
     told = [name for name, value in given.items() if value is not None]
     told += [name for name, value in choices.items() if not _native.is_auto(value)]
@@ -137,7 +137,7 @@ def other_loads(
     force: LoadTable | None,
     coordinates: Sequence[str] | None = None,
 ) -> Maker | None:
-    """Return what makes a run under the loads given, None if none are."""
+    """Return a maker of runs with new loads; None: no new loads."""
     run: Run = earlier._resume
     given = {"load": load, "nu": nu, "base": base, "force": force}
     loaded = any(value is not None for value in given.values())
@@ -205,7 +205,7 @@ def _other_loads_of_structure(
     force: LoadTable | None,
     loaded: bool,
 ) -> Maker | None:
-    """The same of a structure, whose modes the run knows."""
+    """`other_loads` for a structure, with the modes of the run."""
     if not loaded:
         return None
     if isinstance(run, WholeRun):
@@ -233,12 +233,12 @@ def _other_loads_of_structure(
 
 
 def _motion_of(run: Run) -> MountMotion | None:
-    """How the base of a run of a polynomial system moves, where it does."""
+    """Motion of the base in a run of a polynomial system, or None."""
     return run.motion if isinstance(run, PolynomialRun) else None
 
 
 def _check_base(motion: Any, before: Any, now: float) -> None:
-    """Refuse a base that is not where it was."""
+    """Refuse a base whose position jumps."""
     if motion is None is before:
         return
     places = [0.0 if one is None else np.atleast_1d(one.base_at(now)) for one in (motion, before)]
@@ -246,7 +246,7 @@ def _check_base(motion: Any, before: Any, now: float) -> None:
     most = max(one.travel for one in (motion, before) if one is not None)
     if np.abs(here - place).max() > _OFF * most:
         if np.ptp(here) == 0 == np.ptp(place):
-            # A base that moves all coordinates alike has one place.
+            # A base that moves all coordinates together has one position.
             here, place = here[:1], place[:1]
         begins, was = (" ".join(f"{one:.9g}" for one in places) for places in (here, place))
         raise InputError(
@@ -262,7 +262,7 @@ def go_on(
     other: Maker | None,
     estimated: bool,
 ) -> Trajectory:
-    """Continue a run to ``end``, under other loads if they are given."""
+    """Continue a run to ``end``, with new loads if given."""
     run: Run = copy.copy(earlier._resume)
     if run.watch is not None:
         run.watch = run.watch.going_on()
@@ -284,9 +284,9 @@ def go_on(
 
 
 def _with_estimate(run: Trajectory, begun: Run, n: int, kept: Wanted) -> Trajectory:
-    """The run with its error, by runs from the first start on in half steps, and thirds at kinks.
+    """The run with its error, from runs with half the step size, with kinks also a third.
 
-    ``begun``: the run where it went on, by n steps.
+    ``begun``: the run at the start of the continuation, which has n steps.
     """
     finer: list[Trajectory | None] = []
     for factor in (2, 3) if begun.over_kinks else (2,):
@@ -309,7 +309,7 @@ def _with_estimate(run: Trajectory, begun: Run, n: int, kept: Wanted) -> Traject
 
 
 def _with_errors(one: Passages, other: Passages | None, since: float, error: float) -> Passages:
-    """Passages with their errors, by those of a finer run from a time on and by that of states."""
+    """Events with errors, from the events of a finer run and the error of states."""
     unknown = np.full(one.t.size, math.nan)
     if other is None:
         return replace(one, error=unknown, state_error=unknown)
@@ -323,14 +323,14 @@ def _with_errors(one: Passages, other: Passages | None, since: float, error: flo
 
 
 def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:
-    """Return the steps to ``end``, and what is kept of them; the run gets their mesh."""
+    """Return the number of steps to ``end`` and the states kept; set the mesh of the run."""
     now = run.time
     if run.mesh is None and not run.breaks.size:
         n = round((end - now) / run.h)
         if n >= 1 and abs(now + n * run.h - end) <= 1e-9 * max(abs(end), run.h):
             run.goal = run.done + n, end
             if run.kept_of_step > 1 and want.no_choice:
-                # Of a new goal the time now may be another by its last digit.
+                # With a new goal the present time may differ in its last digit.
                 want = want.at(np.linspace(run.time, end, n * run.kept_of_step + 1))
             return n, want
         if not run.has_found_step:

@@ -1,4 +1,4 @@
-"""Runs in equal steps: what is kept of them, how they go on, how their step is found."""
+"""Runs with equal steps: states kept, continuation, and data of the step size search."""
 
 from __future__ import annotations
 
@@ -38,34 +38,34 @@ from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 
 MAX_STEPS = 10**12
-#: Numbers that a run keeps at most: 1 GiB.
+#: Largest array size of the states of a run: 1 GiB.
 MAX_KEPT = 2**27
-#: Steps of a first run whose step is to be found.
+#: Largest number of steps of the first run of a step size search.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
 #: Relative error of the time of a stop inside a step.
 LOCATED = 1e-12
-#: Halvings of the step before a tolerance is given up, and while two runs end unlike each other.
+#: Smallest and largest number of halvings, and largest number while two runs end differently.
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
-#: How many times as large a motion is that has run away.
+#: Growth factor of a motion that has diverged.
 _AWAY = 10.0
-#: Coordinates that a message lists; steps of a native call that looks for events.
+#: Largest number of coordinates in a message; steps per native call with events.
 _LISTED, _WATCHED = 4, 10_000
 
 
 class NotMetError(InputError):
-    """A tolerance that no step met."""
+    """No step size meets the tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What is kept of a run."""
+    """Selection of the states of a run that are kept."""
 
     every: int = 1
     keep: str = "all"
     tail: float = 0.0
     times: FloatArray | None = None
-    #: What was asked for, where ``times`` stand for it.
+    #: The original request, if ``times`` replaces it.
     asked: Wanted | None = None
 
     @classmethod
@@ -93,28 +93,28 @@ class Wanted:
 
     @property
     def no_choice(self) -> bool:
-        """Whether nothing was asked for, so that all states are kept."""
+        """True without a selection, so that all states are kept."""
         return self.times is None and self.every == 1 and self.keep == "all"
 
     def finer(self, factor: int) -> Wanted:
-        """The same states of a run with so many times the steps."""
+        """Return the selection of the same states for a run with more steps by a factor."""
         if factor == 1:
             return self
         return replace(self, every=self.every * factor)
 
     def at(self, times: FloatArray) -> Wanted:
-        """The same, of states at these times, where steps are not equal."""
+        """Return the selection as states at these times, for unequal steps."""
         if self.keep == "tail":
             times = times[times >= times[-1] - self.tail * (1 + 1e-12)]
         return Wanted(times=times, asked=self.asked or self)
 
 
 def hopeless(changes: list[float]) -> bool:
-    """Whether halving the step once more is vain: two halvings gain less than a digit.
+    """True if one more halving of the step size is useless: two halvings gain less than a digit.
 
-    So it is with chaotic motion, and below the level of rounding. A large first step may need a
-    few halvings before the order of a method shows, or before two runs end alike: an infinite
-    change is no measure of what a halving gains.
+    This happens for chaotic motions and below the rounding error. A large first step may need some
+    halvings before the method converges with its order, or before two runs end in the same way. An
+    infinite change is not used for the comparison.
     """
     n = len(changes)
     if n < _MIN_HALVINGS:
@@ -125,9 +125,9 @@ def hopeless(changes: list[float]) -> bool:
 
 
 def has_outrun(start: FloatArray, end: FloatArray, one: float, other: float, h: float) -> bool:
-    """Whether a motion that two runs could not follow has run away from where it began.
+    """True if a motion that two runs could not follow has diverged from its start.
 
-    ``one``, ``other``: when they ended; they ended at one place, within a step h of the longer.
+    ``one``, ``other``: end times of the runs, which may differ by one step h.
     """
     return bool(
         min(one, other) > h
@@ -146,13 +146,13 @@ def difference(coarse: Trajectory, fine: Trajectory) -> float:
         return math.inf
     n = min(n, m)
     if fine.outcome == "diverged" and n and fine.t[n - 1] >= fine.t_reached:
-        n -= 1  # where a coordinate passes its bound it changes faster than any time is known
+        n -= 1  # at the bound of a coordinate the state changes too fast for a comparison
     moved = abs(fine.t_reached - coarse.t_reached)
     return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
 
 
 def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
-    """The run, of a body that turns far by those rotation vectors that can be compared."""
+    """The run, for a body with large rotations with comparable rotation vectors."""
     turns = isinstance(run.system, Body) and run.system._winds
     if not turns or run.state.shape != like.state.shape:
         return run
@@ -160,26 +160,26 @@ def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
 
 
 class Piece(NamedTuple):
-    """What a native call returns of the steps it made."""
+    """Results of a native call."""
 
-    #: States a column each, and at the wanted times; the last one; all that going on needs.
+    #: States (columns), states at requested times, the last state, and the memory to continue.
     states: FloatArray
     at_times: FloatArray
     last: FloatArray
     memory: FloatArray
-    #: Whole steps, wanted times reached, and the time of the last state.
+    #: Number of full steps, number of requested times reached, and time of the last state.
     made: int
     n_reached: int
     reached: float
     ended: int
     counted: int
-    #: Signal, time and state of each event, a column each; how many there are.
+    #: Index, time and state of each event (columns), and their number.
     found: FloatArray
     n_found: int
 
     @classmethod
     def of(cls, found: dict[str, Any]) -> Piece:
-        """What a task found."""
+        """Create it from the results of a task."""
         return cls(
             found["states"], found["at_times"], found["last"], found["memory"],
             found["made"], found["n_reached"], found["reached"], found["ended"], found["counted"],
@@ -191,7 +191,7 @@ _NONE = np.empty((0, 0))
 
 
 def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray:
-    """Return coordinates and velocities to begin with, of n coordinates."""
+    """Return the initial coordinates and velocities of n coordinates."""
     if type(initial) is not dict:
         state = _native.real_array("initial", initial)
         if state.shape == (2 * n,):
@@ -206,7 +206,7 @@ def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray
 
 @cache
 def nothing(n: int, kind: type[Any] = float) -> npt.NDArray[Any]:
-    """So many zeros that nobody writes into, which native calls only read."""
+    """Return n zeros that are read-only."""
     zeros = np.zeros(n, dtype=kind)
     zeros.setflags(write=False)
     return zeros
@@ -214,35 +214,35 @@ def nothing(n: int, kind: type[Any] = float) -> npt.NDArray[Any]:
 
 @dataclass
 class ThinLayers:
-    """Where steps may miss thin layers of force laws: all runs of a call know what one has met."""
+    """Data on thin layers of force laws that steps may miss, shared by all runs of a call."""
 
-    #: Whether one may have been missed: all steps are made in parts that see them from then on.
+    #: True if a layer may have been missed. All further steps are then computed in parts.
     seen: bool = False
-    #: The longest step of these runs: parts of shorter ones are as much shorter, lest all have the
-    #: same parts, whose error no comparison tells.
+    #: The longest step of these runs. Parts of shorter steps are shorter by the same factor;
+    #: equal parts would have the same error, which a comparison does not show.
     longest: float = 0.0
 
 
 class Run(ABC):
-    """A run that can go on: the native state and how far it has come."""
+    """A run that can be continued, with its native state and time."""
 
-    #: Relative error of what stands for kernels, which two runs may share.
+    #: Relative error of the approximation of kernels, which two runs may share.
     represented: float = 0.0
-    #: What rounding of frequencies computed beforehand makes of states, which all runs share.
+    #: Error of states by rounding errors of frequencies, which all runs share.
     by_phases: float = 0.0
-    #: What the native calls count.
+    #: Quantity that native calls count.
     counts: ClassVar[str]
-    #: Thin layers of forces that steps may miss; those of a search for the step share them.
+    #: Thin layers of laws that steps may miss; shared by the runs of a step size search.
     layers: ThinLayers = ThinLayers()
-    #: Whether a run without a memory of its own may go on under other loads from its state.
+    #: True if a run without memory data may be continued with new loads from its state.
     remembers_past: ClassVar[bool] = False
-    #: Whether equations and kernels are solved to a tolerance, which `sharpen` takes down.
+    #: True if equations and kernels are solved to a tolerance that `sharpen` reduces.
     sharpens: bool = False
-    #: How many times as long the steps are as those whose nodes see every layer.
+    #: Step size divided by the step size whose nodes resolve every layer.
     too_long: float = 0.0
-    #: Steps a native call takes at most: how often progress shows and Ctrl-C is heard.
+    #: Largest number of steps per native call, which sets the interval of progress and Ctrl-C.
     piece: int = 200_000
-    #: Number of equal steps that end at a given time, and that time: their product is rounded.
+    #: Number of equal steps to a given time, and this time (the product with h is rounded).
     goal: tuple[int, float] = (-1, 0.0)
     #: True if the step was found by a tolerance.
     has_found_step: bool = False
@@ -261,23 +261,23 @@ class Run(ABC):
         self.done = 0
         self.reached = 0.0
         self.memory: FloatArray | None = None
-        #: Where steps end, if they are not equal.
+        #: Ends of steps, if they are not equal.
         self.mesh: Mesh | None = None
-        #: What tables of loads are called in the plan.
+        #: Texts of the plan about tables of loads.
         self.tables: tuple[str, ...] = ()
-        #: What made the run, and where its loads have corners.
+        #: Function that created the run, and corners of its loads.
         self.maker: Callable[[float], Run] | None = None
         self.breaks: FloatArray = nothing(0)
-        #: Whether other loads act from now on than before; what made the earlier parts, and
-        #: how many steps were done at the end of each.
+        #: True if new loads act from now on; functions that created the earlier parts, with the
+        #: number of steps at the end of each.
         self.anew = False
         self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
-        #: Events to look for, and when the steps made last began.
+        #: Events, and start time of the last steps.
         self.watch: Watch | None = None
         self.began = 0.0
-        #: States kept of a step by its polynomial, if more than that at its end are.
+        #: Number of states kept per step, from its polynomial.
         self.kept_of_step = 1
-        #: States on the way of a search that found no step.
+        #: Observed states of a search that found no step size.
         self.looks: FloatArray = nothing(0)
         #: Accelerations at wanted times, piece by piece, if these are wanted.
         self.accelerated: list[FloatArray] | None = None
@@ -285,18 +285,18 @@ class Run(ABC):
         self.on_panels: tuple[float, Panels] | None = None
 
     def on(self, mesh: Mesh) -> Run:
-        """The same run in the steps of a mesh."""
+        """Return the run with the steps of a mesh."""
         self.mesh, self.h = mesh, mesh.h
         return self
 
     def sharpen(self, factor: int) -> None:  # noqa: B027
-        """Solve equations, and fit kernels, as much better as steps are shorter by the factor.
+        """Reduce the tolerance of equations and kernels for steps that are shorter by the factor.
 
-        Two runs that leave as much of them differ by none of it.
+        Runs with the same tolerance share this error, so their difference would not show it.
         """
 
     def adopt(self, earlier: Run) -> None:
-        """Go on from the end of an earlier run, under the loads of this one."""
+        """Continue from the end of an earlier run, with the loads of this run."""
         assert earlier.maker is not None
         self.state, self.done, self.reached = earlier.state, earlier.done, earlier.reached
         self.h, self.mesh = earlier.h, earlier.mesh
@@ -305,31 +305,31 @@ class Run(ABC):
         self.parts = (*earlier.parts, (earlier.maker, earlier.done))
 
     def prepare(self, like: Run, factor: int) -> None:
-        """Remember as much as another run will need, in steps shorter by the factor."""
+        """Keep the memory that a continued run needs, with steps shorter by the factor."""
         self.piece = like.piece
 
     def serves(self) -> bool:
-        """Whether what is remembered serves the steps to come."""
+        """True if the stored memory is valid for the next steps."""
         return True
 
     def _mesh_arrays(self) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-        """Return ends of pieces and the steps made by each, one at 0 for equal steps."""
+        """Return the ends of mesh parts and the numbers of their steps; 0 for equal steps."""
         if self.mesh is None:
             return nothing(1), nothing(1, np.int64)
         return self.mesh.ends, self.mesh.made_by
 
     @abstractmethod
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """Return the task of a piece, its objects, and what it is given that others are not."""
+        """Return the task, its objects, and the values for this kind of run."""
 
     def _takes_long(self, count: int) -> bool:
-        """Whether so many steps may take long."""
+        """True if this number of steps may take long."""
         return count > _native.MANY_STEPS
 
     def _values(
         self, count: int, every: int, times: FloatArray
     ) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """The same with what every piece is given, of ``count`` steps from the present state."""
+        """`_given` with the common values, for ``count`` steps from the present state."""
         task, objects, values = self._given()
         watch = self.watch
         if watch is not None:
@@ -346,7 +346,7 @@ class Run(ABC):
         return task, objects, values
 
     def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """Make ``count`` steps from the present state in the core, and return what it finds."""
+        """Compute ``count`` steps from the present state in the core, and return the results."""
         task, objects, values = self._values(count, every, times)
         long = self._takes_long(count)
         found = _native.run_either(long, task, *objects, columns=columns, **values)
@@ -355,15 +355,15 @@ class Run(ABC):
         return found
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        """Make ``count`` steps from the present state."""
+        """Compute ``count`` steps from the present state."""
         return Piece.of(self._found(count, every, columns, times))
 
     @abstractmethod
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
-        """Return the core's words about a run to ``end`` in steps dt, 0 if they are sought."""
+        """Return the plan of the core for a run to ``end`` with step size dt (0: searched)."""
 
     def plan(self, want: Wanted, end: float, sought: float | None = None) -> Plan:
-        """Say what a run to ``end`` computes; ``sought``: the tolerance by which its step was."""
+        """Return the plan of a run to ``end``; ``sought``: tolerance of the step size search."""
         dt = self.h if sought is None else 0.0
         want = want.asked or want
         every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
@@ -384,34 +384,34 @@ class Run(ABC):
 
     @property
     def has_layers(self) -> bool:
-        """Whether there may be such layers at all."""
+        """True if laws may have thin layers."""
         return False
 
     @property
     def over_kinks(self) -> bool:
-        """Whether steps go over kinks of laws, so that errors are no power of their length."""
+        """True if steps cross kinks of laws, so that errors are not a power of the step size."""
         return False
 
     @property
     def switched(self) -> FloatArray:
-        """What tells on which sides of its surfaces the motion is; none: nothing switches."""
+        """States of elements and signs of switching surfaces; empty without switches."""
         return np.empty(0)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Which numbers of the memory are of the state; others are of time, or of the method."""
+        """Mask of the memory that belongs to the state (not to time or to the method)."""
         assert self.memory is not None
         return np.ones(self.memory.size, dtype=bool)
 
     def told_by_state(self) -> slice:
-        """Numbers of the memory that follow from others, and that the state ends with as well."""
+        """Slice of the memory that follows from the modes; also the end of the state."""
         return slice(0, 0)
 
     def compute_all(self) -> None:  # noqa: B027
-        """Compute all coordinates, also those that nothing moves, before the first step."""
+        """Compute all coordinates, also those at rest, before the first step."""
 
     @property
     def time(self) -> float:
-        """How far the run has come."""
+        """Present time of the run."""
         return self._time_after(self.done)
 
     def _time_after(self, steps: int) -> float:
@@ -420,12 +420,12 @@ class Run(ABC):
         return self.goal[1] if steps == self.goal[0] else steps * self.h
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
-        """Make n steps."""
+        """Compute n steps."""
         if want.times is not None:
             self._check_times(want.times, n)
         start, first = self.done, self.state
         self.began = self.time
-        # What is not kept is passed over in larger pieces.
+        # Skip states that are not kept in larger parts.
         skipped = 0
         if want.keep == "tail":
             skipped = max(0, n - math.ceil(min(want.tail / self.h, n))) // want.every * want.every
@@ -434,14 +434,14 @@ class Run(ABC):
         counts = {self.counts: 0}
         states: list[FloatArray] = []
         ended = 0
-        # Short runs do not look for somebody who watches.
+        # Short runs do not check for a progress bar.
         long = progress or n > _native.MANY_STEPS
         with progress_bar(n, "steps", progress) if long else SILENT as bar:
             if skipped:
                 ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
                 start, first = self.done, self.state
                 if ended:
-                    # What was wanted lies beyond the stop: the state there is all there is.
+                    # The requested states lie beyond the end: keep the final state.
                     want = replace(want, keep="last")
             if not ended:
                 ended = self._advance(n - skipped, want, states, counts, bar)
@@ -473,20 +473,20 @@ class Run(ABC):
         return self._shaped(run)
 
     def _shaped(self, run: Trajectory) -> Trajectory:
-        """The run with what its kind of system tells."""
+        """The result with the data of this kind of system."""
         return run
 
     @property
     def _judged(self) -> npt.NDArray[np.intp]:
-        """Which numbers of a state tell how exact a run is."""
+        """Indices of the state components that determine the error."""
         return np.arange(self.state.size)
 
     def _search_values(self) -> dict[str, Any]:
-        """What a search is given besides of this kind of run."""
+        """Values of the step size search for this kind of run."""
         return {"holds_places": False, "most_direct": 0, "later": 0.0}
 
     def take_search(self, found: dict[str, Any]) -> None:
-        """Remember what a search has met."""
+        """Store the results of a step size search."""
         self.by_phases, self.too_long = found["by_phases"], found["too_long"]
         self.layers.seen |= bool(found["in_parts"])
 
@@ -498,7 +498,7 @@ class Run(ABC):
         counts: dict[str, int],
         bar: Bar,
     ) -> int:
-        """Make n steps in pieces; return how they ended."""
+        """Compute n steps in parts; return the outcome."""
         piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
         stored = want.keep != "last" and want.times is None
         every = want.every
@@ -619,7 +619,7 @@ class Run(ABC):
             last = done == self.done and maker is self.maker
             here = times[(times >= begin) & ((times < until) | last)]
             if not last or here.size:
-                # A run that stopped did so inside a step.
+                # A run that ended early ended inside a step.
                 steps = done - part.done + int(last and kept.outcome != "completed")
                 want = Wanted(times=here) if here.size else Wanted(keep="last")
                 run = part.steps(steps, want, False)
@@ -645,9 +645,9 @@ class Run(ABC):
 
 
 def again(run: Run, factor: int) -> Run | None:
-    """The same run from its first start, in steps shorter by a factor; None: it stopped before.
+    """Return the run from its first start, with steps shorter by a factor; None: it ended early.
 
-    It remembers what its steps to come will need.
+    It keeps the memory that its next steps need.
     """
     assert run.maker is not None
     latest: Run | None = None

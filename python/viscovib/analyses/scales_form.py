@@ -1,4 +1,4 @@
-"""What the method of multiple scales takes of a system: its third-order form, packed."""
+"""Third-order form of a system for the method of multiple scales."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ORDERINGS = ("general", "weak_coupling")
 
 @dataclass(frozen=True, eq=False)
 class ScalesForm:
-    """A system to third order, as the core packs it.
+    """A system to third order, as a vector of the core.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class ScalesForm:
     handle : Handle
         The form and its system in the core.
     load_names : dict
-        For each number that may vary its load (from 1), and 1 for a frequency, 2 for an amplitude.
+        For each parameter: its load (from 1), and 1 for a frequency, 2 for an amplitude.
     """
 
     packed: FloatArray
@@ -44,7 +44,7 @@ class ScalesForm:
         nu: float | None,
         ordering: str,
     ) -> ScalesForm:
-        """Pack a system; an oscillator has no load of its own."""
+        """Create the form of a system; an oscillator contains no load."""
         if isinstance(system, Pendulum):
             number = ORDERINGS.index(ordering) + 1
             handle = _native.Handle("scales form", system._handle, ordering=number)
@@ -91,7 +91,7 @@ class ScalesForm:
         return found
 
     def _tail(self) -> tuple[FloatArray, FloatArray]:
-        """Loads and their frequencies out of the packed numbers."""
+        """Loads and their frequencies from the vector."""
         n, n_loads = int(self.packed[0]), int(self.packed[4])
         end = self.packed.size - self.n * (2 * n + 1)
         drives = self.packed[end - n_loads : end]

@@ -11,9 +11,9 @@ from viscovib.errors import InputError
 
 @dataclass(frozen=True)
 class FlowTerm:
-    """A term of the modulation equations: mode ``mode`` changes by coefficient x product.
+    """A term of the modulation equations of mode ``mode``: coefficient times product.
 
-    ``factors`` are amplitudes as in "a1", "a2*" (conjugate) and loads "p3" (their wave).
+    ``factors``: amplitudes such as "a1" or "a2*" (conjugate), and loads such as "p3".
     """
 
     mode: int
@@ -70,7 +70,7 @@ def _number(value: complex) -> str:
 def free_frequencies(
     j: int, b: FloatArray, terms: list[FlowTerm], natural: FloatArray, interaction: FloatArray
 ) -> FloatArray:
-    """Frequencies of mode j at real amplitudes b, as of `MultipleScales.backbone`."""
+    """Frequencies of mode j at real amplitudes b, for `MultipleScales.backbone`."""
     alone = {f"a{j + 1}", f"a{j + 1}*"}
     driven = {x.mode for x in terms if x.mode != j and set(x.factors) <= alone}
     if not driven:
@@ -92,7 +92,7 @@ def free_frequencies(
 def _joint_frequencies(
     j: int, k: int, terms: list[FlowTerm], natural: FloatArray, amplitude: float
 ) -> FloatArray:
-    """Frequencies of mode j at an amplitude, k locked to it by real ratios, ascending.
+    """Frequencies of mode j at an amplitude with mode k locked to it, ascending.
 
     With W_k = n W_j and real a: W_j = w_j + G_j/a_j and (w_k - n W_j) a_k + G_k = 0, a
     polynomial for a_k.
@@ -124,11 +124,11 @@ def _joint_frequencies(
         poly.polymul([0, 1], poly.polysub([natural[k]], n * frequency)), change[k]
     )
     if not np.isfinite(balance).all():
-        # Amplitudes beyond the range of numbers have no frequency.
+        # Amplitudes that overflow have no frequency.
         return np.empty(0)
     balance[abs(balance) < 1e-14 * abs(balance).max()] = 0
     roots = poly.polyroots(np.trim_zeros(balance, "b"))
     real = roots.real[abs(roots.imag) < 1e-9 * (abs(a) + abs(roots))]
-    # Beyond, it is a vibration of the other mode.
+    # Larger amplitudes are vibrations of mode k.
     real = real[abs(real) <= abs(a)]
     return np.sort(poly.polyval(real, frequency))

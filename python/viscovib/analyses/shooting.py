@@ -1,4 +1,4 @@
-"""Periodic motions in time, by the shooting of the core; steps end where laws switch."""
+"""Periodic motions in time by shooting; steps end where laws switch."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
 MOST_PERIODS = 64
-#: How a search ends, by the number of the core.
+#: Outcomes of a search, by their number in the core.
 SEARCHES = ("converged", "stalled", "diverged", "singular", "overflow", "stopped")
-#: Whether a motion is stable, by the number of the core.
+#: Stability, by its number in the core.
 STABLE = {1: True, 0: False, -1: None}
 
 
@@ -127,7 +127,7 @@ def search(
     initial: npt.ArrayLike | SteadyMotion | None,
     wanted: Accuracy,
 ) -> dict[str, Any]:
-    """Find a periodic motion from a state nearby, or from rest."""
+    """Find a periodic motion from a nearby state or from rest."""
     begin = begin_of(system, mapping, initial)
     return _native.apart(
         lambda: _native.run(
@@ -142,7 +142,7 @@ def begin_of(
     mapping: PeriodMap,
     initial: npt.ArrayLike | SteadyMotion | None,
 ) -> dict[str, FloatArray]:
-    """Return the state to begin with, as tasks take it; hidden states are 0 unless known."""
+    """Return the initial state for tasks; hidden states are 0 unless known."""
     if initial is None:
         return {}
     remembered = np.zeros(mapping.hidden)
@@ -159,7 +159,7 @@ def begin_of(
 def _motion(
     system: PolynomialSystem | Structure, mapping: PeriodMap, found: dict[str, Any]
 ) -> SteadyMotion:
-    """Give what the core found its names."""
+    """Create the result with names."""
     return SteadyMotion(
         nu=mapping.nu,
         n_periods=mapping.n_periods,

@@ -1,4 +1,4 @@
-"""Signals that spectra are taken of: samples in equal steps, or a coordinate of a trajectory."""
+"""Signals for spectra: equidistant samples, or coordinates of a trajectory."""
 
 import math
 import warnings
@@ -18,13 +18,13 @@ _WANTED = Names("coordinates")
 
 @dataclass(frozen=True)
 class Signal:
-    """Samples in equal steps: shape (n,) or (n, m), their step, the time of the first, names."""
+    """Equidistant samples, shape (n,) or (n, m), their spacing, start time and names."""
 
     samples: FloatArray
     step: float
     start: float
     names: tuple[str, ...] | None
-    #: Coordinates that swing faster than the samples tell.
+    #: Coordinates that oscillate too fast for the samples.
     aliased: tuple[str, ...] = ()
 
 
@@ -36,9 +36,9 @@ def read_signal(
     coordinates: str | tuple[str, ...] | None = None,
     most: int,
 ) -> Signal:
-    """Check a signal; of a trajectory take the coordinates named and the spacing of its states.
+    """Check a signal; for a trajectory use the named coordinates and the spacing of its states.
 
-    ``most``: dimensions allowed, 2 for several signals.
+    ``most``: largest number of dimensions, 2 for several signals.
     """
     if isinstance(signal, Trajectory):
         return _of_trajectory(signal, dt, start, coordinates, most)
@@ -101,7 +101,7 @@ def _of_trajectory(
 
 
 def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float) -> bool:
-    """Warn of a coordinate that swings faster than its states tell, by its velocities."""
+    """Warn of a coordinate that oscillates too fast for its states, based on its velocity."""
     share, is_large = aliased_part(u, v, step)
     if is_large:
         warnings.warn(
@@ -115,16 +115,16 @@ def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float) -> bool:
 
 
 def aliased_part(u: FloatArray, v: FloatArray, step: float) -> tuple[float, bool]:
-    """Part of a displacement that is folded to other frequencies, by its velocity.
+    """Fraction of a displacement that is aliased, estimated from its velocity.
 
-    Also whether that is worth a warning.
+    Also True if a warning is needed.
     """
     found = _native.run("spectrum aliased", u=u, v=v, step=step)
     return found["share"], bool(found["is_large"])
 
 
 def windowed(columns: FloatArray, window: int) -> tuple[ComplexArray, float]:
-    """One-sided spectra of signals, a column each, and the noise bandwidth of the window."""
+    """One-sided spectra of signals (columns), and the noise bandwidth of the window."""
 
     def work() -> tuple[ComplexArray, float]:
         found = _native.run("spectrum windowed", signals=columns, window=window)

@@ -1,7 +1,7 @@
-"""Members of an ensemble that are made one by one: laws with kinks, hysteresis, memory, surfaces.
+"""Members of an ensemble that are computed singly: with kinks, hysteresis, memory or surfaces.
 
-Such motions end their steps where laws switch, each at times of its own, or remember their past:
-they cannot go side by side in the vector unit. Each is a run of `simulate`.
+The steps of such motions end where laws switch, at different times, or the motions have memory. So
+they cannot be computed together in the vector unit. Each member is a run of `simulate`.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import varied
 
-#: Samples of a run that are held at once.
+#: Largest number of samples of a run in memory.
 _HELD = 100_000
-#: Parameters that change loads; those of a polynomial system that scale a part of it.
+#: Parameters of loads; parameters that scale a part of a polynomial system.
 _OF_LOADS = ("nu", "load_scale")
 _SCALED = ("stiffness_scale", "damping_scale", "forces_scale", "memory_scale")
 
 
 @dataclass
 class _Gathered:
-    """What is learnt from one run."""
+    """Results of one run."""
 
     state: FloatArray
     ended: int
@@ -56,13 +56,13 @@ class _Gathered:
     lines: ComplexArray
     exponents: FloatArray
     exponent_errors: FloatArray
-    #: States of a section, and when.
+    #: States of a section, and their times.
     points: FloatArray
     times: FloatArray
 
 
 class SingleMembers(Members):
-    """Systems of any kind, each run by itself."""
+    """Systems of any kind, with single runs."""
 
     side_by_side = False
 
@@ -77,7 +77,7 @@ class SingleMembers(Members):
         surface: Event | None,
     ) -> None:
         self.system, self.surface, self.method = system, surface, method
-        #: Of each run, whatever its step.
+        #: Thin layers of each run, for all step sizes.
         self.layers: dict[int, ThinLayers] = {}
         if surface is not None and surface.terminal:
             raise InputError("sections: terminal = True: an event that ends a run is no section")
@@ -93,14 +93,14 @@ class SingleMembers(Members):
             for name in ("nu", "load_scale"):
                 if name in given or (name == "nu" and nu is not None):
                     raise InputError(f"{name}: must not be given without load")
-        # Wrong arguments are reported before time is spent.
+        # Check the arguments with a first run.
         first = self._begin(0, 1.0, 1.0)
         self.method_name = first.method
         self.dof_names = kept_by(first)
         self.passed: dict[int, _Gathered] = {}
 
     def _check_name(self, name: str) -> None:
-        """Refuse what does not vary."""
+        """Refuse a parameter that cannot vary."""
         system = self.system
         allowed: Sequence[str] = _OF_LOADS
         if isinstance(system, Pendulum):
@@ -117,7 +117,7 @@ class SingleMembers(Members):
         if name not in allowed:
             told = list(allowed)
             if isinstance(system, Body):
-                # Those of one mount tell the others.
+                # List the names of one mount only.
                 first = f"mounts[{system.mounts[0].name}]"
                 told = [one for one in told if one.startswith(first) or "mounts[" not in one]
             raise InputError(
@@ -157,7 +157,7 @@ class SingleMembers(Members):
         return Acting(load, nu)
 
     def _begin(self, i: int, end: float, h: float, moved: FloatArray | None = None) -> Run:
-        """Run i at its start, which may be moved."""
+        """Run i at its start, which may be changed by ``moved``."""
         state = self.states[i] if moved is None else self.states[i] + moved
         make, _, _ = runs_of(self._one(i), end, state, self.method, self._acting(i), None, False)
         watch = None
@@ -170,7 +170,7 @@ class SingleMembers(Members):
         return run
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
-        """Return those of the load."""
+        """Return the name and frequencies of the load."""
         name, own = "nu", self.given_nu
         if isinstance(self.system, Pendulum):
             name = f"p{_native.integer('sections', sections, 1, 3)}"
@@ -181,7 +181,7 @@ class SingleMembers(Members):
         return name, np.array(self.varied.get(name, np.full(self.n, fixed)))
 
     def first_steps(self, spans: FloatArray) -> int:
-        """As many as the single runs begin with; of those with the largest numbers."""
+        """Largest first number of steps of the runs with the extreme parameters."""
         ends = [int(values.argmax()) for values in self.varied.values()]
         ends += [int(values.argmin()) for values in self.varied.values()]
         return max(self._steps(i, float(spans[i])) for i in {0, *ends})
@@ -191,7 +191,7 @@ class SingleMembers(Members):
         return runs_of(self._one(i), end, self.states[i], self.method, acting, None, False)[1]
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
-        """Make some of the runs, one after another."""
+        """Compute a part of the runs, one after another."""
         h, _, n_steps, n_discard, _, every, section_every, _, exponents, lines, *rest = given
         cancel, sections = rest
         asked = _Asked(n_steps, n_discard, every, section_every, exponents, lines)
@@ -212,7 +212,7 @@ class SingleMembers(Members):
         return tuple(np.stack([getattr(one, x) for one in found], axis=-1) for x in names)
 
     def _gather(self, i: int, h: float, asked: _Asked) -> _Gathered:
-        """Make run i."""
+        """Compute run i."""
         run = self._begin(i, h * asked.n_steps, h)
         track = _Track(h, asked)
         done, latest = 0, None
@@ -275,7 +275,7 @@ class SingleMembers(Members):
 
 @dataclass(frozen=True)
 class _Asked:
-    """What is to be gathered, in steps."""
+    """Requested results, in steps."""
 
     n_steps: int
     n_discard: int
@@ -286,18 +286,18 @@ class _Asked:
 
     @property
     def samples(self) -> bool:
-        """Whether states are sampled on the way."""
+        """True if states are sampled during the run."""
         return self.lines.size > 0
 
     @property
     def stride(self) -> int:
-        """Steps between the states that are needed; 0: none but the last."""
+        """Steps between the states that are needed; 0: only the last state."""
         needed = [self.every] if self.samples else []
         return math.gcd(*needed, *([self.section_every] if self.section_every else []))
 
 
 class _Track:
-    """States of a run as they pass."""
+    """Accumulated results of a run."""
 
     def __init__(self, h: float, asked: _Asked) -> None:
         self.h, self.asked = h, asked
@@ -310,7 +310,7 @@ class _Track:
         self.empty: Any = 0.0
 
     def add(self, states: FloatArray) -> None:
-        """Take in states a stride apart."""
+        """Add states at the distance of a stride."""
         asked = self.asked
         at = self.steps + asked.stride * np.arange(1, states.shape[0] + 1)
         self.steps += asked.stride * states.shape[0]
@@ -323,7 +323,7 @@ class _Track:
             return
         place = self.n + np.arange(some.shape[0])
         n_samples = (asked.n_steps - asked.n_discard) // asked.every
-        # A Hann window that vanishes one sample before the first and one after the last.
+        # A Hann window that is 0 one sample before the first and one after the last.
         window = np.sin(math.pi * (place + 1) / (n_samples + 1)) ** 2
         times = self.h * (asked.n_discard + asked.every * (place + 1))
         waves = window[:, np.newaxis] * np.exp(-1j * np.outer(times, asked.lines))
@@ -334,7 +334,7 @@ class _Track:
         self.n += some.shape[0]
 
     def result(self, width: int, stopped: bool) -> _Gathered:
-        """What was gathered; of a motion that stopped what belongs to the whole is not known."""
+        """The results; amplitudes of a motion that ended early are NaN."""
         missing, untold = np.full(width, math.nan), np.full(self.asked.exponents, math.nan)
         lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)
         if self.n and lines.size and not stopped:
@@ -347,14 +347,14 @@ class _Track:
 
 
 def _times(load: Any, factor: float) -> Any:
-    """A load so many times as large."""
+    """A load multiplied by a factor."""
     if isinstance(load, Mapping):
         return {key: _times(value, factor) for key, value in load.items()}
     return np.asarray(load) * factor
 
 
 def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> PolynomialSystem:
-    """The system with parts of it scaled: K of all springs, C, polynomial forces, or memory."""
+    """The system with scaled parts: K of all springs, C, polynomial forces, or memory."""
     if not numbers:
         return system
     if goes_condensed(system):
@@ -374,7 +374,7 @@ def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> Polynomia
 
 
 def numbers_of(system: Structure | PolynomialSystem) -> Sequence[str]:
-    """Numbers of laws and elements, by the names that branches have for them."""
+    """Names of the parameters of laws and elements, as for branches."""
     if isinstance(system, Structure):
         return _element_numbers(system)
     if isinstance(system, Body):
@@ -383,7 +383,7 @@ def numbers_of(system: Structure | PolynomialSystem) -> Sequence[str]:
 
 
 def _element_numbers(structure: Structure) -> list[str]:
-    """Numbers of the elements, by the names that branches have for them."""
+    """Names of the parameters of the elements, as for branches."""
     names = []
     for i, element in enumerate(structure.elements):
         own = [f.name for f in fields(element) if isinstance(getattr(element, f.name), float | int)]
@@ -394,7 +394,7 @@ def _element_numbers(structure: Structure) -> list[str]:
 
 
 def with_elements(structure: Structure, numbers: Mapping[str, float]) -> Structure:
-    """The structure with other numbers of its elements."""
+    """The structure with new parameters of its elements."""
     elements = list(structure.elements)
     for name, value in numbers.items():
         place, key = name.removeprefix("elements[").split("].")

@@ -131,7 +131,7 @@ class Spectrum(Result):
         )
         for j in wanted_places(coordinates, self.names):
             name, own = self.names[j], columns[:, j]
-            # Not abs and np.angle, whose last bits are not those of the core.
+            # abs and np.angle would differ from the core in the last bits.
             table.columns[f"{name}_amplitude"] = np.hypot(own.real, own.imag)
             table.columns[f"{name}_phase"] = np.array(
                 list(map(math.atan2, own.imag.tolist(), own.real.tolist()))
@@ -260,7 +260,7 @@ def name_frequencies(
     ]
     orders = np.array([size for size, _ in combinations])
     with np.errstate(over="ignore", invalid="ignore"):
-        # What is out of range is near nothing.
+        # Overflowing combinations match no frequency.
         sums = np.array([factors for _, factors in combinations]) @ np.array(list(known.values()))
     names = []
     for value in values:

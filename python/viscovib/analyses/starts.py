@@ -1,4 +1,4 @@
-"""Motions to begin at: a point of another result, harmonics, or the end of a motion in time."""
+"""Starting motions: a point of a result, harmonics, or the end of a motion in time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import Job, base_shifts
 
-#: What ``start`` may be: (result, i), {order: X_k} or a Trajectory.
+#: Types of ``start``: (result, i), {order: X_k} or a Trajectory.
 StartLike: TypeAlias = Any
 
-#: Even harmonics below this part of the largest are no reason to give up a symmetry: of a motion
-#: solved for, and of the end of one in time, which may still settle.
+#: Even harmonics below this part of the largest keep the symmetry: for a computed motion, and for
+#: the end of a motion in time, which may not have settled.
 _SMALL, _SETTLING = 1e-8, 1e-2
-#: Times a period that tell its harmonics.
+#: Smallest number of times per period for its harmonics; highest fitted harmonic.
 _FEWEST_TIMES, _HIGHEST_FITTED = 16, 20
 _WORDS = (
     "must be (result, i) for the i-th motion of a response or branch, {order: X_k} with a number "
@@ -29,28 +29,28 @@ _WORDS = (
 
 
 class Start(NamedTuple):
-    """Orders, shape (m,), X_k of named coordinates, shape (n, m), and where it comes from."""
+    """Orders, shape (m,), X_k of named coordinates, shape (n, m), and their origin."""
 
     orders: Any
     names: tuple[str, ...]
     coefficients: ComplexArray
-    #: Frequency (rad/s) and load factor there; None: unknown.
+    #: Frequency (rad/s) and load factor of the motion; None: unknown.
     nu: float | None
     load_factor: float | None
-    #: Of a structure: the same in the coordinates it was condensed to, relative to the base, and
-    #: the directions of these.
+    #: For a structure: X_k of the condensed coordinates, relative to the base, and the directions
+    #: of these coordinates.
     condensed: ComplexArray | None = None
     directions: FloatArray | None = None
     small: float = _SMALL
 
     @property
     def has_even(self) -> bool:
-        """Whether it is not symmetric about half a period."""
+        """True if the motion has no half-wave symmetry."""
         sizes = np.abs(self.coefficients).max(axis=0, initial=0.0)
         return bool((sizes[self.orders % 2 == 0] > self.small * sizes.max(initial=0.0)).any())
 
     def place(self, varies: str, first: float, last: float) -> float:
-        """Where a branch begins: at the motion's own value if the range holds it."""
+        """Start of a branch: the parameter value of the motion if the range contains it."""
         own = {"nu": self.nu, "load_factor": self.load_factor}.get(varies)
         inside = own is not None and min(first, last) <= own <= max(first, last)
         return own if inside and own is not None else first
@@ -59,7 +59,7 @@ class Start(NamedTuple):
         self, orders: Any, job: Job, direction: FloatArray | None, factor: float,
         names: tuple[str, ...], loaded: LoadedStructure | None,
     ) -> FloatArray:  # fmt: skip
-        """Unknowns of the core: relative to the base, of the orders given, shape (2 m n_dof,)."""
+        """Unknowns of the core, relative to the base, for the given orders, shape (2 m n_dof,)."""
         if loaded is not None:
             relative = self._of_structure(loaded, names, factor)
         else:
@@ -91,7 +91,7 @@ class Start(NamedTuple):
 
 
 def start_of(start: Any, names: tuple[str, ...], nu: float) -> Start:
-    """Check and understand a start of a system with these coordinates, driven at ``nu``."""
+    """Check and convert a start of a system with these coordinates and the frequency ``nu``."""
     from viscovib.results.trajectory import Trajectory
 
     if isinstance(start, Trajectory):

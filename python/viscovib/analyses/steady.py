@@ -38,15 +38,15 @@ from viscovib.systems.sticking import advice_on_sticking, laws_of
 
 METHODS = ("linear", "successive", "newton", "auto")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
-#: Frequencies a native call takes at most: how often progress shows and Ctrl-C is heard.
+#: Largest number of frequencies per native call, which sets the interval of progress and Ctrl-C.
 CHUNK = 4096
 
-#: Frequencies times unknowns squared that Newton's method takes without a thread of its own, and
-#: successive approximations with polynomial forces.
+#: Largest number of frequencies times unknowns squared without a separate thread, for Newton's
+#: method and for successive approximations with polynomial forces.
 _LONG, _LONG_POLYNOMIAL = 6400, 640000
-#: Orders that a frequency takes as a rule where they are chosen.
+#: Typical number of harmonics with automatic selection.
 _TYPICAL = 10
-#: Powers from which on harmonics fall fast.
+#: Power from which on harmonics decrease fast.
 _FAST = 8.0
 
 
@@ -84,7 +84,7 @@ def mount_response(
     parts = work.run(progress)
     codes = _joined(parts, "outcomes")
     ran = parts[0]["method"]
-    # Orders of one part are the first of those of another.
+    # The harmonics of each part are the first harmonics of the largest part.
     most = max((part["kept"] for part in parts), key=len)
     given: dict[str, Any] = {
         "nu": frequencies,
@@ -107,14 +107,14 @@ def mount_response(
         "_parts": Parts(system, job.orders, job.series),
     }
     if stability:
-        # Newton's method takes all frequencies in one piece.
+        # Newton's method computes all frequencies in one call.
         (part,) = parts
         judged = part["stable"], part["multipliers"], part["exponents"]
         given |= Stability.of(*judged, codes == 0)._asdict()
     response: Response
     if loaded is not None:
         view = View.of(system, loaded.linear_part() if ran == "linear" else loaded, coordinates)
-        # What the core gives is absolute.
+        # The core returns absolute motions.
         own = given["coefficients"] - loaded.base_motion(given["harmonics"])
         given |= {"dof_names": view.names, "dof_units": view.units}
         response = StructureResponse(**given, _condensed=own, _view=view)
@@ -128,7 +128,7 @@ def mount_response(
 
 
 def _begin(system: Steady, start: StartLike, job: Job, work: "_Work", nu: float) -> FloatArray:
-    """Unknowns of a motion to begin at."""
+    """Unknowns of the starting motion."""
     planned = work.planned()
     if planned["method"] != "newton":
         raise InputError("start: needs method = 'newton', and something that is nonlinear")
@@ -167,7 +167,7 @@ def mount_plan(
 
 @dataclass(frozen=True)
 class _Work:
-    """All that a run takes, so that it can be run again."""
+    """All data of a run, so that it can be repeated."""
 
     job: Job
     frequencies: FloatArray
@@ -179,7 +179,7 @@ class _Work:
     def run(self, show: bool = False, **more: Any) -> list[dict[str, Any]]:
         options = {**self.options, **more}
         if options["method"] in ("newton", "auto"):
-            # Newton's method follows its branch from frequency to frequency, all in one piece.
+            # Newton's method follows its branch from frequency to frequency in one call.
             return [self._whole(options, show)]
         nu, parts = self.frequencies, []
         size = max(CHUNK * 8 // max(self.job.n_dof, 2) ** 3, 1)
@@ -193,8 +193,8 @@ class _Work:
         return parts
 
     def _whole(self, options: dict[str, Any], show: bool) -> dict[str, Any]:
-        # A matrix of the unknowns is factorized a few times a frequency; successive approximations
-        # take less time.
+        # A matrix of the unknowns is factorized several times per frequency. Successive
+        # approximations are faster.
         unknowns = self.job.n_dof * (options["harmonics"] or _TYPICAL)
         fast = options["method"] == "auto" and self.is_polynomial
         most = _LONG_POLYNOMIAL if fast else _LONG
@@ -206,14 +206,14 @@ class _Work:
         return found
 
     def corrections(self, longest: int) -> FloatArray:
-        """Run again, and keep the size of each correction."""
+        """Run again, and return the size of each correction."""
         if not longest or self.options["method"] == "newton":
             return np.empty((self.frequencies.size, 0))
         columns = [part["corrections"][:longest] for part in self.run(history=True)]
         return np.concatenate(columns, axis=1).T
 
     def iterates(self, longest: int, orders: int) -> ComplexArray:
-        """Run again with these harmonics, and keep each iterate: shape (1 + longest, n, ...)."""
+        """Run again with these harmonics, and return each iterate, shape (1 + longest, n, ...)."""
         options = {**self.options, "method": "successive", "harmonics": orders}
         options["max_iterations"] = max(longest, 1)
         found = self.job.run_long("response solve", nu=self.frequencies, iterates=True, **options)[
@@ -222,17 +222,17 @@ class _Work:
         return np.asarray(np.moveaxis(found.T, 1, 0))
 
     def planned(self) -> dict[str, Any]:
-        """Orders that may be kept, the method that runs, and the plan in words."""
+        """Harmonics that may be kept, the selected method, and the text of the plan."""
         options = {name: one for name, one in self.options.items() if name != "start"}
         return self.job.run("response plan", nu=self.frequencies, **options)
 
     def plan(self) -> Plan:
-        """What is computed, what is skipped and why."""
+        """The plan of the run."""
         return Plan(condensed_line(self.loaded) + self.planned()["text"])
 
 
 def condensed_line(loaded: LoadedStructure | None) -> str:
-    """Return the line of a plan that says what was condensed."""
+    """Return the line of a plan about the condensation."""
     return "" if loaded is None else f"computes: {loaded.told}\n"
 
 
@@ -251,9 +251,9 @@ def prepare(
     flat: FloatArray | None = None,
     whole: bool = False,
 ) -> tuple[Job, FloatArray, dict[str, Any], LoadedStructure | None]:
-    """Check everything and bring it into the form of the core.
+    """Check all arguments and convert them to the form of the core.
 
-    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system.
+    ``flat``: replaces the vector of the system; ``whole``: do not condense a polynomial system.
     """
     check_steady(system, base)
     _native.choice("method", method, METHODS)
@@ -281,7 +281,7 @@ def prepare(
     if isinstance(harmonics, str) and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
     if method == "linear" and isinstance(system, PolynomialSystem):
-        # What condensing spares is nonlinear; on the way back it costs digits near antiresonances.
+        # Condensation only helps nonlinear problems; expansion loses digits near antiresonances.
         whole = whole or system._may_be_whole
     job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=stability)
     options = {
@@ -299,14 +299,14 @@ def prepare(
 
 
 def _all_coefficients(parts: list[dict[str, Any]], n_orders: int) -> ComplexArray:
-    """X_k of all parts, shape (n, n_dof, n_orders); orders that were not kept are 0, or NaN."""
+    """X_k of all parts, shape (n, n_dof, n_orders); harmonics that were not kept are 0 or NaN."""
     if len(parts) == 1:
         return np.asarray(parts[0]["coefficients"].T)
     return np.concatenate([_widened(part["coefficients"].T, n_orders) for part in parts])
 
 
 def _widened(coefficients: ComplexArray, n_orders: int) -> ComplexArray:
-    """Add orders that were not kept: 0, or NaN where there is no solution."""
+    """Add harmonics that were not kept: 0, or NaN without a solution."""
     lacking = n_orders - coefficients.shape[2]
     if not lacking:
         return coefficients
@@ -338,7 +338,7 @@ def _warn_of_gaps(response: Response, system: Steady) -> None:
     )
 
 
-#: What happened without a solution, by the method, and the remedy.
+#: Reason for no solution, by method, and remedy.
 _REMEDIES = {
     "linear": ("no finite linear response", "give the system damping"),
     "successive": (
@@ -354,7 +354,7 @@ _REMEDIES = {
 
 
 def falling(coefficients: ComplexArray) -> str:
-    """Say how slowly harmonics of a motion fall, if that is slow."""
+    """Text on the decrease of the harmonics of a motion, if it is slow."""
     power = power_of_fall(coefficients)
     if not power < _FAST:
         return ""

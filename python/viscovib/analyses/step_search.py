@@ -1,7 +1,7 @@
-"""The step of a motion in time, which the core halves until the states kept change little enough.
+"""Step size search for motions in time: halving until the states kept change little enough.
 
-The core makes all runs of a search (`viscovib_step_search`); here its arguments are given by name,
-and what it finds becomes a result, or a message that says why no step serves.
+The core makes all runs of a search (`viscovib_step_search`). This module passes the arguments, and
+converts the results to a trajectory or to a message with the reason of the failure.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from viscovib.results.trajectory import OUTCOMES, Trajectory
 
 #: Verdicts of the core.
 _FOUND, _NOT_MET, _IN_LAYER, _GROWN, _TOO_MANY = range(5)
-#: First steps from which a search may take long.
+#: First number of steps from which on a search may take long.
 _FEW = 16
 _EPS = float(np.finfo(float).eps)
 
@@ -30,9 +30,9 @@ _EPS = float(np.finfo(float).eps)
 def by_tolerance(
     run: Run, n: int, end: float, want: Wanted, accuracy: Accuracy, progress: bool
 ) -> Trajectory:
-    """The run to ``end`` in steps that are found.
+    """Return the run to ``end`` with a step size that meets the tolerance.
 
-    ``run``: at its start, in the first of the steps, n of them if no load has corners.
+    ``run``: at its start, with the first step size; n: number of steps if no load has corners.
     """
     first = copy.copy(run)
     found = _search(run, n, end, want, progress, accuracy=accuracy)
@@ -44,7 +44,7 @@ def by_tolerance(
 
 
 def with_estimate(run: Run, n: int, end: float, want: Wanted, progress: bool) -> Trajectory:
-    """The run to ``end`` in given steps, with its error."""
+    """Return the run to ``end`` with given steps and an error estimate."""
     found = _search(run, n, end, want, progress)
     result = _result(run, found, n, end, want)
     how = "by a run in half steps"
@@ -63,7 +63,7 @@ def _search(
     progress: bool,
     accuracy: Accuracy | None = None,
 ) -> dict[str, Any]:
-    """What the core finds; without an accuracy: the error of the run in n steps."""
+    """Results of the core; without an accuracy: the error of the run with n steps."""
     times = nothing(0) if want.times is None else want.times
     asked = want.asked or want
     if want.times is not None:
@@ -87,7 +87,7 @@ def _search(
 
 
 def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -> Trajectory:
-    """The run that was found, from which it can go on."""
+    """The result of the search, which can be continued."""
     factor = found["factor"]
     run.h = found["step"]
     if run.mesh is not None:
@@ -120,7 +120,7 @@ def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -
 
 
 def _cut(events: tuple[Any, ...], run: Run) -> tuple[Any, ...]:
-    """The events, with the columns of states that are kept."""
+    """The events with the state components that are kept."""
     return tuple(replace(one, state=one.state[:, run._judged]) for one in events)
 
 
@@ -142,7 +142,7 @@ def _trajectory(run: Run, found: dict[str, Any], prefix: str) -> Trajectory:
 
 
 class _Sharper:
-    """What makes runs whose equations are solved better, as their steps are shorter."""
+    """Maker of runs with a reduced tolerance for their shorter steps."""
 
     def __init__(self, make: Any, factor: int) -> None:
         self.make, self.factor = make, factor
@@ -155,7 +155,7 @@ class _Sharper:
 
 
 def _why(run: Run, found: dict[str, Any], n: int, accuracy: Accuracy) -> str:
-    """Why no step meets the accuracy."""
+    """Return the reason why no step size meets the tolerance."""
     run.take_search(found)
     fine = copy.copy(run)
     fine.state, fine.memory = found["last"], found["memory"]

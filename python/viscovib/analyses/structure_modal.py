@@ -1,4 +1,4 @@
-"""A motion of a structure in time as the core takes it: its rest, load and start, by modes."""
+"""Data of a motion of a structure for the core: linear subsystem, load and start in modes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from viscovib._native import ComplexArray
 from viscovib.systems.relaxing_rest import remembered_of
 from viscovib.systems.structure_rest import in_modes
 
-#: Part of the largest that is rounding.
+#: Relative size of rounding errors.
 _ROUNDING = 1e-14
 
 
 def modal_arrays(motion: Any) -> dict[str, Any]:
-    """What the core takes of the structure, its load and its start, all by modes."""
+    """Arrays of the structure, its load and its start in modes, for the core."""
     c = motion.loaded.condensation
     rest, inertia = c.rest, motion.loaded._inertia
     mass: Any = motion.mount.mass
@@ -29,7 +29,7 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
     direction = np.zeros(shown.shape[1])
     if b is not None:
         direction[: motion.places.size] = b[motion.places]
-    # Loads as they are, and the inertia of what is relative to a base that moves.
+    # Loads, and the inertia relative to a moving base.
     forces = np.zeros((motion.start.size, max(motion.frequencies.size, 1)), complex)
     if motion.frequencies.size:
         forces = motion.loaded.forces + np.outer(
@@ -48,7 +48,7 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
         "start": start, "start_rates": start_rates,
     }  # fmt: skip
     if not rest.squares.size:
-        # One that does not move.
+        # Add one mode that does not move.
         given |= {
             name: np.zeros((1, *np.shape(given[name])[1:]), np.asarray(given[name]).dtype)
             for name in (
@@ -64,7 +64,7 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
 
 
 def _others(motion: Any, forces: ComplexArray, start: ComplexArray) -> dict[str, Any]:
-    """The same of what has no real modes: of conjugate poles one, which counts twice.
+    """Arrays of the complex modes: one of two conjugate poles, which counts twice.
 
     The state (u, u') is sum_l (left_l, pole_l left_l) z_l with
     z_l = right_l . ((pole_l M + C) u + M u').
@@ -108,7 +108,7 @@ def _others(motion: Any, forces: ComplexArray, start: ComplexArray) -> dict[str,
 
 
 def _at_once(motion: Any, forces: ComplexArray) -> dict[str, Any]:
-    """What has no mass, z_m = right_m . forces: a basis of all that they can deflect."""
+    """Massless part, z_m = right_m . forces: a basis of all its deflections."""
     c = motion.loaded.condensation
     n, q, k = forces.shape[0], c.q, motion.patterns.shape[1]
     moved = np.zeros((n, q + k + 2 * forces.shape[1]))

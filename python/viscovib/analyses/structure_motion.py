@@ -1,4 +1,4 @@
-"""Motion of structures in time: their modes step by step exactly, their elements collocated."""
+"""Motion of structures in time: modes are exact in each step, elements are collocated."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ from viscovib.systems.whole import lacks_wholeness, whole_system
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Coordinates of polynomial systems that are not.
+#: Largest number of coordinates of polynomial systems that are not condensed.
 _MOST_WHOLE = 64
-#: Times that what decays would have to decay before a motion is long, as in the core.
+#: Length in decay times from which on a motion is long, as in the core.
 _MANY_DECAYS = 3000.0
-#: Part of a start that may be in no mode without a warning.
+#: Largest part of a start outside the modes without a warning.
 _LEFT_OUT = 1e-6
 
 
@@ -61,10 +61,10 @@ class StructureTrajectory(Trajectory):
         Deflections of the elements, as `Structure.deflections` names them, relative to the base,
         and their rates.
     resting_since : ndarray, shape (n_stops, 2)
-        Of rigid stops (elements with a restitution): since when the motion rests against each at
-        gap and at -gap, the end of impacts without end; nan where it does not rest at the end.
-        Further attributes are those of `Trajectory`; ``state`` holds the
-        coordinates that `dof_names` lists.
+        For rigid stops (elements with a restitution): time since which the motion rests against
+        each stop at gap and at -gap, after infinitely many impacts; nan if it does not rest at the
+        end. Further attributes are those of `Trajectory`; ``state`` contains the coordinates in
+        `dof_names`.
     """
 
     deflections: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
@@ -80,15 +80,15 @@ class StructureTrajectory(Trajectory):
 
     @property
     def dof_units(self) -> tuple[str, ...]:
-        """Their units."""
+        """Units of the coordinates kept."""
         return self._units
 
     @property
     def _law_end(self) -> tuple[str, dict[str, float]] | None:
-        """As of a `Trajectory`, from the last deflections that were kept."""
+        """As for a `Trajectory`, from the last deflections that were kept."""
         if not self.deflections.size:
             return None
-        # A stop is located inside its step; steps that are too large end before it.
+        # The end is located inside its step; steps that are too large end before it.
         more = self.step if self.outcome == "step too large" else 1e-6 * self.step
         reach = 2 * (self.t_reached - self.t[-1]) + more
         return end_of_law(self.system, (self.deflections[-1], self.rates[-1]), float(reach))
@@ -109,13 +109,13 @@ class StructureTrajectory(Trajectory):
 
 @dataclass(frozen=True)
 class StructureMotion:
-    """A motion of a structure that is wanted: all but its step."""
+    """A requested motion of a structure: all data except the step size."""
 
     mount: Condensed
     end: float
     method: str
     loaded: LoadedStructure
-    #: Places of the coordinates kept.
+    #: Indices of the coordinates kept.
     places: npt.NDArray[np.intp]
     #: Coordinates and velocities of the body at the start, shape (n,).
     start: FloatArray
@@ -124,10 +124,10 @@ class StructureMotion:
     held: FloatArray
     before: FloatArray
     moved: FloatArray
-    #: Displacements of all coordinates then, shape (n, m).
+    #: Displacements of all coordinates at the times ``before``, shape (n, m).
     whole_past: FloatArray
     memory: str
-    #: Directions of the columns of tables, shape (n, k), their times and cubics; one time: none.
+    #: Directions of the columns of tables, shape (n, k), times and cubics; a single time: no table.
     patterns: FloatArray
     breaks: FloatArray
     pieces: FloatArray
@@ -150,7 +150,7 @@ class StructureMotion:
         memory: str,
         coordinates: Sequence[str] | None,
     ) -> StructureMotion:
-        """Check every argument of ``simulate`` that a structure has."""
+        """Check the arguments of ``simulate`` for a structure."""
         n = len(structure.dof_names)
         table = base if isinstance(base, LoadTable) else None
         waved = None if isinstance(base, LoadTable) else base
@@ -194,7 +194,7 @@ class StructureMotion:
         return motion
 
     def _on_table(self, table: LoadTable) -> StructureMotion:
-        """The same with a base that moves by a table: its acceleration acts on what is relative."""
+        """Return the motion with a base table, whose acceleration is a load."""
         base_pieces = table._base_pieces()[:, 0]
         times = np.asarray(table.times)
         load = np.zeros((1, 4, times.size), order="F")
@@ -219,7 +219,7 @@ class StructureMotion:
 
     @property
     def travel(self) -> float:
-        """Largest displacement of the base, or more."""
+        """Upper bound of the displacement of the base."""
         table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
         return float(np.abs(self.loaded.base).sum()) + table
 
@@ -244,11 +244,11 @@ class StructureMotion:
 
     @cached_property
     def modal(self) -> dict[str, Any]:
-        """What the core takes of the structure, its load and its start, all by modes."""
+        """Arrays of the structure, its load and its start in modes, for the core."""
         return modal_arrays(self)
 
     def _warn_of_left_out(self) -> None:
-        """Warn of a start that the modes in use do not hold."""
+        """Warn of a start that the modes do not contain."""
         place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
         if not (self.start.any() or self.speed.any() or place or speed):
             return
@@ -270,7 +270,7 @@ class StructureMotion:
             b = self.mount._base_direction
             if b is not None:
                 held += b * (place if column == "start" else speed)
-            # Coordinates without mass follow, wherever they are put.
+            # Coordinates without mass ignore their initial values.
             left = float(np.abs(given - held)[~self.follows].max(initial=0.0))
             if left > _LEFT_OUT * float(size.max()):
                 warnings.warn(
@@ -290,12 +290,12 @@ class StructureMotion:
 
     @cached_property
     def _modes(self) -> tuple[_native.Handle, _native.Handle]:
-        """Elements, and the linear rest with its loads, in the core."""
+        """Elements, and the linear subsystem with its loads, in the core."""
         return modes_in_core(self.modal)
 
     @property
     def moves_base(self) -> bool:
-        """Whether the base moves."""
+        """True if the base moves."""
         return self.table is not None or bool(self.loaded.base.any())
 
     @cached_property
@@ -306,7 +306,7 @@ class StructureMotion:
 
     @property
     def first_kept(self) -> FloatArray:
-        """What is kept of the start: coordinates as they were given, deflections of the body."""
+        """Initial values kept: given coordinates, and deflections of the elements."""
         directions = self.loaded.condensation.laws.directions
         place, speed = self.base_state(0.0) if self.moves_base else (0.0, 0.0)
         b = 0.0 if self.mount._base_direction is None else self.mount._base_direction
@@ -320,10 +320,10 @@ class StructureMotion:
         ).ravel()
 
     def first_steps(self) -> int:
-        """Steps to begin with when the step is to be found.
+        """First number of steps of the step size search.
 
-        The modes need none: two a period of the loads, and of the frequency at which what is seen
-        of the modes is as stiff as it is heavy.
+        The modes are exact, so the steps resolve the loads, and the frequency at which stiffness
+        and inertia of the deflections are equal.
         """
         modal = self.modal
         swinging = modal["poles"].size - modal["n_at_once"]
@@ -340,7 +340,7 @@ class StructureMotion:
 
     @property
     def remembers(self) -> bool:
-        """Whether some element or layer has memory."""
+        """True if an element or layer has memory."""
         return bool(getattr(self.mount, "_all_kernels", self.mount._active_kernels))
 
     @cached_property
@@ -377,7 +377,7 @@ class StructureMotion:
         return whole_system(system)
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
-        """Return what makes a run with a step."""
+        """Return a function that creates a run with a step size."""
         return partial(StructureRun, self, tolerance)
 
 
@@ -388,20 +388,20 @@ class StructureRun(MountRun):
 
     def __init__(self, motion: StructureMotion, tolerance: float, h: float) -> None:
         super().__init__(motion, tolerance, h, motion.first_kept)
-        #: Jump of the base, and of its velocity, where other loads begin.
+        #: Jumps of base position and velocity at the start of new loads.
         self.kick = np.zeros(2)
         if motion.follows.any():
-            # Where coordinates without mass are at first, the core tells.
+            # The core computes the initial positions of coordinates without mass.
             found = self._found(0, 1, 1, np.zeros(0))
             self.state = self.state if found["reason"] else found["last"]
 
     @property
     def _judged(self) -> npt.NDArray[np.intp]:
-        """The coordinates, without deflections."""
+        """Indices of the coordinates, without deflections."""
         return np.arange(2 * self.motion.places.size)
 
     def _shaped(self, run: Trajectory) -> Trajectory:
-        """The run of chosen coordinates, and the deflections."""
+        """The result with the selected coordinates and the deflections."""
         run = super()._shaped(run)
         structure, places = self.motion.mount, self.motion.places
         own = 2 * places.size
@@ -453,18 +453,18 @@ class StructureRun(MountRun):
         return other
 
     def adopt(self, earlier: Run) -> None:
-        """Go on from the end of an earlier run, under the loads of this one."""
+        """Continue from the end of an earlier run, with the loads of this run."""
         super().adopt(earlier)
         assert isinstance(earlier, StructureRun)
         old = np.array(earlier.motion.base_state(self.time))
         self.kick = old - np.array(self.motion.base_state(self.time))
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Modes, deflections, what rounding left of them, forces and the past."""
+        """Mask of modes, deflections, their rounding errors, forces and past."""
         return self._parts[0]
 
     def told_by_state(self) -> slice:
-        """Deflections and their rates: steps add to them, and what is amiss would stay."""
+        """Slice of deflections and rates: steps add to them, so an error would remain."""
         return self._parts[1]
 
     @property
@@ -495,12 +495,12 @@ class StructureRun(MountRun):
         return "\n".join(lines)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """The same of a structure."""
+        """Task, handles and values for a structure."""
         values = self._with_memory() | {"kick": self.kick}
         return "motion of structure", (*self.motion._modes, self.motion._given), values
 
     def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """The same, and what phases of loads make of states."""
+        """Compute steps in the core; also store the error of states by phases of loads."""
         found = super()._found(count, every, columns, times)
         phased = found["phased"][: 2 * self.motion.places.size]
         self.by_phases = max(self.by_phases, float(phased.max(initial=0.0)))
@@ -508,7 +508,7 @@ class StructureRun(MountRun):
 
 
 def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle]:
-    """Elements, and the linear rest with its loads, as objects of the core."""
+    """Elements, and the linear subsystem with its loads, as objects of the core."""
     rest = {name: value for name, value in modal.items() if name != "elements"}
     return _native.polynomial_object(modal["elements"]), _native.Handle("motion given", **rest)
 
@@ -516,7 +516,7 @@ def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle
 def goes_by_modes(
     system: object, end: float, method: str, base: object
 ) -> TypeGuard[PolynomialSystem]:
-    """Whether dampers are so strong that steps would follow what decays at once."""
+    """True if strong dampers would require very short steps, so that modes are used."""
     if not isinstance(system, PolynomialSystem):
         return False
     if not system._strong_damping * end > _MANY_DECAYS or system._modes_in_time is None:
@@ -526,18 +526,18 @@ def goes_by_modes(
     if not (isinstance(method, str) and method in ("auto", *NODES)):
         return False
     if isinstance(base, LoadTable) or any(map(in_components, base_by_order(base).values())):
-        # What the base moves by several directions is not known by modes.
+        # Modes do not support a base motion along several directions.
         return False
     return base is None or system._space is None
 
 
 def goes_condensed(system: object) -> TypeGuard[Condensed]:
-    """Whether the motion of a system is computed of few deflections and of modes."""
+    """True if motions of a system are computed with few deflections and modes."""
     if isinstance(system, PolynomialSystem):
         return len(system.dof_names) > _MOST_WHOLE
     return isinstance(system, Structure)
 
 
 def structure_motion_of(run: Run) -> StructureMotion | None:
-    """The motion of a run that is one of a structure."""
+    """The motion of a run of a structure, or None."""
     return run.motion if isinstance(run, StructureRun) else None

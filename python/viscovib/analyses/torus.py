@@ -15,7 +15,7 @@ from viscovib.systems.pendulum import Pendulum
 
 FREQUENCIES = ("p1", "p2", "p3")
 AMPLITUDES = ("f0", "m01", "m02")
-#: What may vary, in the order of the core, from 1.
+#: Parameters that may vary, in the order of the core, from 1.
 _VARIES = (*FREQUENCIES, *AMPLITUDES, "nu")
 
 IntArray = npt.NDArray[np.int32]
@@ -23,11 +23,11 @@ IntArray = npt.NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Torus:
-    """The angles of a motion, and how those of the loads follow from them.
+    """The angles of a motion, and the phases of the loads as their combinations.
 
     ``names`` of the axes and their frequencies ``base``, shape (n_axes,); ``drive_orders``, shape
-    (3, n_axes): load j turns by drive_orders[j] times the angles. ``varying``: which axis (from 1)
-    a frequency that varies moves, and its multiple that the frequency is.
+    (3, n_axes): the phase of load j is drive_orders[j] times the angles. ``varying``: axis (from 1)
+    of a varied frequency, and the factor between both.
     """
 
     names: tuple[str, ...]
@@ -51,18 +51,18 @@ class Torus:
         return int(found["n"])
 
     def largest(self, share: float = 1.0, *, matrix: bool = True) -> int:
-        """Largest bound for which a share of the unknowns is not too many, for a matrix of them."""
+        """Largest bound for which a fraction of the unknowns (or their matrix) fits into memory."""
         found = _native.run("lattice bound", n_axes=self.n_axes, share=float(share), matrix=matrix)
         return int(found["bound"])
 
     @property
     def lowest(self) -> int:
-        """Lowest bound of a lattice that holds all loads."""
+        """Smallest bound of a lattice that contains all loads."""
         return int(self._bounds()[0])
 
     @property
     def usual(self) -> int:
-        """Bound of the lattice that a branch has by default."""
+        """Default bound of the lattice of a branch."""
         return int(self._bounds()[1])
 
     def _bounds(self) -> tuple[int, int]:
@@ -71,12 +71,12 @@ class Torus:
 
     @property
     def shells(self) -> int:
-        """How many shells beyond a bound judge it: loads may leave out all but multiples."""
+        """Number of shells for the error estimate; loads may excite only multiples of an order."""
         return 2 * math.gcd(*self.drive_orders.ravel().tolist()) if self.n_axes == 1 else 2
 
 
 def moved(pend: Pendulum, name: str, value: float) -> Pendulum:
-    """The same pendulum with another frequency of a load."""
+    """The pendulum with a new value of a parameter."""
     changes: dict[str, Any] = {name: value}
     return replace(pend, **changes)
 
@@ -90,9 +90,9 @@ def chosen(given: Mapping[str, object]) -> tuple[str | None, object]:
 
 
 def make_torus(pend: Pendulum, varies: str | None, subharmonic: int, max_denominator: int) -> Torus:
-    """Sort the loads that act by frequency: commensurate ones share an axis.
+    """Sort the loads by frequency: loads with rational frequency ratios share an axis.
 
-    A frequency that varies keeps an axis of its own; "nu" moves all of them together.
+    A varied frequency has a separate axis; "nu" varies all frequencies together.
     """
     found = _native.run(
         "lattice sort", frequency=_numbers(pend, FREQUENCIES), amplitude=_numbers(pend, AMPLITUDES),
@@ -111,15 +111,15 @@ def _numbers(pend: Pendulum, names: tuple[str, ...]) -> FloatArray:
 
 
 def _code(varies: str | None) -> int:
-    """Name what varies as the core does."""
+    """Number of the varied parameter in the core."""
     return 0 if varies is None else _VARIES.index(varies) + 1
 
 
 @dataclass(frozen=True)
 class TorusJob:
-    """A pendulum under loads and its orders, as tasks of the core take them.
+    """A pendulum with loads and orders, as arguments of tasks of the core.
 
-    ``unit``: of what varies, in the parameter.
+    ``unit``: unit of the varied parameter.
     """
 
     system: Handle
@@ -130,7 +130,7 @@ class TorusJob:
     def of(
         cls, pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None, kept: IntArray
     ) -> "TorusJob":
-        """``kept``: 1 where an order of a coordinate is an unknown."""
+        """Create the job; ``kept``: 1 where an order of a coordinate is an unknown."""
         flat = pend._flat.copy()
         amplitude = flat[7:10].copy()
         flat[7:10] = 1
@@ -146,23 +146,23 @@ class TorusJob:
         return cls(Handle("system pendulum", flat=flat), given, unit)
 
     def base(self, torus: Torus, values: FloatArray) -> FloatArray:
-        """Base frequencies at values of what varies, shape (n, n_axes)."""
+        """Base frequencies at values of the parameter, shape (n, n_axes)."""
         base = np.tile(torus.base, (values.size, 1))
         if self.given["vary"] == 1:
             base[:, self.given["which"] - 1] = values
         return base
 
     def run_apart(self, task: str, **values: Any) -> dict[str, Any]:
-        """Run a task that may take long, so that Ctrl-C is heard."""
+        """Run a long task in a thread, so that Ctrl-C works."""
         return _native.apart(lambda: _native.run(task, self.system, **self.given, **values))
 
 
 def kept_by_symmetry(
     pend: Pendulum, torus: Torus, orders: IntArray, varies: str | None
 ) -> IntArray:
-    """1 where an order of a coordinate is an unknown of the motion raised from rest.
+    """1 where an order of a coordinate is an unknown of the motion that starts from rest.
 
-    Shape (n_orders, 3): half of them where system and loads are symmetric.
+    Shape (n_orders, 3); half of the orders if system and loads are symmetric.
     """
     kept = _native.run(
         "lattice kept", drive_orders=torus.drive_orders.T, orders=orders.T,
@@ -172,7 +172,7 @@ def kept_by_symmetry(
 
 
 def bound_of(torus: Torus, harmonics: object, largest: int) -> int:
-    """Check a highest order: the loads must fit in."""
+    """Check the highest order, which must include the loads."""
     if torus.lowest > largest:
         raise InputError(
             f"max_denominator: the loads are up to {torus.lowest} times their base frequencies, "
@@ -210,12 +210,12 @@ def place_of(orders: IntArray, harmonic: object) -> int:
 
 
 def order_name(order: npt.NDArray[np.int32]) -> str:
-    """Name of an order in column heads: "3" or "1,-2"."""
+    """Name of an order in column names: "3" or "1,-2"."""
     return ",".join(str(int(k)) for k in order)
 
 
 def tail(coefficients: ComplexArray, orders: IntArray) -> FloatArray:
-    """Largest of the two outermost shells of orders against the largest of all, shape (n,)."""
+    """Largest coefficient of the two outermost shells relative to the largest of all, (n,)."""
     shell = np.abs(orders).sum(axis=1)
     sizes = np.abs(coefficients)
     largest = np.maximum(sizes.max(axis=(1, 2)), 1e-300)

@@ -1,4 +1,4 @@
-"""What harmonic balance of a pendulum computes, skips, and why."""
+"""Plan of harmonic balance of a pendulum."""
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from viscovib.systems.pendulum import Pendulum
 def torus_plan(
     first: str, pend: Pendulum, torus: Torus, kept: IntArray, varies: str | None, stability: str
 ) -> Plan:
-    """Return the plan that begins with a line ``first``.
+    """Return the plan that starts with the line ``first``.
 
-    ``kept``: as from `kept_by_symmetry`; ``stability``: "multipliers", "rates", or why there is
-    none.
+    ``kept``: from `kept_by_symmetry`; ``stability``: "multipliers", "rates", or the reason for
+    its absence.
     """
     base = things(torus.n_axes, "base frequency", "base frequencies")
     axes = ", ".join(torus.names)

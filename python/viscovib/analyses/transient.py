@@ -1,4 +1,4 @@
-"""Motion in time with fixed step size, for every system."""
+"""Motions in time with constant step size, for every system."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Above this last coefficient of a step, relative to the motion, a run warns.
+#: Largest relative last coefficient of a step without a warning.
 _ROUGH = 1e-2
-#: Part of the usual error of equations of memory where that met no tolerance.
+#: Reduction of the tolerance of memory equations if no step size met the tolerance.
 _SHARPER = 1e-4
 
 
@@ -150,8 +150,8 @@ def simulate(
         for a `Body`, give {"z": ...}.
     held : array_like, shape (n_dof,), or Past
         For systems with memory: displacement relative to the base held for all t < 0, or any
-        earlier motion; None: at rest. Without ``initial`` the body starts at this displacement,
-        whatever the position of a moving base at t = 0.
+        earlier motion; None: at rest. Without ``initial`` the body starts at this displacement
+        for any position of a moving base at t = 0.
     memory : {"auto", "exponentials", "direct"}
         For kernels. "exponentials": each kernel is a sum of exponentials, with a cost that does not
         grow with time. "direct": the whole history at every step, exact for any kernel, with a cost
@@ -237,7 +237,7 @@ def simulate(
     if not auto and (rtol is not None or atol is not None):
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     estimated = _native.flag("estimate_error", estimate_error)
-    # As scenes tell it of a base at rest.
+    # Scenes represent a base at rest by an empty mapping.
     if base is not None and isinstance(base, Mapping) and not base:
         base = None
     given = base_acceleration, base, load, nu, force
@@ -285,8 +285,8 @@ def simulate(
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
-        # Steps may be too large for layers of laws only. A motion with memory that is unstable
-        # enlarges what is left in equations and kernels.
+        # Steps may only be too large for layers of laws. An unstable motion with memory amplifies
+        # the errors of equations and kernels.
         if first.has_layers:
             first.layers.seen = True
         else:
@@ -346,7 +346,7 @@ def kept_by(run: Run) -> tuple[str, ...]:
 
 
 def observed(run: Run) -> tuple[str, ...]:
-    """The same, and names of the deflections it keeps besides."""
+    """Names of the coordinates and deflections that a run keeps."""
     names = kept_by(run)
     others = range(run.state.size // 2 - len(names))
     return (*names, *(f"deflection{i + 1}" for i in others))
@@ -354,7 +354,7 @@ def observed(run: Run) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Acting:
-    """What acts on a system, and what its springs remember, as `simulate` was given it."""
+    """Loads and past of a system, as passed to `simulate`."""
 
     load: LoadLike | None = None
     nu: float | None = None
@@ -375,9 +375,9 @@ def runs_of(
     auto: bool,
     sharper: float = 1.0,
 ) -> tuple[Maker, int, int]:
-    """What begins a run with a step, how many steps it takes at least, how the first begins.
+    """Maker of runs, first number of steps, and kind of the first step.
 
-    ``sharper``: part of the usual error to which equations of memory are solved.
+    ``sharper``: factor of the tolerance of memory equations.
     """
     load, nu = at_frequency(given.load, given.nu), given.nu
     base, force, held = given.base, given.force, given.held
@@ -429,7 +429,7 @@ def runs_of(
 
 @dataclass(frozen=True)
 class _Steps:
-    """Runs in more and more steps, equal ones or such that end on corners of the loads."""
+    """Runs with any number of steps, equal or ending at corners of the loads."""
 
     make: Maker
     end: float
@@ -439,7 +439,7 @@ class _Steps:
     progress: bool
 
     def first(self, n: int) -> Run:
-        """The run at its start, in n steps, or in as many as loads with corners need."""
+        """The run at its start, with n steps, or the number that loads with corners need."""
         run = self.make(self.end / n)
         mesh = self.mesh(n)
         if mesh is not None:
@@ -448,7 +448,7 @@ class _Steps:
         return run
 
     def mesh(self, n: int) -> Mesh | None:
-        """Where steps end, None if they are equal."""
+        """The ends of steps; None if they are equal."""
         if not self.breaks.size:
             return None
         mesh = Mesh.until(self.end, self.end / n, self.breaks, at_first=self.at_first)
@@ -460,7 +460,7 @@ class _Steps:
 
 
 def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:
-    """Run with the step given."""
+    """Run with a given step size."""
     if not 0 < step <= end:
         raise InputError(f"dt = {step:g}: must be greater than 0 and not exceed t_end = {end:g}")
     if end / step > MAX_STEPS:
@@ -468,7 +468,7 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
     n = math.ceil(end / step * (1 - 1e-12))
     run, want = steps.first(n), steps.want
     if run.mesh is not None and want.times is None and want.keep != "last":
-        # States are kept after equal steps, whatever the loads are.
+        # Keep states after equal steps for all loads.
         times = np.multiply(np.arange(n + 1), end / n, dtype=float)
         times[-1] = end
         want = want.at(times[:: want.every])
@@ -484,12 +484,12 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
             stacklevel=caller(),
         )
     passed = None
-    # Parts of steps see layers.
+    # Partial steps resolve layers.
     in_parts = result._resume is not None and result._resume.layers.seen
     if result.outcome == "completed":
         passed = result._pole_passed()
         if passed is None and not in_parts and _every_step(result.t, step):
-            # Only states of every step tell what a step has passed.
+            # Only the states of all steps show a layer inside a step.
             passed = result._layer_passed()
     if passed is not None:
         warnings.warn(f"dt = {step:g}: {passed}", ConvergenceWarning, stacklevel=caller())
@@ -497,5 +497,5 @@ def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Traje
 
 
 def _every_step(t: FloatArray, step: float) -> bool:
-    """Whether the times are those of every step."""
+    """True if the times include every step."""
     return t.size > 1 and bool(t[-1] - t[0] < 1.5 * step * (t.size - 1))

@@ -1,7 +1,7 @@
-"""Structures of few coordinates in time, whole: steps end where laws switch.
+"""Motions of structures of few coordinates by their full equations: steps end where laws switch.
 
-Of kernels that are sums of exponentials each term is a coordinate of the core that no result tells;
-others are taken as such sums, fitted for the steps of a run.
+Each term of a kernel that is a sum of exponentials is a hidden coordinate of the core. All other
+kernels are replaced by such sums, fitted for the steps of a run.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from viscovib.systems.whole import (
     whole_system,
 )
 
-#: Of the coordinates kept; None: all.
+#: Indices of the coordinates kept; None: all.
 _Places = npt.NDArray[np.intp] | None
 
 
@@ -53,7 +53,7 @@ def goes_whole(
     method: str,
     memory: str,
 ) -> TypeGuard[Structure]:
-    """Whether a structure is small, has laws with kinks or states, and fades by exponentials."""
+    """True for a small structure with kinks or element states, and memory by exponentials."""
     if not isinstance(system, Structure) or not switches(system):
         return False
     told, n = lacks_wholeness(system), len(system.dof_names)
@@ -93,7 +93,7 @@ def check_whole(system: Structure) -> None:
 
 @once_each
 def _lacks_exponentials(structure: Structure) -> str | None:
-    """Say what keeps memory from being so many exponentials; None: nothing."""
+    """Return the reason why memory cannot be represented by exponentials; None: no reason."""
     if not structure._all_kernels:
         return None
     n, (hidden, fitted) = len(structure.dof_names), n_hidden(whole_system(structure))
@@ -128,9 +128,9 @@ def whole_runs(
     base: LoadLike | LoadTable | None = None,
     held: npt.ArrayLike | Past | None = None,
 ) -> tuple[Callable[[float], Run], int]:
-    """Return what makes a run with a step, and the steps to begin with.
+    """Return a function that creates a run with a step size, and the first number of steps.
 
-    ``coordinates``: the names of those kept; None: all of few, else those that something acts on.
+    ``coordinates``: names of those kept; None: all if few, else those with loads or elements.
     """
     places: _Places = None
     if coordinates is not None:
@@ -147,7 +147,7 @@ def whole_runs(
 
 
 def check_outside(structure: Structure, state: FloatArray) -> None:
-    """Refuse a start beyond a stop that is rigid."""
+    """Refuse a start beyond a rigid stop."""
     for i, element in enumerate(structure._all_elements):
         if element.law is None or element.law.text != "restitution":
             continue
@@ -160,7 +160,7 @@ def check_outside(structure: Structure, state: FloatArray) -> None:
 
 
 def _base_states(motion: MountMotion, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What the base moves the coordinates by, and how fast, before a corner, shapes (m, n)."""
+    """Displacements and velocities of the coordinates by the base, before a corner, (m, n)."""
     waves = np.exp(1j * np.outer(times, motion.frequencies))
     place = (waves @ motion.base.T).imag
     speed = (waves @ (motion.frequencies * motion.base).T).real
@@ -183,7 +183,7 @@ def _of_structure(
 
 
 class WholeRun(PolynomialRun):
-    """A run of a structure by its whole equations."""
+    """A run of a structure by its full equations."""
 
     power: ClassVar[Any] = None
 
@@ -194,12 +194,12 @@ class WholeRun(PolynomialRun):
 
     @property
     def has_layers(self) -> bool:
-        """Whether there are laws."""
+        """True if the structure has laws that may have thin layers."""
         structure: Any = self.system
         return has_text_laws(structure)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """As of other systems, but since when it rests against stops is a time."""
+        """Mask as for other systems, without the times of contact with stops."""
         belongs = super().belongs_to_state()
         assert self.memory is not None
         begin = int(self.memory[-1])
@@ -218,24 +218,24 @@ class WholeRun(PolynomialRun):
 
     @property
     def _judged(self) -> npt.NDArray[np.intp]:
-        """The coordinates that are kept."""
+        """Indices of the coordinates that are kept."""
         structure: Any = self.system
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
         return np.asarray((2 * places[:, np.newaxis] + [0, 1]).ravel())
 
     def _search_values(self) -> dict[str, Any]:
-        """As of other systems, but a start on a rigid stop must stay there."""
+        """Values as for other systems; a start on a rigid stop must stay on it."""
         return super()._search_values() | {"holds_places": self._n_stops > 0}
 
     @property
     def _n_stops(self) -> int:
-        """Stops that are rigid."""
+        """Number of rigid stops."""
         structure: Any = self.system
         stops = [one.law for one in structure._all_elements if one.law is not None]
         return sum(law.text == "restitution" for law in stops)
 
     def _shaped(self, run: Trajectory) -> Trajectory:
-        """The run of chosen coordinates, and the deflections."""
+        """The result with the selected coordinates and the deflections."""
         structure: Any = self.system
         directions = structure._element_directions
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
@@ -251,7 +251,7 @@ class WholeRun(PolynomialRun):
             relative[:, 1::2] -= speed
         count = self._n_stops
         assert self.memory is not None
-        # Since when it rests against each side of each stop, as the core keeps it.
+        # Times since which the motion rests against each side of each stop.
         begin = int(self.memory[-1])
         since = self.memory[begin : begin + 2 * count].reshape(count, 2)
         return StructureTrajectory(

@@ -201,7 +201,7 @@ class Body(LinearBody):
             self._check_floor("base_direction", direction)
 
     def _check_floor(self, name: str, moved: npt.NDArray[Any]) -> None:
-        """Refuse motions of the floor, shape (n, ...), that finite rotations do not take."""
+        """Refuse motions of the floor, shape (n, ...), that finite rotations do not support."""
         if not self._turns:
             return
         if moved[3:6].any():
@@ -222,7 +222,7 @@ class Body(LinearBody):
 
     @cached_property
     def _space(self) -> tuple[FloatArray, FloatArray] | None:
-        """Neither the weight nor what spins turns with a floor that does."""
+        """Weight and rotors keep their directions if the floor rotates."""
         if self._turns or not (self.spin.any() or self.gravity is not None):
             return None
         damping, stiffness = np.zeros((2, *self._mass_matrix.shape))
@@ -237,7 +237,7 @@ class Body(LinearBody):
 
     @property
     def _winds(self) -> bool:
-        """Whether what is turned once more is the same: nothing holds rotations."""
+        """True if a full turn gives the same state: no spring acts on rotations."""
         return self._turns and bool(self._mount_springs.rows[:, :3].any(axis=1).all())
 
     @property
@@ -300,7 +300,7 @@ class Body(LinearBody):
         )
 
     def __repr__(self) -> str:
-        """Say what it is in a few lines."""
+        """Return a description in a few lines."""
         lines = [f"<Body: {self.body_mass:g} kg on {things(len(self.mounts), 'mount')}"]
         for mount in self.mounts:
             place = " ".join(f"{p:g}" for p in np.asarray(mount.position))

@@ -1,4 +1,4 @@
-"""Checks of what makes up a body, and of places, directions and loads on it."""
+"""Checks of the data of a body, and of positions, directions and loads."""
 
 from typing import Any
 
@@ -11,12 +11,12 @@ from viscovib.bodies.mount_point import MountPoint
 from viscovib.errors import InputError
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
-#: Part of a principal moment of inertia that is rounding.
+#: Relative rounding error of a principal moment of inertia.
 _ROUNDING = 1e-9
 
 
 def checked_inertia(value: npt.ArrayLike) -> FloatArray:
-    """The tensor of inertia of a body that can exist, shape (3, 3)."""
+    """Return the inertia tensor, shape (3, 3), if it is physically possible."""
     given = _native.real_array("inertia", value)
     tensor = np.diag(given) if given.shape == (3,) else given.copy()
     if tensor.shape != (3, 3):
@@ -36,7 +36,7 @@ def checked_inertia(value: npt.ArrayLike) -> FloatArray:
 
 
 def checked_mounts(value: Any) -> tuple[MountPoint, ...]:
-    """Mounts whose names differ."""
+    """Return the mounts, whose names must differ."""
     if isinstance(value, (list, tuple)) and not value:
         # A free body.
         return ()
@@ -49,7 +49,7 @@ def checked_mounts(value: Any) -> tuple[MountPoint, ...]:
 
 
 def checked_gravity(value: Any) -> FloatArray | None:
-    """An acceleration, shape (3,): a number points along -z."""
+    """Return an acceleration, shape (3,); a number acts along -z."""
     if value is None:
         return None
     given = _native.real_array("gravity", value)
@@ -87,14 +87,14 @@ def checked_axis(name: str, value: str | npt.ArrayLike) -> FloatArray:
     largest = float(np.abs(vector).max())
     if not largest > 0:
         raise InputError(f"{name} = 0 0 0: must have a direction")
-    # Squares of what is very large or small leave the range of numbers.
+    # Squares of very large or small numbers would overflow or underflow.
     if not 1e-100 < largest < 1e100:
         vector = vector / largest
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def checked_floor(name: str, value: str | npt.ArrayLike) -> ComplexArray:
-    """How a floor moves, shape (6,): a coordinate, a unit vector, or six amplitudes."""
+    """Motion of the floor, shape (6,), from a coordinate, a direction, or six amplitudes."""
     moved = np.zeros(6, dtype=complex)
     if isinstance(value, str):
         moved[NAMES.index(_native.choice(name, value, NAMES))] = 1.0
@@ -106,7 +106,7 @@ def checked_floor(name: str, value: str | npt.ArrayLike) -> ComplexArray:
 
 
 def checked_direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
-    """How all coordinates move with the floor, shape (n,)."""
+    """Motion of all coordinates with the floor, shape (n,)."""
     direction = np.zeros(n)
     if isinstance(value, str):
         direction[NAMES.index(_native.choice("base_direction", value, NAMES))] = 1.0
@@ -119,7 +119,7 @@ def checked_direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
 
 
 def inverse_of(matrix: FloatArray) -> FloatArray:
-    """The inverse of a stiffness, if nothing is free to move."""
+    """The inverse of a stiffness without free rigid-body motions."""
     if np.linalg.cond(matrix) > 1e14:
         raise InputError("mounts: leave the body free to move, there is no centre of compliance")
     return np.asarray(np.linalg.inv(matrix))

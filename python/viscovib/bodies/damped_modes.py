@@ -1,4 +1,4 @@
-"""Damped modes of a body on rubber: roots s of det D(s) = 0 and the shapes that belong to them."""
+"""Damped modes of a body on rubber: roots s of det D(s) = 0 and their shapes."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 
-#: Steps of the iteration for the stiffness at the mode's frequency and for its root.
+#: Largest numbers of iterations for the stiffness at the frequency of a mode, and for its root.
 _STIFFNESS_STEPS, _ROOT_STEPS = 60, 30
-#: Roots that differ by less (relative) are one root, of as many shapes as D has null vectors: their
-#: singular values are below this part of the largest.
+#: Roots with a smaller relative difference are one root. It has as many shapes as D has singular
+#: values below the second number, relative to the largest.
 _SAME, _NULL = 1e-8, 1e-7
-#: Part of the largest eigenvalue of the stiffness above which a mode is held.
+#: A mode is supported if its eigenvalue is above this part of the largest.
 _HELD = 1e-12
 
 
 def damped_roots(body: Any) -> tuple[ComplexArray, ComplexArray]:
-    """Return roots s (n,) by rising frequency and shapes (n_dof, n) of the modes that oscillate.
+    """Return roots s (n,) by increasing frequency and shapes (n_dof, n) of oscillatory modes.
 
-    Each starts at the undamped mode whose stiffness acts at its own frequency. By successive linear
-    problems D(s) phi = mu D'(s) phi, s - mu is the next root (Ruhe, SIAM J. Numer. Anal. 10, 1973,
-    674). Where these miss a mode, the roots of `characteristic_roots` are added.
+    Each root starts at the undamped mode with the stiffness at its own frequency. Successive linear
+    problems D(s) phi = mu D'(s) phi give the next iterate s - mu (Ruhe, SIAM J. Numer. Anal. 10,
+    1973, 674). If modes are missing, the roots of `characteristic_roots` are added.
     """
     mass = body._mass_matrix
     starts = [_undamped_start(body, r) for r in range(mass.shape[0])]
@@ -52,7 +52,7 @@ def stiffness_at(body: Any, nu: float) -> FloatArray:
 
 
 def _undamped_start(body: Any, rank: int) -> tuple[float, FloatArray]:
-    """Frequency and shape of a mode whose stiffness acts at that frequency; 0: nothing holds it."""
+    """Frequency and shape of a mode with the stiffness at its own frequency; 0: no support."""
     from scipy.linalg import eigh
 
     mass = body._mass_matrix
@@ -69,7 +69,7 @@ def _undamped_start(body: Any, rank: int) -> tuple[float, FloatArray]:
 
 
 def _root(body: Any, s: complex, shape: Any) -> complex:
-    """The root next to s whose shape is most like the given one; NaN: none is found."""
+    """The root near s with the most similar shape; NaN: not found."""
     from scipy.linalg import eig
 
     mass = body._mass_matrix
@@ -89,7 +89,7 @@ def _root(body: Any, s: complex, shape: Any) -> complex:
 
 
 def _with_shapes(body: Any, roots: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Roots that are different or multiple, with null vectors of D, phi^H M phi = 1."""
+    """Distinct and multiple roots with null vectors of D, phi^H M phi = 1."""
     found: list[complex] = []
     shapes: list[ComplexArray] = []
     mass = body._mass_matrix

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Local axes of a mount.
 _AXES = ("x", "y", "z")
-#: Samples an order, and at least, of what is no polynomial.
+#: Samples per harmonic and smallest number of samples, for laws that are not polynomials.
 _FINE, _FINEST = 32, 512
 
 
@@ -148,8 +148,8 @@ def mount_forces(
 ) -> MountForces:
     """Return f_k = [1 - R(k nu)] [k d + g(d)]_k + i k nu c d_k of every spring.
 
-    g(d) is sampled so finely that no order of the polynomial folds back onto those kept; it is left
-    out of a linear response, as it was there. ``turns``: rotations are finite.
+    g(d) has enough samples to avoid aliasing of polynomials in the harmonics kept. A linear
+    response does not include it. ``turns``: rotations are finite.
     """
     nu = np.asarray(result.nu, dtype=float)
     orders = np.asarray(result.harmonics)
@@ -172,7 +172,7 @@ def mount_forces(
     force += at * springs.damping[:, None] * deflection
     places = np.array(springs.first)[:, None] + np.arange(3)
     d, f = deflection[:, places], force[:, places]
-    # The track of a mount stands behind its other springs.
+    # The track of a mount comes after its other springs.
     ends = [*springs.first[1:], len(springs.laws)]
     for i, (mount, end) in enumerate(zip(mounts, ends, strict=True)):
         if mount.track is not None:
@@ -181,7 +181,7 @@ def mount_forces(
     rotation = np.einsum("iad,ndk->niak", turned, relative[:, 3:6])
     moment = np.zeros_like(f)
     for i, (mount, begin) in enumerate(zip(mounts, springs.first, strict=True)):
-        # Those that hold rotations stand behind the three directions, others have no spring.
+        # Springs of rotations come after the three directions; some rotations have no spring.
         held = np.flatnonzero(np.asarray(mount.rotational_stiffness))
         moment[:, i, held] = force[:, begin + 3 : begin + 3 + held.size]
     names = tuple(mount.name for mount in mounts)
@@ -202,7 +202,7 @@ def _retained(kernel: Kernel, nu: FloatArray, orders: FloatArray) -> ComplexArra
 def _of_law(
     law: dict[int, float] | Law, nu: FloatArray, orders: FloatArray, d: ComplexArray
 ) -> ComplexArray:
-    """Return the orders kept of a law of d = Im sum_k D_k exp(i k nu t) and its rate."""
+    """Return the harmonics kept of a law of d = Im sum_k D_k exp(i k nu t) and its rate."""
     highest = int(orders.max())
     if isinstance(law, Law):
         samples = max(_FINE * highest, _FINEST)

@@ -32,7 +32,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 
 class LinearBody(PolynomialSystem):
-    """A body on its mounts under small motions."""
+    """A body on its mounts for small motions."""
 
     body_mass: float
     inertia: FloatArray
@@ -46,7 +46,7 @@ class LinearBody(PolynomialSystem):
     _mount_springs: MountSprings
 
     def _check_real(self) -> None:
-        """Refuse modes of a body with parts that spin."""
+        """Refuse modes of a body with rotors."""
         if self.spin.any():
             raise InputError(
                 "spin: modes of a body with parts that spin are complex, must be 0 here; "
@@ -58,7 +58,7 @@ class LinearBody(PolynomialSystem):
         return self.geometry == "exact"
 
     def _arm(self, name: str, place: npt.ArrayLike | None) -> FloatArray:
-        """From the centre of mass to a point of the body, in the axes of the coordinates."""
+        """Vector from the mass centre to a point of the body, in the axes of the coordinates."""
         if place is None:
             return np.zeros(3)
         arm = checked_vector(name, place) - self.center
@@ -66,7 +66,7 @@ class LinearBody(PolynomialSystem):
 
     @property
     def _loaded_axes(self) -> FloatArray:
-        """How the body at rest is turned out of the position without weight, shape (3, 3)."""
+        """Rotation of the body at rest from its position without weight, shape (3, 3)."""
         if not self._turns or self._sag is None:
             return np.eye(3)
         return np.asarray(turned(self._sag.displacement[3:6], np.eye(3)).T)
@@ -258,7 +258,7 @@ class LinearBody(PolynomialSystem):
         if not math.isfinite(size):
             raise InputError(f"nu = {speed:g}: the force is no finite number, must be smaller")
         along = checked_axis("axis", axis)
-        # Some vector across, then the third of the right-handed three.
+        # A perpendicular vector, then the third vector of the right-handed system.
         second = np.roll(np.eye(3)[np.abs(along).argmax()], 1)
         second -= along * (along @ second)
         second /= np.linalg.norm(second)
@@ -335,7 +335,7 @@ class LinearBody(PolynomialSystem):
             (*frequencies.shape, 0 + len(self.dof_names)),
         )
         moved = self._solved(frequencies, push)
-        # What does not accelerate the body goes to the floor.
+        # The force on the floor is the force minus the inertia force of the body.
         inertia = -(frequencies[..., None] ** 2) * self.body_mass * moved[..., :3]
         return np.asarray(push[..., :3] - inertia)
 
@@ -358,7 +358,7 @@ class LinearBody(PolynomialSystem):
             One-sided spectral density of the floor's acceleration ((m/s^2)^2/Hz); straight lines
             between the frequencies.
         axis, point
-            As of `base_transmissibility`.
+            As for `base_transmissibility`.
 
 
         Returns
@@ -451,7 +451,7 @@ class LinearBody(PolynomialSystem):
                 for kernel in springs.kernels
             ])  # fmt: skip
             nominal = stiffness_at(self, omega) if omega else self._stiffness_at_rest
-            # The shapes are orthogonal: the place of this mode among those of its stiffness.
+            # The shapes are orthogonal: find this mode among the modes of its stiffness.
             undamped = find_modes(self, nominal)
             like = np.abs(modes.shapes[:, r].conj() @ self._mass_matrix @ undamped.shapes)
             place = int(like.argmax())
@@ -464,7 +464,7 @@ class LinearBody(PolynomialSystem):
         return np.take_along_axis(hz, order, 1), np.take_along_axis(decoupling, order, 1)
 
     def _scattered(self, nominal: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Squares of frequencies and decoupling under changes of each spring (n, n_springs)."""
+        """Squared frequencies and decoupling for changes of each spring (n, n_springs)."""
         lower = np.linalg.inv(np.linalg.cholesky(self._mass_matrix))
         scaled = self._mount_springs.rows @ lower.T
         matrices = np.einsum("ja,nj,jb->nab", scaled, changes, scaled, optimize=True)

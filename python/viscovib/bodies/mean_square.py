@@ -1,4 +1,4 @@
-"""Mean squares of responses to random floors: spectral densities integrated through resonances."""
+"""Mean squares of responses to random floor motions, including narrow resonances."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 
-#: Intervals that are wider, as a part of their frequency, are not judged by three values.
+#: Largest relative width of an interval for the check by three values.
 _WIDE = 0.02
-#: What an interval may leave open, relative to the whole, and halvings at most.
+#: Largest error of an interval relative to the integral, and largest number of halvings.
 _OPEN, _HALVINGS = 1e-10, 50
 #: Nodes and weights of Gauss and Kronrod, 7 and 15 points on (0, 1) and its mirror image
 #: (Piessens et al., QUADPACK, 1983): every other node is one of Gauss.
@@ -42,9 +42,9 @@ def mean_square(
 ) -> FloatArray:
     """Return the integral of gain times density, which is straight between the frequencies.
 
-    The gain is taken between the frequencies, too: a resonance may be far narrower than their
-    distance. Intervals of which the trapezoidal rule and Simpson's say the same are done; others
-    are halved until the rules of Gauss and Kronrod agree.
+    The gain is also evaluated between the frequencies, because a resonance may be far narrower than
+    their spacing. Intervals on which the trapezoidal rule and Simpson's rule agree are accepted.
+    All others are halved until the rules of Gauss and Kronrod agree.
     """
 
     def answer(at: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from viscovib.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Part of the highest frequency squared that counts as a mode that nothing holds.
+#: A squared frequency below this part of the highest is a rigid-body mode.
 _RIGID = 1e-12
 
 
@@ -149,7 +149,7 @@ class BodyModes(Result):
 
 
 def find_modes(body: Any, stiffness: FloatArray, what: str = "") -> BodyModes:
-    """Solve K phi = omega^2 M phi, phi^T M phi = 1; ``what``: the name of a stiffness chosen."""
+    """Solve K phi = omega^2 M phi, phi^T M phi = 1; ``what``: name of a selected stiffness."""
     from scipy.linalg import eigh
 
     squares, shapes = eigh(stiffness, body._mass_matrix)
@@ -166,7 +166,7 @@ def find_modes(body: Any, stiffness: FloatArray, what: str = "") -> BodyModes:
 
 
 def find_damped_modes(body: Any) -> BodyModes:
-    """Solve D(s) phi = 0, phi^H M phi = 1; modes that nothing holds come first."""
+    """Solve D(s) phi = 0, phi^H M phi = 1; rigid-body modes come first."""
     undamped = find_modes(body, body._stiffness_at_rest)
     free = undamped.omega == 0
     roots, shapes = body._damped_roots

@@ -1,4 +1,4 @@
-"""Mounts as test benches give them: tables of forces, gaps, loss factors, other units."""
+"""Data of mounts from test benches: tables of forces, gaps, loss factors, units."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from viscovib.kernels.relaxation import PronyKernel
 from viscovib.systems.laws import Law, function_law
 from viscovib.systems.python_law import PythonLaw
 
-#: Rows of a table of forces at most.
+#: Largest number of rows of a table of forces.
 _MOST_ROWS = 60
 #: Exponential terms per decade, decades beyond either end of the band, and largest relative error
 #: of the loss factor in it.
@@ -41,7 +41,7 @@ class Units(NamedTuple):
 
 
 def law_text(where: str, law: Any, parameters: dict[str, float], given: Units | None) -> str | None:
-    """Return a law of a mount as a text in SI units: of a text, a Python function or a table."""
+    """Return a law of a mount (text, Python function or table) as a text in SI units."""
     if callable(law) or isinstance(law, PythonLaw):
         found = function_law(where, law, ("d",), parameters, ("v",))
         if isinstance(found, Law):
@@ -83,7 +83,7 @@ def _interpolated(where: str, law: Any) -> str:
     if not (np.diff(d) > 0).all():
         raise InputError(f"{where}: deflections must increase from row to row")
     slopes = np.diff(f) / np.diff(d)
-    # In powers of max(d - d_i, 0), so that the law is exact at all rows.
+    # Terms max(d - d_i, 0) make the law exact at all rows.
     text = f"{_signed(f[0])} + {_signed(slopes[0])}*(d - {_signed(d[0])})"
     for at, change in zip(d[1:-1], np.diff(slopes), strict=True):
         if change:
@@ -96,7 +96,7 @@ def _signed(number: float) -> str:
 
 
 def gap_text(where: str, gap: float, stiffness: float) -> str:
-    """Return the force of stops on both sides at a distance."""
+    """Return the force of stops on both sides at a gap."""
     if gap < 0 or stiffness <= 0:
         raise InputError(
             f"{where}: gap = {gap:g}, gap_stiffness = {stiffness:g}: must not be negative, and be "

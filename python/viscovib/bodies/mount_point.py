@@ -1,4 +1,4 @@
-"""A mount of a body in space: position, orientation, and the properties of its three directions."""
+"""A mount of a body in space: position, orientation, and properties of its three directions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from viscovib.kernels.relaxation import Kernel, kernel_call
 from viscovib.systems.laws import Law, named_in, parameter_values, read_law, with_numbers
 
 _BAND = Interval("loss_band", 0)
-#: How far axes may be from a rotation.
+#: Largest deviation of axes from a rotation.
 _ROTATION = 1e-9
 
 
@@ -76,7 +76,7 @@ class FluidTrack:
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """K Z/(K + Z) at circular frequencies nu (rad/s), any shape (N/m)."""
-        # Far beyond the resonance of the track the fluid stands still: the limit is its stiffness.
+        # Far above the resonance of the track the fluid is at rest: the limit is its stiffness.
         frequencies = np.clip(_native.real_array("nu", nu), -1e100, 1e100)
         z = -(frequencies**2) * self.mass + 1j * frequencies * self.damping
         return np.asarray(self.stiffness * z / (self.stiffness + z))
@@ -132,7 +132,7 @@ class MountPoint:
         frequency as causality requires (Kramers and Kronig), 2 eta/pi per e-fold. The same kernel
         acts in the frequency domain and in time.
     loss_band : (float, float), optional
-        Its ends (rad/s).
+        Ends of the band (rad/s).
     units : str, optional
         Units of the numbers above: "N, mm" or "kN, mm", for example, instead of "N, m": stiffnesses
         in N/mm, lengths and the variable d of the laws in mm. Angles are in rad. The attributes
@@ -168,13 +168,13 @@ class MountPoint:
     loss_band: tuple[float, float] | None = None
     units: str | None = None
 
-    #: Local axes in the body's, a column each, shape (3, 3).
+    #: Local axes in body axes, one column each, shape (3, 3).
     rotation: FloatArray = field(init=False, repr=False)
-    #: Of each local direction.
+    #: Kernel of each local direction.
     kernels: tuple[Kernel | None, ...] = field(init=False, repr=False)
     #: k_j and the linear terms of laws, shape (3,).
     _elastic: FloatArray = field(init=False, repr=False)
-    #: Of each local direction: coefficients of d^2, d^3, ... by their powers, or another law.
+    #: For each local direction: coefficients of d^2, d^3, ... by power, or a compiled law.
     laws: tuple[dict[int, float] | Law, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -215,7 +215,7 @@ class MountPoint:
             raise InputError(f"{self.name}: stiffness = 0 0 0: must not be 0 in every direction")
 
     def _convert(self, values: dict[str, float]) -> None:
-        """Bring all numbers to SI units, and laws to texts."""
+        """Convert all numbers to SI units, and laws to texts."""
         given = None if self.units is None else Units.read(self.name, self.units)
         laws = self.law
         if isinstance(laws, (list, tuple)) and len(laws) == 3 and not is_table(laws):
@@ -240,7 +240,7 @@ class MountPoint:
         self._set("units", None)
 
     def _losses(self) -> tuple[tuple[Kernel | None, ...], FloatArray]:
-        """Kernels, and the shares of the stiffness that are left at the centre of the band."""
+        """Kernels, and the remaining fractions of the stiffness at the centre of the band."""
         kernels = self._each("kernel", self.kernel, Kernel)
         factors = each_number(f"{self.name}: loss_factor", self.loss_factor)
         shares = np.ones(3)
@@ -283,25 +283,25 @@ class MountPoint:
     def _law(
         self, j: int, text: str | None, values: dict[str, float]
     ) -> tuple[dict[int, float] | Law, float]:
-        """What a law is without its linear term, if it is a polynomial, and that term."""
+        """A law without its linear term (if it is a polynomial), and this term."""
         if text is None:
             return {}, 0.0
         where = f"{self.name}: law[{j}]"
         terms = read_law(where, text, ("d",), values, ("v",), preloaded=True)
         if isinstance(terms, Law):
-            # It is read again about other places and in other coordinates.
+            # The text is read again about other positions and in other coordinates.
             return replace(terms, text=with_numbers(text, values)), 0.0
         return {p: c for (p,), c in terms.items() if p > 1}, terms.get((1,), 0.0)
 
     @property
     def _preloads(self) -> bool:
-        """Whether a law is not 0 where the mount is not deflected."""
+        """True if a law is not 0 at zero deflection."""
         laws = [law for law in self.laws if isinstance(law, Law)]
         return any(float(law(np.zeros((1, 2)))[0][0]) != 0 for law in laws)
 
     @property
     def _named_parameters(self) -> tuple[str, ...]:
-        """Those of its parameters that stand in its laws."""
+        """The parameters that occur in the laws."""
         return named_in(self.parameters or (), self.law)
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
@@ -328,7 +328,7 @@ class MountPoint:
 
     @property
     def _tangents(self) -> FloatArray:
-        """Stiffness at rest along the local axes, that of laws with functions included."""
+        """Stiffness at rest along the local axes, including laws with functions."""
         slopes = [
             float(law.slopes_at_rest[0]) if isinstance(law, Law) else 0.0 for law in self.laws
         ]
@@ -366,7 +366,7 @@ class MountPoint:
         return np.asarray(axes)
 
     def _each(self, name: str, value: Any, kind: type) -> tuple[Any, ...]:
-        """Return one a direction of what may be given once for all."""
+        """Return one value per direction; a single value applies to all directions."""
         if value is None or isinstance(value, kind):
             return (value,) * 3
         allowed = f"a {kind.__name__}, None or three of them"

@@ -1,4 +1,4 @@
-"""The springs of a body's mounts as rows: what each deflects, and what it then does."""
+"""The springs of the mounts of a body as rows: deflections, stiffness and laws."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from viscovib.systems.structure_rest import dense_rest
 
 @dataclass(frozen=True)
 class MountSprings:
-    """All springs of all mounts, a row each: d_j = rows[j] . u."""
+    """All springs of all mounts, one row each: d_j = rows[j] . u."""
 
     #: Shape (n_springs, n_dof).
     rows: FloatArray
-    #: Where each acts, from the centre of mass (m), shape (n_springs, 3); 0 of rotations.
+    #: Points of action relative to the mass centre (m), shape (n_springs, 3); 0 for rotations.
     arms: FloatArray
     #: k_j and c_j, shape (n_springs,).
     stiffness: FloatArray
     damping: FloatArray
     kernels: tuple[Kernel | None, ...]
-    #: Coefficients of d^2, d^3, ... by their powers, or another law.
+    #: Coefficients of d^2, d^3, ... by power, or a compiled law.
     laws: tuple[dict[int, float] | Law, ...]
-    #: Place of the first of the three directions of each mount.
+    #: Index of the first of the three directions of each mount.
     first: tuple[int, ...]
-    #: Mass and damping of the tracks' own coordinates, shape (n_dof, n_dof).
+    #: Mass and damping of the coordinates of tracks, shape (n_dof, n_dof).
     mass_of_tracks: FloatArray
     damping_of_tracks: FloatArray
-    #: What each carries where the coordinates are 0 (N, N m), shape (n_springs,).
+    #: Force of each spring at zero coordinates (N, N m), shape (n_springs,).
     preload: FloatArray
 
     @property
@@ -50,12 +50,12 @@ class MountSprings:
 
     @property
     def at_rest(self) -> FloatArray:
-        """Forces of laws where nothing is deflected, without their memory, shape (n_springs,)."""
+        """Forces of laws at zero deflection, without memory, shape (n_springs,)."""
         laws = [law(np.zeros((1, 2)))[0][0] if isinstance(law, Law) else 0.0 for law in self.laws]
         return np.array(laws, dtype=float)
 
     def about(self, deflections: FloatArray) -> MountSprings:
-        """Return the same springs about deflected positions: k d + g(d) as a series there."""
+        """Return the springs about deflected positions, with k d + g(d) expanded there."""
         stiffness = self.stiffness.copy()
         laws: list[dict[int, float] | Law] = []
         for j, (law, at) in enumerate(zip(self.laws, deflections.tolist(), strict=True)):
@@ -72,7 +72,7 @@ class MountSprings:
 
 
 def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSprings:
-    """Return three rows a mount, three more where it holds rotations, one more for its track."""
+    """Return rows for each mount: three directions, springs of rotations, and the track."""
     n = 6 + sum(mount.track is not None for mount in mounts)
     rows: list[FloatArray] = []
     arms: list[FloatArray] = []
@@ -125,7 +125,7 @@ def mount_springs(mounts: Sequence[MountPoint], center: FloatArray) -> MountSpri
 def spring_groups(
     springs: MountSprings, preload: FloatArray, names: Sequence[str]
 ) -> list[Springs]:
-    """Return springs by kernel, the first without memory, which the preload joins."""
+    """Return springs by kernel; the first group has no memory and includes the preload."""
     kernels: list[Kernel | None] = [None]
     for kernel in springs.kernels:
         if kernel not in kernels:
@@ -157,10 +157,10 @@ def spring_groups(
 def condensed_springs(
     springs: MountSprings, mass: FloatArray, damping: FloatArray, stiffness: FloatArray
 ) -> Condensation | None:
-    """A body with memory in the deflections of its mounts, those with laws first; None: whole.
+    """Condense a body with memory to the deflections of its mounts; None: not condensed.
 
-    Motions are judged in the deflections with laws alone (`viscovib_condensed_waves`), which is
-    faster than in all coordinates where they are few.
+    Deflections with laws come first: stability uses only these (`viscovib_condensed_waves`), which
+    is faster than all coordinates if they are few.
     """
     elements = []
     for row, k, law, kernel in zip(
@@ -178,7 +178,7 @@ def condensed_springs(
     try:
         rest_of_all = dense_rest(mass, damping, stiffness, quiet=True)
     except InputError:
-        # Defective modes: no sum over modes gives the compliance.
+        # Defective modes: the compliance is not a sum over modes.
         return None
     return Condensation(rest_of_all, element_laws(elements, mass.shape[0]))
 
@@ -195,7 +195,7 @@ def _in_coordinates(law: Law, row: FloatArray, names: Sequence[str]) -> list[dic
 def _add_power(
     terms: dict[tuple[int, tuple[int, ...]], float], row: FloatArray, power: int, c: float
 ) -> None:
-    """Add e c (e . u)^power, written out in products of the coordinates."""
+    """Add e c (e . u)^power, expanded in products of the coordinates."""
     places = np.flatnonzero(row)
     for chosen in combinations_with_replacement(places.tolist(), power):
         powers = tuple(chosen.count(i) for i in range(row.size))

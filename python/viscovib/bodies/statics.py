@@ -19,10 +19,10 @@ from viscovib.systems.laws import Law
 _Place = Callable[[MountSprings, FloatArray], tuple[FloatArray, FloatArray, Any]]
 
 _MAX_STEPS = 30
-#: Newton's method ends where a step is this part of the displacement, and has found a position if
-#: it leaves that part of the weight and of preloads.
+#: Newton's method ends if a step is below this part of the displacement; largest residual of an
+#: equilibrium relative to weight and preloads.
 _SETTLED, _ACCURATE = 1e-15, 1e-9
-#: The least part of these that is put on at once.
+#: Smallest increment of weight and preloads.
 _SMALLEST_PART = 1e-4
 
 
@@ -57,7 +57,7 @@ class Sag(Value):
     deflections: FloatArray
     forces: FloatArray
     residual: float
-    #: Of each spring, those that hold rotations and tracks among them.
+    #: Deflections and forces of all springs, including rotations and tracks.
     _deflection: FloatArray = field(repr=False)
     _carried: FloatArray = field(repr=False)
 
@@ -65,9 +65,9 @@ class Sag(Value):
 def find_sag(springs: MountSprings, weight: FloatArray, *, turns: bool = False) -> Sag:
     """Solve sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = weight, I_j the integral of R_j.
 
-    Weight and preloads g_j(0) are put on little by little, Newton's method at each part, so that
-    what is found is where the body comes to rest and not another solution of the equations.
-    ``turns``: by as much as it does, else by little.
+    Weight and preloads g_j(0) are applied in increments with Newton's method, so that the result is
+    the equilibrium that the body reaches and no other solution of the equations. ``turns``:
+    rotations are finite, else small.
     """
     kept = np.array([1.0 - _integral(kernel) for kernel in springs.kernels])
     preload = kept * springs.at_rest
@@ -94,13 +94,13 @@ def find_sag(springs: MountSprings, weight: FloatArray, *, turns: bool = False) 
 
 
 def _place_nearby(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, FloatArray, Any]:
-    """Deflections of small rotations: `place_along` with what is linear alone."""
+    """Deflections for small rotations: the linear part of `place_along`."""
     n = q.size
     return springs.rows @ q, springs.rows, lambda _: np.zeros((n, n))
 
 
 def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces of springs that have not relaxed, and their slopes."""
+    """Forces of springs without relaxation, and their derivatives."""
     force, slope = springs.stiffness * d, springs.stiffness.copy()
     for j, law in enumerate(springs.laws):
         if isinstance(law, Law):
@@ -123,9 +123,9 @@ def _settle(
     q: FloatArray,
     place: _Place,
 ) -> tuple[FloatArray | None, float]:
-    """Position under a weight from one near it, and what is left; none if it is not held there.
+    """Equilibrium near a position, and its residual; None if it is unstable or not found.
 
-    ``waiting``: of the force of each spring, what is not put on yet.
+    ``waiting``: part of the force of each spring that is not applied yet.
     """
     pushed = springs.rows.T @ (kept * springs.at_rest)
     size = max(float(np.abs(weight).max()), float(np.abs(pushed).max())) or 1.0
@@ -159,11 +159,11 @@ def _settle(
 
 
 def geometric_stiffness(springs: MountSprings, carried: FloatArray) -> FloatArray:
-    """Stiffness against rotation that forces of constant size and direction give, shape (n, n).
+    """Rotational stiffness by forces of constant size and direction, shape (n, n).
 
-    A force F on a body at p does the work F . [theta x p + theta x (theta x p)/2] to second order,
-    so that it adds (p . F) 1 - (p F^T + F p^T)/2 to the stiffness against theta. It is the force's
-    own, of the present: no material stands behind it, and nothing of it is remembered.
+    A force F on a body at p does the work F . [theta x p + theta x (theta x p)/2] to second order.
+    So it adds (p . F) 1 - (p F^T + F p^T)/2 to the stiffness against theta. This geometric
+    stiffness is not a material property and has no memory.
     """
     n = springs.rows.shape[1]
     matrix = np.zeros((n, n))
@@ -186,7 +186,7 @@ def _integral(kernel: object) -> float:
 
 
 def _solve(matrix: FloatArray, right: FloatArray, size: float) -> FloatArray:
-    """Solve; where the body is free to move without being pushed it stays."""
+    """Solve; free rigid-body motions without a load stay 0."""
     if not np.isfinite(matrix).all():
         raise InputError("mounts: stiffnesses and positions give numbers that are too large")
     found = np.linalg.lstsq(matrix, right, rcond=1e-14)[0]

@@ -1,4 +1,4 @@
-"""Bodies under finite rotations: their numbers as the core takes them, energy and momentum."""
+"""Bodies with finite rotations: vector for the core, energy and momentum."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
 
-#: Kernel kind in x by which the core knows that the vector holds a body under finite rotations.
+#: Kernel kind in x that marks the vector of a body with finite rotations for the core.
 BODY_IN_VECTOR = -4
-#: Below this angle functions of it are series.
+#: Angle below which functions of it are computed by series.
 _SMALL = 1e-2
-#: Samples an order, and at least.
+#: Samples per harmonic, and smallest number of samples.
 _FINE, _FINEST = 32, 512
 
 
@@ -31,7 +31,7 @@ def turning_vector(
     *,
     loads_turn: bool,
 ) -> FloatArray:
-    """The body as `viscovib_body_vector` takes it."""
+    """The body as a vector in the order of `viscovib_body_vector`."""
     n = mass.shape[0]
     direction = np.zeros(n) if base_direction is None else base_direction
     parts: list[Any] = [
@@ -85,14 +85,14 @@ def turning_energy(mass: FloatArray, springs: MountSprings, states: FloatArray) 
 
 
 def spin(theta: FloatArray, rate: FloatArray) -> FloatArray:
-    """Angular velocity in axes of the body, omega = [1 - b S + c S^2] theta', shape (..., 3)."""
+    """Angular velocity in body axes, omega = [1 - b S + c S^2] theta', shape (..., 3)."""
     b, c = _versine(theta)
     across = np.cross(theta, rate)
     return np.asarray(rate - b * across + c * np.cross(theta, across))
 
 
 def unspin_transposed(theta: FloatArray, vector: FloatArray) -> FloatArray:
-    """T^-T v, shape (..., 3): the moment, in axes of the body, of v along the rotation vector."""
+    """T^-T v, shape (..., 3): the moment in body axes of v along the rotation vector."""
     b, c = _versine(theta)
     square = (theta**2).sum(axis=-1, keepdims=True)
     near = square < _SMALL**2
@@ -104,9 +104,9 @@ def unspin_transposed(theta: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def told_like(states: FloatArray, like: FloatArray) -> FloatArray:
-    """States whose rotation vectors are those, of two of each rotation, nearer to others.
+    """States with the equivalent rotation vectors that are nearest to those of ``like``.
 
-    The other vector is theta (1 - 2 pi/|theta|); its rate has the same spin. Shapes (..., 2 n).
+    The equivalent vector is theta (1 - 2 pi/|theta|), with the same spin. Shapes (..., 2 n).
     """
     theta, rate = states[..., 6:12:2], states[..., 7:12:2]
     angle = np.linalg.norm(theta, axis=-1, keepdims=True)
@@ -122,7 +122,7 @@ def told_like(states: FloatArray, like: FloatArray) -> FloatArray:
 
 
 def turned(theta: FloatArray, vector: FloatArray) -> FloatArray:
-    """A vector of the body in axes of space, R v = [1 + a S + b S^2] v, shape (..., 3)."""
+    """A body vector in space axes, R v = [1 + a S + b S^2] v, shape (..., 3)."""
     b, c = _versine(theta)
     across = np.cross(theta, vector)
     a = 1 - (theta**2).sum(axis=-1, keepdims=True) * c
@@ -130,7 +130,7 @@ def turned(theta: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def further_moved(orders: Any, theta: ComplexArray, arm: FloatArray) -> ComplexArray:
-    """Harmonics of R p - p - theta x p, by samples; what of them lies in the orders.
+    """Harmonics of R p - p - theta x p in the given orders, from samples.
 
     Parameters
     ----------
@@ -165,10 +165,10 @@ def _versine(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def place_along(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, FloatArray, Any]:
-    """Deflections of springs of a body at q, how they change, and how that changes.
+    """Deflections of the springs of a body at q, with first and second derivatives.
 
-    d = e . (u + R p - p) and e . theta, dd/dtheta = T^T (p x R^T e) and e; with the derivatives of
-    the former by complex steps.
+    d = e . (u + R p - p) and e . theta, dd/dtheta = T^T (p x R^T e) and e. The derivatives of the
+    former are computed by complex steps.
 
     Returns
     -------
@@ -204,10 +204,10 @@ def place_along(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, Float
 
 
 def about_turned(springs: MountSprings, q: FloatArray, preload: FloatArray) -> MountSprings:
-    """Springs of a body at q, in axes that stand as those of the floor do there.
+    """Springs of a body at q, in axes parallel to those of the floor.
 
-    Arms are R p, what holds rotations is deflected along R T^-T e, which is how its deflection
-    grows there; each carries ``preload``.
+    Arms are R p. Springs of rotations are deflected along R T^-T e. Each spring has the force
+    ``preload``.
     """
     theta = q[3:6]
     arms = turned(theta, springs.arms)
@@ -221,6 +221,6 @@ def about_turned(springs: MountSprings, q: FloatArray, preload: FloatArray) -> M
 def angular_momentum(
     inertia: FloatArray, spin_inside: FloatArray, states: FloatArray
 ) -> FloatArray:
-    """About the centre of mass in axes of space, R (J omega + h), shape (..., 3)."""
+    """Angular momentum about the mass centre in space axes, R (J omega + h), shape (..., 3)."""
     theta, rate = states[..., 6:12:2], states[..., 7:12:2]
     return turned(theta, spin(theta, rate) @ inertia + spin_inside)

@@ -1,4 +1,4 @@
-"""Numbers of a body that look like other units than those of the SI."""
+"""Warnings for numbers of a body that are probably not in SI units."""
 
 import math
 import warnings
@@ -11,14 +11,14 @@ from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
 from viscovib.errors import StabilityWarning, caller
 
-#: Mounts farther away than so many radii of gyration look like millimetres given as metres.
+#: Mounts farther away than this multiple of the radius of gyration are probably in mm.
 _FAR = 50.0
-#: Radius of gyration (m) above which one that is far larger than distances of mounts is doubted.
+#: Smallest radius of gyration (m) that may be wrong if it is far larger than mount distances.
 _LARGE = 20.0
-#: A body that would sink by so many of its sizes in its stiffest direction looks like one whose
-#: stiffnesses are in N/mm. Machines sink by 1 to 30 mm, on the softest air springs by 0.3 m.
+#: If the static deflection in the stiffest direction exceeds this multiple of the size of the body,
+#: stiffnesses are probably in N/mm. Machines sink by 1 to 30 mm, on soft air springs by 0.3 m.
 _SUNK = 1.0
-#: Nor is it a mistake of units if it would sink by so much (m) even with a thousand times as much.
+#: No error of units if the deflection (m) exceeds this even with 1000 times the stiffness.
 _DEEPEST = 0.1
 _GRAVITY = 9.81
 
@@ -30,7 +30,7 @@ def warn_of_units(
     mounts: Sequence[MountPoint],
     springs: MountSprings,
 ) -> None:
-    """Warn of the first number that looks like one in other units, and say why.
+    """Warn of the first number that is probably in wrong units, with the reason.
 
     Warns
     -----
@@ -74,8 +74,8 @@ def warn_of_units(
 def _warn_of_soft_springs(mass: float, size: float, springs: MountSprings) -> None:
     """Warn of springs so soft that the body would sink by more than its size.
 
-    Not where a law alone is the spring: what holds the body then is not its stiffness at rest. Nor
-    of a mass of 1, which is that of a body in numbers without units.
+    Springs with only a law are not checked, because their stiffness at rest does not support the
+    body. A mass of 1 is not checked either, because such a body may be dimensionless.
     """
     if mass == 1 or any(
         law and not k > 0 for law, k in zip(springs.laws, springs.stiffness, strict=True)

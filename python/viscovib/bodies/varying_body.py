@@ -1,4 +1,4 @@
-"""Numbers of a body that may vary along a branch, by name."""
+"""Parameters of a body that may vary along a branch, by name."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from viscovib.errors import InputError
 from viscovib.systems.varying import Varied, varied
 
 _AXES = "xyz"
-#: Highest power of p: a law of power q at a mount whose position varies has q + 1.
+#: Highest power of p: a law of power q at a mount with a varied position has q + 1.
 _HIGHEST = 8
-#: Part of the largest number by which the polynomial may miss numbers of the body.
+#: Largest relative error of the polynomial.
 _ROUNDING = 1e-12
 _OF_MOUNTS = ("stiffness", "damping", "position")
 
 
 def varied_body(body: Body, name: object, start: float, finish: float) -> Varied:
-    """Which numbers ``mass``, ``mounts[front].stiffness[z]``, ``mounts[front].k3`` ... mean.
+    """Return the numbers of ``mass``, ``mounts[front].stiffness[z]``, ``mounts[front].k3`` ...
 
-    The body is made anew at some p, and its numbers are polynomials in p through these: of
-    degree 1 for masses and stiffnesses, of degree q + 1 for the position of a mount with a law of
-    power q. Other names are those of a polynomial system.
+    The body is created at some values p, and polynomials in p are fitted to its numbers: of degree
+    1 for masses and stiffnesses, of degree q + 1 for the position of a mount with a law of power q.
+    All other names are those of a polynomial system.
     """
     changed = _changed(body, name)
     if changed is None:
@@ -49,7 +49,7 @@ def varied_body(body: Body, name: object, start: float, finish: float) -> Varied
     except InputError as error:
 
         def with_slopes(p: float) -> FloatArray:
-            # Stiffness and damping at rest, as F/w of F tanh(v/w), grow by no powers of w.
+            # Stiffness and damping at rest, such as F/w of F tanh(v/w), are not polynomials in w.
             return np.asarray(rebuilt(body, **changed(p))._with_slopes_of(body)._vector)
 
         try:
@@ -59,7 +59,7 @@ def varied_body(body: Body, name: object, start: float, finish: float) -> Varied
 
 
 def numbers_of_body(body: Body) -> tuple[str, ...]:
-    """Names of the numbers of a body that are not those of its matrices."""
+    """Names of the parameters of a body, without the entries of its matrices."""
     names = ["mass", "inertia_scale", *(f"center[{axis}]" for axis in _AXES)]
     for mount in body.mounts:
         places = [*(f"[{axis}]" for axis in _AXES), "_scale"]
@@ -69,9 +69,9 @@ def numbers_of_body(body: Body) -> tuple[str, ...]:
 
 
 def with_numbers(body: Body, numbers: Mapping[str, float]) -> Body:
-    """Return the body with other numbers, by the names above."""
+    """Return the body with new values of parameters."""
     with warnings.catch_warnings():
-        # The warnings for the given body were printed before.
+        # The given body has already issued these warnings.
         warnings.simplefilter("ignore")
         for name, value in numbers.items():
             changed = _changed(body, name)
@@ -81,7 +81,7 @@ def with_numbers(body: Body, numbers: Mapping[str, float]) -> Body:
 
 
 def rebuilt(body: Body, **changes: Any) -> Body:
-    """Return the body made anew with other arguments."""
+    """Return a new body with changed arguments."""
     given: dict[str, Any] = {
         "mass": body.body_mass, "inertia": body.inertia, "mounts": body.mounts,
         "center": body.center, "gravity": body.gravity, "geometry": body.geometry,
@@ -91,7 +91,7 @@ def rebuilt(body: Body, **changes: Any) -> Body:
 
 
 def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | None:
-    """Arguments of the body at p; None: no number of a body by this name."""
+    """Function of p that returns changed arguments; None: not a parameter of a body."""
     if name == "mass":
         return lambda p: {"mass": p}
     if name == "inertia_scale":
@@ -123,7 +123,7 @@ def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | No
             + (f", or a parameter of its laws, {', '.join(of_laws)}" if of_laws else "")
         )
     key = form[2]
-    # The whole linear stiffness, that of polynomial laws included.
+    # The full linear stiffness, including polynomial laws.
     was = np.asarray(mount._elastic if key == "stiffness" else getattr(mount, key), dtype=float)
 
     def at(p: float) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | No
 
 
 def _of_law(body: Body, place: int, key: str) -> Callable[[float], dict[str, Any]]:
-    """Arguments of the body with another value of a parameter of a mount's laws."""
+    """Function that returns the arguments for a parameter of the laws of a mount."""
     mount = body.mounts[place]
     before = dict(mount.parameters or {})
 
@@ -155,7 +155,7 @@ def _with(vector: Any, axis: int, p: float) -> FloatArray:
 
 
 def _mount_with(name: str, mount: MountPoint, key: str, value: FloatArray) -> MountPoint:
-    """The mount with another number, of whatever size or sign."""
+    """The mount with a new value, without further checks."""
     if key != "position" and not (value >= 0).all():
         raise InputError(f"{name}: must not be less than 0, got {value.min():g}")
     value.setflags(write=False)
@@ -167,7 +167,7 @@ def _mount_with(name: str, mount: MountPoint, key: str, value: FloatArray) -> Mo
 def _polynomial(
     name: str, numbers: Callable[[float], FloatArray], start: float, finish: float
 ) -> Varied:
-    """Powers of p that the numbers are, by places where none of them is 0 by chance."""
+    """Fit the numbers by powers of p, at values where none is 0 by chance."""
     unit = max(abs(start), abs(finish))
     places = np.cos(np.pi * (np.arange(_HIGHEST + 4) + 0.37) / (_HIGHEST + 4))
     low, high = min(start, finish), max(start, finish)

@@ -1,1 +1,1 @@
-"""The commands of ``viscovib``."""
+"""Commands of ``viscovib``."""

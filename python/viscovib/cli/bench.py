@@ -1,4 +1,4 @@
-"""The command ``viscovib bench``: what a scene costs on this machine, and how exact it is."""
+"""The command ``viscovib bench``: computing time and accuracy of a scene on this machine."""
 
 import argparse
 import os
@@ -35,36 +35,36 @@ _MAX_RUNS = 100_000
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of repeated runs of one thing."""
+    """Times of repeated runs of one task (s)."""
 
     name: str
     seconds: tuple[float, ...]
 
     @property
     def best(self) -> float:
-        """The least that was measured: other work on the machine only adds."""
+        """The shortest time, because other work on the machine only adds time."""
         return min(self.seconds)
 
     @property
     def median(self) -> float:
-        """The middle one."""
+        """The median time."""
         return statistics.median(self.seconds)
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What was measured of a scene.
+    """Measurements of a scene.
 
     Attributes
     ----------
     phases : tuple of Timing
         "read" the file, "plan", "compute" and "table", each alone.
     size : str
-        What was computed, with its cost a piece.
+        Description of the computation, with the time per item.
     error : float or None
-        Estimated error, found by computing once more and better; None if that failed.
+        Estimated error from a second, more accurate computation; None if that failed.
     compared : str
-        What the error is, and with what it was compared.
+        Kind of the error and its reference.
     """
 
     scene: Scene
@@ -90,10 +90,10 @@ class Benchmark:
 
 
 def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> Benchmark:
-    """Time a scene: as many runs as fit in so many seconds (3 at least), or a number of them.
+    """Time a scene: at least 3 runs within ``seconds``, or a given number of runs.
 
-    The first run, which loads and warms what it needs, is not counted. Groups &sweep are left
-    out: one point is timed.
+    The first run, which loads modules and fills caches, is not counted. Groups &sweep are
+    ignored: one point is timed.
     """
     limit = _native.number("seconds", seconds)
     if limit <= 0:
@@ -117,7 +117,7 @@ def measure(scene: Scene, *, seconds: float = 2.0, runs: int | None = None) -> B
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """Measure and print; the exit status."""
+    """Measure and print; return the exit status."""
     scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     found = measure(scene, seconds=options.seconds, runs=options.runs)
     if not options.json:
@@ -131,7 +131,7 @@ def run_bench(options: argparse.Namespace) -> int:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+    """Add the options of the command."""
     command.add_argument("--seconds", type=float, default=2.0, help="time for all of it (2)")
     command.add_argument("--runs", type=int, help="runs of each part, instead")
 
@@ -155,7 +155,7 @@ def _size(value: Result, best: float) -> str:
 
 
 def _error(result: SceneResult) -> tuple[float | None, str]:
-    """Compute once more and better; the largest difference."""
+    """Compute again more accurately; return the largest difference."""
     scene, value = result.scene, result._single("bench: must be a single result, not a sweep")
     try:
         return _ERRORS[value._form](scene, value) if value._form in _ERRORS else (None, "")
@@ -188,7 +188,7 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
 
 def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
     if value.harmonics.ndim > 1:
-        # Orders of several frequencies.
+        # The orders are those of several frequencies.
         return None, ""
     more = min(2 * int(value.harmonics.max()) + 1, MAX_HARMONICS)
     better = run_one(scene.override({"branch.harmonics": more, "branch.tolerance": 1e-13})).branch
@@ -215,7 +215,7 @@ def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
     return abs(float(value.nu[-1] / better.nu[-1]) - 1), note
 
 
-#: How much is wrong with a result, by its form.
+#: Function that estimates the error of a result, by its form.
 _ERRORS: dict[str, Callable[[Scene, Any], tuple[float | None, str]]] = {
     "trajectory": _motion_error, "response": _response_error, "branch": _branch_error,
     "backbone": _backbone_error,

@@ -43,7 +43,7 @@ _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; the exit status is that of the standalone driver."""
+    """Run one command; return the same exit status as the standalone driver."""
     options = _parser().parse_args(arguments)
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", StabilityWarning)
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _examples(name: str) -> list[str]:
-    """Return lines that show a subcommand."""
+    """Return examples of a subcommand."""
     return {
         "run": ["viscovib run mount.nml", "viscovib run scenes/*.nml --out tables --quiet",
                 "viscovib run mount.nml --json | jq .numbers.peak_x.value"],
@@ -147,7 +147,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _each(one: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """Return an action that goes through all scenes of a call; the largest status counts."""
+    """Return an action for all scenes of a call; it returns the largest status."""
 
     def action(options: argparse.Namespace) -> int:
         scenes: list[Path] = options.scenes
@@ -177,7 +177,7 @@ def _each(one: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namesp
 
 
 def _print_json(options: argparse.Namespace, status: int, **found: Any) -> None:
-    """Print a line for a scene: what came of it."""
+    """Print a line with the result of a scene."""
     print(as_json({"scene": str(options.scene), "status": status, **found}))
 
 
@@ -232,7 +232,7 @@ def _told(result: SceneResult) -> dict[str, Any]:
             for name, number in value.numbers().items()
         }
     except InputError:
-        # Of this kind no few numbers tell.
+        # This kind of result has no summary.
         numbers = {}
     return {
         "kind": result.kind,
@@ -268,7 +268,7 @@ def _complete(options: argparse.Namespace) -> int:
     return 0
 
 
-#: Subcommands: name, what does it, what it does.
+#: Subcommands: name, function, description.
 _COMMANDS: tuple[tuple[str, Callable[[argparse.Namespace], int], str], ...] = (
     ("run", _each(_run), "compute scenes and write their tables and figures"),
     ("plan", _each(_plan), "print what scenes compute and what is skipped, and why"),
@@ -301,7 +301,7 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
     bases = value._base_frequencies()
     if result.spectrum is not None:
         pictures.append(result.spectrum)
-    # Tables that belong to another table are not separate curves.
+    # Additional tables are not separate curves.
     curves: Any = () if value._form == "table" else result.switched
     paths = []
     for shown in pictures:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+    """Add the options of the command."""
     command.add_argument(
         "--keys", metavar="KEY,KEY", help="numbers with a slider, such as mount.stiffness_x"
     )
@@ -27,7 +27,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run_explore(options: argparse.Namespace) -> int:
-    """Serve the page until it is interrupted, or save the sheet; the exit status."""
+    """Serve the page until it is interrupted, or save the sheet; return the exit status."""
     scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     keys = options.keys.split(",") if options.keys else None
     if options.sheet:

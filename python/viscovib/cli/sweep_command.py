@@ -26,7 +26,7 @@ _MAX_COUNT = 10**6
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Options of the command beyond those of every command."""
+    """Add the options that only this command has."""
     command.add_argument(
         "--over", action="append", metavar="KEY=FROM:TO:COUNT",
         help="a parameter and its values (or KEY=A,B,C), instead of the scene's &sweep groups; "
@@ -46,7 +46,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run_sweep(options: argparse.Namespace) -> int:
-    """Compute, write the table and the picture; the exit status."""
+    """Compute, write the table and the picture; return the exit status."""
     scene = Scene.read(options.scene, allow_paths=options.allow_paths)
     grid = _grid(options.over) if getattr(options, "over", None) else None
     try:
@@ -59,7 +59,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     shown = sys.stderr.isatty() and not options.quiet and not options.json
     client = _client(getattr(options, "scheduler", None))
     try:
-        # Points are kept whole: those in work when the time is over are left out.
+        # Unfinished points at the end of the time are omitted.
         with limited_seconds(options.max_seconds, partial=False):
             data = sweep(
                 scene, grid, client, checkpoint, shown,
@@ -98,12 +98,12 @@ def run_sweep(options: argparse.Namespace) -> int:
 
 
 def write_table(data: xr.Dataset, path: Path) -> None:
-    """Write numbers of every point as CSV: a row a point, the last parameter fastest."""
+    """Write the numbers as CSV, one row per point; the last parameter varies fastest."""
     names = [str(name) for name in data.data_vars]
     dims = [str(d) for d in data[names[0]].dims]
     columns = [data[name].values.ravel() for name in names]
     meshes = np.meshgrid(*(data[d].values for d in dims), indexing="ij")
-    # The name of a file may end a line.
+    # A file name may contain a line break.
     swept = one_line(data.attrs["swept"])
     with whole_file(path) as file:
         file.write(f"# viscovib {data.attrs['viscovib']}, sweep of {swept}\n")
@@ -117,7 +117,7 @@ def write_table(data: xr.Dataset, path: Path) -> None:
 
 
 def _grid(given: list[str]) -> dict[str, Any]:
-    """Values from KEY=FROM:TO:COUNT or KEY=A,B,C."""
+    """Return values from KEY=FROM:TO:COUNT or KEY=A,B,C."""
     grid: dict[str, Any] = {}
     for text in given:
         key, _, values = text.partition("=")

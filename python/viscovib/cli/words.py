@@ -1,4 +1,4 @@
-"""What the command prints for other programs: JSON, and scripts that complete it in shells."""
+"""Output of the command for other programs: JSON, and completion scripts for shells."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ complete -o nospace -F _viscovib viscovib
 
 
 def as_json(content: Any) -> str:
-    """Return a line of JSON; what is no finite number is null, as JSON has none."""
+    """Return a line of JSON; infinite numbers and NaN become null, as JSON has none."""
     return json.dumps(_plain(content), ensure_ascii=False)
 
 
@@ -50,7 +50,7 @@ def _plain(value: Any) -> Any:
 
 
 def script(shell: str, parser: argparse.ArgumentParser) -> str:
-    """Return what completes commands, options and scene files in a shell."""
+    """Return a script that completes commands, options and scene files in a shell."""
     commands = _commands(parser)
     if shell == "fish":
         return _fish(commands)
@@ -76,7 +76,7 @@ def _fish(commands: dict[str, tuple[str, list[str]]]) -> str:
 
 
 def _commands(parser: argparse.ArgumentParser) -> dict[str, tuple[str, list[str]]]:
-    """Return the subcommands: what each does, and its long options."""
+    """Return the description and the long options of each subcommand."""
     action = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     told = {choice.dest: choice.help or "" for choice in action._choices_actions}
     return {

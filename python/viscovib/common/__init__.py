@@ -1,1 +1,1 @@
-"""What every part uses: checked parameters, files and tables, and what all results have."""
+"""Common code: checked parameters, files, tables, and the base of all results."""

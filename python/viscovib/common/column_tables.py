@@ -1,4 +1,4 @@
-"""Tables of measurements: columns found by their names, with their units.
+"""Tables of measurements with columns found by name, with units.
 
 A table has a line of names and either a line of units below it ("Hz, MPa, MPa, C") or the unit in
 each name ("f [Hz]", "E' (MPa)"). Columns are separated by semicolons, tabs or commas; numbers have
@@ -22,8 +22,8 @@ from viscovib.errors import FileError, InputError
 _SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 #: Larger files are refused before they are read (bytes).
 _LARGEST = 256 * 2**20
-#: Factors to the units of the library, by the spelling that `_unit` makes of a unit: capitals
-#: only where the same letters mean milli and mega.
+#: Factors to the units of the library, by the spelling that `_unit` returns: capitals only to
+#: distinguish milli and mega.
 _PRESSURE = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "gpa": 1e9, "n/mm2": 1e6, "n/m2": 1.0}
 UNITS: dict[str, Mapping[str, float]] = {
     "frequency": {
@@ -45,17 +45,17 @@ UNITS: dict[str, Mapping[str, float]] = {
     "label": {"-": 1.0, "1": 1.0, "": 1.0},
     "temperature": {"c": 1.0, "degc": 1.0, "k": 1.0, "degf": 1.0, "f": 1.0},
 }  # fmt: skip
-#: What Python takes for a number besides, as 1_0, is none.
+#: Numbers without the additional forms of Python, such as 1_0.
 _NUMBER = re.compile(
     r"[+-]?(?:(?:\d+[.,]?\d*|[.,]\d+)(?:e[+-]?\d+)?|nan|inf|infinity)", re.ASCII | re.IGNORECASE
 )
-#: Units that count cycles or radians, as the name of the column tells.
+#: Units of cycles or radians; the name of the column decides.
 _PER_TIME = ("1/s", "1/min")
 
 
 @dataclass(frozen=True)
 class Column:
-    """What a column holds: a role, the kind of its unit, the names by which it is known."""
+    """A column: role, kind of its unit, and possible names."""
 
     role: str
     kind: str
@@ -64,11 +64,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns by role in the units of the library, and where each row stands in the file."""
+    """Columns by role in the units of the library, and the line of each row in the file."""
 
     path: str
     columns: Mapping[str, FloatArray]
-    #: Name of each column as the file spells it.
+    #: Name of each column in the file.
     named: Mapping[str, str]
     lines: tuple[int, ...]
 
@@ -83,29 +83,29 @@ class Table:
         return self.columns.get(role)
 
     def where(self, row: int, role: str) -> str:
-        """Say where a value stands."""
+        """Return the location of a value for messages."""
         return f"{self.path}:{self.lines[row]}: column {_native.shown(self.named[role])}"
 
 
 def read_columns(
     path: str | os.PathLike[str], wanted: Sequence[Column], given: Mapping[str, str] | None = None
 ) -> Table:
-    """Read the columns that a file has of those wanted.
+    """Read the requested columns that a file contains.
 
     Parameters
     ----------
     path : path
-        A text file, or a spreadsheet where pandas is installed.
+        A text file, or a spreadsheet if pandas is installed.
     wanted : sequence of Column
     given : mapping, optional
-        Names of columns, {role: name in the file}, where they are not the usual ones.
+        Names of columns that differ from the usual ones, {role: name in the file}.
 
     Raises
     ------
     InputError
-        ``file:line: column 'name': what is wrong``: a cell that is no finite number, a column
-        without a unit or with one that is not known, two columns of one role. ``file:line`` of a
-        row with more cells than there are names, as of decimal commas between commas.
+        ``file:line: column 'name': reason``: a cell that is not a finite number, a column without a
+        unit or with an unknown unit, two columns of one role. ``file:line`` of a row with more
+        cells than names, for example by decimal commas in a table separated by commas.
     FileError
         If the file cannot be read.
     """
@@ -152,7 +152,7 @@ def _places(
     wanted: Sequence[Column],
     given: Mapping[str, str],
 ) -> dict[Column, int]:
-    """Places of the columns that are there; of one name, as t and T, the unit tells which."""
+    """Indices of the columns found; for equal names, such as t and T, the unit decides."""
     plain = [_plain(one) for one in names]
     roles = [column.role for column in wanted]
     for role in given:
@@ -188,7 +188,7 @@ def _places(
 
 
 def _cells(name: str) -> list[tuple[int, list[str]]]:
-    """Rows that are not empty, with their line numbers."""
+    """Non-empty rows with their line numbers."""
     if name.lower().endswith(_SPREADSHEETS):
         return _spreadsheet(name)
     raw = bytes_of(name, _LARGEST, "a table")
@@ -216,7 +216,7 @@ def _spreadsheet(name: str) -> list[tuple[int, list[str]]]:
     try:
         sheet = pandas.read_excel(name, header=None, dtype=object)
     except Exception as error:
-        # Whatever a reader of spreadsheets says of a file that is none.
+        # Readers of spreadsheets raise different exceptions for other files.
         told = f"{error}".splitlines() or [""]
         raise FileError(f"{name}: cannot be read as a spreadsheet ({told[0]})") from None
     rows = []
@@ -242,7 +242,7 @@ def _is_number(text: str) -> bool:
 
 
 def _plain(name: str) -> str:
-    """A name without its unit, case, blanks and punctuation that writers vary."""
+    """A name without unit, case, blanks and variable punctuation."""
     text = re.sub(r"\[[^\[\]]*\]|\([^()]*\)", " ", name).lower()
     text = text.replace("’", "'").replace("′", "'").replace("″", "''").replace('"', "''")  # noqa: RUF001
     return re.sub(r"[\s_\-.]+", "", text)
@@ -254,12 +254,12 @@ def _unit_within(name: str) -> str:
 
 
 def _bare(column: Column, name: str, unit: str) -> bool:
-    """Whether a T is a temperature, or a t a time, that lacks its unit: with another it is none."""
+    """True if T is a temperature, or t a time, without a unit."""
     return not unit and name.strip()[0] == ("T" if column.kind == "temperature" else "t")
 
 
 def _spelled(text: str) -> str:
-    """A unit without brackets, blanks and signs that writers vary; m and M stay apart."""
+    """A unit without brackets, blanks and variable signs; m and M remain different."""
     unit = text.strip().strip("[]()").strip().replace("²", "2").replace("^", "")
     unit = unit.replace("°", "deg").replace("µ", "u").replace("μ", "u").replace("·", "")
     return re.sub(r"\s+", "", unit)
@@ -279,7 +279,7 @@ def _unit(text: str, known: Iterable[str]) -> str:
 
 
 def _cycle(where: str, name: str) -> float:
-    """Return a cycle of what a frequency in 1/s counts, by the plain name of its column."""
+    """Return the length of a cycle for a frequency in 1/s, from the plain name of its column."""
     if name == "w" or re.search("omega|ω|angular|circular|radian", name):
         return 1 / (2 * math.pi)
     if name == "f" or "freq" in name:

@@ -1,4 +1,4 @@
-"""Numbers of things in words, for summaries, plans and messages."""
+"""Numbers with nouns for summaries, plans and messages."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from typing import SupportsInt
 
 
 def things(n: SupportsInt, name: str, many: str = "") -> str:
-    """Return how many things there are: "1 fold", "2 folds"; ``many`` where s makes no plural."""
+    """Return a number with a noun: "1 fold", "2 folds"; ``many``: irregular plural."""
     count = int(n)
     return f"{count} {name if count == 1 else many or name + 's'}"

@@ -5,7 +5,7 @@ Each row defines: the component of `curve_options` in Fortran with its bounds
 `trace_response` and `backbone` for editors and at run time, its check, its documentation there and
 on the page of scenes, and its tests.
 
-The build reads this file alone, so it imports nothing of the package.
+The build reads only this file, so it does not import the package.
 """
 
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from typing import Annotated, TypedDict, get_args, get_type_hints
 class Option:
     """Default, bounds and description of an option.
 
-    ``other`` is a value that changes the curve of a Duffing oscillator, so that tests can check the
-    effect. The default None is selected by the system; a scene writes 0 for it. An option without
-    ``text`` is documented by the functions themselves.
+    ``other``: a value that changes the curve of a Duffing oscillator, for tests of the effect. The
+    default None means that the system selects the value; scenes use 0 for it. Options without
+    ``text`` are documented by the functions.
     """
 
     default: float | None
@@ -54,7 +54,7 @@ class CurveKeywords(TypedDict, total=False):
     atol: Annotated[float, Option(0.0, 0, 1e30, 1e-3)]
 
 
-#: The rows by name, and which are whole numbers.
+#: The options by name, and the names of integer options.
 OPTIONS: dict[str, Option] = {}
 WHOLE: set[str] = set()
 for _name, _hint in get_type_hints(CurveKeywords, include_extras=True).items():

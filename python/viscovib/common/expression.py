@@ -11,26 +11,26 @@ from viscovib.errors import InputError
 #: Powers of every coordinate, and the coefficient.
 Polynomial = dict[tuple[int, ...], float]
 
-#: Highest degree that the core takes.
+#: Highest degree in the core.
 MAX_DEGREE = 15
 _MAX_LENGTH = 20_000
 _MAX_TERMS = 20_000
 _MAX_PRODUCTS = 4_000_000
-#: What Python reads and scenes do not: 0x10, 1_000, and a comment.
+#: Forms that Python accepts and scenes do not: 0x10, 1_000, and a comment.
 _OF_PYTHON = re.compile(r"(?<![A-Za-z_\d])\.?\d[\d.]*(?:[eE][+-]?\d+)?[_xXoObB]|#")
 
 
 def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
     """Expand an expression of +, -, *, /, ^ (or **), parentheses, numbers and coordinates.
 
-    ``where`` is what an error calls it. Terms that cancel are left out.
+    ``where``: name of the expression in errors. Terms that cancel are dropped.
     """
     if len(text) > _MAX_LENGTH:
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
     if _OF_PYTHON.search(text):
         raise InputError(f"{where} = {_short(text)}: numbers must be decimal, as 16 or 1.5e3")
     try:
-        # A product written without its sign is the likeliest slip.
+        # The most likely error is a product without its sign.
         tree = ast.parse(re.sub(r"\^", "**", re.sub(r"\s", " ", text).strip()), mode="eval")
         result = _Expander(where, tuple(names)).value(tree.body)
     except (RecursionError, MemoryError):
@@ -106,7 +106,7 @@ class _Expander:
         return {tuple(int(d == place) for d in range(len(self.names))): 1.0}
 
     def _sum(self, node: ast.AST) -> Polynomial:
-        """Of any number of terms, which the tree holds one inside the other."""
+        """Sum of any number of terms, which are nested in the tree."""
         terms = []
         while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
             terms.append((node.right, 1.0 if isinstance(node.op, ast.Add) else -1.0))

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all; only regular files are read."""
+"""Atomic writing of files, and reading of regular files only."""
 
 import errno
 import os
@@ -12,7 +12,7 @@ from typing import IO, BinaryIO
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError
 
-#: Threads that write one file do so one after the other, since its part has one name.
+#: Locks: threads write the same file one after another, because its part has one name.
 _WRITING: dict[Path, threading.RLock] = {}
 
 
@@ -20,11 +20,11 @@ _WRITING: dict[Path, threading.RLock] = {}
 def regular_file(path: str | os.PathLike[str], largest: int, what: str) -> Iterator[BinaryIO]:
     """Open a regular file for reading: pipes, devices and files of /proc have no end.
 
-    ``largest``: bytes at most, of ``what`` the file must be. Errors of the system become a
+    ``largest``: largest size in bytes; ``what``: required kind of file. System errors become a
     `FileError`.
     """
     try:
-        # A pipe without a writer would be waited for.
+        # Opening a pipe without a writer would block.
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             _check_regular(file, path, largest, what)
             yield file
@@ -35,10 +35,10 @@ def regular_file(path: str | os.PathLike[str], largest: int, what: str) -> Itera
 
 
 def bytes_of(path: str, largest: int, what: str) -> bytes:
-    """Return all of a regular file of ``largest`` bytes at most; ``what`` the file must be."""
+    """Return a regular file of at most ``largest`` bytes; ``what``: required kind of file."""
     try:
         with regular_file(path, largest, what) as file:
-            # Python takes memory for all that may be read.
+            # Without a size Python would reserve more memory.
             return file.read(os.fstat(file.fileno()).st_size)
     except ValueError as error:
         if isinstance(error, FileError):
@@ -50,7 +50,7 @@ def _check_regular(file: BinaryIO, path: str | os.PathLike[str], largest: int, w
     found = os.fstat(file.fileno())
     if stat.S_ISDIR(found.st_mode):
         raise FileError(f"{path}: cannot be read (Is a directory)")
-    # A file that the system makes up while it is read has no size.
+    # Files that the system generates during reading have the size 0.
     if not stat.S_ISREG(found.st_mode) or (found.st_size == 0 and file.read(1)):
         raise FileError(f"{path}: cannot be read (not a regular file)")
     if found.st_size > largest:
@@ -58,7 +58,7 @@ def _check_regular(file: BinaryIO, path: str | os.PathLike[str], largest: int, w
 
 
 class Folder:
-    """A folder, opened once, whose files are read and replaced without following links.
+    """A folder, opened once; files are read and replaced without following links.
 
     Names are paths below the folder. A link in any part of such a path is refused by the system.
     """
@@ -74,7 +74,7 @@ class Folder:
         self.handle = -1
 
     def read(self, name: str | os.PathLike[str], largest: int) -> bytes:
-        """Return all of a regular file."""
+        """Return the content of a regular file."""
         with self._parent(name) as (folder, last):
             flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
             with open(os.open(last, flags, dir_fd=folder), "rb") as file:
@@ -82,7 +82,7 @@ class Folder:
                 return file.read(os.fstat(file.fileno()).st_size)
 
     def replace(self, name: str | os.PathLike[str], content: bytes) -> None:
-        """Put a file in its place whole; folders are made, and a link of this name is replaced."""
+        """Replace a file atomically; create folders, and replace a link with this name."""
         with self._parent(name, make=True) as (folder, last):
             part = f"{last}.part"
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -112,7 +112,7 @@ class Folder:
     def _parent(
         self, name: str | os.PathLike[str], *, make: bool = False
     ) -> Iterator[tuple[int, str]]:
-        """Open the folder of a file, one part of its path after the other."""
+        """Open the folder of a file, one path component after another."""
         *parts, last = Path(name).parts
         if Path(name).is_absolute() or ".." in (*parts, last):
             raise FileError(f"{self.path}: {name} is not below it")
@@ -132,7 +132,7 @@ class Folder:
 
 
 def check_target(target: Path) -> None:
-    """Refuse a device, a pipe and a link to one: a file would take its place."""
+    """Refuse a device, a pipe and a link to one: a file would replace it."""
     try:
         mode = target.stat().st_mode
     except (OSError, ValueError) as error:
@@ -146,17 +146,17 @@ def check_target(target: Path) -> None:
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[str]]:
-    """Open the new file ``path``.part; it takes the name ``path`` when all is written.
+    """Open the new file ``path``.part; it is renamed to ``path`` when writing is complete.
 
-    A link with either name is replaced and never followed. A device or a pipe is refused: a file
-    would take its place.
+    A link with either name is replaced and never followed. A device or a pipe is refused, because
+    the file would replace it.
     """
     target = Path(FilePath("path").check(path))
     if not target.name:
         raise FileError(f"path = {str(target)!r}: is not a path of a file")
     check_target(target)
     part = target.with_name(target.name + ".part")
-    # The name of a scene file in a table is written as the bytes that it has.
+    # The name of a scene file keeps its bytes in a table.
     encoding, errors = (None, None) if "b" in mode else ("utf-8", "surrogateescape")
     with _WRITING.setdefault(target.absolute(), threading.RLock()):
         try:

@@ -1,10 +1,10 @@
-"""What a function is, in a form that can be compared after a restart.
+"""Fingerprints of functions that can be compared after a restart.
 
-A checkpoint must not be filled by another function than the one that began it. Compared are the
-compiled code, default arguments, closure variables and the globals that the code names, what it
-takes from modules or imports itself too. Functions and classes of your own modules count by their
-code, wherever they are, and so do those that they name; those of installed packages and of Python
-by name; data by content.
+A checkpoint must not be continued by a different function. The fingerprint includes the compiled
+code, default arguments, closure variables and the globals that the code names, including attributes
+of modules and imports inside the function. Functions and classes of the user's modules are compared
+by their code, also those that they name; functions of installed packages and of Python by name;
+data by content.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ _PLAIN = (int, float, complex, str, bytes, bool, type(None), type(Ellipsis))
 
 
 def describe(function: Callable[..., Any]) -> dict[str, str]:
-    """Digests of everything that the function consists of, by what they are digests of."""
+    """Digests of all parts of a function, by the names of the parts."""
     parts: dict[str, str] = {"python": f"{sys.version_info[0]}.{sys.version_info[1]}"}
     called: Any = function
     while isinstance(called, functools.partial):
@@ -60,7 +60,7 @@ def digest(value: object, module: str | None = None) -> str:
     feed = hashlib.sha256()
     walk = _Walk(feed.update, module)
     walk.to(value, (), 0)
-    # One after the other: functions that call each other make long chains.
+    # A queue instead of recursion: functions that call each other form long chains.
     for function in walk.waiting:
         walk.enter(function)
     return feed.hexdigest()[:24]
@@ -68,12 +68,12 @@ def digest(value: object, module: str | None = None) -> str:
 
 @dataclasses.dataclass
 class _Walk:
-    """The way through a value and all that it holds."""
+    """Traversal of a value and its content."""
 
     put: Callable[[bytes], None]
-    #: Whose functions count by their code wherever it is.
+    #: Module whose functions are always compared by their code.
     module: str | None
-    #: Functions and classes that were met, each of them once.
+    #: Functions and classes found, without duplicates.
     waiting: list[Any] = dataclasses.field(default_factory=list)
 
     def to(self, value: Any, above: tuple[int, ...], depth: int) -> None:
@@ -121,7 +121,7 @@ class _Walk:
             self.waiting.append(value)
 
     def enter(self, value: Any) -> None:
-        """A function by its code and what it names; a class by what it defines and its bases."""
+        """Add a function by its code and names, or a class by its definitions and bases."""
         if isinstance(value, types.FunctionType):
             self.put(_code(value.__code__).encode())
             self.to(_defaults(value) | _surroundings(value), (), 0)
@@ -138,7 +138,7 @@ class _Walk:
 
 
 def _parts(item: Any) -> tuple[Any, ...]:
-    """Functions of what a class defines, or the thing itself."""
+    """The functions of a class attribute, or the attribute."""
     if isinstance(item, (staticmethod, classmethod)):
         return (item.__func__,)
     if isinstance(item, property):
@@ -150,7 +150,7 @@ def _parts(item: Any) -> tuple[Any, ...]:
 
 @functools.cache
 def _yours(name: str) -> bool:
-    """Whether a module is neither installed nor of Python: its code may change under one name."""
+    """True if a module is neither installed nor part of Python, so its code may change."""
     if name.partition(".")[0] == "viscovib":
         return False
     file = getattr(sys.modules.get(name), "__file__", None)
@@ -175,7 +175,7 @@ def _state(value: Any) -> dict[str, Any]:
 
 
 def _code(code: types.CodeType) -> str:
-    """Digest of what the code does: neither its place in a file nor its documentation."""
+    """Digest of code without its location in a file and its documentation."""
     feed = hashlib.sha256()
     for step in dis.get_instructions(code):
         feed.update(f"{step.opname} {_constant(step.argval)};".encode())
@@ -184,7 +184,7 @@ def _code(code: types.CodeType) -> str:
 
 
 def _constant(value: Any) -> str:
-    """Text of a constant in code; sets in an order that does not change from run to run."""
+    """Text of a constant in code; sets have the same order in every run."""
     if isinstance(value, types.CodeType):
         return _code(value)
     if isinstance(value, frozenset):
@@ -202,7 +202,7 @@ def _defaults(function: types.FunctionType) -> dict[str, Any]:
 
 
 def _surroundings(function: types.FunctionType) -> dict[str, Any]:
-    """Closure variables and globals by name; names that stand for nothing are left out."""
+    """Closure variables and globals by name, without undefined names."""
     found: dict[str, Any] = {}
     named, attributes, imported = _names(function.__code__)
     for name in sorted(named):
@@ -214,7 +214,7 @@ def _surroundings(function: types.FunctionType) -> dict[str, Any]:
         except ValueError:
             continue
     for level, name in sorted(imported):
-        # What cannot be imported says so when the function is called.
+        # A failed import raises its error when the function is called.
         with suppress(Exception):
             package = function.__globals__.get("__package__")
             found[f"import {name}"] = importlib.import_module("." * level + name, package)
@@ -225,7 +225,7 @@ def _surroundings(function: types.FunctionType) -> dict[str, Any]:
 
 
 def _taken(name: str, module: types.ModuleType, attributes: set[str]) -> dict[str, Any]:
-    """What code may take from a module of yours, and from the modules in it, by name."""
+    """Attributes that code may use from a module of the user and from its modules, by name."""
     found: dict[str, Any] = {}
     if not _yours(module.__name__):
         return found
@@ -238,7 +238,7 @@ def _taken(name: str, module: types.ModuleType, attributes: set[str]) -> dict[st
 
 
 def _names(code: types.CodeType) -> tuple[set[str], set[str], set[tuple[int, str]]]:
-    """Globals, attributes, and modules with their levels that code names."""
+    """Globals, attributes, and modules with their levels in code."""
     named: set[str] = set()
     attributes: set[str] = set()
     imported: set[tuple[int, str]] = set()

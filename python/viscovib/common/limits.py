@@ -12,10 +12,10 @@ from pathlib import Path
 from viscovib._native import core
 from viscovib.errors import InputError
 
-#: Part of the machine's memory that a command may use: with more the system, which needs some
-#: itself, pages for hours or kills this or another program.
+#: Fraction of the memory of the machine that a command may use. With more the system would swap
+#: for hours or kill a program.
 _SHARE = 0.75
-#: Bytes that a command needs besides what Python takes.
+#: Bytes that a command needs in addition to Python.
 _ROOM = 1 << 26
 
 
@@ -24,9 +24,9 @@ class StoppedError(Exception):
 
 
 def limit_memory(gigabytes: float | None) -> float:
-    """Let requests for more memory fail; by default for three quarters of the machine's.
+    """Set a bound of memory; by default three quarters of the memory of the machine.
 
-    Returns the bound (GB).
+    Return the bound (GB). Requests beyond it fail.
     """
     import resource
 
@@ -36,7 +36,7 @@ def limit_memory(gigabytes: float | None) -> float:
         bound = 1e9 * _positive("--max-memory", gigabytes)
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = min([int(bound), *(n for n in (soft, hard) if n != resource.RLIM_INFINITY)])
-    # Without room for a thread its start would fail, or be waited for in vain.
+    # Without memory for a thread its start would fail or block.
     if most < _used() + _ROOM:
         raise StoppedError(f"more than {most / 1e9:.3g} GB of memory are needed (--max-memory)")
     resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
@@ -44,7 +44,7 @@ def limit_memory(gigabytes: float | None) -> float:
 
 
 def _used() -> int:
-    """Bytes of data that this process has; 0 where the system does not tell."""
+    """Bytes of data of this process; 0 if unknown."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
@@ -59,10 +59,10 @@ def _positive(name: str, value: float) -> float:
 
 @contextmanager
 def limited_seconds(seconds: float | None, *, partial: bool) -> Iterator[None]:
-    """Raise `StoppedError` inside once so many seconds have passed.
+    """Raise `StoppedError` inside the context after this number of seconds.
 
-    ``partial``: native loops are first asked to end with what they have, and a quarter of the time
-    (three seconds at least) is left for it.
+    ``partial``: native loops first get a request to end with partial results, and a quarter of the
+    time (at least three seconds) to do so.
     """
     if seconds is None:
         yield

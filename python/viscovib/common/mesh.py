@@ -1,4 +1,4 @@
-"""Where the steps of a run end: on every jump and corner of its loads."""
+"""Ends of the steps of a run, at every jump and corner of its loads."""
 
 import math
 from dataclasses import dataclass
@@ -8,24 +8,24 @@ import numpy.typing as npt
 
 from viscovib._native import FloatArray
 
-#: Two times closer than so many spacings of doubles are one.
+#: Two times closer than this number of floating-point spacings are equal.
 _SAME = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Equal steps on each piece of time within which the loads are smooth.
+    """Equal steps on each interval with smooth loads.
 
     Attributes
     ----------
     h : float
-        Wanted step, which none exceeds.
+        Largest step size.
     breaks : ndarray
-        All times at which a load has a jump or a corner.
+        Times of jumps and corners of the loads.
     ends : ndarray, shape (n,)
-        Ends of the pieces, ascending; the first begins at 0.
+        Ends of the intervals, ascending; the first interval starts at 0.
     made_by : ndarray of int, shape (n,)
-        Steps made by each end.
+        Number of steps up to each end.
     """
 
     h: float
@@ -35,7 +35,7 @@ class Mesh:
 
     @classmethod
     def until(cls, end: float, h: float, breaks: FloatArray, *, at_first: int = 1) -> "Mesh":
-        """Steps of at most h to ``end``, ``at_first`` or more of them in the first piece."""
+        """Steps of at most h to ``end``, at least ``at_first`` of them in the first interval."""
         none = cls(h, breaks, np.empty(0), np.empty(0, dtype=np.int64))
         mesh = none.extended(end)
         made_by = mesh.made_by.copy()
@@ -43,7 +43,7 @@ class Mesh:
         return cls(h, breaks, mesh.ends, made_by)
 
     def extended(self, end: float) -> "Mesh":
-        """The same, on to a later end."""
+        """Return the mesh extended to a later end."""
         begin = float(self.ends[-1]) if self.ends.size else 0.0
         near = _SAME * np.spacing(max(abs(end), abs(begin)))
         inner = self.breaks[(self.breaks > begin + near) & (self.breaks < end - near)]
@@ -59,27 +59,27 @@ class Mesh:
         )
 
     def finer(self, factor: int) -> "Mesh":
-        """So many steps for each."""
+        """Return the mesh with each step divided by the factor."""
         return Mesh(self.h / factor, self.breaks, self.ends, self.made_by * factor)
 
     @property
     def count(self) -> int:
-        """Steps in all."""
+        """Total number of steps."""
         return int(self.made_by[-1])
 
     @property
     def lengths(self) -> FloatArray:
-        """Steps of each piece, shape (n,)."""
+        """Step size of each interval, shape (n,)."""
         return np.asarray(np.diff(self.ends, prepend=0.0) / np.diff(self.made_by, prepend=0))
 
     @property
     def shortest(self) -> float:
-        """Shortest step of this run, and of one that goes on to the last break."""
+        """Shortest step of this run, also if it is continued to the last break."""
         return float(min(self.lengths.min(), self.later))
 
     @property
     def later(self) -> float:
-        """Shortest time between breaks after the end, infinite without any."""
+        """Shortest time between breaks after the end; infinite without breaks."""
         later = np.diff(self.breaks[self.breaks >= self.ends[-1]], prepend=self.ends[-1])
         later = later[later > _SAME * np.spacing(self.ends[-1])]
         return float(later.min(initial=math.inf))
@@ -89,7 +89,7 @@ class Mesh:
         return float(self.times(np.array([k]))[0])
 
     def times(self, k: npt.NDArray[np.int64]) -> FloatArray:
-        """Times after so many steps each."""
+        """Times after k steps."""
         piece = np.minimum(np.searchsorted(self.made_by, k, side="left"), self.ends.size - 1)
         before = np.where(piece > 0, self.made_by[piece - 1], 0)
         begin = np.where(piece > 0, self.ends[piece - 1], 0.0)

@@ -1,4 +1,4 @@
-"""Stability of periodic motions as the core judges them."""
+"""Stability of periodic motions from codes of the core."""
 
 import warnings
 from collections.abc import Sequence
@@ -13,17 +13,17 @@ from viscovib.errors import StabilityWarning, caller
 
 
 def codes_of(stable: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """1: stable, 0: not, -1: unknown."""
+    """1: stable, 0: unstable, -1: unknown."""
     return np.array([-1 if s is None else int(s) for s in stable])
 
 
 def whole_or_codes(stable: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Verdicts as tables hold them: as they are, or codes where some are unknown."""
+    """Stability for tables: booleans, or codes if some values are unknown."""
     return stable if stable.dtype == bool else codes_of(stable)
 
 
 def three_valued(stable: npt.NDArray[np.bool_], unknown: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
-    """Verdicts: booleans, or, where some are unknown, objects: True, False and None."""
+    """Stability as booleans; if some values are unknown, as objects True, False and None."""
     if not unknown.any():
         return stable
     verdicts = stable.astype(object)
@@ -31,7 +31,7 @@ def three_valued(stable: npt.NDArray[np.bool_], unknown: npt.NDArray[np.bool_]) 
     return verdicts
 
 
-#: What the columns about stability are.
+#: Note on the columns of stability.
 STABILITY_NOTE = (
     "; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit circle, unknown: -1; "
     "multiplier: size of the largest, nan: unknown or too large for a number"
@@ -49,7 +49,7 @@ def stability_columns(
     largest = np.full(growing.size, np.nan + 0j)
     if multipliers is not None and multipliers.size:
         largest = multipliers[:, 0]
-    # Not abs, whose last bit is not that of the core.
+    # abs would differ from the core in the last bit.
     columns["multiplier"] = np.hypot(largest.real, largest.imag)
     return columns
 
@@ -59,7 +59,7 @@ def hanging(
     few: npt.NDArray[np.bool_],
     cause: str = "the harmonics left out decide",
 ) -> str:
-    """Say of how many motions with too ``few`` harmonics stability is unknown, if of any."""
+    """Text on the motions with too ``few`` harmonics and unknown stability; empty if none."""
     n = 0 if stable is None else sum(s is None for s in stable[few])
     if not n:
         return ""
@@ -67,7 +67,7 @@ def hanging(
 
 
 def truncated_crossings(before: Sequence[int], few: npt.NDArray[np.bool_]) -> str:
-    """Return how many crossings are next to motions with too ``few`` harmonics, if any.
+    """Text on the crossings near motions with too ``few`` harmonics; empty if none.
 
     They are located on the motions with the harmonics kept. The error of their locations for the
     converged motion is the truncation.
@@ -79,7 +79,7 @@ def truncated_crossings(before: Sequence[int], few: npt.NDArray[np.bool_]) -> st
 
 
 class Stability(NamedTuple):
-    """Of n motions: stable or not, multipliers and exponents; see `Branch`."""
+    """Stability of n motions, with multipliers and exponents; see `Branch`."""
 
     stable: npt.NDArray[Any]
     multipliers: ComplexArray
@@ -94,11 +94,11 @@ class Stability(NamedTuple):
         exponents: ComplexArray,
         solved: npt.NDArray[np.bool_] | None = None,
     ) -> "Stability":
-        """From arrays of the core, codes being 1: stable, 0: not, -1: unknown.
+        """Create it from arrays of the core; codes: 1 stable, 0 unstable, -1 unknown.
 
-        2: stable, but others may decay more slowly than the first exponent says. -2: unknown
-        because the harmonics left out decide it, of which the caller warns.
-        Warns of other motions, among those ``solved``, whose stability is unknown.
+        2: stable, but a slower exponent than the first one may exist. -2: unknown because of
+        neglected harmonics; the caller warns of these.
+        Warn of all other motions, among the ``solved`` ones, with unknown stability.
         """
         unknown = codes < 0
         stable = three_valued(codes > 0, unknown)
@@ -118,6 +118,6 @@ class Stability(NamedTuple):
             stable,
             np.ascontiguousarray(multipliers[:columns].T),
             np.ascontiguousarray(exponents[:columns].T),
-            # What grows was counted, but may not have been found.
+            # Growing exponents were counted, but may not have been found.
             ((codes == 0) & told.any(axis=0)) | (codes == 1),
         )

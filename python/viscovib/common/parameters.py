@@ -1,7 +1,7 @@
-"""Parameters of public calls as records: a name, a type, bounds and words.
+"""Parameters of public calls as records with name, type, bounds and words.
 
-What an argument may be is said once, by a record; `checked` holds what is given against a table
-of them. Every record refuses in the same words: ``name = value: must be ...``.
+A record defines the allowed values of an argument; `checked` checks arguments with a table of
+records. All errors have the form ``name = value: must be ...``.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def no_frequency(nu: float | None) -> InputError:
 
 @dataclass(frozen=True)
 class Parameter(ABC, Generic[_T]):
-    """One argument: its name, and what it may be."""
+    """An argument with its name and allowed values."""
 
     name: str
 
     @abstractmethod
     def check(self, value: Any) -> _T:
-        """Return the value in its type, or refuse it in a line."""
+        """Return the value in its type, or raise an error."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Number(Parameter[float]):
 
     @cached_property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Text on the allowed values."""
         if self.highest is not None:
             opening = "[" if self.above is None else "("
             least = self.lowest if self.above is None else self.above
@@ -135,7 +135,7 @@ class Text(Parameter[str]):
 
 @dataclass(frozen=True)
 class Names(Parameter[tuple[str, ...]]):
-    """Several texts, each one of the words if there are any."""
+    """Several texts, each one of ``words`` if given."""
 
     words: tuple[str, ...] = ()
     count: int | None = None
@@ -177,7 +177,7 @@ class FilePath(Parameter[str]):
     """The path of a file."""
 
     def check(self, value: Any) -> str:
-        """Return it as a text that the system takes."""
+        """Return the path as text for the system."""
         try:
             path = os.fsdecode(value)
             length = len(os.fsencode(path))
@@ -196,7 +196,7 @@ class Optional(Parameter[Any]):
 
     @classmethod
     def or_none(cls, of: Parameter[Any]) -> Optional:
-        """Allow None besides."""
+        """Also allow None."""
         return cls(of.name, of)
 
     def check(self, value: Any) -> Any:
@@ -208,30 +208,30 @@ _limits = _native.run("branch limits")
 _lowest, _highest = _limits["tolerance"].tolist()
 _lowest_in_time, _highest_in_time = _limits["time_tolerance"].tolist()
 NEARLY_NOTHING: float = _limits["nearly_nothing"]
-#: Highest order of a periodic motion, orders of free motions of a pendulum that are chosen, at
-#: first and at most: all bounds here are those of the core.
+#: Highest harmonic of a periodic motion; for free motions of a pendulum, first and largest selected
+#: number. All bounds here are those of the core.
 MAX_HARMONICS: int = _limits["harmonics"]
 FIRST_FREE: int = _limits["first_free"]
 MOST_FREE: int = _limits["most_free"]
-#: What several methods share: the relative size of the last correction, ...
+#: Options of several methods: the relative size of the last correction, ...
 TOLERANCE = Number("tolerance", _lowest, _highest)
-#: ... its other name, and what is allowed besides, whatever the size of the motion, ...
+#: ... its alias, and the absolute tolerance, ...
 _RELATIVE = Number("rtol", _lowest, _highest)
 ATOL = Number("atol", 0, 1e30)
 MAX_ITERATIONS = Whole("max_iterations", 1, _limits["iterations"])
-#: ... what they may do or not, ...
+#: ... switches, ...
 STABILITY, SYMMETRIC, OPPOSITE = Flag("stability"), Flag("symmetric"), Flag("opposite")
 PROGRESS = Flag("progress")
-#: ... periods of a motion in those of the loads, multiples of a base frequency, ...
+#: ... periods of a motion in periods of the loads, multiples of a base frequency, ...
 SUBHARMONIC, MAX_DENOMINATOR = Whole("subharmonic", 1, 20), Whole("max_denominator", 1, 99)
-#: ... and the time over which rates of growth are averaged.
+#: ... and the averaging time of growth rates.
 DURATION = Number("duration", 1, 1e6)
 #: Errors of motions in time.
 TIME_TOLERANCE = Number("tolerance", _lowest_in_time, _highest_in_time)
 RTOL = Number("rtol", _lowest_in_time, _highest_in_time)
 
 
-#: Options of curves of motions with their defaults, what they may be, ...
+#: Options of curves of motions with their defaults, their bounds, ...
 CURVE_DEFAULTS = {name: one.default for name, one in OPTIONS.items()}
 _CURVE_BOUNDS: tuple[Parameter[Any], ...] = tuple(
     Whole(name, int(one.lowest), int(one.highest))
@@ -239,7 +239,7 @@ _CURVE_BOUNDS: tuple[Parameter[Any], ...] = tuple(
     else Number(name, one.lowest, one.highest)
     for name, one in OPTIONS.items()
 )
-#: ... and the words for how curves end.
+#: ... and the outcomes of curves.
 CURVE_OUTCOMES = tuple(_limits["endings"].split(","))
 
 #: Tolerances of steady motions if none is given: of smooth forces, and of laws with corners, whose
@@ -250,13 +250,13 @@ CORNER_TOLERANCE: float = _limits["corner_tolerance"]
 
 @dataclass(frozen=True)
 class CurveOptions:
-    """How a curve of motions is followed, whatever the motions are: options that the core names."""
+    """Options of the continuation of any curve of motions, with the names of the core."""
 
     values: Mapping[str, float]
 
     @classmethod
     def checked(cls, given: Mapping[str, Any]) -> CurveOptions:
-        """Check all of them."""
+        """Check all options."""
         return cls(checked(_CURVE_BOUNDS, given))
 
     @property
@@ -266,16 +266,16 @@ class CurveOptions:
 
     @property
     def max_points(self) -> int:
-        """Points at most."""
+        """Largest number of points."""
         return int(self.values["max_points"])
 
     def along(self, start: float, finish: float, **more: Any) -> dict[str, Any]:
-        """Return what tasks of the core take, with where the curve begins and ends."""
+        """Return the options as values for tasks of the core, with start and end of the curve."""
         return {**self.values, "start": float(start), "finish": float(finish), **more}
 
 
 def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments that a table names, checked in its order."""
+    """Return the arguments of a table, checked in its order."""
     return {one.name: one.check(given[one.name]) for one in table}
 
 
@@ -284,9 +284,9 @@ OSCILLATOR, PENDULUM = "a mount, a polynomial system or a structure", "a pendulu
 
 
 def with_rtol(given: dict[str, Any], usual: float = SMOOTH_TOLERANCE) -> dict[str, Any]:
-    """Put ``rtol`` in the place of ``tolerance`` in arguments of a public function.
+    """Replace ``tolerance`` by ``rtol`` in the arguments of a public function.
 
-    ``usual``: the tolerance if neither is given.
+    ``usual``: default tolerance.
     """
     rtol = given["rtol"]
     if rtol is None and given["tolerance"] is None:
@@ -300,9 +300,9 @@ def with_rtol(given: dict[str, Any], usual: float = SMOOTH_TOLERANCE) -> dict[st
 
 
 def with_curve_options(function: _F) -> _F:
-    """Write the options of curves into signature and docstring of a function, for ``**curve``.
+    """Insert the options of curves into signature and docstring of a function, for ``**curve``.
 
-    The docstring has them where it says ``**curve``.
+    They replace the line ``**curve`` of the docstring.
     """
     whole = signature(function)
     own = [
@@ -324,7 +324,7 @@ def with_curve_options(function: _F) -> _F:
 
 
 def _documented() -> str:
-    """Return the options of curves that are documented here, as a docstring has them."""
+    """Return the documentation of the options of curves for a docstring."""
     from textwrap import indent, wrap
 
     lines = []
@@ -347,15 +347,15 @@ def with_curve(
 
 
 class Taken:
-    """The arguments of a public function that one kind of system takes: those of an inner one.
+    """The arguments of a public function for one kind of system: those of an inner function.
 
-    The others have a default that says nothing; any other value is refused by name.
+    All other arguments must have their defaults; other values are refused by name.
     """
 
     def __init__(self, public: Callable[..., Any], inner: Callable[..., Any], whose: str) -> None:
         arguments = signature(public).parameters
         self._called, self._whose = public.__name__, whose
-        # `**curve` stands for all options of curves.
+        # `**curve` represents all options of curves.
         self._names = tuple(
             name
             for one in signature(inner).parameters.values()
@@ -367,14 +367,14 @@ class Taken:
 
     def of(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the arguments of the inner function from all of the public one."""
-        # Every call pays for this: without loops of Python it is half as much.
+        # This is part of every call: without Python loops it takes half the time.
         value = given.__getitem__
         if not all(map(is_, map(value, self._others), self._defaults)):
             self._refuse(given)
         return dict(zip(self._names, map(value, self._names), strict=True))
 
     def _refuse(self, given: Mapping[str, Any]) -> None:
-        """Refuse what has another value than the default, not only another object of it."""
+        """Refuse values that differ from the default (a different object may be equal)."""
         for name, default in zip(self._others, self._defaults, strict=True):
             value = given[name]
             if type(value) is not type(default) or value != default:

@@ -11,7 +11,7 @@ from viscovib import _native
 from viscovib.common.values import short_repr
 from viscovib.errors import InputError
 
-#: Largest displacement that a motion may begin with, as in the core.
+#: Largest initial displacement, as in the core.
 _LARGEST_START = 1e30
 
 
@@ -36,7 +36,7 @@ class Past:
     times : array_like, shape (n,)
         Strictly ascending (s), the last 0, n >= 2.
     displacements : array_like, shape (n, n_dof)
-        Of each coordinate, relative to the base.
+        Displacements of each coordinate, relative to the base.
 
     Examples
     --------

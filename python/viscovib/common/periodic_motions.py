@@ -11,12 +11,12 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 
-#: Samples a period of the highest order, summits among them that are looked at closer, Newton
-#: steps to each, motions at once.
+#: Samples per period of the highest harmonic, number of maxima that are refined, Newton steps for
+#: each, and motions per array.
 _PER_ORDER, _SUMMITS, _NEWTON, _AT_ONCE = 64, 6, 5, 256
-#: Orders that tell how harmonics fall.
+#: Smallest number of harmonics for the rate of decrease.
 _FEWEST_TO_FALL = 8
-#: Times of a waveform that are computed at once.
+#: Number of times of a waveform per array.
 _AT_A_TIME = 4096
 
 
@@ -45,11 +45,11 @@ class PeriodicMotions:
 
     @property
     def _solved(self) -> ComplexArray:
-        """Harmonics of the unknowns: of a structure those left, which need no expansion."""
+        """Harmonics of the unknowns; for a structure, of the condensed coordinates."""
         return self._motions()[2]
 
     def _warn_of_reduction(self) -> None:
-        """Warn of what a reduction of the system left out, if there was one."""
+        """Warn of the error of a reduction of the system, if any."""
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
         """Return nu, shape (n,), the orders, shape (m,), and X_k, shape (n, n_dof, m)."""
@@ -97,7 +97,7 @@ class PeriodicMotions:
         count = _native.integer("n", n, 1, 10_000_000)
         t = 2 * np.pi / nu[point] * np.arange(count) / count
         found = np.empty((count, coefficients.shape[1]))
-        # Some at a time: all waves at all times may be more than memory holds.
+        # In parts: all harmonics at all times may exceed the memory.
         for start in range(0, count, _AT_A_TIME):
             part = slice(start, start + _AT_A_TIME)
             waves = np.exp(1j * np.outer(t[part], orders * nu[point]))
@@ -138,10 +138,10 @@ class PeriodicMotions:
 
 
 def power_of_fall(own: ComplexArray) -> float:
-    """As of `PeriodicMotions.fall_off`, of one motion X_k, shape (n_dof, m)."""
+    """`PeriodicMotions.fall_off` for one motion X_k, shape (n_dof, m)."""
     if not np.isfinite(own).all():
         return float("nan")
-    # Orders that are not kept here are 0.
+    # Harmonics that are not kept are 0.
     kept = np.flatnonzero(own.any(axis=0))
     m = int(kept[-1]) + 1 if kept.size else 0
     if m < _FEWEST_TO_FALL:
@@ -162,9 +162,9 @@ def _samples(own: ComplexArray, orders: npt.NDArray[Any]) -> FloatArray:
 
 
 def _highest(own: ComplexArray, orders: npt.NDArray[Any], values: FloatArray) -> FloatArray:
-    """Return the largest value in a period, from samples of it.
+    """Return the largest value in a period from samples.
 
-    The highest sample need not stand on the highest summit, so several are looked at.
+    The highest sample may not belong to the highest maximum, so several are refined.
     """
     width = 2 * np.pi / values.shape[1]
     summits = (values >= np.roll(values, 1, axis=1)) & (values >= np.roll(values, -1, axis=1))

@@ -49,7 +49,7 @@ class Plan(Mapping[str, Any]):
         return Plan("\n".join([*self._lines, *Names("lines").check(lines)]))
 
     def instead(self, beginning: str, line: str) -> Plan:
-        """Return the plan with another line in place of what skips ``beginning``..."""
+        """Return the plan with ``line`` instead of the line that skips ``beginning``..."""
         Text("beginning").check(beginning)
         Text("line").check(line)
         return Plan(
@@ -58,14 +58,14 @@ class Plan(Mapping[str, Any]):
 
     @property
     def computes(self) -> tuple[str, ...]:
-        """What is computed."""
+        """Computed parts."""
         return tuple(
             line.removeprefix("computes: ") for line in self._lines if line.startswith("computes: ")
         )
 
     @property
     def skips(self) -> Mapping[str, str]:
-        """What is skipped, and why."""
+        """Skipped parts with the reasons."""
         found = (_SKIP.fullmatch(line) for line in self._lines)
         return MappingProxyType({match[1]: match[2] for match in found if match})
 
@@ -90,7 +90,7 @@ class Plan(Mapping[str, Any]):
         return "\n".join(self._lines)
 
     def __repr__(self) -> str:
-        """Say how much it computes and skips."""
+        """Return the numbers of computed and skipped parts."""
         return f"<Plan: computes {len(self.computes)}, skips {len(self.skips)}>"
 
     def comments(self) -> str:
@@ -99,7 +99,7 @@ class Plan(Mapping[str, Any]):
 
 
 def wanted_places(coordinates: Sequence[str] | None, names: tuple[str, ...]) -> list[int]:
-    """Return the places of the coordinates wanted, in the order of all; all if None."""
+    """Return the indices of the requested coordinates in their order; None: all."""
     if coordinates is None:
         return list(range(len(names)))
     chosen = Names("coordinates", names).check(coordinates)

@@ -1,8 +1,8 @@
-"""Progress bars: when they are wanted, and by themselves for work of more than two seconds.
+"""Progress bars: on request, and automatically for work of more than two seconds.
 
-They appear by themselves on a terminal or in a notebook only, and never in worker processes, in
+They appear automatically only on a terminal or in a notebook, and never in worker processes, in
 threads other than the main one, or if the environment variable CI or TQDM_DISABLE is set. Short
-calls do no more than read the clock.
+calls only read the clock.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol, Self
 
-#: Seconds after which a bar appears by itself.
+#: Seconds after which a bar appears automatically.
 PATIENCE = 2.0
-#: Seconds without a bar if it is wanted, and between two looks.
+#: Seconds without a requested bar, and between two updates.
 _PATIENCE, _LOOK = 0.5, 0.2
-#: What counts the pieces of work that the core has begun.
+#: Function that counts the parts of work that the core has started.
 pieces: list[Callable[[], int]] = []
-#: Bars that are shown now: there is one at a time.
+#: Bars shown at present (at most one).
 _shown: list[Any] = []
 
 
@@ -36,7 +36,7 @@ class Bar(Protocol):
         """Close it."""
 
     def update(self, done: int) -> object:
-        """Count so many as done."""
+        """Add finished units."""
 
 
 class _Silent:
@@ -55,7 +55,7 @@ SILENT: Bar = _Silent()
 
 
 class _Late(_Silent):
-    """A bar that opens by itself if the work takes long."""
+    """A bar that opens automatically if the work takes long."""
 
     def __init__(self, total: int, unit: str, done: int) -> None:
         self.total, self.unit, self.done = total, unit, done
@@ -84,7 +84,7 @@ def _new_bar(**options: Any) -> Any:
 
 
 def shows_by_itself() -> bool:
-    """Return True if somebody watches: on a terminal or in a notebook, in the main thread."""
+    """True in the main thread on a terminal or in a notebook."""
     if threading.current_thread() is not threading.main_thread() or os.environ.get("CI"):
         return False
     shell = sys.modules.get("IPython")
@@ -98,7 +98,7 @@ def shows_by_itself() -> bool:
 def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
     """Return a bar of ``total`` units, of which some are ``done``.
 
-    If it is not to be ``shown``, it opens by itself if the work takes long and somebody watches.
+    Without ``shown`` it opens automatically if the work takes long on a terminal or in a notebook.
     """
     if shown:
         bar: Bar = _new_bar(total=total, initial=done, unit=f" {unit}")
@@ -108,9 +108,9 @@ def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
 
 @contextmanager
 def counted_pieces(shown: bool) -> Iterator[None]:
-    """Show how many points a long native call has begun, if it takes longer than half a second.
+    """Show the number of points that a native call has started, after half a second.
 
-    For curves, whose number of points is not known before. The bar appears on standard error.
+    For curves, whose number of points is unknown. The bar appears on standard error.
     """
     if not shown:
         yield
@@ -128,7 +128,7 @@ def counted_pieces(shown: bool) -> Iterator[None]:
 
 
 def wait(thread: threading.Thread) -> None:
-    """Wait for a thread; if it takes long and somebody watches, with a bar."""
+    """Wait for a thread; with a bar if it takes long on a terminal or in a notebook."""
     thread.join(PATIENCE)
     if not thread.is_alive():
         return
@@ -148,14 +148,14 @@ def wait(thread: threading.Thread) -> None:
 
 
 def _count(ended: Any, patience: float) -> None:
-    """Count pieces of work until a call with a number of seconds returns True."""
+    """Count parts of work until ``ended``, called with a number of seconds, returns True."""
     before = pieces[0]()
     if patience and ended(patience):
         return
     with _new_bar(unit=" points") as bar:
         while not ended(_LOOK):
             now = pieces[0]()
-            # Work without pieces shows how long it has taken.
+            # For work without parts show the elapsed time.
             bar.bar_format = None if bar.n or now != before else "computing: {elapsed}"
             bar.update(max(now - before, 0))
             before = now

@@ -37,11 +37,11 @@ class Panel:
     x: FloatArray
     y: FloatArray
     x_label: str
-    #: The coordinate, its unit and, of an amplitude, its order.
+    #: The coordinate, its unit and, for an amplitude, its harmonic.
     name: str
     unit: str
     order: int | None = None
-    #: Whether it is drawn over a logarithmic axis.
+    #: True for a logarithmic axis.
     log: bool = False
 
 
@@ -65,24 +65,24 @@ class Result(Value):
     >>> words = response.summary()
     """
 
-    #: As in the names of tables: "response", "branch", "backbone", "transient", ...
+    #: Kind as in the names of tables: "response", "branch", "backbone", "transient", ...
     kind: ClassVar[str]
-    #: Whether all of it was found, to the accuracy asked for.
+    #: True if all parts were found with the requested accuracy.
     complete: bool = True
-    #: What scenes and faces call it: "response", "branch", "backbone", "trajectory", "steady",
-    #: "table", or none of these.
+    #: Name in scenes and user interfaces: "response", "branch", "backbone", "trajectory", "steady",
+    #: "table", or "".
     _form: ClassVar[str] = ""
 
     def _headline(self) -> str:
-        """Return how it ended, how much was found and what is wrong with it, in one line."""
+        """Return outcome, amount of results and problems in one line."""
         raise NotImplementedError
 
     def _scope(self) -> list[str]:
-        """Return what it is about: ranges, coordinates, accuracy."""
+        """Return ranges, coordinates and accuracy."""
         return []
 
     def _details(self) -> list[str]:
-        """Return what is worth knowing of it, a line each, if need be after more computing."""
+        """Return lines with details, which may need further computation."""
         return self._scope()
 
     def summary(self) -> str:
@@ -90,7 +90,7 @@ class Result(Value):
         return "\n".join([self._headline(), *self._details()])
 
     def numbers(self) -> dict[str, Number]:
-        """Return a few numbers, of one shape for any parameters: the summary for sweeps."""
+        """Return a few numbers, with the same names for all parameters: the summary for sweeps."""
         raise InputError(f"numbers: must be those of a response, branch or motion, not {self.kind}")
 
     def panels(self) -> list[Panel]:
@@ -98,11 +98,11 @@ class Result(Value):
         raise InputError(f"panels: must be those of a response, branch or motion, not {self.kind}")
 
     def _base_frequencies(self) -> dict[str, float] | None:
-        """Return the frequencies of its loads by name, whose multiples a picture may mark."""
+        """Return the frequencies of the loads by name, for marks of their multiples in pictures."""
         return None
 
     def _pieces(self) -> tuple[int, str, str]:
-        """Return how many pieces it took, that in words, and the word for one."""
+        """Return the number of parts, a text with this number, and the noun."""
         raise InputError("bench: this scene has nothing that can be timed")
 
     def plot(self, *args: Any, **options: Any) -> Any:
@@ -114,9 +114,9 @@ class Result(Value):
         raise NotImplementedError
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
-        """Return its table, of the coordinates wanted or of all.
+        """Return the table of the selected coordinates, or of all.
 
-        By default these are the columns that lie over the first dimension of `to_dataset`.
+        By default it has the columns over the first dimension of `to_dataset`.
         """
         if coordinates is not None:
             raise InputError(f"coordinates: the table of a {self.kind} has no choice, must be None")
@@ -165,11 +165,11 @@ class Result(Value):
             file.write(bytes(content))  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
-        """Say what it is in a few lines."""
+        """Return a description in a few lines."""
         return f"<{type(self).__name__}: " + "\n  ".join([self._headline(), *self._scope()]) + ">"
 
     def _repr_html_(self) -> str:
-        """Return the same with a small picture, for notebooks."""
+        """Return the description with a small picture, for notebooks."""
         text = f"<pre>{html.escape(repr(self))}</pre>"
         try:
             picture = io.StringIO()
@@ -181,7 +181,7 @@ class Result(Value):
 
 
 def span(values: FloatArray, unit: str = "") -> str:
-    """Return the ends of a range in words, with their unit."""
+    """Return the ends of a range as text with the unit."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return "nowhere"
@@ -191,12 +191,12 @@ def span(values: FloatArray, unit: str = "") -> str:
 
 
 def named(names: tuple[str, ...], units: tuple[str, ...]) -> str:
-    """Return coordinates with their units in words, of many only the first."""
+    """Return coordinates with their units as text; only the first six of many."""
     pairs = [f"{n} ({u})" if u != "1" else n for n, u in zip(names, units, strict=True)]
     more = [f"{len(pairs) - 6} more"] if len(pairs) > 6 else []
     return ", ".join([*pairs[:6], *more])
 
 
 def _pictures() -> Any:
-    """Return the module of pictures, which knows all results and is loaded when first drawn."""
+    """Return the module of pictures, which is loaded at the first drawing."""
     return import_module("viscovib.plots.pictures")

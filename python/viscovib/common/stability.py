@@ -1,4 +1,4 @@
-"""Stability of driven motions: what arguments and messages share."""
+"""Stability of driven motions: common code of arguments and messages."""
 
 import warnings
 from typing import Any
@@ -11,12 +11,12 @@ from viscovib.common.counts import things
 from viscovib.common.motion_stability import three_valued
 from viscovib.errors import StabilityWarning, caller
 
-#: Rates of growth closer to 0 than this count as 0.
+#: Growth rates closer to 0 than this count as 0.
 STILL = 1e-7
 
 
 def warn_of_unknown(unknown: npt.NDArray[np.bool_]) -> None:
-    """Say of how many motions stability is unknown, if of any."""
+    """Warn of motions with unknown stability."""
     if unknown.any():
         warnings.warn(
             f"stability of {things(unknown.sum(), 'motion')} is unknown: the problem is too "
@@ -29,9 +29,9 @@ def warn_of_unknown(unknown: npt.NDArray[np.bool_]) -> None:
 def told_by_rates(
     growth: FloatArray, off: FloatArray, found: npt.NDArray[np.bool_]
 ) -> npt.NDArray[Any]:
-    """Whether motions are stable by rates of growth with these errors, shape (n, 6); warns.
+    """Stability of motions from growth rates and their errors, shape (n, 6); may warn.
 
-    Stable if all rates are below 0 by more than their errors, not if one is above; else unknown.
+    Stable: all rates are below 0 by more than their errors; unstable: one is above; else unknown.
     """
     stable = np.all(growth + off < -STILL, axis=1)
     unknown = ~stable & ~np.any(growth - off >= -STILL, axis=1)

@@ -1,4 +1,4 @@
-"""Tables: what a result writes, byte for byte as the standalone driver writes it."""
+"""Tables of results, byte for byte as written by the standalone driver."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,13 +15,13 @@ from viscovib.common.files import whole_file
 
 @dataclass
 class Table:
-    """Notes for the top, and columns by their names: arrays of numbers, flags or words."""
+    """Notes for the header, and columns by name: arrays of numbers, flags or words."""
 
     notes: list[str] = field(default_factory=list)
     columns: dict[str, Any] = field(default_factory=dict)
 
     def add(self, name: str, values: npt.NDArray[Any]) -> None:
-        """Add a column, or two of complex numbers."""
+        """Add a column, or two columns for complex numbers."""
         if np.iscomplexobj(values):
             self.add_complex(name, values)
         else:
@@ -35,16 +35,16 @@ class Table:
     def add_harmonics(
         self, names: Mapping[int, str], orders: Iterable[str], coefficients: ComplexArray
     ) -> None:
-        """Add X_k of the coordinates whose places and names are given."""
+        """Add X_k of coordinates, given by index and name."""
         labels = list(orders)
         for d, name in names.items():
             for j, order in enumerate(labels):
                 self.add_complex(f"{name}_{order}", coefficients[:, d, j])
 
     def write(self, path: str | os.PathLike[str], plan: str, heading: str = "") -> None:
-        """Write the file, whole or not at all.
+        """Write the file atomically.
 
-        ``heading``: what stands behind the version, the scene and its title.
+        ``heading``: text after the version, such as the scene and its title.
         """
         lines = [f"viscovib {version('viscovib')}{heading}", *plan.splitlines(), *self.notes]
         names = [_quoted(name) for name in self.columns]
@@ -62,7 +62,7 @@ def _quoted(name: str) -> str:
 
 
 def cells(values: Any) -> list[str]:
-    """Return numbers with 17 digits, which read back to the same; other things as they are."""
+    """Return numbers with 17 digits, which are read back exactly; other values unchanged."""
     array = np.asarray(values)
     if array.dtype.kind == "f":
         return [f"{value:.16e}" for value in array.tolist()]
@@ -70,7 +70,7 @@ def cells(values: Any) -> list[str]:
 
 
 def listed(values: Iterable[float]) -> str:
-    """Return numbers in a line, each after a space."""
+    """Return numbers in one line, each after a space."""
     return "".join(f" {value:.16e}" for value in values)
 
 

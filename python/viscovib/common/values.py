@@ -1,4 +1,4 @@
-"""Values: what is found is compared field by field, copied, pickled and printed in a few lines."""
+"""Values: comparison field by field, copying, pickling and short printing."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from typing import Any
 
 import numpy as np
 
-#: Of arrays no longer than this every number is printed.
+#: Largest array size for which all numbers are printed.
 _FEW = 6
-#: Lists within lists that are copied.
+#: Largest depth of nested lists that are copied.
 _DEEPEST = 32
 
 
 class Value:
-    """Base of frozen dataclasses that hold what was found."""
+    """Base of frozen dataclasses with results."""
 
     def __eq__(self, other: object) -> bool:
-        """Whether all that was found is the same, NaN equal to NaN."""
+        """True if all fields are equal (NaN equals NaN)."""
         if type(self) is not type(other):
             return NotImplemented
         return all(same(getattr(self, name), getattr(other, name)) for name in _public(self))
 
     def __hash__(self) -> int:
-        """Of what equal values share."""
+        """Hash of the printed form, which is the same for equal values."""
         return hash(repr(self))
 
     def __repr__(self) -> str:
-        """Name the fields; of long arrays only the shape and the ends."""
+        """Return the fields, with the shape and the range of long arrays."""
         return short_repr(self)
 
 
 def short_repr(value: Any) -> str:
-    """Return the name and the fields of a dataclass, with the shape and the ends of long arrays."""
+    """Return the name and the fields of a dataclass, with shape and range of long arrays."""
     fields = ", ".join(f"{name}={_short(getattr(value, name))}" for name in _public(value))
     return f"{type(value).__name__}({fields})"
 
 
 def own(value: Any, deep: int = 0) -> Any:
-    """Return what was given as nobody else can change it: arrays as copies that are read-only.
+    """Return a copy of an argument that the caller cannot change; arrays are read-only.
 
-    ``deep``: lists around it. Deeper lists, or a list within itself, are no argument.
+    ``deep``: depth of nesting. Deeper lists, or a list that contains itself, are not copied.
     """
     if deep > _DEEPEST:
         return value
@@ -54,13 +54,13 @@ def own(value: Any, deep: int = 0) -> Any:
         return type(value)([own(one, deep + 1) for one in value])
     if type(value) is dict:
         return {key: own(one, deep + 1) for key, one in value.items()}
-    # Matrices of SciPy and what else holds numbers, as tables and buffers.
+    # Matrices of SciPy and other containers of numbers, such as tables and buffers.
     holds = hasattr(value, "__array__") or hasattr(value, "toarray") or hasattr(value, "typecode")
     return copy.deepcopy(value) if holds else value
 
 
 def own_fields(value: Any, *names: str) -> None:
-    """Let a frozen dataclass own what it was given: these fields, or all of its arguments."""
+    """Replace fields of a frozen dataclass (default: all arguments) by own copies."""
     given = names or [field.name for field in dataclasses.fields(value) if field.init]
     for name in given:
         object.__setattr__(value, name, own(getattr(value, name)))
@@ -71,7 +71,7 @@ def _public(value: Any) -> list[str]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two fields hold the same."""
+    """True if two fields are equal."""
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         numbers = one.dtype.kind in "fc" and other.dtype.kind in "fc"
         return np.array_equal(one, other, equal_nan=numbers)

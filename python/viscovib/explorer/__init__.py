@@ -1,1 +1,1 @@
-"""The explorer: a scene in the browser, with a slider for each of its numbers."""
+"""The explorer: a scene in the browser with a slider for each number."""

@@ -1,4 +1,4 @@
-"""What the explorer draws of a result: curves with stability and marks, and motions as frames."""
+"""Curves of a result with stability and marks, and frames of motions, for the explorer."""
 
 import math
 import re
@@ -20,15 +20,15 @@ from viscovib.scene.scene import Scene
 from viscovib.scene.table import TableResult
 from viscovib.sweeps.points import quiet
 
-#: Frames of one period, and of a whole motion in time.
+#: Number of frames of one period, and largest number of a motion in time.
 _FRAMES, _MOST_FRAMES = 60, 400
 _GREEK = {r"\nu": "ν", r"\tau": "τ", r"\omega": "ω", r"\varphi": "φ", r"\psi": "ψ"}
 _BELOW = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
-#: The real part of a harmonic of a coordinate, as a column of a table.
+#: Name of a table column with the real part of a harmonic of a coordinate.
 _HARMONIC = re.compile(r"(.+)_(\d+)_re")
 
-#: Stability of a point as a number: unstable, stable, unknown.
+#: Numbers for the stability of a point: unstable, stable, unknown.
 UNSTABLE, STABLE, UNKNOWN = 0, 1, 2
 
 
@@ -44,11 +44,11 @@ class Curve:
     x: FloatArray
     y: FloatArray
     stability: npt.NDArray[np.int8]
-    #: Points that belong together in no order are drawn as points.
+    #: Points without an order are drawn as separate points.
     points: bool = False
-    #: Folds, branch points and other changes of stability: x and y.
+    #: x and y of folds, branch points and other changes of stability.
     marks: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
-    #: Between which points a response jumps to another branch; None: nowhere.
+    #: Steps between points at which a response jumps to another branch; None: no jumps.
     jumps: npt.NDArray[np.bool_] | None = None
 
     @property
@@ -64,7 +64,7 @@ class Curve:
         return "(rad/s)" in self.x_label
 
     def part(self, stability: int) -> FloatArray:
-        """Return y where stability is as said; neighbours too, so that stretches meet."""
+        """Return y of points with this stability and their neighbours, so that stretches meet."""
         shown = self.stability == stability
         if not self.points and stability != STABLE:
             shown = shown.copy()
@@ -74,7 +74,7 @@ class Curve:
 
 
 def curves_of(value: Any, others: Sequence[Any] = ()) -> list[Curve]:
-    """Return one curve a coordinate; branches that leave the first follow it after a gap."""
+    """Return one curve per coordinate; other branches follow the first after a gap."""
     own = _OWN.get(str(value._form))
     if own is not None and (found := own(value)):
         return found
@@ -117,7 +117,7 @@ def curves_of(value: Any, others: Sequence[Any] = ()) -> list[Curve]:
 
 
 def _again(result: Any, panel: Panel) -> Panel:
-    """Return the same order of a branch that leaves: its own largest may be another."""
+    """Return the same order of another branch: its own largest order may differ."""
     y = result.amplitude(panel.name, panel.order)
     x = result.nu if result.kind == "backbone" else result.parameter
     return Panel(x, y, panel.x_label, panel.name, panel.unit, panel.order, panel.log)
@@ -136,7 +136,7 @@ def _of_scales(value: ScalesResponse) -> list[Curve]:
 
 
 def _of_table(value: TableResult) -> list[Curve]:
-    """Return the lowest harmonic of each coordinate of a table, if it has columns of such."""
+    """Return the lowest harmonic of each coordinate of a table, if it has such columns."""
     first, x = next(iter(value.columns.items()))
     stable = value.columns.get("stable", np.ones(x.size))
     known = np.select([stable == 1, stable == 0], [STABLE, UNSTABLE], UNKNOWN).astype(np.int8)
@@ -158,7 +158,7 @@ def _of_table(value: TableResult) -> list[Curve]:
     ]  # fmt: skip
 
 
-#: Results whose curves are no panels.
+#: Results whose curves are not made from panels.
 _OWN: dict[str, Callable[[Any], list[Curve]]] = {"steady": _of_scales, "table": _of_table}
 
 
@@ -190,7 +190,7 @@ def _add_marks(marks: dict[str, tuple[FloatArray, FloatArray]], result: Any, pan
 
 
 def _plain(label: str) -> str:
-    """Return a label for axes that know no TeX."""
+    """Return a label for axes without TeX."""
     for tex, letter in _GREEK.items():
         label = label.replace(tex, letter)
     return label.replace("$", "")
@@ -198,7 +198,7 @@ def _plain(label: str) -> str:
 
 @dataclass(frozen=True)
 class Motion:
-    """Frames of one motion, and what is said of it."""
+    """Frames of one motion and a description."""
 
     drawing: Drawing
     about: str
@@ -207,11 +207,11 @@ class Motion:
 def motion_of(
     scene: Scene, value: Any, others: Sequence[Any], curve: Curve, point: int
 ) -> Motion | None:
-    """Return the motion at a point of a curve; None where there is none to show."""
+    """Return the motion at a point of a curve; None if there is no motion."""
     if value._form == "trajectory":
         if value.t.size < 2:
             return None
-        # State by state: with some left out fast motions would look slow.
+        # Use every state: if some were omitted, fast motions would look slow.
         late = slice(max(0, value.t.size - _MOST_FRAMES), None)
         drawing = drawing_of(
             value.state[late, ::2], value.dof_names, value.system.dof_units, _system(scene)
@@ -225,7 +225,7 @@ def motion_of(
         value, n = result, len(result.coefficients)
         if i <= n:
             break
-        # A gap lies between branches.
+        # There is a gap between branches.
         i -= n + 1
     try:
         _, motion = value.waveform(min(i, n - 1), _FRAMES)
@@ -241,7 +241,7 @@ def motion_of(
 
 
 def _system(scene: Scene) -> Any:
-    """Return what holds a system's lengths."""
+    """Return the system, which contains the lengths of the drawing."""
     with warnings.catch_warnings():
         quiet()
         return scene.pendulum() if scene.is_pendulum else scene.oscillator()

@@ -15,12 +15,12 @@ _MOST_ROWS = 100_000
 def read_measured(
     text: str, names: Sequence[str], orders: Sequence[int | None]
 ) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return x and y of each coordinate for which there is a column.
+    """Return x and y of each coordinate that has a column.
 
-    The first column is x. A line of names is optional: a column belongs to the coordinate it is
-    named after, without names the second column to the first coordinate and so on. Tables that
-    viscovib writes, with real and imaginary parts ``x_1_re`` and ``x_1_im``, give amplitudes.
-    Lines that begin with ``#`` are left out.
+    The first column is x. A line of names is optional. With it, a column belongs to the coordinate
+    of that name; without it, the second column belongs to the first coordinate, etc. Tables of
+    viscovib contain real and imaginary parts ``x_1_re`` and ``x_1_im``; they give amplitudes.
+    Lines that begin with ``#`` are ignored.
     """
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
@@ -73,7 +73,7 @@ def _columns(
         elif all(part in header for part in parts):
             found[name] = np.hypot(*(table[header.index(part)] for part in parts))
     if not found and len(header) == 2 and np.isfinite(table[1]).any():
-        # One curve of any name is that of the first coordinate.
+        # A single curve, with any name, belongs to the first coordinate.
         found[names[0]] = table[1]
     return found
 

@@ -11,7 +11,7 @@ from viscovib.errors import InputError
 from viscovib.scene.scene import Scene
 
 _KEYS, _PORT = Names("keys"), Whole("port", 0, 65535)
-#: Pixels of the frame in a notebook, and seconds that a server may take to start.
+#: Height of the frame in a notebook (pixels), and longest start of a server (s).
 _HEIGHT, _PATIENCE = 900, 60.0
 
 
@@ -74,7 +74,7 @@ class Explorer:
             self._server = None
 
     def __repr__(self) -> str:
-        """Say where the page is."""
+        """Return a text with the address of the page."""
         return f"<Explorer: {self.address}>"
 
     def _repr_html_(self) -> str:

@@ -1,4 +1,4 @@
-"""Numbers of a scene that a slider can move: their keys, units and ranges."""
+"""Numbers of a scene that can have a slider: their keys, units and ranges."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,29 +10,29 @@ from viscovib.errors import InputError
 from viscovib.scene.scene import Scene, texts
 from viscovib.scene.units import unit_of
 
-#: Groups whose numbers say what the system is and what loads it.
+#: Groups whose numbers define the system and its loads.
 _PHYSICS = (
     "mount", "body", "mount_point", "system", "spring", "element", "force", "kernel", "pendulum",
     "load", "parameters",
 )  # fmt: skip
-#: Where and how long results are computed, of the other groups.
+#: Keys of the other groups: ranges and durations of the computation.
 _RANGES = (
     "nu", "nu_from", "nu_to", "nu_count", "from", "to", "count", "t_end", "dt",
     "initial", "mode", "discard",
 )  # fmt: skip
-#: Integers of the first groups that are names of a kind, not quantities.
+#: Keys of the first groups whose integers are indices, not quantities.
 _NAMES = ("kernel", "kernels", "order", "powers")
 _MATRICES = ("mass", "stiffness", "damping", "inertia")
-#: Where 0 is the least there is, and what small numbers of a pendulum are measured against.
+#: Keys without negative values, and scales of the small numbers of a pendulum.
 _NOT_NEGATIVE = ("damping", "c1", "c2", "c3", "p1", "p2", "p3")
 _SMALL = {**dict.fromkeys(("c1", "c2", "c3", "f0", "m01", "m02"), 0.1), "p1": 2, "p2": 2, "p3": 2}
-#: Sliders at most, unless keys are named; a slider reaches this many times the value.
+#: Largest number of sliders if no keys are named; end of a slider relative to the value.
 MOST, _TIMES = 40, 4.0
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a scene: what `Scene.override` calls it, and what a reader sees."""
+    """One number of a scene: its key for `Scene.override`, and its label on the page."""
 
     key: str
     label: str
@@ -40,14 +40,14 @@ class Number:
     unit: str
     value: float
     whole: bool = False
-    #: The same entry on the other side of the diagonal of a symmetric matrix.
+    #: Key of the equal entry on the other side of the diagonal of a symmetric matrix.
     mirror: str | None = None
-    #: What a number that is 0 is measured against.
+    #: End of the slider of a number that is 0.
     scale: float = 1.0
     positive: bool = False
 
     def ends(self, value: float) -> tuple[float, float]:
-        """Least and largest value of a slider that stands at a value."""
+        """Smallest and largest value of a slider at this value."""
         if value == 0:
             if self.whole:
                 return 0.0, 10.0
@@ -57,7 +57,7 @@ class Number:
 
 
 def numbers(scene: Scene) -> dict[str, Number]:
-    """Every number of a scene by its key: those of the system and its loads first."""
+    """Every number of a scene by its key, first those of the system and its loads."""
     found: dict[str, Number] = {}
     for name in (*_PHYSICS, *scene.groups):
         if name not in ("scene", "sweep"):
@@ -78,7 +78,7 @@ def _of_group(scene: Scene, name: str) -> Iterator[Number]:
 
 
 def chosen(scene: Scene, keys: Sequence[str] | None) -> dict[str, Number]:
-    """Return the numbers named by keys; without keys those that are not 0, then the others."""
+    """Return the numbers with these keys; without keys, first those that are not 0."""
     known = numbers(scene)
     if keys is None:
         order = sorted(known.values(), key=lambda number: number.value == 0)
@@ -137,7 +137,7 @@ def _entry(key: str, i: int, n: int, names: tuple[str, ...]) -> str:
 
 def _names(groups: Mapping[str, Any], title: str) -> tuple[str, ...]:
     if title.startswith(("body", "mount_point")):
-        # Everything in them is along three axes, or about them.
+        # Their lists of three numbers refer to three axes.
         return ("x", "y", "z")
     if "system" in groups:
         return texts(groups["system"]["coordinates"])

@@ -30,14 +30,14 @@ from viscovib.explorer.widgets import HANDLE, NumberRow, Saver, alert, card, flo
 from viscovib.explorer.words import legend, peaks
 from viscovib.plots.pictures import save_picture
 
-#: Seconds of computing from which a moving slider is waited for, and how long it has to rest (ms).
+#: Computing time (s) from which a slider must rest before the computation, and that rest (ms).
 _SLOW, _REST = 0.05, 200
-#: How long words wait for the next change (ms).
+#: Delay of texts after a change (ms).
 _WORDS = 60
-#: Groups of numbers that are open at first.
+#: Number of groups that are open at first.
 _OPEN = 3
-#: Wide: curves at the left, sliders at the right. Narrow: one below the other, and the curves stay
-#: in sight while sliders scroll below them.
+#: Wide page: curves at the left, sliders at the right. Narrow page: one below the other; the curves
+#: remain visible while the sliders scroll below them.
 _AREAS = """
 :host { display: flex !important; flex-direction: column; gap: 4px 16px; overflow: visible; }
 @media (min-width: 900px) {
@@ -59,9 +59,9 @@ _ADDRESS = "history.replaceState(null, '', location.pathname + cb_obj.data.query
 
 
 class Page:
-    """One page: all that a session of the browser sees.
+    """One page, for one session of the browser.
 
-    ``folder``: where scenes may be picked from; ``document``: where slow work is put off.
+    ``folder``: folder of the scenes to choose from; ``document``: runs slow work later.
     """
 
     def __init__(self, state: State, folder: Path | None = None, document: Any = None) -> None:
@@ -83,7 +83,7 @@ class Page:
         self._build()
 
     def complain(self, message: str) -> None:
-        """Say above the curves what is wrong."""
+        """Show an error above the curves."""
         self.trouble.text = alert(message)
 
     def _make_words(self) -> None:
@@ -182,14 +182,14 @@ class Page:
         )  # fmt: skip
         return Column(
             self.title, files, grid, sizing_mode="stretch_width", styles={"max-width": "1500px"},
-            # What is not seen belongs to the page too.
+            # Invisible parts must belong to the page too.
             tags=[self.address, self.saver.source],
         )  # fmt: skip
 
-    # What changes the state.
+    # Changes of the state.
 
     def _change(self, change: Callable[[], None]) -> str:
-        """Make a change and show what came of it; return what was wrong with it."""
+        """Make a change and show its result; return the error message, if any."""
         try:
             change()
         except (ViscovibError, UnicodeError, ArithmeticError) as error:
@@ -201,7 +201,7 @@ class Page:
     def _moved(self, key: str, value: float) -> str:
         if self.state.seconds < _SLOW or self._document is None:
             return self._change(partial(self.state.set, key, value))
-        # Long work waits until the hand rests.
+        # Long work waits until the slider rests.
         if self._waiting is not None:
             self._document.remove_timeout_callback(self._waiting)
         late = partial(self._late, key, value)
@@ -227,7 +227,7 @@ class Page:
                 row.fill(self.state.value(key))
 
     def _use(self, text: str, name: str = "explored.nml") -> None:
-        """Take a scene that was typed or loaded."""
+        """Use a scene that was typed or loaded."""
         self._take(partial(self.state.read_text, text, name))
 
     def _take(self, change: Callable[[], None]) -> None:
@@ -244,7 +244,7 @@ class Page:
             self._soon(self._load)
 
     def _load(self) -> None:
-        """Take the scene file that was handed over."""
+        """Use the uploaded scene file."""
         name, content = _handed_over(self.upload)
         try:
             text = content.decode()
@@ -254,7 +254,7 @@ class Page:
         self._use(text, name)
 
     def _soon(self, action: Callable[[], None]) -> None:
-        """Do something when all that came with a file, such as its name, is there."""
+        """Do something after all data of a file, such as its name, have arrived."""
         if self._document is None:
             action()
         else:
@@ -274,7 +274,7 @@ class Page:
             self._soon(self._lay_beside)
 
     def _lay_beside(self) -> None:
-        """Show the measured curve that was handed over."""
+        """Show the uploaded measured curve."""
         name, content = _handed_over(self.compare)
         names = [curve.name for curve in self.curves]
         orders = [curve.order for curve in self.curves]
@@ -294,10 +294,10 @@ class Page:
         self._frozen, self._measured = {}, {}
         self._show_beside()
 
-    # What is shown.
+    # The display.
 
     def _build(self) -> None:
-        """Make rows and figures anew, for another scene."""
+        """Make new rows and figures for another scene."""
         self.rows = {
             key: NumberRow(
                 number, self.state.value(key), self._moved, self._typed, self.state.settle
@@ -323,7 +323,7 @@ class Page:
         self._tell()
 
     def _redraw(self) -> None:
-        """Make figures anew, for other axes."""
+        """Make new figures for other axes."""
         high = max(150, min(260, 470 // max(len(self.curves), 1)))
         self.pictures = [
             CurvePicture(curve, self.scale.value, self.frequency.value, high, self._choose)
@@ -336,7 +336,7 @@ class Page:
         self._mark()
 
     def _refresh(self) -> None:
-        """Show the result as it is now."""
+        """Show the present result."""
         before = [(curve.name, curve.order, curve.x_label) for curve in self.curves]
         self.curves = curves_of(self.state.result.value, self.state.result.switched)
         now = [(curve.name, curve.order, curve.x_label) for curve in self.curves]
@@ -348,13 +348,13 @@ class Page:
         if self._document is None:
             self._tell()
             return
-        # Curves go first; peaks, which are solved for, and words follow when the hand rests.
+        # First the curves; peaks, which need a solution, and texts follow when the slider rests.
         if self._telling is not None:
             self._document.remove_timeout_callback(self._telling)
         self._telling = self._document.add_timeout_callback(self._tell, _WORDS)
 
     def _tell(self) -> None:
-        """Write down everything that is in words."""
+        """Update all texts."""
         self._telling = None
         state = self.state
         scene = state.now.scene
@@ -404,7 +404,7 @@ class Page:
             return
         curve = self.curves[0]
         last = max(curve.x.size - 1, 1)
-        # Until a point is chosen, the motion is that of the peak.
+        # Before a point is chosen, show the motion of the peak.
         point = self._point
         if point is None:
             finite = np.isfinite(curve.y)
@@ -445,15 +445,15 @@ class Page:
 
 
 def _handed_over(chosen: FileInput) -> tuple[str, bytes]:
-    """Return name and content of a file that was chosen, which may be chosen again after."""
+    """Return name and content of a chosen file, and allow it to be chosen again."""
     name, content = str(chosen.filename), base64.b64decode(str(chosen.value))
-    # A browser says nothing of a file that is chosen already, though it may have changed.
+    # A browser reports no second choice of the same file, although it may have changed.
     chosen.clear()
     return name, content
 
 
 def _content(suffix: str, write: Callable[[Path], None]) -> bytes:
-    """Return what a call writes into a file."""
+    """Return the bytes that a function writes into a file."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"file.{suffix}"
         write(path)

@@ -1,4 +1,4 @@
-"""Figures of the explorer's page: a curve for each coordinate, and the motion at a point."""
+"""Figures of the explorer page: a curve for each coordinate, and the motion at a point."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -28,9 +28,9 @@ _MARKS = {
 }
 _FROZEN, _MEASURED = "#9a9a9a", "#1b7f4d"
 _INK = "#222222"
-#: Pixels of the figure of the motion: narrow enough for a telephone.
+#: Width and height of the figure of the motion (pixels), narrow enough for a telephone.
 _WIDE, _HIGH = 330, 210
-#: Decibels of amplitudes are relative to 1 of their unit.
+#: Decibels of amplitudes refer to 1 in their unit.
 SCALES = ("linear", "logarithmic", "decibels")
 FREQUENCIES = ("rad/s", "Hz")
 
@@ -109,11 +109,11 @@ class CurvePicture:
             self._put(kind, *curve.marks.get(kind, (np.empty(0), np.empty(0))))
 
     def beside(self, name: str, curve: tuple[FloatArray, FloatArray] | None) -> None:
-        """Show a frozen or measured curve; None takes it away."""
+        """Show a frozen or measured curve; None removes it."""
         self._put(name, *(curve or (np.empty(0), np.empty(0))))
 
     def mark(self, point: int | None) -> None:
-        """Show by a line across where the motion is that of the animation."""
+        """Mark the point of the animated motion with a vertical line."""
         self._at.visible = point is not None
         if point is not None and self._curve.x.size:
             x = self._curve.x[min(point, self._curve.x.size - 1)]
@@ -131,12 +131,12 @@ class CurvePicture:
     def _shown_y(self, y: FloatArray) -> FloatArray:
         if self._scale == "linear":
             return y
-        # There is no logarithm of 0, and none of a coordinate in time that changes its sign.
+        # There is no logarithm of 0 or of negative values.
         positive = np.where(y > 0, y, np.nan)
         return 20 * np.log10(positive) if self._scale == "decibels" else positive
 
     def _tapped(self, event: Any) -> None:
-        """Choose the point next to where the figure was touched, as it is seen."""
+        """Choose the point nearest to the touched place on the screen."""
         x = np.asarray(self._shown_x(self._curve.x), dtype=float)
         y = self._shown_y(self._curve.y)
         place = float(event.y)
@@ -150,7 +150,7 @@ class CurvePicture:
 
 
 class MotionPicture:
-    """The figure of the moving body; its frames are kept where the page plays them."""
+    """The figure of the moving body; the browser has all frames and plays them."""
 
     def __init__(self) -> None:
         self.bodies = ColumnDataSource({"xs": [], "ys": []})
@@ -182,7 +182,7 @@ class MotionPicture:
             left, right, low, high = motion.drawing.limits()
             if motion.drawing.names:
                 left -= 0.15 * (right - left)
-            # One scale for both axes, so that what is square stays square.
+            # One scale for both axes, so that a square remains a square.
             unit = max((right - left) / _WIDE, (high - low) / _HIGH)
             for axis, middle, size in (
                 (self.figure.x_range, 0.5 * (left + right), _WIDE),

@@ -1,4 +1,4 @@
-"""The local server of the explorer: bound to this machine, behind a token."""
+"""The local server of the explorer: only for this machine, with a secret token."""
 
 import contextlib
 import html
@@ -42,7 +42,7 @@ const nameSliders = (root) => {
 }
 setInterval(() => nameSliders(document), 500)
 """
-#: The page around it all; scripts and styles come from this server alone.
+#: The HTML page; all scripts and styles come from this server.
 _TEMPLATE = Template(
     """{% from macros import embed %}<!DOCTYPE html>
 <html lang="en">
@@ -63,7 +63,7 @@ _TEMPLATE = Template(
 </html>"""
 )
 
-#: The file that leads to the page.
+#: The local file that redirects to the page.
 _LEAD = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>viscovib</title>
 <meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={address}">
 <p><a href="{address}">viscovib explorer</a></p></html>
@@ -71,7 +71,7 @@ _LEAD = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>viscovib<
 
 
 def query_of(arguments: Mapping[str, Sequence[bytes]]) -> list[tuple[str, str]]:
-    """Return the first value of each key of an address; bytes that are no text are replaced."""
+    """Return the first value of each key of an address; undecodable bytes are replaced."""
     return [(key, value.decode(errors="replace")) for key, (value, *_) in arguments.items()]
 
 
@@ -81,15 +81,15 @@ def page_of(
     query: Sequence[tuple[str, str]] = (),
     document: Any = None,
 ) -> Page:
-    """Return a page of a scene, in the state that the query of an address names.
+    """Return a page of a scene in the state given by the query of an address.
 
-    ``scene=NAME`` in the query takes another scene of the same folder.
+    ``scene=NAME`` in the query selects another scene of the same folder.
     """
     folder = scene.path.parent if scene.path.exists() else None
     wanted = dict(query).get("scene")
     if folder is not None and wanted and wanted != scene.path.name:
         named = folder / Path(wanted).name
-        # A name that no file can have is the name of none.
+        # `exists` is False for a name that no file can have.
         if named.suffix == ".nml" and os.path.exists(named):
             scene, keys = Scene.read(named), None
     state = State(scene, keys)
@@ -124,7 +124,7 @@ def start(scene: Scene, keys: Sequence[str] | None = None, port: int = 0) -> tup
     token = secrets.token_urlsafe(24)
     try:
         with socket.socket() as probe:
-            # The server needs the addresses of its own pages, with the port.
+            # The server needs its own address, including the port.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((_HERE, port))
             port = probe.getsockname()[1]
@@ -149,20 +149,20 @@ def serve(
     browser: bool = True,
     tell: Callable[[str], None] = print,
 ) -> None:
-    """Serve the explorer until it is interrupted. ``port``: 0 takes any that is free."""
+    """Serve the explorer until it is interrupted. ``port`` 0: any free port."""
     # Errors of the computation are raised here, before a server starts.
     page_of(scene, keys)
     server, address = start(scene, keys, port)
     tell(f"{address}\nend with Ctrl+C")
 
     def end(*_: object) -> None:
-        # The exception is lost where it is raised in code that ignores it, such as a finalizer.
+        # Code that ignores exceptions, such as a finalizer, would suppress this one.
         server.io_loop.add_callback(server.io_loop.stop)
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
-    # A folder that only this user can enter.
+    # Only this user can open the folder.
     with TemporaryDirectory(prefix="viscovib-") as folder:
         with contextlib.suppress(KeyboardInterrupt):
             if browser:
@@ -172,7 +172,7 @@ def serve(
 
 
 def _open(address: str, folder: Path) -> None:
-    """Lead the browser to the page by a local file: its command line shows no token to others."""
+    """Open the page by a local file, so that the command line of the browser shows no token."""
     page = folder / "explorer.html"
     text = _LEAD.format(address=html.escape(address))
     with open(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:

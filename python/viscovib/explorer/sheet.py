@@ -1,4 +1,4 @@
-"""A sheet of paper instead of the page: what each number of a scene does, as one picture."""
+"""One picture, instead of the page, with the effect of each number of a scene."""
 
 import warnings
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from viscovib.scene.job import run_one
 from viscovib.scene.scene import Scene
 from viscovib.sweeps.points import quiet
 
-#: Numbers shown at most, and how far each is moved.
+#: Largest number of shown numbers, and the factor by which each is changed.
 _MOST, _FACTOR = 12, 1.25
 
 
@@ -26,12 +26,12 @@ def _label(curve: Curve) -> str:
 
 
 def _values(number: Number, factor: float) -> dict[str, float]:
-    """Return a number times a factor; of a symmetric matrix the entry across moves with it."""
+    """Return a number times a factor; its equal entry in a symmetric matrix changes too."""
     return {key: number.value * factor for key in (number.key, number.mirror) if key is not None}
 
 
 def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> None:
-    """Draw what each number does: a row of panels a number, at 0.8, 1 and 1.25 times its value."""
+    """Draw the effect of each number in a row of panels, at 0.8, 1 and 1.25 times its value."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -57,7 +57,7 @@ def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> N
                         else curves_of(run_one(one.override(_values(number, factor))).value)
                     )
                 except ViscovibError:
-                    # Out of range on this side: the others show.
+                    # This value is out of range: draw only the others.
                     continue
                 for axis, curve in zip(row, found, strict=True):
                     label = f"{number.key} = {number.value * factor:.4g}"
@@ -72,7 +72,7 @@ def save_sheet(scene: Scene, path: Path, keys: Sequence[str] | None = None) -> N
             legend = row[0].legend(
                 frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0, 1), ncols=3
             )
-            # Above its row, which a title without words keeps free; it would widen the column.
+            # Above its row, where a blank title leaves room; it must not widen the column.
             legend.set_in_layout(False)
             row[0].set_title(" ", fontsize=9)
     for axis, curve in zip(axes[-1], middle, strict=True):

@@ -1,4 +1,4 @@
-"""What the explorer knows: a scene, what was changed in it, and the way back."""
+"""State of the explorer: a scene, its changes, and the steps for undo and redo."""
 
 import re
 import time
@@ -19,7 +19,7 @@ from viscovib.sweeps.scenes import summary
 
 #: Significant digits of a number that a slider sets.
 _DIGITS = 6
-#: Steps back that are kept.
+#: Largest number of stored steps.
 _MOST_STEPS = 500
 #: Name of a scene that was typed or loaded, not read from the folder.
 _TYPED = "explored.nml"
@@ -27,13 +27,13 @@ _TYPED = "explored.nml"
 
 @dataclass(frozen=True)
 class Moment:
-    """A scene as it was read, and the values changed since, by key."""
+    """A scene as it was read, and the values changed since then, by key."""
 
     scene: Scene
     changed: Mapping[str, float]
-    #: Whether the scene is a file that others can read again by its path.
+    #: Whether the scene is a file that can be read again by its path.
     on_disk: bool = True
-    #: Numbers that were asked for; None: all that there is room for.
+    #: Keys with a slider; None: up to the largest number of sliders.
     keys: tuple[str, ...] | None = None
 
     def current(self) -> Scene:
@@ -42,9 +42,9 @@ class Moment:
 
 
 class State:
-    """The scene under one's hands, with undo and redo.
+    """The present scene, with undo and redo.
 
-    Every method that changes something computes first, and leaves all as it was if that fails.
+    Every method that makes a change computes first. If that fails, the state does not change.
     """
 
     def __init__(self, scene: Scene, keys: Sequence[str] | None = None) -> None:
@@ -59,17 +59,17 @@ class State:
         self.start = self.result
 
     def value(self, key: str) -> float:
-        """Return the value of a number now."""
+        """Return the present value of a number."""
         return self.now.changed.get(key, self.numbers[key].value)
 
     def set(self, key: str, value: float) -> None:
-        """Give a number a value. Steps of one movement are undone together: see `settle`."""
+        """Set a number. Steps of one movement are undone together: see `settle`."""
         number = self._number(key)
         rounded = float(f"{value:.{_DIGITS}g}")
         self._to(replace(self.now, changed=_changed(self.now.changed, number, rounded)), key)
 
     def set_exactly(self, key: str, text: str) -> None:
-        """Give a number the value that was typed."""
+        """Set a number to the typed value."""
         try:
             value = float(text)
         except ValueError:
@@ -78,19 +78,19 @@ class State:
         self._to(replace(self.now, changed=_changed(self.now.changed, number, value)), None)
 
     def settle(self) -> None:
-        """End a movement: the next change is undone on its own."""
+        """End a movement: the next change is a separate step of undo."""
         self._moving = None
 
     def reset(self) -> None:
-        """Go back to the scene as it was read."""
+        """Return to the scene as it was read."""
         self._to(replace(self.now, changed={}), None)
 
     def read(self, path: Path) -> None:
-        """Take another scene file."""
+        """Use another scene file."""
         self._take(Moment(Scene.read(path).override({}), {}))
 
     def read_text(self, text: str, name: str = _TYPED) -> None:
-        """Take a scene that was typed or loaded; lines of its messages are those of the text."""
+        """Use a typed or loaded scene; line numbers in messages are those of the text."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / (Path(name).name or _TYPED)
             path.write_text(text, encoding="utf-8")
@@ -104,33 +104,33 @@ class State:
 
     @property
     def first_numbers(self) -> dict[str, Any]:
-        """Return the few numbers that tell of the result as the scene was read."""
+        """Return the summary of the result of the scene as it was read."""
         if self._first is None or self._first[0] is not self.start:
             self._first = self.start, summary(self.start)
         return self._first[1]
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a step to go back."""
+        """Whether there is a step to undo."""
         return bool(self._past)
 
     @property
     def can_redo(self) -> bool:
-        """Whether a step back can be taken again."""
+        """Whether there is a step to redo."""
         return bool(self._future)
 
     def undo(self) -> None:
-        """Go a step back."""
+        """Undo a step."""
         if self._past:
             self._step(self._past, self._future)
 
     def redo(self) -> None:
-        """Take the step that was undone again."""
+        """Repeat the step that was undone."""
         if self._future:
             self._step(self._future, self._past)
 
     def link(self) -> str:
-        """Return the query of an address that leads here, "" where nothing was changed."""
+        """Return the query of an address for this state, "" without changes."""
         if not self.now.changed:
             return ""
         changed = self.now.changed.items()
@@ -138,7 +138,7 @@ class State:
         return "?" + urllib.parse.urlencode(pairs, safe="().")
 
     def follow(self, query: Iterable[tuple[str, str]]) -> None:
-        """Set the values that an address names, as `link` writes them: pairs of key and text."""
+        """Set the values of an address, in the form of `link`: pairs of key and text."""
         changed: dict[str, float] = {}
         for key, text in query:
             if key == "scene":
@@ -152,11 +152,11 @@ class State:
             self._to(replace(self.now, changed=changed), None)
 
     def scene_text(self) -> str:
-        """Return the scene as it is now, as the text of a file."""
+        """Return the present scene as the text of a file."""
         return self.now.current().canonical
 
     def python_lines(self) -> str:
-        """Return the lines of Python that give the same result."""
+        """Return Python code that gives the same result."""
         path, changed = self.now.scene.path, dict(self.now.changed)
         if self.now.on_disk:
             read = f"scene = vv.Scene.read({str(path)!r})"
@@ -181,7 +181,7 @@ class State:
         return self.numbers[key]
 
     def _take(self, moment: Moment) -> None:
-        """Begin with another scene."""
+        """Start with another scene."""
         found = chosen(moment.scene, None)
         result, seconds = compute(moment.scene)
         self._remember(None)
@@ -213,7 +213,7 @@ class State:
 
 
 def _changed(changed: Mapping[str, float], number: Number, value: float) -> dict[str, float]:
-    """Return changes with one more; a value as it was read is none."""
+    """Return the changes with one more; the value as it was read is not a change."""
     rest = {key: old for key, old in changed.items() if key not in (number.key, number.mirror)}
     if value == number.value:
         return rest
@@ -222,7 +222,7 @@ def _changed(changed: Mapping[str, float], number: Number, value: float) -> dict
 
 
 def compute(scene: Scene) -> tuple[SceneResult, float]:
-    """Compute a scene without words about it; the result and what it took (s)."""
+    """Compute a scene without warnings; return the result and the time (s)."""
     begun = time.perf_counter()
     with warnings.catch_warnings():
         quiet()

@@ -1,4 +1,4 @@
-"""Parts of the explorer's page: rows with a slider, cards that fold, files to save, the player."""
+"""Parts of the explorer page: rows with a slider, folding cards, saved files, the player."""
 
 import base64
 import html
@@ -20,7 +20,7 @@ from bokeh.models import (
 from viscovib.explorer.numbers import Number
 
 _WRONG = ".bk-input { border: 2px solid #b3261e; background: #fdecea; }"
-#: Sliders whose handle is seen, and seen to be focused.
+#: Style of sliders with a visible handle and a visible focus.
 HANDLE = (
     ".noUi-handle { background: #1a56c4; border: 1px solid #0b1d51; box-shadow: none; }"
     ".noUi-handle:focus { outline: 3px solid #e08e1b; outline-offset: 1px; }"
@@ -45,7 +45,7 @@ link.click()
 link.remove()
 setTimeout(() => URL.revokeObjectURL(link.href), 60000)
 """
-#: Frames are drawn by the page alone: nothing of it is sent to the server.
+#: The browser draws the frames and sends nothing to the server.
 _PLAY = """
 const quiet = {sync: false}
 const show = (f) => {
@@ -66,22 +66,22 @@ if (cb_obj.active) {
 
 
 def words(text: str = "") -> Div:
-    """Return a place for words, as HTML."""
-    # Formulas may contain links that execute code, which no escape of HTML prevents.
+    """Return an element for text as HTML."""
+    # Formulas may contain links that execute code; escaping HTML does not prevent this.
     return Div(
         text=text, disable_math=True, sizing_mode="stretch_width", margin=(2, 5, 2, 5)
     )  # fmt: skip
 
 
 def alert(message: str) -> str:
-    """Return a message about what is wrong, as HTML that is read out at once."""
+    """Return an error message as HTML that screen readers read immediately."""
     if not message:
         return ""
     return f"<div role='alert' style='color:#b3261e'>{html.escape(message)}</div>"
 
 
 def card(title: str, *parts: Any, folded: bool = False) -> Column:
-    """Return parts below a title that folds them away and back."""
+    """Return parts below a title that hides and shows them."""
     head = Toggle(
         label=title, active=not folded, stylesheets=[_TITLE], sizing_mode="stretch_width",
         margin=0,
@@ -92,13 +92,13 @@ def card(title: str, *parts: Any, folded: bool = False) -> Column:
 
 
 def flow(*parts: Any) -> Row:
-    """Return parts in a row, which wraps if the page is narrow."""
+    """Return parts in a row that wraps if the page is narrow."""
     style = ":host { flex-wrap: wrap; gap: 4px; align-items: flex-end; }"
     return Row(*parts, stylesheets=[style], sizing_mode="stretch_width", margin=(2, 0, 2, 0))
 
 
 class Saver:
-    """Buttons that hand files to the browser."""
+    """Buttons that send files to the browser."""
 
     def __init__(self, failed: Callable[[str], None]) -> None:
         self._failed = failed
@@ -108,7 +108,7 @@ class Saver:
     def button(
         self, label: str, name: Callable[[], str], content: Callable[[], bytes], kind: str
     ) -> Button:
-        """Return a button that saves what a call makes."""
+        """Return a button that saves the bytes returned by ``content``."""
 
         def save() -> None:
             try:
@@ -124,7 +124,7 @@ class Saver:
 
 
 def player(motion: Any) -> Toggle:
-    """Return a button that plays the frames of a picture of the motion, and stops them."""
+    """Return a button that starts and stops the animation of the motion."""
     toggle = Toggle(label="Play", margin=(2, 5, 2, 5), width=90)
     toggle.js_on_change(
         "active",
@@ -137,7 +137,7 @@ def player(motion: Any) -> Toggle:
 
 
 class NumberRow:
-    """A slider, a field for its number, and the message about what was typed there."""
+    """A slider, a field for its number, and the error message for a typed value."""
 
     def __init__(
         self,
@@ -174,7 +174,7 @@ class NumberRow:
         )
 
     def fill(self, value: float) -> None:
-        """Show a value that was set elsewhere; the range follows it where it has to."""
+        """Show a value that was set elsewhere; the range changes if the value is outside it."""
         self._filling = True
         if not self.slider.start <= value <= self.slider.end:
             low, high = self.number.ends(value)
@@ -186,7 +186,7 @@ class NumberRow:
         self.tell("")
 
     def tell(self, message: str) -> None:
-        """Show the error of the field next to it, or clear it."""
+        """Show the error of the field next to it, or remove it."""
         if bool(message) == self.error.visible and not message:
             return
         self.error.visible = bool(message)

@@ -1,4 +1,4 @@
-"""What the explorer says of a result: its peaks, and what its lines and signs mean."""
+"""Texts of the explorer about a result: its peaks, and the legend of lines and signs."""
 
 from collections.abc import Sequence
 
@@ -22,14 +22,14 @@ _SIGNS = {
 
 
 def peaks(state: State) -> str:
-    """Return peaks, and how they changed since the scene was read, as HTML."""
+    """Return peaks and their changes since the scene was read, as HTML."""
     if state.result.value._form == "table" and state.result.kind != "modes":
-        # The first row of a table of harmonics tells nothing.
+        # The first row of a table of harmonics is not informative.
         return ""
     try:
         now, before = summary(state.result), state.first_numbers
     except ValueError:
-        # Of this kind of result no few numbers tell.
+        # This kind of result has no summary.
         return ""
     parts = []
     for key, value in now.items():
@@ -47,9 +47,9 @@ def peaks(state: State) -> str:
 
 
 def legend(curves: Sequence[Curve], known: bool, frozen: bool, measured: bool) -> str:
-    """Return what lines and signs mean, of those that are drawn, as HTML.
+    """Return the legend of the drawn lines and signs, as HTML.
 
-    ``known``: whether stability was asked for.
+    ``known``: whether stability was computed.
     """
     kinds = {int(s) for curve in curves for s in curve.stability[np.isfinite(curve.y)]}
     styles = (

@@ -6,10 +6,10 @@ import numpy as np
 
 from viscovib._native import FloatArray
 
-#: The sum of the core begins at this part of the shortest time; its transform and that of the
-#: kernel are equal at these s, in units of the inverse of the shortest time.
+#: The sum of the core starts at this part of the shortest time. Its transform equals that of the
+#: kernel at these s, in units of the inverse of the shortest time.
 EARLIER, _AGREED = 1e-6, np.array([0.5, 2.0])
-#: Exponentials that replace all fast ones, and exp(-_DECAYED), which is 0 to rounding.
+#: Number of exponentials that replace all fast ones, exp(-rate first) < tolerance exp(-_DECAYED).
 _FAST, _DECAYED = 5, 6.0
 
 
@@ -18,10 +18,10 @@ def with_early_part(
 ) -> tuple[FloatArray, FloatArray]:
     """Complete a sum that is valid from ``EARLIER * first`` on, and shorten it.
 
-    One exponential gets the integral and the first moment of R before the sum begins. All terms
-    that have decayed at ``first`` are then a measure of the relaxation times y = 1/rate with masses
-    weight/rate. Their transform is the integral of 1/(1 + s y), which a Gauss rule of a few nodes
-    gives for s up to some 1/first.
+    One exponential represents the integral and the first moment of R before the start of the sum.
+    All terms that have decayed at ``first`` are then a discrete measure of the relaxation times
+    y = 1/rate with masses weight/rate. Their transform is the integral of 1/(1 + s y). A Gauss rule
+    with a few nodes approximates it for s up to a few 1/first.
     """
     s = _AGREED / first
     left: FloatArray = kernel.laplace(s.astype(complex)).real - (

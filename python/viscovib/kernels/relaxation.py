@@ -37,7 +37,7 @@ class Kernel(ABC):
     """
 
     _kind: ClassVar[int]
-    #: Whether a sum of exponentials comes as near as is asked for.
+    #: True if sums of exponentials reach any tolerance.
     _meets: ClassVar[bool] = True
 
     @cached_property
@@ -59,7 +59,7 @@ class Kernel(ABC):
         return self._in_core(self._data)
 
     def _in_core(self, data: FloatArray) -> _native.Handle:
-        """A kernel of this kind in the core."""
+        """Create a kernel of this kind in the core."""
         return _native.Handle("kernel new", kind=self._kind, data=data)
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
@@ -130,24 +130,24 @@ class Kernel(ABC):
 
     @cached_property
     def _seconds(self) -> float:
-        """What a value of the transform takes at most (s)."""
+        """Largest computing time of a value of the transform (s)."""
         return 2e-8 + 5e-9 * self._data.size
 
     @property
     def _relaxing(self) -> float:
-        """What a value of the relaxation takes at most (s)."""
+        """Largest computing time of a value of the relaxation (s)."""
         return 2e-6 + 3 * self._seconds
 
     @abstractmethod
     def _scaled(self, unit: float) -> FloatArray:
-        """Parameters with times in units of ``unit`` (s): those of unit R(unit t)."""
+        """Parameters of the kernel unit R(unit t), with times in units of ``unit`` (s)."""
 
     def _in_units(
         self, what: str, name: str, points: npt.NDArray[Any], power: int = 1
     ) -> npt.NDArray[Any]:
-        """Find values that have no unit; where they are not finite, in other units.
+        """Compute dimensionless values; where they are not finite, in different units of time.
 
-        Powers of points far out leave the range of numbers in seconds. Points have the unit
+        In seconds, powers of extreme points would overflow or underflow. Points have the unit
         s^-power.
         """
         flat = points.ravel()
@@ -186,7 +186,7 @@ class Kernel(ABC):
         Parameters
         ----------
         tolerance : float
-            Wanted relative error, 1e-14 to 0.1.
+            Relative error, 1e-14 to 0.1.
         t_min, t_max : float
             t_min < t_max (s), both 1e-100 to 1e100.
 
@@ -198,7 +198,7 @@ class Kernel(ABC):
         Warns
         -----
         ConvergenceWarning
-            If ``error`` is larger than ``tolerance``, as it may be of a table.
+            If ``error`` is larger than ``tolerance``, as may happen for a table.
         """
         wanted = TOLERANCE.check(tolerance)
         first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
@@ -239,7 +239,7 @@ class Kernel(ABC):
         scale = np.abs(exact) if (exact != 0).all() else np.abs(exact).max()
         misfit = float((np.abs(close - exact) / scale).max()) if np.any(exact) else 0.0
         of_transform = self._transform_error(weights, rates, first, last)
-        # A table says nothing about R(t) beyond its last time, where its transform takes it as 0.
+        # A table has no R(t) beyond its last time; its transform uses 0 there.
         error = max(misfit, of_transform) if self._meets else misfit
         found = ExponentialSum(
             weights=weights, rates=rates, t_min=first, t_max=last, error=error,
@@ -283,7 +283,7 @@ class Kernel(ABC):
         return found["weights"], found["rates"]
 
     def _check(self) -> None:
-        """Let the core judge the parameters."""
+        """Let the core check the parameters."""
         _ = self.integral
 
 
@@ -295,7 +295,7 @@ def check_kernel(name: str, value: object, others: str = " or None") -> None:
 
 
 def kernel_call(value: object) -> str:
-    """Return the call that is meant by the name or the class of a kernel; "" for other values."""
+    """Return the call for the name or the class of a kernel; "" for other values."""
     word = value.__name__ if isinstance(value, type) else value
     word = word.strip().lower().removesuffix("kernel") if isinstance(word, str) else ""
     for one in (RzhanitsynKernel, AbelKernel, RabotnovKernel, PronyKernel):
@@ -316,16 +316,16 @@ def _same_shape(values: npt.NDArray[Any], like: npt.NDArray[Any]) -> Any:
     return values.reshape(like.shape)[()]
 
 
-#: Times between which a sum of exponentials may stand for a kernel, terms of it, and
-#: exponentials taken at once.
+#: Bounds of the times of a sum of exponentials, largest number of terms, and of exponentials per
+#: array.
 _T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
 _MOST_TERMS, _AT_A_TIME = 4000, 2**22
-#: The sum of the core ends at this multiple of t_max, since 1/t_max is a frequency of the sum.
+#: The sum of the core ends at this multiple of t_max, because it must include 1/t_max.
 _LATER = 3.0
-#: How often a sum is sought that meets a tolerance, how small a tolerance the core is asked for,
-#: and the rounding error of sums.
+#: Largest number of attempts to meet a tolerance, smallest tolerance for the core, and rounding
+#: error of sums.
 _TRIES, _LEAST_TOLERANCE, _SUM_ROUNDING = 4, 1e-15, 1e-14
-#: Points below it and above its inverse may be taken in other units.
+#: Points below this and above its inverse may be converted to different units.
 _SMALL = 1e-100
 
 
@@ -484,7 +484,7 @@ class PronyKernel(Kernel):
     def _complete_exponentials(
         self, tolerance: float, first: float, last: float, later: float
     ) -> tuple[FloatArray, FloatArray]:
-        """The kernel itself."""
+        """The terms of the kernel."""
         return np.asarray(self.weights), np.asarray(self.rates)
 
 

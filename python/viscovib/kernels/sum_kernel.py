@@ -60,7 +60,7 @@ class SumKernel(Kernel):
     def _complete_exponentials(
         self, tolerance: float, first: float, last: float, later: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Positive sums to a relative tolerance add up to one."""
+        """Concatenate the sums of the parts, which are positive and keep the relative tolerance."""
         found = [part._complete_exponentials(tolerance, first, last, later) for part in self.parts]
         return np.concatenate([w for w, _ in found]), np.concatenate([r for _, r in found])
 

@@ -16,7 +16,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel, _vectors
 
-#: A warning is printed if a table misses more than this part of its integral; as in the core.
+#: Largest missing part of the integral without a warning, as in the core.
 _UNSEEN = 0.01
 
 
@@ -56,7 +56,7 @@ class TabulatedKernel(Kernel):
     values: npt.ArrayLike
     interpolation: str = "linear"
     _kind: ClassVar[int] = 5
-    # A table is met as well as can be at once.
+    # The fit to a table is not repeated: its first error is the best.
     _meets: ClassVar[bool] = False
     _codes: ClassVar[tuple[str, ...]] = ("linear", "exponential")
 
@@ -111,7 +111,7 @@ class TabulatedKernel(Kernel):
     def _complete_exponentials(
         self, tolerance: float, first: float, last: float, later: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Least squares with weights >= 0 over a grid of rates, then over the rates too."""
+        """Least squares with weights >= 0 on a grid of rates, then also over the rates."""
         from scipy.optimize import least_squares, nnls
 
         times = np.geomspace(first, last, 400)

@@ -1,8 +1,8 @@
 """Temperature dependence of rubber: shift laws and kernels.
 
-A thermorheologically simple material relaxes at a temperature T as at its reference T_r, but a_T
-times more slowly: its modulus at a frequency f is that at a_T f and T_r (Ferry, Viscoelastic
-Properties of Polymers, 1980, ch. 11). A kernel becomes R_T(t) = R(t/a_T)/a_T.
+A thermorheologically simple material relaxes at a temperature T like at its reference T_r, but
+slower by the factor a_T. Its modulus at a frequency f equals that at a_T f and T_r (Ferry,
+Viscoelastic Properties of Polymers, 1980, ch. 11). A kernel becomes R_T(t) = R(t/a_T)/a_T.
 """
 
 from abc import ABC, abstractmethod
@@ -20,7 +20,7 @@ from viscovib.kernels.relaxation import Kernel
 
 #: J/(mol K), and 0 deg C in K.
 GAS_CONSTANT, KELVIN = 8.31446261815324, 273.15
-#: Of parameters of laws.
+#: Largest parameter of a law.
 _LARGEST = 1e9
 
 
@@ -42,7 +42,7 @@ class ShiftLaw(ABC):
 
     def __call__(self, temperature: npt.ArrayLike) -> FloatArray:
         """a_T at temperatures (deg C), any shape; 1 at the reference."""
-        # Beyond the range of numbers it is 0 or infinite.
+        # The result may underflow to 0 or overflow to infinity.
         with np.errstate(over="ignore", under="ignore"):
             return np.asarray(10.0 ** self.log10(temperature))[()]
 
@@ -125,7 +125,7 @@ class Arrhenius(ShiftLaw):
                 f"temperature = {warmer.min() + self.reference:g}: must be above -{KELVIN} deg C"
             )
         rate = self.activation_energy / GAS_CONSTANT / np.log(10.0)
-        # The difference of inverses would lose its digits near the reference.
+        # The difference of inverses would lose digits near the reference.
         return np.asarray(-rate / kelvin * (warmer / (kelvin + warmer)))[()]
 
 

@@ -1,1 +1,1 @@
-"""Pictures of systems and results."""
+"""Plots of systems and results."""

@@ -1,4 +1,4 @@
-"""Motions as moving pictures: GIF, MP4 or a page that plays by itself."""
+"""Animations of motions: GIF, MP4 or a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FRAMES, _RATE = Whole("frames", 2, 5000), Number("fps", lowest=1e-3, highest=200)
-#: Frames of one period, and of a motion in time at most.
+#: Number of frames of one period, and largest number of a motion in time.
 _OF_PERIOD, _OF_MOTION = 60, 400
 _SUFFIXES = (".gif", ".html", ".mp4")
 
@@ -95,7 +95,7 @@ def animate(
 
 
 def checked_path(path: str | os.PathLike[str]) -> Path:
-    """Return a path of a kind that can be written here."""
+    """Return the path after a check that its file type can be written."""
     target = Path(FilePath("path").check(path))
     if target.suffix.lower() not in _SUFFIXES:
         raise InputError(f"path = {str(target)!r}: must end in {', '.join(_SUFFIXES)}")
@@ -110,7 +110,7 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
 def _motion(
     motion: Any, point: int | None, count: int | None
 ) -> tuple[FloatArray, FloatArray, Sequence[str], Sequence[str], str]:
-    """Return times, coordinates at each (n, n_dof), their names and units, and words."""
+    """Return times, coordinates (n, n_dof), their names and units, and a description."""
     if getattr(motion, "_form", None) == "trajectory":
         if point is not None:
             raise InputError("point: a motion in time is one motion, leave it out")
@@ -187,7 +187,7 @@ def _animation(
     history.spines[["top", "right"]].set_visible(False)
     history.legend(frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=5)
 
-    # Arranged once: to do it again for each picture takes most of the time.
+    # Compute the layout once: repeating it for each frame would take most of the time.
     figure.canvas.draw()
     figure.set_layout_engine("none")
 
@@ -201,13 +201,13 @@ def _animation(
         return [*shapes, now]
 
     made = FuncAnimation(figure, show, frames=len(t), interval=1000 / rate, blit=False)
-    # Nothing is lost where it is only written: this is no reason to warn.
+    # Suppress the warning about an animation that was not drawn: it may only be saved.
     made._draw_was_started = True  # type: ignore[attr-defined]
     return made
 
 
 def _figure() -> tuple[Figure, Any]:
-    """Return a figure that no window shows, and its axes: the body, its history."""
+    """Return a figure without a window, and its axes for the body and the history."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -217,7 +217,7 @@ def _figure() -> tuple[Figure, Any]:
 
 
 def write_film(made: FuncAnimation, path: Path, rate: float) -> None:
-    """Write a film whole or not at all."""
+    """Write an animation; after an error no incomplete file remains."""
     from matplotlib.animation import PillowWriter
 
     if path.suffix.lower() == ".html":
@@ -225,10 +225,10 @@ def write_film(made: FuncAnimation, path: Path, rate: float) -> None:
             page = made.to_jshtml(fps=max(1, round(rate)))
             file.write(f"<!DOCTYPE html><meta charset='utf-8'><title>motion</title>{page}")
         return
-    # ffmpeg and Pillow would follow a link of the name that they are given.
+    # ffmpeg and Pillow would follow a link with the name of the file.
     with whole_file(path, "wb") as target, TemporaryDirectory() as folder:
         part = Path(folder) / f"film{path.suffix}"
-        # Pillow's frames last a whole number of hundredths of a second.
+        # Pillow rounds the duration of a frame to hundredths of a second.
         film = path.suffix.lower() == ".mp4"
         made.save(part, writer="ffmpeg" if film else PillowWriter(max(1, round(rate))), dpi=90)
         with part.open("rb") as written:

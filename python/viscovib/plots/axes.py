@@ -1,4 +1,4 @@
-"""How curves are shown: rad/s or Hz; amplitudes, decibels or phases; gaps at jumps."""
+"""Display of curves: rad/s or Hz; amplitudes, decibels or phases; gaps at jumps."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 _X, _Y = Word("x", ("rad/s", "hz")), Word("y", ("linear", "log", "db", "phase"))
 _REFERENCE = Number("reference", above=0)
-#: A jump is so many times as long as the neighbouring steps, and such a part of the largest motion.
+#: Smallest length of a jump, relative to the neighbouring steps and to the largest motion.
 _LONGER, _PART = 3.5, 0.1
-#: Below so much of the largest a coordinate does not move.
+#: A coordinate below this part of the largest one does not move.
 _STILL = 1e-12
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What the arguments x, y and reference of a picture ask for."""
+    """Units and scale of a plot: its arguments x, y and reference."""
 
     x: str
     y: str
@@ -34,24 +34,24 @@ class Shown:
 
     @classmethod
     def checked(cls, x: object, y: object, reference: object = 1.0) -> Shown:
-        """Return them, or refuse what they cannot be."""
+        """Check the arguments."""
         return cls(_X.check(x), _Y.check(y), _REFERENCE.check(reference))
 
     def places(self, values: FloatArray, circular: bool) -> FloatArray:
-        """Return what varies as it is shown; ``circular``: it is a frequency in rad/s."""
+        """Return horizontal values in the shown unit; ``circular``: a frequency in rad/s."""
         return values / (2 * math.pi) if circular and self.x == "hz" else values
 
     def x_label(self, label: str, circular: bool) -> str:
-        """Return the label of the axis."""
+        """Return the label of the horizontal axis."""
         if not circular or self.x != "hz":
             return label
         label = label.replace("circular frequency", "frequency").replace("(rad/s)", "(Hz)")
-        # What is meant by nu is circular.
+        # The symbols nu and omega mean circular frequencies.
         label = " ".join(label.replace(r"$\nu$", "").replace(r"$\omega$", "").split())
         return "frequency (Hz)" if label == "(Hz)" else label
 
     def sizes(self, values: ComplexArray | FloatArray) -> FloatArray:
-        """Return complex amplitudes as they are shown."""
+        """Return sizes, decibels or phases of complex amplitudes."""
         if self.y == "phase":
             return np.asarray(np.degrees(np.angle(values)))
         size = np.abs(values)
@@ -62,7 +62,7 @@ class Shown:
         return np.asarray(np.where(np.isfinite(level), level, np.nan))
 
     def y_label(self, symbol: str, unit: str) -> str:
-        """Return the label of the other axis, of a harmonic of a coordinate."""
+        """Return the label of the vertical axis, for a harmonic of a coordinate."""
         unit = "" if unit in ("1", "L") else plain(unit)
         if self.y == "phase":
             return f"phase of ${symbol}$ (degrees)"
@@ -71,7 +71,7 @@ class Shown:
         return f"amplitude $|{symbol}|$" + (f" ({unit})" if unit else "")
 
     def finish(self, axis: Axes) -> None:
-        """Give an axis its scale and its ticks."""
+        """Set the scale and the ticks of an axis."""
         if self.y == "log" and any(
             np.nanmax(np.asarray(line.get_ydata()), initial=0.0) > 0 for line in axis.lines
         ):
@@ -81,9 +81,9 @@ class Shown:
 
 
 def logarithmic(axis: Axes) -> None:
-    """Give an axis a logarithmic scale whose labels have room.
+    """Set a logarithmic scale with labels that do not overlap.
 
-    Between powers of ten only 2 and 5 are named, and that only where there are few powers.
+    Between powers of ten only 2 and 5 are labelled, and only if the axis has few powers.
     """
     from matplotlib.ticker import FuncFormatter
 
@@ -100,17 +100,17 @@ def logarithmic(axis: Axes) -> None:
 
 
 def torn(jumps: npt.NDArray[np.bool_], *columns: FloatArray) -> list[FloatArray]:
-    """Return columns with a row of NaN where a jump is, so that no line crosses it."""
+    """Return columns with a row of NaN at each jump, so that no line crosses it."""
     after = np.flatnonzero(jumps) + 1
     return [np.insert(column.astype(float), after, np.nan) for column in columns]
 
 
 def jumps_of(coefficients: ComplexArray) -> npt.NDArray[np.bool_]:
-    """Return between which motions of a row the curve jumps to another branch, shape (n - 1,).
+    """Mark the steps at which a sequence of motions jumps to another branch, shape (n - 1,).
 
-    A step is a jump if it is much longer than both neighbouring steps, measured in the complex
-    harmonics, in which a steep flank turns but does not break: across a pole a step is three times
-    as long as the neighbouring steps. Curves with too few samples are not divided.
+    A step is a jump if it is much longer than both neighbouring steps. It is measured in complex
+    harmonics, in which a steep flank is a smooth turn: across a pole a step is only three times
+    as long as its neighbours. Curves with too few samples are not divided.
     """
     flat = coefficients.reshape(len(coefficients), -1)
     sizes = np.abs(flat).max(axis=1, initial=0.0)

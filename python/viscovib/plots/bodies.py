@@ -1,4 +1,4 @@
-"""Pictures of a body on its mounts: in space, its modes, their energies, transmissibility."""
+"""Plots of a body on its mounts: geometry, modes, energies and transmissibility."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from viscovib.results.motion_forces import MountForcesInTime
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Edges of a box by its corners, which are numbered by the bits of x, y, z.
+#: Edges of a box: pairs of corners, whose numbers contain x, y and z as bits.
 EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
-#: How far a mode moves the picture, of its size.
+#: Largest displacement of a mode, relative to the size of the picture.
 SWING = 0.25
 #: A force below this part of the largest is not drawn.
 _STILL = 1e-9
@@ -95,7 +95,7 @@ def plot_body(
         ends = np.array([body.center - along, body.center + along])
         line = {"color": COLOURS[1], "linestyle": (0, (1, 1)), "linewidth": 2}
         axis.plot(*ends.T, label="torque-roll axis", **line)
-        # Next to the box: at the end of the line it would cover numbers of the axes.
+        # Next to the box: a text at the end of the line would cover numbers of the axes.
         axis.legend(loc="upper left", frameon=False)
     axis.set_xlabel("x (m)")
     axis.set_ylabel("y (m)")
@@ -131,7 +131,7 @@ def plot_energy(modes: BodyModes, ax: Axes | None = None) -> Axes:
     """
     _native.check_instance("modes", modes, BodyModes)
     ax = panel(ax, (6, 3.6))
-    # One colour from white to dark: greyscale prints keep the order.
+    # One colour from white to dark, so that a greyscale print has the same order.
     ax.imshow(modes.energy, cmap="Blues", vmin=0, vmax=115, aspect="auto")
     for i, row in enumerate(modes.energy):
         for r, share in enumerate(row):
@@ -192,7 +192,7 @@ def plot_transmissibility(
     with np.errstate(divide="ignore"):
         decibels = 20 * np.log10(np.abs(answer))
     for i, name in enumerate("xyz"):
-        # What is rounding of the largest is no motion.
+        # Smaller values are rounding errors of the largest.
         if np.abs(answer[:, i]).max() > 1e-9 * np.abs(answer).max():
             ax.plot(
                 frequencies, decibels[:, i], color=COLOURS[i], linestyle=STYLES[i],
@@ -274,7 +274,7 @@ def plot_mount_forces_in_time(
 def frequency_range(body: Body, hz: npt.ArrayLike | None = None) -> FloatArray:
     """Return the frequencies (Hz) of a picture.
 
-    Those given, which must ascend on a logarithmic axis, or 800 from a third of the lowest mode to
+    The given ones, which must be positive and ascend, or 800 from a third of the lowest mode to
     four times the highest.
     """
     if hz is not None:
@@ -290,7 +290,7 @@ def frequency_range(body: Body, hz: npt.ArrayLike | None = None) -> FloatArray:
 
 
 def plain_hertz(ax: Axes) -> None:
-    """Label a logarithmic axis of frequencies by plain numbers."""
+    """Label a logarithmic axis of frequencies with plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -299,7 +299,7 @@ def plain_hertz(ax: Axes) -> None:
 
 
 def box_of(body: Body) -> FloatArray:
-    """Corners of the box of equal mass and inertia about its centre, shape (8, 3)."""
+    """Corners of the box of equal mass and inertia, relative to its centre, shape (8, 3)."""
     moments, axes = np.linalg.eigh(body.inertia)
     squares = 6 / body.body_mass * (moments.sum() - 2 * moments)
     half = np.sqrt(np.maximum(squares, 0)) / 2
@@ -308,7 +308,7 @@ def box_of(body: Body) -> FloatArray:
 
 
 def moved_by(points: FloatArray, center: FloatArray, shape: FloatArray) -> FloatArray:
-    """Points of a body under a small displacement and rotation, shape (n, 3)."""
+    """Points of a body after a small displacement and rotation, shape (n, 3)."""
     return np.asarray(points + shape[:3] + np.cross(shape[3:6], points - center))
 
 
@@ -318,7 +318,7 @@ def _draw_box(axis: Any, corners: FloatArray, colour: str, style: Any) -> None:
 
 
 def draw_mounts(axis: Any, body: Body, size: float) -> None:
-    """Draw mounts by their three axes, each as long as its stiffness."""
+    """Draw the three axes of each mount; lengths are proportional to the stiffness."""
     largest = max(float(np.max(mount._elastic)) for mount in body.mounts) or 1.0
     for mount in body.mounts:
         at = np.asarray(mount.position)
@@ -330,5 +330,5 @@ def draw_mounts(axis: Any, body: Body, size: float) -> None:
 
 
 def main_coordinate(modes: BodyModes, number: int) -> str:
-    """The coordinate with most of a mode's energy."""
+    """Return the coordinate with the largest energy in a mode."""
     return modes.names[int(modes.energy[:, number - 1].argmax())]

@@ -1,4 +1,4 @@
-"""A mode of a body as a moving picture in space."""
+"""Animation of a mode of a body in space."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def film_of_mode(
     frames: int,
     fps: float,
 ) -> FuncAnimation:
-    """The body as a box that swings in a mode, its mounts between it and where they stand."""
+    """Animate a mode: the body is a box, its mounts are lines between the box and the ground."""
     from matplotlib.animation import FuncAnimation
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ def film_of_mode(
         return [*edges, *links]
 
     made = FuncAnimation(figure, show, frames=count, interval=1000 / rate, blit=False)
-    # Nothing is lost where it is only written: this is no reason to warn.
+    # Suppress the warning about an animation that was not drawn: it may only be saved.
     made._draw_was_started = True  # type: ignore[attr-defined]
     if target is not None:
         write_film(made, target, rate)

@@ -1,4 +1,4 @@
-"""Pictures of relaxation kernels."""
+"""Plots of relaxation kernels."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _DARK = "#0b1d51"
-#: Smallest value that is drawn, relative to the largest.
+#: Smallest drawn value, relative to the largest.
 _SHOWN = 1e-8
 
 
 def plot_kernel(
     kernel: Kernel, ax: Sequence[Axes] | None = None, t: npt.ArrayLike | None = None
 ) -> Sequence[Axes]:
-    """Draw R(t), and below the relaxation of a unit step of strain."""
+    """Draw R(t) and, in a second panel, the relaxation after a unit step of strain."""
     times = _times(kernel) if t is None else _native.real_array("t", t, ndim=1)
     if not times.size or times.min() <= 0:
         raise InputError("t: must be times greater than 0")
     first, second = axes = panels(ax, 2, "R(t) and the relaxation")
     values = kernel(times)
     first.loglog(times, values, color=_DARK)
-    # An exponential decay would hide the other decades.
+    # With an exponential decay in view the other decades would be invisible.
     first.set(ylabel="kernel $R(t)$ (1/s)", ylim=(max(values.min(), _SHOWN * values.max()), None))
     second.semilogx(times, kernel.relaxation(times), color=_DARK)
     second.set(xlabel="time $t$ (s)", ylabel=r"relaxation $1 - \int_0^t R$")

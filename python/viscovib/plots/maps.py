@@ -1,4 +1,4 @@
-"""Pictures of sweeps: a quantity over one parameter or two."""
+"""Plots of sweeps: a quantity over one or two parameters."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LOOKS = (Flag("log"), Optional.or_none(Text("label")))
-#: Largest number of values with one colour each.
+#: Largest number of integer values that have one colour each.
 _MOST_CLASSES = 8
-#: What axes and colours can still be worked out for.
+#: Largest value for which axes and colours can be computed.
 _LARGEST_DRAWN = 1e300
 
 
@@ -133,7 +133,7 @@ def _draw_map(ax: Axes, axes: list[Any], values: Any, log: bool, label: str) -> 
     )  # fmt: skip
     bar = ax.figure.colorbar(mesh, ax=ax, label=label)
     if classes:
-        # In the middle of its colour, also where numbers between are missing.
+        # Ticks in the middle of each colour, even if integers between them are missing.
         bar.set_ticks(list(0.5 * edges[1:] + 0.5 * edges[:-1]), labels=[f"{k:g}" for k in kinds])
     for text, place, set_ticks in (
         (words[1], places[1], ax.set_xticks),
@@ -145,9 +145,9 @@ def _draw_map(ax: Axes, axes: list[Any], values: Any, log: bool, label: str) -> 
 
 
 def save_map(data: xr.Dataset, path: str | os.PathLike[str]) -> str:
-    """Draw what a sweep of a scene found, a panel a quantity, without a display.
+    """Draw the result of a sweep of a scene without a display, one panel per quantity.
 
-    Returns a line about what is not shown, or an empty one.
+    Return a line about omitted parts, or an empty one.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -157,12 +157,12 @@ def save_map(data: xr.Dataset, path: str | os.PathLike[str]) -> str:
         for name, item in data.data_vars.items()
         if item.dtype.kind == "f" and np.isfinite(item.values).any()
     ]
-    # What is the same everywhere needs no picture.
+    # A constant quantity needs no picture.
     names = [n for n in names if np.nanmin(data[n]) < np.nanmax(data[n])] or names[:1]  # fmt: skip
     if not names:
         return "no picture: nothing was found that can be drawn"
     dims = [str(d) for d in data[names[0]].dims]
-    # Parameters of one value need no axis; beyond two, the others stand at their first value.
+    # Parameters with one value need no axis; from the third on, parameters keep their first value.
     wide = [d for d in dims if data.sizes[d] > 1][:2] or dims[:1]
     rest = {d: 0 for d in dims if d not in wide}
     columns = min(2, len(names))

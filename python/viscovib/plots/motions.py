@@ -1,4 +1,4 @@
-"""Pictures of motions in time: histories, phase planes, sections, spectra."""
+"""Plots of motions in time: histories, phase planes, sections, spectra."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def plot_trajectory(
     *,
     labels: Sequence[str] | None = None,
 ) -> Sequence[Axes]:
-    """Draw motions: for each coordinate its history and its phase plane.
+    """Draw the history and the phase plane of each coordinate of motions.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ def plot_sections(
 ) -> Axes:
     """Draw the section points of an ensemble.
 
-    With the name of a ``parameter`` that varies, a bifurcation diagram of ``quantity`` over it;
-    without, a Poincare section: ``quantity`` against its velocity.
+    With the name of a ``parameter`` that varies: a bifurcation diagram of ``quantity`` over it;
+    without it: a Poincare section, ``quantity`` against its velocity.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def plot_spectrum(
     spectrum : Spectrum
     ax : Axes, optional
     bases : mapping of name to frequency, optional
-        The largest peaks are labelled as combinations of these, within a bin.
+        The largest peaks are labelled as combinations of these, to within a bin.
     highest : float, optional
         Highest circular frequency of the plot.
     x : {"rad/s", "hz"}
@@ -238,7 +238,7 @@ def _name_peaks(
     bases: Mapping[str, float],
     shown: Shown,
 ) -> None:
-    """Write names above the peaks that reach a thousandth of the largest, where there is room."""
+    """Label the peaks above a thousandth of the largest, if there is room."""
     if amplitude.size < 3:
         return
     inner = amplitude[1:-1]
@@ -266,7 +266,7 @@ def _name_peaks(
 
 
 def motion_axes(figure: Figure, n: int) -> Sequence[Axes]:
-    """Return two panels a coordinate, history and phase plane, in rows."""
+    """Return a row of two panels for each coordinate: history and phase plane."""
     axes = figure.subplots(n, 2, width_ratios=[3, 1], squeeze=False)
     for row in axes[:-1]:
         row[0].sharex(axes[-1, 0])

@@ -1,8 +1,8 @@
-"""How a system looks while it moves: outlines of bodies and springs, a row for each frame.
+"""Shape of a moving system: outlines of bodies and springs, one row per frame.
 
-A mount is a block on a sideways spring, a pendulum hangs on its spring. Of any other system every
-coordinate has a row of its own: a block that moves sideways, or a bar that turns where the
-coordinate is an angle. Motions too small to be seen are magnified, which `Drawing.factor` says.
+A mount is a block on a sideways spring, a pendulum hangs on its spring. For other systems every
+coordinate has its own row: a block that moves sideways, or for an angle a bar that
+turns. Motions too small to be seen are magnified by `Drawing.factor`.
 """
 
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ import numpy as np
 
 from viscovib._native import FloatArray
 
-#: Part of its own size that a body moves at most: larger motions are shown smaller.
+#: Largest drawn motion of a body, relative to its size: larger motions are reduced.
 _REACH = 0.6
-#: Rows at most, of the coordinates that move most.
+#: Largest number of rows; the coordinates with the largest motions are drawn.
 _MOST_ROWS = 8
 _SQUARE = np.array([[-1.0, 1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, 1.0]])
 
@@ -26,7 +26,7 @@ class Outline:
 
     x: FloatArray
     y: FloatArray
-    #: "body" is filled, "spring" a line, "ground" does not move.
+    #: A "body" is filled, a "spring" is a line, the "ground" does not move.
     kind: str
 
 
@@ -40,7 +40,7 @@ class Drawing:
     names: tuple[tuple[str, float], ...] = ()
 
     def limits(self) -> tuple[float, float, float, float]:
-        """Least and largest x, least and largest y of all frames, with a margin."""
+        """Smallest and largest x, smallest and largest y of all frames, with a margin."""
         x = np.concatenate([one.x.ravel() for one in self.outlines])
         y = np.concatenate([one.y.ravel() for one in self.outlines])
         ends = []
@@ -53,9 +53,9 @@ class Drawing:
 def drawing_of(
     motion: FloatArray, names: Sequence[str], units: Sequence[str], system: Any = None
 ) -> Drawing:
-    """Draw a motion: coordinates at each frame, shape (n_frames, n_dof).
+    """Return the drawing of a motion: coordinates at each frame, shape (n_frames, n_dof).
 
-    ``system`` gives a mount's offset or a pendulum's eccentricity, where it is known.
+    ``system`` provides the offset of a mount or the eccentricity of a pendulum, if known.
     """
     if tuple(names) == ("z", "phi", "psi"):
         return _pendulum(motion, float(getattr(system, "e", 0.15)))
@@ -65,7 +65,7 @@ def drawing_of(
 
 
 def _factor(largest: float) -> float:
-    """Return how much a motion is magnified: by 1, 2 or 5 times a power of ten, or shrunk so."""
+    """Return the magnification of a motion: 1, 2 or 5 times a power of ten, also below 1."""
     if not largest > 0:
         return 1.0
     wanted = _REACH / largest
@@ -112,7 +112,7 @@ def _mount(motion: FloatArray, offset: float) -> Drawing:
     factor = _factor(float(np.abs(motion / [size, 1.0]).max(initial=0.0)))
     x, phi = factor * motion[:, 0] / size, factor * motion[:, 1]
     arm = float(offset > 0)
-    # Clockwise positive, the support below: its spring deflects by x - l sin(phi).
+    # Clockwise is positive, the support is below: its spring deflects by x - l sin(phi).
     foot = np.column_stack([x - arm * np.sin(phi), -arm * np.cos(phi)])
     wall = np.tile([-2.6, -arm], (n, 1))
     return Drawing(
@@ -131,7 +131,7 @@ def _mount(motion: FloatArray, offset: float) -> Drawing:
 def _pendulum(motion: FloatArray, eccentricity: float) -> Drawing:
     n = len(motion)
     factor = _factor(float(np.abs(motion).max(initial=0.0)))
-    # What is large enough is shown as it is.
+    # A large motion is not reduced.
     factor = max(1.0, factor)
     z, phi, psi = factor * motion.T
     end = np.column_stack([(1 + z) * np.sin(phi), -(1 + z) * np.cos(phi)])

@@ -1,4 +1,4 @@
-"""Where pictures are drawn: axes given, or those of a new figure."""
+"""Axes of plots: given ones, or those of a new figure."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def panels(ax: Any, n: int, each: str = "one per coordinate") -> list[Any]:
-    """Return the axes given, which must be so many, or a new figure with n panels above each other.
+    """Return the n given axes, or those of a new figure with n panels above each other.
 
-    ``each``: what an axis is for.
+    ``each``: the purpose of an axis, for the error message.
     """
     if ax is None:
         import matplotlib.pyplot as plt
@@ -32,14 +32,14 @@ def panels(ax: Any, n: int, each: str = "one per coordinate") -> list[Any]:
 def chosen_panels(
     ax: Any, names: tuple[str, ...], moving: tuple[str, ...]
 ) -> tuple[tuple[str, ...], list[Any]]:
-    """Return coordinates and an axis for each: those that move, or all where axes are given."""
+    """Return coordinates and their axes: the moving ones, or all if there are axes for all."""
     if ax is None or len(_given(ax)) == len(moving) != len(names):
         return moving, panels(ax, len(moving))
     return names, panels(ax, len(names))
 
 
 def panel(ax: Any, figsize: tuple[float, float] = (7, 5)) -> "Axes":
-    """Return the axes given, or those of a new figure."""
+    """Return the given axes, or those of a new figure."""
     if ax is None:
         import matplotlib.pyplot as plt
 
@@ -62,10 +62,10 @@ def _given(ax: Any) -> list[Any]:
 
 
 class Labels(Parameter[Sequence[str] | None]):
-    """A label for each curve; none without them."""
+    """A label for each curve, or None."""
 
     def check(self, value: Any) -> Sequence[str] | None:
-        """Return them as they are."""
+        """Return the labels unchanged."""
         if value is None or (isinstance(value, (list, tuple)) and not value):
             return None
         if not isinstance(value, (list, tuple)) or not all(isinstance(one, str) for one in value):
@@ -75,7 +75,7 @@ class Labels(Parameter[Sequence[str] | None]):
         return value
 
     def of(self, value: Any, n: int) -> Sequence[str] | None:
-        """Return them, if there is one for each of n curves."""
+        """Return the labels if there is one for each of n curves."""
         labels = self.check(value)
         if labels is not None and len(labels) < n:
             raise InputError(f"{self.name}: {len(labels)} given, must be {n}, one per curve")
@@ -83,7 +83,7 @@ class Labels(Parameter[Sequence[str] | None]):
 
 
 def order_of(harmonic: Any, name: str) -> Any:
-    """Return the order to draw of a coordinate: the same of all, or as a mapping says."""
+    """Return the order to draw for a coordinate: a common one, or that in a mapping."""
     if not isinstance(harmonic, Mapping):
         return harmonic
     if name not in harmonic:

@@ -52,14 +52,14 @@ if TYPE_CHECKING:
 
 
 class Drawn(NamedTuple):
-    """Additions to the plot of a result: names of frequencies, other branches."""
+    """Additions to the plot of a result: base frequencies with names, other branches."""
 
     bases: Mapping[str, float] | None = None
     others: Sequence[Any] = ()
 
 
 def _largest_place(curves: Sequence[DrivenBranch | Backbone], d: int) -> int:
-    """Place of the order, other than the mean, that a coordinate has most of."""
+    """Index of the largest order of a coordinate, without the mean."""
     first = int(not np.any(curves[0].harmonics[0]))
     sizes = np.max([np.abs(curve.coefficients[:, d, first:]).max(axis=0) for curve in curves], 0)
     return first + int(sizes.argmax())
@@ -71,12 +71,12 @@ def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int,
 
 
 def _rows(figure: "Figure", results: Sequence[Any]) -> Any:
-    """Return a panel for each coordinate that moves in one of some results."""
+    """Return a panel for each coordinate that moves in at least one result."""
     return figure.subplots(_moving(results), 1, sharex=True, squeeze=False)[:, 0]
 
 
 def _moving(results: Sequence[Any]) -> int:
-    """Return how many coordinates move."""
+    """Return the number of coordinates that move."""
     sizes = [np.abs(one.coefficients).max(axis=2, initial=0.0) for one in results]
     return len(moving(results[0].dof_names, np.concatenate(sizes)))
 
@@ -105,7 +105,7 @@ def _draw_motion_branch(result: MotionBranch, figure: "Figure", _: Drawn) -> Non
 
 def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> None:
     branches: list[DrivenBranch] = [result, *more.others]
-    # What rests on one branch may move on another.
+    # A coordinate at rest on one branch may move on another.
     several = bool(more.others)
     axes = (
         figure.subplots(len(result.dof_names), 1, sharex=True)
@@ -149,7 +149,7 @@ def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Ax
     panels = result.panels()
     axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0])
     for axis, panel in zip(axes, panels, strict=True):
-        # Between things that are counted there is nothing.
+        # Integers are counted items, so no line connects them.
         counted = panel.x.dtype.kind == "i"
         axis.plot(panel.x, panel.y, "o" if counted else "o-", color=COLOURS[0], markersize=4)
         axis.set(ylabel=plain(panel.name), xlabel=panel.x_label)
@@ -160,7 +160,7 @@ def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Ax
 
 
 def _plot_table(result: TableResult) -> "Sequence[Axes]":
-    """Draw each column over the first, in a figure of its own."""
+    """Draw each column over the first in a new figure."""
     import matplotlib.pyplot as plt
 
     figure = plt.figure(figsize=_table_size(result), layout="constrained")
@@ -171,7 +171,7 @@ def _panel_size(result: Any) -> tuple[float, float]:
     return 7, 3 * _moving([result]) if hasattr(result, "coefficients") else 3.0
 
 
-#: For each kind of result: what draws it into a figure, the size of that, the public function.
+#: For each kind of result: function that draws into a figure, figure size, public function.
 _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]], Any]] = {
     Response: (_draw_response, _panel_size, plot_response),
     DrivenResponse: (_draw_driven, _panel_size, plot_response),
@@ -190,7 +190,7 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
         _draw_scales, lambda r: (7, 3 * len(moving_steadily(r))), plot_scales_response,
     ),
 }  # fmt: skip
-#: Those that only the public function draws.
+#: Results that only the public function draws.
 _PLOTTED: dict[type, Any] = {
     Ensemble: plot_sections,
     Modulation: plot_modulation,
@@ -219,7 +219,7 @@ def plot(result: Result, *args: Any, **options: Any) -> Any:
 
 
 def _drawn(result: Result) -> Any:
-    # Results of structures are kinds of others.
+    # Results of structures are subclasses of others.
     for kind in type(result).__mro__:
         if kind in _DRAWN:
             return _DRAWN[kind]
@@ -235,10 +235,10 @@ def save_picture(
     small: bool = False,
     title: str = "",
 ) -> None:
-    """Draw a result into a file, without a display; into an open one as SVG.
+    """Draw a result into a file, without a display; an open file gets SVG.
 
-    ``bases`` name the peaks of a spectrum; ``others`` are those that leave the one drawn;
-    ``small``: at half the size, for notebooks; ``title`` stands above it.
+    ``bases`` name the peaks of a spectrum; ``others`` are branches that leave the drawn one;
+    ``small``: half the size, for notebooks; ``title`` is above the picture.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

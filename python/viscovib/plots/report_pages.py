@@ -1,4 +1,4 @@
-"""A report on a body and its mounts that an engineer hands on: one HTML page or PDF file."""
+"""Report on a body and its mounts: one HTML page or PDF file."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ th:first-child, td:first-child { text-align: left }
 img { max-width: 100% }
 """
 
-#: Parameters of memory are written up to so many letters; dots stand for the rest.
+#: Largest number of characters of kernel parameters; dots replace the rest.
 _LONGEST = 110
-#: Terms of a Prony series and real roots that are written out.
+#: Largest number of listed terms of a Prony series, and of real roots.
 _TERMS, _REAL_ROOTS = 6, 6
-#: Cells up to so many letters stay on one line.
+#: A cell with at most this number of characters stays on one line.
 _UNBROKEN = 48
 #: A table: its caption, names of columns, and rows.
 _Table = tuple[str, list[str], list[list[str]]]
@@ -260,7 +260,7 @@ def _row(values: npt.ArrayLike, digits: int = 6) -> str:
 
 
 def _load(body: Body, load: Any) -> str:
-    """Return what pushes, with its unit."""
+    """Return the amplitudes of a load with their units."""
     turns = ("rx", "ry", "rz")
     return ", ".join(
         f"{name} {abs(push):.4g} {'N m' if name in turns else 'N'}"
@@ -270,7 +270,7 @@ def _load(body: Body, load: Any) -> str:
 
 
 def _angles(rotation: npt.NDArray[np.float64]) -> list[float]:
-    """Return angles about x, y and z of Rz Ry Rx (rad)."""
+    """Return the angles of Rz Ry Rx about x, y and z (rad)."""
     return [
         math.atan2(rotation[2, 1], rotation[2, 2]),
         -math.asin(max(-1.0, min(1.0, float(rotation[2, 0])))),
@@ -324,7 +324,7 @@ def _kernel_law(kernel: Kernel) -> str:
 
 
 def _further(body: Body) -> list[list[str]]:
-    """Return what few mounts have: rotational stiffness, fluid tracks."""
+    """Return properties that few mounts have: rotational stiffness, fluid tracks."""
     lines: list[list[str]] = []
     for mount in body.mounts:
         if np.any(np.asarray(mount.rotational_stiffness)):
@@ -354,7 +354,7 @@ def _law(laws: tuple[dict[int, float] | Law, ...]) -> str:
 def _plot_transmissibility(
     body: Body, ax: Axes, hz: npt.NDArray[np.float64], axis: str, variants: Sequence[Body]
 ) -> None:
-    """Draw the transmissibility; behind it, along the axis, the band of the variants."""
+    """Draw the transmissibility and, along the axis, the band of the variants behind it."""
     plot_transmissibility(body, ax, hz=hz, axis=axis)
     if not variants:
         return
@@ -391,7 +391,7 @@ def _orders(
 def _plot_orders(
     body: Body, ax: Axes, rpm: npt.NDArray[np.float64], loads: Mapping[float, Any], place: int
 ) -> None:
-    """Draw the displacement by each order over the speed, and the root mean square of all."""
+    """Draw the displacement of each order over the speed, and the root mean square of all."""
     found = body.engine_orders(2 * math.pi * rpm / 60, list(loads), list(loads.values()))
     sizes = np.abs(found[:, :, place])
     for i, order in enumerate(loads):
@@ -406,12 +406,12 @@ def _plot_orders(
 
 
 def _plot_forces(body: Body, ax: Axes, hz: npt.NDArray[np.float64], load: Any) -> None:
-    """Draw the size of the force at each mount, linear."""
+    """Draw the size of the linear force at each mount."""
     from viscovib.analyses.forced import forced_response
 
     result = forced_response(body, 2 * math.pi * hz, load=load, method="linear")
     forces = body.mount_forces(result)
-    # Of a load of 0 there is no order; squares of large forces are no numbers.
+    # A load of 0 has no order; squares of large forces would overflow.
     sizes = np.hypot.reduce(np.abs(forces.force[..., :1]).sum(axis=3), axis=2)
     for i, name in enumerate(forces.names):
         ax.plot(
@@ -433,7 +433,7 @@ def _figure(width: float, height: float) -> Figure:
 
     figure = Figure(figsize=(width, height), layout="constrained")
     if height > width:
-        # A sheet of paper, with room at its edges for a punch.
+        # A sheet of paper, with margins for punched holes.
         figure.set_layout_engine("constrained", rect=(0.06, 0.04, 0.88, 0.92))
     return figure
 
@@ -466,7 +466,7 @@ def _write_html(
 
 
 def _cell(text: str) -> str:
-    # Three numbers stay on one line.
+    # Cells with three numbers stay on one line.
     whole = " class='whole'" if len(text) <= _UNBROKEN else ""
     return f"<td{whole}>{html.escape(text)}</td>"
 
@@ -486,7 +486,7 @@ def _write_pdf(
             draw(axis)
             axis.set_title(caption, fontsize=9)
             if not in_space:
-                # Labels of full size are longer than these low panels.
+                # Labels of normal size would be longer than these low panels.
                 axis.yaxis.label.set_fontsize(7)
         pages.savefig(second)
 

@@ -1,4 +1,4 @@
-"""Pictures of measurements of rubber, master curves, fits and bands."""
+"""Plots of rubber measurements, master curves, fits and bands."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _X = Word("x", ("rad/s", "hz"))
 def plot_modulus(
     data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
 ) -> "Sequence[Axes]":
-    """Draw storage and loss, and the loss factor below, over frequency.
+    """Draw storage and loss over frequency, and the loss factor below them.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _without_frequency(data: ModulusData, ax: "Axes | None", log: bool) -> "Axes
 
 
 def plot_ratio(check: KramersKronig, ax: "Axes | None" = None, *, x: str = "rad/s") -> "Axes":
-    """Draw measured loss over the loss that belongs to the storage."""
+    """Draw the ratio of measured loss to the loss that follows from the storage."""
     per, label = _frequency(x)
     axes = panel(ax, (7, 3.5))
     axes.loglog(np.asarray(check.frequencies) * per, check.ratio, "o", ms=3, color=_DARK)
@@ -128,7 +128,7 @@ def plot_master(
     law: ShiftLaw | None = None,
     x: str = "rad/s",
 ) -> "Sequence[Axes]":
-    """Draw the curve and, below, the factors with their 95 % intervals and a law."""
+    """Draw the master curve and, below it, the factors with 95 % intervals and a law."""
     _native.check_instance("master", master, MasterCurve)
     per, label = _frequency(x)
     if law is not None:
@@ -264,7 +264,7 @@ def plot_fit(
         axes[0].loglog(place, target, mark, ms=3, mfc="none", color=colour, label=name or None)
         axes[0].loglog(place[order], curve[order], "-", color=colour)
         if np.isfinite(reach).all():
-            # Relative, as on an axis of logarithms.
+            # Relative limits, because the axis is logarithmic.
             factor = np.exp(reach / np.abs(curve))[order]
             low, high = curve[order] / factor, curve[order] * factor
             axes[0].fill_between(place[order], low, high, color=colour, alpha=0.25, lw=0)
@@ -293,7 +293,7 @@ def _axes_of_fit(ax: "Axes | Sequence[Axes] | None") -> "list[Axes]":
 
 
 def plot_profile(profile: Profile, ax: "Axes | None" = None) -> "Axes":
-    """Draw the rise of the sum of squares over the values of the parameter, with its interval."""
+    """Draw the rise of the sum of squares over the parameter, with its interval."""
     axes = panel(ax, (6, 3.6))
     inside = np.isfinite(profile.rise)
     axes.plot(profile.values[inside], profile.rise[inside], "o-", ms=3, color=_DARK)
@@ -307,7 +307,7 @@ def plot_profile(profile: Profile, ax: "Axes | None" = None) -> "Axes":
 
 
 def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
-    """Draw the band and the nominal answer over x."""
+    """Draw the band and the nominal result over x."""
     place, title = _native.real_array("x", x, ndim=1), Text("label").check(label)
     if band.nominal.shape != place.shape:
         raise InputError(f"x: has shape {place.shape}, answers have {band.nominal.shape}")
@@ -320,7 +320,7 @@ def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: 
 
 
 def _frequency(x: str) -> tuple[float, str]:
-    """Return the factor of circular frequencies in the unit x, and the label of their axis."""
+    """Return the factor from rad/s to the unit x, and the label of the axis."""
     if _X.check(x) == "hz":
         return 1 / (2 * math.pi), "frequency (Hz)"
     return 1.0, "circular frequency (rad/s)"
@@ -333,7 +333,7 @@ def _temperatures(sets: Sequence[ModulusData]) -> list[float] | None:
 
 
 def _colours() -> Any:
-    """Blue for cold, orange for warm."""
+    """Return the colour map: blue for cold, orange for warm."""
     from matplotlib.colors import LinearSegmentedColormap
 
     ends = [(0.04, 0.11, 0.32), (0.88, 0.45, 0.11)]
@@ -341,7 +341,7 @@ def _colours() -> Any:
 
 
 def _shades(sets: Sequence[ModulusData]) -> list[Any]:
-    """Return a colour for each set: by its temperature, else by its place."""
+    """Return a colour for each set by its temperature; without one, by its index."""
     values = np.array(_temperatures(sets) or range(len(sets)))
     span = np.ptp(values)
     return [_colours()(part) for part in (values - values.min()) / (span if span > 0 else 1.0)]

@@ -1,4 +1,4 @@
-"""Pictures of the method of multiple scales."""
+"""Plots of the method of multiple scales."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from viscovib.results.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Neighbours move by less than this part of their size.
+#: Neighbours differ by less than this part of their size.
 _NEAR = 1 / 3
 _DARK, _WARM = "#0b1d51", "#c8452e"
 _LABELS = {"z": "z", "x": "x", "phi": r"\varphi", "psi": r"\psi"}
-#: Loads of systems with units; those of others are dimensionless.
+#: Labels for systems with units; other parameters are dimensionless.
 _PARAMETERS = {"nu": r"$\nu$ (rad/s)", "load": "load"}
 
 
 def moving(response: ScalesResponse) -> tuple[str, ...]:
-    """Coordinates in which the load's frequency shows, all of them if none does."""
+    """Coordinates that move at the frequency of the load; all of them if none does."""
     sizes = np.abs(response.harmonics).max(axis=0, initial=0)
     kept = [n for n, s in zip(response.dof_names, sizes, strict=True) if s > 1e-12 * sizes.max()]
     return tuple(kept) if kept else response.dof_names
@@ -46,8 +46,8 @@ def plot_scales_response(
 ) -> Sequence[Axes]:
     """Draw the steady motions, one panel per coordinate: amplitude of the load's frequency.
 
-    Stable motions are solid, unstable ones dashed. Motions outside the range of the expansion are
-    left out, and single motions between them. ``dofs`` are the coordinates, by default those that
+    Stable motions are solid, unstable ones dashed. Motions outside the range of the expansion, and
+    single motions between them, are omitted. ``dofs`` are the coordinates, by default those that
     move; ``x``, ``y`` and ``reference`` are those of `plot_response`.
 
     Examples
@@ -85,11 +85,11 @@ def plot_scales_response(
                 )  # fmt: skip
                 if not part.any():
                     continue
-                # A stretch ends at the first point of the next.
+                # A stretch ends at the first point of the next one.
                 part[1:] |= part[:-1].copy()
                 axis.plot(
                     at[chain], np.where(part, amplitude[chain], np.nan),
-                    # A motion without neighbours is a point.
+                    # A motion without neighbours is drawn as a point.
                     marker=("." if known else "x") if chain.size == 1 else None, markersize=4,
                     label=None if label in named else label, **style,
                 )  # fmt: skip
@@ -106,10 +106,10 @@ def plot_scales_response(
 
 
 def _chains(response: ScalesResponse) -> list[npt.NDArray[np.intp]]:
-    """Return motions that follow each other from value to value, those in range alone.
+    """Return sequences of motions over successive parameter values, only those in range.
 
-    Two are neighbours if each is the nearest of the other, of the motions at their values, and both
-    move by less than a third of their size.
+    Two motions at successive values are neighbours if each is the nearest to the other and both
+    change by less than a third of their size.
     """
     here = np.flatnonzero(response.in_range)
     after: dict[int, int] = {}
@@ -131,7 +131,7 @@ def _chains(response: ScalesResponse) -> list[npt.NDArray[np.intp]]:
         while chain[-1] in after:
             chain.append(after[chain[-1]])
         chains.append(np.array(chain))
-    # Between values whose motions are all out of range a single one tells nothing.
+    # A single motion between values without motions in range is not informative.
     longer = [chain for chain in chains if chain.size > 1]
     return longer or chains
 
@@ -143,7 +143,7 @@ def plot_modulation(
 ) -> Sequence[Axes]:
     """Draw a motion and the envelope of its modes, one panel per coordinate.
 
-    ``exact`` is the same motion by direct integration, drawn below it. The envelope is the largest
+    ``exact`` is the same motion by direct integration, drawn behind it. The envelope is the largest
     sum of the modes' amplitudes in the coordinate.
 
     Examples
@@ -179,6 +179,6 @@ def plot_modulation(
         axis.set_ylabel(rf"${_LABELS.get(name, name)}$")
         axis.spines[["top", "right"]].set_visible(False)
     axes[-1].set_xlabel("t")
-    # Above the first panel: the motion fills it.
+    # Above the first panel, because the motion fills the panel.
     axes[0].legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
     return axes

@@ -31,14 +31,14 @@ from viscovib.results.response import Response
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: How changes of stability other than folds are marked.
+#: Markers of changes of stability other than folds.
 _CROSSING_MARKERS = {
     "branch point": "s",
     "symmetry breaking": "^",
     "period doubling": "D",
     "Neimark-Sacker": "v",
 }
-#: The same of motions in time.
+#: Markers for branches of motions in time.
 _MOTION_MARKERS = {"fold": "o", **_CROSSING_MARKERS, "grazing": "x"}
 _LABELS = Labels("labels")
 
@@ -128,14 +128,14 @@ def plot_response(
 
 
 def _sizes(curve: Any) -> FloatArray:
-    """Return how far each coordinate moves at each point, shape (n, n_dof)."""
+    """Return the largest harmonic of each coordinate at each point, shape (n, n_dof)."""
     return np.asarray(np.abs(curve.coefficients).max(axis=2, initial=0.0))
 
 
 def _drawn_sizes(branch: Branch | DrivenBranch, harmonic: Any) -> FloatArray:
-    """Return the sizes of the harmonic that is drawn, shape (n, n_dof).
+    """Return the sizes of the drawn harmonic, shape (n, n_dof).
 
-    A coordinate may move in other harmonics only, such as that of a spring under a swinging body.
+    A coordinate may move only in other harmonics, such as a spring under a swinging body.
     """
     places = (branch._place(name, order_of(harmonic, name)) for name in branch.dof_names)
     return np.abs(np.stack([branch.coefficients[:, d, j] for d, j in places], axis=1))
@@ -144,7 +144,7 @@ def _drawn_sizes(branch: Branch | DrivenBranch, harmonic: Any) -> FloatArray:
 def _whole(
     curve: Response | DrivenResponse, shown: Shown, at: FloatArray, values: FloatArray
 ) -> list[FloatArray]:
-    """Return a curve without the lines that would cross a jump."""
+    """Return a curve with gaps at its jumps."""
     jumps = jumps_of(curve.coefficients)
     if shown.y == "phase":
         with np.errstate(invalid="ignore"):
@@ -153,7 +153,7 @@ def _whole(
 
 
 def _with_neighbours(shown: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Points and their neighbours, so that a stretch leaves no gap."""
+    """Points and their neighbours, so that there is no gap between stretches."""
     wider = shown.copy()
     wider[1:] |= shown[:-1]
     wider[:-1] |= shown[1:]
@@ -286,7 +286,7 @@ def plot_motion_branch(
 def _stretch(
     branch: Branch | DrivenBranch | MotionBranch, stable: bool | None
 ) -> npt.NDArray[np.bool_]:
-    """Points of a branch of one stability; a stretch ends at the first point of the next."""
+    """Points of a branch with one stability; a stretch ends at the first point of the next."""
     if branch.stable is None:
         return np.full(branch.parameter.size, stable is None)
     if stable is None:
@@ -298,7 +298,7 @@ def _stretch(
 
 
 def _name_once(axis: Axes) -> None:
-    """Write the legend: of several curves on the same axes each kind is named once."""
+    """Write a legend that names each kind of curve once."""
     named = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
     if named:
         axis.legend(named.values(), named.keys(), frameon=False)
@@ -307,10 +307,10 @@ def _name_once(axis: Axes) -> None:
 def _mark_crossings(
     axis: Axes, branch: Branch | DrivenBranch, d: int, j: int, shown: Shown, circular: bool
 ) -> None:
-    """Mark changes of stability other than folds, a sign for each kind."""
+    """Mark changes of stability other than folds; each kind has its own marker."""
     for kind, marker in _CROSSING_MARKERS.items():
         if branch._crossed is not None and kind == "branch point":
-            # Those are marked whether stability changes there or not.
+            # Branch points are marked elsewhere, even if stability does not change there.
             continue
         here = [
             (c.parameter, c.coefficients[d, j])

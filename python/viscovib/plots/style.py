@@ -1,4 +1,4 @@
-"""One style for all pictures: colours, line styles, letters, frames."""
+"""Common style of all plots: colours, line styles, symbols, frames."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Dark to light, so that order survives a greyscale print.
+#: From dark to light, so that a greyscale print has the same order.
 COLOURS = ("#0b1d51", "#7b1e7a", "#c8452e", "#e08e1b", "#b9b21a")
 STYLES = ("-", (0, (6, 1.5)), (0, (4, 1.2, 1, 1.2)), (0, (2, 1)), (0, (1, 1)))
 
-#: Stable motions are dark, thick and solid; unstable ones lighter, thinner and dashed, unknown ones
-#: grey and dotted, so that they differ without colour and where they overlie each other.
+#: Stable motions are dark, thick and solid, unstable ones lighter, thinner and dashed, unknown ones
+#: grey and dotted: they differ without colour and where they overlap.
 BY_STABILITY: tuple[tuple[bool | None, str, dict[str, Any]], ...] = (
     (True, "stable", {"color": COLOURS[0], "linewidth": 2.0}),
     (False, "unstable", {"color": COLOURS[2], "linewidth": 1.3, "linestyle": (0, (4, 2))}),
     (None, "stability unknown", {"color": "0.45", "linewidth": 1.5, "linestyle": (0, (1, 1.2))}),
 )
-#: Names that need no escapes, and signs that need one where a text stands in a formula.
+#: Names that need no escape, and characters that need one in a formula.
 _WORD, _SIGN, _ESCAPED = re.compile(r"\w+"), re.compile(r"([\\{}$])"), r"\\\1"
 SYMBOLS = {"x": "x", "phi": r"\varphi", "psi": r"\psi"}
 
 
 def plain(text: str) -> str:
-    """Return a text of a user as matplotlib draws it unchanged: a dollar begins no formula."""
+    """Return a text that matplotlib draws unchanged: a dollar sign does not start a formula."""
     return text.replace("$", r"\$")
 
 
 def in_brackets(unit: str) -> str:
-    """Unit in brackets; nothing of a coordinate that has none."""
+    """Unit in brackets; empty for a dimensionless coordinate."""
     return "" if unit in ("1", "L") else f" ({plain(unit)})"
 
 
 def symbol(name: str) -> str:
-    """How a name looks in mathematics: Greek, italic with a number below, or upright."""
+    """Return a name in mathematical notation: Greek, italic with an index, or upright."""
     if name in SYMBOLS or (len(name) == 1 and name.isalnum()):
         return SYMBOLS.get(name, name)
     if name[:1].isalpha() and name[1:].isdigit():
@@ -46,14 +46,14 @@ def symbol(name: str) -> str:
 
 
 def harmonic_of(name: str, order: int | tuple[int, ...]) -> str:
-    """Write the order below a letter, above a name that has an index of its own."""
+    """Return the symbol with the order below a letter, or above a name with its own index."""
     plain = name in SYMBOLS or len(name) == 1
     text = ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
     return f"{symbol(name)}_{{{text}}}" if plain else f"{symbol(name)}^{{({text})}}"
 
 
 def bare(axis: Axes) -> None:
-    """Take away what is no curve: half of the frame; a light grid stays."""
+    """Remove the upper and right frame lines and add a light grid."""
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(color="0.9", linewidth=0.6)
     axis.set_axisbelow(True)

@@ -18,11 +18,11 @@ from viscovib.common.results import Result
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Highest multiple of a load's frequency that a line is looked for at, by the number of loads.
+#: Highest multiple of a load frequency in the search of line orders, by the number of loads.
 _HIGHEST = {1: 24, 2: 24, 3: 16, 4: 6, 5: 3, 6: 2}
-#: Frequencies that differ by less than this part of the highest are one.
+#: Frequencies that differ by less than this part of the highest are equal.
 _SAME = 2e-9
-#: Phases from which the largest value is sought.
+#: Random phases, starts and steps of the search for the largest value.
 _STARTS, _TRIES, _ROUNDS = 4000, 12, 40
 
 
@@ -195,7 +195,7 @@ def _highest(n: FloatArray, x: ComplexArray, angles: FloatArray) -> float:
             waves = x * np.exp(1j * n @ c)
             slope = -waves.imag @ n
             bend = -(n.T * waves.real) @ n
-            # Uphill whatever the sign of the curvature.
+            # Ascend for any sign of the curvature.
             values_of, vectors = np.linalg.eigh(bend)
             steep = np.maximum(np.abs(values_of), 1e-9 * np.abs(waves).sum())
             step = vectors @ ((vectors.T @ slope) / steep)

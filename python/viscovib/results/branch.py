@@ -153,18 +153,18 @@ class Branch(PeriodicMotions, Curve):
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
     plan: Plan
-    #: System, load and what varies as the core takes them, and the relative error wanted.
+    #: System, load and varied parameter for the core, and the relative tolerance.
     _job: Job = field(repr=False)
     _tolerance: float = field(repr=False)
-    #: Relative error allowed of each motion, with what is allowed besides.
+    #: Allowed relative error of each motion, including the absolute tolerance.
     _allowed: FloatArray = field(repr=False)
-    #: How far each point is off its curve, as a part of motion and parameter.
+    #: Rounding error of each point, relative to motion and parameter.
     _off: FloatArray = field(repr=False)
-    #: How far the orders left out move each point off its curve, as a part of both.
+    #: Truncation error of each point, relative to motion and parameter.
     _missed: FloatArray = field(repr=False)
-    #: What takes energy from the motions.
+    #: Data for the energy loss of the motions.
     _parts: Parts | None = field(default=None, repr=False)
-    #: Further columns that a scene asks for.
+    #: Additional columns requested by a scene.
     _asked: tuple[str, ...] = field(default=(), repr=False)
 
     @property
@@ -202,7 +202,7 @@ class Branch(PeriodicMotions, Curve):
 
     @property
     def _few(self) -> npt.NDArray[np.bool_]:
-        """Points that more harmonics would bring nearer: not those that rounding keeps away."""
+        """Mask of points with too few harmonics, without points limited by rounding errors."""
         return np.asarray(self._missed > np.maximum(self._allowed, self._off))
 
     @property
@@ -250,7 +250,7 @@ class Branch(PeriodicMotions, Curve):
 
     @cached_property
     def sampling(self) -> FloatArray:
-        """Estimated relative error of each point by the samples of its forces; see `Response`."""
+        """Estimated relative error of each point by sampling of its forces; see `Response`."""
         return sampling_errors(self, self._job, self.parameter, self._relative(self.load_factor))
 
     def _relative(self, factors: FloatArray) -> ComplexArray:
@@ -267,7 +267,7 @@ class Branch(PeriodicMotions, Curve):
         )
 
     def _lost(self) -> FloatArray:
-        """Energy that all forces take from each motion in a period (J), shape (n,)."""
+        """Energy loss of each motion per period by all forces (J), shape (n,)."""
         factors = self.load_factor
         return lost_energy(self, self._job, factors, self._relative(factors))
 

@@ -22,7 +22,7 @@ from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.response import Peak, band_of, lowest_order, only_rounding, peaks
 
 OUTCOMES = CURVE_OUTCOMES
-#: What may be crossed, in the order of the core.
+#: Kinds of bifurcation points, in the order of the core.
 CROSSINGS = ("fold", "branch point", "symmetry breaking", "period doubling", "Neimark-Sacker")
 
 
@@ -66,7 +66,7 @@ class Crossing:
     error: float | None = None
 
     def __str__(self) -> str:
-        """Say what changes where, with points counted from 1."""
+        """Return the kind and location, with points counted from 1."""
         place = "" if self.parameter is None else f" at {self.parameter:.15g}"
         if self.error is not None:
             place += f" (error {self.error:.1e})"
@@ -113,7 +113,7 @@ class BranchPoint(Value):
     before: int
     across: ComplexArray
     error: float
-    #: The same as unknowns of the core, and direction with that of the parameter.
+    #: The point as unknowns of the core, and the direction including the parameter.
     _unknowns: FloatArray
     _direction: FloatArray
 
@@ -136,13 +136,13 @@ class Curve(Result):
     kind = "branch"
     _form = "branch"
 
-    #: Points where branches cross, whether stability changes there or not; None: changes of
-    #: stability tell them.
+    #: Branch points, with or without a change of stability; None: taken from the changes of
+    #: stability.
     _crossed: tuple[BranchPoint, ...] | None = None
 
     @property
     def _circular(self) -> bool:
-        """Whether a circular frequency varies, which can be shown in Hz."""
+        """True if the parameter is a circular frequency, which can be shown in Hz."""
         return False
 
     coefficients: ComplexArray
@@ -154,7 +154,7 @@ class Curve(Result):
     branch_points: tuple[BranchPoint, ...]
     outcome: str
     varies: str
-    #: What varies along the branch.
+    #: Values of the varied parameter.
     parameter: FloatArray
 
     @property
@@ -167,15 +167,15 @@ class Curve(Result):
 
     @property
     def _orders(self) -> npt.NDArray[Any]:
-        """Orders kept."""
+        """Harmonics that are kept."""
         raise NotImplementedError
 
     def _motions(self) -> tuple[FloatArray, npt.NDArray[Any], ComplexArray]:
-        """Frequencies, orders, and motions of shape (n, n_dof, m)."""
+        """Frequencies, harmonic orders, and motions of shape (n, n_dof, m)."""
         raise NotImplementedError
 
     def _lacking(self) -> str:
-        """Return words about harmonics that lack, if some do."""
+        """Return a text about missing harmonics, or an empty text."""
         raise NotImplementedError
 
     @property
@@ -264,15 +264,15 @@ class Curve(Result):
     def _summit(
         self, i: int, d: int, j: int, low: float, high: float
     ) -> tuple[float, float] | None:
-        """Where the branch leads up to from its i-th point, if that is within bounds."""
+        """Maximum that is reached uphill from the i-th point, or None if outside the bounds."""
         raise NotImplementedError
 
     def _summit_between(
         self, places: npt.NDArray[np.intp], d: int, j: int
     ) -> tuple[float, float] | None:
-        """Largest summit between points in ascending order of the parameter, if one is found.
+        """Largest maximum between points in ascending order of the parameter, or None.
 
-        Steps follow the whole motion: what is small in it may have a resonance between two.
+        Step sizes follow the whole motion: a small component may have a resonance between points.
         """
         return None
 
@@ -361,10 +361,10 @@ def largest_panels(curve: Any, x: FloatArray, x_label: str) -> list[Panel]:
 def located_crossings(
     found: Mapping[str, Any], motions: ComplexArray, unknown: npt.NDArray[np.bool_] | None = None
 ) -> tuple[Crossing, ...]:
-    """Changes of stability: kinds, points before (from 1), locations, NaN if none, and errors.
+    """Create crossings from kinds, points before (from 1), locations (NaN: none), and errors.
 
-    ``motions``: X_k there, shape (n, n_dof, m). ``unknown``: of each point, True if its stability
-    is unknown.
+    ``motions``: X_k at the crossings, shape (n, n_dof, m). ``unknown``: True for points of the
+    branch with unknown stability.
     """
     crossings = []
     for kind, before, where, error, motion in zip(
@@ -383,9 +383,9 @@ def located_crossings(
 def located_branch_points(
     found: Mapping[str, Any], motions: ComplexArray, directions: ComplexArray
 ) -> tuple[BranchPoint, ...]:
-    """Branch points: values of what varies, errors, points before (from 1), unknowns of the core.
+    """Create branch points from parameter values, errors, points before (from 1) and unknowns.
 
-    ``motions``, ``directions``: X_k there and of the branches that cross, shape (n, n_dof, m).
+    ``motions``, ``directions``: X_k at the points and of the crossing branches, (n, n_dof, m).
     """
     return tuple(
         BranchPoint(

@@ -16,9 +16,9 @@ from viscovib.systems.load import base_shifts
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import SpringGroup
 
-#: Samples of a period for each order, at least so many, and of laws with kinks or jumps.
+#: Samples per period and harmonic, smallest number, and number for laws with kinks or jumps.
 _PER_ORDER, _FEWEST, _KINKED = 16, 1024, 16384
-#: A direction that the condensed ones leave no more of than this is one of theirs.
+#: A direction depends on the condensed ones if its relative remainder is below this.
 _DEPENDENT = 1e-9
 
 
@@ -47,9 +47,9 @@ class Parts:
     def dissipated(
         self, nu: FloatArray, orders: Any, x: ComplexArray, factors: FloatArray, *, linear: bool
     ) -> FloatArray:
-        """Energy lost in a period by dampers and by each group of springs, shape (n, 1 + n_groups).
+        """Energy loss per period in dampers and each group of springs, shape (n, 1 + n_groups).
 
-        ``x``: harmonics of all coordinates, shape (n, n_dof, m); ``linear``: of the linear forces.
+        ``x``: harmonics of all coordinates, (n, n_dof, m); ``linear``: only linear forces.
         """
         system = self.system
         if not isinstance(system, PolynomialSystem) or system._turns:
@@ -69,11 +69,11 @@ class Parts:
 
 
 def _of_group(group: SpringGroup, nu: float, orders: Any, y: ComplexArray, linear: bool) -> float:
-    """Of springs with one kernel or none: K u, its forces and laws, and what these have of C."""
+    """Energy loss in a group of springs: K u, forces and laws with their part of C."""
     stiffness, n = group.stiffness, y.shape[0]
     laws, forces = (group.laws, group.forces) if not linear else ((), {})
     if group.kernel is None:
-        # What is symmetric gives back what it takes.
+        # A symmetric stiffness loses no energy.
         stiffness = 0.5 * (stiffness - stiffness.T)
     if not (stiffness.any() or laws or forces or group.law_damping is not None):
         return 0.0
@@ -95,10 +95,10 @@ def dissipated(
     view: View, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray,
     *, linear: bool = False,
 ) -> FloatArray:  # fmt: skip
-    """Energy lost in a period by each element, shape (n, n_elements).
+    """Energy loss per period in each element, shape (n, n_elements).
 
     ``y``: harmonics of the condensed coordinates relative to the base, shape (n, q, m);
-    ``linear``: by its forces linearized at rest, as those of linear motions are.
+    ``linear``: by the forces linearized at rest, for linear motions.
     """
     lost = np.full((nu.size, len(view.elements)), np.nan)
     for column, terms in enumerate(view.elements):
@@ -131,18 +131,18 @@ def _deflections(
 
 
 def _lost(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) -> float:
-    """Of one motion: pi sum_k k Im(F_k conj(D_k)) with the harmonics F_k of the forces."""
+    """Energy loss of one motion, pi sum_k k Im(F_k conj(D_k)) with the forces F_k."""
     if hasattr(terms, "directions"):
-        # It has no linear part.
+        # A coupling has no linear part.
         return 0.0 if linear else _of_coupling(terms, nu, orders, d)
     own = d[0]
     work = float(np.pi * nu * terms.damping * (orders**2 * np.abs(own) ** 2).sum())
     law = terms.law
     if law is not None and law.state:
-        # About rest a slider sticks.
+        # A slider at rest sticks.
         return work if linear else work + _of_hysteresis(law, orders, own)
     if terms.kernel is None and (law is None or max(law.places, default=0) < 1):
-        # A force that follows from the deflection alone gives back what it takes.
+        # A force that depends only on the deflection loses no energy.
         return work
     kinked = law is not None and law.branches and not linear
     theta, at, rate = _samples(orders, nu, d, kinked)
@@ -155,7 +155,7 @@ def _lost(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) -> 
 
 
 def _values(law: Law, at: FloatArray, linear: bool) -> FloatArray:
-    """A law at samples of its arguments, or what is linear in it at rest."""
+    """Values of a law at samples of its arguments, or of its linear part at rest."""
     at = at[:, : len(law.arguments)]
     return at @ law.slopes_at_rest if linear else law(at)[0]
 
@@ -177,7 +177,7 @@ def _of_coupling(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
 def _samples(
     orders: Any, nu: float, d: ComplexArray, kinked: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Phases of a period, deflections and rates there, shape (n, n_own)."""
+    """Phases of a period, and deflections and rates at these phases, shape (n, n_own)."""
     n = max(_KINKED if kinked else _FEWEST, _PER_ORDER * int(orders.max(initial=1)))
     theta = 2 * np.pi * np.arange(n) / n
     waves = np.exp(1j * np.outer(theta, orders))
@@ -188,7 +188,7 @@ def _work(
     force: FloatArray, rate: FloatArray, theta: FloatArray, nu: float, orders: Any,
     d: ComplexArray, kernel: Any,
 ) -> float:  # fmt: skip
-    """Work of a force in a period; behind a kernel of (1 - R(i k nu)) F_k."""
+    """Work of a force per period; with a kernel, of (1 - R(i k nu)) F_k."""
     if kernel is None:
         return float((force * rate).mean() * 2 * np.pi / nu)
     parts = 2j / theta.size * (force @ np.exp(-1j * np.outer(theta, orders)))
@@ -198,7 +198,7 @@ def _work(
 
 
 def _of_hysteresis(law: Any, orders: Any, d: ComplexArray) -> float:
-    """Forces follow the deflection from one turning point to the next, whatever lies between."""
+    """Energy loss of a hysteresis element, from the turning points of its deflection."""
     n = max(_FEWEST, _PER_ORDER * int(orders.max(initial=1)))
     theta = 2 * np.pi * np.arange(n) / n
     waves = np.exp(1j * np.outer(theta, orders))
@@ -206,7 +206,7 @@ def _of_hysteresis(law: Any, orders: Any, d: ComplexArray) -> float:
     turns = np.flatnonzero(slope * np.roll(slope, -1) <= 0)
     if turns.size < 2 or not np.ptp(at):
         return 0.0
-    # Newton's method from the secant: a place wrong by x leaves the square of x.
+    # Newton's method from the secant: an error x of the phase has the effect x^2.
     phase = theta[turns] + 2 * np.pi / n * slope[turns] / (
         slope[turns] - np.roll(slope, -1)[turns] + np.finfo(float).tiny
     )

@@ -42,7 +42,7 @@ class Ensemble(Result):
     dt : ndarray, shape (n,)
         Spacing of the states kept: the periods between ``sections``; NaN without sections.
     peak, mean, rms : ndarray, shape (n, 2 n_dof), or None
-        Largest absolute value, mean and root mean square along the motion, between steps too; NaN
+        Largest absolute value, mean and root mean square of the motion, also between steps; NaN
         for a run that ended early.
     amplitudes : complex ndarray, shape (n, n_lines, n_dof), or None
         X of each coordinate at each requested frequency: u = mean + Re(X exp(i omega t)); NaN in

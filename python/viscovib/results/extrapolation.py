@@ -10,18 +10,18 @@ import numpy.typing as npt
 from viscovib._native import ComplexArray
 from viscovib.errors import InputError
 
-#: Orders, X_k of shape (n_dof, m), and the highest order kept.
+#: Harmonic orders, X_k of shape (n_dof, m), and the highest harmonic kept.
 Motion: TypeAlias = tuple[npt.NDArray[Any], ComplexArray, int]
 
-#: Powers that are believed (a jump makes 1; from 2 on most of the error is orders left out), how
-#: far beyond its own estimate a motion may be moved, and how uncertain the estimate is.
+#: Valid powers (1 for a jump; from 2 on neglected harmonics dominate the error), largest change of
+#: a motion in units of its error estimate, and safety factor of the estimate.
 _POWERS, _MOST_MOVED, _SAFETY = (0.4, 2.0), 2.0, 3.0
-#: Orders of the coarsest motion that are needed at least.
+#: Smallest number of harmonics of the coarsest motion.
 _FEWEST = 4
 
 
 def check_orders(highest: list[int]) -> None:
-    """Refuse numbers of harmonics from which no limit follows, the coarsest first."""
+    """Refuse numbers of harmonics (coarsest first) that give no limit."""
     if not _FEWEST <= highest[0] < highest[1] < highest[2]:
         raise InputError(
             f"highest orders {highest[2]}, {highest[1]} and {highest[0]}: must fall from each "
@@ -45,14 +45,14 @@ def extrapolated(
 
 
 def _row(three: list[Motion]) -> tuple[ComplexArray, float, float, float] | None:
-    """X_k, how far the kept ones moved, the estimated error and p; None: no power fits."""
+    """X_k, change of the kept harmonics, estimated error and p; None: no power fits."""
     orders, finest, _ = three[-1]
     kept = [int((one[0] <= one[2]).sum()) for one in three]
     if not all(np.array_equal(one[0][:k], orders[:k]) for one, k in zip(three, kept, strict=True)):
         return None
     if not kept[0] < kept[1] < kept[2]:
         return None
-    # The middle between the last order kept and the first left out.
+    # The middle between the last harmonic kept and the first neglected one.
     ends = [orders[k - 1] + 0.5 * (orders[k - 1] - orders[k - 2]) for k in kept]
     weights = np.where(orders == 0, 1.0, 0.5)
 
@@ -67,7 +67,7 @@ def _row(three: list[Motion]) -> tuple[ComplexArray, float, float, float] | None
         return None
 
     def beyond(j: int, q: float) -> ComplexArray:
-        """From the numbers j - 1 and j, with the power q."""
+        """Extrapolation from the responses j - 1 and j with the power q."""
         k = kept[j - 1]
         x = np.array(three[j][1])
         share = (ends[j] / ends[j - 1]) ** -q
@@ -82,7 +82,7 @@ def _row(three: list[Motion]) -> tuple[ComplexArray, float, float, float] | None
 
 
 def _power(ends: list[float], first: float, second: float) -> float | None:
-    """Power p of X(K) = X + C K^-p by two differences of three."""
+    """Power p of X(K) = X + C K^-p from two differences of three responses."""
     if not 0 < second < first:
         return None
 
@@ -99,7 +99,7 @@ def _power(ends: list[float], first: float, second: float) -> float | None:
 
 
 def _left_out(x: ComplexArray) -> float:
-    """The size of all orders left out: octaves go on to fall as the last two do."""
+    """Size of all neglected harmonics, if octaves continue to decrease like the last two."""
     m = x.shape[1]
     high, low = (float(np.sqrt(0.5 * (np.abs(part) ** 2).sum()))
                  for part in (x[:, m // 2 :], x[:, m // 4 : m // 2]))  # fmt: skip

@@ -87,9 +87,9 @@ class MotionBranch(Result):
     n_periods: int
     repeats_after: npt.NDArray[np.int64]
     system: Any
-    #: What is marked in pictures: kind, parameter, largest displacements.
+    #: Marks in pictures: kind, parameter, largest displacements.
     _marks: tuple[tuple[str, float, FloatArray], ...] = field(repr=False)
-    #: What makes the motion at each point.
+    #: Functions that compute the motion at each point.
     _points: tuple[Callable[[], SteadyMotion], ...] = field(repr=False)
 
     kind = "motion_branch"
@@ -106,7 +106,7 @@ class MotionBranch(Result):
 
     @property
     def _lost(self) -> int:
-        """How much of what happens on the way is not located."""
+        """Number of bifurcation points and grazings without a location."""
         lost = sum(one.parameter is None for one in self.crossings)
         return lost + int(np.isnan(self.grazings).sum())
 

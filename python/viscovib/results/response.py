@@ -33,15 +33,15 @@ from viscovib.systems.load import Job
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Multiplications up to which a peak is looked for between all frequencies.
+#: Largest number of multiplications for the search of peaks between all frequencies.
 MAX_SEARCH = 3e9
-#: Times that an interval of frequencies is halved where a linear response has several modes in it.
+#: Largest number of halvings of a frequency interval with several modes of a linear response.
 _HALVINGS = 24
-#: Parts by which sizes in a short interval about a summit differ at most, and the shortest one.
+#: Largest relative variation in a short interval about a maximum, and smallest interval.
 _FLAT, _SHORTEST = 1e-6, 1e-15
-#: A few last digits of a frequency; what is no more than this part of a motion is rounding of it.
+#: A few ulps of a frequency; relative size of a component that counts as rounding error.
 _ULPS, _NOTHING = 1e-15, 1e-13
-#: At a quarter and three quarters, of a parabola by its ends and its middle.
+#: Values at 1/4 and 3/4 of a parabola from its ends and its middle.
 _PARABOLA = np.array([[3, 6, -1], [-1, 6, 3]]) / 8
 
 
@@ -144,14 +144,14 @@ class Response(PeriodicMotions, Result):
     method: str
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
-    #: The run, which can be run again.
+    #: The run, which can be repeated.
     _work: Any = field(repr=False)
-    #: Makes its plan.
+    #: Creates the plan.
     _planned: Callable[[], Plan] = field(repr=False)
-    #: System and load as the core takes them, and the relative error wanted.
+    #: System and load for the core, and the relative tolerance.
     _job: Job = field(repr=False)
     _tolerance: float = field(repr=False)
-    #: Relative error allowed of each motion, with what is allowed besides.
+    #: Allowed relative error of each motion, including the absolute tolerance.
     _allowed: FloatArray = field(repr=False)
     stable: npt.NDArray[Any] | None = None
     multipliers: ComplexArray | None = None
@@ -160,9 +160,9 @@ class Response(PeriodicMotions, Result):
     power: FloatArray | None = None
     #: The method of each motion, if they differ.
     _methods: npt.NDArray[np.str_] | None = field(default=None, repr=False)
-    #: What takes energy from the motions.
+    #: Data for the energy loss of the motions.
     _parts: Parts | None = field(default=None, repr=False)
-    #: Further columns that a scene asks for.
+    #: Additional columns requested by a scene.
     _asked: tuple[str, ...] = field(default=(), repr=False)
 
     kind = "response"
@@ -170,7 +170,7 @@ class Response(PeriodicMotions, Result):
 
     @property
     def _along(self) -> tuple[FloatArray, str, bool]:
-        """What varies: its values, its label, and whether it is a circular frequency."""
+        """The varied parameter: values, label, and True if it is a circular frequency (rad/s)."""
         return self.nu, r"circular frequency of the load $\nu$ (rad/s)", True
 
     @property
@@ -185,7 +185,7 @@ class Response(PeriodicMotions, Result):
 
     @cached_property
     def plan(self) -> Plan:
-        """What was computed, and what was skipped and why; made when it is first read."""
+        """What was computed, and what was skipped and why; created on first access."""
         return self._planned()
 
     @cached_property
@@ -271,7 +271,7 @@ class Response(PeriodicMotions, Result):
         return Peak(*summit, enclosed=True)
 
     def _summit(self, places: npt.NDArray[np.intp], d: int, j: int) -> tuple[float, float] | None:
-        """Largest summit between motions at ascending frequencies, if there is one."""
+        """Largest maximum between motions at ascending frequencies, or None."""
         if self.method == "linear":
             return _linear_summit(self, places, d, j)
         highest = int(self.highest[places].max())
@@ -287,7 +287,7 @@ class Response(PeriodicMotions, Result):
         )  # fmt: skip
 
     def _linear_sizes(self, d: int, j: int, nu: FloatArray) -> FloatArray:
-        """Amplitudes of a linear response at other frequencies."""
+        """Amplitudes of a linear response at any frequencies."""
         return np.abs(self._linear_component(d, j, nu))
 
     def _linear_component(self, d: int, j: int, nu: FloatArray) -> ComplexArray:
@@ -299,7 +299,7 @@ class Response(PeriodicMotions, Result):
 
     @cached_property
     def sampling(self) -> FloatArray:
-        """Estimated relative error of each motion by the samples of its forces, shape (n,).
+        """Estimated relative error of each motion by sampling of its forces, shape (n,).
 
         Forces that are not polynomials are sampled over a period, with more samples until the
         harmonics are accurate to 1e-7, or they are integrated between switches. The estimate
@@ -379,7 +379,7 @@ class Response(PeriodicMotions, Result):
         )
 
     def _lost(self) -> FloatArray:
-        """Energy that all forces take from each motion in a period (J), shape (n,)."""
+        """Energy loss of each motion per period by all forces (J), shape (n,)."""
         ones = np.ones(self.nu.size)
         linear = self.method == "linear"
         return lost_energy(self, self._job, ones, self._relative(ones), linear=linear)
@@ -439,7 +439,7 @@ class Response(PeriodicMotions, Result):
             if found is not None:
                 coefficients[i], truncation[i], power[i] = found
         result = replace(self, coefficients=coefficients, truncation=truncation, power=power)
-        # Of the equations cut at its orders it is no solution; samples left in it what is here.
+        # It does not solve the truncated equations; its errors are those of this response.
         result.__dict__["_finest"] = self
         return result
 
@@ -450,7 +450,7 @@ class Response(PeriodicMotions, Result):
 
     @property
     def _short(self) -> int:
-        """How many motions lack harmonics."""
+        """Number of motions with too few harmonics."""
         return int((self.truncation > self._allowed).sum())
 
     def _headline(self) -> str:
@@ -521,7 +521,7 @@ class Response(PeriodicMotions, Result):
         ).assign(self._judged())
 
     def _judged(self) -> dict[str, Any]:
-        """Stability for a Dataset; stable is 1, 0 or, where that is unknown, -1."""
+        """Stability for a Dataset; stable: 1, 0, or -1 if unknown."""
         if self.stable is None:
             return {}
         return {
@@ -568,9 +568,9 @@ def find_peak(
     job: Job, orders: Any, p: FloatArray, motions: ComplexArray, place: tuple[int, int],
     tolerance: float, **more: Any,
 ) -> tuple[float, float] | None:  # fmt: skip
-    """Largest summit of a harmonic along a branch near motions at ``p``, if there is one.
+    """Largest maximum of a harmonic along a branch near motions at ``p``, or None.
 
-    ``motions``: absolute, shape (n, n_dof, m); ``place``: of coordinate and order, from 0.
+    ``motions``: absolute, shape (n, n_dof, m); ``place``: indices of coordinate and harmonic.
     """
     found = job.run_long(
         "response peak", kept=orders, p=p, samples=motions.T, dof=place[0] + 1,
@@ -623,7 +623,7 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
     """Return the frequencies and intermediate ones, so that no interval contains two modes.
 
     Near one mode 1/size^2 is a parabola, (nu - w)^2 + decay^2, for any width of the resonance.
-    Near an antiresonance size^2 is a parabola. An interval in which neither is one is halved.
+    Near an antiresonance size^2 is a parabola. An interval without such a parabola is halved.
     """
     found, low, high = [nu], nu[:-1], nu[1:]
     for _ in range(_HALVINGS):
@@ -683,7 +683,7 @@ def _linear_summit(
         inner = np.linspace(low, high, 9)
         around = np.nan_to_num(sizes(inner.ravel()).reshape(inner.shape), nan=np.inf)
         top = around.argmax(axis=0)
-        # As high all over: narrow resonances are not when their intervals are as short as others'.
+        # Constant over the interval. A narrow resonance is not constant in such a short interval.
         flat = around.min(axis=0) >= (1 - _FLAT) * around.max(axis=0)
         low = np.take_along_axis(inner, np.maximum(top - 1, 0)[np.newaxis], 0)[0]
         high = np.take_along_axis(inner, np.minimum(top + 1, 8)[np.newaxis], 0)[0]

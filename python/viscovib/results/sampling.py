@@ -1,4 +1,4 @@
-"""Errors of periodic motions by the samples of their forces, and by rounding."""
+"""Errors of periodic motions by sampling of their forces and by rounding."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.tables import Table
 from viscovib.systems.load import Job
 
-#: Multiplications up to which a summary has them.
+#: Largest number of multiplications for sampling errors in a summary.
 _QUICK = 3e8
 
 
 def sampling_errors(result: Any, job: Job, p: FloatArray, y: ComplexArray) -> FloatArray:
-    """Return those of a response or branch, shape (n,); NaN where they are not known.
+    """Return the sampling errors of a response or branch, shape (n,); NaN if unknown.
 
-    ``job``: system, load and what varies, as the core takes them; ``p``: its values; ``y``: motions
+    ``job``: system, load and varied parameter for the core; ``p``: its values; ``y``: motions
     relative to the base, shape (n, n_dof, m).
     """
     used = np.searchsorted(result.harmonics, result.highest, side="right")
@@ -31,11 +31,11 @@ def sampling_errors(result: Any, job: Job, p: FloatArray, y: ComplexArray) -> Fl
 def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> FloatArray:
     """Errors of the motions of a response as solutions of their equations, shape (n,).
 
-    ``job``: system and load as the core takes them; ``y``: motions relative to the base.
+    ``job``: system and load for the core; ``y``: motions relative to the base.
     """
     kept = result.harmonics
     if linear:
-        # Those of the load alone, of any order.
+        # Only harmonics of the load, of any order.
         odd = kept.size > 0 and (kept % 2 == 1).all()
         last = kept.max(initial=0)
         kept = np.arange(1 if odd else 0, last + 1, 2 if odd else 1)
@@ -43,7 +43,7 @@ def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> 
         whole[..., np.searchsorted(kept, result.harmonics)] = y
         y = whole
     used = np.searchsorted(kept, result.highest, side="right")
-    # The highest order of rest, and of a mean alone, is 0, as where nothing was found.
+    # The highest harmonic is 0 for a motion at rest, a mean only, or no solution.
     used[~np.isfinite(y).all(axis=(1, 2)) | ~result.converged] = 0
     errors = job.run_long(
         "response rounding_errors", kept=kept, nu=result.nu, motions=y.T, used=used, linear=linear
@@ -54,9 +54,9 @@ def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> 
 def lost_energy(
     result: Any, job: Job, factors: FloatArray, y: ComplexArray, *, linear: bool = False
 ) -> FloatArray:
-    """Energy that all forces take from each motion in a period (J), shape (n,).
+    """Energy loss of each motion per period by all forces (J), shape (n,).
 
-    ``job``: system and load as the core takes them; ``y``: motions relative to the base.
+    ``job``: system and load for the core; ``y``: motions relative to the base.
     """
     found = job.run(
         "response losses", kept=result.harmonics, nu=result.nu, factor=factors,
@@ -65,7 +65,7 @@ def lost_energy(
     return np.asarray(found["lost"])
 
 
-#: What columns of tables that scenes ask for are.
+#: Notes on the columns that scenes request.
 NOTES = {
     "sampling": "sampling: estimated relative error by the samples of forces",
     "dissipation": "dissipation: energy lost in a period (J)",
@@ -73,14 +73,14 @@ NOTES = {
 
 
 def add_asked(table: Table, result: Any) -> None:
-    """Add the columns that a scene asks for."""
+    """Add the columns that a scene requests."""
     table.notes += [NOTES[name] for name in result._asked]
     values = {"sampling": lambda: result.sampling, "dissipation": result._lost}
     table.columns |= {name: values[name]() for name in result._asked}
 
 
 def told_sampling(result: Any) -> str:
-    """What a summary says of them: nothing where they are 0, or would take long."""
+    """Text of a summary on sampling errors; empty if they are 0 or would take long."""
     n, d = result.highest.size, len(result.dof_names)
     if (
         getattr(result, "method", "") == "linear"

@@ -23,9 +23,9 @@ from viscovib.results.modulation import Modulation
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Growth below this part of the frequency counts as none.
+#: Growth below this part of the frequency counts as 0.
 _NEUTRAL = 1e-9
-#: In range, each order is at most this part of the one before, the error of the first.
+#: Largest ratio of successive orders, and of the error to the first order, within the range.
 LEAST_FALL = 0.3
 
 
@@ -73,7 +73,7 @@ class ScalesMotion(Result):
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], FloatArray] = field(repr=False)
-    #: Units of the coordinates over that of the sizes, shape (n, n_dof).
+    #: Units of the coordinates in units of the sizes, shape (n, n_dof).
     _units: FloatArray = field(repr=False)
 
     kind = "motion"
@@ -90,8 +90,8 @@ class ScalesMotion(Result):
     def coordinate_errors(self) -> FloatArray:
         """Estimated error of each coordinate, shape (n, n_dof).
 
-        It is the size of the correction that the residual of the full equations causes. It is
-        computed on first access.
+        It is the size of the correction that follows from the residual of the full equations. It
+        is computed on first access.
         """
         return self._errors()
 
@@ -198,13 +198,13 @@ class ScalesResponse(Result):
     dof_names: tuple[str, ...]
     plan: Plan
     _errors: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] = field(repr=False)
-    #: As of `ScalesMotion`.
+    #: As in `ScalesMotion`.
     _units: FloatArray = field(repr=False)
-    #: Of motions that beat: which point each line belongs to, frequencies, X.
+    #: Beating motions: point of each line, frequencies, X.
     _lines: tuple[npt.NDArray[np.int32], FloatArray, ComplexArray] = field(repr=False)
-    #: Frequencies of the loads, and which of them is varied, if any.
+    #: Frequencies of the loads.
     _loads: dict[str, float] = field(repr=False)
-    #: Growth of neighbours of a motion by the system's own equations, and its error.
+    #: Function for the growth of neighbours of a motion by the full equations, and its error.
     _beside: Callable[[float, FloatArray, ComplexArray, FloatArray], tuple[float, float]] = field(
         repr=False
     )
@@ -285,8 +285,8 @@ class ScalesResponse(Result):
     def harmonic_errors(self) -> FloatArray:
         """Estimated error |change of X| of ``harmonics``, shape (n, n_dof).
 
-        It is the size of the correction that the residual of the full equations causes. It is
-        computed on first access.
+        It is the size of the correction that follows from the residual of the full equations. It
+        is computed on first access.
         """
         return self._all_errors[0]
 
@@ -373,7 +373,7 @@ class ScalesResponse(Result):
         return column
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as an xarray Dataset over the points."""
+        """Return all data as an xarray Dataset over the points."""
         import xarray as xr
 
         return xr.Dataset(

@@ -18,7 +18,7 @@ from viscovib.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-#: What a displacement where a velocity is 0 may be off by, as a part of it.
+#: Relative error of a displacement at a zero of the velocity.
 _LEFT = 1e-15
 
 
@@ -109,14 +109,14 @@ class SteadyMotion(Result):
 
     @property
     def dof_units(self) -> tuple[str, ...]:
-        """Their units."""
+        """Units of the coordinates."""
         return tuple(self.system.dof_units)
 
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
-        """States at any times, shape (2 n_dof,) or (n, 2 n_dof), by steps that lead there."""
+        """States at any times, shape (2 n_dof,) or (n, 2 n_dof), by additional steps."""
         times = _native.real_array("t", t)
         phases = np.mod(times.ravel(), self.period)
-        # A remainder may round up to the whole.
+        # A remainder may be rounded up to the period.
         phases = np.where(phases >= self.period, 0.0, phases)
         wanted, back = np.unique(phases, return_inverse=True)
         start = np.concatenate([self.state[0], self.remembered])

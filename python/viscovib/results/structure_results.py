@@ -22,11 +22,11 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 
 
 class _OfStructure:
-    """What motions of a structure share: those of the coordinates condensed, shown in others."""
+    """Common code of motions of a structure: condensed coordinates, shown in selected ones."""
 
     _condensed: ComplexArray
     _view: View | None
-    #: Fields that are held condensed, and where.
+    #: Fields that are stored in condensed form, with the names of these.
     _held: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:
@@ -40,19 +40,19 @@ class _OfStructure:
 
     @cached_property
     def reduction_error(self) -> FloatArray:
-        """Estimated relative error of each motion by what a reduction left out, shape (n,).
+        """Estimated relative error of each motion by a reduction, shape (n,).
 
-        By residuals of the full equations; harmonics above the frequency that the structure was
-        reduced for count as wrong. 0 for a structure that is not reduced.
+        It is computed from residuals of the full equations. Harmonics above the highest frequency
+        of the reduction count as errors. 0 for a structure that is not reduced.
         """
         return _left_out(self)
 
     def check(self, points: int = 5) -> FloatArray:
         """Errors of some motions against the full equations, solved directly, shape (points,).
 
-        Each harmonic of what acts on the linear rest (loads, elements, inertia of the base) is
-        applied to the full matrices, with a factorization of its own: |u - found|/|u| in the
-        largest coordinate, all harmonics together. Motions are taken at even distances.
+        Each harmonic of the forces on the linear subsystem (loads, elements, inertia of the base)
+        is applied to the full matrices, with a separate factorization. The error is |u - found|/|u|
+        in the largest coordinate for all harmonics together. The motions are evenly spaced.
         """
         return _checked(self, points)
 
@@ -61,7 +61,7 @@ class _OfStructure:
         return self._condensed
 
     def _lost(self) -> FloatArray:
-        """Energy that parts take from each motion in a period (J), shape (n,)."""
+        """Energy loss of each motion per period (J), shape (n,)."""
         return self.dissipation().sum(axis=1)  # type: ignore[attr-defined,no-any-return]
 
     @property
@@ -84,7 +84,7 @@ class _OfStructure:
         return all_of_them.expand(nu, orders, self._condensed, self._factors)
 
     def at(self, coordinates: Sequence[str]) -> Self:
-        """The same motions in other coordinates of the structure."""
+        """Return the motions in selected coordinates of the structure."""
         view = _known(self._view).at(coordinates)
         given = {**self.__dict__, "_view": view}
         given |= {name: self.__dict__[of] for name, of in self._held.items()}
@@ -210,7 +210,7 @@ class StructureBranch(_OfStructure, Branch):
         if self.varies in ("nu", "load_factor"):
             job = watched.steady.along(varies=self.varies, at_nu=job.given["at_nu"])
         elif watched is not _known(self._view).loaded:
-            # What varies is known of the deflections only.
+            # The varied parameter is defined for the deflections only.
             return None
         return find_peak(
             job, self.harmonics[kept], self.parameter[places], motions, (row, j), self._tolerance,
@@ -262,7 +262,7 @@ def _left_out(result: Any) -> FloatArray:
 
 
 def _warn_of_reduction(result: Any) -> None:
-    """Warn of motions that a reduced structure does not give to its tolerance."""
+    """Warn of motions with a reduction error above the tolerance."""
     reduced = _known(result._view).loaded.condensation.reduced
     if reduced is None:
         return
@@ -293,12 +293,12 @@ def _again(result: Any, given: dict[str, Any]) -> Any:
 def _watched(
     result: StructureResponse | StructureBranch, d: int, places: Any, kept: Any, factor: float = 1.0
 ) -> tuple[LoadedStructure, ComplexArray, int]:
-    """A structure with one of its coordinates among those condensed, and motions in these."""
+    """A structure with coordinate d added to the condensed ones, and motions in these."""
     view = _known(result._view)
     watched, row = view.loaded.watching(int(view.places[d]))
     moved = factor * view.loaded.base_motion(result.harmonics[kept])
     own = result._condensed[places][:, :, kept] + moved
-    # Another one, or in place of one.
+    # The coordinate is new or replaces one.
     after = slice(row + 1 if row < own.shape[1] else row, None)
     this = result.coefficients[places][:, d : d + 1, kept]
     own = np.concatenate([own[:, :row], this, own[:, after]], axis=1)

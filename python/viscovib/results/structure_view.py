@@ -28,15 +28,15 @@ class View:
     #: Names and units of all coordinates.
     all_names: tuple[str, ...] = field(repr=False)
     all_units: tuple[str, ...] = field(repr=False)
-    #: Elements in their order, as the condensation takes them.
+    #: Elements in their order, in the form of the condensation.
     elements: tuple[Any, ...] = field(repr=False)
 
     @classmethod
     def of(cls, system: Any, loaded: LoadedStructure, coordinates: Sequence[str] | None) -> View:
-        """Of the coordinates wanted, or those that a structure shows by itself."""
+        """Create a view of the requested coordinates, or of the default ones."""
         places = system._wanted(coordinates, loaded)
         names, units = system.dof_names, system.dof_units
-        # Springs of a polynomial system or a body are no elements.
+        # Springs of a polynomial system or a body are not elements.
         elements: tuple[Any, ...] = ()
         if not isinstance(system, PolynomialSystem):
             elements = terms_in_order(system.elements, names, system._places)
@@ -46,7 +46,7 @@ class View:
         )  # fmt: skip
 
     def at(self, coordinates: Sequence[str]) -> View:
-        """The same motions in other coordinates."""
+        """Return a view of the motions in selected coordinates."""
         if isinstance(coordinates, str) or not isinstance(coordinates, Sequence) or not coordinates:
             raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
         index = {name: i for i, name in enumerate(self.all_names)}
@@ -62,5 +62,5 @@ class View:
     def expand(
         self, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray | None = None
     ) -> ComplexArray:
-        """X_k of the coordinates, shape (n, n_dof, m), from those condensed (n, q, m)."""
+        """X_k of the coordinates, shape (n, n_dof, m), from condensed ones (n, q, m)."""
         return self.loaded.expand(nu, orders, y, self.places, factors)

@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 
 OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large", "event")
 
-#: Steps between the states of a trajectory may differ by this part, which is rounding of times.
+#: Relative rounding error of the spacing of states.
 _UNEVEN = 1e-9
-#: Events that a summary tells of.
+#: Largest number of events in a summary.
 _LISTED = 6
-#: Part of the end of a run by which times may lie behind it.
+#: Relative rounding error of times beyond the end of a run.
 _ROUNDING = 1e-14
 
 
@@ -99,7 +99,7 @@ class Passages(Value):
     state_error: FloatArray | None = None
 
     def __iter__(self) -> Iterator[FloatArray]:
-        """Give times and states."""
+        """Iterate over times and states."""
         return iter((self.t, self.state))
 
     def told(self) -> str:
@@ -197,12 +197,12 @@ class Trajectory(Result):
     def __call__(self, t: npt.ArrayLike) -> FloatArray:
         """States at any times of the run, shape (2 n_dof,) or (n, 2 n_dof).
 
-        Without memory by a step of the method from the step before each time, so that states have
-        the order of the method; with memory by the polynomial of the step (degree: nodes + 1), and
-        of a `Structure` by that of its elements' forces (degree: nodes - 1). By methods of few
-        nodes these are less exact than the states at ends of steps, of which ``error`` is. The
-        steps are made once more: without memory from the last state kept before the first of the
-        times, else from the start of the run.
+        Without memory a partial step of the method leads to each time, so the states have the order
+        of the method. With memory the polynomial of the step is used (degree: nodes + 1), for a
+        `Structure` that of its element forces (degree: nodes - 1). With few nodes such states are
+        less accurate than the states at ends of steps, to which ``error`` refers. The steps are
+        computed again: without memory from the last state kept before the first time, else from
+        the start of the run.
 
         Parameters
         ----------
@@ -220,7 +220,7 @@ class Trajectory(Result):
         times = _native.real_array("t", t)
         if times.ndim > 1:
             raise InputError(f"t: must be a number or have shape (n,), got {times.shape}")
-        # So many steps may end a rounding before the time that was asked for.
+        # The last step may end a rounding error before the requested time.
         ends = (times > self.t_reached) & (times <= self.t_reached * (1 + _ROUNDING))
         wanted, back = np.unique(np.where(ends, self.t_reached, times), return_inverse=True)
         if wanted.size and not (wanted[0] >= 0 and wanted[-1] <= self.t_reached):
@@ -292,19 +292,19 @@ class Trajectory(Result):
 
     @property
     def _law_end(self) -> tuple[str, dict[str, float]] | None:
-        """The law whose domain the motion leaves, and what it reads there; None: not so."""
+        """The law whose domain the motion leaves, and its arguments at the edge; None: no edge."""
         state = None if self._resume is None else self._resume.state
         if state is None or not isinstance(self.system, PolynomialSystem):
             return None
         n = len(self.system.dof_names)
-        # The state is that of the stop, which is located to rounding.
+        # The state is the final state, which is located to rounding error.
         return end_of_law(self.system, (state[: 2 * n : 2], state[1 : 2 * n : 2]), 1e-6 * self.step)
 
     def _pole_after(self, row: int) -> str | None:
-        """A sentence about the pole of a force law that the motion comes to after a state kept."""
+        """Sentence about a pole of a force law that the motion reaches after a kept state."""
         if not (0 <= row < self.t.size and has_laws(self.system)):
             return None
-        # Where a force grows so fast, it moves the motion on the way too.
+        # Near a pole the force changes the motion: search beyond the next state.
         until = self.t[row + 1] if row + 1 < self.t.size else self.t_reached
         reach = float(max(until - self.t[row], 0.0)) + self.step
         rows = slice(max(row - 1, 0), row + 2)
@@ -312,7 +312,7 @@ class Trajectory(Result):
         return None if found is None else told_pole(*found)
 
     def _pole_passed(self) -> str | None:
-        """The same of the first pole that the states kept are on both sides of."""
+        """Sentence about the first pole between two kept states."""
         if self.t.size < 2 or not has_laws(self.system):
             return None
         at = self._read_by_laws(slice(None))
@@ -320,19 +320,19 @@ class Trajectory(Result):
         return None if found is None else told_pole(*found)
 
     def _layer_passed(self, rows: slice = slice(None)) -> str | None:
-        """A sentence about the largest change of a law that no state kept is within."""
+        """Sentence about the largest change of a law between kept states."""
         found = self._layer(rows)
         return None if found is None else found.told()
 
     def _layer(self, rows: slice = slice(None)) -> Layer | None:
-        """The change itself."""
+        """The layer of the largest change of a law between kept states."""
         t = self.t[rows]
         if t.size < 2 or not has_laws(self.system):
             return None
         return layer_between(self.system, self._read_by_laws(rows), t)
 
     def _read_by_laws(self, rows: slice) -> tuple[FloatArray, FloatArray]:
-        """What laws read of the states kept, and its rates."""
+        """Arguments of laws at the kept states, and their rates."""
         return self.state[rows, ::2], self.state[rows, 1::2]
 
     def _headline(self) -> str:
@@ -353,7 +353,7 @@ class Trajectory(Result):
         return [*told, f"step {self.step:.6g}, {sure}", *self._told_events()]
 
     def _told_events(self) -> list[str]:
-        """A line for each event that was looked for."""
+        """One line for each event function."""
         watch = None if self._resume is None else self._resume.watch
         texts = [] if watch is None else [event.function for event in watch.events]
         if len(texts) != len(self.events):
@@ -399,12 +399,12 @@ class Trajectory(Result):
 
     @property
     def dof_units(self) -> tuple[str, ...]:
-        """Their units."""
+        """Units of the coordinates."""
         return self.system.dof_units
 
     @property
     def rate_units(self) -> tuple[str, ...]:
-        """Units of their velocities."""
+        """Units of the velocities."""
         if self.dof_units == self.system.dof_units:
             return self.system.rate_units
         return tuple(f"{unit}/s" for unit in self.dof_units)
@@ -724,12 +724,12 @@ class Trajectory(Result):
 
 
 def given_plan(plan: Plan) -> Plan:
-    """Return the plan itself: a function that can be pickled."""
+    """Return the plan; a function that can be pickled."""
     return plan
 
 
 def _rms(t: FloatArray, values: FloatArray) -> float:
-    """Root mean square over time, whatever the spacing of the states; NaN without any."""
+    """Root mean square over time for any spacing of the states; NaN without states."""
     if t.size < 2:
         return float(np.abs(values[0])) if t.size else math.nan
     return math.sqrt(np.trapezoid(values**2, t) / (t[-1] - t[0]))

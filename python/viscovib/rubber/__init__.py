@@ -1,1 +1,1 @@
-"""Measured rubber: its data, and the kernels that fit them."""
+"""Measured rubber data and fitted kernels."""

@@ -27,19 +27,19 @@ from viscovib.rubber.measured import Measured, covariance, descend
 from viscovib.rubber.models import PARTS, Model, start_shapes
 
 _ELEMENTS, _DEGREE, _ODD = Whole("elements", 1, 6), Whole("degree", 1, 9), Flag("odd")
-#: The largest deflection of a law (m).
+#: Bounds of the largest deflection of a law (m).
 _SIZES = (1e-12, 1e12)
-#: Two amplitudes are one if they differ by less.
+#: Relative difference below which two amplitudes are equal.
 _SAME = 1e-3
-#: Places of slips that are tried, and how often the best is brought on to its end.
+#: Number of slip deflections in the grid of starts, and of repeated fits of the best start.
 _STARTS, _POLISHED = 16, 12
-#: Orders and times of the kernel that are tried with them; the best few are continued.
+#: Exponents and number of times of the kernel in the grid of starts; number of starts continued.
 _ALPHAS, _TIMES, _BEST = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.93), 12, 3
-#: What a part is at least of the largest stiffness, to be a start.
+#: Smallest part of a start relative to the largest stiffness.
 _LEAST = 1e-6
-#: A slip that lies so near to an amplitude (logarithm) does not lie on a side of it.
+#: A slip is neither above nor below an amplitude within this distance (logarithm).
 _BESIDE = 0.02
-#: Squares of relative residuals that are rounding.
+#: Squared relative residual that is a rounding error.
 _EXACT = 1e-28
 
 
@@ -91,7 +91,7 @@ class AmplitudeFit(Value):
     modulus : float
         Instantaneous stiffness of the kernel's part (N/m).
     stiffness, slip : ndarray, shape (n,)
-        Of the elements: k (N/m) and x_s (m), ascending; they slip at forces k x_s.
+        k (N/m) and x_s (m) of the elements, ascending; they slip at forces k x_s.
     residual : (float, float)
         Relative rms residuals of K' and K''.
     interval : dict
@@ -227,7 +227,7 @@ def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 
 def _kernel_start(
     data: ModulusData, rows: npt.NDArray[np.bool_], kind: str, model: Model
 ) -> FloatArray:
-    """Unknowns of the kernel by the rows of the largest amplitude."""
+    """Unknowns of the kernel from the rows with the largest amplitude."""
     from viscovib.rubber.parametric_fit import ParametricFit
 
     order = np.argsort(np.asarray(data.frequencies)[rows])
@@ -237,7 +237,7 @@ def _kernel_start(
         loss=np.asarray(data.loss)[rows][order],
     )
     with warnings.catch_warnings():
-        # What the first guess lacks is no matter.
+        # Warnings about the first guess are irrelevant.
         warnings.simplefilter("ignore")
         fit = fit_kernel(part, kind=kind, weights="data")
     assert isinstance(fit, ParametricFit)
@@ -251,9 +251,9 @@ def _kernel_start(
 def _grid_starts(
     measured: Measured, x: FloatArray, model: Model, slips: list[tuple[float, ...]]
 ) -> list[FloatArray]:
-    """Unknowns by least squares over a grid of orders, times and slips, best first.
+    """Unknowns by least squares on a grid of exponents, times and slips, the best first.
 
-    All else is linear: M_0 (1 - p H) + sum k_i J_i. Fits with a negative part are left out.
+    The others are linear: M_0 (1 - p H) + sum k_i J_i. Fits with a negative part are dropped.
     """
     part = model.parts[0]
     taus = np.array([model.unit])
@@ -332,7 +332,7 @@ def _amplitude_result(
 
 
 def _unconstrained(slips: FloatArray, levels: FloatArray) -> tuple[str, ...]:
-    """Names of what logarithms of amplitudes do not tell of elements, by those of their slips."""
+    """Names of undetermined parameters, from logarithms of slips and of amplitudes."""
     loose = (slips < levels[0] + _BESIDE) | (slips > levels[-1] - _BESIDE)
     for i in range(slips.size - 1):
         between = (levels > slips[i] + _BESIDE) & (levels < slips[i + 1] - _BESIDE)

@@ -25,7 +25,7 @@ _SAMPLES, _SEED, _LEVEL = (
     Number("level", 0.01, 0.9999),
 )
 
-#: Part of the samples below which the effective ones are few.
+#: Fraction of effective samples below which a warning is issued.
 _FEW = 0.15
 
 
@@ -84,7 +84,7 @@ class Band(Value):
 
     def plot(self, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
         """Draw the band and the nominal result over x, shape (n,)."""
-        # By name, since that module knows this one.
+        # Import by name: the modules depend on each other.
         return import_module("viscovib.plots.rubber").plot_band(self, x, ax, label=label)  # type: ignore[no-any-return]
 
 
@@ -192,7 +192,7 @@ def _answer(
         answer = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         answer = None
-    # None would become NaN, which says that there is no answer.
+    # None would become NaN, which means that there is no result.
     if answer is None or given is None:
         raise InputError(
             f"function: gave {_native.shown(given)}, must give real numbers of one shape"

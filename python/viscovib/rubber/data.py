@@ -23,9 +23,9 @@ from viscovib.kernels.time_temperature import KELVIN
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: What was measured: E or G (Pa), K (N/m or N m/rad).
+#: Measured quantities: E or G (Pa), K (N/m or N m/rad).
 QUANTITIES = ("E", "G", "K")
-#: Measured numbers and their inverses are at most this.
+#: Upper bound of measured numbers and their inverses.
 _FAR = 1e40
 _POISSON = Number("poisson", -1, 0.5)
 _RAMP = Number("ramp", lowest=0)
@@ -131,14 +131,14 @@ class ModulusData(Value):
 
     def kramers_kronig(self) -> Any:
         """Check the consistency of storage and loss: see `kramers_kronig`."""
-        # By name, since that module knows this one.
+        # Import by name: the modules depend on each other.
         return import_module("viscovib.rubber.kramers_kronig_pair").kramers_kronig(self)
 
     def plot(
         self, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
     ) -> "Sequence[Axes]":
         """Draw storage and loss over frequency: see `plot_modulus`."""
-        # By name, since that module imports this one.
+        # Import by name: that module imports this one.
         return import_module("viscovib.plots.rubber").plot_modulus(self, ax, x=x)  # type: ignore[no-any-return]
 
 
@@ -230,7 +230,7 @@ class CreepData(Value):
 
 
 def _columns(data: Any, needed: Sequence[str], others: Sequence[str]) -> int:
-    """Check and freeze the columns; all of one length."""
+    """Check the columns, which must have the same length, and make them read-only."""
     n = -1
     for name in [*needed, *others]:
         given = getattr(data, name)
@@ -272,13 +272,13 @@ def _first_wrong(name: str, values: Any, wrong: npt.NDArray[np.bool_], allowed: 
 
 
 def _in_range(name: str, values: Any) -> None:
-    """Refuse numbers whose ratios would leave the range of numbers; no unit makes such ones."""
+    """Refuse numbers whose ratios would overflow; such numbers have no sensible unit."""
     far = (values > _FAR) | ((values < 1 / _FAR) & (values > 0))
     _first_wrong(name, values, far, f"be {1 / _FAR:g} to {_FAR:g}")
 
 
 def _turns(x: FloatArray) -> FloatArray:
-    """Numbers of sets: a new one begins where the values turn back."""
+    """Numbers of sets: a new set starts where the values turn back."""
     step = np.sign(np.diff(x))
     labels = np.zeros(x.size)
     number, way = 0, 0.0
@@ -292,7 +292,7 @@ def _turns(x: FloatArray) -> FloatArray:
 
 
 def _check_order(data: Any, name: str, unit: str) -> None:
-    """Refuse what stands twice in a set, and sets that go up and down."""
+    """Refuse repeated values in a set, and sets that are not monotonic."""
     values, labels = np.asarray(getattr(data, name)), np.asarray(data.set)
     for label in np.unique(labels):
         rows = np.flatnonzero(labels == label)

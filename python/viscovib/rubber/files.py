@@ -1,4 +1,4 @@
-"""Kernels and fits as JSON: for other sessions, and for scenes (``kind = 'fitted'``)."""
+"""Kernels and fits as JSON files, also for scenes (``kind = 'fitted'``)."""
 
 import dataclasses
 import json
@@ -33,7 +33,7 @@ from viscovib.rubber.shift_fit import ShiftTable
 _Made = TypeVar("_Made")
 _FORMAT, _VERSION = "viscovib kernel", 1
 _LARGEST = 64 * 2**20
-#: Largest unknown of a fit: most are logarithms, of numbers up to 1e304.
+#: Largest unknown of a fit; most are logarithms of numbers up to 1e304.
 _FARTHEST = 700.0
 _KERNELS: dict[str, tuple[type[Kernel], tuple[str, ...]]] = {
     "rzhanitsyn": (RzhanitsynKernel, ("amplitude", "alpha", "beta")),
@@ -135,7 +135,7 @@ def read_fit(path: str | os.PathLike[str]) -> KernelFit:
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers as JSON has them: what is not finite becomes null."""
+    """Numbers for JSON; non-finite numbers become null."""
 
     def one(value: Any) -> Any:
         if isinstance(value, tuple):

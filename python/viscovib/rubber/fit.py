@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-#: How many samples may be drawn, and their seeds.
+#: Number of samples, and their seeds.
 _COUNT, _SEED = Whole("n", 1, 10**6), Whole("seed", 0, 2**31)
 
 
@@ -108,7 +108,7 @@ class Profile(Value):
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the rise over the values, with the interval."""
-        # By name, since that module imports this one.
+        # Import by name, because that module imports this one.
         return import_module("viscovib.plots.rubber").plot_profile(self, ax)  # type: ignore[no-any-return]
 
 
@@ -195,15 +195,15 @@ class KernelFit(Result, ABC):
 
     @abstractmethod
     def _sampled(self, n: int, seed: int) -> tuple[Iterator[Sample], float]:
-        """Samples, and how many of them are effective."""
+        """Samples, and the number of effective samples."""
 
     @abstractmethod
     def _predicted(self) -> FloatArray:
-        """What the fit says of the numbers measured."""
+        """Prediction of the fit for the measured numbers."""
 
     @abstractmethod
     def _saved(self) -> dict[str, Any]:
-        """What a file must hold besides the kernel."""
+        """Content of a file in addition to the kernel."""
 
     @cached_property
     def kernel(self) -> Kernel:
@@ -237,7 +237,7 @@ class KernelFit(Result, ABC):
         return f"{self.kind}, {residuals}, weights by the {self.weights}"
 
     def _scope(self) -> list[str]:
-        """Return a line a parameter."""
+        """Return one line per parameter."""
         lines, found = [], self.parameters
         for name, (low, high) in self.interval.items():
             value = "not constrained" if name in self.unconstrained else f"{found[name]:.6g}"
@@ -245,7 +245,7 @@ class KernelFit(Result, ABC):
         return lines
 
     def _predicted_error(self) -> FloatArray:
-        """Half width of the 95 % band of what the fit predicts; NaN if it is unknown."""
+        """Half width of the 95 % band of the prediction; NaN if unknown."""
         return np.full(self.measured.target.size, np.nan)
 
     def plot(self, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s") -> Any:
@@ -253,11 +253,11 @@ class KernelFit(Result, ABC):
 
         A single axis shows no residuals. ``x``: "rad/s" or "hz". Returns a list of axes.
         """
-        # By name, since that module imports this one.
+        # Import by name, because that module imports this one.
         return import_module("viscovib.plots.rubber").plot_fit(self, ax, x=x)
 
     def _columns(self) -> dict[str, FloatArray]:
-        """What was measured, and what the fit says of it, over frequencies or times."""
+        """Measured and fitted values over frequencies or times."""
         n, target, fitted = self.measured.log_rates.size, self.measured.target, self._predicted()
         data = self.measured.data
         if isinstance(data, ModulusData):
@@ -285,5 +285,5 @@ class KernelFit(Result, ABC):
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write the fit and its data, for `read_fit` and for scenes (``kind = 'fitted'``)."""
-        # By name, since that module knows this one.
+        # Import by name: the modules depend on each other.
         import_module("viscovib.rubber.files").write_fit(self, path)

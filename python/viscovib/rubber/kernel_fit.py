@@ -22,17 +22,17 @@ from viscovib.rubber.prony_fit import fit_prony
 
 _WEIGHTS = ("model", "data")
 _ALPHAS = (0.12, 0.3, 0.5, 0.7, 0.9)
-#: Times of the grid of starts; starts that are followed of one part and of several.
+#: Number of times in the grid of starts; number of starts continued, for one part and several.
 _TIMES, _STARTS, _MORE_STARTS = 14, 4, 8
-#: Relative residuals below which they are noise, so that the model may weigh itself.
+#: Largest relative residual for weights by the model.
 _NOISE = 0.15
-#: Passes of weights by the model, and what two passes may differ by.
+#: Largest number of passes with weights by the model, and tolerance between two passes.
 _PASSES, _SETTLED = 12, 1e-10
-#: A warning is printed for an instantaneous modulus so far above the largest measured one.
+#: Ratio of instantaneous to largest measured modulus from which on a warning is issued.
 _BEYOND = 1.6
-#: Residuals that are far above those of a Prony series: at least, and so many times.
+#: Smallest residual, and ratio to the residual of a Prony series, for a warning.
 _MISFIT, _FAR_ABOVE = 0.05, 2.5
-#: Sets whose temperatures differ by less (K) are at one temperature.
+#: Temperature difference (K) below which sets have the same temperature.
 _ONE_TEMPERATURE = 1.0
 _ALLOW, _MODULUS = Flag("allow_creep"), Number("modulus", above=0)
 
@@ -143,7 +143,7 @@ def fit_kernel(
 
 
 def _check_sets(data: ModulusData | RelaxationData | CreepData) -> None:
-    """Refuse sets at several temperatures; warn of several sets at one."""
+    """Refuse sets at several temperatures; warn of several sets at one temperature."""
     sets = data.sets()
     if len(sets) == 1:
         return
@@ -207,12 +207,12 @@ def _kinds(kind: str | Sequence[str]) -> tuple[str, ...]:
         raise InputError("kind: prony already includes any sum, must be the only kind")
     if len(found) > 3:
         raise InputError(f"kind: {len(found)} parts, must be at most 3")
-    # An order that does not matter is made one.
+    # A fractional Zener element is a Rabotnov kernel.
     return tuple("rabotnov" if one == "fractional_zener" else one for one in found)
 
 
 def _search(model: Model, measured: Measured) -> list[tuple[float, FloatArray]]:
-    """Ends of all starts, the best first: sums of squares with weights by the data, unknowns."""
+    """Results of all starts, the best first: sums of squares (weights by the data), unknowns."""
     factor = measured.scale(model, np.zeros(0), "data")
 
     def residual(x: FloatArray) -> FloatArray:
@@ -238,7 +238,7 @@ def _search(model: Model, measured: Measured) -> list[tuple[float, FloatArray]]:
 
 
 def _starts(model: Model, measured: Measured, factor: FloatArray) -> list[FloatArray]:
-    """The best places of a coarse grid over alphas and times, the linear unknowns solved for."""
+    """The best points of a coarse grid of alphas and times, with solved linear unknowns."""
     low, high = measured.log_rates.min(), measured.log_rates.max()
     taus = np.exp(-np.linspace(low - 2, high + 2, _TIMES))
     columns, places = [], []
@@ -280,7 +280,7 @@ def _starts(model: Model, measured: Measured, factor: FloatArray) -> list[FloatA
     most = _STARTS if len(model.parts) == 1 else _MORE_STARTS
     chosen: list[int] = []
     for i in np.argsort(cost).tolist():
-        # Neighbours on the grid lead to one end.
+        # Neighbours on the grid lead to the same result.
         if all(_far(places, combined[i], combined[k]) for k in chosen):
             chosen.append(i)
         if len(chosen) == most:
@@ -305,7 +305,7 @@ def _far(places: list[tuple[str, float, float]], one: Any, other: Any) -> bool:
 
 
 def _combinations(model: Model, places: list[tuple[str, float, float]]) -> list[tuple[int, ...]]:
-    """Which place each part takes; of equal parts the slower first."""
+    """Assignments of grid points to parts; among equal parts the slower one comes first."""
     of = [[i for i, place in enumerate(places) if place[0] == part] for part in model.parts]
     if len(of) > 2:
         of = [one[::3] for one in of]
@@ -326,18 +326,18 @@ def _as_modulus(measured: Measured) -> FloatArray:
 
 
 def _shapes(part: str, taus: FloatArray, measured: Measured) -> FloatArray:
-    """Parts of a modulus for p = 1, as a model says them, shape (alphas, taus, n)."""
+    """Relaxing parts of a modulus for p = 1, shape (alphas, taus, n)."""
     if isinstance(measured.data, ModulusData):
         h = start_shapes(part, _ALPHAS, taus, measured.along)
         return np.concatenate([h.real, h.imag], axis=2)
-    # A modulus at t is nearly the storage at 1/t.
+    # A modulus at time t is nearly the storage at 1/t.
     return start_shapes(part, _ALPHAS, taus, measured.along).real
 
 
 def _settle(model: Model, measured: Measured, theta: FloatArray) -> tuple[FloatArray, str]:
-    """Weights by the model: frozen, fitted, taken anew, until they stay.
+    """Fit with weights by the model, which are updated until they converge.
 
-    Their equations sum (m - d) dm/m^2 = 0 have no bias by noise that is relative to m.
+    The equations sum (m - d) dm/m^2 = 0 have no bias by noise that is relative to m.
     """
     for _ in range(_PASSES):
         factor = measured.scale(model, theta, "model")

@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-#: Terms a decade, and decades beyond the data.
+#: Terms per decade, and decades beyond the data.
 _PER_DECADE, _BEYOND = 4.0, 1.0
-#: A fit to both parts may leave so many times the scatter of each, and this systematic error.
+#: Largest residual of a fit to both parts: multiple of the scatter of each, plus this error.
 _FACTOR, _SLACK = 1.5, 0.025
-#: A fit to one part leaves so many times its scatter from row to row where it is right.
+#: Expected residual of a fit to one part, in units of its scatter from row to row.
 _ROW_TO_ROW = 1.2
-#: The spectrum from storage alone is as smooth as leaves storage this much worse.
+#: Allowed growth of the storage residual by smoothing the spectrum: factor and addition.
 _ROUGHER, _LEAST = 1.2, 5e-4
-#: Storage that varies by less, as a part of the largest, tells little of the loss.
+#: Relative variation of the storage below which the check of the loss is weak.
 _WEAK = 0.2
 #: Larger deviations of the loss from the expected loss are reported.
 _TELLING = 1.25
-#: What storage tells of the loss at the ends of a range is not judged (decades).
+#: Width (decades) at the ends of the range in which the loss is not checked.
 _END = 0.3
 _FEWEST = 5
 
@@ -139,7 +139,7 @@ class KramersKronig(Result):
 
     def plot(self, ax: "Axes | None" = None, *, x: str = "rad/s") -> "Axes":
         """Draw the measured loss divided by the loss expected from the storage."""
-        # By name, since that module imports this one.
+        # Import by name: that module imports this one.
         return import_module("viscovib.plots.rubber").plot_ratio(self, ax, x=x)  # type: ignore[no-any-return]
 
 
@@ -203,7 +203,7 @@ def kramers_kronig(data: ModulusData) -> KramersKronig:
         joint <= math.hypot(_FACTOR * own, _SLACK)
         for joint, own in zip(together, scatter, strict=True)
     )
-    # Where the storage leaves no loss at all, any is infinitely too much.
+    # If the expected loss is 0, the ratio is infinite.
     ratio = np.divide(loss, expected, out=np.full(nu.size, np.inf), where=expected > 0)
     return KramersKronig(
         consistent=consistent,
@@ -227,7 +227,7 @@ def _scatter(nu: FloatArray, values: FloatArray) -> float:
 
 
 def _smooth_spectrum(rows: FloatArray, best: float, storage: FloatArray) -> FloatArray:
-    """The smoothest spectrum that fits the storage hardly worse than the best."""
+    """The smoothest spectrum whose fit of the storage is nearly as good as the best."""
     target = np.ones(rows.shape[0])
     size = np.full(rows.shape[1] - 1, float(np.median(storage)))
     allowed = _ROUGHER * best + _LEAST

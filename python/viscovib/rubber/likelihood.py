@@ -1,8 +1,8 @@
 """Samples of the unknowns of a fit from their likelihood exp(-rise/2).
 
-The rise of the sum of squares is in variances of a residual. Priors are flat over the logarithms of
-modulus and times; alphas and parts of the integral x have 1/sqrt(x (1 - x)), which lets them come
-to their bounds but not stay there (Jeffreys). All unknowns are within `REACH` of the fit.
+The rise of the sum of squares is in variances of a residual. Priors are flat in the logarithms of
+modulus and times. Alphas and parts of the integral x have the prior 1/sqrt(x (1 - x)) (Jeffreys),
+which is integrable at the bounds. All unknowns are within `REACH` of the fit.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ import numpy as np
 
 from viscovib._native import FloatArray
 
-#: Samples stay within this of the fit, in units of the unknowns.
+#: Largest distance of samples from the fit, in units of the unknowns.
 REACH = 12.0
-#: Part of effective samples below which the normal distribution is not corrected by weights.
+#: Fraction of effective samples below which the normal distribution with weights is not used.
 _NEARLY_NORMAL = 0.5
 #: Walkers of the ensemble for each unknown, steps before the first sample and between two samples.
 _WALKERS, _BURN_IN, _THIN = 10, 300, 30
-#: Stretch of a move at most (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 2010, 65).
+#: Largest stretch of a move (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 2010, 65).
 _STRETCH = 2.0
 
 
 def likely(fit: Any, count: int, rng: np.random.Generator) -> tuple[FloatArray, float]:
-    """Return unknowns (count, k) of a `ParametricFit`, and how many of them are effective.
+    """Return samples of unknowns (count, k) of a `ParametricFit`, and their effective number.
 
-    The normal distribution of ``covariance`` is drawn first, and resampled with the weights
-    exp(-(rise - its parabola)/2). Where few of these count, an ensemble of walkers follows.
+    Samples of the normal distribution of ``covariance`` are resampled with the weights
+    exp(-(rise - its parabola)/2). If few samples are effective, an ensemble of walkers is used.
     """
     best, slopes = fit.theta, fit._problem[2]
     rises = _rises_of(fit)
@@ -66,7 +66,7 @@ def _ensemble(
     rng: np.random.Generator,
 ) -> tuple[FloatArray, float]:
     """Walkers by stretch moves; half of them move along lines through the other half."""
-    # Inside what is admissible: at its ends all priors are 0.
+    # Start inside the admissible range: at its ends all priors are 0.
     middle = fit.model.join(*fit.model.split(fit.theta))
     k = middle.size
     n = 2 * max(_WALKERS * k // 2, k + 1)
@@ -100,9 +100,9 @@ def _ensemble(
 
 
 def _effective(kept: FloatArray, count: int) -> float:
-    """Independent samples among those kept (rounds, walkers, k): of the unknown that moves least.
+    """Number of independent samples (rounds, walkers, k), for the slowest unknown.
 
-    The autocorrelation of successive rounds, summed until it vanishes.
+    It follows from the autocorrelation of successive rounds, summed until it vanishes.
     """
     rounds = kept.shape[0]
     away = kept - kept.mean(axis=(0, 1))

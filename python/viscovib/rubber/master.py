@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 
 _BY = ("storage", "loss", "both")
 _VERTICAL = ("none", "density", "free")
-#: Other distances of knots: what factors owe to this choice belongs to their uncertainty.
+#: Other knot distances, to include the effect of this choice in the uncertainty.
 _OTHER_KNOTS = (0.8,)
-#: A warning is printed for a smaller overlap (decades), and for given factors that superpose this
-#: much worse than those found here.
+#: Bounds for warnings: smallest overlap (decades), and scatter of given factors relative to that of
+#: fitted factors.
 _THIN, _WORSE = 0.3, 2.0
-#: Given factors are 0 at the reference within this (decades).
+#: Largest deviation of given factors from 0 at the reference (decades).
 _ZERO = 0.1
-#: c2 (K) of Williams, Landel and Ferry about the glass transition (J. Am. Chem. Soc. 77, 1955).
+#: Universal c2 (K) at the glass transition (Williams, Landel, Ferry, J. Am. Chem. Soc. 77, 1955).
 _UNIVERSAL = 51.6
 
 
@@ -146,7 +146,7 @@ class MasterCurve(Result):
         x: str = "rad/s",
     ) -> "Sequence[Axes]":
         """Draw the curve and the factors, with a law; ``x``: "rad/s" or "hz"."""
-        # By name, since that module imports this one.
+        # Import by name, because that module imports this one.
         return import_module("viscovib.plots.rubber").plot_master(self, ax, law=law, x=x)  # type: ignore[no-any-return]
 
 
@@ -219,7 +219,7 @@ def master_curve(
     flat = Curves(curves.x, curves.y - np.log10(b)[curves.owner], curves.owner, curves.temperatures)
     known = flat
     if by != "storage" and isinstance(data, ModulusData):
-        # Storage alone rises all the way, so that its levels tell a first shift.
+        # The storage is monotonic, so its levels give a first shift.
         first = _curves(sets, "storage")
         known = Curves(first.x, first.y - np.log10(b)[first.owner], first.owner, first.temperatures)
     ties = neighbours(known)
@@ -227,7 +227,7 @@ def master_curve(
     between, doubt = _place(curves.temperatures, decades, at)
     turn = _to_reference(curves.temperatures, at, between)
     own = turn @ decades
-    # The lift of the reference is 1 as well.
+    # The vertical factor at the reference is 1.
     b = b * 10 ** (_to_reference(curves.temperatures, at) @ lift) if vertical == "free" else b
     spread = np.sqrt(np.maximum(np.diag(turn @ covariance @ turn.T), 0))
     if factors is None:
@@ -270,9 +270,9 @@ def _other_parts(
     sets: "Sequence[ModulusData | RelaxationData]", by: str, ties: Ties, turn: FloatArray,
     own: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Distance to the factors by storage and loss together.
+    """Difference from the factors by storage and loss together.
 
-    Where a modulus is nearly a power of frequency, one part does not tell a shift from a lift.
+    If a modulus is nearly a power of frequency, one part cannot separate both kinds of shifts.
     """
     if by == "both" or not isinstance(sets[0], ModulusData):
         return np.zeros_like(own)
@@ -328,16 +328,16 @@ def _curves(sets: "Sequence[ModulusData | RelaxationData]", by: str) -> Curves:
 
 
 def _mean_temperature(one: ModulusData | RelaxationData) -> float:
-    """Of equal temperatures that temperature to the last bit, at which a reference may lie."""
+    """Mean temperature; for equal temperatures exactly this value, which may be the reference."""
     t = np.asarray(one.temperature, dtype=float)
     low = float(np.min(t))
     return low + float(np.mean(t - low))
 
 
 def _to_reference(t: FloatArray, at: float, bend: float = 1.0) -> FloatArray:
-    """Matrix that takes factors to those relative to a temperature between sets.
+    """Matrix that makes factors relative to a temperature between sets.
 
-    The factor there is that of a straight line, or, by its `bend`, of a hyperbola: see `_place`.
+    A straight line or, with ``bend``, a hyperbola interpolates the factor: see `_place`.
     """
     i = _below(t, at)
     part = (at - t[i]) / (t[i + 1] - t[i]) * bend
@@ -352,13 +352,13 @@ def _below(t: FloatArray, at: float) -> int:
 
 
 def _place(t: FloatArray, decades: FloatArray, at: float) -> tuple[float, float]:
-    """How factors bend between the sets around a temperature, and what that leaves open (decades).
+    """Curvature of the factors between sets around a temperature, and its uncertainty (decades).
 
     The laws of Arrhenius and of Williams, Landel and Ferry are hyperbolas c + b/(T - p). Between
-    T_0 and T_1 one lies at the part (T - T_0)/(T_1 - T_0) (T_1 - p)/(T - p) of the way. Three sets
-    tell p: the ratio of their slopes is r = (T_2 - p)/(T_0 - p). Two alone do not: p is
-    anywhere from far below (a straight line) to 51.6 K below the colder one, where that is at its
-    glass transition (the universal constant of the law).
+    T_0 and T_1 the value is the fraction (T - T_0)/(T_1 - T_0) (T_1 - p)/(T - p) of the difference.
+    Three sets determine p by the ratio of their slopes r = (T_2 - p)/(T_0 - p). With two sets p
+    lies between far below (a straight line) and 51.6 K below the colder set, if this is at its
+    glass transition (universal constant of the law).
     """
     i = _below(t, at)
     if at in (t[i], t[i + 1]):
@@ -408,7 +408,7 @@ def _given(
 
 
 def _check_zero(t: FloatArray, decades: FloatArray, at: float) -> None:
-    """Refuse factors of another reference: data would get a wrong temperature."""
+    """Refuse factors with a different reference: data would get a wrong temperature."""
     t, rows = np.unique(t, return_index=True)
     decades = decades[rows]
     if t[0] < at < t[-1]:
@@ -469,13 +469,13 @@ def _merged(
 def _stacked(
     sets: "Sequence[ModulusData | RelaxationData]", name: str, factors: FloatArray
 ) -> FloatArray:
-    """A column of all sets, each times its factor."""
+    """A column of all sets, each multiplied by its factor."""
     pairs = zip(sets, factors, strict=True)
     return np.concatenate([np.asarray(getattr(one, name)) * factor for one, factor in pairs])
 
 
 def _apart(x: FloatArray) -> FloatArray:
-    """Values that ascend strictly: of equal ones the later is moved by a few roundings."""
+    """Make values strictly ascending: equal values are increased by a few ulps."""
     for i in range(1, x.size):
         if x[i] <= x[i - 1]:
             x[i] = x[i - 1] * (1 + 4e-16)

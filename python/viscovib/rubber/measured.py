@@ -1,4 +1,4 @@
-"""What a kernel is fitted to, and how a least-squares problem is brought to its end."""
+"""Targets of a fit, and the solution of least-squares problems."""
 
 import math
 from collections.abc import Callable
@@ -13,10 +13,10 @@ from viscovib.errors import InputError
 from viscovib.rubber.data import CreepData, ModulusData, RelaxationData
 from viscovib.rubber.models import Model
 
-#: Part of the largest singular value below which data do not feel a direction; what a row leaves
-#: to the others at least.
+#: Relative singular value below which the data do not determine a direction; smallest share of the
+#: other rows in the fit of a row.
 LEAST_FELT, _OWN = 1e-9, 1e-6
-#: Times that are computed one by one, and digits (natural) that interpolation between nodes has.
+#: Largest number of times without interpolation; accuracy of interpolation (natural logarithm).
 _FEWEST, _DIGITS = 100, 32.0
 #: Weights of the residuals of storage and of loss.
 SHARE = Number("storage_weight", lowest=0, highest=1e100)
@@ -25,12 +25,12 @@ LOSS_SHARE = Number("loss_weight", lowest=0, highest=1e100)
 
 @dataclass(frozen=True)
 class Measured:
-    """What is to be met: targets, and what a model says of them."""
+    """Targets of a fit, with predictions of a model."""
 
     data: ModulusData | RelaxationData | CreepData
     #: Logarithms of frequencies, or of inverse times.
     log_rates: FloatArray
-    #: Numbers measured (storage then loss), and the weight of each relative residual.
+    #: Measured numbers (storage, then loss), and weights of the relative residuals.
     target: FloatArray
     shares: FloatArray
 
@@ -38,7 +38,7 @@ class Measured:
     def of(
         cls, data: ModulusData | RelaxationData | CreepData, shares: tuple[float, float]
     ) -> "Measured":
-        """Targets of data, and the weights of storage and loss."""
+        """Create targets from data, with the weights of storage and loss."""
         if isinstance(data, ModulusData):
             n = np.asarray(data.frequencies).size
             target = np.concatenate([np.asarray(data.storage), np.asarray(data.loss)])
@@ -60,7 +60,7 @@ class Measured:
 
     @property
     def count(self) -> int:
-        """Numbers that count."""
+        """Number of targets with a weight."""
         return int((self.shares > 0).sum())
 
     @property
@@ -71,7 +71,7 @@ class Measured:
         return float(self.target[: self.log_rates.size].max())
 
     def predicted(self, model: Model, theta: FloatArray) -> FloatArray:
-        """What a model says."""
+        """Prediction of a model."""
         if isinstance(self.data, ModulusData):
             value, _ = model.modulus_at(self.along, theta)
             return np.concatenate([value.real, value.imag])
@@ -81,17 +81,17 @@ class Measured:
         return np.asarray(self._creep(model, theta, slopes=False)[0])
 
     def _creep(self, model: Model, theta: FloatArray, *, slopes: bool) -> FloatArray:
-        """Creep and its derivatives at the times of the data: of many, from fewer in between."""
+        """Creep and its derivatives at the times of the data, interpolated if they are many."""
         times, between = self._nodes
         found = model.creep(times, theta, slopes=slopes)
         return found if between is None else found @ between
 
     @cached_property
     def _nodes(self) -> tuple[FloatArray, FloatArray | None]:
-        """Times at which creep is computed, and what makes it that at all times, (nodes, n).
+        """Times at which creep is computed, and the interpolation matrix, (nodes, n).
 
-        Creep is analytic where t has a positive real part. So along ln t interpolation at
-        Chebyshev's nodes is exact to rounding with so many of them.
+        Creep is analytic for a positive real part of t. So interpolation over ln t at this number
+        of Chebyshev nodes is accurate to rounding error.
         """
         at = -self.log_rates
         low, high = float(at.min()), float(at.max())
@@ -103,7 +103,7 @@ class Measured:
             return np.exp(at), None
         angle = (np.arange(count) + 0.5) * np.pi / count
         x = (2 * at - (low + high)) / (high - low)
-        # Sums of Chebyshev's polynomials, orthogonal at the nodes.
+        # Chebyshev polynomials, orthogonal at the nodes.
         orders = np.arange(count)[:, np.newaxis]
         by_order = np.cos(orders * np.arccos(np.clip(x, -1, 1)))
         by_order[0] /= 2
@@ -111,7 +111,7 @@ class Measured:
         return np.exp((low + high) / 2 + (high - low) / 2 * np.cos(angle)), between
 
     def predicted_of(self, model: Model, thetas: FloatArray) -> FloatArray:
-        """What a model says with many unknowns (m, size), shape (m, n)."""
+        """Predictions for many sets of unknowns (m, size), shape (m, n)."""
         if isinstance(self.data, ModulusData):
             values = model.moduli(self.along, thetas)
             return np.hstack([values.real, values.imag])
@@ -134,18 +134,18 @@ class Measured:
         return found
 
     def scale(self, model: Model, theta: FloatArray, weights: str) -> FloatArray:
-        """What residuals are relative to, over the weights."""
+        """Weights divided by the reference of the relative residuals."""
         size = self.predicted(model, theta) if weights == "model" else self.target
         return np.where(self.shares > 0, self.shares / np.maximum(np.abs(size), 1e-300), 0.0)
 
 
 def covariance(slopes: FloatArray, residual: FloatArray) -> FloatArray:
-    """Covariance of unknowns by least squares, shape (k, k), whatever the scatter of each row.
+    """Covariance of least-squares unknowns for different scatter of the rows, shape (k, k).
 
-    P diag(r^2/(1 - h)^2) P', P the pseudo-inverse of the slopes, h the part of each row in its own
-    fit (HC3 of MacKinnon and White, J. Econometrics 29, 1985). One variance for all rows would ask
-    that weights are right: noise of a loss is often a part of the whole modulus, not of the loss.
-    Along what the data do not feel stands a large number instead of none.
+    P diag(r^2/(1 - h)^2) P' with the pseudo-inverse P of the derivatives and the leverage h of each
+    row (HC3 of MacKinnon and White, J. Econometrics 29, 1985). A common variance of all rows would
+    require correct weights, but the noise of a loss is often relative to the whole modulus, not to
+    the loss. Undetermined directions have a large variance.
     """
     if not slopes.size or not np.isfinite(slopes).all():
         raise InputError("data: the fit lies where its derivatives are no numbers")
@@ -164,7 +164,7 @@ def descend(
     *,
     rough: bool = False,
 ) -> FloatArray:
-    """Levenberg and Marquardt's method (SciPy, MINPACK), to rounding or roughly."""
+    """Levenberg-Marquardt method (SciPy, MINPACK), to rounding error or ``rough``."""
     from scipy.optimize import least_squares
 
     with np.errstate(all="ignore"):
@@ -185,7 +185,7 @@ def descend(
 
 
 def _finite(values: FloatArray, instead: float) -> FloatArray:
-    """Values with a number in the place of those that are not finite."""
+    """Replace non-finite values by a number."""
     if np.isfinite(values).all():
         return values
     return np.nan_to_num(values, nan=instead, posinf=instead, neginf=-instead)

@@ -1,15 +1,15 @@
-"""Moduli in few parameters: what kernels say of storage and loss, relaxation and creep.
+"""Moduli with few parameters: storage and loss, relaxation and creep of kernels.
 
-A model is M*(w) = M_0 (1 - sum_k p_k H_k(i w)), p_k parts of the integral, shapes H_k(0) = 1:
+A model is M*(w) = M_0 (1 - sum_k p_k H_k(i w)), with parts p_k of the integral and H_k(0) = 1:
 
     rabotnov     H = 1/(1 + (s tau)^alpha)   A = p tau^-alpha, beta = tau^-alpha (fractional Zener)
     rzhanitsyn   H = (1 + s tau)^-alpha      A = p tau^-alpha/Gamma(alpha), beta = 1/tau
     abel         H = (s tau)^-alpha          A = p tau^-alpha/Gamma(alpha), tau a given time
 
 Unknowns are the logarithms of M_0 and of each tau, the logit of each (alpha - 0.01)/0.99, and w,
-p_k = (1 - 1e-6) exp(w_k)/(1 + sum exp(w)), so that all that is sought keeps 0.01 < alpha < 1,
-p_k > 0 and sum p_k < 1: a positive modulus is left in the end. Where an integral of 1 or more is
-allowed, and of abel kernels, p_k = exp(w_k).
+p_k = (1 - 1e-6) exp(w_k)/(1 + sum exp(w)). So 0.01 < alpha < 1, p_k > 0 and sum p_k < 1 always
+hold, and the relaxed modulus is positive. If an integral of 1 or more is allowed, and for abel
+kernels, p_k = exp(w_k).
 """
 
 import math
@@ -26,27 +26,27 @@ from viscovib.kernels.sum_kernel import SumKernel
 PARTS = ("rzhanitsyn", "rabotnov", "abel")
 #: Nodes and exponent of the graded rule over a ramp, and nodes of the contour of creep.
 _RAMP_NODES, _GRADED, _CONTOUR = 24, 8, 32
-#: The smallest alpha sought: below it a kernel is a logarithm of time over all measurements.
+#: Smallest alpha: below it the relaxation is logarithmic in time for all measurements.
 LEAST_ALPHA = 0.01
-#: Logarithms sought reach so far to both sides.
+#: Largest absolute value of logarithms.
 _FARTHEST = 200.0
-#: The largest integral sought, unless 1 and more are allowed.
+#: Largest integral, unless 1 and more are allowed.
 MOST_INTEGRAL = 1 - 1e-6
 
 
 @dataclass(frozen=True)
 class Model:
-    """Parts of a kernel, whether their integral may be 1 or more, a given M_0 if there is one."""
+    """Parts of a kernel; ``free``: the integral may be 1 or more; ``modulus``: a given M_0."""
 
     parts: tuple[str, ...]
     free: bool = False
     modulus: float | None = None
-    #: Time that abel kernels are referred to (s).
+    #: Reference time of abel kernels (s).
     unit: float = 1.0
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of parameters as users know them."""
+        """Public names of the parameters."""
         each: list[str] = []
         for i, part in enumerate(self.parts):
             number = f"_{i + 1}" if len(self.parts) > 1 else ""
@@ -61,7 +61,7 @@ class Model:
 
     @cached_property
     def _places(self) -> tuple[list[int], list[int], list[int]]:
-        """Places of the logits of alpha, of ln tau (-1: given), and of w."""
+        """Indices of the logits of alpha, of ln tau (-1: given), and of w."""
         at = 0 if self.modulus else 1
         alphas, taus = [], []
         for part in self.parts:
@@ -73,7 +73,7 @@ class Model:
     def split(self, theta: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """M_0, alphas, taus, parts of the integral."""
         alphas, taus, ws = self._places
-        # Floats: arrays of so few numbers cost more than their arithmetic.
+        # Use floats: they are faster than arrays of so few numbers.
         x = [min(max(value, -_FARTHEST), _FARTHEST) for value in theta.tolist()]
         modulus = self.modulus or math.exp(x[0])
         own = 1 - LEAST_ALPHA
@@ -83,7 +83,7 @@ class Model:
 
     @cached_property
     def bounded(self) -> bool:
-        """Whether the integral stays below 1."""
+        """True if the integral stays below 1."""
         return not self.free and "abel" not in self.parts
 
     def _integrals(self, w: list[float]) -> list[float]:
@@ -95,7 +95,7 @@ class Model:
         return [scale * power for power in powers]
 
     def splits(self, thetas: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """`split` of many unknowns, shape (m, size)."""
+        """`split` for many sets of unknowns, shape (m, size)."""
         alphas, taus, ws = self._places
         bounded = np.clip(thetas, -_FARTHEST, _FARTHEST)
         modulus = np.full(len(thetas), self.modulus) if self.modulus else np.exp(bounded[:, 0])
@@ -113,7 +113,7 @@ class Model:
     def log_priors(self, thetas: FloatArray) -> FloatArray:
         """Logarithms of Jeffreys's density 1/sqrt(x (1 - x)) of alphas and parts of the integral.
 
-        Of many unknowns, shape (m, size).
+        For many sets of unknowns, shape (m, size).
         """
         _, alpha, _, p = self.splits(thetas)
         left = 1 - p.sum(axis=1, keepdims=True) / MOST_INTEGRAL if self.bounded else p[:, :0]
@@ -121,7 +121,7 @@ class Model:
         return np.asarray(np.log(np.maximum(factors, 1e-300)).sum(axis=1) / 2)
 
     def join(self, modulus: float, alpha: FloatArray, tau: FloatArray, p: FloatArray) -> FloatArray:
-        """Unknowns from what they stand for, moved inside their range."""
+        """Unknowns from the quantities of `split`, moved inside their range."""
         alphas, taus, ws = self._places
         theta = np.zeros(self.size)
         if not self.modulus:
@@ -172,7 +172,7 @@ class Model:
         return np.array(found)
 
     def turned(self, theta: FloatArray) -> FloatArray:
-        """Parameters over lines without ends: logarithms, logits of alphas."""
+        """Unbounded parameters: logarithms, and logits of alphas."""
         values = self.parameters(theta)
         return np.array(
             [
@@ -182,7 +182,7 @@ class Model:
         )
 
     def back(self, name: str, value: float) -> float:
-        """A parameter from where `turned` takes it."""
+        """Inverse of `turned` for one parameter."""
         with np.errstate(over="ignore"):
             if name.startswith("alpha"):
                 return float(LEAST_ALPHA + (1 - LEAST_ALPHA) / (1 + np.exp(-value)))
@@ -201,7 +201,7 @@ class Model:
         for k, part in enumerate(self.parts):
             a, log_tau = float(alpha[k]), math.log(tau[k])
             by_logit = (a - LEAST_ALPHA) * (1 - a) / (1 - LEAST_ALPHA)
-            # ln(p tau^-alpha), of a power law also / Gamma(alpha).
+            # ln(p tau^-alpha), for power laws divided by Gamma(alpha).
             own = -log_tau if part == "rabotnov" else -log_tau - float(digamma(a))
             slopes[row, alphas[k]] = own * by_logit
             if self.bounded:
@@ -214,7 +214,7 @@ class Model:
             if part == "rabotnov":
                 slopes[row + 2, alphas[k]] = -log_tau * by_logit
             row += 2 if part == "abel" else 3
-        # Beyond the farthest nothing moves.
+        # Derivatives beyond the bounds are 0.
         slopes[:, np.abs(theta) > _FARTHEST] = 0.0
         return slopes
 
@@ -257,7 +257,7 @@ class Model:
         return np.asarray(value), np.asarray(slopes)
 
     def moduli(self, log_s: ComplexArray, thetas: FloatArray) -> ComplexArray:
-        """M of many unknowns (m, size) at s = exp(log_s), shape (m, n); see `modulus_at`."""
+        """M for many sets of unknowns (m, size), s = exp(log_s), shape (m, n); see `modulus_at`."""
         modulus, alpha, tau, p = self.splits(thetas)
         total = np.zeros((len(thetas), log_s.size), dtype=complex)
         for k, part in enumerate(self.parts):
@@ -272,7 +272,7 @@ class Model:
         return np.asarray(modulus[:, np.newaxis] * (1 - total))
 
     def relaxation(self, times: FloatArray, ramp: float, theta: FloatArray) -> FloatArray:
-        """M(t) after a ramp: the mean of M_0 relaxation over the ages of its parts."""
+        """M(t) after a ramp: M_0 times the mean relaxation over the ages of its parts."""
         kernel, modulus = self.kernel(theta), self.split(theta)[0]
         return modulus * ramped(kernel, times, ramp)
 
@@ -281,7 +281,7 @@ class Model:
         return np.asarray(self.creep(times, theta, slopes=False)[0])
 
     def creep(self, times: FloatArray, theta: FloatArray, *, slopes: bool) -> FloatArray:
-        """Creep and, if wanted, its derivatives by the unknowns, shape (1 + size, n) or (1, n)."""
+        """Creep and, with ``slopes``, its derivatives by the unknowns, (1 + size, n) or (1, n)."""
 
         def transform(log_s: ComplexArray) -> ComplexArray:
             value, by = self.modulus_at(log_s, theta)
@@ -301,7 +301,7 @@ def ramped(kernel: Kernel, times: FloatArray, ramp: float) -> FloatArray:
         return kernel.relaxation(times)
     x, w = np.polynomial.legendre.leggauss(_RAMP_NODES)
     u = (1 + x) / 2
-    # Graded towards the youngest part, whose relaxation begins like a power of its age.
+    # Graded towards the youngest part, whose relaxation starts like a power of its age.
     ages = np.maximum(times - ramp, 0)[:, np.newaxis] + ramp * u**_GRADED
     weights = w / 2 * _GRADED * u ** (_GRADED - 1)
     return np.asarray(kernel.relaxation(ages) @ weights)
@@ -312,7 +312,7 @@ def inverse_laplace(
 ) -> FloatArray:
     """Values in time on a modified Talbot contour (Weideman, SIAM J. Numer. Anal. 44, 2006).
 
-    The transforms of k functions at the logarithms of s (m,), shape (k, m); found: shape (k, n).
+    ``transform``: k functions at logarithms of s (m,), shape (k, m). Result: shape (k, n).
     """
     zeta, weights = _contour()
     log_s = np.log(zeta)[np.newaxis, :] - np.log(times)[:, np.newaxis]
@@ -322,7 +322,7 @@ def inverse_laplace(
 
 @cache
 def _contour() -> tuple[ComplexArray, ComplexArray]:
-    """Places on the contour, times t, and their weights."""
+    """Points on the contour times t, and their weights."""
     theta = (2 * np.arange(1, _CONTOUR // 2 + 1) - 1) * np.pi / _CONTOUR
     angle = 0.6407 * theta
     zeta = _CONTOUR * (0.5017 * theta / np.tan(angle) - 0.6122 + 0.2645j * theta)

@@ -21,11 +21,11 @@ from viscovib.rubber.measured import LEAST_FELT, Measured, covariance, descend
 from viscovib.rubber.models import LEAST_ALPHA, Model
 
 _LEVEL = Number("level", 0.01, 0.9999)
-#: A parameter is not constrained whose 95 % interval has ends of so large a ratio, or of alpha
-#: such a width.
+#: A parameter is not constrained if the ends of its 95 % interval have this ratio or, for alpha, if
+#: the interval has this width.
 _LOOSE, _WIDE = 20.0, 0.5
-#: Points on either side of a profile at most, how much longer each step is than the one before,
-#: how far they go (logarithm), and the weight that holds a parameter.
+#: Largest number of points on each side of a profile, growth of steps, largest log distance,
+#: and weight that fixes a parameter.
 _SIDE, _LONGER, _FAR, _HOLD = 60, 1.5, 40.0, 1e3
 
 
@@ -77,7 +77,7 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def _problem(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Scales, residuals and their derivatives by the unknowns, of rows that count."""
+        """Scales, residuals and their derivatives by the unknowns."""
         factor = self.measured.scale(self.model, self.theta, self.weights)
         residual = (self._predicted() - self.measured.target) * factor
         slopes = self.measured.slopes(self.model, self.theta) * factor[:, np.newaxis]
@@ -98,9 +98,9 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def turned_covariance(self) -> FloatArray:
-        """Of the logarithms of parameters (of alpha the logit), in the order of ``names``."""
+        """Covariance of the logarithms of parameters (logit for alpha), in order of ``names``."""
         turn = self.model.turned_slopes(self.theta)
-        # Infinite where data do not tell a parameter; times 0 that is NaN, as unknown.
+        # Infinite for undetermined parameters; times 0 this is NaN, which means unknown.
         with np.errstate(invalid="ignore"):
             return np.asarray(turn @ self.covariance @ turn.T)
 
@@ -111,7 +111,7 @@ class ParametricFit(KernelFit):
 
     @cached_property
     def _alike(self) -> FloatArray:
-        """Variances if all rows scattered alike, over those that they have."""
+        """Ratio of the variances for equal scatter of all rows to the actual variances."""
         turn = self.model.turned_slopes(self.theta)
         with np.errstate(invalid="ignore"):
             plain = self._variance * np.diag(turn @ _inverse(self._problem[2]) @ turn.T)
@@ -221,7 +221,7 @@ class ParametricFit(KernelFit):
                 before, at = (at, rise), middle + way * away
                 theta, cost = self._held(place, at, theta)
                 if self.at_bound:
-                    # At the ends of what is admissible nothing has a slope: from within, too.
+                    # At the bounds derivatives vanish: also start from inside.
                     inner = self.model.join(*self.model.split(theta))
                     theta, cost = min((theta, cost), self._held(place, at, inner), key=_second)
                 rise = max(cost - best, 0.0) * share if self._variance > 0 else math.inf
@@ -243,7 +243,7 @@ class ParametricFit(KernelFit):
         )
 
     def _held(self, place: int, at: float, start: FloatArray) -> tuple[FloatArray, float]:
-        """Fit with a parameter held: its distance is one more residual, of a large weight."""
+        """Fit with a fixed parameter: its distance is one more residual with a large weight."""
         model, measured = self.model, self.measured
         factor = self._problem[0]
         weight = (
@@ -268,7 +268,6 @@ class ParametricFit(KernelFit):
         Returns
         -------
         edges : ndarray, shape (m + 1,)
-            Decades of circular frequency (rad/s), or of time (s).
             Decades of circular frequency (rad/s), or of time (s).
         growth : ndarray, shape (m, k)
             Factor by which the standard error of each parameter, in the order of ``names``, would
@@ -304,7 +303,7 @@ class ParametricFit(KernelFit):
         ), effective
 
     def _drawn(self, n: int, seed: int) -> tuple[FloatArray, float]:
-        """Unknowns of samples, and how many of these are effective."""
+        """Unknowns of samples, and the effective number of samples."""
         if not np.isfinite(self.covariance).all():
             raise InputError(
                 f"data: {self.measured.count} numbers for {self.theta.size} parameters leave none "
@@ -339,7 +338,7 @@ def _second(pair: tuple[FloatArray, float]) -> float:
 
 
 def _inverse(slopes: FloatArray) -> FloatArray:
-    """(J' J)^-1; along what the data do not feel a large number instead of none."""
+    """(J' J)^-1, with large values for undetermined directions."""
     if not slopes.size or not np.isfinite(slopes).all():
         raise InputError("data: the fit lies where its derivatives are no numbers")
     _, s, v = np.linalg.svd(slopes, full_matrices=False)

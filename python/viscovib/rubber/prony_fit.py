@@ -26,16 +26,16 @@ from viscovib.rubber.prony_spectrum import (
 )
 
 _TERMS, _SMOOTH = Whole("terms", 1, 2000), Number("smooth", lowest=0)
-#: Terms a decade that "auto" tries, weights of an L-curve, passes of weights by the model.
+#: Terms per decade for "auto", weights of an L-curve, passes of weights by the model.
 _DENSITIES = (0.5, 1.0, 2.0, 4.0)
 _L_CURVE = np.geomspace(1e-4, 1e2, 25)
 _PASSES, _NOISE = 4, 0.15
-#: The part of the smallest modulus that is left in the end at least, so that the integral is < 1.
+#: Smallest relaxed modulus relative to the smallest modulus, so that the integral is < 1.
 _LEAST = 1e-6
-#: Weight of a modulus that is given; samples for intervals, and their seed.
+#: Weight of a given modulus; number of samples for intervals.
 _GIVEN, _SAMPLES = 1e4, 200
 
-#: Fits to resampled data from which the band of a picture follows.
+#: Number of fits to resampled data for the band of a picture.
 _REFITS_OF_BAND = 40
 
 
@@ -117,7 +117,7 @@ class PronyFit(KernelFit):
 
     @property
     def _free(self) -> int:
-        """Numbers beyond those that the fit took."""
+        """Number of data beyond the number of fitted terms."""
         known = self.measured.count + (self.given is not None)
         return known - int(np.count_nonzero(self.found))
 
@@ -212,7 +212,7 @@ def fit_prony(
     else:
         grids = [np.geomspace(math.exp(low), math.exp(high), _TERMS.check(terms))]
     chosen = _SMOOTH.check(0.0 if isinstance(smooth, str) and smooth == "L-curve" else smooth)
-    # A criterion takes what is left for noise; where it is not, the closest fit is asked for.
+    # The criterion assumes that residuals are noise. If they are not, use the closest fit.
     densest = _weighed(measured, grids[-1], chosen, given, weights)
     if densest[1] == "data" and weights == "model":
         grids = grids[-1:]
@@ -269,7 +269,7 @@ def _solve(
     smooth: float,
     given: float | None,
 ) -> FloatArray:
-    """M_e and M_j, M_e at least a little."""
+    """M_e > 0 and M_j >= 0 by least squares."""
     factor = np.where(measured.shares > 0, measured.shares / size, 0.0)
     counted = factor > 0
     rows = (_design(measured, grid) * factor[:, np.newaxis])[counted]
@@ -287,7 +287,7 @@ def _solve(
 def _weighed(
     measured: Measured, grid: FloatArray, smooth: float, given: float | None, weights: str
 ) -> tuple[FloatArray, str]:
-    """Weights by the data first; by the model, where what is left is noise."""
+    """Fit with weights by the data, then by the model if the residuals are noise."""
     found = _solve(measured, grid, measured.target, measured.target, smooth, given)
     said = _design(measured, grid) @ found
     relative = (said / measured.target - 1) * (measured.shares > 0)
@@ -302,7 +302,7 @@ def _weighed(
 
 
 def _criterion(measured: Measured, grid: FloatArray, found: FloatArray) -> float:
-    """Schwarz's: n ln(sum r^2/n) + k ln n."""
+    """Schwarz criterion n ln(sum r^2/n) + k ln n."""
     relative = (_design(measured, grid) @ found / measured.target - 1) * measured.shares
     n = max(measured.count, 1)
     total = max(float(relative @ relative), 1e-28 * n)
@@ -310,7 +310,7 @@ def _criterion(measured: Measured, grid: FloatArray, found: FloatArray) -> float
 
 
 def _corner(measured: Measured, grid: FloatArray, given: float | None) -> float:
-    """Weight at the corner of the L-curve: largest curvature of log bends over log residuals."""
+    """Weight at the corner of the L-curve (log bends over log residuals): largest curvature."""
     points = []
     typical = float(np.median(measured.target[: measured.log_rates.size]))
     for weight in _L_CURVE:

@@ -1,8 +1,8 @@
-"""Moduli as sums of relaxing parts: linear least squares with weights that are not negative.
+"""Moduli as sums of relaxing parts: linear least squares with non-negative weights.
 
 M*(w) = M_e + sum_j M_j i w tau_j/(1 + i w tau_j), M_e >= 0, M_j >= 0, on a grid of times tau_j.
-Every modulus of a passive relaxing material is a limit of such sums (Bernstein's theorem), so that
-what no sum comes near belongs to no such material.
+Every modulus of a passive relaxing material is a limit of such sums (Bernstein's theorem). So data
+that no sum approximates do not belong to such a material.
 """
 
 import math
@@ -11,20 +11,20 @@ import numpy as np
 
 from viscovib._native import FloatArray
 
-#: Terms a decade at most, whatever is asked for.
+#: Largest number of terms.
 MOST_TERMS = 2000
 
 
 def grid_of_times(low: float, high: float, per_decade: float, beyond: float = 0.0) -> FloatArray:
-    """Times from ``low`` to ``high`` (s) and ``beyond`` decades further, even in decades."""
+    """Times from ``low`` to ``high`` (s) and ``beyond`` decades further, equal log steps."""
     decades = math.log10(high / low) + 2 * beyond
-    # Rounding of the times, such as of whole decades in other units, adds no term.
+    # Rounding errors of the times must not add a term.
     n = min(max(math.ceil(decades * per_decade - 1e-9) + 1, 2), MOST_TERMS)
     return np.asarray(np.geomspace(low / 10**beyond, high * 10**beyond, n))
 
 
 def dynamic_design(nu: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Columns of storage and of loss, the first that of M_e, shape (n, 1 + terms)."""
+    """Columns of storage and of loss, the first for M_e, shape (n, 1 + terms)."""
     x = nu[:, np.newaxis] * tau
     below = 1 / (1 + x * x)
     storage, loss = np.empty((2, nu.size, tau.size + 1))
@@ -35,7 +35,7 @@ def dynamic_design(nu: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def relaxing_design(t: FloatArray, tau: FloatArray, ramp: float) -> FloatArray:
-    """Columns of the modulus over time, after a ramp that takes ``ramp`` (s)."""
+    """Columns of the modulus over time after a ramp of the duration ``ramp`` (s)."""
     x = t[:, np.newaxis] / tau
     design = np.ones((t.size, tau.size + 1))
     design[:, 1:] = np.exp(-x)
@@ -63,7 +63,7 @@ def nonnegative(
         extra[:, 1:] = smooth * bend / (1.0 if damped is None else damped)
         rows = np.vstack([rows, extra])
         target = np.concatenate([target, np.zeros(n - 2)])
-    # Columns of one length; one triangle in place of many rows.
+    # Normalize the columns; replace many rows by a triangular matrix.
     length = np.sqrt((rows * rows).sum(axis=0))
     length[length == 0] = 1.0
     scaled = np.column_stack([rows / length, target])
@@ -74,5 +74,5 @@ def nonnegative(
 
 
 def rms(residual: FloatArray) -> float:
-    """Root of the mean square."""
+    """Root mean square."""
     return float(np.sqrt(np.mean(residual * residual))) if residual.size else 0.0

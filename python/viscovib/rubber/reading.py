@@ -230,7 +230,7 @@ def _needed(table: Table, role: str) -> FloatArray:
 
 
 def _asked(quantity: str | None) -> str | None:
-    """Return the quantity that a caller names; None: the file tells."""
+    """Return the given quantity; None: determined by the file."""
     return None if quantity is None else _native.choice("quantity", quantity, QUANTITIES)
 
 
@@ -255,7 +255,7 @@ def _common(table: Table) -> dict[str, Any]:
 
 
 def _told(table: Table, make: Callable[[], _Data]) -> _Data:
-    """Create the data. Error messages contain the file."""
+    """Create the data; add the file to error messages."""
     try:
         return make()
     except InputError as error:

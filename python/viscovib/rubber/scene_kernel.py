@@ -1,4 +1,4 @@
-"""Kernels of scenes that a file of a fit holds (``kind = 'fitted'``), from their numbers."""
+"""Kernels of scenes from files of fits (``kind = 'fitted'``)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,7 @@ from viscovib.rubber.shift_fit import ShiftTable
 
 
 def fitted_kernel(group: Mapping[str, Any]) -> Kernel:
-    """Return the kernel of a group of the canonical scene, with its temperature if it has a law."""
+    """Return the kernel of a group of the canonical scene, with its shift law if it has one."""
     numbers = np.atleast_1d(np.asarray(group["numbers"], dtype=float))
     kernel = _of_numbers(round(numbers[0]), numbers[1:])
     if group["shift_law"] == "none":
@@ -37,7 +37,7 @@ def fitted_kernel(group: Mapping[str, Any]) -> Kernel:
 
 
 def _of_numbers(kind: int, p: FloatArray) -> Kernel:
-    """A kernel from the flat order of the core, which has checked it."""
+    """A kernel from the flat order of the core, which has checked the numbers."""
     if kind in (RzhanitsynKernel._kind, RabotnovKernel._kind):
         made = RzhanitsynKernel if kind == RzhanitsynKernel._kind else RabotnovKernel
         return made(amplitude=p[0], alpha=p[1], beta=p[2])

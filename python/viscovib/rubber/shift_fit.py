@@ -14,15 +14,15 @@ from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.time_temperature import GAS_CONSTANT, KELVIN, WLF, Arrhenius, ShiftLaw
 
-#: A warning is printed for a larger residual of the law (decades).
+#: Residual of the law (decades) above which a warning is issued.
 _MISFIT = 0.1
 LAWS = ("wlf", "arrhenius")
-#: Largest temperature (deg C) and decade, by the word that names them.
+#: Largest temperature (deg C) and decade, by argument name.
 _LARGEST = {"temperatures": 1e6, "decades": 300.0}
 
 
 def bounded(name: str, value: npt.ArrayLike, kind: str = "") -> FloatArray:
-    """Return temperatures, or decades whose power of ten is a number, as an array of a row."""
+    """Return temperatures or decades, within their bounds, as a one-dimensional array."""
     array, largest = _native.real_array(name, value, ndim=1), _LARGEST[kind or name]
     if array.size and np.abs(array).max() > largest:
         i = int(np.abs(array).argmax())
@@ -188,7 +188,7 @@ def fit_shift_law(
 
 
 def _wlf(t: FloatArray, d: FloatArray, at: float) -> tuple[WLF, tuple[str, ...], FloatArray]:
-    """c1 is linear; c2 is sought over its logarithm, the pole below the data."""
+    """Fit c1 linearly, and c2 by a search over its logarithm, with the pole below the data."""
     from scipy.optimize import minimize_scalar
 
     warm = t - at
@@ -209,7 +209,7 @@ def _wlf(t: FloatArray, d: FloatArray, at: float) -> tuple[WLF, tuple[str, ...],
     c1, c2 = best(found.x)[1], lowest + float(np.exp(found.x))
     if not c1 > 0:
         raise _refusal("WLF", t, d, at)
-    # Newton's method on both, since a minimum is only found to the root of the rounding.
+    # Newton's method on both: a minimum is only accurate to the root of the rounding error.
     for _ in range(20):
         slopes = np.column_stack([-warm / (c2 + warm), c1 * warm / (c2 + warm) ** 2])
         step = np.linalg.lstsq(slopes, d + c1 * warm / (c2 + warm), rcond=None)[0]
@@ -234,7 +234,7 @@ def _arrhenius(
 
 
 def _refusal(law: str, t: FloatArray, d: FloatArray, at: float) -> InputError:
-    """Why factors have no law: they rise, or fall but not through 0 at the reference."""
+    """Error for factors without a law: they rise, or are not 0 at the reference."""
     warm = t - t.mean()
     if float(warm @ d) < 0:
         i = int(((t - at) * d).argmax())

@@ -1,4 +1,4 @@
-"""Sets over each other: shift factors and one smooth curve, together by least squares."""
+"""Superposition of sets: shift factors and one smooth curve by common least squares."""
 
 from dataclasses import dataclass
 
@@ -8,15 +8,15 @@ import numpy.typing as npt
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 
-#: Decades between knots of the spline, its penalty, and steps at most.
+#: Decades between knots of the spline, its penalty, and largest number of steps.
 KNOTS, _PENALTY, _STEPS = 0.5, 3e-4, 60
-#: A slope is taken to be so much of its standard deviation at least.
+#: Smallest slope in units of its standard deviation.
 _KNOWN = 0.3
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Rows of all sets: abscissa, ordinates (a row a quantity), number of the set."""
+    """Rows of all sets: abscissa, ordinates (one row per quantity), number of the set."""
 
     x: FloatArray
     y: FloatArray
@@ -26,19 +26,19 @@ class Curves:
 
 @dataclass(frozen=True)
 class Ties:
-    """What neighbours say of their shift by the levels both reach: shifts, and slopes there."""
+    """Shifts between neighbouring sets from common levels, and slopes at these levels."""
 
     start: FloatArray
     slopes: FloatArray
 
 
 def neighbours(curves: Curves) -> Ties:
-    """Shifts from each set to the next by the levels that both reach."""
+    """Shifts from each set to the next from common levels."""
     n = curves.temperatures.size
     shifts, slopes = np.zeros(n), np.zeros(n - 1)
     for i in range(1, n):
         cold, warm = (curves.owner == k for k in (i - 1, i))
-        # Storage and relaxing moduli rise with frequency; small falls are scatter.
+        # Storage and relaxation moduli increase with frequency; small decreases are scatter.
         a, b = (
             np.maximum.accumulate(curves.y[0][m][np.argsort(curves.x[m])]) for m in (cold, warm)
         )
@@ -55,17 +55,17 @@ def neighbours(curves: Curves) -> Ties:
         tilt = 1e-12 * np.arange(max(a.size, b.size))
         at = [np.interp(levels, y + tilt[: y.size], x) for y, x in ((a, xa), (b, xb))]
         shifts[i] = shifts[i - 1] - float(np.median(at[0] - at[1]))
-        # The flatter of both at the end of the other: how well a level tells a frequency.
+        # The smaller slope limits the accuracy of a frequency from a level.
         slopes[i - 1] = min((y[-1] - y[0]) / (x[-1] - x[0]) for y, x in ((a, xa), (b, xb)))
     return Ties(-shifts, slopes)
 
 
 def flatness(curves: Curves, turn: FloatArray, scatter: float) -> FloatArray:
-    """What scatter leaves open between neighbours, where the flatter of both says little.
+    """Uncertainty of shifts between neighbours by scatter, which is large for flat sets.
 
-    A level is known to scatter/sqrt(rows), a shift to that over the slope; from set to set it
-    adds up. The slope is that of a straight line through a set, less its standard deviation: a set
-    that hardly rises has a slope made of scatter, which knows no shift.
+    The error of a level is scatter/sqrt(rows), that of a shift this error divided by the slope. The
+    errors accumulate from set to set. The slope is that of a straight line through a set minus its
+    standard deviation, because the slope of a flat set is due to scatter.
     """
     sets = [curves.owner == i for i in range(curves.temperatures.size)]
     rows = np.array([own.sum() for own in sets])
@@ -81,7 +81,7 @@ def flatness(curves: Curves, turn: FloatArray, scatter: float) -> FloatArray:
 
 
 class _Spline:
-    """A cubic spline over the whole curve, and the least-squares problem around it."""
+    """A cubic spline for the whole curve, and its least-squares problem."""
 
     def __init__(self, curves: Curves, ties: Ties, lifted: bool, knots: float) -> None:
         self.curves, self.ties, self.lifted, self.knots = curves, ties, lifted, knots
@@ -93,7 +93,7 @@ class _Spline:
     def residuals(
         self, s: FloatArray, lift: FloatArray, slopes: bool
     ) -> tuple[FloatArray, FloatArray, int]:
-        """Residuals of rows, bends and ties; their derivatives (the spline's coefficients last)."""
+        """Residuals of rows, bends and ties; derivatives, with the spline coefficients last."""
         from scipy.interpolate import BSpline
 
         curves, free = self.curves, s.size - 1
@@ -132,7 +132,7 @@ def _knots(low: float, high: float, apart: float) -> FloatArray:
 
 
 def _design(x: FloatArray, apart: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Abscissas, splines there, and the penalty on their bends."""
+    """Abscissas, spline basis at the abscissas, and the penalty on bends."""
     from scipy.interpolate import BSpline
 
     knots = _knots(x.min(), x.max(), apart)
@@ -151,7 +151,7 @@ def superpose(
     s, lift = ties.start.copy(), np.zeros(n)
     for _ in range(_STEPS):
         target, matrix, _ = spline.residuals(s, lift, True)
-        # A weak penalty ties every coefficient: the normal matrix is far from singular.
+        # The weak penalty acts on every coefficient: the normal matrix is far from singular.
         step = np.linalg.solve(matrix.T @ matrix, matrix.T @ target)
         change, raised = step[:free], step[free : 2 * free] if lifted else np.zeros(free)
         damp = min(1.0, 0.5 / max(float(np.abs(change).max()), 1e-300))
@@ -170,7 +170,7 @@ def superpose(
             break
     target, matrix, _ = spline.residuals(s, lift, True)
     inverse = np.linalg.inv(matrix.T @ matrix)
-    # Bends cost next to nothing: what counts are rows, less what was fitted to them.
+    # Bends hardly contribute: degrees of freedom are the rows minus the fitted unknowns.
     count = curves.y.size
     variance = float(target @ target) / max(count + free - matrix.shape[1], 1)
     covariance = np.zeros((n, n))

@@ -19,7 +19,7 @@ from viscovib.rubber.prony_spectrum import dynamic_design, grid_of_times, nonneg
 _TOLERANCE = Number("tolerance", 1e-8, 0.5)
 _T_MIN, _T_MAX = Number("t_min", 1e-100, 1e100), Number("t_max", 1e-100, 1e100)
 _MODULUS = Number("modulus", lowest=1e-200, highest=1e200)
-#: Terms a decade that are tried, frequencies a decade at which the error is measured.
+#: Terms per decade, and frequencies per decade for the measured error.
 _DENSITIES = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 _MEASURED = 24
 _LS_DYNA_MOST = 18
@@ -168,7 +168,7 @@ class PronyTerms(Value):
 
 
 def _field(value: float) -> str:
-    """Return ten characters with a blank before as many digits of a number as fit."""
+    """Return a number in ten characters: a blank and as many digits as fit."""
     for digits in range(9, 0, -1):
         text = f"{value:.{digits}g}".replace("e+0", "e+").replace("e-0", "e-")
         if len(text) < 10:

@@ -1,1 +1,1 @@
-"""A scene file, read and run."""
+"""Reading and running of scene files."""

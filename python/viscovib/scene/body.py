@@ -1,4 +1,4 @@
-"""A body of a scene: what &body and &mount_point say."""
+"""The body of a scene, from its groups &body and &mount_point."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from viscovib.bodies.checks import NAMES
 from viscovib.bodies.mount_point import FluidTrack, MountPoint
 from viscovib.kernels.relaxation import Kernel
 
-#: Keys of a &mount_point that `MountPoint` has under the same names.
+#: Keys of a &mount_point that are attributes of `MountPoint` with the same names.
 _SAME = ("position", "stiffness", "angles", "damping", "rotational_stiffness")
 
 
@@ -19,7 +19,7 @@ def body_of(
     mount_points: Sequence[Mapping[str, Any]],
     kernels: Sequence[Kernel | None],
 ) -> Body:
-    """Build it; ``kernels`` by their places, None first."""
+    """Build the body; ``kernels`` are in the order of their numbers, None first."""
     inertia = np.asarray(given["inertia"], dtype=float)
     return Body(
         mass=given["mass"],
@@ -52,6 +52,6 @@ def _mount_point(group: Mapping[str, Any], kernels: Sequence[Kernel | None]) -> 
 
 
 def coordinates_of(mount_points: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """Names of its coordinates: six, and one for each track."""
+    """Names of the coordinates of a body: six, and one for each fluid track."""
     tracked = [group["name"].lower() for group in mount_points if any(group["track"])]
     return (*NAMES, *(f"{name}_y" for name in tracked))

@@ -1,4 +1,4 @@
-"""Doing what a scene asks for, at one point."""
+"""Computation of a scene at one point."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
 _R = TypeVar("_R", bound=Result)
 
-#: Groups of a scene that ask for nothing.
+#: Groups of a scene that request no computation.
 _SUBJECTS = (
     "scene", "parameters", "mount", "system", "pendulum", "kernel", "spring", "force", "structure",
     "element", "layer", "body", "mount_point", "load", "sweep",
 )  # fmt: skip
 
-#: Groups whose tables belong to another group.
+#: Groups whose tables are additions to that of another group.
 _FURTHER = ("spectrum", "event", "free_decay")
 
 
@@ -79,11 +79,11 @@ class SceneResult:
 
     @property
     def _result(self) -> Result | None:
-        """The result of a single run; None of a sweep."""
+        """The result of a single run; None for a sweep."""
         return self.value if isinstance(self.value, Result) else None
 
     def _single(self, otherwise: str) -> Result:
-        """The same, or an error that says this."""
+        """The result of a single run, or an error with this message."""
         if self._result is None:
             raise InputError(otherwise)
         return self._result
@@ -177,7 +177,7 @@ class SceneResult:
 
 
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
-    """Compute what a scene without &sweep asks for."""
+    """Compute a scene without &sweep."""
     planned = plan(scene)
     if "free_decay" in scene.groups or scene._shapes() is not None:
         return _by_core(scene, planned)
@@ -207,19 +207,19 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
 
 
 def _with(result: _R, **values: Any) -> _R:
-    """A copy with other values; what is computed when it is read (of structures) stays so."""
+    """A copy with other values; lazily computed attributes (structures) remain lazy."""
     found = copy.copy(result)
     vars(found).update(values)
     return found
 
 
 def _asked(scene: Scene, name: str) -> tuple[str, ...]:
-    """Columns that a result has where they are asked for."""
+    """Optional columns that a group requests."""
     return tuple(key for key in NOTES if scene.groups[name].get(key) == "yes")
 
 
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
-    """Let the core do all of it: the tables of the standalone driver, read back."""
+    """Compute everything in the core; the result has the tables of the standalone driver."""
     kinds = [name for name, group in scene.groups.items() if name not in _SUBJECTS and group != []]
     kinds.sort(key=_FURTHER.count)
     several = ("basins", "ensemble", "steady_motion")
@@ -234,7 +234,7 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
 
 
 def _events(scene: Scene, run: Trajectory) -> TableResult | None:
-    """Passages of the events, where the scene has any, as the core writes them."""
+    """Passages of the events of the scene as a table like that of the core; None without events."""
     groups = scene.groups["event"]
     if not groups:
         return None
@@ -263,7 +263,7 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
 
 
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
-    """Spectra of the coordinates, where the scene wants them."""
+    """Spectra of the coordinates, if the scene has &spectrum."""
     group = scene.groups.get("spectrum")
     if group is None:
         return None

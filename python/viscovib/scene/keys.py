@@ -1,4 +1,4 @@
-"""Keys of a scene by name, as "load(2).amplitude": changing one, and writing the scene anew."""
+"""Keys of a scene such as "load(2).amplitude": change one and write the new scene."""
 
 import re
 from collections.abc import Mapping
@@ -9,15 +9,15 @@ import numpy as np
 from viscovib._native import letters
 from viscovib.errors import InputError, near_name
 
-#: A value as the compiled reader writes it: a text, its quotes doubled, or a number.
+#: A value in the form of the compiled reader: a text with doubled quotes, or a number.
 _VALUE = re.compile(r"'((?:[^']|'')*)'|(\S+)")
 
 
 def groups_of(text: str) -> list[tuple[str, dict[str, Any]]]:
     """Return the groups of a canonical scene in their order.
 
-    One value stands alone, several are a list. The text is that of the compiled reader: a key a
-    line, of which lines without "=" go on, texts in single quotes on one line.
+    A single value is not in a list, several are. The text is that of the compiled reader: a key per
+    line, continued by lines without "=", and texts in single quotes on one line.
     """
     groups: list[tuple[str, dict[str, Any]]] = []
     lists: dict[str, list[Any]] = {}
@@ -50,7 +50,7 @@ def _number(word: str) -> int | float:
 
 
 def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
-    """Return groups with one key changed, its value unchecked."""
+    """Return groups with one changed key, without a check of its value."""
     form = re.fullmatch(r"(\w+)(?:\((\d+)\))?\.(\w+)(?:\((\d+)\))?", str(key).lower())
     if form is None:
         raise InputError(
@@ -95,7 +95,7 @@ def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
 
 
 def _like(before: Any, value: Any) -> Any:
-    """Whole numbers where an integer stood, or a word, which none but counts can be."""
+    """Convert a whole number to int if an integer, or a word in place of one, stood there."""
     if isinstance(before, (int, str)) and isinstance(value, float) and value.is_integer():
         return int(value)
     return value
@@ -112,18 +112,18 @@ def namelist_text(groups: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-#: A name, or a number, whose e is none.
+#: A name, or a number (its exponent letter is not a name).
 _WORD = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[ed][+-]?\d+)?|[a-z_]\w*(?!\w)(?!\s*\()", re.IGNORECASE)
 
 
 def named_in(law: str, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return those of the parameters that a law names."""
+    """Return the parameters that occur in a law."""
     words = {word.lower() for word in _WORD.findall(law)}
     return {name: value for name, value in parameters.items() if name in words}
 
 
 def with_numbers(group: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
-    """Return a group whose laws have numbers for the names of parameters."""
+    """Return a group with numbers in place of the parameters in its laws."""
 
     def number(found: re.Match[str]) -> str:
         name = found[0].lower()

@@ -1,7 +1,7 @@
-"""Scenes: a system, its load and the wanted results as one namelist file.
+"""Scenes: a system, its load and the requested results as one namelist file.
 
-The file is read and checked by the same compiled reader as the standalone driver uses; it hands
-back the scene with every default written out, which is what Python sees.
+The compiled reader of the standalone driver reads and checks the file. It
+returns the scene with all defaults to Python.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ _KERNELS: dict[str, type[Kernel]] = {
     "rabotnov": RabotnovKernel,
     "tabulated": TabulatedKernel,
 }
-#: Groups that a scene may have any number of.
+#: Groups that a scene may contain several times.
 _REPEATABLE = (
     "kernel", "load", "spring", "force", "element", "layer", "mount_point", "event", "sweep",
 )  # fmt: skip
 _LISTS = ("weights", "rates", "times", "values")
 
-#: Keys of a pendulum's &branch that `trace_response` has under the same names.
+#: Keys in &branch of a pendulum that are arguments of `trace_response` with the same names.
 _DRIVEN = (
     "harmonics", *CURVE_DEFAULTS, "subharmonic", "max_denominator",
 )  # fmt: skip
@@ -140,7 +140,7 @@ class Scene:
         try:
             text = _canonical_text(name, namelist_text(groups))
         except InputError as error:
-            # A line of the text made here would mislead.
+            # A line number of this generated text would mislead.
             raise InputError(re.sub(r"^:\d+: ", ": ", f"{error}".removeprefix(name))[2:]) from None
         return replace(self, groups=groups, canonical=text)
 
@@ -175,7 +175,7 @@ class Scene:
         ]
         for group in self.groups["force"]:
             if "coefficient" not in group:
-                # The core writes polynomials as monomials: this is another law, or nothing.
+                # The core writes polynomials as monomials: this is another law, or none.
                 if group["law"] != "0":
                     springs.append(
                         Springs(
@@ -261,11 +261,11 @@ class Scene:
 
     @property
     def _parameters(self) -> dict[str, float]:
-        """Numbers that laws name."""
+        """Parameters of laws and their values."""
         return {name: float(x) for name, x in self.groups.get("parameters", {}).items()}
 
     def _shapes(self) -> FloatArray | None:
-        """Named coordinates of a reduced structure in terms of its modes."""
+        """Named coordinates of a reduced structure as combinations of its modes."""
         given = self.groups.get("structure", {})
         if "shapes" not in given:
             return None
@@ -283,10 +283,10 @@ class Scene:
         return Mount(**given, kernel=kernels.get("x"), kernel_phi=kernels.get("phi", False))
 
     def loads(self) -> dict[str, dict[int, Any]]:
-        """Fourier series of force and base motion, for `forced_response`."""
+        """Fourier series of the force and the base motion, for `forced_response`."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
-        # Of coordinates that the base moves on their own.
+        # Base motion of single coordinates.
         apart: dict[int, Any] = {}
         # Of unbalances, per (order nu)^2.
         masses: dict[int, Any] = {}
@@ -359,7 +359,7 @@ class Scene:
             raise InputError(f"{self.path}: has no &{name} group")
         group: Mapping[str, Any] = self.groups[name]
         if name != "multiple_scales" and group.get("tolerance") == 0:
-            # Not given.
+            # 0 means: not given.
             return {**group, "tolerance": None}
         return group
 
@@ -405,7 +405,7 @@ class Scene:
 
     @property
     def _has_memory(self) -> bool:
-        """Whether the motion wanted is that of a system which may remember."""
+        """Whether the motion is that of a system that may have memory."""
         return "held" in self._group("transient")
 
     def _steady(self) -> ScalesResponse:
@@ -425,7 +425,7 @@ class Scene:
         return system.response(group["parameter"], values)
 
     def _driven(self) -> tuple[DrivenBranch, tuple[DrivenBranch, ...]]:
-        """Compute the branch of a pendulum, and those that leave it."""
+        """Compute the branch of a pendulum and the branches that leave it."""
         group = self._group("branch")
         same = {
             "system": self.pendulum(),
@@ -441,7 +441,7 @@ class Scene:
         )
 
     def _backbones(self) -> tuple[Backbone, tuple[Backbone, ...]]:
-        """Compute the free motions of a mode, and the families that leave them."""
+        """Compute the free motions of a mode and the families that leave them."""
         group = self._group("backbone")
         ends = (group["from"], group["to"])
         same = {
@@ -465,7 +465,7 @@ class Scene:
         )
 
     def _departures(self, name: str, points: Sequence[Any]) -> Iterator[tuple[Any, bool]]:
-        """Branch points that a group wants to be left, and whether the other way."""
+        """Branch points at which a group switches, and whether in the opposite direction."""
         for number in np.atleast_1d(self._group(name).get("switch", [])).tolist():
             if abs(number) > len(points):
                 raise InputError(
@@ -511,16 +511,16 @@ class Scene:
         }
 
     def _wanted(self, group: Mapping[str, Any]) -> dict[str, Any]:
-        """Coordinates of a structure that the result has; the error of a motion is theirs."""
+        """Coordinates of a structure in the result; the error of a motion refers to them."""
         if "structure" not in self.groups:
             return {}
         return {"coordinates": texts(group["coordinates"])}
 
 
 def _band(group: Mapping[str, Any]) -> float | None:
-    """Return the band of resonances in a group, None where the core chooses by influence.
+    """Return the band of resonances in a group, None if the core chooses by influence.
 
-    The core writes the lowest number there is for a band that is not given.
+    The core writes the lowest possible number for a band that is not given.
     """
     return None if group["tolerance"] < 0 else float(group["tolerance"])
 
@@ -538,7 +538,7 @@ def _canonical_text(name: str, text: str) -> str:
 
 
 def _grid(first: float, last: float, n: int, logarithmic: bool) -> FloatArray:
-    """Values with equal steps, or equal factors, as the driver makes them."""
+    """Values with equal steps or equal factors, identical to those of the driver."""
     found = _native.run(
         "scene grid", first=float(first), last=float(last), n=n, logarithmic=logarithmic
     )
@@ -546,12 +546,12 @@ def _grid(first: float, last: float, n: int, logarithmic: bool) -> FloatArray:
 
 
 def texts(value: str | list[str]) -> tuple[str, ...]:
-    """Return the texts that a key has, one or several."""
+    """Return the one or several texts of a key."""
     return (value,) if isinstance(value, str) else tuple(value)
 
 
 def _matrix(value: Any, n: int) -> FloatArray:
-    """Return n numbers as a diagonal matrix, n^2 row by row."""
+    """Return a matrix: n numbers are its diagonal, n^2 numbers its rows."""
     values = np.atleast_1d(np.asarray(value, dtype=float))
     return np.diag(values) if values.size == n else values.reshape(n, n)
 
@@ -562,7 +562,7 @@ def _kernel(group: Mapping[str, Any]) -> Kernel:
         if key in given:
             given[key] = np.atleast_1d(given[key])
     if group["kind"] == "fitted":
-        # Its module needs others that a scene without it does not load.
+        # Load the modules of a fitted kernel only if there is one.
         fitted: Kernel = import_module("viscovib.rubber.scene_kernel").fitted_kernel(given)
         return fitted
     return _KERNELS[group["kind"]](**given)

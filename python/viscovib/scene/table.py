@@ -1,4 +1,4 @@
-"""Results that are a table: of analyses that have no class of their own."""
+"""Results as a table, for analyses without a result class of their own."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class TableResult(Result):
 
     @property
     def stable(self) -> npt.NDArray[Any] | None:
-        """The column of that name: 1 stable, 0 unstable, else unknown; None if there is none."""
+        """The column "stable": 1 stable, 0 unstable, otherwise unknown; None without the column."""
         return self.columns.get("stable")
 
     def _headline(self) -> str:
@@ -67,11 +67,11 @@ class TableResult(Result):
         return list(self.notes)
 
     def _of_numbers(self) -> dict[str, npt.NDArray[Any]]:
-        """Columns but those of words."""
+        """Columns without those of words."""
         return {name: v for name, v in self.columns.items() if v.dtype.kind in "if"}
 
     def numbers(self) -> dict[str, Number]:
-        """Return every column in its first row."""
+        """Return the first row of every column."""
         return {name: Number(values[0]) for name, values in self._of_numbers().items()}
 
     def panels(self) -> list[Panel]:
@@ -93,9 +93,9 @@ class TableResult(Result):
 
 
 def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResult]:
-    """Let the core do what a scene asks for, as the standalone driver does.
+    """Compute a scene in the core, like the standalone driver.
 
-    ``kinds``: names of the tables, as in those of files of the driver.
+    ``kinds``: names of the tables, as in the file names of the driver.
     """
     given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
     found = _native.interruptible(lambda: _native.run("scene run", **given))

@@ -1,4 +1,4 @@
-"""Units of the numbers in a scene, by the system that it has."""
+"""Units of the numbers in a scene, which depend on its system."""
 
 import re
 from collections.abc import Mapping
@@ -18,30 +18,30 @@ _MOUNT_POINT = {
     "position": "m", "stiffness": "N/m", "angles": "rad", "damping": "N s/m",
     "rotational_stiffness": "N m",
 }  # fmt: skip
-#: What a load on a coordinate of this unit is measured in.
+#: Unit of a load on a coordinate with this unit.
 _FORCES = {"m": "N", "rad": "N m"}
-#: Entries of matrices, by the units of two coordinates.
+#: Units of entries of matrices, by the units of two coordinates.
 _MATRICES = {
     "mass": {("m", "m"): "kg", ("m", "rad"): "kg m", ("rad", "rad"): "kg m^2"},
     "damping": {("m", "m"): "N s/m", ("m", "rad"): "N s", ("rad", "rad"): "N m s"},
     "stiffness": {("m", "m"): "N/m", ("m", "rad"): "N", ("rad", "rad"): "N m"},
 }
-#: Parts of an element, by the unit of its deflection.
+#: Units of the parts of an element, by the unit of its deflection.
 _ELEMENTS = {
     unit: {entry: found[unit, unit] for entry, found in _MATRICES.items() if entry != "mass"}
     for unit in ("m", "rad")
 }
 _TIMES = ("t_end", "dt", "discard")
-#: Groups that have a start.
+#: Groups with initial values.
 _STARTS = ("transient", "ensemble", "basins")
 _FREQUENCIES = ("nu", "nu_from", "nu_to", "p1", "p2", "p3")
 
 
 def unit_of(groups: Mapping[str, Any], key: str) -> str:
-    """Return the unit of a key, as "load(2).amplitude"; "" where it has none or it is unknown.
+    """Return the unit of a key such as "load(2).amplitude"; "" if it has none or is unknown.
 
     A pendulum is dimensionless: its times are in 1/omega_1 and its frequencies in omega_1. The
-    coordinates of a system of one's own have the units it names (m without), times are in s.
+    coordinates of a user-defined system have the given units (default: m), times are in s.
     """
     form = re.fullmatch(r"(\w+)(?:\((\d+)\))?\.(\w+)(?:\((\d+)\))?", key.lower())
     if form is None:
@@ -52,7 +52,7 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
     several = found if isinstance(found, list) else [found]
     own = several[which - 1] if 1 <= which <= len(several) else {}
     if group == "parameters":
-        # Whatever laws make of them, also of one that is called nu.
+        # Parameters of laws have unknown units, even one with the name nu.
         return ""
     if entry == "discard" and "n_periods" in own:
         return ""
@@ -86,7 +86,7 @@ def unit_of(groups: Mapping[str, Any], key: str) -> str:
 
 
 def _matrix_unit(units: list[str], values: Any, entry: str, element: int) -> str:
-    """Return the unit of an entry of a matrix, given whole or as its diagonal."""
+    """Return the unit of an entry of a matrix or of its diagonal."""
     n = len(units)
     diagonal = not isinstance(values, list) or len(values) == n
     row, column = (element - 1,) * 2 if diagonal else divmod(element - 1, n)
@@ -97,7 +97,7 @@ def _matrix_unit(units: list[str], values: Any, entry: str, element: int) -> str
 
 
 def _element_unit(groups: Mapping[str, Any], own: Mapping[str, Any], entry: str) -> str:
-    """Return the unit of a part of an element on coordinates of one unit."""
+    """Return the unit of a part of an element whose coordinates have the same unit."""
     names, (units, _) = _names(groups), _coordinates(groups)
     on = own.get("on", [])
     on = on if isinstance(on, list) else [on]
@@ -110,7 +110,7 @@ def _kernel_unit(kernel: Mapping[str, Any], entry: str) -> str:
     units = {
         "rates": "1/s", "weights": "1/s", "times": "s", "values": "1/s", "temperature": "degC",
     }  # fmt: skip
-    # R = A exp(-beta t) t^(alpha-1); of Rabotnov's kernel beta multiplies t^alpha instead.
+    # R = A exp(-beta t) t^(alpha-1); in Rabotnov's kernel beta multiplies t^alpha instead.
     if kind == "rzhanitsyn":
         units["beta"] = "1/s"
     elif kind == "rabotnov":

@@ -1,6 +1,6 @@
-"""The points of a sweep: its grid, and a piece of it computed by whoever is given it.
+"""The points of a sweep: the grid, and the computation of a part of it.
 
-`compute` is what runs in threads and, by Dask, in other processes: it depends on nothing but its
+`compute` runs in threads and, with Dask, in other processes. It depends only on its
 arguments and returns plain arrays.
 """
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-#: How a point ended, as `point_outcome` holds it; 0 is a point not computed yet.
+#: Outcomes of a point; `point_outcome` contains the index. 0: the point is not computed yet.
 OUTCOMES = ("not computed", "completed", "failed", "lost")
 COMPLETED, FAILED, LOST = 1, 2, 3
-#: Names that the sweep itself gives.
+#: Names of the variables that the sweep adds.
 OUTCOME, ERROR = "point_outcome", "point_error"
-#: Where a variable has no value: by kind of numbers.
+#: Value of a variable at a point without a result, for each kind of dtype.
 BLANK: dict[str, Any] = {"f": math.nan, "c": complex(math.nan, math.nan), "U": ""}
-#: The types in which they are kept.
+#: Stored type for each kind.
 TYPES: dict[str, Any] = {
     "f": np.dtype(np.float64),
     "c": np.dtype(np.complex128),
     "U": np.dtypes.StringDType(),
 }
 _MAX_POINTS = 10**10
-#: Types of a single real number, and of a word.
+#: Python and NumPy types of a single real number, and of a word.
 _PLAIN: dict[str, frozenset[type]] = {
     "f": frozenset({float, int, bool, np.float64, np.float32, np.int64, np.int32, np.bool_}),
     "U": frozenset({str}),
@@ -46,7 +46,7 @@ _PLAIN: dict[str, frozenset[type]] = {
 
 @dataclass(frozen=True)
 class Grid:
-    """Parameters and their values; points are counted with the last parameter fastest."""
+    """Parameters and their values; the last parameter varies fastest in the order of points."""
 
     values: dict[str, Array]
     units: dict[str, str] = field(default_factory=dict)
@@ -84,7 +84,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each."""
+        """Number of values of each parameter."""
         return tuple(array.size for array in self.values.values())
 
     @property
@@ -102,7 +102,7 @@ class Grid:
 
 
 def _is_name(name: str) -> bool:
-    """Whether this may name an array in a file."""
+    """Whether an array in a file may have this name."""
     return bool(name) and "/" not in name and not name.startswith((".", "__"))
 
 
@@ -112,14 +112,14 @@ Box = tuple[slice, ...]
 
 @dataclass(frozen=True)
 class Chunks:
-    """The grid cut into equal boxes, numbered with the last parameter fastest."""
+    """The grid divided into equal boxes; the last parameter varies fastest in their order."""
 
     shape: tuple[int, ...]
     chunk: tuple[int, ...]
 
     @classmethod
     def of_about(cls, shape: tuple[int, ...], points: int) -> Chunks:
-        """Boxes of at most so many points (and one at least), whole in the last parameters."""
+        """Boxes of at most ``points`` points (at least 1), filled from the last parameter."""
         chunk, left = [], max(points, 1)
         for n in reversed(shape):
             chunk.append(min(n, max(left, 1)))
@@ -128,7 +128,7 @@ class Chunks:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Boxes along each parameter."""
+        """Number of boxes along each parameter."""
         return tuple(-(-n // c) for n, c in zip(self.shape, self.chunk, strict=True))
 
     def __len__(self) -> int:
@@ -144,13 +144,13 @@ class Chunks:
 
 
 def box_shape(box: Box) -> tuple[int, ...]:
-    """Points of a box along each parameter."""
+    """Number of points of a box along each axis."""
     return tuple(cut.stop - cut.start for cut in box)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One quantity of a result: its dimensions beyond those of the grid."""
+    """One quantity of a result; its dimensions do not include those of the grid."""
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
@@ -160,20 +160,20 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """What every point gives: variables, and the coordinates they share."""
+    """Structure of the result at every point: variables and their common coordinates."""
 
     variables: dict[str, Variable]
     coords: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]
 
     @property
     def plain(self) -> dict[str, frozenset[type]] | None:
-        """What each variable may be made of, if all are single real numbers and words."""
+        """Permitted types of each variable, if all are single real numbers and words."""
         kinds = {name: _PLAIN.get(v.kind) for name, v in self.variables.items() if v.shape == ()}
         single = len(kinds) == len(self.variables) and not self.coords
         return kinds if single and None not in kinds.values() else None  # type: ignore[return-value]
 
     def difference(self, other: Template) -> str:
-        """What makes another result unlike this one; empty if nothing does."""
+        """Describe how another result differs from this one; empty if it does not."""
         if self.variables.keys() != other.variables.keys():
             return (
                 f"its result has {', '.join(other.variables)}, others have "
@@ -193,7 +193,7 @@ class Template:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers and words by name, with units: a result that is taken apart at once."""
+    """Numbers and words by name, with units: a result that needs no analysis."""
 
     values: Mapping[str, Any]
     units: Mapping[str, str]
@@ -201,28 +201,28 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Computed:
-    """Results of some points, each array with the points first."""
+    """Results of some points; the points are the first axis of each array."""
 
     outcome: npt.NDArray[np.int8]
     errors: list[str]
     template: Template | None
     arrays: dict[str, Array]
-    #: What the first failure was, where it happened in this process.
+    #: The first exception, if it occurred in this process.
     cause: BaseException | None = field(default=None, compare=False)
 
     @classmethod
     def none(cls, n: int, why: str) -> Computed:
-        """Points that were lost with the worker that had them."""
+        """Points that were lost because their worker died."""
         return cls(np.full(n, LOST, dtype=np.int8), [why] * n, None, {})
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is computed at each point."""
+    """The computation at each point."""
 
     function: Callable[..., Any]
     vectorized: bool = False
-    #: Go on after a point that fails.
+    #: Continue after a point that fails.
     keep_errors: bool = False
 
 
@@ -233,9 +233,9 @@ def compute(
     stopped: Callable[[], bool] = bool,
     with_cause: bool = False,
 ) -> Computed:
-    """Compute some points; a failure is part of what is returned.
+    """Compute some points; a failure is part of the returned value.
 
-    ``stopped`` is asked between points; what is returned after it said so is incomplete.
+    ``stopped`` is called between points. After it returns True, the returned value is incomplete.
     """
     n = next(iter(columns.values())).size
     if task.vectorized:
@@ -248,12 +248,12 @@ def compute(
             if n == 1:
                 failed = np.full(1, FAILED, dtype=np.int8)
                 return Computed(failed, [_text(error)], None, {}, _cause(error, with_cause))
-        # One of them is at fault: found by asking for each alone.
+        # One of the points fails: compute each separately to find it.
     return _one_by_one(task, columns, n, template, stopped, with_cause)
 
 
 def quiet() -> None:
-    """Leave out warnings that every point's own result tells as well."""
+    """Ignore warnings that the result of each point also contains."""
     warnings.simplefilter("ignore", ConvergenceWarning)
     warnings.simplefilter("ignore", StabilityWarning)
 
@@ -268,7 +268,7 @@ def _one_by_one(
 ) -> Computed:
     outcome = np.zeros(n, dtype=np.int8)
     errors, arrays, cause = [""] * n, dict[str, Array](), None
-    # Arrays of one entry for a vectorized function, else plain numbers and words.
+    # Arrays with one entry for a vectorized function, otherwise plain numbers and words.
     parts = [np.split(v, n) if task.vectorized else v.tolist() for v in columns.values()]
     plain = template.plain if template is not None else None
     for i, given in enumerate(zip(*parts, strict=True)):
@@ -302,7 +302,7 @@ def _one_by_one(
 
 
 def _plainly(result: Any, kinds: dict[str, frozenset[type]]) -> Mapping[str, Any] | None:
-    """Return numbers and words of these names as they stand, None where they are not such."""
+    """Return a result of numbers and words with these names unchanged, None for any other."""
     if isinstance(result, Numbers):
         result = result.values
     elif type(result) is not dict:
@@ -334,7 +334,7 @@ def _cause(error: BaseException, wanted: bool) -> BaseException | None:
 
 
 def _gathered(result: Any, n: int) -> tuple[Template, dict[str, Array]]:
-    """Take a result for n points apart: its variables have the points first."""
+    """Split a result for n points into variables whose first axis is the points."""
     template, arrays = _result(result, attributes=False)
     variables = {}
     for name, variable in template.variables.items():
@@ -352,7 +352,7 @@ def _gathered(result: Any, n: int) -> tuple[Template, dict[str, Array]]:
 
 
 def _result(result: Any, attributes: bool = True) -> tuple[Template, dict[str, Array]]:
-    """Take a result apart: numbers and arrays as they stand, datasets with their coordinates."""
+    """Split a result into variables: numbers and arrays, or datasets with their coordinates."""
     import xarray as xr
 
     if hasattr(result, "to_dataset") and not isinstance(result, xr.DataArray):
@@ -395,7 +395,7 @@ def _from_dataset(dataset: xr.Dataset, attributes: bool) -> tuple[Template, dict
 
 
 def _items(dataset: xr.Dataset, attributes: bool) -> Iterator[tuple[str, Any]]:
-    """Variables, and attributes that are a number or a line: they may differ between points."""
+    """Variables, and attributes that are a number or one line and may differ between points."""
     import xarray as xr
 
     for name, item in dataset.data_vars.items():
@@ -407,9 +407,9 @@ def _items(dataset: xr.Dataset, attributes: bool) -> Iterator[tuple[str, Any]]:
 
 
 def _values(name: str, value: Any, keep_integers: bool = False) -> tuple[Array, str]:
-    """Return an array of one of the kinds that are kept."""
+    """Return an array of one of the kinds that can be stored."""
     if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biufc":
-        # What is masked is missing, as what was not found is.
+        # A masked value is missing, so it becomes NaN like a value that was not found.
         inexact = np.asarray(value.data, dtype=np.result_type(value.dtype, np.float64))
         value = np.where(np.ma.getmaskarray(value), math.nan, inexact)
     try:

@@ -1,4 +1,4 @@
-"""`viscovib.run`: a scene, at one point or at every point of a grid."""
+"""`viscovib.run`: compute a scene at one point or at every point of a grid."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PROGRESS = Flag("progress")
 
 
 def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> SceneResult:
-    """Compute a scene; with &sweep groups at every point of their grid.
+    """Compute a scene; if it has &sweep groups, at every point of their grid.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Scenes over a grid: their keys as parameters, and a few numbers of each result."""
+"""Scenes over a grid: the parameters are keys of the scene; a few numbers of each result."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -19,14 +19,14 @@ from viscovib.scene.scene import Scene
 from viscovib.scene.units import unit_of
 from viscovib.sweeps.points import Grid, Numbers
 
-#: Highest order of responses whose orders are chosen that a sweep keeps, so that all have one
-#: shape; the load may have higher ones.
+#: A sweep keeps automatically chosen orders of a response up to this one, so that all results
+#: have the same shape; the load may have higher orders.
 _SHOWN = 9
 
 
 @dataclass(frozen=True)
 class _AtPoint:
-    """The scene with keys overridden, run; picklable, for the processes of a cluster."""
+    """Run the scene with changed keys; can be pickled for the processes of a cluster."""
 
     scene: Scene
     extract: Callable[[SceneResult], Any] | str
@@ -47,7 +47,7 @@ class _AtPoint:
 
 
 def _of_one_shape(value: Response) -> Response:
-    """Orders to 9, or to the highest of the load, of those that a response needed at this point."""
+    """Return the response with orders up to 9, or up to the highest of the load if larger."""
     highest = max(_SHOWN, int(value._job.orders.max()))
     first = int(value.harmonics[0])
     orders = np.arange(first, highest + 1, 1 if first == 0 else 2, dtype=np.int32)
@@ -63,7 +63,7 @@ def _of_one_shape(value: Response) -> Response:
 def scene_job(
     what: Any, grid: Mapping[str, npt.ArrayLike] | None, extract: Callable[..., Any] | str
 ) -> tuple[_AtPoint, Grid, dict[str, Any], str]:
-    """What `sweep` computes for a scene, where, and by what it is known again."""
+    """Return the function of a scene for `sweep`, its grid, its identity and its path."""
     scene = what if isinstance(what, Scene) else Scene.read(os.fspath(what))
     if not callable(extract) and not (isinstance(extract, str) and extract in ("all", "summary")):
         raise InputError(
@@ -81,7 +81,7 @@ def scene_job(
 
 
 def summary(result: SceneResult) -> dict[str, Any]:
-    """A few numbers of a result, of one shape whatever the parameters.
+    """Return a few numbers of a result; their shape does not depend on the parameters.
 
     Of a response: ``peak_x`` (m) and ``peak_phi`` (rad), the largest amplitudes of the lowest
     harmonic that moves; ``nu_peak_x`` and ``nu_peak_phi``, where they are (rad/s); ``unsolved``,
@@ -98,7 +98,7 @@ def _numbers(result: SceneResult) -> dict[str, Number]:
 
 
 def _flat(scene: Scene) -> dict[str, str]:
-    """Every key and value, by which a scene is known again; its title does not matter."""
+    """Every key and value, to recognize a scene later; the title is omitted."""
     flat: dict[str, str] = {}
     for name, group in scene.groups.items():
         several = group if isinstance(group, list) else [group]

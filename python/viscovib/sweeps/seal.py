@@ -1,12 +1,12 @@
-"""What makes a checkpoint of a sweep trustworthy: seals of its chunks and a copy of its metadata.
+"""Protection of a checkpoint against damage: seals of its chunks and a copy of its metadata.
 
-A seal is a digest of everything that a chunk is: the sweep (its job and its grid), the place in
-the grid, the outcomes and the files of all variables. A chunk that was swapped with another, of
-this sweep or of a like one, has files that are whole and a seal that does not fit.
+A seal is a digest of the sweep (its job and its grid), the place of the chunk in
+the grid, its outcomes and the files of all variables. If a chunk is exchanged with another, of
+this sweep or of a similar one, its files are complete but its seal does not match.
 
-Metadata and coordinates are small and needed to read anything at all. A copy of them, with a
-digest of its own, lets damaged ones be put right. Both lie in the folder of the outcomes, where
-other readers of Zarr do not look.
+Metadata and coordinates are small and necessary to read anything. A copy of them, with its
+own digest, allows damaged ones to be restored. Seals and copy are in the folder of the outcomes,
+where other readers of Zarr do not read them.
 """
 
 import base64
@@ -26,12 +26,12 @@ from viscovib.sweeps.points import OUTCOME
 
 _META = "zarr.json"
 COPIES = f"{OUTCOME}/copies.json"
-#: Bytes of coordinates that are copied at most, and of any file of a checkpoint.
+#: Largest number of bytes of a copied coordinate, and of any file of a checkpoint.
 _MOST, LARGEST = 1 << 22, 1 << 31
 
 
 class Seals:
-    """Digests of chunks, a small file each."""
+    """Digests of chunks, each in a small file."""
 
     def __init__(self, folder: Folder, identity: Any, grid_shape: Sequence[int]) -> None:
         self._folder = folder
@@ -41,13 +41,13 @@ class Seals:
     def write(
         self, place: tuple[int, ...], outcome: npt.NDArray[np.int8], files: Iterable[Path]
     ) -> None:
-        """Seal a chunk whose variables are on disk, and whose outcomes are not yet."""
+        """Seal a chunk whose variables are on disk; its outcomes are written afterwards."""
         self._folder.replace(self._name(place), self._digest(place, outcome, files).encode())
 
     def fits(
         self, place: tuple[int, ...], outcome: npt.NDArray[np.int8], files: Iterable[Path]
     ) -> bool:
-        """Whether a chunk is what was sealed at its place."""
+        """Whether a chunk matches the seal at its place."""
         kept = self._folder.read(self._name(place), LARGEST)
         return kept == self._digest(place, outcome, files).encode()
 
@@ -75,11 +75,11 @@ class Copies:
         self._folder, self._path = folder, folder.path
 
     def save(self, attributes: dict[str, Any], coordinates: Iterable[str]) -> None:
-        """Copy what is there now."""
+        """Copy the present metadata and coordinates."""
         files = sorted(self._path.glob(f"*/{_META}"))
         for name in coordinates:
             data = [f for f in sorted((self._path / name / "c").rglob("*")) if f.is_file()]
-            # A number without dimensions is one file.
+            # The data of a number without dimensions are one file.
             data += [f for f in [self._path / name / "c"] if f.is_file()]
             if sum(f.stat().st_size for f in data) <= _MOST:
                 files += data
@@ -96,7 +96,7 @@ class Copies:
         self._folder.replace(COPIES, content)
 
     def attributes(self) -> dict[str, Any] | None:
-        """Return the attributes of the group as they were copied; None without a sound copy."""
+        """Return the attributes of the group from the copy; None without an undamaged copy."""
         held = self._held()
         found = None if held is None else held.get("attributes")
         return found if isinstance(found, dict) else None
@@ -110,7 +110,7 @@ class Copies:
         return found if isinstance(found, dict) else None
 
     def restore(self) -> None:
-        """Put right what differs from the copy."""
+        """Restore the files that differ from the copy."""
         held = self._held()
         if held is None:
             return
@@ -123,7 +123,7 @@ class Copies:
             self._folder.replace(_META, json.dumps(plain, indent=2).encode())
 
     def check(self) -> None:
-        """Name metadata that cannot be read: no copy was there to put them right."""
+        """Raise for metadata that cannot be read; no copy existed to restore them."""
         for file in [self._path / _META, *sorted(self._path.glob(f"*/{_META}"))]:
             name = file.relative_to(self._path)
             try:
@@ -136,9 +136,9 @@ class Copies:
                 ) from None
 
     def check_coordinates(self, names: Iterable[str]) -> None:
-        """Name a coordinate whose file is gone where no copy can bring it back.
+        """Raise for a coordinate whose file is missing and which no copy can restore.
 
-        A file that is not there would be read as zeros.
+        Zarr would read a missing file as zeros.
         """
         for name in names:
             place = self._path / name / "c"

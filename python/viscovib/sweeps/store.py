@@ -1,9 +1,9 @@
-"""Where the results of a sweep are kept: in memory, or chunk by chunk on disk.
+"""Storage of the results of a sweep: in memory, or chunk by chunk on disk.
 
-On disk it is a Zarr group (format 3): one file a chunk and variable, put in place whole by a
-rename, compressed, with a CRC-32C at its end. NetCDF was the alternative: a single file that a
-kill may leave unreadable, without complex numbers. A chunk counts as finished if its outcomes,
-written last, and all its variables are there and fit its seal (`viscovib.sweeps.seal`).
+On disk it is a Zarr group (format 3) with one file for each chunk and variable. The file gets its
+name when complete, is compressed and ends with a CRC-32C. NetCDF is not used: its single file can
+be unreadable after a kill and has no complex numbers. A chunk is finished if its outcomes,
+written last, and all its variables exist and match its seal (`viscovib.sweeps.seal`).
 """
 
 from __future__ import annotations
@@ -43,25 +43,25 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 _ABOUT = "viscovib_sweep"
-#: Seconds that a write under way is given after Ctrl-C.
+#: Time to finish a write after Ctrl-C (s).
 _PATIENCE = 0.5
 _FLAGS = {"flag_values": list(range(len(OUTCOMES))), "flag_meanings": " ".join(OUTCOMES)}
 
 
 class Store(Protocol):
-    """Keeps chunks."""
+    """Stores chunks."""
 
     chunks: Chunks
     template: Template | None
 
     def define(self, template: Template) -> None:
-        """Make room for the variables."""
+        """Make the arrays of the variables."""
 
     def write(self, i: int, part: Computed) -> None:
-        """Keep the i-th chunk."""
+        """Store the i-th chunk."""
 
     def dataset(self) -> xr.Dataset:
-        """Everything that is there, with outcomes as numbers."""
+        """All stored results, with outcomes as numbers."""
 
 
 class MemoryStore:
@@ -75,14 +75,14 @@ class MemoryStore:
         self._arrays: dict[str, npt.NDArray[Any]] = {}
 
     def define(self, template: Template) -> None:
-        """Make room for the variables."""
+        """Make the arrays of the variables."""
         self.template = template
         for name, item in template.variables.items():
             shape = (*self.grid.shape, *item.shape)
             self._arrays[name] = np.full(shape, BLANK[item.kind], dtype=TYPES[item.kind])
 
     def write(self, i: int, part: Computed) -> None:
-        """Keep the i-th chunk."""
+        """Store the i-th chunk."""
         box = self.chunks.box(i)
         shape = box_shape(box)
         for name, values in part.arrays.items():
@@ -94,7 +94,7 @@ class MemoryStore:
             self._errors[key] = part.errors[k]
 
     def dataset(self) -> xr.Dataset:
-        """Everything."""
+        """All results."""
         import xarray as xr
 
         errors = np.full(self.grid.shape, "", dtype=object)
@@ -114,12 +114,12 @@ class MemoryStore:
 
 
 def is_begun(path: str | os.PathLike[str]) -> bool:
-    """Whether a folder contains a Zarr group, or could be made to: its metadata may be lost."""
+    """Whether a folder contains a Zarr group, or only the copy of its metadata."""
     return any(os.path.lexists(Path(path, name)) for name in ("zarr.json", COPIES))
 
 
 class DiskStore:
-    """A Zarr group; made anew, or opened if it holds the same sweep."""
+    """A Zarr group: a new one, or an existing one of the same sweep."""
 
     def __init__(
         self, path: str | os.PathLike[str], grid: Grid, chunks: Chunks, identity: dict[str, Any]
@@ -128,10 +128,10 @@ class DiskStore:
         self.template: Template | None = None
         self._arrays: dict[str, Any] = {}
         self._thread = ThreadPoolExecutor(1)
-        # Started now: Ctrl-C while a thread starts would leave it working unseen.
+        # Start the thread now: after Ctrl-C during its start it would continue unseen.
         self._thread.submit(int).result()
         self._folder: Folder | None = None
-        # Compared with what comes back from JSON.
+        # The identity passes through JSON, like the one it is compared with.
         self._identity: dict[str, Any] = json.loads(json.dumps(identity))
         _zarr()
         try:
@@ -156,15 +156,15 @@ class DiskStore:
             about = {
                 "identity": self._identity, "chunk": list(self.chunks.chunk), "variables": None
             }  # fmt: skip
-            # Not overwriting: that would make another folder, which the lock does not hold.
+            # Do not overwrite: that would make a new folder, which is not locked.
             self._group = zarr.create_group(self.path, zarr_format=3, attributes={_ABOUT: about})
         if not all(name in self._group for name in (OUTCOME, ERROR, *self.grid.names)):
             self._begin()
 
     def _reopen(self) -> None:
-        """Open the group, which may come from somebody else.
+        """Open the group, whose origin may be unknown.
 
-        Nothing is written before its identity is compared, and nothing is read through a link.
+        The identity is compared before anything is written; links are not followed.
         """
         assert self._folder is not None
         try:
@@ -175,12 +175,12 @@ class DiskStore:
         here, copied = copies.group_attributes(), copies.attributes()
         sound = copied is not None and not self._wrong(copied)
         if not sound and (here is not None or copied is not None):
-            # The copy of another sweep is no copy of this one.
+            # The copy must be that of the same sweep.
             self._check(here if here is not None else copied)
         if sound:
             copies.restore()
         copies.check()
-        # Other formats may name codecs that execute what they read.
+        # Codecs of other formats may execute the data that they read.
         self._group = _zarr().open_group(
             self.path, mode="r+", use_consolidated=False, zarr_format=3
         )
@@ -192,12 +192,12 @@ class DiskStore:
             self.template = self._read_template(about)
 
     def _unusable(self, error: Exception) -> FileError:
-        """What to say of files that cannot be read."""
+        """Return the error for files that cannot be read."""
         why = " ".join(f"{getattr(error, 'strerror', None) or error}".split())[:200]
         return FileError(f"checkpoint = {self.path}: cannot be used ({why})")
 
     def _wrong(self, attributes: Any) -> str:
-        """What is wrong with attributes of a group: nothing, if they are those of this sweep."""
+        """Describe the error in attributes of a group; empty if they are those of this sweep."""
         about = attributes.get(_ABOUT)
         if not isinstance(about, dict) or "identity" not in about:
             return "is not the checkpoint of a sweep"
@@ -227,7 +227,7 @@ class DiskStore:
         self._written(self._define, template)
 
     def write(self, i: int, part: Computed) -> None:
-        """Keep the i-th chunk: its outcomes last, so that they stand for all of it."""
+        """Store the i-th chunk; its outcomes are last, so that they indicate a complete chunk."""
         self._written(self._write, i, part)
 
     def _written(self, action: Callable[..., None], *given: Any) -> None:
@@ -240,9 +240,9 @@ class DiskStore:
             raise FileError(f"checkpoint = {self.path}: cannot be written ({why})") from None
 
     def _apart(self, action: Callable[..., _T], *given: Any) -> _T:
-        """Do something with the files in a thread, which Ctrl-C does not break off midway.
+        """Work on the files in a thread, so that Ctrl-C does not interrupt the work.
 
-        Zarr's coroutines, once made, are awaited there.
+        Coroutines of Zarr then always run to their end.
         """
         work = self._thread.submit(action, *given)
         try:
@@ -272,7 +272,7 @@ class DiskStore:
         n = len(self.grid.names)
         variables, coords = {}, {}
         for name in (*about["variables"], *about["coords"]):
-            # Below the folder: files of this name are removed where a point failed.
+            # The name must be below the folder: its files are removed where a point failed.
             if Path(name).is_absolute() or ".." in Path(name).parts:
                 raise ValueError(f"it has a variable {name!r}")
         for name, kind in about["variables"].items():
@@ -320,7 +320,7 @@ class DiskStore:
         self._array(name, array.shape, extent, kind, dims, fill, attrs)[...] = array
 
     def finished(self, failures_count: bool) -> npt.NDArray[np.bool_]:
-        """Which chunks are there, whole and sound; with failed points only if these count."""
+        """Mark complete and undamaged chunks; with failed points only if ``failures_count``."""
         n = len(self.chunks)
         done = np.zeros(n, dtype=bool)
         for i in range(n):
@@ -329,9 +329,9 @@ class DiskStore:
         return done
 
     def _open(self, name: str) -> Any:
-        """Return an array, opened once."""
+        """Return an array; open it only once."""
         if name not in self._arrays:
-            # A chunk of blanks is a file as well: otherwise it would equal a missing one.
+            # Write a file for a chunk of blanks too: otherwise it would look like a missing chunk.
             with _zarr().config.set({"array.write_empty_chunks": True}):
                 self._arrays[name] = self._group[name]
         return self._arrays[name]
@@ -341,7 +341,7 @@ class DiskStore:
         place = self._place(i)
         if not (self.path / self._file(OUTCOME, place)).exists():
             return False
-        # Reading raises where a checksum is wrong.
+        # Reading raises if a checksum is wrong.
         outcome = self._open(OUTCOME)[box]
         if not (outcome == COMPLETED).all() and not (failures_count and (outcome != 0).all()):
             return False
@@ -350,12 +350,12 @@ class DiskStore:
         return self._seals.fits(place, outcome, self._files(place))
 
     def _place(self, i: int) -> tuple[int, ...]:
-        """Place of a chunk among chunks."""
+        """Index of a chunk along each parameter."""
         box = self.chunks.box(i)
         return tuple(cut.start // c for cut, c in zip(box, self.chunks.chunk, strict=True))
 
     def _files(self, place: tuple[int, ...]) -> list[Path]:
-        """Files of a chunk below the folder, but that of its outcomes."""
+        """Files of a chunk, relative to the folder, without that of its outcomes."""
         files = [self._file(ERROR, place)]
         for name, item in (self.template.variables if self.template else {}).items():
             files.append(self._file(name, (*place, *(0 for _ in item.shape))))
@@ -374,14 +374,14 @@ class DiskStore:
         self._open(ERROR)[box] = errors.reshape(shape)
         place, outcome = self._place(i), part.outcome.reshape(shape)
         if not part.arrays:
-            # Points that failed have no values: a file that is there is of another chunk.
+            # Failed points have no values: an existing file belongs to another chunk.
             for file in self._files(place)[1:]:
                 (self.path / file).unlink(missing_ok=True)
         self._seals.write(place, outcome, self._files(place))
         self._open(OUTCOME)[box] = outcome
 
     def dataset(self) -> xr.Dataset:
-        """Everything, read from disk where it is used."""
+        """All results; they are read from disk when used."""
         try:
             data = self._apart(self._opened)
         except Exception as error:
@@ -397,7 +397,7 @@ class DiskStore:
         import xarray as xr
 
         with warnings.catch_warnings():
-            # Zarr says that consolidated metadata are young in format 3.
+            # Zarr warns that consolidated metadata are not yet part of format 3.
             warnings.simplefilter("ignore")
             _zarr().consolidate_metadata(self._group.store, zarr_format=3)
         opened: xr.Dataset = xr.open_zarr(
@@ -406,7 +406,7 @@ class DiskStore:
         return opened
 
     def close(self) -> None:
-        """Let others use the checkpoint, when what is under way is done."""
+        """Release the checkpoint for other processes after the present write."""
         wait([self._thread.submit(self._release)], timeout=_PATIENCE)
         self._thread.shutdown(wait=False)
 
@@ -430,7 +430,7 @@ def _zarr() -> Any:
 
 
 def _locked(path: Path) -> Folder:
-    """Keep other processes away; the system lets go of it when this one ends, however it ends."""
+    """Lock the folder against other processes; the lock always ends with this process."""
     folder = Folder(path)
     try:
         import fcntl
@@ -447,7 +447,7 @@ def _locked(path: Path) -> Folder:
 
 
 def _difference(old: Any, new: Any, name: str = "") -> str:
-    """Name the first thing in which two identities differ; empty if they do not."""
+    """Describe the first difference between two identities; empty if there is none."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in {**old, **new}:
             place = f"{name} {key}".strip()

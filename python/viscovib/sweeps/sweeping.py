@@ -1,4 +1,4 @@
-"""Runs over a grid of parameters: in threads or on a Dask cluster, resumed after a stop."""
+"""Runs over a grid of parameters in threads or on a Dask cluster; can resume after a stop."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from viscovib.sweeps.workers import DaskWorkers, Threads, Workers
 if TYPE_CHECKING:
     import xarray as xr
 
-#: What a chunk aims at: seconds of work, and bytes at most.
+#: Intended work in a chunk (s), and its largest size (bytes).
 _CHUNK_SECONDS, _CHUNK_BYTES = 0.5, 2**24
 _CHUNK_POINTS = 4096
 _MAX_CHUNKS = 10**6
@@ -100,7 +100,7 @@ def sweep(
     n_threads : int, optional
         Default: the number of processors.
     retries : int
-        How often a chunk is repeated whose Dask worker failed (Dask's setting ``allowed-failures``
+        Number of repetitions of a chunk whose Dask worker failed (Dask's ``allowed-failures``
         applies each time).
 
     Returns
@@ -174,7 +174,7 @@ def sweep(
 
 
 class _Sweep:
-    """A sweep under way."""
+    """The execution of a sweep."""
 
     def __init__(self, grid: Grid, keep: bool, workers: Workers, vectorized: bool) -> None:
         self.grid, self.keep, self.workers, self.vectorized = grid, keep, workers, vectorized
@@ -193,7 +193,7 @@ class _Sweep:
             return self._named(store.dataset())
         path = _path(checkpoint)
         begun = is_begun(path)
-        # A checkpoint that is there has its chunks, so that no first point need be tried.
+        # An existing checkpoint defines its chunks, so that the first point needs no trial.
         chunks = Chunks.of_about(self.grid.shape, 1) if begun else self._chunks(wanted)
         disk = DiskStore(path, self.grid, chunks, identity)
         try:
@@ -203,7 +203,7 @@ class _Sweep:
             disk.close()
 
     def _chunks(self, wanted: int | None) -> Chunks:
-        """How the grid is cut; finds out by the first point if that is left open."""
+        """Divide the grid into chunks; may compute the first point to choose their size."""
         least = -(-self.grid.size // _MAX_CHUNKS)
         if wanted is None and self.vectorized:
             share = -(-self.grid.size // (2 * self.workers.capacity))
@@ -223,7 +223,7 @@ class _Sweep:
         return Chunks.of_about(self.grid.shape, max(wanted, least, 1))
 
     def _fill(self, store: Store, done: npt.NDArray[np.bool_], progress: bool) -> None:
-        """Compute what is missing: a few chunks under way at a time, written as they come."""
+        """Compute the missing chunks, a few at a time, and store each when it is finished."""
         points = math.prod(store.chunks.chunk)
         with progress_bar(
             self.grid.size, "points", progress, min(int(done.sum()) * points, self.grid.size)
@@ -237,7 +237,7 @@ class _Sweep:
                 bar.update(part.outcome.size)
 
     def _parts(self, store: Store, missing: list[int]) -> Iterator[tuple[int, Computed]]:
-        """Chunks in the order in which they are done, a few under way at a time."""
+        """Chunks in the order in which they finish; a few are computed at a time."""
         first, self.first = self.first, None
         if first is not None and math.prod(store.chunks.chunk) == 1:
             yield missing.pop(0), first
@@ -257,7 +257,7 @@ class _Sweep:
             yield i, part if first is None or i > 0 else _joined(first, part)
 
     def _check(self, part: Computed, columns: dict[str, Any]) -> None:
-        """Raise where a point failed, unless failures are kept."""
+        """Raise if a point failed, unless failures are kept."""
         bad = np.flatnonzero(part.outcome > COMPLETED)
         if bad.size and not self.keep:
             k = int(bad[0])
@@ -270,7 +270,7 @@ class _Sweep:
             ) from part.cause
 
     def _agree(self, store: Store, template: Template, columns: dict[str, Any]) -> None:
-        """Make room for the first result; later ones must be like it."""
+        """Make the arrays for the first result; later results must have the same structure."""
         if store.template is None:
             _check_names(template, self.grid)
             store.define(template)
@@ -288,7 +288,7 @@ class _Sweep:
 def _job(
     what: Any, grid: Mapping[str, npt.ArrayLike] | None, extract: Callable[..., Any] | str
 ) -> tuple[Callable[..., Any], Grid, dict[str, Any], str]:
-    """What is called, where, what it is, and its name."""
+    """Return the function, its grid, its identity and its name."""
     if isinstance(what, (str, os.PathLike, Scene)):
         return scene_job(what, grid, extract)
     if not callable(what):
@@ -342,7 +342,7 @@ def _check_names(template: Template, grid: Grid) -> None:
 
 
 def _joined(first: Computed, rest: Computed) -> Computed:
-    """Put the point that was tried first before those of its chunk."""
+    """Put the point of the first trial before the other points of its chunk."""
     template = first.template or rest.template
     n, arrays = rest.outcome.size, {}
     if template is not None:

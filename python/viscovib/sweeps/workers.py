@@ -1,4 +1,4 @@
-"""Who computes the pieces of a sweep: threads of this process, or the workers of a Dask cluster."""
+"""Workers for the pieces of a sweep: threads of this process, or those of a Dask cluster."""
 
 import math
 import pickle
@@ -16,32 +16,32 @@ from viscovib import _native
 from viscovib.errors import InputError, ViscovibError
 from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet
 
-#: How often a piece is made again that was done and whose result went with a worker.
+#: Largest number of repetitions of a finished piece whose result was lost with its worker.
 _MADE_AGAIN = 8
-#: Seconds between looks at a cluster that says nothing, and how long it may be without workers.
+#: Time between checks of a silent cluster, and longest time without workers (s).
 _LOOK, _ALONE = 1.0, 60.0
 
 
 class Workers(Protocol):
-    """Takes pieces, gives them back in the order in which they are done."""
+    """Accepts pieces and returns them in the order in which they finish."""
 
-    #: Pieces under way or waiting at a time.
+    #: Number of pieces that are computed or wait at a time.
     capacity: int
 
     def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
-        """Take the i-th piece."""
+        """Accept the i-th piece."""
 
     def next(self) -> tuple[int, Computed]:
-        """Wait for a piece."""
+        """Wait for a finished piece."""
 
     def close(self) -> None:
-        """Give up what is under way, without waiting for it."""
+        """Abandon the present pieces without waiting for them."""
 
 
 class Threads:
-    """Threads of this process; the core computes without Python's lock.
+    """Threads of this process; the core computes without the Python lock (GIL).
 
-    They are daemons: neither Ctrl-C nor the end of the program waits for a point under way.
+    They are daemons: neither Ctrl-C nor the end of the program waits for an unfinished point.
     """
 
     def __init__(self, task: Task, n: int) -> None:
@@ -58,18 +58,18 @@ class Threads:
             thread.start()
 
     def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
-        """Take the i-th piece."""
+        """Accept the i-th piece."""
         self._work.put((i, columns, template))
 
     def next(self) -> tuple[int, Computed]:
-        """Wait for a piece."""
+        """Wait for a finished piece."""
         i, done = self._done.get()
         if isinstance(done, BaseException):
             raise done
         return i, done
 
     def close(self) -> None:
-        """Let the threads stop: native loops end with what they have, which nobody takes."""
+        """Stop the threads: native loops end early and their results are discarded."""
         self._stop.set()
         self._flag[0] = 1
         for _ in self._threads:
@@ -89,8 +89,8 @@ class Threads:
 class DaskWorkers:
     """Workers of a Dask cluster.
 
-    Dask moves a piece whose worker died to another worker, a few times; what it then gives up is
-    tried again, on its own.
+    If a worker dies, Dask moves its piece to another worker, a few times. A piece that Dask then
+    abandons is tried again alone.
     """
 
     def __init__(self, task: Task, client: Any, retries: int) -> None:
@@ -106,15 +106,15 @@ class DaskWorkers:
         self._task, self._client, self._retries = _pickled(task), client, retries
         self.capacity = max(2 * sum(client.nthreads().values()), 8)
         self._done: SimpleQueue[Any] = SimpleQueue()
-        #: When workers were there last, if ever.
+        #: Last time at which workers were present; infinite before the first.
         self._last_seen = time.monotonic() if client.nthreads() else math.inf
-        #: Pieces whose worker died: tried again alone, lest one takes others down with it.
+        #: Pieces whose worker died: they are tried again alone, because one may kill workers again.
         self._suspects: list[tuple[int, dict[str, Array], Template | None, int]] = []
         self._made_again: Counter[int] = Counter()
         self._pieces: dict[str, tuple[int, dict[str, Array], Template | None, int, Any]] = {}
 
     def submit(self, i: int, columns: dict[str, Array], template: Template | None) -> None:
-        """Take the i-th piece."""
+        """Accept the i-th piece."""
         self._submit(i, columns, template, 0)
 
     def _submit(
@@ -128,7 +128,7 @@ class DaskWorkers:
         future.add_done_callback(self._done.put)
 
     def next(self) -> tuple[int, Computed]:
-        """Wait for a piece."""
+        """Wait for a finished piece."""
         while True:
             if not self._pieces and self._suspects:
                 self._submit(*self._suspects.pop())
@@ -149,7 +149,7 @@ class DaskWorkers:
             if self._client.status != "running":
                 raise ViscovibError(f"client: is {self._client.status}, its cluster was lost")
             if why is not None and type(why).__name__ != "KilledWorker":
-                # It killed no worker: one that died later took its result along.
+                # The piece killed no worker: its result was lost with a worker that died later.
                 self._made_again[i] += 1
                 if self._made_again[i] <= _MADE_AGAIN:
                     self._suspects.append((i, columns, template, tries))
@@ -161,13 +161,13 @@ class DaskWorkers:
             self._suspects.append((i, columns, template, tries + 1))
 
     def _awaited(self) -> Any:
-        """Wait for a piece to end: none ever does where all workers died and none replaces them."""
+        """Wait for a piece to end; raise if all workers died and none replaces them."""
         while True:
             try:
                 return self._done.get(timeout=_LOOK)
             except Empty:
                 now = time.monotonic()
-                # Workers that are still to come, as of a queue, may take any time.
+                # The first workers, for example of a queue, may take any time to start.
                 if self._client.nthreads():
                     self._last_seen = now
                 elif now - self._last_seen > _ALONE:
@@ -176,20 +176,20 @@ class DaskWorkers:
                     ) from None
 
     def close(self) -> None:
-        """Give up what is under way."""
+        """Abandon the present pieces."""
         for *_, future in self._pieces.values():
             future.release()
 
 
 class _LoadError(Exception):
-    """The function does not come to life in a worker."""
+    """A worker cannot load the function."""
 
 
 def _pickled(task: Task) -> bytes:
-    """Return the task as bytes, made once.
+    """Return the task as bytes, so that it is serialized only once.
 
-    Left to Dask, a function that a worker cannot import would stop the worker's connection, and
-    with it the whole computation, without a message.
+    If Dask serialized a function that a worker cannot import, the connection of the worker, and
+    with it the whole computation, would stop without a message.
     """
     import cloudpickle
 

@@ -1,1 +1,1 @@
-"""What moves: mounts, pendulums, polynomial systems and structures, their laws and loads."""
+"""Systems: mounts, pendulums, polynomial systems and structures, with their laws and loads."""

@@ -17,29 +17,29 @@ from viscovib.systems.resonant_forces import compliance, refine, with_modes
 from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
 from viscovib.systems.structure_rest import Rest, Static, static_form
 
-#: Kernel kind in x by which the core knows that the vector holds a condensed structure.
+#: Kernel kind in x that marks a vector of numbers as a condensed structure for the core.
 STRUCTURE_IN_VECTOR = -3
-#: What part of a mean load may be left that nothing holds: rounding.
+#: Largest relative part of a mean load without support that counts as rounding error.
 _UNHELD = 1e-9
-#: What part of a rigid body's motion is no deflection: rounding.
+#: Largest relative deflection of a rigid-body motion that counts as rounding error.
 _UNSEEN = 1e-10
-#: Numbers of one part of an expansion to all coordinates.
+#: Size of the array of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
-#: Coordinates up to which the core is given the matrices behind complex modes.
+#: Largest number of coordinates for which the core gets the matrices of the complex modes.
 _FEW = 24
-#: A mode whose dynamic stiffness is this part of its stiffness or less is next to a resonance.
+#: A mode is near a resonance if its dynamic stiffness is at most this part of its stiffness.
 _NEAR = 1e-6
 
 
 class Condensation:
-    """H(s) = Q^T D(s)^-1 Q of a linear rest at the coordinates of laws."""
+    """H(s) = Q^T D(s)^-1 Q of the linear subsystem at the coordinates of the laws."""
 
     #: Names of coordinates that are supports (`systems.penalty_supports`).
     supports: tuple[str, ...] = ()
 
     def __init__(self, rest: Rest, laws: Laws, reduced: Any = None) -> None:
-        # ``reduced``: the reduction that made the rest (`systems.reduced.ReducedRest`), or None.
-        # The core looks at the first modes one by one.
+        # ``reduced``: reduction of the linear subsystem (`systems.reduced.ReducedRest`), or None.
+        # The core treats the first modes one by one, so modes are sorted by frequency.
         order = np.argsort(np.abs(rest.squares), kind="stable")
         if (np.diff(order) < 0).any():
             rest = rest._replace(
@@ -57,14 +57,14 @@ class Condensation:
 
     @property
     def q(self) -> int:
-        """Coordinates left."""
+        """Number of coordinates after condensation."""
         return int(self.laws.directions.shape[1])
 
     @cached_property
     def weights(self) -> FloatArray:
-        """Inertia of each coordinate alone: what H tends to is 1/(weight s^2)."""
+        """Inertia of each coordinate alone: H tends to 1/(weight s^2) for large s."""
         inverse = (self.seen**2).sum(axis=0)
-        # left right^T pole sums to Q^T M^-1 Q, as s^2 H does far out.
+        # The sum of left right^T pole is Q^T M^-1 Q, the limit of s^2 H for large s.
         inverse = inverse + np.einsum("lq,lq,l->q", self.left, self.right, self.rest.poles).real
         return np.asarray(1 / np.where(inverse > 0, inverse, 1.0))
 
@@ -88,11 +88,11 @@ class Condensation:
         return self.rest.squares == 0
 
     def static(self, modes: ComplexArray, poles: ComplexArray, flexible: ComplexArray) -> Static:
-        """Order 0 under a push on real modes (m,), complex ones (p,), and flexible deflections."""
+        """Harmonic 0 under loads on real modes (m,), complex modes (p,), flexible deflections."""
         rest, rigid, still = self.rest, self._rigid, self._still
         deflection = flexible + (self.seen[~rigid].T / rest.squares[~rigid]) @ modes[~rigid]
         deflection = deflection - self.left[~still].T @ (poles[~still] / rest.poles[~still])
-        # Of a pole at 0 the shapes are real but for a common factor of both.
+        # The shapes of a pole at 0 are real except for a common complex factor.
         q, bodies = self.laws.directions.T, rest.shapes[:, rigid]
         seen = np.hstack([_seen(q, bodies), _seen(q, (rest.left[:, still] / self._turn).real)])
         pushed = np.hstack([_seen(q, bodies), _seen(q, (rest.right[:, still] * self._turn).real)])
@@ -101,19 +101,19 @@ class Condensation:
 
     @property
     def _still(self) -> Any:
-        """Complex modes that are rigid bodies held by dampers."""
+        """Complex modes that are rigid-body motions with dampers."""
         return self.rest.poles == 0
 
     @property
     def _turn(self) -> ComplexArray:
-        """Factors that make the shapes of these real."""
+        """Factors that make the shapes of the poles at 0 real."""
         left = self.rest.left[:, self._still]
         largest = np.take_along_axis(left, np.abs(left).argmax(axis=0)[np.newaxis], axis=0)[0]
         return np.asarray(largest / np.abs(largest))
 
     @cached_property
     def rest_vector(self) -> list[Any]:
-        """The rest in numbers, as `viscovib_structure_vector` takes it."""
+        """The linear subsystem as numbers in the order of `viscovib_structure_vector`."""
         rest, q = self.rest, self.q
         nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
         return [
@@ -127,7 +127,7 @@ class Condensation:
 
     @cached_property
     def _matrix_vector(self) -> list[Any]:
-        """M^-1 C, M^-1 K, M^-1 Q and Q in units that make the masses 1, of few coordinates."""
+        """M^-1 C, M^-1 K, M^-1 Q and Q in units with masses 1, for few coordinates."""
         if self.rest.matrices is None or self.rest.matrices[0].shape[0] > _FEW:
             return [[0]]
         mass, damping, stiffness = self.rest.matrices
@@ -138,9 +138,9 @@ class Condensation:
         return [[unit.size], *(part.ravel(order="F") for part in parts)]
 
     def law_vector(self, direction: FloatArray) -> list[Any]:
-        """The laws in numbers, as a polynomial system of the coordinates left.
+        """The laws as numbers of a polynomial system in the condensed coordinates.
 
-        ``direction``: how these move with the base, shape (q,).
+        ``direction``: motion of these coordinates per unit motion of the base, shape (q,).
         """
         laws, q = self.laws, self.q
         if any(place.law.text == "restitution" for place in laws.programs):
@@ -169,7 +169,7 @@ class Condensation:
 
     @property
     def _program_vector(self) -> list[Any]:
-        """Laws that are no polynomials, nothing without any."""
+        """Laws that are not polynomials; empty if there are none."""
         programs = self.laws.programs
         parts: list[Any] = [[len(programs)]] if programs else []
         for kernel, reads, targets, law in programs:
@@ -178,19 +178,19 @@ class Condensation:
 
 
 def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
-    """What coordinates see of rigid bodies, without what is rounding of 0."""
+    """Rigid-body motions in the coordinates; entries below the rounding error are set to 0."""
     seen = directions @ bodies
     seen[np.abs(seen) <= _UNSEEN * (np.abs(directions) @ np.abs(bodies))] = 0.0
     return np.asarray(seen)
 
 
 def _pairs(values: ComplexArray) -> FloatArray:
-    """Real and imaginary parts by turns, column by column."""
+    """Alternating real and imaginary parts, column by column."""
     return np.ascontiguousarray(values.ravel(order="F")).view(float)
 
 
 class LoadedStructure:
-    """A condensation under a load, as the core takes it, and its motions in all coordinates.
+    """A condensation under a load, in the form of the core, and its motions in all coordinates.
 
     Parameters
     ----------
@@ -198,11 +198,11 @@ class LoadedStructure:
     orders : ndarray of int, shape (m,)
         Harmonics of the load.
     forces : complex ndarray, shape (n, m)
-        On all coordinates.
+        Forces on all coordinates.
     base : complex ndarray, shape (m,)
         Displacement of the base.
     inertia : ndarray, shape (n,)
-        M b, b being the direction in which the base moves.
+        M b, where b is the direction of the base motion.
     direction : ndarray, shape (n,), or None
         b.
     masses : complex ndarray, shape (n, m), or None
@@ -234,11 +234,11 @@ class LoadedStructure:
         self.linear = False
 
     def linear_part(self) -> "LoadedStructure":
-        """The same for motions without what is not linear.
+        """Return the structure without its nonlinear forces.
 
-        Forces g of the elements on the rest then follow from the motions, g = S R(s) y with the
-        stiffness S and transform R of each kernel, 0 without memory. From H g = y - free they lose
-        as many digits as H is small, which is all where an element is at rest (an antiresonance).
+        Forces g of the elements on the linear subsystem then follow from the motions: g = S R(s) y
+        with the stiffness S and transform R of each kernel, 0 without memory. From H g = y - free
+        they would lose digits if H is small, and all digits at an antiresonance of an element.
         """
         laws = self.condensation.laws
         if any(sum(powers) < 2 for group in laws.forces for _, powers in group):
@@ -289,12 +289,12 @@ class LoadedStructure:
 
     @property
     def told(self) -> str:
-        """What was condensed, for a plan."""
+        """Line of a plan about the condensation."""
         c = self.condensation
         n = c.laws.directions.shape[0]
         kinds = [things(c.rest.squares.size, "real mode")] if c.rest.squares.size else []
         poles = c.rest.poles
-        # Of real poles those of layers are no halves of pairs.
+        # Real poles of layers are single, not halves of pairs.
         still = int((poles.imag == 0).sum()) if c.rest.remembered else 0
         pairs = (poles.size - still) // 2
         kinds += [things(pairs, "pair of complex modes", "pairs of complex modes")] if pairs else []
@@ -315,7 +315,7 @@ class LoadedStructure:
 
     @cached_property
     def job(self) -> tuple[Any, ...]:
-        """System and load as the flat routines take them."""
+        """System and load as arguments of the flat routines."""
         c = self.condensation
         parts: list[Any] = [
             [c.q, c.rest.squares.size, c.rest.poles.size, self.orders.size],
@@ -336,8 +336,8 @@ class LoadedStructure:
             parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
         parts += c.law_vector(self._base_deflections)
         flat = np.concatenate([np.asarray(part, dtype=float) for part in parts])
-        # The core takes loads from the vector; these tell which orders there are, and where the
-        # base is.
+        # The core reads the loads from the vector. These arrays contain only the harmonic orders
+        # and the motion of the base.
         orders = self.orders if self.orders.size else np.ones(1, dtype=np.int32)
         series = np.zeros((c.q + 1, orders.size), dtype=complex, order="F")
         series[:-1, : self.orders.size] = np.where(self.orders == 0, 1j, 1)
@@ -352,25 +352,25 @@ class LoadedStructure:
 
     @cached_property
     def steady(self) -> Job:
-        """What tasks about steady motions take."""
+        """Arguments of tasks on steady motions."""
         return Job(self._handle, {"orders": self.job[5], "series": self.job[6]})
 
     @property
     def _base_deflections(self) -> FloatArray:
-        """How the coordinates of the condensation move with the base, shape (q,)."""
+        """Motion of the condensed coordinates per unit motion of the base, shape (q,)."""
         if self.direction is None:
             return np.zeros(self.condensation.q)
         return np.asarray(self.condensation.laws.directions.T @ self.direction)
 
     def base_motion(self, orders: Any) -> ComplexArray:
-        """Harmonics of the coordinates of the condensation that follow the base, shape (q, m)."""
+        """Harmonics of the condensed coordinates due to the motion of the base, shape (q, m)."""
         moved = np.zeros((self.condensation.q, orders.size), dtype=complex)
         for order, base in zip(self.orders, self.base, strict=True):
             moved[:, orders == order] += (self._base_deflections * base)[:, np.newaxis]
         return moved
 
     def watching(self, place: int) -> tuple["LoadedStructure", int]:
-        """The same with a coordinate of the structure among those left, and where it is."""
+        """Add a coordinate of the structure to the condensed ones; also return its index."""
         c = self.condensation
         one = np.zeros(c.laws.directions.shape[0])
         one[place] = 1.0
@@ -394,12 +394,12 @@ class LoadedStructure:
     ) -> ComplexArray:
         """Harmonics of coordinates, shape (n, len(places), m): U_k = D_k^-1 (P_k - Q G_k).
 
-        ``y``: harmonics (n, q, m) of the coordinates of the condensation, relative to the base;
-        ``factors``: of the load at each motion.
+        ``y``: harmonics (n, q, m) of the condensed coordinates, relative to the base; ``factors``:
+        load factors of the motions.
         """
         factors = np.ones(nu.size) if factors is None else factors
         if not nu.size * orders.size:
-            # No motions, or no orders, as where nothing acts on a linear structure.
+            # No motions or no harmonics, for example for a linear structure without load.
             return np.empty((nu.size, len(places), orders.size), dtype=complex)
         c, rest = self.condensation, self.condensation.rest
         u = np.full((nu.size, len(places), orders.size), np.nan, dtype=complex)
@@ -413,7 +413,7 @@ class LoadedStructure:
                 u[:, :, k] = self._at_rest(y[:, :, k], j, places, factors)
             else:
                 for first in range(0, nu.size, size):
-                    # Motions that were not found have none; their frequency may be any.
+                    # Skip motions that were not found; their frequency is undefined.
                     part = np.flatnonzero(np.isfinite(y[first : first + size, :, k]).all(axis=1))
                     part += first
                     s = 1j * order * nu[part]
@@ -431,9 +431,9 @@ class LoadedStructure:
     def reaction(
         self, nu: FloatArray, order: int, y: ComplexArray, factors: FloatArray
     ) -> ComplexArray:
-        """Forces of the elements on the linear rest in one order, shape (n, q).
+        """Forces of the elements on the linear subsystem in one harmonic, shape (n, q).
 
-        ``y``: the coordinates of the condensation in this order, shape (n, q).
+        ``y``: this harmonic of the condensed coordinates, shape (n, q).
         """
         j = np.flatnonzero(self.orders == order)
         if order:
@@ -457,16 +457,16 @@ class LoadedStructure:
         factors: FloatArray,
         motions: Motions | None = None,
     ) -> tuple[Any, Any, Any]:
-        """Amplitudes of real and complex modes, and forces of the elements on the rest.
+        """Amplitudes of real and complex modes, and forces of the elements on the linear subsystem.
 
-        ``motions``: all orders, from which forces follow where H g = y - free loses more digits.
+        ``motions``: all harmonics; they give the forces where H g = y - free loses digits.
         """
         c, rest = self.condensation, self.condensation.rest
         at = s[:, np.newaxis]
         apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
-        # In a resonance without damping what is left of the difference is rounding.
+        # At an undamped resonance the difference is a rounding error.
         apart = np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
-        # Motions without a place, as a crossing that was not located, have frequencies of NaN.
+        # Motions that were not located, such as a crossing, have the frequency NaN.
         with np.errstate(invalid="ignore"):
             t, w = 1 / apart, 1 / (at - rest.poles)
         modes = np.zeros((s.size, rest.squares.size), dtype=complex)
@@ -480,7 +480,7 @@ class LoadedStructure:
             free -= at**2 * (moved.flexible + at * moved.flexible_rate)
             for part in (modes, poles, free):
                 part *= factors[:, np.newaxis]
-        # Modes next to a resonance are unknowns of their own: in H they would hide all others.
+        # Modes near a resonance are separate unknowns: in H they would hide all other modes.
         loud = np.flatnonzero((np.abs(apart) < _NEAR * np.abs(rest.squares)).any(axis=0))
         quiet = np.delete(np.arange(rest.squares.size), loud)
         if self.linear and not (loud.size and any(c.laws.kernels)):
@@ -510,7 +510,7 @@ class LoadedStructure:
     def _flexible_load(
         self, s: ComplexArray, j: Any, places: Any, factors: FloatArray
     ) -> ComplexArray:
-        """What the modes left out add under the load itself."""
+        """Displacements of the omitted modes under the load itself."""
         if not j.size or self.condensation.rest.flexibility is None:
             return np.zeros((s.size, len(places)), dtype=complex)
         at = s[:, np.newaxis]
@@ -522,7 +522,7 @@ class LoadedStructure:
         return np.asarray((force - at**2 * base) * factors[:, np.newaxis])
 
     def _at_rest(self, y: ComplexArray, j: Any, places: Any, factors: FloatArray) -> ComplexArray:
-        """Order 0 of coordinates."""
+        """Harmonic 0 of coordinates."""
         c, rest, rigid = self.condensation, self.condensation.rest, self.condensation._rigid
         nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
         zero = np.zeros(c.q, complex)
@@ -546,7 +546,7 @@ class LoadedStructure:
 
 
 class _Push(NamedTuple):
-    """One harmonic of forces as real modes (m,), complex modes (p,) and the flexibility feel it."""
+    """One harmonic of forces, on real modes (m,), complex modes (p,) and the flexibility."""
 
     modes: ComplexArray
     poles: ComplexArray
@@ -566,7 +566,7 @@ def _push(c: Condensation, force: ComplexArray) -> _Push:
     parts = force[acted].view(float).reshape(-1, 2)
 
     def onto(columns: FloatArray) -> ComplexArray:
-        # Real numbers, though the forces are complex: no copy of the modes.
+        # Real and imaginary parts as two columns avoid a complex copy of the modes.
         return np.ascontiguousarray(columns[acted].T @ parts).view(complex)[:, 0]
 
     # The flexibility is symmetric.

@@ -8,7 +8,7 @@ from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law, read_law
 
-#: Instructions of the core that hold numbers, and what it calls a stop with restitution.
+#: Instruction codes of the core for numbers, and its code of a stop with restitution.
 _ARGUMENT, _NUMBER, _STOP = 2, 1, 100
 
 
@@ -19,7 +19,7 @@ class Contact:
     gap: float
     stiffness: float | None
     restitution: float | None
-    #: Whether it stands on both sides.
+    #: True for stops on both sides.
     _both: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -38,14 +38,14 @@ class Contact:
         object.__setattr__(self, "restitution", value)
 
     def _rigid(self) -> Law:
-        """A rigid stop as the core takes it: a deflection, gap, restitution, 1 if on both sides."""
+        """A rigid stop for the core: deflection, gap, restitution, 1 for stops on both sides."""
         assert self.restitution is not None
         numbers = (1.0, self.gap, self.restitution, float(self._both))
         code = (_ARGUMENT, _NUMBER, _NUMBER, _NUMBER)
         return Law("restitution", ("d",), code, numbers, -int(self._both), state=_STOP)
 
     def _elastic(self) -> float:
-        """The stiffness, which a force needs."""
+        """The stiffness; an error for a rigid stop."""
         if self.stiffness is None:
             raise InputError("stiffness: is None, a rigid stop has no force of its deflection")
         return self.stiffness
@@ -139,7 +139,7 @@ class Stop(Contact):
     def _law(self) -> Law:
         if self.restitution is not None:
             return self._rigid()
-        # Odd, which its text does not show.
+        # The law is odd, but this cannot be seen from its text.
         return replace(self._read("k*(max(d - gap, 0) - max(-d - gap, 0))"), parity=-1)
 
     def force(self, d: Any) -> Any:

@@ -12,7 +12,7 @@ from viscovib._native import FloatArray
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 
-#: Unknowns at most.
+#: Largest number of coordinates.
 _MOST = 6
 
 
@@ -56,7 +56,7 @@ class CubicSystem:
     load: npt.ArrayLike | None = None
     drives: npt.ArrayLike | None = None
 
-    #: The numbers as the core takes them.
+    #: All numbers in the order of the core.
     _packed: FloatArray = field(init=False, repr=False)
     _n: int = field(init=False, repr=False)
 

@@ -1,4 +1,4 @@
-"""Laws of elements in as few coordinates as they need."""
+"""Laws of elements in the smallest number of coordinates."""
 
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
@@ -12,26 +12,26 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.elements import CouplingTerms, ElementTerms
 from viscovib.systems.laws import Law
 
-#: A direction that depends on others but for this part of it is one of theirs.
+#: A direction is linearly dependent if its independent part is below this fraction.
 _DEPENDENT = 1e-9
 
-#: A force: on which equation, powers of the coordinates, and its coefficient, by kernel.
+#: Forces: {(equation, powers of the coordinates): coefficient}.
 Monomials = dict[tuple[int, tuple[int, ...]], float]
 
 
 class LawPlace(NamedTuple):
-    """A law that is no polynomial: behind which kernel, from 1 (0: none), and where it acts."""
+    """A law that is not a polynomial: number of its kernel, from 1 (0: none), and its equations."""
 
     kernel: int
-    #: How its arguments follow from y, and those that are rates from y', shape (n_arguments, q).
+    #: Matrix from y to its arguments, and from y' to the rates, shape (n_arguments, q).
     reads: FloatArray
-    #: Weights of the equations of y in which it stands.
+    #: Weights of the law in the equations of y.
     targets: dict[int, float]
     law: Law
 
 
 class Laws(NamedTuple):
-    """Elements in few coordinates y = Q^T u: forces of each kernel on each of them."""
+    """Elements in few coordinates y = Q^T u: forces of each kernel on each coordinate."""
 
     #: Q, shape (n, q).
     directions: FloatArray
@@ -39,20 +39,20 @@ class Laws(NamedTuple):
     kernels: tuple[Kernel | None, ...]
     stiffness: tuple[FloatArray, ...]
     forces: tuple[Monomials, ...]
-    #: Laws that are no polynomials.
+    #: Laws that are not polynomials.
     programs: tuple[LawPlace, ...] = ()
 
     def watching(self, direction: FloatArray) -> tuple["Laws", int]:
-        """The same with a direction among those of the coordinates, and which one it is.
+        """Add a direction to those of the coordinates; also return the index of its coordinate.
 
-        One more, in which no force acts; or in place of another where it depends on them.
+        If it depends linearly on them, it replaces one; else it is a new one without forces.
         """
         q = self.directions.shape[1]
         weights = np.linalg.lstsq(self.directions, direction, rcond=None)[0]
         left = np.linalg.norm(direction - self.directions @ weights)
         if left > _DEPENDENT * np.linalg.norm(direction):
             return self._with_one_more(direction), q
-        # y_j, in which there is most of it, from the new coordinate and the others.
+        # The coordinate y_j with the largest weight is replaced by the new one.
         j = int(np.abs(weights).argmax())
         turn = np.eye(q)
         turn[j] = -weights / weights[j]
@@ -62,7 +62,7 @@ class Laws(NamedTuple):
         return self._turned(turn, chosen), j
 
     def _turned(self, turn: FloatArray, directions: FloatArray) -> "Laws":
-        """The same in other coordinates, y = turn z: forces turn^T g(turn z)."""
+        """The laws in coordinates z, y = turn z: forces turn^T g(turn z)."""
         q = turn.shape[0]
         mixes = [{int(i): float(row[i]) for i in np.flatnonzero(row)} for row in turn]
         forces = []
@@ -101,14 +101,14 @@ class Laws(NamedTuple):
 def element_laws(
     elements: Sequence[ElementTerms], n: int, couplings: Sequence[CouplingTerms] = ()
 ) -> Laws:
-    """Condense what is nonlinear or remembers; what is elastic belongs to the linear rest."""
+    """Condense nonlinear and hereditary elements; elastic ones belong to the linear subsystem."""
     # Deflections with laws come first, so that laws are written in few coordinates.
     active = sorted((e for e in elements if e.active), key=_is_linear)
     chosen: list[FloatArray] = []
     weights = [_in_terms_of(chosen, element.direction) for element in active]
     mixes = [[_in_terms_of(chosen, e) for e in coupling.directions] for coupling in couplings]
     if not chosen:
-        # Nothing is to be condensed to: one coordinate stands for the linear response.
+        # Without such elements one coordinate represents the linear response.
         chosen.append(np.eye(1, n)[0])
     q = len(chosen)
     kernels: list[Kernel | None] = []
@@ -126,7 +126,7 @@ def element_laws(
         i = group_of(element.kernel)
         column = np.zeros(q)
         column[list(mix)] = list(mix.values())
-        # An elastic stiffness without memory is part of the rest already.
+        # An elastic stiffness without memory is already part of the linear subsystem.
         if element.kernel is not None:
             stiffness[i] += element.powers.get(1, 0.0) * np.outer(column, column)
         for power, c in element.powers.items():
@@ -156,12 +156,12 @@ def _is_linear(element: ElementTerms) -> bool:
 
 
 def kernel_place(kernels: Sequence[Kernel | None], kernel: Kernel | None) -> int:
-    """Return the place of a kernel among those that are kernels, from 1; 0: none."""
+    """Return the index of a kernel among the kernels that are not None, from 1; 0: no kernel."""
     return 0 if kernel is None else [k for k in kernels if k is not None].index(kernel) + 1
 
 
 def _rows(mixes: Sequence[dict[int, float]], q: int) -> FloatArray:
-    """Deflections in terms of y, a row each."""
+    """Deflections as linear combinations of y, one row each."""
     rows = np.zeros((len(mixes), q))
     for row, mix in zip(rows, mixes, strict=True):
         row[list(mix)] = list(mix.values())
@@ -169,7 +169,7 @@ def _rows(mixes: Sequence[dict[int, float]], q: int) -> FloatArray:
 
 
 def _in_terms_of(chosen: list[FloatArray], direction: FloatArray) -> dict[int, float]:
-    """Weights of the coordinates chosen, one more if it depends on none of them."""
+    """Weights of the chosen coordinates; an independent direction becomes a new coordinate."""
     if chosen:
         basis = np.array(chosen).T
         weights = np.linalg.lstsq(basis, direction, rcond=None)[0]

@@ -18,7 +18,7 @@ from viscovib.systems.laws import Law, parameter_values, read_law
 from viscovib.systems.load import one_of
 from viscovib.systems.python_law import PythonLaw, callable_law, python_law, python_laws
 
-#: What a direction may be: a coordinate, two of them for their difference, weights, or a vector.
+#: Types of a direction: a coordinate, two coordinates (their difference), weights, or a vector.
 On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
 
 
@@ -84,7 +84,7 @@ class Spring:
 
     @property
     def _powers(self) -> dict[int, float]:
-        """Coefficients by power of d, the stiffness among them."""
+        """Coefficients by power of d, including the stiffness."""
         terms: dict[int, float] = dict(self._terms)  # type: ignore[attr-defined]
         terms[1] = terms.get(1, 0.0) + self.stiffness
         return {power: c for power, c in sorted(terms.items()) if c != 0}
@@ -172,34 +172,34 @@ class Coupling:
 
 
 class CouplingTerms(NamedTuple):
-    """A coupling as the condensation takes it: directions, forces by equation and powers."""
+    """A coupling for the condensation: directions, and forces by equation and powers."""
 
     directions: tuple[FloatArray, ...]
     forces: dict[tuple[int, tuple[int, ...]], float]
     kernel: Kernel | None
-    #: What is no polynomial, by deflection on which it acts.
+    #: Laws that are not polynomials, with the index of the deflection on which each acts.
     programs: tuple[tuple[int, Law], ...] = ()
 
 
 class ElementTerms(NamedTuple):
-    """An element as the condensation takes it: direction e, shape (n,), and coefficients."""
+    """An element for the condensation: direction e, shape (n,), and coefficients."""
 
     direction: FloatArray
     powers: dict[int, float]
     damping: float
     kernel: Kernel | None
-    #: What is left of a law that is no polynomial without its linear part.
+    #: A law that is not a polynomial, without its linear part.
     law: Law | None = None
 
     @property
     def active(self) -> bool:
-        """Whether it is more than elastic."""
+        """True if the element is nonlinear or has memory."""
         bent = self.law is not None or max(self.powers, default=1) > 1
         return self.kernel is not None or bent
 
     @property
     def remembered_damping(self) -> float:
-        """What its law has as a slope by the rate at rest, behind its kernel."""
+        """Derivative of the law with respect to the rate at rest; 0 without a kernel."""
         if self.kernel is None or self.law is None or not self.law.n_rates:
             return 0.0
         return float(self.law.damping_at_rest()[0])
@@ -217,7 +217,7 @@ def element_terms(
     found = []
     for i, element in enumerate(elements):
         if isinstance(element, Coupling):
-            # Alone, its directions are only places at which the structure is looked at.
+            # Only the directions of a coupling matter here: deflections of the structure.
             coupled = coupling_terms([element], names, places, i)[0]
             found += [ElementTerms(e, {}, 0.0, None) for e in coupled.directions]
             continue
@@ -312,9 +312,9 @@ def _place(where: str, name: Any, n: int, places: Mapping[str, int]) -> int:
 def _law_terms(
     law: Any, parameters: Any, remembers: bool
 ) -> tuple[dict[int, float], Law | None, float]:
-    """Coefficients of the powers of d in a law, what is left of one that is no polynomial in d.
+    """Coefficients of the powers of d in a law.
 
-    And what such a one adds to the damping.
+    Also the remainder of a law that is not a polynomial in d, and its part of the damping.
     """
     if law is None:
         if parameters is not None and not (isinstance(parameters, Mapping) and not parameters):

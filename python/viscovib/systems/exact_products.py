@@ -1,8 +1,8 @@
 """Products of a matrix far beyond the digits of double precision, at the speed of BLAS.
 
-Numbers are cut into slices of so few bits that products of slices are sums of integers that double
-precision holds: each is exact, and what terms take away from each other costs no digits (Ozaki,
-Ogita, Oishi and Rump, Numerical Algorithms 59 (2012) 95).
+Numbers are cut into slices with few bits, so that products of slices are sums of integers that are
+exact in double precision. Cancellation of terms then loses no digits (Ozaki, Ogita, Oishi and Rump,
+Numerical Algorithms 59 (2012) 95).
 """
 
 import math
@@ -12,12 +12,12 @@ import numpy as np
 
 from viscovib._native import FloatArray
 
-#: Bits of a number; entries of a matrix, as a part of all, up to which it is taken as sparse.
+#: Bits of a number; fraction of nonzero entries up to which a matrix is stored as sparse.
 _BITS, _SPARSE = 53, 0.1
 
 
 class Sliced:
-    """A real matrix (n, n) that is ready to be multiplied.
+    """A real matrix (n, n), sliced for products.
 
     Errors of a product are about 2^-bits of the largest entries of its row and column.
     """
@@ -38,12 +38,12 @@ class Sliced:
             self.slices = [csr_array(part) for part in self.slices]
 
     def times(self, x: FloatArray) -> Any:
-        """Its product with columns (n, m), in extended precision."""
+        """Product with columns (n, m), in extended precision."""
         if self.diagonal is not None:
             return self.diagonal * x
         others = _cut(x, 0, self.width, self.depth)
         total = np.zeros(x.shape, dtype=np.longdouble)
-        # By falling size: what cancels has done so before smaller terms are added.
+        # By decreasing size: large terms cancel before smaller terms are added.
         for level in range(self.depth):
             for i, part in enumerate(self.slices[: level + 1]):
                 if level - i < len(others):
@@ -52,13 +52,13 @@ class Sliced:
 
 
 def _cut(matrix: FloatArray, axis: int, width: int, most: int) -> list[FloatArray]:
-    """Slices that add up to a matrix, of so many bits each below the largest of row or column."""
+    """Slices that add up to a matrix; each has ``width`` bits relative to its row or column."""
     left, found = matrix, []
     for _ in range(most):
         largest = np.abs(left).max(axis=axis, keepdims=True, initial=0.0)
         if not largest.any():
             break
-        # What is added and taken away again rounds to so many bits.
+        # Adding and subtracting a large number rounds to ``width`` bits.
         large = np.ldexp(1.5, np.frexp(largest)[1] + (_BITS - 1 - width))
         found.append((left + large) - large)
         left = left - found[-1]

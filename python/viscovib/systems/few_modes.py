@@ -1,9 +1,9 @@
 """A structure in some of its modes, as a polynomial system in as many of its coordinates.
 
-u = V q with the modes chosen and, as far as there is room, what the other modes add to the static
-deflections under the elements and the load (MacNeal, Computers and Structures 1 (1971) 581). With
-u_c = V_c q at as many coordinates c, those of the elements first, q = V_c^-1 u_c, and so
-M' = V_c^-T V^T M V V_c^-1, K' and C' likewise. Elements keep their laws and kernels, along
+u = V q with the chosen modes. If fewer than the maximum, V also contains the static deflections of
+the other modes under the elements and the load (MacNeal, Computers and Structures 1 (1971) 581).
+With u_c = V_c q at as many coordinates c, preferably of elements, q = V_c^-1 u_c and
+M' = V_c^-T V^T M V V_c^-1; K' and C' likewise. Elements keep their laws and kernels, along
 e^T V V_c^-1. The omitted part is reported.
 """
 
@@ -25,11 +25,11 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
 
-#: Modes that an expansion in multiple scales takes, forces that it may have.
+#: Largest numbers of modes and of forces of an expansion by multiple scales.
 MOST_MODES, _MOST_FORCES = 6, 3000
-#: How much rather a coordinate of an element is taken; weights of others that are rounding.
+#: Preference factor for coordinates of elements; relative weights that are rounding errors.
 _PREFERRED, _ROUNDING = 1e3, 1e-12
-#: A static part that depends on others but for this part of it is none.
+#: A static part is dropped if its linearly independent fraction is below this.
 _DEPENDENT = 1e-6
 
 
@@ -42,12 +42,12 @@ class FewModes(NamedTuple):
     shapes: FloatArray
     #: Modal forces of the load, as forces on u_c, shape (m,).
     load: FloatArray
-    #: What the modes left out add to the deflections of elements under the load, relative.
+    #: Relative deflections of the elements under the load in the omitted modes.
     left_out: float
 
 
 def few_modes(structure: Structure, modes: Any, load: Any, nu: float | None) -> FewModes:
-    """Return a structure in the modes chosen; None: in all of them, if they are few."""
+    """Return a structure in the chosen modes; None: all modes, if they are few."""
     from scipy.linalg import qr
 
     modal = squares, shapes, damping = _modal(structure)
@@ -74,7 +74,7 @@ def few_modes(structure: Structure, modes: Any, load: Any, nu: float | None) -> 
 def _with_corrections(
     structure: Structure, squares: FloatArray, shapes: FloatArray, chosen: Any, force: FloatArray
 ) -> FloatArray:
-    """The modes chosen, and static parts of others, orthonormal, as columns of all modes."""
+    """The chosen modes and static parts of other modes, orthonormal, as columns of all modes."""
     columns = list(np.eye(squares.size)[chosen])
     others = np.ones(squares.size, dtype=bool)
     others[chosen] = False
@@ -109,7 +109,7 @@ def _chosen(modes: Any, count: int) -> Any:
 
 
 def _modal(structure: Structure) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Squares, shapes and damping Phi^T C Phi of the structure before anything relaxes."""
+    """Squares, shapes and damping Phi^T C Phi of the structure without relaxation."""
     modal = structure._uncoupled
     if modal is not None and np.any(modal.loss):
         raise InputError("loss_factor: is for harmonic methods, must be 0 (take modal_damping)")
@@ -148,7 +148,7 @@ def _system(
     damping: FloatArray,
     stiffness: FloatArray,
 ) -> PolynomialSystem:
-    """The polynomial system in the coordinates chosen."""
+    """The polynomial system in the chosen coordinates."""
     m = mass.shape[0]
     kernels: dict[Kernel | None, tuple[FloatArray, Monomials]] = {None: (np.zeros((m, m)), {})}
 
@@ -183,7 +183,7 @@ def _system(
             "modes: the laws of the elements have more than "
             f"{_MOST_FORCES} terms in them, must be fewer modes, or laws of lower degree"
         )
-    # The modes are those of all springs before they relax.
+    # The modes are those of the unrelaxed springs.
     kernels[None][0][:] += stiffness - sum(k for kernel, (k, _) in kernels.items() if kernel)
     springs = [
         Springs(
@@ -212,7 +212,7 @@ def _left_out(
     force: FloatArray,
     nu: float | None,
 ) -> float:
-    """Largest part of the deflections of elements, linear, that is left out."""
+    """Largest relative error of the linear deflections of elements by the omitted modes."""
     rest = structure._rest
     e = np.array([element.direction for element in structure._all_elements]).reshape(
         -1, structure.n_coordinates

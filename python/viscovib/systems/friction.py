@@ -13,14 +13,14 @@ from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.systems.laws import Law
 
-#: Instructions of the core that hold numbers.
+#: Instruction codes of the core for numbers.
 _ARGUMENT, _NUMBER = 2, 1
-#: Elements in parallel, and bounds of exponents.
+#: Largest number of parallel elements, and bounds of exponents.
 _MOST, _EXPONENTS = 200, (1.0, 20.0)
 
 
 def cycles(state: int, numbers: Sequence[float], d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces of an element over cycles of deflections, shape (n, m), and the energies lost."""
+    """Forces of an element over cycles of deflections, shape (n, m), and the energy losses."""
     found = _native.run("law loops", state=state, numbers=np.array(numbers, dtype=float), d=d)
     return found["force"], found["lost"]
 
@@ -28,15 +28,15 @@ def cycles(state: int, numbers: Sequence[float], d: FloatArray) -> tuple[FloatAr
 class Hysteresis:
     """An element whose force depends on its deflection and on the last reversals."""
 
-    #: What the core calls it.
+    #: Code of the element in the core.
     _state: ClassVar[int]
-    #: -1: the opposite path gives the opposite force, 0: it may give another.
+    #: -1: the opposite path gives the opposite force; 0: not in general.
     _parity: ClassVar[int] = -1
     on: Any
 
     @property
     def _numbers(self) -> tuple[float, ...]:
-        """Its numbers in the order of the core."""
+        """Parameters in the order of the core."""
         raise NotImplementedError
 
     @property
@@ -45,7 +45,7 @@ class Hysteresis:
 
     @property
     def _law(self) -> Law:
-        """The element as the core takes it: a deflection, and its numbers."""
+        """The element in the form of the core: a deflection and its parameters."""
         numbers = self._numbers
         code = (_ARGUMENT, *[_NUMBER] * len(numbers))
         return Law(
@@ -68,7 +68,7 @@ class Hysteresis:
         return self._run(d)[0]
 
     def energy(self, d: npt.ArrayLike) -> FloatArray:
-        """Return the energy lost in a cycle of deflections (J), shape (...); as of `loop`."""
+        """Return the energy loss (J) of a cycle of deflections as in `loop`, shape (...)."""
         return self._run(d)[1]
 
     def _run(self, d: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

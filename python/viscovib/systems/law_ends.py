@@ -1,4 +1,4 @@
-"""Where a force law ends: the edge of its domain on the way of a motion."""
+"""Edges of the domains of force laws on the path of a motion."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import laws_of
 from viscovib.systems.structure import Structure
 
-#: What the core gives where a law has no value.
+#: Value that the core returns outside the domain of a law.
 _WALL = 1e60
-#: Places of the way that are looked at, as parts of it, and bisections between two of them.
+#: Sample points as fractions of the path, and number of bisections between two points.
 _PARTS = np.concatenate([[0.0], np.logspace(-9, 0, 73)])
 _BISECTIONS = 60
-#: How far from rest edges are searched, parts of that distance, and how many are reported.
+#: Largest distance from rest of the search for edges, fractions of it, and edges reported.
 _FARTHEST, _MOST_TOLD = 1e6, 4
 _FAR_PARTS = np.concatenate([[0.0], np.logspace(-15, 0, 301)])
 
@@ -25,21 +25,21 @@ _FAR_PARTS = np.concatenate([[0.0], np.logspace(-15, 0, 301)])
 def law_end(
     system: object, at: tuple[FloatArray, FloatArray], reach: float
 ) -> tuple[str, dict[str, float]] | None:
-    """Return the text of the law whose domain a motion leaves, and what it reads there.
+    """Return the text of the law whose domain a motion leaves, and its arguments at the edge.
 
     Parameters
     ----------
     system
-        Of others than polynomial systems and structures no law is known.
+        A polynomial system or a structure; all other systems have no laws.
     at
-        Coordinates and velocities, shape (n,), of a structure deflections and their rates.
+        Coordinates and velocities, shape (n,); for a structure, deflections and their rates.
     reach : float
-        How far the motion may go on (s).
+        Time by which the motion is extrapolated (s).
 
     Returns
     -------
     tuple or None
-        None: every law has values on the way.
+        None: the whole path lies inside the domains of all laws.
     """
     found = []
     for law, arguments, along in _laws(system, *at):
@@ -53,10 +53,10 @@ def law_end(
 
 
 def told_edges(system: object) -> str:
-    """Say where the force laws of a system end, if any does: "; the law 'log(1 + x)' ...".
+    """Return a text on the edges of the force laws, such as "; the law 'log(1 + x)' ...".
 
-    Steady motions that come there are lost with their place. Each argument is tried alone, the
-    others at rest.
+    A search for steady motions that fails at an edge does not locate it. Each argument is varied
+    alone, with all other arguments at 0.
     """
     told = []
     for law in laws_of(system):
@@ -77,7 +77,7 @@ def told_edges(system: object) -> str:
 
 
 def force_at_rest(system: object) -> float:
-    """Return the largest force that a law of a system has at rest: its static preload."""
+    """Return the largest force of a law at rest (static preload)."""
     values = (
         float(abs(law(np.zeros((1, len(law.arguments))))[0][0]))
         for law in laws_of(system)
@@ -87,7 +87,7 @@ def force_at_rest(system: object) -> float:
 
 
 def _read(law: Law, there: FloatArray) -> dict[str, float]:
-    """What a law reads at a place, its rates left out."""
+    """Arguments of a law at a point, without rates."""
     n_positions = len(law.arguments) - law.n_rates
     read = [place for place in law.places if place < n_positions] or [0]
     return {law.arguments[place]: float(there[place]) for place in read}
@@ -96,7 +96,7 @@ def _read(law: Law, there: FloatArray) -> dict[str, float]:
 def _laws(
     system: object, q: FloatArray, v: FloatArray
 ) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
-    """Yield each law with its arguments and how they change."""
+    """Yield each law with its arguments and their rates."""
     nothing = np.zeros(v.size)
     if isinstance(system, PolynomialSystem):
         for group in system.groups:
@@ -115,7 +115,7 @@ def _laws(
 
 
 def _end(law: Law, at: FloatArray, along: FloatArray, parts: FloatArray = _PARTS) -> float | None:
-    """Return the first part of the way at which a law has no value, to rounding."""
+    """Return the first fraction of the path at which a law has no value, to rounding error."""
     if law.state:
         return None
     outside = law(at + parts[:, np.newaxis] * along)[0] == _WALL

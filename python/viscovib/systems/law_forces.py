@@ -7,25 +7,25 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.systems.element_laws import Laws
 
-#: Samples of a period for each order of laws that are no polynomials, and at least so many.
+#: Samples per period and harmonic for laws that are not polynomials, and the smallest number.
 _PER_ORDER, _FEWEST = 16, 256
-#: Numbers of one part of the samples.
+#: Size of the array of one part of the samples.
 _AT_ONCE = 1_000_000
 
 
 def are_smooth(laws: Laws) -> bool:
-    """Whether samples of a period give harmonics of all forces to rounding."""
+    """True if samples of a period give the harmonics of all forces to rounding error."""
     return not any(place.law.state or place.law.branches for place in laws.programs)
 
 
 def forces_on_rest(
     laws: Laws, nu: FloatArray, orders: Any, y: ComplexArray, order: int
 ) -> ComplexArray:
-    """-G_k of one order k > 0, shape (n, q), at deflections y = Im sum_k Y_k exp(i k nu t).
+    """-G_k of one harmonic k > 0, shape (n, q), at deflections y = Im sum_k Y_k exp(i k nu t).
 
-    G_k = 2 i/N sum_j g(y(t_j)) exp(-i k nu t_j), behind a kernel times 1 - R(i k nu), over N
-    samples of a period: without aliasing of polynomials of degree p where N > (p + 1) k_max. Of
-    the linear forces only -R kappa Y_k is there: what is elastic belongs to the rest.
+    G_k = 2 i/N sum_j g(y(t_j)) exp(-i k nu t_j) over N samples of a period, times 1 - R(i k nu)
+    with a kernel. Polynomials of degree p are free of aliasing if N > (p + 1) k_max. Linear forces
+    contribute only -R kappa Y_k: their elastic part belongs to the linear subsystem.
 
     ``y``: shape (n, q, m), of smooth laws (`are_smooth`).
     """

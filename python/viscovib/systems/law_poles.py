@@ -1,4 +1,4 @@
-"""Where a force law grows without bound, or changes within less than a step."""
+"""Poles of force laws, and layers in which a law changes within less than a step."""
 
 from __future__ import annotations
 
@@ -14,55 +14,55 @@ from viscovib.systems.laws import _CALLED, Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Instructions of the core: those that divide, and those that are 0 where an operand is.
+#: Instruction codes of the core.
 _NUMBER, _ARGUMENT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER = range(1, 8)
 _SQUARE, _KNOWN_POWER, _NEGATE = 8, 9, 10
 _COS, _TAN, _SQRT, _ABS, _ATAN2, _ATLEAST, _WHERE = 12, 13, 25, 26, 29, 35, 36
-#: Those of one operand that may turn a small change of it into a layer: no kinks, no jumps.
+#: Smooth functions of one operand, which may turn a small change of it into a layer.
 _SMOOTH = frozenset((_SQUARE, _KNOWN_POWER, *range(11, 26)))
 _DIVIDING = frozenset((_DIVIDE, _POWER, _KNOWN_POWER, _TAN))
-#: What the core gives where a law has no value.
+#: Value that the core returns outside the domain of a law.
 _WALL = 1e60
 _EPS = float(np.finfo(float).eps)
-#: Secants and bisections for a zero; places looked at, with the same value of it taken as one.
+#: Secant steps and bisections for a zero; largest number of distinct points.
 _SECANTS, _BISECTIONS, _MOST_PLACES = 30, 60, 64
-#: By how much differences grow with each halving of the distance (of 1/x^p: 2^p), how often, and
-#: how near to a zero, in units of its rounding. A zero that is only touched is less sharp.
+#: Growth of differences per halving of the distance (2^p for 1/x^p), number of halvings, nearest
+#: distance to a zero in units of its rounding error, and nearest distance to a double zero.
 _GROWTH, _HALVINGS, _NEAREST, _TOUCHING = 1.15, 12, 1e4, 1e-6
 _DOUBLINGS = 40
-#: Of what is added, parts that count as rounding.
+#: Relative size of a sum that counts as rounding error.
 _CANCELLED = 1e-13
-#: Near a zero, a part of a way; what an operand has there that jumps over 0, as a part of it
-#: at the ends.
+#: Distance on both sides of a zero, as a fraction of the path; size of an operand at this distance,
+#: relative to the ends, from which on it jumps over 0.
 _BESIDE, _JUMPED = 1e-9, 1e-3
-#: Parts of a straight way on which places are looked for.
+#: Fractions of a straight path at which zeros are searched.
 _GRID = np.linspace(0.0, 1.0, 41)
-#: Half widths of layers that are looked for, and the largest, in parts of the way between states.
+#: Half widths of layers, and the largest one, as fractions of the path between two states.
 _WIDTHS = np.logspace(-12, 0, 241)
 _THIN = 0.1
-#: Where a law is looked at about a place, in such parts: on both sides of it, and there.
+#: Sample points about a point, as such fractions: on both sides and at the point itself.
 _ASIDE = np.concatenate([-_WIDTHS, _WIDTHS, [0.0]])
-#: Few of them, which tell most places off: those about which less than this part of what a law
-#: changes by happens within the thin ones.
+#: A coarse subset of them for a first test, which drops a point if less than this fraction of the
+#: change of the law happens within a thin layer.
 _COARSELY, _SOME = np.concatenate([-_WIDTHS[::4], _WIDTHS[::4], [0.0]]), 0.1
-#: Places looked at with one call, whose numbers stay in the cache.
+#: Points per call, such that the arrays stay in the cache.
 _AT_ONCE = 8
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A change of a law within a small width, and when a motion comes there."""
+    """A change of a law within a small width, and the time at which a motion reaches it."""
 
     text: str
     reads: dict[str, float]
     change: float
     width: float
     when: float
-    #: How long the motion takes through it (s).
+    #: Time that the motion spends in the layer (s).
     takes: float
 
     def told(self) -> str:
-        """A sentence about it."""
+        """Sentence for a message."""
         return (
             f"the law '{self.text}' changes by {self.change:.3g} within {self.width:.3g} about "
             f"{_named(self.reads)}, where the motion comes about t = {self.when:.6g} and stays for "
@@ -73,23 +73,23 @@ class Layer:
 def law_pole(
     system: object, at: tuple[FloatArray, FloatArray], times: FloatArray, reach: float
 ) -> tuple[str, dict[str, float], float] | None:
-    """Return the text of a law that grows without bound on the way, what it reads there, and when.
+    """Return the text of a law with a pole on the path, its arguments there, and the time.
 
     Parameters
     ----------
     system
-        Of others than polynomial systems and structures no law is known.
+        A polynomial system or a structure; all other systems have no laws.
     at
-        Coordinates and velocities, shape (m, n), of a structure deflections and their rates.
+        Coordinates and velocities, shape (m, n); for a structure, deflections and their rates.
     times : ndarray, shape (m,)
-        When the states are (s).
+        Times of the states (s).
     reach : float
-        How far the motion goes on after each (s).
+        Time by which the motion is extrapolated after each state (s).
 
     Returns
     -------
     tuple or None
-        None: no law has a pole near. The motion is taken to go straight on.
+        None: no law has a pole on the straight extrapolation of the motion.
     """
     for i, begin in enumerate(times):
         q, v = at[0][i : i + 1], at[1][i : i + 1]
@@ -103,10 +103,10 @@ def law_pole(
 def pole_between(
     system: object, at: tuple[FloatArray, FloatArray], times: FloatArray, step: float
 ) -> tuple[str, dict[str, float], float] | None:
-    """Return the same of the first pole between states, as of ``law_pole``.
+    """Return the first pole between states; arguments and result as for ``law_pole``.
 
-    A step that comes over a pole may be thrown back by it: so is what a state would pass within
-    a step (s) by its rates.
+    A step over a pole may be deflected by it. So the path that each state would follow within a
+    step (s) with its rates is also searched.
     """
     first = None
     for law, rows, rates in _arguments(system, *at, _DIVIDING):
@@ -129,7 +129,7 @@ def pole_between(
 def layer_between(
     system: object, at: tuple[FloatArray, FloatArray], times: FloatArray
 ) -> Layer | None:
-    """Return the largest change of a law that no state, as of ``law_pole``, is within."""
+    """Return the largest change of a law between states; arguments as for ``law_pole``."""
     found = None
     for law, rows, rates in _arguments(system, *at, _SMOOTH):
         places = _sharp(law, _places(law, _bent(law), rows[:-1], rows[1:]))
@@ -145,14 +145,14 @@ def layer_between(
 
 
 def has_laws(system: object) -> bool:
-    """Whether a system has laws that are programs."""
+    """True if a system has laws that are not polynomials."""
     if isinstance(system, PolynomialSystem):
         return any(group.laws for group in system.groups)
     return isinstance(system, Structure) and bool(system._condensation.laws.programs)
 
 
 def told_pole(text: str, reads: dict[str, float], when: float) -> str:
-    """A sentence about a pole."""
+    """Sentence about a pole for a message."""
     return (
         f"the law '{text}' has a pole at {_named(reads)}, where the motion comes about "
         f"t = {when:.6g}: no steps follow it there (take a law that stays bounded, or end the run "
@@ -165,18 +165,18 @@ def _named(reads: dict[str, float]) -> str:
 
 
 class _Place(NamedTuple):
-    """Where an operand is 0 between two rows of arguments."""
+    """Zero of an operand between two rows of arguments."""
 
     row: int
     part: float
     there: FloatArray
     along: FloatArray
-    #: It only touches 0 there.
+    #: True for a double zero: the operand does not change its sign.
     touches: bool
 
 
 def _time(law: Law, place: _Place, times: FloatArray, rates: FloatArray) -> float:
-    """When a motion comes to a place that goes on at its rate; beyond a pole rates are anything."""
+    """Time at which a motion with constant rate reaches a point; at most the next time."""
     begin, end = times[place.row : place.row + 2]
     used = list(law.places)
     along = place.along[used]
@@ -186,7 +186,7 @@ def _time(law: Law, place: _Place, times: FloatArray, rates: FloatArray) -> floa
 
 
 def _places(law: Law, operands: list[Law], begins: FloatArray, ends: FloatArray) -> list[_Place]:
-    """Where any of these is 0 on straight ways, in their order."""
+    """Zeros of the operands on straight paths, in the order of the paths."""
     found: dict[str, _Place] = {}
     used = list(law.places)
     key_of = "%.6g " * len(used)
@@ -195,7 +195,7 @@ def _places(law: Law, operands: list[Law], begins: FloatArray, ends: FloatArray)
         values, slopes = zip(operand(begins), operand(ends), strict=True)
         first, last = (np.einsum("ij,ij->i", slope, along) for slope in slopes)
         changes = values[0] * values[1] < 0
-        # Towards 0 at first and away from it at last.
+        # The operand approaches 0 at the start and moves away from it at the end.
         turns = (values[0] * first < 0) & (values[1] * last > 0) & ~changes
         for some, turning in ((changes, False), (turns, True)):
             chosen = np.flatnonzero(some)[:_MOST_PLACES]
@@ -204,7 +204,7 @@ def _places(law: Law, operands: list[Law], begins: FloatArray, ends: FloatArray)
                 continue
             at = [row for row, *_ in zeros]
             there = begins[at] + np.array([[part] for _, part, _ in zeros]) * along[at]
-            # Adding 0 leaves one zero of the two.
+            # Adding 0 turns -0 into 0.
             numbers = (there[:, used] + 0.0).tolist()
             for (row, part, touches), place, read in zip(zeros, there, numbers, strict=True):
                 if not touches and _jumps(operand, place, along[row], begins[row]):
@@ -216,7 +216,7 @@ def _places(law: Law, operands: list[Law], begins: FloatArray, ends: FloatArray)
 
 
 def _jumps(operand: Law, there: FloatArray, way: FloatArray, begin: FloatArray) -> bool:
-    """Whether an operand that changes its sign there jumps over 0."""
+    """True if an operand that changes its sign at a point jumps over 0."""
     if not operand.branches:
         return False
     near = operand(there + np.array([[-_BESIDE], [_BESIDE]]) * way)[0]
@@ -227,9 +227,9 @@ def _jumps(operand: Law, there: FloatArray, way: FloatArray, begin: FloatArray) 
 def _zeros(
     operand: Law, begins: FloatArray, along: FloatArray, rows: NDArray[np.intp], *, turning: bool
 ) -> Iterator[tuple[int, float, bool]]:
-    """Yield ways on which an operand is 0, the parts of them, and whether it only touches 0.
+    """Yield paths with a zero of an operand, the fraction of the path, and True for a double zero.
 
-    ``turning``: on these ways it comes nearer to 0 and goes away from it.
+    ``turning``: on these paths the operand approaches 0 and moves away again.
     """
     if rows.size == 0:
         return
@@ -265,7 +265,7 @@ def _zeros(
 def _bracketed(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Zeros between places with different signs, all at once (the Illinois rule, then halves)."""
+    """Zeros between points of different sign, vectorized (Illinois method, then bisection)."""
     low, high = low.copy(), high.copy()
     f, g = function(low), function(high)
     for i in range(_SECANTS + _BISECTIONS):
@@ -284,7 +284,7 @@ def _bracketed(
 
 
 def _cancels(operand: Law, at: FloatArray) -> NDArray[np.bool_]:
-    """Where a sum is 0 to rounding. A sum of what is not negative is not."""
+    """True where a sum is 0 by cancellation, to rounding error."""
     if operand.code[-1] not in (_ADD, _SUBTRACT):
         return np.zeros(len(at), bool)
     size = sum(np.abs(part.values(at)) for part in _operands(operand))
@@ -292,7 +292,7 @@ def _cancels(operand: Law, at: FloatArray) -> NDArray[np.bool_]:
 
 
 def _grows(law: Law, place: _Place) -> bool:
-    """Whether a law grows without bound on one side of a place, to rounding."""
+    """True if a law grows without bound on one side of a point."""
     used = list(law.places)
     largest = float(np.abs(place.there[used]).max() + np.abs(place.along[used]).max())
     unit = largest / float(np.abs(place.along[used]).max())
@@ -300,7 +300,7 @@ def _grows(law: Law, place: _Place) -> bool:
     parts = near * 2.0 ** np.arange(_DOUBLINGS)
     for side in (-1, 1):
         f = law.values(place.there + side * parts[:, np.newaxis] * place.along)
-        # Next to a pole of a high order all is as high as the wall.
+        # Near a pole of high order all values have reached the limit.
         f = f[np.argmax(np.abs(f) < _WALL) :][: _HALVINGS + 2]
         if f.size < _HALVINGS + 2 or (np.abs(f) >= _WALL).any():
             continue
@@ -311,9 +311,9 @@ def _grows(law: Law, place: _Place) -> bool:
 
 
 def _sharp(law: Law, places: list[_Place]) -> list[_Place]:
-    """Those of the places about which a tenth of what a law changes by may happen within a layer.
+    """The points about which a tenth of the change of a law may happen within a thin layer.
 
-    Layers are as wide as they are far from a place, or wider: some of the widths see them.
+    A layer is at least as wide as its distance from the point, so the coarse widths resolve it.
     """
     if not places:
         return []
@@ -325,7 +325,7 @@ def _sharp(law: Law, places: list[_Place]) -> list[_Place]:
 
 
 def _changes(law: Law, places: list[_Place]) -> list[tuple[float, float]]:
-    """By how much a law changes about each place, and within what half width half of it happens."""
+    """Change of a law about each point, and the half width that contains half of the change."""
     if not places:
         return []
     values = _values_about(law, places, _ASIDE)
@@ -335,18 +335,18 @@ def _changes(law: Law, places: list[_Place]) -> list[tuple[float, float]]:
     half = both >= 0.5 * change[:, np.newaxis]
     half = half[:, : _WIDTHS.size] | half[:, _WIDTHS.size :]
     widths = _WIDTHS[half.argmax(axis=1)]
-    # A step changes on both sides, a bump goes back on both.
+    # At a step the two ends differ; at a bump they are equal.
     ends = np.abs(values[:, -2] - values[:, _WIDTHS.size - 1])
     found = np.where((largest >= _WALL) | ~(change > 0), 0.0, np.maximum(change, ends))
     return list(zip(found.tolist(), np.where(found > 0, widths, 1.0).tolist(), strict=True))
 
 
 def _values_about(law: Law, places: list[_Place], aside: FloatArray) -> FloatArray:
-    """Values of a law at such parts of the way aside of each place, shape (m, n_aside)."""
+    """Values of a law at the offsets ``aside`` from each point, shape (m, n_aside)."""
     found = np.empty((len(places), aside.size))
     for begin in range(0, len(places), _AT_ONCE):
         some = places[begin : begin + _AT_ONCE]
-        # An argument after the other, as the core takes them.
+        # Arguments one after the other, in the order of the core.
         there = np.array([place.there for place in some]).T[:, :, np.newaxis]
         along = np.array([place.along for place in some]).T[:, :, np.newaxis]
         at = (there + along * aside).reshape(there.shape[0], -1).T
@@ -355,7 +355,7 @@ def _values_about(law: Law, places: list[_Place], aside: FloatArray) -> FloatArr
 
 
 def _divisors(law: Law) -> list[Law]:
-    """What must not be 0 in a law: divisors, cosines of tangents, bases of negative powers."""
+    """Operands that must not be 0: divisors, cosines of tangents, bases of negative powers."""
     found = []
     for i, code in enumerate(law.code):
         if code == _DIVIDE:
@@ -369,13 +369,13 @@ def _divisors(law: Law) -> list[Law]:
 
 
 def _bent(law: Law) -> list[Law]:
-    """What smooth functions of a law take; about a zero of it the most may change."""
+    """Operands of the smooth functions of a law; near their zeros the law may change most."""
     found = [_operands(law, i)[0] for i, code in enumerate(law.code) if code in _SMOOTH]
     return [factor for one in found for factor in _factors(one)]
 
 
 def _factors(operand: Law) -> list[Law]:
-    """Where one of these is 0 an operand is; none has a double zero for its form alone."""
+    """Factors of an operand: it is 0 where one is, and none has a double zero by its form."""
     code = operand.code[-1]
     if code == _NUMBER:
         return []
@@ -390,7 +390,7 @@ def _factors(operand: Law) -> list[Law]:
 
 
 def _operands(law: Law, last: int = -1) -> list[Law]:
-    """What an instruction of a law takes, each as a law."""
+    """Operands of an instruction of a law, each as a law."""
     last %= len(law.code)
     if _n_operands(law.code[last]) == 0:
         return []
@@ -421,7 +421,7 @@ def _n_operands(code: int) -> int:
 
 
 def _read(law: Law, there: FloatArray) -> dict[str, float]:
-    """What a law reads at a place, its rates left out."""
+    """Arguments of a law at a point, without rates."""
     n_positions = len(law.arguments) - law.n_rates
     read = [place for place in law.places if place < n_positions] or list(law.places)
     return {law.arguments[place]: float(there[place]) for place in read}
@@ -430,10 +430,10 @@ def _read(law: Law, there: FloatArray) -> dict[str, float]:
 def _arguments(
     system: object, q: FloatArray, v: FloatArray, having: frozenset[int]
 ) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
-    """Yield each law that has one of these instructions, its arguments at states and their rates.
+    """Yield each law with one of the instructions ``having``, its arguments and their rates.
 
-    Shape (m, n_arguments); the rates of rates are taken as 0. Laws of elements with a state of
-    their own are left out.
+    Arguments and rates have the shape (m, n_arguments); rates of rates are set to 0. Hysteresis
+    elements are skipped.
     """
     nothing = np.zeros_like(v)
     if isinstance(system, PolynomialSystem):

@@ -1,4 +1,4 @@
-"""Force laws written as text that are no polynomials, as programs of the core."""
+"""Force laws that are not polynomials, as programs of the core."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from viscovib.systems.python_law import CalledLaw, PythonLaw
 from viscovib.systems.traced_law import text_of
 
 _FIELD, _MAX_LENGTH = 64, 20_000
-#: Instructions of the core.
+#: Instruction codes of the core.
 _NUMBER, _ARGUMENT, _SUBTRACT, _MULTIPLY = 1, 2, 4, 5
 _ODD = -1
-#: A function of Python of n operands is this + n; its number is its place among `Law.calls`.
+#: Code of a Python function of n operands: this + n; its number is its index in `Law.calls`.
 _CALLED = 40
-#: Those with a kink or a jump: abs, sign, heaviside, atan2, min, max and comparisons.
+#: Codes with a kink or a jump: abs, sign, heaviside, atan2, min, max and comparisons.
 _BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
-#: Those with a jump.
+#: Codes with a jump.
 _JUMPS = (27, 28, 29, 32, 33, 34, 35)
-#: What the core gives outside a domain, and how near to rest a law must have a value.
+#: Value that the core returns outside a domain; distance from rest at which a law must be defined.
 _WALL, _NEAR = 1e60, 1e-9
-#: How much more than by its steepest slope it may change over that way; and how much of that it
-#: changes over the second half of the way, at least, where it does not jump at rest. What rounding
-#: leaves of laws whose parts cancel there is another at each place.
+#: Largest change over this distance, relative to the steepest slope, and the smallest fraction of
+#: it in the second half of the distance, for laws that do not jump at rest. Rounding errors of
+#: laws with cancelling terms differ from point to point.
 _STEEP, _LEAST_LATER = 10.0, 1e-2
-#: How well a function and the text that stands for it must agree; values that are only rounding.
+#: Relative tolerance for a function and its equivalent text; values that are rounding errors.
 _SAME, _NONE = 1e-10, 1e-25
-#: Variables that a message lists.
+#: Largest number of variables in a message.
 _LISTED = 8
 
 
@@ -54,16 +54,16 @@ class Law:
     arguments: tuple[str, ...]
     code: tuple[int, ...]
     number: tuple[float, ...]
-    #: 1: even, -1: odd, 0: neither is known.
+    #: 1: even, -1: odd, 0: unknown.
     parity: int
-    #: As a polynomial, 0 if it is none.
+    #: Degree of a polynomial; 0 if the law is not a polynomial.
     degree: int = 0
-    #: How many of the arguments, the last ones, are rates of the others.
+    #: Number of arguments, at the end, that are rates of the first arguments.
     n_rates: int = 0
-    #: What has hysteresis (1: Jenkins, 2: Bouc-Wen, 3: Dahl, from 1001 on users'): its program only
-    #: holds its numbers.
+    #: Kind of hysteresis (1: Jenkins, 2: Bouc-Wen, 3: Dahl, from 1001: user elements). The program
+    #: then contains only parameters.
     state: int = 0
-    #: Functions of Python that it calls.
+    #: Python functions that the law calls.
     calls: tuple[CalledLaw, ...] = ()
 
     def __call__(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -72,18 +72,18 @@ class Law:
         return found["values"], found["slopes"]
 
     def values(self, at: FloatArray) -> FloatArray:
-        """Values alone, which take half the time."""
+        """Values without derivatives, in half the time."""
         found = _native.run("law values", **self._program, arguments=at, with_slopes=False)
         return np.asarray(found["values"])
 
     @cached_property
     def _program(self) -> dict[str, Any]:
-        """Instructions and their numbers as the core takes them."""
+        """Instruction codes and their numbers for the core."""
         return {"code": np.array(self.code), "number": np.array(self._numbers_of_core, dtype=float)}
 
     @property
     def _numbers_of_core(self) -> tuple[float, ...]:
-        """Numbers of its instructions, those of functions as the core knows them."""
+        """Numbers of the instructions; for Python functions, their numbers in the core."""
         if not self.calls:
             return self.number
         return tuple(
@@ -98,38 +98,38 @@ class Law:
 
     @cached_property
     def places(self) -> tuple[int, ...]:
-        """Which arguments it reads at all."""
+        """Indices of the arguments that the law reads."""
         pairs = zip(self.code, self.number, strict=True)
         return tuple(sorted({int(x) - 1 for code, x in pairs if code == _ARGUMENT}))
 
     @cached_property
     def branches(self) -> bool:
-        """Whether it has a kink or a jump somewhere."""
+        """True if the law has a kink or a jump."""
         return any(code in _BRANCHES for code in self.code)
 
     @property
     def stiffness_at_rest(self) -> FloatArray:
-        """Derivatives at rest by what it reads of the position."""
+        """Derivatives at rest with respect to the positions."""
         return self.slopes_at_rest[: len(self.arguments) - self.n_rates]
 
     def damping_at_rest(self, *, remembers: bool = False) -> FloatArray:
-        """Derivatives at rest by the rates; 0 behind a kernel, where they are no damping."""
+        """Derivatives at rest with respect to the rates; 0 with a kernel (no viscous damping)."""
         slopes = self.slopes_at_rest[len(self.arguments) - self.n_rates :]
         return np.asarray(0.0 * slopes if remembers else slopes)
 
     def remainder(self, *, remembers: bool = False) -> Law:
-        """Return what is left without the linear part at rest; behind a kernel rates keep it."""
+        """Return the law without its linear part at rest; with a kernel, rates keep their part."""
         slopes = [*self.stiffness_at_rest, *self.damping_at_rest(remembers=remembers)]
         return self.without(slopes)
 
     def without(self, slopes: Sequence[float]) -> Law:
-        """Return what is left without these multiples of its arguments."""
+        """Return the law minus ``slopes`` times its arguments."""
         code, number = list(self.code), list(self.number)
         for place, slope in enumerate(slopes, start=1):
             if slope != 0:
                 code += [_ARGUMENT, _NUMBER, _MULTIPLY, _SUBTRACT]
                 number += [place, float(slope), 0.0, 0.0]
-        # An even law has no slope at rest, unless it has a kink there.
+        # An even law has zero slope at rest unless it has a kink at 0.
         parity = self.parity if self.parity == _ODD or len(code) == len(self.code) else 0
         return replace(self, code=tuple(code), number=tuple(number), parity=parity)
 
@@ -150,22 +150,22 @@ class Law:
         )
 
     def with_arguments(self, texts: Mapping[str, str]) -> str:
-        """Return its text with other expressions in place of arguments."""
+        """Return the text with expressions substituted for arguments."""
         return re.sub(r"[A-Za-z_]\w*", lambda m: f"({texts[m[0]]})" if m[0] in texts else m[0],
                       self.text)  # fmt: skip
 
     def about(self, name: str, at: float) -> Law:
-        """Return f(at + d) - f(at), of one argument and perhaps its rate."""
+        """Return f(at + d) - f(at) of one argument and possibly its rate."""
         rest = float(self(np.array([[at, *(0.0,) * self.n_rates]]))[0][0])
         text = f"({self.with_arguments({name: f'{name} + ({at!r})'})}) - ({rest!r})"
         return compile_law("law", text, self.arguments, {}, self.n_rates)
 
     def numbers(self, reads: FloatArray, targets: Mapping[int, float], kernel: int) -> list[float]:
-        """Return it as the core takes it.
+        """Return the law as numbers for the core.
 
-        ``reads`` maps coordinates to arguments without rates, shape (m, n), and in the same way
-        their rates to those that are rates; ``targets``: weights of the equations in which it
-        stands; ``kernel``: behind which, from 1 (0: none).
+        ``reads``: matrix from coordinates to arguments, shape (m, n), also used from velocities to
+        rates; ``targets``: weights of the law in the equations; ``kernel``: number of its kernel,
+        from 1 (0: none).
         """
         n = len(self.arguments)
         of_coordinates, of_rates = np.zeros((2, n, reads.shape[1]))
@@ -194,9 +194,9 @@ def compile_law(
     *,
     named: bool = False,
 ) -> Law:
-    """Compile a text; ``where`` is what an error calls it; the last arguments may be rates.
+    """Compile a text; ``where``: its name in errors; the last ``n_rates`` arguments are rates.
 
-    ``named``: whether the caller can give it parameters.
+    ``named``: True if the caller accepts parameters.
     """
     if len(text) > _MAX_LENGTH:
         raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
@@ -217,17 +217,17 @@ def compile_law(
 
 @dataclass(frozen=True, eq=False)
 class ManyLaws:
-    """A law with n sets of parameters: programs, a row each, without their linear parts at rest."""
+    """A law with n sets of parameters: one program per row, without the linear parts at rest."""
 
     code: npt.NDArray[np.intc]
     number: FloatArray
-    #: What all is the same in runs of one form, a column each.
+    #: Quantities that are equal for all runs of one form, one column each.
     form: list[npt.NDArray[Any]]
     #: Derivatives at rest, shape (n, n_arguments).
     slopes: FloatArray
 
     def numbers(self, runs: npt.NDArray[np.intp]) -> FloatArray:
-        """What programs of runs of one form put on their stacks, as of `Law.remainder`."""
+        """Numbers on the stacks of the programs of runs of one form, as in `Law.remainder`."""
         first = runs[0]
         own = self.number[runs][:, self.code[first] == _NUMBER]
         return np.concatenate([own, self.slopes[runs][:, self.slopes[first] != 0]], axis=1)
@@ -236,9 +236,9 @@ class ManyLaws:
 def compile_many(
     text: str, arguments: Sequence[str], parameters: Mapping[str, FloatArray], n: int
 ) -> ManyLaws | None:
-    """Compile a text for n values of each parameter, rates being the last half of arguments.
+    """Compile a text for n values of each parameter; the last half of the arguments are rates.
 
-    None: with some of them there is no such law.
+    None: the law cannot be compiled for some of the values.
     """
     values = np.array(list(parameters.values())).reshape(len(parameters), n)
     letters = _native.letters("law", text)
@@ -264,9 +264,9 @@ def function_law(
     parameters: Mapping[str, float],
     rates: Sequence[str],
 ) -> str | Law:
-    """Return a function of Python as a text where it can be written as one, else as a law.
+    """Return a Python function as a text if an equivalent text exists, else as a law.
 
-    The law calls it; its parameters are numbers, so that they may vary.
+    The law calls the function with its parameters as operands, so that they may be varied.
     """
     law = function if isinstance(function, PythonLaw) else PythonLaw(function)  # type: ignore[arg-type]
     variables = [*arguments, *rates]
@@ -296,7 +296,7 @@ def _is_text(
     parameters: Mapping[str, float],
     n_rates: int,
 ) -> bool:
-    """Whether a text has the values of a function, at random operands of all sizes."""
+    """True if a text and a function have the same values at random operands of all sizes."""
     at = called.places(parameters)
     rows = np.zeros((at.shape[1], len(variables)))
     for name, row in zip(called.names, at, strict=True):
@@ -305,7 +305,7 @@ def _is_text(
     try:
         values = compile_law("law", text, variables, parameters, n_rates).values(rows)
         wanted = called.values(at)
-    except Exception:  # the function is called instead, which says what is wrong with it
+    except Exception:  # the function is called instead and raises its own error
         return False
     valid = np.isfinite(wanted) & (np.abs(values) < _WALL)
     off = np.abs(values - wanted)[valid]
@@ -313,20 +313,20 @@ def _is_text(
 
 
 def _told_sign(text: str) -> str:
-    """How to say a sign that is written as a quotient, if one may be."""
+    """Hint to write ``sign`` instead of u/abs(u); empty if the text has no such quotient."""
     if "/abs(" not in text.replace(" ", ""):
         return ""
     return " (u/abs(u) is sign(u) but for u = 0: write sign)"
 
 
 def _refuse_edge(where: str, law: Law) -> None:
-    """Refuse a law that has no value around rest, or no finite derivative there."""
+    """Refuse a law without a value or a finite derivative near rest."""
     n = len(law.arguments)
     ways = _NEAR * np.concatenate([np.eye(n), -np.eye(n)])
     values, slopes = law(np.concatenate([np.zeros((1, n)), ways, 0.5 * ways]))
     there, halfway = values[1 : 2 * n + 1], values[2 * n + 1 :]
     change = np.abs(there - values[0])
-    # As 1/x in tanh(1/x), which is of either sign.
+    # For example 1/x in tanh(1/x), with a different sign on each side of 0.
     split = (
         not any(code in _JUMPS for code in law.code)
         and (
@@ -356,12 +356,12 @@ def read_law(
     named: bool = True,
     preloaded: bool = False,
 ) -> Polynomial | Law:
-    """Return a text as a polynomial in its arguments if it is one, else compiled.
+    """Return a text as a polynomial in its arguments if possible, else compiled.
 
-    Or a function, as a law that calls it.
+    A Python function becomes a law that calls it.
 
-    ``rates``: names for the rates of the arguments, one each; what has any is compiled. ``named``:
-    whether the caller can give it parameters. ``preloaded``: what is not 0 at rest is compiled.
+    ``rates``: names of the rates of the arguments; laws with rates are compiled. ``named``: True if
+    the caller accepts parameters. ``preloaded``: laws that are not 0 at rest are compiled.
     """
     if not isinstance(text, str):
         text = function_law(where, text, arguments, parameters, rates)
@@ -385,13 +385,13 @@ def read_law(
         own = powers[: len(arguments)]
         result[own] = result.get(own, 0.0) + factor
     if preloaded and result.get((0,) * len(arguments)):
-        # A static force: laws that are compiled may have one.
+        # A static force: only compiled laws may have one.
         return compile_law(where, text, [*arguments, *rates], parameters, len(rates))
     return result
 
 
 def _told_of_name(told: str, variables: Sequence[str], *, named: bool) -> str:
-    """What is wrong; of an unknown name also which there are, and how it may become a parameter."""
+    """Message of an error; for an unknown name also the known names and the use of parameters."""
     parts = re.fullmatch(r"'(\w+)' is neither a variable nor a parameter(.*)", told)
     if parts is None:
         return told
@@ -402,9 +402,9 @@ def _told_of_name(told: str, variables: Sequence[str], *, named: bool) -> str:
 
 
 def named_in(names: Iterable[str], *laws: object) -> tuple[str, ...]:
-    """Which of the names stand in laws: texts, lists of these or mappings to these, else none.
+    """The names that occur in laws: texts, lists of texts or mappings to texts.
 
-    Of a function of Python all do: it is not called for parameters that it does not take.
+    For a Python function all names: it is called only with parameters that it has.
     """
     texts: list[object] = []
     for law in laws:
@@ -420,17 +420,17 @@ def named_in(names: Iterable[str], *laws: object) -> tuple[str, ...]:
     return tuple(name for name in names if name in words)
 
 
-#: A name, or a number, whose e is none.
+#: A name, or a number (the e of an exponent is not a name).
 _WORD = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[A-Za-z_]\w*")
 
 
 def with_numbers(text: str, parameters: Mapping[str, float]) -> str:
-    """Return a law with numbers for the names of parameters."""
+    """Return a law with numbers substituted for parameters."""
     return _WORD.sub(lambda m: f"({parameters[m[0]]!r})" if m[0] in parameters else m[0], text)
 
 
 def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, float]:
-    """Numbers of a law by name."""
+    """Parameters of a law by name."""
     if parameters is None:
         return {}
     if not isinstance(parameters, Mapping):
@@ -446,7 +446,7 @@ def parameter_values(parameters: object, taken: Sequence[str]) -> dict[str, floa
 
 
 def _fields(names: Sequence[str]) -> bytes:
-    """Names as the core reads them, each in a field of its own."""
+    """Names in fields of fixed length for the core."""
     fields = [name.encode() for name in names]
     for name, field in zip(names, fields, strict=True):
         if len(field) > _FIELD:

@@ -1,4 +1,4 @@
-"""Layers of a structure: stiffness matrices that relax as a whole, as one of rubber."""
+"""Layers of a structure: stiffness matrices with a kernel, for example of rubber."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from viscovib.systems.elements import ElementTerms
 from viscovib.systems.relaxing_rest import Layer
 from viscovib.systems.structure_matrices import dense_of, is_sparse, matrix_of
 
-#: Directions in which a layer may act whose kernel is no sum of exponentials; eigenvalues below
-#: this part of the largest are 0; coordinates that such a layer may touch in sparse matrices.
+#: Bounds for layers whose kernel is not a sum of exponentials: number of directions, eigenvalues
+#: that count as 0 (relative to the largest), coordinates of a layer in sparse matrices.
 _MOST_DIRECTIONS, _RANK, _MOST_TOUCHED = 64, 1e-12, 2000
 
 
 class Layers(NamedTuple):
-    """Layers as the rest and the elements take them."""
+    """Layers for the linear subsystem and for the elements."""
 
     #: Matrices and kernels that are sums of exponentials.
     whole: tuple[tuple[Any, Kernel], ...]
-    #: The others along the directions in which they act.
+    #: All other layers, as elements along the directions in which they act.
     elements: tuple[ElementTerms, ...]
 
     @property
@@ -37,7 +37,7 @@ class Layers(NamedTuple):
         return [(dense_of(matrix), *exponentials_of(kernel)) for matrix, kernel in self.whole]
 
     def added_to(self, stiffness: Any) -> Any:
-        """K with the layers before they relax."""
+        """K plus the unrelaxed stiffness of the layers."""
         for matrix, _ in self.whole:
             stiffness = stiffness + matrix
         return stiffness
@@ -64,7 +64,7 @@ def checked_layers(layers: Any, n: int, sparse: bool) -> Layers:
 
 
 def exponentials_of(kernel: Kernel) -> Any:
-    """Weights and rates (1/s) of a kernel that is a sum of exponentials; None of another."""
+    """Weights and rates (1/s) of a kernel that is a sum of exponentials; None for other kernels."""
     if isinstance(kernel, SumKernel):
         parts = [exponentials_of(part) for part in kernel.parts]
         if any(part is None for part in parts):
@@ -78,7 +78,7 @@ def exponentials_of(kernel: Kernel) -> Any:
 
 
 def finite_at_first(kernel: Kernel) -> bool:
-    """Whether R(0) is known to be finite."""
+    """True if R(0) is known to be finite."""
     if isinstance(kernel, SumKernel):
         return all(finite_at_first(part) for part in kernel.parts)
     within = kernel.kernel if isinstance(kernel, ThermalKernel) else kernel

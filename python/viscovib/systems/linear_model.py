@@ -24,15 +24,15 @@ class LinearModel(NamedTuple):
     rayleigh : (float, float)
         a and b: a M + b K is added to C.
     ratio : float or sequence of float
-        Of critical damping, of every mode that the reduction finds; the last of a sequence holds
-        for all modes above. Beyond them C_r is b K, b = 2 ratio/omega of the last one: a ratio
-        of modes that nobody computes has no meaning.
+        Damping ratios of the modes that the reduction finds; the last value of a sequence applies
+        to all higher modes. Modes that are not computed have no ratio: above the last computed
+        mode C_r is b K with b = 2 ratio/omega of this mode.
     loss : float
         eta, loss factor of K: for periodic motions, s = i omega, omega > 0.
     layers : sequence of (array, Kernel)
-        K_j with their kernels. ``stiffness`` does not hold them.
+        K_j with their kernels. ``stiffness`` does not contain them.
     dampers : sequence of (array, Kernel)
-        C_j with their kernels: what is linear in rates and remembered.
+        C_j with their kernels: linear forces of rates with memory.
     """
 
     mass: Any
@@ -46,7 +46,7 @@ class LinearModel(NamedTuple):
 
     @property
     def at_rest(self) -> Any:
-        """K with the layers before they relax: what acts at once."""
+        """K plus the layers without relaxation: the instantaneous stiffness."""
         total = self.stiffness
         for layer, _ in self.layers:
             total = total + layer
@@ -80,7 +80,7 @@ class LinearModel(NamedTuple):
 class ModalDampingMatrix:
     """C + b K + M Phi (2 zeta omega - b omega^2) Phi' M, b = 2 zeta/omega of the highest mode.
 
-    The full matrix with the ratios given in the modes Phi.
+    The full matrix with the given ratios in the modes Phi.
     """
 
     def __init__(self, model: LinearModel, modes: Modes) -> None:
@@ -91,7 +91,7 @@ class ModalDampingMatrix:
 
     @property
     def T(self) -> "ModalDampingMatrix":  # noqa: N802
-        """Its transpose, itself."""
+        """The transpose; the matrix is symmetric."""
         return self
 
     def __matmul__(self, vectors: FloatArray) -> FloatArray:
@@ -102,13 +102,13 @@ class ModalDampingMatrix:
 
 
 def modal_rates(model: LinearModel, squares: FloatArray) -> tuple[FloatArray, float]:
-    """2 zeta omega of modes, and b of what lies above them."""
+    """2 zeta omega of the modes, and b for all higher modes."""
     omega, ratios = np.sqrt(np.abs(squares)), model.ratios(squares.size)
     return 2 * ratios * omega, float(2 * ratios[-1] / omega.max())
 
 
 def with_ratios(model: LinearModel, modes: Modes) -> LinearModel:
-    """Return a model whose damping holds the modal ratios."""
+    """Return a model whose damping matrix contains the modal ratios."""
     if not np.any(model.ratio):
         return model
     return model._replace(damping=ModalDampingMatrix(model, modes), ratio=0.0)

@@ -37,10 +37,10 @@ _OPERATORS: dict[type, Any] = {
 
 @dataclass(frozen=True)
 class Job:
-    """A system and its load, as tasks of the core take them.
+    """A system and its load, as arguments of tasks of the core.
 
-    ``given``: values of every task by name: the load's ``orders`` and ``series``; along a branch
-    also what ``varies``.
+    ``given``: values by name for every task: ``orders`` and ``series`` of the load; for a branch
+    also ``varies``, the parameter that varies.
     """
 
     system: Handle
@@ -48,17 +48,17 @@ class Job:
 
     @property
     def orders(self) -> npt.NDArray[np.int32]:
-        """Orders of the load, shape (m,)."""
+        """Harmonic orders of the load, shape (m,)."""
         return np.asarray(self.given["orders"])
 
     @property
     def series(self) -> ComplexArray:
-        """Its coefficients, shape (n_dof + 1, m): forces, then the base."""
+        """Coefficients of the load, shape (n_dof + 1, m): forces, then the base."""
         return np.asarray(self.given["series"])
 
     @property
     def n_dof(self) -> int:
-        """Coordinates that the core computes."""
+        """Number of coordinates that the core computes."""
         return len(self.given["series"]) - 1
 
     def along(self, **values: Any) -> Job:
@@ -70,11 +70,11 @@ class Job:
         return _native.run(task, self.system, **self.given, **values)
 
     def run_apart(self, task: str, **values: Any) -> dict[str, Any]:
-        """Run a task of pieces that may take long, so that Ctrl-C is heard."""
+        """Run a task with long parts in a thread, so that Ctrl-C works."""
         return _native.apart(lambda: self.run(task, **values))
 
     def run_long(self, task: str, **values: Any) -> dict[str, Any]:
-        """Run a task of many short pieces, so that Ctrl-C is heard."""
+        """Run a task of many short parts, so that Ctrl-C works."""
         return _native.interruptible(lambda: self.run(task, **values))
 
 
@@ -127,10 +127,10 @@ def load_series(
 ) -> tuple[npt.NDArray[np.int32], ComplexArray]:
     """Return orders, shape (m,), and coefficients, shape (n_dof + 1, m): forces, then base.
 
-    ``places``: of the coordinates, by name.
+    ``places``: indices of the coordinates by name.
     """
     if type(load) is float and base is None and math.isfinite(load):
-        # The usual load: order 1 on the first coordinate.
+        # The usual load: harmonic 1 on the first coordinate.
         series = np.zeros((n_dof + 1, 1), dtype=complex, order="F")
         series[0, 0] = load
         return np.array([1], dtype=np.int32), series
@@ -145,19 +145,19 @@ def load_series(
 
 
 def name_places(names: Sequence[str]) -> dict[str, int]:
-    """Places of coordinates by their names."""
+    """Indices of coordinates by name."""
     return {name: place for place, name in enumerate(names)}
 
 
 def one_of(names: Iterable[str]) -> str:
-    """Which coordinates may be named, the first of them."""
+    """Part of a message: the allowed coordinates, the first four by name."""
     known = list(names)
     some = ", ".join(known[:4]) + (", ..." if len(known) > 4 else "")
     return f"must be one of the {len(known)} coordinates {some}"
 
 
 def base_by_order(base: Any) -> dict[Any, Any]:
-    """Motions of a base by their orders; a number, a vector or names are order 1."""
+    """Motions of a base by harmonic order; a number, a vector or names mean order 1."""
     if base is None:
         return {}
     if not isinstance(base, Mapping) or (base and all(isinstance(one, str) for one in base)):
@@ -166,7 +166,7 @@ def base_by_order(base: Any) -> dict[Any, Any]:
 
 
 def in_components(term: Any) -> bool:
-    """Whether a motion of the base is given for each coordinate, and not along a direction."""
+    """True if a base motion is given for each coordinate instead of along a direction."""
     if isinstance(term, Mapping):
         return True
     try:
@@ -178,7 +178,7 @@ def in_components(term: Any) -> bool:
 def oscillator_series(
     system: Any, load: LoadLike | None, base: Any
 ) -> tuple[npt.NDArray[np.int32], ComplexArray]:
-    """Return `load_series` of an oscillator, whose base may move each coordinate on its own.
+    """Return `load_series` of an oscillator whose base may move each coordinate separately.
 
     A term of order -1 - k contains, in place of forces, the displacements of the coordinates by the
     base of order k, and a term of order -k - 10^6 forces per (k nu)^2.
@@ -297,7 +297,7 @@ def _in_nu(where: str, text: str) -> tuple[complex, complex]:
 def base_shifts(
     orders: npt.NDArray[np.int32], series: ComplexArray, direction: FloatArray | None
 ) -> list[tuple[int, ComplexArray]]:
-    """Orders and displacements of the coordinates by the base, shape (n,), of `load_series`."""
+    """Orders and displacements (n,) of the coordinates by the base, from `load_series`."""
     shifts = []
     for j, order in enumerate(orders.tolist()):
         if order <= _SQUARES:
@@ -345,7 +345,7 @@ def _by_order(
 
 
 def _fill(vector: ComplexArray, where: str, term: Any) -> None:
-    """Write a number, for the first coordinate, or a vector."""
+    """Store a number (for the first coordinate) or a vector."""
     given = _native.complex_array(where, term)
     if given.ndim == 0:
         vector[0] = given

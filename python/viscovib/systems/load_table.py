@@ -121,11 +121,11 @@ class LoadTable:
         return np.asarray(np.moveaxis(result, 0, -1).reshape(at.shape + values.shape[1:]))
 
     def _pieces(self, n_dof: int) -> FloatArray:
-        """Cubics between the times as the core takes them, shape (n_dof, 4, n)."""
+        """Cubic coefficients between the times for the core, shape (n_dof, 4, n)."""
         return self._cubics(self._columns(n_dof))
 
     def _cubics(self, values: FloatArray) -> FloatArray:
-        """The same of columns, shape (n, n_columns)."""
+        """The cubic coefficients of columns, shape (n, n_columns)."""
         from scipy.interpolate import CubicSpline
 
         n_dof = values.shape[1]
@@ -139,7 +139,7 @@ class LoadTable:
         return pieces
 
     def _breaks(self, n_dof: int) -> FloatArray:
-        """Times at which a piece does not go on smoothly into the next, and the ends."""
+        """Times at which the spline is not smooth, and both ends."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         one = values.ndim == 1
         pieces = self._cubics(values[:, np.newaxis] if one else self._columns(n_dof))
@@ -155,7 +155,7 @@ class LoadTable:
                 6 * a[:, 0],
             ]
         )
-        # Relative to the two pieces that meet: a steep one elsewhere hides no corner.
+        # Relative to the two adjacent pieces: a steep piece elsewhere does not hide a corner.
         size = np.maximum(np.abs(begin), np.abs(end))
         size = np.maximum(size[:, :, 1:], size[:, :, :-1])
         jumps = np.abs(begin[:, :, 1:] - end[:, :, :-1]) > 1e-11 * size
@@ -170,11 +170,11 @@ class LoadTable:
 
     @property
     def _columned(self) -> bool:
-        """Whether it has a column for each coordinate."""
+        """True if the table has a column for each coordinate."""
         return np.asarray(self.values).ndim == 2
 
     def _base_pieces(self, n_columns: int = 0, n_dof: int = 1) -> FloatArray:
-        """Cubics between times of displacements of the base, shape (4, q, n), the last for ever.
+        """Cubic coefficients of base displacements, shape (4, q, n); the last value stays constant.
 
         0 columns: one displacement, q = 1; else one for each of the first coordinates, q = n_dof.
         """
@@ -455,7 +455,7 @@ class Step(Shock):
 def added(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """The sum of two tables, each by its times and cubics of shape (n_dof, 4, n)."""
+    """The sum of two tables, each given by times and cubic coefficients, shape (n_dof, 4, n)."""
     times = np.union1d(one[0], other[0])
     total = np.zeros((one[1].shape[0], 4, times.size), order="F")
     middle = (times[1:] + times[:-1]) / 2

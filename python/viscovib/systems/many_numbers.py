@@ -1,8 +1,8 @@
-"""Numbers of polynomial systems that differ in parameters of their laws, for all runs at once.
+"""Vectors of numbers of polynomial systems with different parameters of their laws, for many runs.
 
-Runs go side by side in the core where their systems have the same form: the same monomials and the
-same instructions of laws, with other numbers. A parameter may change the form, as a factor of 0
-that leaves a term out, or a power of 2 that becomes a square: such runs are of another kind.
+The core computes runs together if their systems have the same form: the same monomials and the same
+instructions of laws, with different numbers. A parameter may change the form: a factor of 0 removes
+a term, a power of 2 becomes a square. Such runs form a separate kind.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ from viscovib.systems.laws import _NUMBER, ManyLaws, compile_many
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Forces, by_equation
 
-#: Numbers of a flat vector before its matrices, and of a law before what it reads.
+#: Number of entries of a flat vector before its matrices, and of a law before its arguments.
 _HEAD, _LAW_HEAD = 5, 7
 
 
 class Kind(NamedTuple):
-    """Runs of one form: their places, and the numbers of each, shape (m, n_flat)."""
+    """Runs of one form: their indices, and the vector of each, shape (m, n_flat)."""
 
     runs: npt.NDArray[np.intp]
     flat: FloatArray
 
 
 class ManySystems(NamedTuple):
-    """What systems of n runs are: kinds, and what they have of stiffness and damping."""
+    """Systems of n runs: kinds, stiffness and damping."""
 
     kinds: list[Kind]
-    #: Stiffness and damping themselves, and what laws add at rest, shape (n, d, d, 2).
+    #: Stiffness and damping matrices, and the linear parts of laws at rest, shape (n, d, d, 2).
     own: FloatArray
     of_laws: FloatArray
 
 
 class _OneByOneError(Exception):
-    """Some law is not of those that are read for all runs at once."""
+    """Some law cannot be read for all runs at once."""
 
 
 class _Places(NamedTuple):
-    """Where numbers that may differ stand in a flat vector without kernels."""
+    """Indices of the numbers that may differ in a flat vector without kernels."""
 
     damping: int
     stiffness: list[int]
     monomials: list[int]
-    #: Of each law, of those that it puts on its stack.
+    #: For each law, indices of the numbers on its stack.
     laws: list[list[int]]
 
 
@@ -74,7 +74,7 @@ def _places(flat: FloatArray) -> _Places:
 
 
 def systems_one_by_one(make: Callable[[int], PolynomialSystem], n: int) -> ManySystems:
-    """Systems that are made one after another."""
+    """Create the systems one after another."""
     own, of_laws, flats = [], [], []
     kinds: dict[bytes, list[int]] = {}
     for i in range(n):
@@ -97,7 +97,7 @@ def systems_one_by_one(make: Callable[[int], PolynomialSystem], n: int) -> ManyS
 
 
 def linear_parts(system: PolynomialSystem) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and damping themselves, and what laws add at rest, shape (d, d, 2)."""
+    """Stiffness and damping matrices, and the linear parts of laws at rest, shape (d, d, 2)."""
     d = len(system.dof_names)
     slopes = [group.law_slopes for group in system.groups if group.law_slopes is not None]
     stiffness = system._stiffness_at_rest - sum(slopes, np.zeros((d, d)))
@@ -110,7 +110,7 @@ def linear_parts(system: PolynomialSystem) -> tuple[FloatArray, FloatArray]:
 def systems_of_parameters(
     system: PolynomialSystem, parameters: Mapping[str, FloatArray]
 ) -> ManySystems:
-    """Systems with other values of their parameters, an array each."""
+    """Systems with arrays of values of their parameters."""
     n = next(iter(parameters.values())).size
 
     def make(i: int) -> PolynomialSystem:
@@ -131,7 +131,7 @@ class _ManyGroups(NamedTuple):
     stiffness: FloatArray
     slopes: FloatArray
     damping: FloatArray
-    #: Coefficients by equation and powers, and where any term of theirs is there at all.
+    #: Coefficients by equation and powers, and a mask of the runs with this term.
     forces: dict[tuple[int, tuple[int, ...]], tuple[FloatArray, npt.NDArray[np.bool_]]]
     laws: list[ManyLaws]
 
@@ -189,7 +189,7 @@ def _together(
 
 
 def _columns(matrices: FloatArray) -> FloatArray:
-    """Matrices of some runs, each column by column."""
+    """Matrices of runs, each stored column by column."""
     return np.asarray(matrices.transpose(0, 2, 1).reshape(matrices.shape[0], -1))
 
 
@@ -211,7 +211,7 @@ def _group(
     values: Mapping[str, FloatArray],
     n: int,
 ) -> _ManyGroups:
-    """As `spring_group` understands one, term by term in the same order."""
+    """`spring_group` for all runs, with the terms in the same order."""
     d = len(names)
     total = np.tile(stiffness, (n, 1, 1))
     slopes, damping = np.zeros((2, n, d, d))
@@ -244,7 +244,7 @@ def _read_many(
     values: Mapping[str, FloatArray],
     n: int,
 ) -> dict[tuple[int, ...], FloatArray] | ManyLaws:
-    """As `read_law` reads a text for one set of values."""
+    """`read_law` for all sets of values."""
     if not isinstance(text, str):
         raise _OneByOneError
     try:
@@ -252,14 +252,14 @@ def _read_many(
     except InputError:
         laws = compile_many(text, [*names, *rates], values, n)
         if laws is None:
-            # One by one, so that the first wrong one is reported.
+            # Read one by one, so that the first error is reported.
             raise _OneByOneError from None
         return laws
     found: dict[tuple[int, ...], FloatArray] = {}
     for powers, c in terms.items():
         factor = np.full(n, c)
         for one, power in zip(values.values(), powers[len(names) :], strict=True):
-            # Powers of Python's numbers, as those of one system.
+            # Powers of Python numbers give the same digits as for one system.
             factor *= np.array([x**power for x in one.tolist()])
         own = powers[: len(names)]
         found[own] = found.get(own, np.zeros(n)) + factor

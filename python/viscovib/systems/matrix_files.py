@@ -1,4 +1,4 @@
-"""Matrices in files: Matrix Market, Harwell-Boeing and NumPy's .npz."""
+"""Files of matrices: Matrix Market, Harwell-Boeing and .npz of NumPy."""
 
 import io
 import os
@@ -20,24 +20,24 @@ from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
 from viscovib.systems.sparse_pencil import MOST
 
-#: Fewest characters that an entry of a text file takes: a digit and what ends it.
+#: Smallest number of characters of an entry in a text file: a digit and a separator.
 _LEAST = 2
-#: Bytes of a file, and of the arrays in it, at most.
+#: Largest size (bytes) of a file and of its arrays.
 _LARGEST = 1 << 32
-#: Endings of names, and what they stand for.
+#: File name extensions of the formats.
 MATRIX_MARKET, HARWELL_BOEING = (".mtx", ".mm"), (".rb", ".hb", ".rsa", ".rua", ".psa")
 _ENDINGS = f"{', '.join((*MATRIX_MARKET, *HARWELL_BOEING))} or .npz"
 #: Fortran's edit descriptors of numbers: repetitions, letter, width.
 _FORMAT = re.compile(r"\(\s*(?:\d+P\s*,?\s*)?(\d*)([IEDFG])(\d+)(?:\.\d+)?(?:E\d+)?\s*\)", re.I)
-#: What stands above the entries of a Matrix Market file: its kind, comments and its size.
+#: Header of a Matrix Market file: kind, comments and size.
 _HEAD = re.compile(rb"[^\n]*\n(?:[ \t]*(?:%[^\n]*)?\r?\n)*[^\n]*(?:\n|\Z)")
-#: Python before 3.11.5 mistakes possessive groups that turn back within: none is in these.
+#: No possessive groups with backtracking inside: Python before 3.11.5 has a bug with them.
 _WHOLE, _REAL = rb"[+-]?\d++", rb"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eEdD][+-]?\d++)?"
 _PLACES = {"coordinate": rb"\d++[ \t]++\d++[ \t]++", "array": b""}
-#: SciPy knows exponents of double precision, as Fortran writes them, no more than signs "+".
+#: SciPy reads neither the exponent letter D of Fortran nor signs "+".
 _EXPONENTS = bytes.maketrans(b"dD", b"ee")
 
-#: The arrays of SciPy's sparse formats: the numbers, then what says where they are.
+#: Arrays of the sparse formats of SciPy: the values, then their indices.
 _PARTS = {
     "csc": ("data", "indices", "indptr"),
     "csr": ("data", "indices", "indptr"),
@@ -46,7 +46,7 @@ _PARTS = {
     "coo": ("data", "row", "col"),
 }
 _FORMATS: dict[str, Any] = {"csc": csc_array, "csr": csr_array, "bsr": bsr_array}
-#: What NumPy and Python's archives raise for a damaged file.
+#: Exceptions of NumPy and zipfile for a damaged file.
 _DAMAGED = (
     ValueError, KeyError, EOFError, TypeError, RuntimeError, SyntaxError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error,
@@ -56,8 +56,8 @@ _DAMAGED = (
 def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
     """Return the real matrix in a file as a csc_array.
 
-    By the ending of the name: Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa, .rua),
-    or what `scipy.sparse.save_npz` wrote (.npz).
+    The extension selects the format: Matrix Market (.mtx, .mm), Harwell-Boeing (.rb, .hb, .rsa,
+    .rua), or a file of `scipy.sparse.save_npz` (.npz).
     """
     file = Path(FilePath(name).check(path))
     ending = file.suffix.lower()
@@ -77,7 +77,7 @@ def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
 
 
 def content_of(name: str, file: Path) -> bytes:
-    """Return all of a regular file that is not empty."""
+    """Return the content of a regular, non-empty file."""
     try:
         content = bytes_of(str(file), _LARGEST, "a file of matrices")
     except FileError as error:
@@ -89,9 +89,9 @@ def content_of(name: str, file: Path) -> bytes:
 
 
 def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -> None:
-    """Write a matrix in all its digits: Matrix Market (.mtx) or .npz, by the name.
+    """Write a matrix with all digits as Matrix Market (.mtx) or .npz, selected by the extension.
 
-    ``comment``: of a Matrix Market file.
+    ``comment``: comment in a Matrix Market file.
     """
     file = Path(FilePath("path").check(path))
     ending = file.suffix.lower()
@@ -105,7 +105,7 @@ def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -
 
 
 def put_matrix_market(target: Any, matrix: Any, comment: str = "") -> None:
-    """Write a matrix in all its digits into a file that is open."""
+    """Write a matrix with all digits into an open file."""
     mmwrite(target, coo_array(matrix), comment=comment, precision=17)
 
 
@@ -141,7 +141,7 @@ def _matrix_market(name: str, file: Path, content: bytes) -> Any:
 
 
 def _mirrored(name: str, file: Path, stored: Any, symmetry: str) -> Any:
-    """Return the whole matrix. The file stores each pair of entries once; twice would double it."""
+    """Return the full matrix of a file that stores each symmetric pair of entries once."""
     entries = stored.tocoo()
     row, column, values = entries.row, entries.col, entries.data
     off = (row != column) & (values != 0)
@@ -159,17 +159,17 @@ def _mirrored(name: str, file: Path, stored: Any, symmetry: str) -> Any:
 
 
 def _checked(name: str, file: Path, content: bytes, form: str, kind: str) -> bytes:
-    """Return a Matrix Market file of which each line of entries is one, and no more.
+    """Return a Matrix Market file after checking that each line is exactly one entry.
 
-    SciPy takes of a line what it understands: 3 of 3,5 and 1.0 of 1.0D3. Where the last line ends
-    in something else it reads beyond the file.
+    SciPy ignores the part of a line that it cannot parse: it reads 3 from 3,5 and 1.0 from 1.0D3.
+    If the last line ends in such a part, it reads beyond the end of the file.
     """
     head = _HEAD.match(content)
     start = head.end() if head else len(content)
     body = content[start:] + (b"" if content.endswith(b"\n") else b"\n")
     whole = "integer" in kind
     entry = _PLACES[form] + (_WHOLE if whole else _REAL)
-    # Some lines at once, since each keeps a place to turn back to.
+    # Match a limited number of lines at a time, since each stores a backtracking position.
     lines = re.compile(rb"(?:[ \t]*+(?:" + entry + rb")?[ \t]*+(?:%[^\n]*+)?\r?\n){1,1000}")
     end = 0
     while sound := lines.match(body, end):
@@ -198,10 +198,10 @@ def arrays_of(name: str, file: Path, content: bytes) -> dict[str, np.ndarray]:
 
 
 def sparse_of(parts: Mapping[str, Any], form: str, shape: tuple[int, int]) -> Any:
-    """Return a matrix from the arrays of one of SciPy's sparse formats, all of them checked.
+    """Return a matrix from the checked arrays of a sparse format of SciPy.
 
-    SciPy's constructors accept indices outside the matrix, which end in a segmentation fault.
-    Whatever is wrong is a ValueError.
+    The constructors of SciPy accept indices outside the matrix, which cause a segmentation fault.
+    Every error is a ValueError.
     """
     if form not in _PARTS:
         raise ValueError("it holds no sparse matrix")
@@ -274,7 +274,7 @@ def _harwell_boeing(name: str, file: Path, content: bytes) -> Any:
         )
     if rows != columns:
         raise InputError(f"{name}: {file} is {rows} x {columns}, must be square")
-    # A line more of the header says what right-hand sides follow the matrix.
+    # With right-hand sides the header has one more line.
     start = 4 + (int(lines[1][56:70].strip() or 0) > 0)
     found = []
     for length, form, expected in zip(
@@ -311,7 +311,7 @@ def _split_formats(line: str) -> list[str]:
 
 
 def _numbers(lines: list[str], width: int) -> list[str]:
-    """Fields of fixed width: they may touch each other."""
+    """Split lines into fields of fixed width, which may be without separators."""
     found = []
     for line in lines:
         line = line.rstrip()

@@ -160,7 +160,7 @@ class ModalModel:
 
 
 def modal_model(structure: Structure) -> ModalModel:
-    """Make the equations of the modes; see `Structure.in_modes`."""
+    """Create the equations of the modes; see `Structure.in_modes`."""
     reduced = structure._reduced
     if reduced is None:
         raise InputError("in_modes: the structure is not reduced: structure.reduce(...).in_modes()")
@@ -177,7 +177,7 @@ def modal_model(structure: Structure) -> ModalModel:
     if model.damping is not None:
         damping = damping + parts.pop(0)
     for element in structure._all_elements:
-        # Elements add their linear parts themselves.
+        # The elements add their linear parts to the structure again.
         e = element.direction @ shapes
         stiffness = stiffness - element.powers.get(1, 0.0) * np.outer(e, e)
         damping = damping - element.damping * np.outer(e, e)
@@ -201,9 +201,9 @@ def modal_model(structure: Structure) -> ModalModel:
         (0.5 * (part + part.T), kernel)
         for part, (_, kernel) in zip(parts, model.layers, strict=True)
     ]
-    for part, _ in layers:  # They add what they hold before they relax.
+    for part, _ in layers:  # The structure adds the unrelaxed stiffness of its layers again.
         stiffness = stiffness - part
-    # By its type, since that module knows this one.
+    # Use the type: importing the module of `Structure` would be circular.
     small = type(structure)(
         mass=np.ones(m), stiffness=stiffness, damping=damping, elements=elements, layers=layers,
         names=[f"q{i + 1}" for i in range(m)], units=["sqrt(kg) m"] * m,

@@ -173,7 +173,7 @@ class Mount:
 
     @property
     def _masses(self) -> slice:
-        """Places of masses in this vector."""
+        """Indices of the masses in `_flat`."""
         return slice(0, 2)
 
     @property

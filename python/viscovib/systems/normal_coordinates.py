@@ -44,7 +44,7 @@ class NormalCoordinates:
     shapes: FloatArray
     modal_mass: FloatArray
     _mass: FloatArray
-    #: The kernel of both springs with its scale, or why the equations are coupled.
+    #: The kernel of both springs with its scale, or the reason why the equations are coupled.
     _kernel: Kernel | None
     _scale: float
     _coupled: str

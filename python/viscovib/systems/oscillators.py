@@ -1,4 +1,4 @@
-"""The systems that responses and branches are computed of."""
+"""Systems for responses and branches."""
 
 from typing import Any, TypeAlias
 
@@ -19,19 +19,19 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
 Oscillator: TypeAlias = Mount | PolynomialSystem
-#: Those of which steady motions are computed.
+#: Systems for steady motions.
 Steady: TypeAlias = Oscillator | Structure
 
 
 def check_oscillator(system: Any, base: "LoadLike | LoadTable | None") -> None:
-    """Refuse what is no such system, or a motion of a base that it lacks."""
+    """Refuse other systems, and a base motion for a system without a base direction."""
     if not isinstance(system, (Mount, PolynomialSystem)):
         raise InputError(f"system = {_native.shown(system)}: must be a Mount or a PolynomialSystem")
     _check_base(system, base)
 
 
 def check_steady(system: Any, base: "LoadLike | None") -> None:
-    """The same, of systems whose steady motions are wanted."""
+    """`check_oscillator` for steady motions, which also accept structures."""
     if not isinstance(system, (Mount, PolynomialSystem, Structure)):
         raise InputError(
             f"system = {_native.shown(system)}: must be a Mount, a PolynomialSystem or a Structure"
@@ -40,7 +40,7 @@ def check_steady(system: Any, base: "LoadLike | None") -> None:
 
 
 def refuse_turning(system: Any, what: str) -> None:
-    """Refuse a body under finite rotations where its masses must be constant."""
+    """Refuse a body with finite rotations where the mass matrix must be constant."""
     if isinstance(system, PolynomialSystem) and system._turns:
         raise InputError(
             f"geometry = 'exact': {what} of a body under finite rotations is not computed, give it "
@@ -80,16 +80,16 @@ def oscillator_job(
     whole: bool = False,
     stability: bool = False,
 ) -> tuple[Job, LoadedStructure | None]:
-    """Return system and load as the core takes them, and the structure if it is condensed.
+    """Return system and load for the core, and the structure if it is condensed.
 
-    ``flat``: instead of the system's own numbers; ``whole``: do not condense a polynomial system;
-    ``stability``: it is wanted too.
+    ``flat``: replaces the numbers of the system; ``whole``: do not condense a polynomial system;
+    ``stability``: True if stability is computed.
     """
     condensed: Structure | PolynomialSystem | None = None
     if isinstance(system, Structure):
         condensed = system
     elif isinstance(system, PolynomialSystem) and not whole and flat is None:
-        # What the base moves by several directions is not known of the condensed coordinates.
+        # Base motions along several directions are not defined for condensed coordinates.
         several = any(in_components(term) for term in base_by_order(base).values())
         if not several and (system._space is None or base is None):
             condensed = system if system._condenses(stability) else None

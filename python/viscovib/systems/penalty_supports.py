@@ -1,4 +1,4 @@
-"""Coordinates that a huge number on the diagonal of K or M fixes: they become exact supports."""
+"""Coordinates with a huge number on the diagonal of K or M, which become exact supports."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.systems.elements import ElementTerms
 from viscovib.systems.structure_matrices import is_sparse
 
-#: A row is a support if its diagonal entry is larger than this multiple of all other rows: it moves
-#: less than rounding, and eigensolvers lose the small eigenvalues next to larger entries.
+#: A row is a support if its diagonal entry is larger than this multiple of all other rows. Its
+#: motion is below the rounding error, and eigensolvers lose the small eigenvalues.
 _HUGE = 1e20
 #: Stiffness of a support, in units of the largest stiffness of the other coordinates.
 _SUPPORT = 1e30
-#: Names in a message at most.
+#: Largest number of names in a message.
 _SHOWN = 10
 
 
@@ -28,7 +28,7 @@ def penalty_supports(
     matrices: Sequence[Any],
     elements: Sequence[ElementTerms],
 ) -> FloatArray:
-    """Return the places of coordinates that a huge mass or stiffness fixes; ``matrices``: K."""
+    """Return the indices of coordinates with a huge mass or stiffness; ``matrices``: parts of K."""
     found: set[int] = set()
     diagonal, off = np.zeros((2, len(names)))
     for matrix in matrices:
@@ -55,7 +55,7 @@ def penalty_supports(
 
 
 def _beyond_a_gap(large: FloatArray) -> list[int]:
-    """Places of the entries that are huge next to all others."""
+    """Indices of the entries that are huge compared with all other entries."""
     order = np.argsort(large)
     sizes = large[order]
     gaps = np.flatnonzero((sizes[1:] > _HUGE * sizes[:-1]) & (sizes[:-1] > 0))
@@ -63,7 +63,7 @@ def _beyond_a_gap(large: FloatArray) -> list[int]:
 
 
 def fixed(matrix: Any, places: FloatArray) -> Any:
-    """A matrix with rows and columns of 0 at these places."""
+    """A matrix with zero rows and columns at these indices."""
     if is_sparse(matrix):
         from scipy.sparse import csc_array, diags_array
 
@@ -80,7 +80,7 @@ def fixed(matrix: Any, places: FloatArray) -> Any:
 
 
 def held_stiffness(matrix: Any, parts: Sequence[Any], places: FloatArray) -> Any:
-    """K with these coordinates fixed: each is alone with a stiffness next to which K is nothing."""
+    """K with these coordinates fixed: each is uncoupled and has a very large stiffness."""
     result = fixed(matrix, places)
     largest = max([abs(part).max() for part in (result, *parts)], default=0.0) or 1.0
     if is_sparse(result):
@@ -98,7 +98,7 @@ def held_stiffness(matrix: Any, parts: Sequence[Any], places: FloatArray) -> Any
 def fixed_elements(
     elements: Sequence[ElementTerms], places: FloatArray
 ) -> tuple[ElementTerms, ...]:
-    """Elements that do not see fixed coordinates; linear ones on nothing else are left out."""
+    """Elements without fixed coordinates; linear elements on fixed coordinates only are dropped."""
     found = []
     for element in elements:
         e = element.direction.copy()
@@ -112,14 +112,14 @@ def fixed_elements(
 
 
 def told_supports(names: Sequence[str]) -> str:
-    """A line of a plan."""
+    """Line of a plan about the supports."""
     return (
         f"skips: {_shown(names, range(len(names)))} (fixed by a huge mass or stiffness: supports)"
     )
 
 
 def warn_of_supports(names: Sequence[str]) -> None:
-    """Warn of coordinates that are supports from now on."""
+    """Warn of coordinates that are replaced by supports."""
     warnings.warn(
         f"{_shown(names, range(len(names)))}: the mass or stiffness is more than {_HUGE:g} times "
         "that of all other coordinates; the structure has supports there, loads on them have no "

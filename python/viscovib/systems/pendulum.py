@@ -16,14 +16,14 @@ from viscovib.common.parameters import Number, checked
 from viscovib.errors import InputError
 
 EQUATIONS = ("exact", "cubic", "printed")
-#: Numbers of a pendulum, in the order of the core.
+#: Parameters of a pendulum, in the order of the core.
 PARAMETERS = (
     "e", "w2", "w3", "alpha", "c1", "c2", "c3", "f0", "m01", "m02", "p1", "p2", "p3",
 )  # fmt: skip
 
-#: What the equations take at most at a state (s).
+#: Largest evaluation time of the equations per state (s).
 _SECONDS = 1e-6
-#: Arguments of `Pendulum.from_physical` in their order; without E the body would not swing.
+#: Arguments of `Pendulum.from_physical` in their order; E > 0, else the body would not swing.
 _PHYSICAL = (
     *(Number(name, above=0) for name in ("m", "I_A", "E", "L0", "k1")),
     Number("k2", lowest=0),
@@ -96,7 +96,7 @@ class Pendulum:
     dof_units: ClassVar[tuple[str, ...]] = ("L", "rad", "rad")
     rate_units: ClassVar[tuple[str, ...]] = ("L omega_1", "rad omega_1", "rad omega_1")
     time_unit: ClassVar[str] = "1/omega_1"
-    #: The numbers as the core takes them.
+    #: The parameters as a vector for the core.
     _flat: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Polynomial systems whose forces act in few of their coordinates, condensed to these."""
+"""Condensation of polynomial systems whose forces act on few of their coordinates."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from viscovib.systems.condensed import Condensation
 from viscovib.systems.element_laws import LawPlace, Laws, kernel_place
 from viscovib.systems.structure_rest import dense_rest
 
-#: Coordinates from which on a system is condensed, if half of them or fewer have forces or memory:
-#: below, the whole equations take no longer.
+#: Smallest number of coordinates for condensation, if at most half of them have forces or memory.
+#: For fewer coordinates the full equations are as fast.
 _SMALLEST = 4
-#: Coordinates from which on stability without memory is judged by the condensed equations: this
-#: many, and so many more for each coordinate left (measured with 1 to 4 of them); below, monodromy
-#: matrices take less time, and give all multipliers. With memory the determinant of the whole takes
-#: 10 to 200 times as long.
+#: Smallest number of coordinates for which stability without memory uses the condensed equations:
+#: in general, and per condensed coordinate (measured with 1 to 4). For fewer coordinates monodromy
+#: matrices are faster and give all multipliers. With memory the determinant of the full equations
+#: takes 10 to 200 times as long.
 _SMALLEST_JUDGED, _JUDGED_EACH = 8, 3
 
 
-#: How many times as fast as the springs dampers are where steps in time follow modes, as in the
-#: core.
+#: Ratio of the rates of dampers and springs from which on steps in time use modes (as in the
+#: core).
 _MUCH_FASTER = 50.0
 
 
 def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> Laws | None:
-    """Forces and memory in the coordinates that have them; None: in too many to condense.
+    """Forces and memory in their coordinates; None: too many coordinates to condense.
 
     ``groups``: springs with their stiffness (n, n), forces {(on, powers): c}, laws and kernel;
-    ``always``: however many they are.
+    ``always``: condense for any number of coordinates.
     """
     touched = np.zeros(n, dtype=bool)
     for group in groups:
@@ -52,7 +52,7 @@ def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> La
     index = {int(place): i for i, place in enumerate(places)}
     for group in groups:
         own = group.stiffness[np.ix_(places, places)]
-        # What is elastic belongs to the rest.
+        # Elastic stiffness belongs to the linear subsystem.
         kernels.append(group.kernel)
         stiffness.append(own if group.kernel is not None else np.zeros_like(own))
         forces.append(
@@ -70,7 +70,7 @@ def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> La
 
 
 def judged_condensed(n: int, q: int, remembers: bool) -> bool:
-    """Whether the stability of n coordinates condensed to q takes less time condensed."""
+    """True if stability is faster with the q condensed coordinates than with all n."""
     return remembers or n >= max(_SMALLEST_JUDGED, _JUDGED_EACH * q + 2)
 
 
@@ -78,10 +78,10 @@ def condensation_of(
     mass: FloatArray, damping: FloatArray, groups: Sequence[Any], *, quiet: bool,
     always: bool = False,
 ) -> Condensation | None:  # fmt: skip
-    """Return the condensed system, or None where that has no use or no modes.
+    """Return the condensed system, or None if condensation has no advantage or no modes.
 
-    ``quiet``: the warning about springs hidden by rounding errors was printed. ``always``: also of
-    few coordinates.
+    ``quiet``: the warning about springs hidden by rounding errors was already issued. ``always``:
+    also condense few coordinates.
     """
     laws = condensed_laws(groups, mass.shape[0], always=always)
     if laws is None:
@@ -90,12 +90,12 @@ def condensation_of(
     try:
         return Condensation(dense_rest(mass, damping, stiffness, quiet=quiet), laws)
     except InputError:
-        # Defective modes: no sum over modes gives the compliance.
+        # The modes are defective: the compliance is not a sum over modes.
         return None
 
 
 def strong_damping(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> float:
-    """The rate of what decays (1/s) where dampers are much faster than springs, else 0."""
+    """The decay rate (1/s) of the dampers if it is much larger than the frequencies, else 0."""
     inverse = np.linalg.inv(mass)
     drag = float(np.abs(inverse @ damping).sum(axis=1).max())
     springs = math.sqrt(np.abs(inverse @ stiffness).sum(axis=1).max())

@@ -41,9 +41,9 @@ from viscovib.systems.spring_groups import (
 )
 from viscovib.systems.stiffness_ratio import warn_of_lost_springs
 
-#: In dense matrices; and where forces or memory act in more than half of them.
+#: Bounds of coordinates: in dense matrices; with forces or memory in more than half of them.
 _MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
-#: Kernel kind in x by which the core knows that the vector holds all kernels.
+#: Kernel kind in x that marks a vector that contains all kernels for the core.
 _KERNELS_IN_VECTOR = -2
 
 
@@ -124,7 +124,7 @@ class PolynomialSystem:
     time_unit: ClassVar[str] = "s"
     dof_names: tuple[str, ...] = field(init=False, repr=False)
     dof_units: tuple[str, ...] = field(init=False, repr=False)
-    #: All groups, the first of this system's own stiffness, forces and kernel.
+    #: All groups; the first has the stiffness, forces and kernel of this system.
     groups: tuple[SpringGroup, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -177,15 +177,15 @@ class PolynomialSystem:
 
     @property
     def _named_parameters(self) -> tuple[str, ...]:
-        """Those of its parameters that stand in its forces."""
+        """The parameters that occur in the forces."""
         return named_in(self.parameters or (), self.forces, *(one.forces for one in self.springs))
 
     def _with_parameter(self, name: str, value: float) -> PolynomialSystem:
-        """Return the system with another value of one of its parameters."""
+        """Return the system with a new value of one parameter."""
         return replace(self, parameters={**(self.parameters or {}), name: value})
 
     def _with_slopes_of(self, other: PolynomialSystem) -> PolynomialSystem:
-        """Return the same system, of whose laws another stiffness and damping stands apart."""
+        """Return the system with the linear parts of the laws of ``other`` kept separate."""
         found = copy(self)
         pairs = zip(self.groups, other.groups, strict=True)
         found._set("groups", tuple(own.with_slopes_of(group) for own, group in pairs))
@@ -196,7 +196,7 @@ class PolynomialSystem:
         return found
 
     def _check_large(self) -> None:
-        """Of more coordinates than the core takes: those with forces or memory must be few."""
+        """Check a system with more coordinates than the core accepts: it must be condensable."""
         n = len(self.dof_names)
         symmetric = np.abs(self._mass_matrix - self._mass_matrix.T).max()
         try:
@@ -218,7 +218,7 @@ class PolynomialSystem:
 
     @cached_property
     def _condensation(self) -> Condensation | None:
-        """The system in the coordinates that have forces or memory; None: these are too many."""
+        """The system condensed to coordinates with forces or memory; None: these are too many."""
         from viscovib.systems.polynomial_laws import condensation_of
 
         told = len(self.dof_names) <= _MAX_WHOLE
@@ -226,14 +226,14 @@ class PolynomialSystem:
 
     @cached_property
     def _strong_damping(self) -> float:
-        """The rate of what decays (1/s) where dampers are much faster than springs, else 0."""
+        """The decay rate (1/s) of the dampers if it is much larger than the frequencies, else 0."""
         from viscovib.systems.polynomial_laws import strong_damping
 
         return strong_damping(self._mass_matrix, self._damping, self._stiffness_at_rest)
 
     @cached_property
     def _modes_in_time(self) -> Condensation | None:
-        """The system for motions by modes, of which what decays fast is exact; None: no modes."""
+        """The system in modes for motions in time, with exact fast decay; None: no modes."""
         from viscovib.systems.polynomial_laws import condensation_of
 
         return condensation_of(
@@ -242,11 +242,11 @@ class PolynomialSystem:
 
     @property
     def _may_be_whole(self) -> bool:
-        """Whether linear motions take no longer in all coordinates."""
+        """True if linear motions in all coordinates are as fast."""
         return len(self.dof_names) <= _FEW
 
     def _condenses(self, stability: bool) -> bool:
-        """Whether its motions, and their stability if wanted, take less time condensed."""
+        """True if motions (and their stability, if computed) are faster when condensed."""
         from viscovib.systems.polynomial_laws import judged_condensed
 
         n = len(self.dof_names)
@@ -268,7 +268,7 @@ class PolynomialSystem:
         return LoadedStructure.of(condensation, orders, series, inertia, direction, masses)
 
     def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
-        """Places of the coordinates that results hold: all."""
+        """Indices of the coordinates in results: all."""
         if coordinates is not None:
             raise InputError("coordinates: can be chosen for a structure only, must be None")
         return np.arange(len(self.dof_names))
@@ -353,12 +353,12 @@ class PolynomialSystem:
 
     @property
     def _turns(self) -> bool:
-        """Whether masses depend on the motion: of some bodies."""
+        """True for bodies whose mass matrix depends on the motion."""
         return False
 
     @cached_property
     def _has_frame(self) -> bool:
-        """Whether there are modes to write a motion in, as the core decides it."""
+        """True if the system has modes for motions in time, by the same test as in the core."""
         mass = self._mass_matrix
         skew = np.abs(mass - mass.T).max()
         return bool(skew <= 1e-14 * np.abs(mass).max()) and is_definite(mass)
@@ -369,7 +369,7 @@ class PolynomialSystem:
 
     @cached_property
     def _damping(self) -> FloatArray:
-        """C with what is linear in laws of rates."""
+        """C with the linear parts of laws of rates."""
         total = np.asarray(self.damping, dtype=float)
         for group in self.groups:
             if group.law_damping is not None:
@@ -421,7 +421,7 @@ class PolynomialSystem:
             for b, p in enumerate(powers):
                 if b == on or not p:
                     continue
-                # c p u^(powers - e_b) must be what f_b has by u_on.
+                # c p u^(powers - e_b) must equal the derivative of f_b with respect to u_on.
                 other = list(powers)
                 other[b] -= 1
                 other[on] += 1
@@ -435,12 +435,12 @@ class PolynomialSystem:
 
     @property
     def _flat(self) -> FloatArray:
-        """The vector that the core takes."""
+        """The vector of numbers for the core."""
         return self._vector
 
     @property
     def _masses(self) -> slice:
-        """Places of masses in this vector."""
+        """Indices of the masses in this vector."""
         return slice(5, 5 + len(self.dof_names) ** 2)
 
     @cached_property
@@ -491,16 +491,16 @@ class PolynomialSystem:
 
     @property
     def _space(self) -> tuple[FloatArray, FloatArray] | None:
-        """Damping and stiffness that hang on space, and not on a base that moves."""
+        """Damping and stiffness relative to the inertial frame instead of the moving base."""
         return None
 
     @property
     def _base_names(self) -> tuple[str, ...]:
-        """Coordinates that the base may move each by its own amplitude, the first ones."""
+        """The first coordinates, which the base may move with separate amplitudes."""
         return self.dof_names
 
     def _check_base_motion(self, moved: npt.NDArray[Any]) -> None:
-        """Refuse displacements of coordinates by the base, shape (n, ...), that cannot be."""
+        """Refuse impossible displacements of coordinates by the base, shape (n, ...)."""
 
     @property
     def _base_direction(self) -> FloatArray | None:

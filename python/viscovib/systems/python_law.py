@@ -16,19 +16,19 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 
-#: Arguments and parameters of a function together, at most: as many as the core hands over.
+#: Largest number of arguments and parameters of a function, as in the core.
 MOST_OPERANDS = 8
 #: Imaginary part of an argument of a complex step: its square is negligible relative to 1e-16.
 _STEP = 1e-40
-#: A derivative is held against differences at places of these sizes, so many of each, by these
-#: parts of the size. Differences that agree with each other tell; so much else is wrong.
+#: Test of derivatives by difference quotients: sizes of the points, points per size, relative
+#: steps; tolerance for two quotients to agree, for the derivative, and number of wrong points.
 _SIZES, _OF_EACH, _PARTS = np.logspace(-6, 3, 10), 6, (1e-5, 1e-6)
 _AGREE, _WRONG, _MOST_WRONG = 1e-3, 1e-2, 1
-#: Rounding of values, and of the numbers of order 1 that small values may be differences of.
+#: Rounding errors of values, and of differences of numbers of order 1.
 _ROUNDING, _OF_PARTS = 1e-14, 2e-16
-#: How well a function of an array and of one number must agree.
+#: Relative tolerance between the results for an array and for single numbers.
 _SAME = 1e-9
-#: Functions that the core may call, by number.
+#: Python functions that the core calls by number.
 _called: WeakValueDictionary[int, CalledLaw] = WeakValueDictionary()
 
 
@@ -42,7 +42,7 @@ class PythonLaw:
     The function is called once with symbols. If it consists of arithmetic, comparisons and NumPy
     functions that a text has (``np.tanh``, ``np.where``, ``np.maximum``, ...), and the text has the
     same values at random arguments, the text is used. It costs as little as a text, and steps in
-    time end at its kinks and jumps. Other numbers in the function keep their values of this moment.
+    time end at its kinks and jumps. Other numbers in the function keep their values at this call.
 
     Any other function is called with arrays of samples each time a force is needed, about 20 us per
     call (a text: less than 1 us); plans state this. Steps in time do not end at its kinks, and thin
@@ -91,7 +91,7 @@ class PythonLaw:
 
     @property
     def _name(self) -> str:
-        """What messages call it."""
+        """Name in messages."""
         return str(getattr(self.function, "__name__", type(self.function).__name__))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class PythonLaw:
     def _bound_to(
         self, where: str, variables: Sequence[str], parameters: Mapping[str, float]
     ) -> CalledLaw:
-        """Return it with its operands: which of its arguments are variables, which parameters."""
+        """Return the law with its operands: which arguments are variables, which are parameters."""
         names: list[str] = []
         keywords: list[bool] = []
         left_out = False
@@ -135,7 +135,7 @@ class PythonLaw:
         return kept[key]
 
     def _asked(self, where: str) -> list[tuple[str, bool, bool]]:
-        """Names of its arguments, whether each must be given, and whether by name."""
+        """For each argument: name, True if it is required, and True if it is keyword-only."""
         if self.arguments is not None:
             return [(name, True, False) for name in self.arguments]
         kinds = inspect.Parameter
@@ -153,16 +153,16 @@ class PythonLaw:
 
 @dataclass(frozen=True, eq=False)
 class CalledLaw:
-    """A function with its operands, as the core calls it by number."""
+    """A function with its operands, which the core calls by number."""
 
     law: PythonLaw
     names: tuple[str, ...]
     of_variables: tuple[bool, ...]
-    #: Which of them are given by name.
+    #: True for operands that are passed by name.
     keywords: tuple[bool, ...]
 
     def __post_init__(self) -> None:
-        # By chance, so that numbers which travel to another process with a system mean the same.
+        # A random number keeps its meaning if the system is sent to another process.
         self._register(secrets.randbits(52))
 
     def _register(self, number: int) -> None:
@@ -209,7 +209,7 @@ class CalledLaw:
         return result
 
     def derivatives(self, rows: FloatArray) -> FloatArray:
-        """By each operand, shape (m, n); 0 by parameters."""
+        """Derivatives with respect to the operands, shape (m, n); 0 for parameters."""
         found = np.zeros_like(rows)
         places = np.flatnonzero(self.of_variables)
         if self.law.slopes is not None:
@@ -227,7 +227,7 @@ class CalledLaw:
         return found
 
     def answer(self, rows: FloatArray, wanted: bool) -> tuple[FloatArray, FloatArray | None]:
-        """Values and derivatives; where it has no value both are not finite."""
+        """Values and derivatives; both are not finite outside the domain."""
         values = np.asarray(self.values(rows), dtype=float)
         if not wanted:
             return values, None
@@ -251,7 +251,7 @@ class CalledLaw:
         return rows
 
     def check(self, where: str, parameters: Mapping[str, float]) -> None:
-        """Refuse a function that works on no arrays, or whose derivatives are others."""
+        """Refuse a function that does not accept arrays or has wrong derivatives."""
         rows = self.places(parameters)
         n = rows.shape[1]
         try:
@@ -293,8 +293,8 @@ class CalledLaw:
             near, nearer = (self._differences(rows, int(place), part) for part in _PARTS)
             size = np.maximum(np.abs(near), np.abs(slopes[place]))
             told = np.abs(near - nearer) <= _AGREE * np.maximum(np.abs(near), np.abs(nearer))
-            # Differences know no more than rounding of the values leaves, and of what they are made
-            # of, as sqrt(1 + x^2) - 1 of numbers near 1: small slopes drown in it.
+            # Rounding errors of the values limit the accuracy of differences, also inside the law:
+            # sqrt(1 + x^2) - 1 has errors of numbers near 1. Small slopes are not checked.
             steps = min(_PARTS) * np.abs(rows[place])
             drowned = (near == 0) & (np.abs(slopes[place]) * steps < _OF_PARTS * parts)
             doubt = _ROUNDING * np.abs(values) / steps
@@ -324,17 +324,17 @@ class CalledLaw:
 
 
 def callable_law(value: object) -> bool:
-    """Whether a law is given as a function."""
+    """True if a law is given as a function."""
     return isinstance(value, PythonLaw) or callable(value)
 
 
 def python_law(value: Any) -> Any:
-    """Return a function as a law, so that it stays one and the same; all else as it is."""
+    """Return a function as a `PythonLaw`; return all other values unchanged."""
     return PythonLaw(value) if callable(value) else value
 
 
 def python_laws(forces: Any) -> Any:
-    """Return forces of a system with functions among them as laws."""
+    """Return forces of a system with their functions as `PythonLaw`."""
     if isinstance(forces, Mapping):
         return {key: python_law(value) for key, value in forces.items()}
     if isinstance(forces, (list, tuple)):
@@ -343,7 +343,7 @@ def python_laws(forces: Any) -> Any:
 
 
 def _restored(number: int, *parts: Any) -> CalledLaw:
-    """Return the function of this number; from another process it is known here too now."""
+    """Return the function of this number; register it if it comes from another process."""
     if number in _called:
         return _called[number]
     found = CalledLaw(*parts)
@@ -353,7 +353,7 @@ def _restored(number: int, *parts: Any) -> CalledLaw:
 
 
 def _answer(number: int, rows: FloatArray, wanted: bool) -> tuple[FloatArray, FloatArray | None]:
-    """What the core asks for."""
+    """Values and derivatives for the core."""
     found = _called.get(number)
     if found is None:
         raise InputError("a force law in Python is called whose system is gone")

@@ -1,4 +1,4 @@
-"""Reduced structures: the linear rest of a sparse model as few modes, and what that leaves out."""
+"""Reduced structures: the linear subsystem of a sparse model in few modes, and its error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,19 +17,19 @@ from viscovib.systems.sparse_pencil import Modes, is_symmetric
 from viscovib.systems.stiffness_ratio import warn_of_lost_modes
 from viscovib.systems.structure_rest import ModalDamping, Remembered, Rest, dense_rest
 
-#: Frequency of what has no mass but is damped, in units of the highest wanted: it follows at once,
-#: up to the square of this, inverted.
+#: Frequency of modes for damped coordinates without mass, in units of the highest frequency of
+#: interest. Their relative error is the inverse square of this.
 _AT_ONCE = 1e6
-#: Part of the square of a frequency that may be rounding error without a warning: for a mesh of
-#: hundreds of elements it is larger than for few springs.
+#: Relative rounding error of the square of a frequency without a warning. It is larger for a mesh
+#: of hundreds of elements than for few springs.
 _LOST = 1e-5
-#: A load is one of those that a reduction was made for if no more of it is left than this.
+#: Largest relative part of a load outside the directions of the reduction.
 _FOREIGN = 1e-9
 
 
 @dataclass(frozen=True)
 class ReducedRest:
-    """A linear rest with the reduction it comes from.
+    """A linear subsystem with the reduction that it comes from.
 
     Attributes
     ----------
@@ -38,11 +38,11 @@ class ReducedRest:
     model : LinearModel
         The full equations.
     loads : ndarray, shape (n, r)
-        Directions it was made for, orthonormal.
+        Directions of the reduction, orthonormal.
     top : float
-        Highest frequency it was made for (rad/s).
+        Highest frequency of the reduction (rad/s).
     tolerance : float
-        The error it was made for.
+        Tolerance of the reduction.
     """
 
     rest: Rest
@@ -54,7 +54,7 @@ class ReducedRest:
 
     @property
     def told(self) -> str:
-        """What a plan says of it."""
+        """Text for a plan."""
         found = self.reduction
         more = found.squares.size - found.n_modes
         return (
@@ -63,7 +63,7 @@ class ReducedRest:
         )
 
     def left_out(self, nu: FloatArray, orders: Any, y: ComplexArray) -> FloatArray:
-        """Relative errors of motions, shape (n,), by harmonics (n, q, m) of the deflections."""
+        """Relative errors of motions, shape (n,), from harmonics (n, q, m) of the deflections."""
         sizes = np.square(np.abs(y)).max(axis=1)
         errors = self.error(np.outer(nu, orders))
         total = sizes.sum(axis=1)
@@ -71,14 +71,14 @@ class ReducedRest:
         return np.asarray(np.sqrt(lost / np.where(total > 0, total, 1.0)))
 
     def error(self, frequency: FloatArray) -> FloatArray:
-        """Relative error of displacements at frequencies (rad/s); all of them above the band."""
+        """Relative error of displacements at frequencies (rad/s); 1 above the band."""
         reduction = self.reduction
         omega = np.abs(frequency)
         inside = np.interp(omega, reduction.at, reduction.error)
         return np.where(omega <= self.top * (1 + 1e-9), inside, 1.0)
 
     def check_loads(self, loads: ComplexArray, names: Sequence[str]) -> None:
-        """Refuse loads whose static correction the reduction lacks."""
+        """Refuse loads without a static correction in the reduction."""
         parts = np.concatenate([loads.real, loads.imag], axis=1)
         left = parts - self.loads @ (self.loads.T @ parts)
         foreign = np.abs(left) > _FOREIGN * np.abs(parts).max(initial=0.0)
@@ -100,7 +100,7 @@ def reduced_rest(
     most: int,
     boundary: Sequence[int] | None,
 ) -> ReducedRest:
-    """Reduce the linear rest for these loads."""
+    """Reduce the linear subsystem for these loads."""
     if not is_symmetric(model.stiffness):
         raise InputError(
             "stiffness: must be symmetric to be reduced (follower forces need dense matrices)"
@@ -169,7 +169,7 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
 
 
 def _relaxing(model: LinearModel, found: Reduction) -> Rest:
-    """The reduced model with layers that remember, in its modes before anything relaxes."""
+    """The reduced model with layers with memory, in its modes without relaxation."""
     if found.static.shape[1]:
         raise InputError(
             "layers: elements or loads act on coordinates without mass, must have mass there in a "
@@ -194,7 +194,7 @@ def direct_motion(
 
     ``loaded``: a `LoadedStructure`.
 
-    ``y``: harmonics (1, q, m) of the deflections found, which say what the elements do.
+    ``y``: harmonics (1, q, m) of the computed deflections, which give the forces of the elements.
     """
     from viscovib.systems.sparse_roots import direct_solution
 

@@ -1,18 +1,18 @@
-"""Reduction of a sparse linear model to modes and static corrections, with the error it leaves.
+"""Reduction of a sparse linear model to modes and static corrections, with an error estimate.
 
 The model is D(s) u = p, D(s) = sum_i c_i(s) A_i (`LinearModel`). A basis V (n, m) of real vectors
-gives u = V q, (V' D V) q = V' p. What is left over is the residual of the full equations,
+gives u = V q, (V' D V) q = V' p. The full equations have the residual
 
     rho = p - D(s) V q,   V' rho = 0,   error = u - V q = D(s)^-1 rho.                          (1)
 
-V holds all modes up to a frequency above the highest wanted one. The error then lies in modes
-above, for which the static factor serves: D^-1 rho = A rho to within the factor
-(omega_c^2 - sigma) / (omega_c^2 - |s|^2), A = (K - sigma M)^-1 and omega_c the first frequency
-above. So one factorization gives the error in the norm of strain energy,
-|e|^2 = rho' A rho, and A rho are the vectors that V lacks: they are added until the error is
+V contains all modes up to a frequency above the highest frequency of interest, so the error
+consists of higher modes. For these D^-1 rho = A rho to within the factor
+(omega_c^2 - sigma) / (omega_c^2 - |s|^2), with A = (K - sigma M)^-1 and omega_c the lowest omitted
+frequency. So one factorization gives the error in the norm of strain energy,
+|e|^2 = rho' A rho, and the vectors A rho that are missing in V. They are added until the error is
 small (a Krylov space of A M, C and the like; residual flexibility of every order; MacNeal 1971,
-Craig and Kurdila 2006, chapter 17). Reduced matrices are symmetric as the full ones are, so the
-reduced model has no energy of its own; its modes above the true ones carry the static part.
+Craig and Kurdila 2006, chapter 17). Reduced matrices are as symmetric as the full ones, so the
+reduced model generates no energy. Its additional high modes represent the static part.
 """
 
 from collections.abc import Sequence
@@ -28,54 +28,54 @@ from viscovib.errors import InputError
 from viscovib.systems.linear_model import LinearModel, modal_rates, with_ratios
 from viscovib.systems.sparse_pencil import HeldPencil, Modes, Pencil
 
-#: Modes are kept up to this multiple of the highest frequency wanted.
+#: Modes are kept up to this multiple of the highest frequency of interest.
 _MARGIN = 1.5
-#: Frequencies at which the error is estimated, and those at which vectors are looked for.
+#: Number of frequencies for the error estimate, and for new vectors.
 _CHECKED, _SOUGHT = 50, 6
-#: The shift is minus the square of this part of the frequency wanted.
+#: The shift is minus the square of this fraction of the highest frequency of interest.
 _SHIFT = 0.1
-#: Rounds of vectors before more modes are taken, and numbers of modes tried.
+#: Rounds of new vectors before the number of modes is increased, and number of increases.
 _ROUNDS, _WIDER = 12, 3
-#: A residual is in the space of those solved for up to this part of itself.
+#: A residual lies in the space of the solved residuals up to this relative part.
 _SAME = 0.02
-#: Complex columns of full length that are held at a time.
+#: Largest number of complex columns of full length in memory.
 _COLUMNS = 24
-#: A vector is held by V if less of it is left than this.
+#: A vector lies in the span of V if its relative remainder is below this.
 _HELD = 1e-9
-#: Squares of vectors next to the largest of their common parts: below is rounding of the products.
+#: Smallest relative square of a combination of vectors that is not a rounding error.
 _ALIKE = 1e-13
-#: A mode has no mass if phi' M phi / phi' (K - sigma M) phi is below this part of the largest.
+#: A mode has no mass if phi' M phi / phi' (K - sigma M) phi, relative to the largest, is below it.
 _MASSLESS = 1e-14
 _TINY = np.finfo(float).tiny
 
 
 @dataclass
 class Reduction:
-    """A reduced model: u = shapes q + static x, and how good it is.
+    """A reduced model, u = shapes q + static x, with its error.
 
     Attributes
     ----------
     squares : ndarray, shape (m,)
-        omega^2 of the reduced modes (1/s^2), rising; the first ``n_modes`` are modes of the full
-        model.
+        omega^2 of the reduced modes (1/s^2), ascending; the first ``n_modes`` are modes of the
+        full model.
     shapes : ndarray, shape (n, m)
-        Their shapes, shapes' M shapes = 1. The columns after ``n_modes`` are pseudo-modes: they
-        carry what static parts the modes leave out.
+        Mode shapes, shapes' M shapes = 1. The columns after ``n_modes`` are pseudo-modes: they
+        represent the static part of the omitted modes.
     static : ndarray, shape (n, k)
-        What has no mass: u = static static' p, at once.
+        Massless part without delay: u = static static' p.
     rates : ndarray, shape (m,)
-        q'' + rates q' + squares q = shapes' p: of ``rayleigh`` and ``ratio`` (1/s).
+        Damping by ``rayleigh`` and ``ratio`` (1/s): q'' + rates q' + squares q = shapes' p.
     n_modes : int
-        Modes of the full model among them.
+        Number of modes of the full model.
     n_rigid, n_negative : int
-        Of these, rigid-body modes and those with omega^2 < 0.
+        Numbers of its rigid-body modes and of its modes with omega^2 < 0.
     matrices : list of ndarray
         shapes' A shapes of damping and layers, in the order of the model's.
     at : ndarray, shape (50,)
         Frequencies (rad/s) at which the error was estimated.
     error : ndarray, shape (50,)
-        The error of the displacements in the norm of strain energy, relative to them, the largest
-        over all loads; estimated from the residual of the full equations, and what rounding adds.
+        Relative error of the displacements in the norm of strain energy, the largest over all
+        loads, estimated from the residual of the full equations; includes the rounding error.
     """
 
     squares: FloatArray
@@ -96,7 +96,7 @@ class Reduction:
 
 
 class _Basis:
-    """V with A_i V and the reduced matrices V' A_i V, grown column by column."""
+    """V with A_i V and the reduced matrices V' A_i V, extended column by column."""
 
     def __init__(self, model: LinearModel, pencil: Any) -> None:
         self.model, self.pencil = model, pencil
@@ -106,7 +106,7 @@ class _Basis:
         self.reduced = [np.zeros((0, 0)) for _ in model.matrices]
 
     def add(self, new: FloatArray) -> None:
-        """Add vectors, made orthonormal by K - sigma M; what V holds already is dropped."""
+        """Add vectors, orthonormalized by K - sigma M; parts in the span of V are dropped."""
         if not new.shape[1]:
             return
         weights = np.sqrt(np.abs(_products(new, self.pencil.apply(new))))
@@ -114,7 +114,7 @@ class _Basis:
         for _ in range(2):
             new = self._freed(new)
         values, mix = np.linalg.eigh(new.T @ self.pencil.apply(new))
-        # Rounding is left of a vector that V holds: added, it would be noise.
+        # The remainder of a vector in the span of V is a rounding error, so it is not added.
         kept = np.abs(values) > max(_HELD**2, _ALIKE * np.abs(values).max())
         new = self._freed(new @ (mix[:, kept] / np.sqrt(np.abs(values[kept]))))
         mass, *others = self.model.matrices
@@ -128,7 +128,7 @@ class _Basis:
         self.vectors = np.concatenate([v, new], axis=1)
 
     def _freed(self, new: FloatArray) -> FloatArray:
-        """Take out of vectors what V holds."""
+        """Remove the components along V from vectors."""
         held = self._sum([matrix.T @ new for matrix in self.pushed])
         return np.asarray(new - self.vectors @ held)
 
@@ -151,13 +151,13 @@ class _Basis:
         return np.asarray(0.5 * (total + total.T))
 
     def modes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """omega^2, the modes in V, and what of V has no mass."""
+        """omega^2, the modes in V, and the massless part of V."""
         sigma, shifted = self.pencil.shift, self.shifted()
         mass = 0.5 * (self.reduced[0] + self.reduced[0].T)
         try:
             inverse, mix = eigh(mass, shifted)
         except np.linalg.LinAlgError:
-            # Not definite: omega^2 below the shift. The mass has to be, then.
+            # Not definite: some omega^2 is below the shift. Then the mass must be definite.
             squares, mix = eigh(shifted + sigma * mass, mass)
             return squares, mix, np.zeros((mix.shape[0], 0))
         if inverse[0] < -1e-9 * abs(inverse[-1]):
@@ -181,31 +181,31 @@ def reduce_model(
     most: int = 1000,
     boundary: Sequence[int] | None = None,
 ) -> Reduction:
-    """Reduce a sparse model to the modes up to a frequency and the static corrections it needs.
+    """Reduce a sparse model to the modes up to a frequency and the necessary static corrections.
 
     Parameters
     ----------
     model : LinearModel
-        Symmetric, but for the damping. Coordinates may be without mass.
+        Symmetric except for the damping. Coordinates may have no mass.
     loads : ndarray, shape (n, r)
-        All directions in which elements and loads act, or in which motion is wanted.
+        All directions of elements, loads and required motions.
     frequency : float
-        Highest circular frequency (rad/s) for which the reduced model has to serve.
+        Highest circular frequency of interest (rad/s).
     tolerance : float
         Largest error, see `Reduction.error`.
     lowest : float
-        Lowest circular frequency (rad/s): of a free structure above 0.
+        Lowest circular frequency (rad/s); above 0 for a free structure.
     most : int
-        Vectors at most.
+        Largest number of vectors.
     boundary : sequence of int, optional
-        Coordinates that are held for the modes (Craig and Bampton 1968): those of the elements,
-        whose values stay coordinates of the reduced model. None: modes of the whole structure.
+        Coordinates that are fixed for the modes (Craig and Bampton 1968): coordinates of elements,
+        which remain in the reduced model. None: modes of the whole structure.
     """
     top = float(frequency)
     pencil: Any
     shift = -((_SHIFT * top) ** 2)
     if boundary is not None and not np.delete(model.mass.diagonal(), boundary).any():
-        # Nothing that vibrates is left between those held: all modes are the same space.
+        # No mass remains between the fixed coordinates: all modes span the same space.
         boundary = None
     if boundary is None:
         pencil = Pencil(model.mass, model.at_rest, shift)
@@ -237,7 +237,7 @@ def reduce_model(
 def _enriched(
     estimate: "_Estimate", lowest: float, top: float, tolerance: float, most: int
 ) -> bool:
-    """Add vectors until the error is small at all frequencies; whether that was reached."""
+    """Add vectors until the error is small at all frequencies; return True if this succeeds."""
     basis = estimate.basis
     sought, everywhere = _spread(lowest, top, _SOUGHT), _spread(lowest, top, _CHECKED)
     previous = np.inf
@@ -246,7 +246,7 @@ def _enriched(
         worst = float(errors.max())
         stalled = worst > 0.9 * previous and round_ > 2
         last = stalled or basis.vectors.shape[1] + vectors.shape[1] > most
-        # Between those sought an error may be larger: there is room for it, but at the last.
+        # The error may be larger between the frequencies: use a margin except in the last round.
         if worst <= (1.0 if last else 0.5) * tolerance:
             errors, vectors = estimate.at(everywhere)
             if errors.max() <= tolerance:
@@ -263,7 +263,7 @@ def _enriched(
 
 
 class _Estimate:
-    """Errors of a basis, by residuals of the full equations."""
+    """Errors of a basis from residuals of the full equations."""
 
     frequencies: FloatArray
     errors: FloatArray
@@ -274,7 +274,7 @@ class _Estimate:
         self.basis, self.loads, self.found, self.above = basis, loads, found, above
 
     def at(self, frequencies: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Relative errors, shape (k,), and vectors A W: W holds the residuals met."""
+        """Relative errors, shape (k,), and vectors A W; W spans the residuals."""
         basis, loads = self.basis, self.loads
         pencil = basis.pencil
         r = loads.shape[1]
@@ -296,14 +296,14 @@ class _Estimate:
         return errors, solved
 
     def _factor(self, s: ComplexArray) -> FloatArray:
-        """Bound of |D(s)^-1| by |A| for what is orthogonal to the modes kept."""
+        """Bound of |D(s)^-1| by |A| for vectors orthogonal to the modes kept."""
         shift = self.basis.pencil.shift
         kept = [np.abs(1 - kernel.laplace(s)) for _, kernel in self.basis.model.layers]
         softened = np.minimum(1.0, np.min(kept, axis=0)) if kept else np.ones(s.size)
         return np.asarray((self.above - shift) / (self.above - np.abs(s) ** 2) / softened)
 
     def _residual(self, s: ComplexArray, q: ComplexArray) -> FloatArray:
-        """Residuals of every frequency and load, real and imaginary parts, shape (n, 2 k r)."""
+        """Residuals for every frequency and load, real and imaginary parts, shape (n, 2 k r)."""
         basis, model = self.basis, self.basis.model
         k, m, r = q.shape
         columns = q.transpose(1, 0, 2).reshape(m, k * r)
@@ -316,7 +316,7 @@ class _Estimate:
     def _grown(
         self, met: FloatArray, solved: FloatArray, rho: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Add to the space of residuals what of ``rho`` is not in it."""
+        """Extend the space of residuals by ``rho``."""
         sizes = np.sqrt(_products(rho, rho).reshape(-1, 2).sum(axis=1)).repeat(2)
         scale = np.where(sizes > 0, sizes, 1.0)
         while True:
@@ -325,7 +325,7 @@ class _Estimate:
             gram = left.T @ left
             if gram.diagonal().max() <= _SAME**2:
                 return met, solved
-            # The directions in which the most is left.
+            # The directions with the largest remainder.
             values, mix = np.linalg.eigh(gram)
             kept = values > max(0.25 * _SAME**2, 1e-3 * values[-1])
             new = left @ mix[:, kept]
@@ -337,7 +337,7 @@ class _Estimate:
 
 
 def _massless(model: LinearModel, loads: FloatArray) -> FloatArray:
-    """What moves at once under the loads on coordinates without mass, all others held."""
+    """Static displacements under loads on coordinates without mass, all others fixed."""
     free = np.flatnonzero(model.mass.diagonal() == 0)
     pushed = loads[free] if free.size else np.zeros((0, loads.shape[1]))
     pushed = pushed[:, pushed.any(axis=0)]
@@ -349,13 +349,13 @@ def _massless(model: LinearModel, loads: FloatArray) -> FloatArray:
 
 
 def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool) -> Reduction:
-    """Return the modes of the reduced model, as `Reduction` holds them."""
+    """Return the modes of the reduced model as a `Reduction`."""
     basis = estimate.basis
     squares, mix, massless = basis.modes()
     if held:
         n_modes = int((squares <= estimate.above).sum())
     else:
-        # Rounding is left of rigid modes; the others are better than those Lanczos gave.
+        # The frequencies of rigid modes are rounding errors; the others are better than Lanczos'.
         squares[:n_modes][estimate.found.squares == 0] = 0.0
     a, b = model.rayleigh
     rates = a + b * squares
@@ -363,7 +363,7 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
         modal, slope = modal_rates(model, squares[:n_modes])
         rates += np.concatenate([modal, slope * squares[n_modes:]])
     v = basis.vectors
-    # The rates contain the ratios; the equations for the check of the basis have them besides C.
+    # The rates contain the ratios. In the equations of the check they are in addition to C.
     damping = [] if model.damping is None else [v.T @ _image(model.damping, v)]
     layers = basis.reduced[len(basis.reduced) - len(model.layers) :]
     return Reduction(
@@ -381,7 +381,7 @@ def _finished(estimate: _Estimate, model: LinearModel, n_modes: int, held: bool)
 
 
 def _spread(lowest: float, top: float, count: int) -> FloatArray:
-    """Frequencies from the lowest to the highest, denser at the high end where errors are."""
+    """Frequencies from the lowest to the highest, denser at the high end with its larger errors."""
     part = np.sin(0.5 * np.pi * np.linspace(0, 1, count))
     return lowest + (top - lowest) * part
 
@@ -389,8 +389,8 @@ def _spread(lowest: float, top: float, count: int) -> FloatArray:
 def _image(matrix: Any, vectors: FloatArray) -> FloatArray:
     """A V, summed in extended precision.
 
-    Of a fine mesh K V is the small difference of large numbers: rounding of 1e-16 would shift the
-    lowest frequencies by 1e-16 times the square of the highest over the lowest.
+    For a fine mesh K V is a small difference of large numbers: rounding errors of 1e-16 would shift
+    the lowest frequencies by 1e-16 times the squared ratio of the highest to the lowest.
     """
     if not hasattr(matrix, "tocsc"):
         return np.asarray(matrix @ vectors)
@@ -402,7 +402,7 @@ def _image(matrix: Any, vectors: FloatArray) -> FloatArray:
 
 
 def _products(left: Any, right: Any) -> Any:
-    """Products of columns with columns, one for each."""
+    """Scalar products of corresponding columns."""
     return np.einsum("ij,ij->j", left, right)
 
 

@@ -1,15 +1,15 @@
-"""Modes of matrices in which stiffnesses differ much, to the digits that their entries hold.
+"""Modes of matrices with very different stiffnesses, to the accuracy of their entries.
 
-An eigensolver leaves errors of 1e-16 of the largest square of a frequency in all of them: next to
-a spring of 1e8 times the others soft modes keep eight digits. Where all are alike the last one or
-two are lost, which in a long motion become its phase. What the modes found leave of their
-equations, computed beyond double precision, tells what they are off by:
+An eigensolver has errors of 1e-16 of the largest squared frequency in all modes: with one spring
+1e8 times as stiff as the others soft modes keep eight digits. Modes of similar frequency lose one
+or two digits, which cause phase errors in long motions. The residuals of the computed modes, in
+extended precision, give their errors:
 
     w_j = K r_j - omega_j^2 M r_j,    E_ij = r_i^T w_j/(omega_j^2 - omega_i^2),                  (1)
 
-r_j + sum_i r_i E_ij being off by the square of that (Ogita and Aishima, Japan J. Indust. Appl.
-Math. 35 (2018) 1007). Products with residuals need no more than double precision. Modes that are
-too near to each other for (1) are taken apart in what they span (Rayleigh and Ritz).
+The error of r_j + sum_i r_i E_ij is the square of this (Ogita and Aishima, Japan J. Indust. Appl.
+Math. 35 (2018) 1007). Products with residuals need double precision only. Modes that are too close
+to each other for (1) are separated in their common subspace (Rayleigh and Ritz).
 """
 
 import math
@@ -21,21 +21,21 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.systems.exact_products import Sliced
 
-#: Changes of which the square is rounding, and changes too large for a step.
+#: Changes whose square is below the rounding error, and changes too large for a step.
 _SMALL, _LARGE = 1e-8, 0.1
-#: Part of values that products of modes with residuals leave by rounding.
+#: Relative rounding error of products of modes with residuals.
 _ROUNDING = 4 * float(np.finfo(float).eps)
-#: How far from unit vectors those may be that take modes apart.
+#: Largest condition number of the vectors that separate modes.
 _SKEW = 1e4
 _PASSES = 6
-#: Part of a rate of a layer that a pole is too near to it.
+#: A pole is too close to a rate of a layer within this fraction of the rate.
 _BESIDE = 1e-10
-#: Bits of numbers and of products with a mass, and how many more a stiffness may need.
+#: Bits of numbers and of products with a mass, and largest number of additional bits.
 _BITS, _MASS_BITS, _MOST_MORE = 53, 64, 60
 
 
 class RelaxingPart(NamedTuple):
-    """K_j (c - sum_i a_i/(s + b_i)), of a layer that relaxes; c = 0: K holds it."""
+    """K_j (c - sum_i a_i/(s + b_i)) of a layer with memory; c = 0: K contains its stiffness."""
 
     matrix: FloatArray
     #: a and b (1/s), shape (k,).
@@ -44,7 +44,7 @@ class RelaxingPart(NamedTuple):
     share: float
 
     def factor(self, s: Any) -> Any:
-        """What the matrix has at each s."""
+        """Factor of the matrix at each s."""
         found = np.full(s.shape, self.share, dtype=s.dtype)
         with np.errstate(divide="ignore", invalid="ignore"):
             for a, b in zip(self.weights, self.rates, strict=True):
@@ -53,7 +53,7 @@ class RelaxingPart(NamedTuple):
 
 
 def elastic_part(matrix: FloatArray) -> RelaxingPart:
-    """What is added to K and does not relax."""
+    """A part of the stiffness without memory."""
     return RelaxingPart(matrix, np.zeros(0), np.zeros(0), 1.0)
 
 
@@ -62,7 +62,7 @@ def refined_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Squares (m,) and shapes (n, m) of K r = omega^2 M r, symmetric, r^T M r = 1.
 
-    K is the sum of what is given, which floating point would round.
+    K is the sum of ``stiffness``, which is not rounded.
     """
     from scipy.linalg import eigh
 
@@ -79,8 +79,8 @@ def refined_modes(
         change, plain, groups = _changes(off, squares, np.arange(squares.size))
         largest = float(np.abs(change).max())
         better = squares + (np.diag(off) + (change * off).sum(axis=0)) / np.diag(moving)
-        # What two are not normal by is taken away half by each, E_ij + E_ji = -r_i^T M r_j: (1)
-        # holds it in exact numbers only, and divides modes that nearly coincide by next to nothing.
+        # Half of the non-orthogonality of a pair is removed from each, E_ij + E_ji = -r_i^T M r_j.
+        # (1) implies this only without rounding, and divides by a tiny number for close modes.
         change[plain | plain.T] = 0.0
         change = (change - change.T + np.eye(squares.size) - moving) / 2
         turns = []
@@ -111,19 +111,19 @@ def refined_poles(
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Poles (p,), left and right (n, p) of T(s)^-1 = sum left right^T/(s - pole) + F(s).
 
-    T(s) = s^2 M + s C + K + sum_j K_j (c_j - sum_i a_ij/(s + b_ij)) with layers that relax.
-    ``more``: F(pole_j) of columns j, of no poles among these; None: 0. T is symmetric with it. As
+    T(s) = s^2 M + s C + K + sum_j K_j (c_j - sum_i a_ij/(s + b_ij)) with relaxing layers.
+    ``more``: F(pole_j) of columns j, without these poles; None: 0. T is then symmetric. Similar to
     (1), with right_j^T T'(pole_j) left_j = 1:
 
         N_ij = -right_i^T T(pole_j) left_j,    E_ij = N_ij/(pole_j - pole_i),                   (2)
 
-    left_j + sum_i left_i E_ij - F(pole_j) T(pole_j) left_j, and the other side likewise. Of
-    conjugate poles, which follow each other, one is refined; none where a layer has a pole too.
+    left_j + sum_i left_i E_ij - F(pole_j) T(pole_j) left_j, and the right vectors likewise. One of
+    two successive conjugate poles is refined. Poles close to a pole of a layer are not refined.
     """
     bits = bits_for(np.abs(poles) ** 2)
     if not bits:
         return poles, left, right
-    # Poles that are all real may come in real numbers: those of a saddle.
+    # If all poles are real (a saddle), the array may be real.
     poles, left, right = (one.astype(complex) for one in (poles, left, right))
     pencil = _Pencil(mass, damping, stiffness, layers, bits)
     turned = pencil
@@ -157,7 +157,7 @@ def refined_poles(
             moving = y[:, group].T @ slope[:, group] - apart * (y[:, group].T @ moved[:, group])
             block = off[rows] + moving * (poles[kept[group]] - middle)
             found, turn = np.linalg.eig(np.linalg.solve(moving, block))
-            # Modes that nearly share a shape, and real ones that would become a pair, stay.
+            # Skip modes with nearly equal shapes, and real modes that would become a complex pair.
             if np.linalg.cond(turn) > _SKEW or (real[group].any() and found.imag.any()):
                 continue
             p[group], change[rows], back[rows] = middle + found, 0.0, 0.0
@@ -179,7 +179,7 @@ def refined_poles(
 
 
 class _Pencil:
-    """T(s), ready to be multiplied."""
+    """T(s) with matrices sliced for products."""
 
     def __init__(
         self,
@@ -210,7 +210,7 @@ class _Pencil:
 
 
 def bits_for(squares: FloatArray) -> float:
-    """Bits that products with the stiffness need for the least squares; 0: all are 0."""
+    """Bits of products with the stiffness for the smallest square; 0: all squares are 0."""
     sizes = squares[squares > 0]
     if not sizes.size:
         return 0
@@ -218,9 +218,9 @@ def bits_for(squares: FloatArray) -> float:
 
 
 def _changes(off: Any, values: Any, kept: Any) -> tuple[Any, Any, list[Any]]:
-    """E of what is left, off (n, m), of modes kept (m,) among those of values (n,).
+    """E from residuals off (n, m) of the modes kept (m,), among modes with the values (n,).
 
-    And of which pairs it tells nothing, and which modes kept are to be taken apart together.
+    Also the pairs for which E is useless, and groups of modes that must be separated together.
     """
     apart = values[kept] - values[:, np.newaxis]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,16 +1,16 @@
-"""The linear rest of a structure whose stiffness matrices remember, as the modes of more states.
+"""Linear subsystem of a structure with layers with memory, as modes of an extended state.
 
 A layer K_j with R_j(t) = sum_i a_ij exp(-b_ij t) adds to the equations
 
     M u'' + C u' + K u - sum_j K_j sum_i z_ij = p,    z_ij' = -b_ij z_ij + a_ij u,               (1)
 
-K with all layers before they relax (Golla and Hughes, J. Appl. Mech. 52 (1985) 897, in other
-variables). Only what a layer sees of u has to be kept: with K_j = L_j N_j^T of full column rank,
-y_ij = N_j^T z_ij. So the compliance is rational, and exactly a sum over the modes of (u, u', y).
+K with the unrelaxed stiffness of all layers (Golla and Hughes, J. Appl. Mech. 52 (1985) 897, in
+different variables). With K_j = L_j N_j^T of full column rank only y_ij = N_j^T z_ij is stored. So
+the compliance is rational, and exactly a sum over the modes of (u, u', y).
 
-Coordinates without mass (0) follow the others (1) at once,
-u_0 = K_00^-1 (p_0 - K_01 u_1 + sum_ij L_0j y_ij). Rigid bodies that neither spring nor damper
-holds have two equal roots at 0 and are taken apart beforehand, as real modes.
+Coordinates without mass (0) follow the others (1) without delay,
+u_0 = K_00^-1 (p_0 - K_01 u_1 + sum_ij L_0j y_ij). Rigid bodies without springs and dampers have a
+double root at 0; they are separated first, as real modes.
 """
 
 from collections.abc import Sequence
@@ -37,15 +37,15 @@ from viscovib.systems.structure_rest import (
     scaled_condition,
 )
 
-#: States of which all modes are computed.
+#: Largest number of states for which all modes are computed.
 _MOST_STATES = 4000
-#: Singular values of a layer below this part of the largest are 0; so are poles and entries.
+#: Relative sizes below which singular values of a layer, poles and entries count as 0.
 _RANK, _RIGID, _OFF_DIAGONAL = 1e-12, 1e-13, 1e-12
-#: What the sum over modes may lose of the compliance, and where that is looked at, in units of a
-#: middle frequency.
+#: Largest relative error of the compliance by the sum over modes, and the frequencies of the check,
+#: in units of a middle frequency.
 _LOST, _PROBES = 1e-7, (0.05, 0.7, 1.9, 11.0)
 
-#: Bits of products with layers; part of a rate within which a nearby pole has no motion.
+#: Bits of products with layers; relative distance from a rate within which a pole has no motion.
 _BITS, _BESIDE = 64.0, 1e-10
 #: Rates above this multiple of the fastest mode act as springs and dampers.
 _FAST = 1e5
@@ -55,7 +55,7 @@ Layer = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class RelaxingModes(NamedTuple):
-    """Modes of (1), as `structure_rest.Rest` holds them."""
+    """Modes of (1) in the form of `structure_rest.Rest`."""
 
     poles: ComplexArray
     left: ComplexArray
@@ -63,7 +63,7 @@ class RelaxingModes(NamedTuple):
     #: K_00^-1 on all coordinates; None: all have mass.
     flexibility: FloatArray | None
     remembered: tuple[Remembered, ...]
-    #: Rigid bodies held by nothing, mass-normalised, shape (n, r).
+    #: Free rigid-body modes, mass-normalised, shape (n, r).
     bodies: FloatArray
     relaxing: tuple[RelaxingPart, ...]
 
@@ -76,10 +76,10 @@ def relaxing_rest(
     layers: Sequence[Layer],
     alone: Sequence[FloatArray] = (),
 ) -> Rest:
-    """Return all modes of dense matrices with layers that relax.
+    """Return all modes of dense matrices with layers with memory.
 
-    ``stiffness`` and ``modal`` are of the structure before anything relaxes; ``alone``: the
-    stiffness without layers, whose sum with them is rounded, as a sum itself.
+    ``stiffness`` and ``modal`` refer to the structure without relaxation; ``alone``: parts whose
+    exact sum is the stiffness without layers.
     """
     if modal is not None and np.any(modal.loss):
         raise InputError("loss_factor: must be 0 with layers, whose kernels are their losses")
@@ -118,7 +118,7 @@ def relaxing_rest(
 def _elastic_and_relaxing(
     stiffness: FloatArray, layers: Sequence[Layer], alone: Sequence[FloatArray]
 ) -> tuple[FloatArray, tuple[RelaxingPart, ...]]:
-    """K and what is added to it, of the stiffness as `relaxing_rest` has it."""
+    """K and the parts added to it, from the stiffness of `relaxing_rest`."""
     held, *more = alone or (stiffness,)
     share = 1.0 if alone else 0.0
     parts = (RelaxingPart(*layer, share) for layer in layers)
@@ -137,7 +137,7 @@ def _is_diagonal(matrix: FloatArray) -> bool:
 def _mode_by_mode(
     mass: FloatArray, alone: Rest, seen: Sequence[FloatArray], layers: Sequence[Layer]
 ) -> Rest:
-    """The same where no layer couples the modes: few states at a time."""
+    """The linear subsystem if no layer couples the modes: each mode has its own few states."""
     bends = np.array([np.diag(matrix) for matrix in seen])
     relaxing = (np.abs(bends) > _RANK * np.abs(bends).max()).any(axis=0)
     one = np.ones((1, 1))
@@ -213,9 +213,9 @@ def relaxing_modes(
     layers: Sequence[Layer],
     alone: Sequence[FloatArray] = (),
 ) -> RelaxingModes:
-    """Return the modes of (1); ``stiffness`` is that before anything relaxes, ``alone`` without.
+    """Return the modes of (1); ``stiffness``: without relaxation, ``alone``: without layers.
 
-    This is a sum, which floating point has rounded.
+    ``alone`` contains parts whose sum is the exact stiffness.
     """
     n = mass.shape[0]
     idle = ~mass.any(axis=1)
@@ -248,7 +248,7 @@ def relaxing_modes(
     places = list(reversed(system.places))
     for i, (matrix, weights, rates) in enumerate(layers):
         for a, b in zip(weights, rates, strict=True):
-            # right^T/(pole + b), but for what does not move u.
+            # right^T/(pole + b), except for poles that do not move u.
             beside = poles + b
             moving = np.abs(beside) > _BESIDE * b
             pushed = np.zeros((poles.size, n), dtype=complex)
@@ -292,7 +292,7 @@ def _factors(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _bodies(
     mass: FloatArray, damping: FloatArray, stiffness: FloatArray, layers: Sequence[Layer]
 ) -> FloatArray:
-    """Motions that nothing resists, of unit mass."""
+    """Free rigid-body motions, mass-normalised."""
     from scipy.linalg import null_space
 
     matrices = [damping, stiffness, *(matrix for matrix, _, _ in layers)]
@@ -302,7 +302,7 @@ def _bodies(
     if not found.shape[1]:
         return found
     if both:
-        # With stiff springs this leaves their rounding errors along soft ones.
+        # With stiff springs the result has their rounding errors along soft springs.
         back = np.linalg.pinv(np.vstack(both), rcond=_RANK)
         exact = [Sliced(part, 2 * _BITS) for part in both]
         for _ in range(2):
@@ -314,7 +314,7 @@ def _bodies(
 
 
 class _States:
-    """x' = A x + B p, u = C x + F p of what is no free body, in units of a middle frequency."""
+    """x' = A x + B p, u = C x + F p without free rigid bodies, in units of a middle frequency."""
 
     def __init__(
         self, mass: Any, damping: Any, stiffness: Any, parts: Any, idle: Any, bodies: Any
@@ -338,7 +338,7 @@ class _States:
         bend = np.zeros((n, n))
         bend[np.ix_(idle, idle)] = self.bend
         m1 = mass[np.ix_(kept, kept)]
-        # v = shapes w of unit mass, free bodies left out.
+        # v = shapes w with unit mass, without free bodies.
         root = np.linalg.cholesky(m1)
         shapes = np.linalg.inv(root).T
         if bodies.shape[1]:
@@ -379,7 +379,7 @@ class _States:
         self.matrix, self.pushed, self.shown = matrix, pushed, shown
 
     def modes(self) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-        """Poles, left and right vectors of the sum, and what states add to each mode."""
+        """Poles, left and right vectors of the sum, and weights of the states in each mode."""
         from scipy.linalg import eig
 
         total = self.matrix.shape[0]
@@ -397,7 +397,7 @@ class _States:
 def _check(
     found: RelaxingModes, mass: Any, damping: Any, stiffness: Any, layers: Any, middle: float
 ) -> None:
-    """Refuse modes whose sum is not the compliance: nearly defective ones."""
+    """Refuse nearly defective modes, whose sum is not the compliance."""
     n = mass.shape[0]
     load = np.cos(np.arange(1.0, n + 1))
     for part in _PROBES:
@@ -423,9 +423,9 @@ def _defective() -> InputError:
 
 
 def remembered_of(one: Remembered, times: FloatArray, moved: FloatArray) -> FloatArray:
-    """K_j y(0), y' = -b y + a u, of straight lines between displacements at times up to 0.
+    """K_j y(0) with y' = -b y + a u, for straight lines between displacements at times up to 0.
 
-    The first is held before them. Over a piece of length l from u_0 to u_1, x = b l, it adds
+    Before the first time u is constant. A piece of length l from u_0 to u_1, x = b l, adds
     a l exp(b t_1) [u_0 g(x) + (u_1 - u_0) (1 - g(x))/x], g(x) = (1 - exp(-x))/x.
     """
     a, b = one.weight, one.rate
@@ -440,7 +440,7 @@ def remembered_of(one: Remembered, times: FloatArray, moved: FloatArray) -> Floa
         length = times[i + 1] - times[i]
         x = b * length
         first = -np.expm1(-x) / x if x > 0 else 1.0
-        # (1 - g)/x, by its series where it would cancel.
+        # (1 - g)/x, by its series where cancellation would occur.
         second = (1 - first) / x if x > 0.1 else _series(x)
         line = seen[:, i] * first + (seen[:, i + 1] - seen[:, i]) * second
         y = y + a * length * np.exp(b * times[i + 1]) * line

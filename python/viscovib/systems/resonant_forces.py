@@ -1,12 +1,12 @@
 """Forces of elements near resonances of the linear subsystem, with modal amplitudes as unknowns.
 
-There the compliance H is all but that of the few modes whose dynamic stiffness nearly vanishes,
-and loses as many digits of the others, and of what is left of the modes' own load, as these are
-louder. With their amplitudes a as unknowns of their own,
+Near a resonance the few modes with a nearly vanishing dynamic stiffness dominate the compliance H.
+Their size costs digits of all other modes, and of the small difference between the load and the
+forces on these modes. With their amplitudes a as additional unknowns,
 
     y = free + H' g + seen^T a,   apart a = modes + seen g,
 
-nothing vanishes; H' is the compliance of the other modes, ``free`` their motion under the load.
+no digits are lost; H' is the compliance of the other modes, ``free`` their motion under the load.
 """
 
 from typing import Any
@@ -16,8 +16,8 @@ import numpy as np
 from viscovib._native import ComplexArray
 from viscovib.systems.resting_forces import products, solved
 
-#: A mode whose dynamic stiffness is this part of its stiffness or less is near a resonance: the
-#: part of the digits that the other modes may lose.
+#: A mode is near a resonance if its dynamic stiffness is at most this part of its stiffness. This
+#: limits the loss of accuracy of the other modes.
 _BESIDE = 1e-2
 #: Motions treated together, with few modes near resonances.
 _TOGETHER = 64
@@ -26,7 +26,7 @@ _TOGETHER = 64
 def compliance(
     c: Any, s: ComplexArray, t: ComplexArray, w: ComplexArray, modes: Any
 ) -> ComplexArray:
-    """H at each s by some of the modes, shape (n, q, q).
+    """H at each s from some of the modes, shape (n, q, q).
 
     ``c``: a `Condensation`; t and w: 1/(squares + rates s + s^2) and 1/(s - poles).
     """
@@ -67,8 +67,8 @@ def refine(
     """Forces g and amplitudes of real modes, ``found``, of the modes near a resonance.
 
     ``fractions``: squares + rates s + s^2, and t and w as in `compliance`; ``loads``: on real
-    modes, on complex ones, and the motion of what has none; ``of_laws``: which forces are the
-    laws' own, and are taken again only where amplitudes lose more by them.
+    modes, on complex modes, and the motion of the static part; ``of_laws``: mask of forces from the
+    laws, which are replaced only where the amplitudes become more accurate.
     """
     apart, t, w = fractions
     modes, poles, rigid = loads
@@ -90,7 +90,7 @@ def refine(
         whole[:, loud] = own
         better = ~of_laws[part]
         if not better.all():
-            # What rounding of the terms leaves of amplitudes, in both ways.
+            # Rounding errors of the amplitudes by both methods.
             sizes = np.abs(y[part]) + np.abs(pushed) @ np.abs(c.seen[quiet])
             sizes += (np.abs(h) @ np.abs(forces)[:, :, np.newaxis])[:, :, 0]
             on_modes = np.abs(modes[part]) + np.abs(forces) @ np.abs(c.seen).T

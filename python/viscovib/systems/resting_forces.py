@@ -1,4 +1,4 @@
-"""Forces of elements where the compliance of the rest nearly vanishes."""
+"""Forces of elements where the compliance of the linear subsystem nearly vanishes."""
 
 from typing import Any, NamedTuple
 
@@ -7,17 +7,17 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.systems.law_forces import are_smooth, forces_on_rest
 
-#: How far the terms of H cancel where their rounding is looked at, and what part of a motion an
-#: order has of which it is not.
+#: Cancellation in H from which on rounding errors are estimated; relative size of a harmonic below
+#: which they are not.
 _CANCELLED, _NOTHING = 100.0, 1e-10
-#: Part of a motion that is rounding from which on forces are looked for elsewhere, a difference of
-#: motions for slopes of laws, relative, and what iterations may end with.
+#: Relative rounding error of a motion from which on forces are computed from the laws; relative
+#: difference of motions for derivatives of laws; tolerance of iterations.
 _WORTH, _BESIDE, _ENDED = 3e-14, 1e-6, 1e-8
 _TINY = np.finfo(float).tiny
 
 
 class Motions(NamedTuple):
-    """All orders of motions: which order is looked at, of which motions."""
+    """All harmonics of motions, with the index k of one harmonic and the selected motions."""
 
     nu: FloatArray
     orders: Any
@@ -40,22 +40,22 @@ def forces_of_laws(
     y: ComplexArray,
     motions: Motions,
 ) -> ComplexArray:
-    """Forces g of the laws themselves where H g = y - free loses more digits.
+    """Return forces g from the laws where H g = y - free loses more digits.
 
     ``c``: a `Condensation`; t and w: 1/(squares + rates s + s^2) and 1/(s - poles), ``pushed`` and
     ``turned``: times the loads on the modes, at each motion.
 
-    That is where H nearly vanishes though its terms do not (an antiresonance: the element is
-    at rest, whatever its force). Rounding of H and of free leaves |H^-1| eps (sum of the
-    terms' sizes); the law has what rounding of y leaves. Forces of the law that differ by more
-    than the former, or than iterations end with, belong to other equations, as those of a
-    branch whose parameter varies.
+    This happens at an antiresonance: H nearly vanishes although its terms do not, and the element
+    is at rest for any force. Rounding errors of H and free cause the error |H^-1| eps (sum of the
+    sizes of the terms); the law has only the rounding error of y. Forces of the law that differ by
+    more than this error, or the tolerance of iterations, belong to different equations, such as
+    those of a branch with a varied parameter.
     """
     if not are_smooth(c.laws):
         return g
     eps = np.finfo(float).eps
     seen, left, right = np.abs(c.seen), np.abs(c.left), np.abs(c.right)
-    # Orders of which next to nothing is there need no more digits.
+    # Negligible harmonics need no more digits.
     real, turning = np.abs(t.real) + np.abs(t.imag), np.abs(w.real) + np.abs(w.imag)
     most = real.max(axis=1, initial=0.0) * float((seen**2).sum(axis=0).max(initial=0.0))
     if w.size:
@@ -77,7 +77,7 @@ def forces_of_laws(
     size = np.abs(y) + np.abs(pushed) @ seen + np.abs(turned) @ left
     size += (sizes @ np.abs(g)[:, :, np.newaxis])[:, :, 0]
     lost = eps * (inverse @ size[:, :, np.newaxis])[:, :, 0]
-    # What that is of the motion.
+    # The rounding error relative to the motion.
     moved = (np.abs(t) * (lost @ seen.T)).max(axis=1, initial=0.0)
     whole = np.abs(pushed + t * (g @ c.seen.T)).max(axis=1, initial=0.0)
     if w.size:
@@ -104,7 +104,7 @@ def forces_of_laws(
 
 
 def products(t: ComplexArray, left: Any, right: Any) -> ComplexArray:
-    """sum_m t_nm left_mq right_mp, shape (n, q, p), without einsum's search for a way."""
+    """sum_m t_nm left_mq right_mp, shape (n, q, p), without the path search of einsum."""
     (n, m), q, p = t.shape, left.shape[1], right.shape[1]
     if p <= n:
         pairs = (left[:, :, np.newaxis] * right[:, np.newaxis, :]).reshape(m, q * p)
@@ -115,7 +115,7 @@ def products(t: ComplexArray, left: Any, right: Any) -> ComplexArray:
 def solved(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
     """Solutions of systems (n, q, q) with one right-hand side each, (n, q)."""
     if matrices.shape[1] == 1 and matrices.all():
-        # A motion without a place, as a crossing that was not located, is NaN.
+        # A motion that was not located, such as a crossing, is NaN.
         with np.errstate(invalid="ignore"):
             return right / matrices[:, 0]
     return np.asarray(np.linalg.solve(matrices, right[:, :, np.newaxis])[:, :, 0])

@@ -1,4 +1,4 @@
-"""One factorization of a sparse symmetric pair K - sigma M, and the modes that follow from it."""
+"""Factorization of a sparse symmetric pencil K - sigma M, and its modes."""
 
 import math
 import os
@@ -12,32 +12,32 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 
-#: Modes asked for at a time: later ones are found with those already known projected out.
+#: Modes per run of Lanczos' method; modes found before are projected out.
 _BATCH = 32
-#: Coordinates at most.
+#: Largest number of coordinates.
 MOST = 1_000_000
-#: Coordinates up to which modes are computed of dense matrices.
+#: Largest number of coordinates for modes of dense matrices.
 _SMALL = 60
 #: Entries of a matrix may differ from those of its transpose by this, relative to the largest.
 _SYMMETRIC = 1e-10
-#: A value phi' K phi is rounding below so many units in the last place of phi' |K| phi.
+#: phi' K phi is a rounding error below this number of units in the last place of phi' |K| phi.
 _ROUNDING = 1e3
-#: Bytes a stored entry of the two factors takes, with its indices and the room to work in.
+#: Bytes per entry of the two factors, including indices and workspace.
 _ENTRY = 24.0
-#: Factors with more entries are made anew to save memory.
+#: Factors with more entries are computed again to save memory.
 _LARGE = 2e7
-#: Part of the free memory that a factorization may be estimated to take.
+#: Largest estimated memory of a factorization as a fraction of the free memory.
 _SHARE = 0.8
 
 
 @dataclass
 class Modes:
-    """Undamped modes: M phi omega^2 = K phi, phi' M phi = 1, by rising omega^2.
+    """Undamped modes: M phi omega^2 = K phi, phi' M phi = 1, by ascending omega^2.
 
     Attributes
     ----------
     squares : ndarray, shape (m,)
-        omega^2 (1/s^2): negative of a structure that buckles, exactly 0 of a rigid one.
+        omega^2 (1/s^2): negative for buckling, exactly 0 for rigid-body modes.
     shapes : ndarray, shape (n, m)
     """
 
@@ -49,8 +49,8 @@ class Modes:
 class Pencil:
     """K - sigma M, factored once.
 
-    Symmetric K and M, M semidefinite (coordinates may be without mass). A shift sigma below 0
-    serves where K is singular: then K - sigma M is positive definite.
+    K and M are symmetric, M is semidefinite (coordinates may have no mass). For a singular K use a
+    negative shift sigma: then K - sigma M is positive definite.
 
     Attributes
     ----------
@@ -58,8 +58,8 @@ class Pencil:
     shift : float
         sigma (1/s^2).
     n_below : int or None
-        How many omega^2 are below sigma, by Sylvester's law of inertia; None where the
-        factorization had to exchange rows, so that its signs tell nothing.
+        Number of omega^2 below sigma, by Sylvester's law of inertia; None if the factorization had
+        to exchange rows, because its signs are then useless.
     """
 
     mass: Any
@@ -71,7 +71,7 @@ class Pencil:
     def __post_init__(self) -> None:
         shifted = csc_array(self.stiffness - self.shift * self.mass)
         check_memory(shifted)
-        # For a symmetric matrix pivots stay on the diagonal: a third of the time and of the fill.
+        # Diagonal pivots of a symmetric matrix need a third of the time and of the memory.
         self._factors = factored(shifted, symmetric=True)
         if self._factors is None or self._inaccurate(shifted):
             self._factors = factored(shifted, symmetric=False)
@@ -84,7 +84,7 @@ class Pencil:
         if np.array_equal(self._factors.perm_r, self._factors.perm_c):
             self.n_below = int((self._factors.U.diagonal() < 0).sum())
             if self._factors.nnz > _LARGE:
-                # A copy of the factors stays with them once they were looked at.
+                # Access to the factors stores a copy of them in the object.
                 self._factors = None
                 self._factors = factored(shifted, symmetric=True)
 
@@ -102,7 +102,7 @@ class Pencil:
         return np.asarray(self.stiffness @ vectors - self.shift * (self.mass @ vectors))
 
     def _inaccurate(self, shifted: Any) -> bool:
-        """Whether the factors do not solve: errors far above rounding, or no numbers."""
+        """True if solutions have errors far above rounding errors, or are not finite."""
         right = shifted @ np.random.default_rng(1).standard_normal(self.n)
         found = self._factors.solve(right)
         if not np.isfinite(found).all():
@@ -115,8 +115,8 @@ class Pencil:
     def lowest_modes(self, above: float, most: int) -> Modes:
         """All modes with omega^2 up to ``above`` (> sigma), and the next one.
 
-        Shift-invert Lanczos (ARPACK) in batches: the modes known are projected out of the next,
-        so that each is found once. ``most`` bounds their number.
+        Shift-invert Lanczos (ARPACK) in batches. Known modes are projected out of the next batch,
+        so that each mode is found once. ``most``: largest number of modes.
         """
         n_mass = int((self.mass.diagonal() > 0).sum())
         squares, shapes = np.zeros(0), np.zeros((self.n, 0))
@@ -140,7 +140,7 @@ class Pencil:
         return Modes(squares, shapes)
 
     def lowest_count(self, count: int) -> Modes:
-        """The ``count`` lowest modes, or all there are."""
+        """The ``count`` lowest modes, or all modes if there are fewer."""
         n_mass = int((self.mass.diagonal() > 0).sum())
         squares, shapes = np.zeros(0), np.zeros((self.n, 0))
         wanted = min(count, n_mass)
@@ -152,20 +152,20 @@ class Pencil:
         return Modes(squares[order], shapes[:, order])
 
     def _rayleigh(self, shape: FloatArray) -> float:
-        """Value of phi' K phi, or 0 if that is rounding: then the mode is rigid."""
+        """phi' K phi, or 0 if it is a rounding error (a rigid-body mode)."""
         value = float(shape @ (self.stiffness @ shape))
         size = float(np.abs(shape) @ (abs(self.stiffness) @ np.abs(shape)))
         return 0.0 if abs(value) < _ROUNDING * np.finfo(float).eps * size else value
 
     def _next_modes(self, count: int, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """``count`` modes nearest to sigma, those ``known`` left out."""
-        # Lanczos needs room: of a small system, or of the last modes, all are computed.
+        """The ``count`` modes nearest to sigma, without the ``known`` ones."""
+        # Lanczos' method needs more modes than that: compute all modes of small systems.
         if self.n <= _SMALL or (self.mass.diagonal() > 0).sum() - known.shape[1] <= 3 * count:
             return self._all_modes(known)
         weighted = self.mass @ known
 
         def solve(right: FloatArray) -> FloatArray:
-            # Projected before and after: M-orthogonal to what is known, in spite of rounding.
+            # Project before and after: M-orthogonal to the known modes in spite of rounding errors.
             found = self.solve(right - weighted @ (known.T @ right))
             return np.asarray(found - known @ (weighted.T @ found))
 
@@ -178,14 +178,14 @@ class Pencil:
             )  # fmt: skip
         except ArpackError as error:
             raise InputError(f"stiffness: its modes do not converge ({error})") from None
-        # Against what is known and among themselves, for multiple modes.
+        # Orthogonalize to the known modes and among themselves, for multiple modes.
         shapes = shapes - known @ (weighted.T @ shapes)
         gram = shapes.T @ (self.mass @ shapes)
         factor = np.linalg.cholesky(0.5 * (gram + gram.T))
         return squares, np.linalg.solve(factor, shapes.T).T
 
     def _all_modes(self, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Modes left of a system so small that Lanczos has no room."""
+        """The remaining modes of a system that is too small for Lanczos' method."""
         from scipy.linalg import eigh
 
         mass = self.mass.toarray()
@@ -196,7 +196,7 @@ class Pencil:
             squares = self.shift + 1 / inverse[massive]
             shapes = vectors[:, massive] / np.sqrt(inverse[massive])
         except np.linalg.LinAlgError:
-            # Modes below the shift: the other way round, without what has no mass.
+            # Modes below the shift: solve the inverse problem without massless coordinates.
             kept = self.mass.diagonal() > 0
             inner = np.linalg.solve(shifted[np.ix_(~kept, ~kept)], shifted[np.ix_(~kept, kept)])
             left = shifted[np.ix_(kept, kept)] - shifted[np.ix_(kept, ~kept)] @ inner
@@ -208,25 +208,25 @@ class Pencil:
         return squares[order], shapes[:, order]
 
     def rounding(self, right: FloatArray) -> float:
-        """How far solutions are off by rounding, relative, in the norm of strain energy.
+        """Relative rounding error of solutions in the norm of strain energy.
 
-        By a correction whose residual is formed in extended precision.
+        It is the size of a correction with the residual in extended precision.
         """
         found = self.solve(right)
         exact = (self.stiffness - self.shift * self.mass).astype(np.longdouble)
         left = np.asarray(right - exact @ found.astype(np.longdouble), dtype=float)
         lost = np.einsum("ij,ij->j", left, self.solve(left))
         whole = np.einsum("ij,ij->j", right, found)
-        # Nothing of a load may be left, nor of what it does: that is exact.
+        # A load and its displacement may both be zero: no error.
         some = whole > 0
         return float(np.sqrt(np.abs(lost[some] / whole[some])).max(initial=0.0))
 
 
 class HeldPencil:
-    """A `Pencil` of which some coordinates, the boundary, are held.
+    """A `Pencil` with some fixed coordinates, the boundary.
 
-    Its inverse is that of the interior. With the constraint modes in the basis, whose residual
-    is then 0, it is the inverse of all.
+    Its inverse is the inverse for the interior. If the basis contains the constraint modes, whose
+    residual is 0, this is sufficient for all coordinates.
     """
 
     def __init__(self, mass: Any, stiffness: Any, shift: float, boundary: Any) -> None:
@@ -240,7 +240,7 @@ class HeldPencil:
         self.n = int(mass.shape[0])
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Displacements of the interior, the boundary held, shape (n, k)."""
+        """Displacements of the interior with a fixed boundary, shape (n, k)."""
         return self._whole(self._pencil.solve(right[self._inside]))
 
     def apply(self, vectors: FloatArray) -> FloatArray:
@@ -248,16 +248,16 @@ class HeldPencil:
         return np.asarray(self.stiffness @ vectors - self.shift * (self.mass @ vectors))
 
     def rounding(self, right: FloatArray) -> float:
-        """As `Pencil.rounding`, under what a unit displacement of the boundary does."""
+        """`Pencil.rounding` for unit displacements of the boundary."""
         return self._pencil.rounding(self.apply(self._unit())[self._inside])
 
     def lowest_modes(self, above: float, most: int) -> Modes:
-        """Modes with the boundary held."""
+        """Modes with a fixed boundary."""
         modes = self._pencil.lowest_modes(above, most)
         return Modes(modes.squares, self._whole(modes.shapes))
 
     def constraint_modes(self) -> FloatArray:
-        """Displacements of all by a unit displacement of each boundary coordinate, shape (n, b)."""
+        """Displacements by a unit displacement of each boundary coordinate, shape (n, b)."""
         moved = self._unit()
         return moved - self.solve(self.apply(moved))
 
@@ -280,7 +280,7 @@ def checked_sparse(name: str, value: Any, n: int | None = None) -> Any:
         raise InputError(f"{name}: must be numbers, got {value.dtype}")
     if len(value.shape) != 2:
         raise InputError(f"{name}: must have 2 dimensions, got shape {value.shape}")
-    # Before it is brought into columns, of which each takes room.
+    # Check before the conversion to columns, which needs memory for each column.
     rows, columns = value.shape
     size = rows if n is None else n
     if (rows, columns) != (size, size):
@@ -300,7 +300,7 @@ def checked_sparse(name: str, value: Any, n: int | None = None) -> Any:
 
 
 def is_symmetric(matrix: Any) -> bool:
-    """Whether a sparse matrix is its transpose up to rounding."""
+    """True if a sparse matrix is symmetric up to rounding errors."""
     difference = abs(matrix - matrix.T)
     largest = abs(matrix).max() if matrix.nnz else 0.0
     return bool(difference.nnz == 0 or difference.max() <= _SYMMETRIC * largest)
@@ -326,10 +326,10 @@ def check_mass(mass: Any) -> None:
 
 
 def estimated_fill(matrix: Any) -> float:
-    """Entries that the factors of a symmetric sparse matrix will about have, without factoring it.
+    """Estimated number of entries in the factors of a symmetric sparse matrix.
 
-    The coordinates are walked through in levels from an outer one; a mean level of S coordinates
-    separates the model. Kept as a band, L has about n S entries; by nested dissection
+    A breadth-first search from an outer coordinate gives levels. A mean level of S coordinates
+    separates the model. Stored as a band, L has about n S entries; by nested dissection
     S^2 log2 n (George and Liu 1981, chapter 8). Minimum degree lies between: the geometric mean
     is within a factor of 2 for the plates and blocks of `tests/python/test_sparse.py`.
     """
@@ -338,7 +338,7 @@ def estimated_fill(matrix: Any) -> float:
     _, part = csgraph.connected_components(linked, directed=False)
     first = int(np.argmax(part == np.bincount(part).argmax()))
     away = csgraph.dijkstra(linked, directed=False, indices=first, unweighted=True)
-    # Once more from the coordinate furthest away, which lies at the rim.
+    # Repeat from the most distant coordinate, which lies at the boundary of the model.
     first = int(np.where(np.isfinite(away), away, -1).argmax())
     away = csgraph.dijkstra(linked, directed=False, indices=first, unweighted=True)
     reached = away[np.isfinite(away)]
@@ -349,7 +349,7 @@ def estimated_fill(matrix: Any) -> float:
 
 
 def check_memory(matrix: Any) -> None:
-    """Refuse a factorization that will not find room, before time is spent on it."""
+    """Refuse a factorization that would not fit into memory."""
     needed = _ENTRY * estimated_fill(matrix)
     free = free_memory()
     if needed > _SHARE * free:
@@ -360,7 +360,7 @@ def check_memory(matrix: Any) -> None:
 
 
 def free_memory() -> float:
-    """Memory that may be taken (bytes): what the machine has left, or the limit set."""
+    """Available memory (bytes): free memory of the machine, or the limit of the process."""
     import resource
 
     try:

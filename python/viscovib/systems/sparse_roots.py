@@ -6,12 +6,12 @@ D(s) x = 0, x_k = 1, D(s) = sum_i c_i(s) A_i as in `reduction`. Newton's method 
     [ D(s)  D'(s) x ] [dx]     [ D(s) x ]
     [ e_k'     0    ] [ds] = - [    0   ]                                                       (1)
 
-This matrix stays regular at a simple root, where D(s) does not. Of fine meshes D(s) x is the
-small difference of large numbers: it is formed in extended precision.
+This matrix stays regular at a simple root, where D(s) is singular. For fine meshes D(s) x is a
+small difference of large numbers, so it is computed in extended precision.
 
-Where it begins decides which root is found. Memory makes a structure softer the slower it moves:
-Re D(i omega) + omega^2 M rises with omega, so each mode j has one frequency at which it is the
-j-th mode of the stiffness that acts there, omega_j(K(omega)) = omega. These start the search.
+The starting value decides which root is found. Memory makes a structure softer at lower
+frequencies: Re D(i omega) + omega^2 M increases with omega. So each mode j has one frequency with
+omega_j(K(omega)) = omega, the j-th natural frequency of the stiffness at omega. It is the start.
 """
 
 import warnings
@@ -30,24 +30,24 @@ from viscovib.systems.linear_model import LinearModel, modal_rates
 from viscovib.systems.sparse_pencil import Modes, Pencil, check_memory, factored
 from viscovib.systems.structure_matrices import linear_model, matrix_of
 
-#: Steps of Newton's method, and of the search for a frequency to begin at.
+#: Largest number of steps of Newton's method, and of the search for a starting frequency.
 _NEWTON, _BEGINNING = 30, 40
-#: Newton's method has ended once a step is below this part of s, or steps below the second do not
-#: become smaller any more.
+#: Newton's method has converged if a step is below the first fraction of s, or if it is below the
+#: second fraction and no longer decreases.
 _CONVERGED, _ROUNDING = 1e-13, 1e-10
-#: Coordinates up to which all eigenvalues are looked at where some roots were not found.
+#: Largest number of coordinates for all eigenvalues, if some roots were not found.
 _SMALL = 200
-#: Coordinates up to which growing real roots are searched.
+#: Largest number of coordinates for the search of growing real roots.
 _DENSE = 500
-#: A frequency to begin at is known well enough within this part.
+#: Relative accuracy of a starting frequency.
 _CLOSE = 1e-3
 
 
 def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexArray]:
     """Return the first oscillatory roots s (1/s), Im s > 0, and their shapes, shape (n, count).
 
-    In the order of the modes they belong to; NaN where Newton's method does not converge. Rigid
-    and negative modes have no oscillatory root and are left out.
+    They are in the order of the modes; NaN where Newton's method does not converge. Rigid and
+    negative modes have no oscillatory root and are skipped.
     """
     n = model.mass.shape[0]
     if np.any(model.ratio):
@@ -80,10 +80,10 @@ def sparse_roots(model: LinearModel, count: int) -> tuple[ComplexArray, ComplexA
 
 
 def _fill(model: LinearModel, roots: ComplexArray, shapes: ComplexArray) -> None:
-    """Roots that were not found, by those of all eigenvalues that were not: of a small model.
+    """Fill in missing roots of a small model from its eigenvalues that were not found.
 
-    Damping that mixes modes may lead Newton's method from two of them to the same root. Where some
-    mode does not oscillate it is left open which roots belong to which modes.
+    With damping that couples modes, Newton's method may lead from two modes to the same root. If
+    some mode does not oscillate, the assignment of roots to modes is not unique.
     """
     n = model.mass.shape[0]
     if model.layers or model.dampers or model.loss or n > _SMALL:
@@ -201,9 +201,9 @@ def _in_modes(
     n_more: int,
     dampers: Sequence[tuple[Any, Kernel]],
 ) -> LinearModel:
-    """The reduced model, whose modal ratios have a matrix, and what relaxes in it.
+    """The reduced model, with a matrix of its modal ratios, and its layers and dampers with memory.
 
-    The last ``n_more`` layers are none of its own.
+    The last ``n_more`` layers do not belong to the structure.
     """
     found = structure._reduced.reduction
     damping = np.diag(found.rates)
@@ -213,7 +213,7 @@ def _in_modes(
         [(csc_array(found.shapes.T @ (matrix @ found.shapes)), kernel) for matrix, kernel in parts]
         for parts in (relaxing, dampers)
     )
-    # Modes and damping are those of all its springs before they relax.
+    # Modes and damping refer to the springs without relaxation.
     own = layers[: len(layers) - n_more]
     elastic = np.diag(found.squares) - sum(matrix.toarray() for matrix, _ in own)
     return LinearModel(
@@ -223,7 +223,7 @@ def _in_modes(
 
 
 def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatArray]:
-    """Frequency at which mode j is a mode of the stiffness that acts there, and its shape."""
+    """Frequency omega that mode j of the stiffness at omega has, and its shape."""
     omega = np.inf
     shape = np.zeros(0)
     for _ in range(_BEGINNING):
@@ -241,7 +241,7 @@ def _beginning(model: LinearModel, j: int, lowest: float) -> tuple[float, FloatA
 
 
 def _modes_at(model: LinearModel, omega: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """The lowest modes of Re K(omega); of infinite frequency those before anything relaxes."""
+    """The lowest modes of Re K(omega); for an infinite frequency those without relaxation."""
     stiffness = model.stiffness
     for layer, kernel in model.layers:
         kept = 1.0 if np.isinf(omega) else float(1 - kernel.cosine(omega))
@@ -267,7 +267,7 @@ def _newton(
         values, slopes = _coefficients(model, s)
         column = _product(model, slopes, x).astype(complex)
         right = np.append(-_product(model, values, x), 0).astype(complex)
-        # In units of the matrix, or pivots would be chosen for their units.
+        # Scaled by the matrix: otherwise its units would determine the pivots.
         size = np.abs(column).max()
         bordered = block_array(
             [[combined(model, values), csc_array(column[:, np.newaxis])], [size * row, None]],
@@ -281,7 +281,7 @@ def _newton(
             return s, x.astype(complex), False
         s, x = complex(s + step[n]), x + step[:n]
         moved = abs(step[n]) / abs(s)
-        # Either done, or as near as rounding of the values allows.
+        # Converged, or as close as the rounding errors allow.
         if moved <= _CONVERGED or (moved <= _ROUNDING and moved >= 0.5 * smallest):
             return s, x.astype(complex), True
         smallest = min(smallest, moved)
@@ -297,7 +297,7 @@ def _product(model: LinearModel, values: ComplexArray, x: Any) -> Any:
 
 
 def _rayleigh(model: LinearModel, s: complex, x: FloatArray) -> complex:
-    """Root of x' D(s) x = 0 near s: the best for this shape."""
+    """Root of x' D(s) x = 0 near s (Rayleigh functional of this shape)."""
     weights = np.array([x @ (matrix @ x) for matrix in model.matrices])
     start = s
     for _ in range(_NEWTON):
@@ -311,14 +311,14 @@ def _rayleigh(model: LinearModel, s: complex, x: FloatArray) -> complex:
 
 
 def _coefficients(model: LinearModel, s: complex) -> tuple[ComplexArray, ComplexArray]:
-    """c_i(s) and their slopes, by a central difference: these only steer Newton's method."""
+    """c_i(s) and their derivatives by a central difference, sufficient for Newton's method."""
     h = 1e-5 * abs(s)
     at = model.coefficients(np.array([s, s + h, s - h]))
     return at[:, 0], np.asarray((at[:, 1] - at[:, 2]) / (2 * h))
 
 
 def combined(model: LinearModel, values: ComplexArray) -> csc_array:
-    """D(s) by the values c_i(s)."""
+    """D(s) from the values c_i(s)."""
     total = values[0] * model.mass
     for value, matrix in zip(values[1:], model.matrices[1:], strict=True):
         total = total + value * matrix
@@ -328,11 +328,11 @@ def combined(model: LinearModel, values: ComplexArray) -> csc_array:
 def solved(
     matrix: csc_array, right: ComplexArray, product: Callable[[Any], Any] | None = None
 ) -> ComplexArray:
-    """Solution of a sparse complex system by a factorization of its own.
+    """Solution of a sparse complex system by factorization.
 
-    With corrections by its residual in extended precision: fine meshes are so stiff that rounding
-    is seen without them, even that of the sum which makes the matrix. ``product``: of this sum and
-    a vector, without that rounding.
+    It is corrected by its residual in extended precision: for fine meshes rounding errors matter,
+    even those of the sum that forms the matrix. ``product``: product of this sum and a vector
+    without these errors.
     """
     check_memory(matrix)
     wide = matrix.astype(np.clongdouble)
@@ -356,7 +356,7 @@ def solved(
 def direct_solution(
     model: LinearModel, s: complex, right: ComplexArray, modes: Modes | None = None
 ) -> ComplexArray:
-    """D(s)^-1 right, by the full matrices.
+    """D(s)^-1 right from the full matrices.
 
     ``modes``: modes with damping ratios, if given. Their damping, M Phi r Phi' M added to a part
     of K (`ModalDampingMatrix`), is full. With y = Phi' M x as further unknowns the system stays
@@ -372,7 +372,7 @@ def direct_solution(
     plain = model._replace(ratio=0.0, rayleigh=(a, b + slope))
     sparse = combined(plain, plain.coefficients(np.array([s]))[:, 0])
     seen = np.asarray(model.mass @ modes.shapes)
-    # In units of the matrix, or pivots would be chosen for their units.
+    # Scaled by the matrix: otherwise its units would determine the pivots.
     unit = abs(sparse).max() / np.abs(seen).max()
     whole = block_array(
         [

@@ -19,7 +19,7 @@ from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.laws import Law, read_law
 from viscovib.systems.python_law import PythonLaw, callable_law, python_laws
 
-#: What forces may be: of one coordinate a law, else laws by equation, or one each; or monomials.
+#: Types of forces: a law (one coordinate), laws by equation, one law per coordinate, monomials.
 Forces: TypeAlias = (
     "str | PythonLaw | Callable[..., Any] | Mapping[str, Any] | Sequence[Any] | None"
 )
@@ -78,26 +78,26 @@ class Springs:
 
 
 class SpringGroup(NamedTuple):
-    """Springs as they were understood: K, f by equation and powers, and the kernel."""
+    """Checked springs: K, f by equation and powers, and the kernel."""
 
     stiffness: FloatArray
     forces: dict[tuple[int, tuple[int, ...]], float]
     kernel: Kernel | None
-    #: What is no polynomial, without its linear part, and the equation in which it stands.
+    #: Laws that are not polynomials, without their linear parts, with the index of their equation.
     laws: tuple[tuple[int, Law], ...] = ()
-    #: What these laws have of the stiffness; None: nothing.
+    #: Linear stiffness of these laws; None: none.
     law_slopes: FloatArray | None = None
-    #: What they have of the damping; None: nothing.
+    #: Linear damping of these laws; None: none.
     law_damping: FloatArray | None = None
     #: The laws with their linear parts.
     whole: tuple[tuple[int, Law], ...] = ()
-    #: Behind a kernel, their slopes by rates at rest; None: nothing.
+    #: Derivatives with respect to rates at rest, with a kernel; None: none.
     law_dampers: FloatArray | None = None
-    #: K without what is linear in forces; None: not known apart.
+    #: K without the linear parts of forces; None: unknown.
     given: FloatArray | None = None
 
     def with_slopes_of(self, other: SpringGroup) -> SpringGroup:
-        """Return the same springs, of whose laws another stiffness and damping stands apart."""
+        """Return the springs with the linear parts of the laws of ``other`` kept separate."""
         if self.law_slopes is None or other.law_slopes is None:
             return self
         remembers = self.kernel is not None
@@ -113,7 +113,7 @@ class SpringGroup(NamedTuple):
 
 
 def is_definite(matrix: FloatArray) -> bool:
-    """Whether a symmetric matrix is positive definite, but for rounding, as the core decides it."""
+    """True if a symmetric matrix is positive definite, by the same test as in the core."""
     if not np.all(np.diag(matrix) > 0):
         return False
     try:
@@ -124,7 +124,7 @@ def is_definite(matrix: FloatArray) -> bool:
 
 
 def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> FloatArray:
-    """Return a number, a diagonal or a matrix as a matrix that does not change."""
+    """Return a number, a diagonal or a matrix as a read-only matrix."""
     if value is None:
         return np.asarray(own(np.zeros((n or 0, n or 0))))
     given = _native.real_array(name, value)
@@ -137,12 +137,12 @@ def square_matrix(name: str, value: npt.ArrayLike | None, n: int | None) -> Floa
     return np.asarray(matrix)
 
 
-#: Characters that would end a line of a table, or that no file can hold.
+#: Characters that would end a line of a table, or that cannot be written to a file.
 _NO_LETTER = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
 def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
-    """Check that there is a text for each coordinate."""
+    """Check a sequence of texts, one for each coordinate."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise InputError(f"{name} = {_native.shown(value)}: must be a sequence of {n} texts")
     words = tuple(value) if len(value) == n else ()
@@ -161,7 +161,7 @@ def texts_of(name: str, value: Any, n: int) -> tuple[str, ...]:
 def spring_group(
     prefix: str, springs: Springs, names: tuple[str, ...], parameters: Mapping[str, float]
 ) -> SpringGroup:
-    """Understand springs: polynomials apart from other laws, linear terms in the stiffness."""
+    """Read springs: separate polynomials from other laws, move linear terms to the stiffness."""
     check_kernel(f"{prefix}kernel", springs.kernel)
     given = square_matrix(f"{prefix}stiffness", springs.stiffness, len(names))
     stiffness = given.copy()
@@ -192,7 +192,7 @@ def spring_group(
                 forces[on, powers] = forces.get((on, powers), 0.0) + c
     stiffness += slopes
     stiffness.setflags(write=False)
-    # A kernel of nothing is none.
+    # A kernel without stiffness and forces is dropped.
     kernel = springs.kernel if forces or laws or stiffness.any() else None
     group = SpringGroup(stiffness, forces, kernel, given=given)
     if not laws:
@@ -207,9 +207,9 @@ def spring_group(
 def by_equation(
     where: str, forces: Any, names: tuple[str, ...], read: Callable[[str, Any, list[str]], Any]
 ) -> list[tuple[str, int, Any]]:
-    """Polynomials or other laws, each with its equation and what an error calls it.
+    """Polynomials or other laws, each with its name in errors and its equation.
 
-    ``read`` makes one of a text, from what an error calls it, the text and the names of rates.
+    ``read`` converts a text, from its name in errors, the text and the names of rates.
     """
     if forces is None:
         return []

@@ -1,4 +1,4 @@
-"""Laws under which a body sticks: their force jumps up where a velocity passes 0."""
+"""Laws with sticking: the force jumps up where a velocity passes 0."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from viscovib.systems.laws import Law
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: Places near rest, and by how much secants to them differ where no slope is finite: at least,
-#: and less than where the law jumps.
+#: Points near rest; smallest ratio of the secants to them for an infinite slope, and the ratio from
+#: which on the law jumps.
 _NEAR, _ENDLESS, _JUMPS = (1e-20, 1e-40), 10.0, 1e19
-#: Positions at which a law is tried (some stops are open at 0), and a velocity close to 0.
+#: Positions at which a law is tested (some stops are open at 0), and a velocity close to 0.
 _POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
 
 def advice_on_sticking(system: Any) -> str:
-    """Return what to do where harmonics find nothing, if the system can stick; else nothing.
+    """Return advice if harmonics find no solution and the system can stick, else "".
 
-    Or which law has no finite derivative at rest, as sqrt(abs(x)); Newton's steps need one.
+    Also for laws such as sqrt(abs(x)) without the finite derivative that Newton's method needs.
     """
     laws = laws_of(system)
     text = next((law.text for law in laws if _sticks(law)), None)
@@ -47,7 +47,7 @@ def laws_of(system: Any) -> list[Law]:
 
 
 def _sticks(law: Law) -> bool:
-    """Whether its force is larger on the side of a positive velocity than on the other."""
+    """True if the force is larger for small positive velocities than for negative ones."""
     if not law.branches or law.state or not law.n_rates:
         return False
     n, m = len(law.arguments), len(_POSITIONS)
@@ -65,7 +65,7 @@ def _sticks(law: Law) -> bool:
 
 
 def _endless_slope(law: Law) -> str:
-    """Return where a law near rest rises by a power below 1; nothing if it does not."""
+    """Return the argument by which a law near rest grows with a power below 1; "" if none."""
     if law.state:
         return ""
     n = len(law.arguments)

@@ -1,14 +1,14 @@
-"""Springs of very different stiffness, whose rounding errors hide the soft ones: warnings.
+"""Warnings for springs of very different stiffness, whose rounding errors hide the soft ones.
 
-A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K is off by up to half a unit in
-its last place, independently of the others: omega^2 is then off by about
+A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K has an independent error of up
+to half a unit in its last place. Then omega^2 has an error of about
 
     0.3 eps sqrt(sum_ij (phi_i K_ij phi_j)^2),                                                  (1)
 
 and by eps/2 |phi|^T |K| |phi| at most (Wilkinson, The Algebraic Eigenvalue Problem, 1965, chapter
-2: first-order perturbation of a simple eigenvalue; an entry is off by 0.21 eps of itself in the
-mean square, and by the same as its mirror image). Where stiff springs join what soft ones hold,
-phi^T K phi is the small difference of large numbers.
+2: first-order perturbation of a simple eigenvalue; the root mean square error of an entry is
+0.21 eps of the entry, equal to that of its mirror image). If stiff springs connect bodies on soft
+springs, phi^T K phi is a small difference of large numbers.
 """
 
 import warnings
@@ -21,21 +21,21 @@ from viscovib.errors import RangeWarning, caller
 
 _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
-#: A square of a frequency next to |phi|^T |K| |phi|: below, what no spring resists.
+#: Squares of frequencies below this part of |phi|^T |K| |phi| are free motions.
 _RIGID = 1e-12
-#: Part of the square of a frequency that may be rounding error without a warning, and the smallest
-#: part that is the rounding error of a free body.
+#: Largest relative rounding error of a squared frequency without a warning, and the smallest one
+#: that indicates a free body.
 _LOST, _FREE = 1e-6, 0.15
-#: Squares of frequencies closer together than this lose no more than `_LOST`.
+#: If all squared frequencies are closer together than this, no error exceeds `_LOST`.
 _ALIKE = 1e-8
-#: Squares of frequencies so far apart may be why no steady motion is found.
+#: Ratio of squared frequencies from which on a failed search for steady motions may be due to it.
 _STIFF = 1e8
-#: Part that an entry of the matrix is off by, in (1).
+#: Relative error of a matrix entry in (1).
 _OFF = 0.3 * _EPS
-#: Smallest number with all digits.
+#: Smallest normal number.
 _TINY = float(np.finfo(float).tiny)
-#: Part of a mode's kinetic energy that a coordinate takes part with; stiffnesses that are rounding
-#: of what cancels, next to the largest.
+#: Smallest share of a coordinate in the kinetic energy of a mode that counts; relative stiffness
+#: that is a rounding error of cancellation.
 _PART, _NOTHING = 1e-3, 1e-30
 
 
@@ -50,7 +50,7 @@ def warn_of_hidden(told: str) -> None:
 
 
 def without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatArray) -> FloatArray:
-    """Squares of frequencies that are rounding become 0: motions that no spring resists."""
+    """Set squared frequencies that are rounding errors to 0: motions without springs."""
     pulled = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(stiffness), np.abs(shapes))
     result = squares.copy()
     result[np.abs(squares) <= _RIGID * pulled] = 0.0
@@ -62,16 +62,16 @@ def warn_of_lost_modes(
 ) -> None:
     """Warn of modes hidden by rounding errors: squares (m,), shapes (n, m).
 
-    Matrices are dense or sparse; ``least``: part of the square of a frequency that may be rounding
-    error without a warning. A mode of rounding errors only, lost >= `_FREE`, is that of a free
-    body, unless it is large relative to the softest coordinate that takes part or is joined to
-    those: a pair of masses on a lost spring equals a pair without a spring.
+    Matrices are dense or sparse; ``least``: largest relative rounding error of a squared frequency
+    without a warning. A mode of rounding errors only, lost >= `_FREE`, counts as a free body,
+    unless it is large relative to the softest coordinate that participates or is connected to
+    participating ones: a pair of masses on a lost spring equals a pair without a spring.
     """
     lost = _OFF * _spread(shapes, stiffness)
     soft = np.flatnonzero(np.abs(squares) * least < 10 * lost)
     if not soft.size:
         return
-    # Rounding of the algorithm is as large: of the matrix as it stands.
+    # The rounding error of the algorithm is as large: use the given matrix.
     shapes, lost = shapes[:, soft], lost[soft]
     wide = shapes.astype(np.longdouble)
     values = (wide * (stiffness.astype(np.longdouble) @ wide)).sum(axis=0)
@@ -97,10 +97,10 @@ def warn_of_lost_modes(
 def warn_of_lost_poles(
     poles: ComplexArray, left: ComplexArray, right: ComplexArray, stiffness: FloatArray
 ) -> None:
-    """Tell of complex modes of which rounding of the stiffness leaves little.
+    """Warn of complex modes that rounding errors of the stiffness hide.
 
-    With (s^2 M + s C + K)^-1 = sum left right^T/(s - pole), entries of K that are off by a
-    rounding move a pole by about (1) with right and left; twice that is the part of its square.
+    With (s^2 M + s C + K)^-1 = sum left right^T/(s - pole), rounding errors of K move a pole by
+    about (1) with right and left. The relative error of its square is twice as large.
     """
     moved = _OFF * _spread(np.abs(right), stiffness, np.abs(left))
     moving = poles != 0
@@ -112,11 +112,11 @@ def warn_of_lost_poles(
 
 
 def advice_on_springs(mass: FloatArray, stiffness: FloatArray) -> str:
-    """Return what to do where rounding of stiff springs may be what hides a steady motion.
+    """Return advice if rounding errors of stiff springs may hide a steady motion.
 
-    Of matrices (n, n) that are solved as they stand: forces of stiff springs are small differences
-    of displacements, of which rounding leaves soft ones eps times the ratio of both, and light
-    damping more. A structure has its linear part by refined modes, which keep these digits.
+    For matrices (n, n) that are solved directly: forces of stiff springs are small differences of
+    displacements, so soft springs have a relative error of eps times the ratio of both, and light
+    damping a larger one. A structure uses refined modes for its linear part and keeps these digits.
     """
     squares = np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness)))
     ratio = squares.max() / max(squares.min(), _EPS * squares.max())
@@ -129,15 +129,15 @@ def advice_on_springs(mass: FloatArray, stiffness: FloatArray) -> str:
 
 
 def warn_of_lost_springs(mass: FloatArray, stiffness: FloatArray) -> None:
-    """Tell of modes of matrices (n, n), which are solved as they stand, that rounding hides.
+    """Warn of modes that rounding errors hide, for matrices (n, n) that are solved directly.
 
-    Without damping, which hides nothing. The stiffness need not be symmetric.
+    Damping is ignored, because it hides nothing. The stiffness need not be symmetric.
     """
     n = mass.shape[0]
     if n == 1:
         return
     if np.count_nonzero(mass) == n:
-        # The common case, soon decided.
+        # The common case: a diagonal mass matrix.
         root = 1 / np.sqrt(mass.diagonal())
         reduced = stiffness * root * root[:, np.newaxis]
         root = np.diag(root)
@@ -158,7 +158,7 @@ def warn_of_lost_springs(mass: FloatArray, stiffness: FloatArray) -> None:
 
 
 def _warn_of_lost_values(reduced: FloatArray, root: FloatArray, stiffness: FloatArray) -> None:
-    """The same of a stiffness that is not symmetric: by vectors of both sides."""
+    """The warning for an unsymmetric stiffness, with left and right eigenvectors."""
     from scipy.linalg import eig
 
     values, lefts, rights = eig(reduced, left=True, right=True)
@@ -173,7 +173,7 @@ def _warn_of_lost_values(reduced: FloatArray, root: FloatArray, stiffness: Float
 
 
 def _spread(left: FloatArray, stiffness: Any, right: FloatArray | None = None) -> FloatArray:
-    """The root of (1), shape (m,), of shapes (n, m), those of the right where they differ."""
+    """The square root in (1), shape (m,), for shapes (n, m) and, if different, right shapes."""
     largest = abs(stiffness).max()
     if not largest > 0:
         return np.zeros(left.shape[1])

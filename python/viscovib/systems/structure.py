@@ -55,11 +55,11 @@ if TYPE_CHECKING:
     from viscovib.systems.characteristic import CharacteristicRoots
     from viscovib.systems.reduced import ReducedRest
 
-#: Coordinates up to which all are given where none are chosen.
+#: Largest number of coordinates of which results contain all by default.
 ALL_GIVEN = 64
-#: Those up to which modes are computed of dense matrices, and of sparse ones as if they were dense.
+#: Largest numbers of coordinates for modes of dense matrices, and of sparse matrices made dense.
 _MAX_DENSE, _SMALL = 5000, 1000
-#: Coordinates at most.
+#: Largest number of coordinates.
 _MOST = 1_000_000
 
 
@@ -143,8 +143,8 @@ class Structure:
     #: Names of all coordinates and their units.
     dof_names: tuple[str, ...] = field(init=False, repr=False)
     dof_units: tuple[str, ...] = field(init=False, repr=False)
-    #: Names of the coordinates that a huge mass or stiffness fixes. They are exact supports:
-    #: ``mass``, ``stiffness`` and ``damping`` no longer couple them to other coordinates.
+    #: Names of the coordinates with a huge mass or stiffness, which are exact supports: ``mass``,
+    #: ``stiffness`` and ``damping`` no longer couple them to other coordinates.
     supports: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -186,7 +186,7 @@ class Structure:
         return told(self)
 
     def _eliminate_penalties(self) -> None:
-        """Make supports of coordinates that a huge number on a diagonal fixes."""
+        """Replace coordinates with a huge number on a diagonal by supports."""
         layers: Layers = self._layers  # type: ignore[attr-defined]
         whole = [matrix for matrix, _ in layers.whole]
         places = penalty_supports(
@@ -250,13 +250,13 @@ class Structure:
 
     @property
     def _all_kernels(self) -> tuple[Kernel, ...]:
-        """Of elements and layers."""
+        """Kernels of elements and layers."""
         layers: Layers = self._layers  # type: ignore[attr-defined]
         return (*self._active_kernels, *(kernel for _, kernel in layers.whole))
 
     @cached_property
     def _rest(self) -> Rest:
-        """The linear rest with the linear parts of the elements, without memory."""
+        """The linear subsystem with the linear parts of the elements, without their memory."""
         n = self.n_coordinates
         if is_sparse(self.mass) and n > _SMALL:
             raise InputError(
@@ -284,13 +284,13 @@ class Structure:
 
     @property
     def _element_directions(self) -> FloatArray:
-        """Directions of the deflections that results tell, shape (n, q)."""
+        """Directions of the deflections in results, shape (n, q)."""
         couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
         return element_laws(self._all_elements, self.n_coordinates, couplings).directions
 
     @property
     def _inertia(self) -> FloatArray:
-        """M b, b being the direction in which the base moves."""
+        """M b, where b is the direction of the base motion."""
         mass: Any = self.mass
         return np.asarray(mass @ self._base_direction, dtype=float)
 
@@ -425,7 +425,7 @@ class Structure:
             If the structure is not reduced, has a loss factor, or loads and elements act on
             coordinates without mass.
         """
-        # By name, since that module knows this one.
+        # Import by name: the modules depend on each other.
         return import_module("viscovib.systems.modal_model").modal_model(self)
 
     @classmethod
@@ -508,7 +508,7 @@ class Structure:
         array([1.      , 1.732051])
         """
         mass: Any = self.mass
-        # Coordinates without mass may be given a tiny one: their modes are the fastest.
+        # Coordinates without mass may have a tiny mass here: their modes are the fastest.
         heavy = int(np.count_nonzero(np.asarray(abs(mass).sum(axis=1))))
         squares = np.sort(self._free.condensation.rest.squares)[:heavy]
         return np.asarray(np.sign(squares) * np.sqrt(np.abs(squares)))
@@ -564,7 +564,7 @@ class Structure:
         return undamped(self)
 
     def _moving_most(self, mode: int) -> int:
-        """The coordinate that moves most in a mode, weighed by the root of its inertia."""
+        """The coordinate with the largest motion in a mode, weighted by the root of its inertia."""
         free = self._free.condensation.rest
         if mode >= free.squares.size:
             raise InputError(f"mode = {mode}: must be 0 to {free.squares.size - 1}")
@@ -573,21 +573,21 @@ class Structure:
         return int(np.flatnonzero(moved >= (1 - 1e-9) * moved.max())[0])
 
     def _wanted(self, coordinates: Any, loaded: LoadedStructure) -> npt.NDArray[np.intp]:
-        """Places of the coordinates that results hold."""
+        """Indices of the coordinates in results."""
         if coordinates is None:
-            # Amplitudes of modes stand for all coordinates together.
+            # Modal amplitudes represent all coordinates together.
             if self.n_coordinates <= ALL_GIVEN or self.__dict__.get("_all_given"):
                 return np.arange(self.n_coordinates)
             touched = loaded.touched
             for element in self._all_elements:
                 touched |= element.direction != 0
-            # Without loads and elements the start alone moves it: one is shown, as by the driver.
+            # Without loads and elements only the initial state causes motion: show one coordinate.
             places = np.flatnonzero(touched)[:ALL_GIVEN]
             return places if places.size else np.arange(1)
         return self._chosen(coordinates)
 
     def _chosen(self, coordinates: Any) -> npt.NDArray[np.intp]:
-        """Places of coordinates by their names."""
+        """Indices of coordinates by name."""
         if isinstance(coordinates, str) or not isinstance(coordinates, Sequence):
             raise InputError(f"coordinates = {_native.shown(coordinates)}: must be a list of names")
         places: Mapping[str, int] = self._places  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Structures in files: matrices with their damping and names, and reduced models for the driver."""
+"""Files of structures: matrices with damping and names, and reduced models for the driver."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from viscovib.systems.matrix_files import (
 )
 from viscovib.systems.structure_matrices import is_sparse, is_triangular
 
-#: What a file says it holds.
+#: Format mark of a file.
 _FORM = "viscovib structure 1"
 _MATRICES = ("mass", "stiffness", "damping")
 _SPARSE = ("data", "indices", "indptr")
-#: What it may hold besides sparse matrices.
+#: Entries of a file in addition to the arrays of sparse matrices.
 _PARTS = {
     *_MATRICES, "modal_damping", "rayleigh", "base_direction", "loss_factor", "names", "units",
 }  # fmt: skip
 
 
 def read_structure(mass: Any, stiffness: Any, damping: Any, options: dict[str, Any]) -> Any:
-    """Return the arguments of a `Structure` from one file of all, or from one for each matrix."""
+    """Return the arguments of a `Structure` from one file, or from one file for each matrix."""
     if stiffness is None:
         if damping is not None:
             raise InputError("damping: must not be given without a file of the stiffness")
@@ -114,7 +114,7 @@ def write_structure(
             f"path = {str(path)!r}: modal damping, Rayleigh and loss factors have no matrix: must "
             "end in .npz"
         )
-    # None is put in its place before all are written: a mass without its stiffness is no structure.
+    # No file is moved to its final name before all are written: a mass alone is useless.
     with ExitStack() as all_written:
         for name, matrix in parts.items():
             named = isinstance(matrix, Named)
@@ -169,7 +169,7 @@ def _reduced_parts(structure: Any, coordinates: Sequence[str] | None) -> dict[st
         places = np.flatnonzero(touched)
     else:
         places = structure._chosen(coordinates)
-    # Rounding would make them look coupled, and entries cost room.
+    # Rounding errors would couple the modes, and entries need memory.
     kept = [_cleaned(matrix) for matrix in (stiffness, damping)]
     names = [structure.dof_names[i] for i in places]
     return {
@@ -185,7 +185,7 @@ def _cleaned(matrix: Any) -> Any:
 
 
 class Named(NamedTuple):
-    """An array whose rows have names, in a comment of the file."""
+    """An array with names of its rows, which are written as a comment."""
 
     array: Any
     names: list[str]

@@ -1,4 +1,4 @@
-"""What acts on a structure in time, by its columns and directions, and what it has no answer to."""
+"""Loads of a structure in time as columns with directions, and checks of loads."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from viscovib.systems.load_table import LoadTable
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
-#: What is condensed.
+#: Systems that are condensed.
 Condensed: TypeAlias = Structure | PolynomialSystem
-#: Part of the largest column of a table by which combinations of columns are rounding.
+#: Combinations of columns of a table below this relative size are rounding errors.
 _ROUNDING = 1e-15
 
 
 def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatArray) -> None:
-    """Refuse forces to which the rest has no answer in time."""
+    """Refuse forces for which the linear subsystem has no motion in time."""
     reduced = getattr(structure, "_reduced", None)
     if reduced is not None:
         reduced.check_loads(patterns.astype(complex), structure.dof_names)
@@ -55,7 +55,7 @@ def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatA
 def table_columns(
     force: LoadTable | None, structure: Condensed
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Directions of the columns of a table, its times and cubics as the core takes them."""
+    """Directions of the columns of a table, its times, and its cubic coefficients for the core."""
     n = len(structure.dof_names)
     if force is None:
         return np.zeros((n, 1)), np.zeros(1), np.zeros((1, 4, 1), order="F")
@@ -74,7 +74,7 @@ def table_columns(
     patterns[used, np.arange(used.size)] = 1.0
     pieces = pieces[used] if used.size else np.zeros((1, 4, times.size))
     if used.size > 8:
-        # Few motions of many coordinates: their combinations.
+        # Many columns with few independent motions: use these combinations.
         flat = pieces.reshape(used.size, -1)
         left, sizes, right = np.linalg.svd(flat, full_matrices=False)
         rank = int((sizes > _ROUNDING * sizes[0]).sum())
@@ -84,7 +84,7 @@ def table_columns(
 
 
 def warn_of_creeping(structure: Condensed) -> None:
-    """Warn of kernels under which free motion may not come to rest."""
+    """Warn of kernels with which free motion may not decay."""
     kernels = getattr(structure, "_all_kernels", structure._active_kernels)
     if any(kernel.integral >= 1 for kernel in kernels):
         warnings.warn(

@@ -1,4 +1,4 @@
-"""Matrices of a structure, dense or sparse, and what its elements add to them."""
+"""Matrices of a structure, dense or sparse, with the linear parts of its elements."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from viscovib.kernels.relaxation import Kernel
     from viscovib.systems.linear_model import LinearModel
 
-#: Coordinates that an element may act on in sparse matrices.
+#: Largest number of coordinates of an element in sparse matrices.
 _MANY = 2000
-#: Smallest mass: with smaller ones, products are too small for numbers and lose their digits.
+#: Smallest mass. Products with smaller masses underflow and lose digits.
 _LEAST_MASS = 1e-280
 
 
 def is_sparse(matrix: Any) -> bool:
-    """Whether a matrix is one of scipy.sparse, which need not be loaded for this."""
+    """True for a matrix of scipy.sparse; this test does not import SciPy."""
     return hasattr(matrix, "tocsc")
 
 
@@ -50,9 +50,9 @@ def matrix_of(name: str, value: Any, n: int | None, sparse: bool) -> Any:
 
 
 def is_triangular(matrix: Any) -> bool:
-    """Whether it may be one triangle of a symmetric matrix.
+    """True if the matrix may be one triangle of a symmetric matrix.
 
-    Entries off the diagonal are on one side of it only, and the diagonal entries of their rows and
+    All off-diagonal entries are on one side of it, and the diagonal entries of their rows and
     columns are not 0, as in every semidefinite matrix.
     """
     if is_sparse(matrix):
@@ -78,7 +78,7 @@ def warn_of_triangle(name: str, matrix: Any) -> None:
 
 
 def told(structure: Any) -> str:
-    """A structure in a line."""
+    """Description of a structure in one line."""
     form = "sparse" if is_sparse(structure.mass) else "dense"
     count = len(structure.elements)
     size = things(structure.n_coordinates, "coordinate")
@@ -99,7 +99,7 @@ def dense_of(matrix: Any) -> FloatArray:
 
 
 def check_mass(mass: Any) -> None:
-    """Refuse a mass that is not symmetric or negative; rows of 0 are coordinates without mass."""
+    """Refuse an unsymmetric or negative mass; rows of 0 are coordinates without mass."""
     diagonal = mass.diagonal()
     if ((diagonal > 0) & (diagonal < _LEAST_MASS)).any():
         i = int(np.argmax((diagonal > 0) & (diagonal < _LEAST_MASS)))
@@ -145,10 +145,10 @@ def with_elements(
 
 
 def stiffness_parts(stiffness: Any, elements: Sequence[ElementTerms]) -> tuple[FloatArray, ...]:
-    """K as in `with_elements` and, if any, what rounding of its sums took, whose sum is exact.
+    """K as in `with_elements` and, if not 0, its rounding errors; the sum of both is exact.
 
-    Next to a stiff element the digits of soft springs are there. Sums and products with what they
-    round off: Knuth, The Art of Computer Programming 2, 4.2.2; Dekker, Numer. Math. 18 (1971) 224.
+    So soft springs keep their digits next to stiff ones. Sums and products with rounding errors:
+    Knuth, The Art of Computer Programming 2, 4.2.2; Dekker, Numer. Math. 18 (1971) 224.
     """
     total = dense_of(stiffness).copy()
     left = np.zeros_like(total)
@@ -168,7 +168,7 @@ def stiffness_parts(stiffness: Any, elements: Sequence[ElementTerms]) -> tuple[F
 
 
 def _product(a: Any, b: Any) -> tuple[Any, Any]:
-    """A product, rounded, and what rounding took."""
+    """A rounded product and its rounding error."""
     product = a * b
     (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
     left = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
@@ -176,7 +176,7 @@ def _product(a: Any, b: Any) -> tuple[Any, Any]:
 
 
 def _halves(a: Any) -> tuple[Any, Any]:
-    """Two numbers of half the digits each, of which a is the sum."""
+    """Two numbers with half the digits each, whose sum is a."""
     part, power = np.frexp(a)
     high = np.ldexp(np.round(np.ldexp(part, 26)), power - 26)
     return high, a - high
@@ -193,7 +193,7 @@ def linear_model(
 ) -> LinearModel:
     """Return sparse K and C with the linear parts of elements, and M.
 
-    ``remembering``: what has a kernel relaxes.
+    ``remembering``: include the kernels of elements.
     """
     from viscovib.systems.linear_model import LinearModel
     from viscovib.systems.sparse_pencil import checked_sparse
@@ -246,7 +246,7 @@ def _of_elements(n: int, parts: list[tuple[float, FloatArray]]) -> Any:
 
 
 def modal_damping_of(structure: Any, n: int) -> ModalDamping | None:
-    """The damping of a structure that leaves its modes uncoupled; None: none is given."""
+    """The damping of a structure that does not couple its modes; None: no such damping."""
     ratio: float | FloatArray = 0.0
     if structure.modal_damping is not None:
         ratios = _native.real_array("modal_damping", structure.modal_damping)

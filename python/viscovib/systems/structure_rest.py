@@ -1,4 +1,4 @@
-"""The linear rest of a structure: its modes, and what modes left out would add."""
+"""The linear subsystem of a structure: its modes, and the flexibility of omitted modes."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -22,23 +22,23 @@ from viscovib.systems.stiffness_ratio import (
     without_rounding,
 )
 
-#: Parts of the largest entry that are rounding: off the diagonal of a modal damping, a square of
-#: a frequency, what is left of a direction that depends on others.
+#: Relative rounding errors: off-diagonal entries of modal damping, squared frequencies, remainders
+#: of linearly dependent directions.
 _OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
 _EPS = float(np.finfo(float).eps)
-#: Bits of a product that keeps what cancels.
+#: Bits of a product with cancellation.
 _BITS = 106
-#: How much rounding mixes two modes.
+#: Mixing of two modes by rounding errors.
 _MIXED = 16 * _EPS
-#: How far above all others the square of a frequency stands for what follows at once.
+#: Relative squared frequency of modes that represent coordinates without mass.
 _AT_ONCE = 1e10
 
 
 class Remembered(NamedTuple):
-    """What one exponential of a layer K_j adds to the state of complex modes at the start.
+    """Contribution of one exponential of a layer K_j to the initial state of complex modes.
 
-    z_l += pushed_l . (K_j y), y' = -rate y + weight seen^T u; K_j y beyond double precision: what
-    hardly bends a stiff layer must not bend it by rounding.
+    z_l += pushed_l . (K_j y), y' = -rate y + weight seen^T u. K_j y is computed in extended
+    precision, because a stiff layer amplifies rounding errors of small deformations.
     """
 
     weight: float
@@ -50,7 +50,7 @@ class Remembered(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """D(s)^-1 of M u'' + C u' + K u as modes, and what modes left out would add.
+    """D(s)^-1 of M u'' + C u' + K u as a sum over modes, plus the flexibility of omitted modes.
 
     sum_m phi_m phi_m^T/(squares_m (1 + i loss_m) + rates_m s + s^2)
     + sum_l left_l right_l^T/(s - poles_l) + flexibility.
@@ -62,33 +62,33 @@ class Rest(NamedTuple):
     rates: FloatArray
     losses: FloatArray
     shapes: FloatArray
-    #: Complex modes, shape (p,), and shapes (n, p), those of conjugates among them.
+    #: Complex modes, shape (p,), and shapes (n, p), including conjugates.
     poles: ComplexArray
     left: ComplexArray
     right: ComplexArray
-    #: What the modes left out add to given forces (n, c): deflections and, times s, their rates;
-    #: None: none are left out.
+    #: Response of the omitted modes to forces (n, c): deflections, and the part times s; None: no
+    #: modes are omitted.
     flexibility: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
-    #: What layers remember, among the complex modes.
+    #: Initial states of layers in the complex modes.
     remembered: tuple[Remembered, ...] = ()
-    #: M, C and K where the complex modes are theirs.
+    #: M, C and K of the complex modes.
     matrices: tuple[FloatArray, FloatArray, FloatArray] | None = None
-    #: C u, all damping that the complex modes have; None: there are none.
+    #: C u with all damping of the complex modes; None: no complex modes.
     resisting: Callable[[FloatArray], FloatArray] | None = None
-    #: K, and what is added to it, of which all modes are; None: what has no mass follows.
+    #: K and the parts added to it, for all modes; None: with coordinates without mass.
     springs: FloatArray | None = None
     relaxing: tuple[RelaxingPart, ...] = ()
 
     @property
     def n_modes(self) -> int:
-        """Modes in use, complex ones counted in pairs."""
+        """Number of modes; complex modes are counted in pairs."""
         return self.squares.size + self.poles.size // 2
 
 
 class ModalDamping(NamedTuple):
-    """Damping that leaves the modes uncoupled, added to that of the matrix."""
+    """Damping that does not couple the modes, in addition to the damping matrix."""
 
-    #: Ratios zeta, one for all modes or one each, and loss factors likewise.
+    #: Damping ratios zeta and loss factors, one for all modes or one for each mode.
     ratio: float | FloatArray = 0.0
     loss: float | FloatArray = 0.0
     #: Rayleigh's factors of mass (1/s) and stiffness (s).
@@ -112,7 +112,7 @@ def dense_rest(
 ) -> Rest:
     """Return all modes of dense matrices; ``quiet``: another function warns of rounding errors.
 
-    ``parts``: the stiffness as a sum, which floating point has rounded.
+    ``parts``: matrices whose exact sum is the stiffness.
     """
     from scipy.linalg import LinAlgError, eigh
 
@@ -180,9 +180,9 @@ def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> 
 def _condensed_rest(
     mass: FloatArray, damping: FloatArray, stiffness: FloatArray, modal: ModalDamping | None
 ) -> Rest:
-    """Modes where some coordinates (0) have no mass: they follow the others (1) at once.
+    """Modes with coordinates (0) without mass, which follow the coordinates (1) without delay.
 
-    u_0 = K_00^-1 (p_0 - K_01 u_1), which leaves K_11 - K_10 K_00^-1 K_01 (Guyan 1965, exact here).
+    u_0 = K_00^-1 (p_0 - K_01 u_1) gives K_11 - K_10 K_00^-1 K_01 (Guyan 1965, exact here).
     """
     idle = ~mass.any(axis=1)
     kept = ~idle
@@ -214,8 +214,8 @@ def _condensed_rest(
     squares, rates, losses = rest.squares, rest.rates, rest.losses
     given: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = flexibility
     if modal is not None and (modal.by_stiffness or np.any(modal.loss)):
-        # What has no mass has a part of the damping: modes of so high a frequency that they follow
-        # at once, as 1/(1 + i loss + s by_stiffness).
+        # Coordinates without mass have a part of the damping: represent them by modes of very high
+        # frequency, with the response 1/(1 + i loss + s by_stiffness).
         high = _AT_ONCE * max(float(np.abs(squares).max()), 1.0)
         extra = np.zeros((mass.shape[0], inner.shape[0]))
         extra[idle] = np.linalg.inv(np.linalg.cholesky(inner)).T * np.sqrt(high)
@@ -246,7 +246,7 @@ def scaled_condition(matrix: FloatArray) -> float:
 
 
 def _symmetric(matrix: FloatArray) -> bool:
-    """Whether it is except for rounding of each off-diagonal entry, and of the largest."""
+    """True if symmetric up to rounding errors of each off-diagonal entry and of the largest."""
     root = np.sqrt(np.abs(np.diag(matrix)))
     size = np.maximum(np.abs(matrix), np.multiply.outer(root, root))
     lost = 1e-12 * np.maximum(size, size.T) + 4 * _EPS * np.abs(matrix).max(initial=0.0)
@@ -256,8 +256,8 @@ def _symmetric(matrix: FloatArray) -> bool:
 def _rounding_of(seen: FloatArray, shapes: FloatArray, damping: FloatArray) -> FloatArray:
     """Rounding error of phi_i^T C phi_j, shape (m, m).
 
-    That of the products, each next to its own terms: one strong damper says nothing of weak ones.
-    And that of shapes, which mixes two modes: what damps them alike does not couple them.
+    The error of the products is relative to their terms, so that a strong damper does not hide weak
+    ones. The error of the shapes mixes two modes: equal damping of both does not couple them.
     """
     size, rates = np.abs(shapes), np.abs(np.diag(seen))
     lost = _OFF_DIAGONAL * (size.T @ np.abs(damping) @ size)
@@ -271,7 +271,7 @@ def _complex_rest(
     quiet: bool,
     parts: Sequence[FloatArray],
 ) -> Rest:
-    """Modes of (s^2 M + s C + K) u = 0 by its companion pencil, right and left ones."""
+    """Right and left modes of (s^2 M + s C + K) u = 0 by its companion matrix."""
     from scipy.linalg import eig
 
     n = mass.shape[0]
@@ -293,7 +293,7 @@ def _complex_rest(
     first, *more = parts
     elastic = tuple(map(elastic_part, more))
     poles, left, right = refined_poles(poles, left, right, mass, damping, first, elastic)
-    # A motion that neither spring nor damper resists, but that dampers couple.
+    # A motion without springs and dampers that dampers couple to the other modes.
     poles[np.abs(poles) <= _RIGID * _fastest(poles, inverse @ stiffness)] = 0.0
     if not quiet:
         warn_of_lost_poles(poles, left, right, stiffness)
@@ -306,7 +306,7 @@ def _complex_rest(
 
 
 def exactly_by(damping: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """C u to all digits: what hardly moves a strong damper is not resisted by its rounding."""
+    """C u in extended precision: strong dampers amplify rounding errors of small motions."""
 
     def resisting(u: FloatArray) -> FloatArray:
         return np.asarray(Sliced(damping, _BITS).times(u[:, np.newaxis])[:, 0], dtype=float)
@@ -315,21 +315,21 @@ def exactly_by(damping: FloatArray) -> Callable[[FloatArray], FloatArray]:
 
 
 def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
-    """The rate next to which poles are rounding: that of springs M^-1 K alone."""
+    """Reference rate for poles that are rounding errors, from the springs M^-1 K."""
     fastest = float(np.abs(poles).max())
     return max(math.sqrt(np.abs(springs).max()), _RIGID * fastest)
 
 
 class Static(NamedTuple):
-    """Order 0: g = stiffness y - load of the forces at rest, and rigid bodies it needs."""
+    """Harmonic 0: g = stiffness y - load for the static forces, and rigid-body amplitudes."""
 
     stiffness: FloatArray
-    #: Effective load, shape (q,), of given modal forces: of each column of loads.
+    #: Effective load, shape (q,), for the given modal forces.
     load: ComplexArray
-    #: Rigid bodies' amplitudes: rows of the same inverse, shape (n_rigid, q), and of loads.
+    #: Rigid-body amplitudes: rows of the same inverse, shape (n_rigid, q), and part of the load.
     rigid: FloatArray
     rigid_load: ComplexArray
-    #: What no element holds of the loads, relative: more than rounding has no solution.
+    #: Relative load on rigid bodies without support; above rounding errors no solution exists.
     unheld: float
 
 
@@ -346,7 +346,7 @@ def static_form(
     0 = rigid_pushed^T h + rigid_load: a bordered system for h and eta.
     """
     q, m = rigid_seen.shape
-    # Combinations of rigid bodies that no coordinate sees stay at rest, or have no solution.
+    # Rigid-body motions without deflections stay at rest, or there is no solution.
     if m:
         _, sizes, vt = np.linalg.svd(rigid_seen, full_matrices=True)
         rank = int((sizes > _DEPENDENT * max(sizes.max(initial=0.0), 1e-300)).sum())
@@ -371,7 +371,7 @@ def static_form(
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a matrix whose rows may differ much in size."""
+    """Inverse of a matrix with rows of very different size."""
     rows = np.abs(matrix).max(axis=1)
     columns = np.abs(matrix / np.where(rows > 0, rows, 1)[:, np.newaxis]).max(axis=0)
     rows[rows == 0] = columns[columns == 0] = 1.0
@@ -388,16 +388,15 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 def in_modes(
     rest: Rest, mass: Any, place: FloatArray, speed: FloatArray
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Coordinates of real modes, their rates, and states of complex ones, of displacements u.
+    """Coordinates and rates of real modes, and states of complex modes, for displacements u.
 
-    In two ways, of the same value,
+    Two formulas give the same value,
 
         phi^T M u = phi^T K u/omega^2,    right^T (pole M + C) u = -right^T K u/pole,
 
-    (there with K as layers leave it at that pole), each mode in the one that rounding of its shape
-    takes least from. What hardly bends a stiff
-    spring hardly moves its mode, K u being exact: phi^T M u may leave 1e-16 there, which swings,
-    at 1e-16 omega.
+    (with the relaxed K at that pole). Each mode uses the formula with the smaller rounding error of
+    its shape. With the exact K u a small deformation of a stiff spring hardly excites its mode,
+    while phi^T M u may have an error of 1e-16, which oscillates with the velocity 1e-16 omega.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         moved, driven = mass @ place, mass @ speed
@@ -427,7 +426,7 @@ def in_modes(
 
 
 def _pulled(rest: Rest, place: FloatArray, bits: float) -> tuple[FloatArray, ComplexArray]:
-    """K u before anything relaxes, shape (n,), and as it is at each pole, (n, p)."""
+    """K u without relaxation, shape (n,), and with the relaxed K at each pole, (n, p)."""
     assert rest.springs is not None
     first = Sliced(rest.springs, bits).times(place[:, np.newaxis])
     at_poles = np.repeat(first, rest.poles.size, axis=1).astype(np.clongdouble)

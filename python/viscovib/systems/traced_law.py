@@ -1,4 +1,4 @@
-"""Functions of Python that are force laws, written as texts by calling them once."""
+"""Translation of Python force laws to texts by one call with symbols."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-#: NumPy's functions in the language of laws; {} are the operands.
+#: NumPy functions in the syntax of laws; {} are the operands.
 _TEXTS = {
     "add": "({} + {})", "subtract": "({} - {})", "multiply": "({}*{})",
     "divide": "({}/{})", "power": "({}^{})", "float_power": "({}^{})", "square": "({}^2)",
@@ -25,7 +25,7 @@ _TEXTS = {
     "log1p": "(2*atanh({0}/(2 + {0})))", "expm1": "(2*sinh({0}/2)*exp({0}/2))",
 } | {name: name + "({})" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log",
                                       "sqrt", "sign")}  # fmt: skip
-#: Texts are longer where a function uses its intermediate results many times: it is called then.
+#: Intermediate results that are used many times make long texts. Then the function is called.
 _MAX_LENGTH = 2000
 
 
@@ -71,14 +71,14 @@ def _spelled(operand: Any) -> str:
 
 
 def text_of(function: Any, names: Sequence[str], keywords: Sequence[bool]) -> str | None:
-    """Write a function of these arguments, some of them given by name, as a text.
+    """Return a function of these arguments, some passed by name, as a text.
 
-    None if it does what a text cannot say: it then has to be called.
+    None: no text is equivalent, so the function must be called.
     """
     first = [_Traced(n) for n, keyword in zip(names, keywords, strict=True) if not keyword]
     rest = {n: _Traced(n) for n, keyword in zip(names, keywords, strict=True) if keyword}
     try:
         found = function(*first, **rest)
-    except Exception:  # it needs numbers: whatever it raises says so
+    except Exception:  # any exception: it needs numbers
         return None
     return found.text if isinstance(found, _Traced) else None

@@ -13,7 +13,7 @@ from viscovib.systems.friction import Hysteresis
 
 
 class _UserElement(Hysteresis):
-    """An element of which the core knows everything but its names."""
+    """A user-defined element of the core; Python adds only names."""
 
     _names: tuple[str, ...]
 

@@ -1,4 +1,4 @@
-"""Numbers of a system that may vary along a branch, by name."""
+"""Parameters of a system that may vary along a branch, by name."""
 
 import re
 from collections.abc import Callable
@@ -16,36 +16,36 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
 
-#: Where a parameter stands among the numbers of a mount.
+#: Index of each parameter in the vector of a mount.
 _ENTRIES = {
     "mass": 1, "inertia": 2, "offset": 3, "stiffness_x": 4, "stiffness_phi": 5, "cubic_scale": 10,
     "memory_scale": 11,
 }  # fmt: skip
-#: In the vector of a polynomial system: numbers before its matrices, and the factor of kernels.
+#: Vector of a polynomial system: length before its matrices, and index of the factor of kernels.
 _HEAD, _MEMORY = 5, 4
-#: Part of the largest number by which a vector that is affine in p differs from itself: rounding.
+#: Relative rounding error of a vector that is affine in p.
 _ROUNDING = 1e-13
-#: Numbers are looked at where none is whole by chance: of a whole power they would be others.
+#: Test values avoid whole numbers, which as powers would give a different form.
 _BETWEEN = 0.8371
 _NAMES = "'memory_scale', 'mass_scale', 'damping_scale', 'stiffness_scale' or 'forces_scale'"
 
 
 class Varied(NamedTuple):
-    """The numbers of a system are ``rest + p direction[:n] + p^2 direction[n:2 n] + ...``."""
+    """Vector of a system: ``rest + p direction[:n] + p^2 direction[n:2 n] + ...``."""
 
     name: str
     rest: FloatArray
     direction: FloatArray
 
     def at(self, p: float) -> FloatArray:
-        """Numbers of the system at p."""
+        """Vector of the system at p."""
         x = p or NEARLY_NOTHING
         series = self.direction.reshape(-1, self.rest.size)
         return self.rest + x ** np.arange(1, series.shape[0] + 1) @ series
 
 
 def varied(system: Oscillator, name: object, start: float, finish: float) -> Varied:
-    """Which numbers of a system a name means; both ends must make a system."""
+    """Return the numbers that a name varies; both ends of the range must give a valid system."""
     if isinstance(system, Mount):
         key = _native.choice("vary", name, tuple(_ENTRIES))
         for value in (finish, start):
@@ -62,10 +62,10 @@ def varied(system: Oscillator, name: object, start: float, finish: float) -> Var
 
 
 def _of_parameter(system: PolynomialSystem, name: str, start: float, finish: float) -> Varied:
-    """What a parameter of forces is among the numbers.
+    """Return the numbers that a parameter of forces varies.
 
-    Stiffness and damping that a law has at rest, as F/w of F tanh(v/w), need not be affine in it.
-    They are taken as they are given first then, and what is more stays in the law.
+    The stiffness and damping of a law at rest, such as F/w of F tanh(v/w), may not be affine in the
+    parameter. Then they keep their initial values, and the difference stays in the law.
     """
     try:
         return affine(name, name, lambda p: system._with_parameter(name, p)._flat, start, finish)
@@ -83,7 +83,7 @@ def _of_parameter(system: PolynomialSystem, name: str, start: float, finish: flo
 def affine(
     name: str, key: str, numbers: Callable[[float], FloatArray], start: float, finish: float
 ) -> Varied:
-    """What numbers of a system that depend on p are, if they are ``rest + p direction``."""
+    """Return the numbers of a system that depend on p, if they are ``rest + p direction``."""
     unit = _BETWEEN * max(abs(start), abs(finish))
     first, second, third = (numbers(unit * i) for i in (1.0, 2.0, 3.0))
     direction = (second - first) / unit if second.size == first.size else first
@@ -97,7 +97,7 @@ def affine(
 def _entries(
     name: str, flat: FloatArray, weights: dict[int, float], staying: dict[int, float] | None = None
 ) -> Varied:
-    """``staying``: what does not vary of an entry."""
+    """Vary entries of the vector; ``staying``: constant part of an entry."""
     rest, direction = flat.copy(), np.zeros(flat.size)
     for i, weight in weights.items():
         rest[i], direction[i] = (staying or {}).get(i, 0.0), weight
@@ -140,7 +140,7 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
             raise InputError("vary = 'memory_scale': the system has no kernel")
         return _entries(str(name), flat, {_MEMORY: 1.0})
     if kind == "_scale":
-        # Of the whole system, unless springs are named.
+        # Vary all groups unless one is named.
         every = range(len(system.groups)) if what in ("stiffness", "forces") else (0,)
         weights: dict[int, float] = {}
         staying: dict[int, float] = {}
@@ -181,7 +181,7 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
 def _places(
     system: PolynomialSystem, what: str, group: int
 ) -> tuple[dict[tuple[Any, Any], int], dict[int, float]]:
-    """Where entries of a group stand among the numbers, and what laws add to them at rest."""
+    """Indices of the entries of a group, and the linear parts of laws in them."""
     if what == "forces":
         return _forces(system, group), {}
     names, n = system.dof_names, len(system.dof_names)
@@ -201,7 +201,7 @@ def _places(
 
 
 def _forces(system: PolynomialSystem, group: int) -> dict[tuple[Any, Any], int]:
-    """Where coefficients of a group stand, by equation and powers."""
+    """Indices of the coefficients of a group, by equation and powers."""
     n = len(system.dof_names)
     first = _HEAD + 2 * n * n + n + len(system.groups) * (1 + n * n)
     first += sum(len(g.forces) for g in system.groups[:group]) * (3 + n)
@@ -212,7 +212,7 @@ def _forces(system: PolynomialSystem, group: int) -> dict[tuple[Any, Any], int]:
 
 
 def _key(system: PolynomialSystem, name: str, what: str, inside: str | None) -> tuple[Any, Any]:
-    """Equation and coordinate or powers, from what stands in brackets."""
+    """Equation and coordinate or powers from the text in brackets."""
     names = system.dof_names
     parts = inside.split(",") if inside else []
     if len(names) == 1 and len(parts) == (what == "forces"):

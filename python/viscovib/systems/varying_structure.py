@@ -1,4 +1,4 @@
-"""Numbers of a structure's elements that may vary along a branch, by name."""
+"""Parameters of the elements of a structure that may vary along a branch, by name."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, affine
 
-#: Where the factor of all kernels stands in the laws of q coordinates.
+#: Index of the factor of all kernels in the laws of q coordinates.
 _MEMORY = 4
 
 
 class VariedStructure(NamedTuple):
-    """The numbers of a structure as `Varied`, and a structure whose numbers they are."""
+    """The vector of a structure as `Varied`, and a structure with this vector."""
 
     numbers: Varied
     system: Structure
@@ -48,13 +48,13 @@ def varied_structure(
     load: LoadLike | None,
     base: LoadLike | None,
 ) -> VariedStructure:
-    """Which numbers ``elements[0].stiffness``, ``elements[0].k3`` or ``memory_scale`` means.
+    """Return the numbers of ``elements[0].stiffness``, ``elements[0].k3`` or ``memory_scale``.
 
-    Of elements with states and of stops their own numbers, as ``elements[0].limit``.
+    For elements with states and for stops also their parameters, such as ``elements[0].limit``.
 
-    The linear rest stays as it is: what a stiffness or a law differs by is a law of its own,
-    (1 - R*) [f(d; p) - f(d; p_0)]. So no modes are computed along the branch, and modal damping,
-    Rayleigh's and a loss factor are those of the structure as it was given.
+    The linear subsystem does not change: the change of a stiffness or a law is an additional law,
+    (1 - R*) [f(d; p) - f(d; p_0)]. So no modes are computed along the branch. Modal damping,
+    Rayleigh damping and a loss factor refer to the given structure.
     """
     if name == "memory_scale":
         if not structure._active_kernels:
@@ -113,7 +113,7 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
 
 
 def _numbers_of(element: object) -> tuple[str, ...]:
-    """Numbers of an element other than a spring; a rigid stop has no steady motion."""
+    """Parameters of an element that is not a spring; a rigid stop has no steady motion."""
     rigid = isinstance(element, Contact) and element.stiffness is None
     if rigid or not isinstance(element, (Contact, Hysteresis)):
         return ()
@@ -122,16 +122,16 @@ def _numbers_of(element: object) -> tuple[str, ...]:
 
 
 def _other_law(terms: list[ElementTerms], at: int, element: Any, key: str, value: float) -> None:
-    """Give an element another number, its part of the linear rest as before."""
+    """Change a parameter of an element without changing the linear subsystem."""
     own, other = terms[at], copy(element)
-    # Both ends of the range were checked; between and beyond them the numbers are what they are.
+    # Both ends of the range were checked; other values are not checked.
     object.__setattr__(other, key, value)
     if isinstance(element, Contact):
         apart = element._law.stiffness_at_rest
         terms[at] = own._replace(law=other._law.without([*apart, 0.0]))
         return
     terms[at] = own._replace(law=other._law)
-    # The core takes the stiffness at rest off the element, that of the rest is another.
+    # The core subtracts the new stiffness at rest; the linear subsystem contains the old one.
     terms.append(_linear(own, other._stiffness_at_rest - element._stiffness_at_rest))
 
 
@@ -143,17 +143,17 @@ def _linear(own: ElementTerms, stiffness: float) -> ElementTerms:
 
 
 def _program(where: str, law: Any, parameters: dict[str, float]) -> Law:
-    """Return a law as a program, one that is a polynomial too."""
+    """Return a law as a program, also if it is a polynomial."""
     if not isinstance(law, str):
         law = function_law(where, law, ("d",), parameters, ("v",))
     return law if isinstance(law, Law) else compile_law(where, law, ("d", "v"), parameters, 1)
 
 
 def _variant(structure: Structure, name: str, place: int, key: str, value: float) -> Structure:
-    """Return the structure with another value, its linear rest as before."""
+    """Return the structure with a new value and an unchanged linear subsystem."""
     spring: Any = structure.elements[place]
     terms = list(structure._all_elements)
-    # A coupling stands for several.
+    # A coupling has several terms.
     at = sum(len(e.on) if isinstance(e, Coupling) else 1 for e in structure.elements[:place])
     own = terms[at]
     if not isinstance(spring, Spring):
@@ -174,7 +174,7 @@ def _variant(structure: Structure, name: str, place: int, key: str, value: float
             law = _program(where, spring.law, given).less(_program(where, spring.law, before))
             terms.append(ElementTerms(own.direction, {}, 0.0, own.kernel, law))
     result = copy(structure)
-    # Its modes stay, and so does a reduction.
+    # Modes and a reduction do not change.
     result.__dict__["_rest"] = structure._rest
     for cached in ("_condensation", "_free", "_active_kernels"):
         result.__dict__.pop(cached, None)

@@ -32,9 +32,9 @@ _MOST_PRODUCTS = 500
 
 
 def once_each(function: Callable[[Structure], _Told]) -> Callable[[Structure], _Told]:
-    """Let a function remember its result for a structure, as long as that lives.
+    """Cache the result of a function for each structure during its lifetime.
 
-    Runs of an ensemble differ by their starts and loads, and ask the same of one structure.
+    Runs of an ensemble differ in starts and loads, but share the structure.
     """
     known: WeakKeyDictionary[Structure, _Told] = WeakKeyDictionary()
 
@@ -49,12 +49,12 @@ def once_each(function: Callable[[Structure], _Told]) -> Callable[[Structure], _
 
 @once_each
 def switches(structure: Structure) -> bool:
-    """Whether some law has kinks or jumps, or some element knows what was."""
+    """True if a law has kinks or jumps, or an element has hysteresis."""
     return any(law.state or law.branches for law in _laws_of(structure))
 
 
 def has_kinks(system: object) -> bool:
-    """Whether some law of any system has kinks or jumps, or some element knows what was."""
+    """True if a law of any system has kinks or jumps, or an element has hysteresis."""
     if isinstance(system, Structure):
         return switches(system)
     groups = system.groups if isinstance(system, PolynomialSystem) else ()
@@ -62,15 +62,15 @@ def has_kinks(system: object) -> bool:
 
 
 def usual_tolerance(system: object) -> float:
-    """Return the relative error of steady motions if none is given: larger with corners."""
+    """Return the default tolerance of steady motions, which is larger with kinks and jumps."""
     return CORNER_TOLERANCE if has_kinks(system) else SMOOTH_TOLERANCE
 
 
 @once_each
 def shares_switches(structure: Structure) -> bool:
-    """Whether a law that switches with a rate is on the deflection of an element with a state.
+    """True if a law that switches with a rate and a hysteresis element share a deflection.
 
-    Both switch where the deflection turns, so that errors are no power of the step.
+    Both switch where the deflection reverses, so errors are not a power of the step size.
     """
     own = [(e.direction, e.law) for e in structure._all_elements if e.law is not None]
     with_states = [direction for direction, law in own if law.state]
@@ -88,7 +88,7 @@ def shares_switches(structure: Structure) -> bool:
 
 @once_each
 def has_text_laws(structure: Structure) -> bool:
-    """Whether some law is a function of deflections alone, which may be thinner than a step."""
+    """True if a law is not a hysteresis element; its layers may be thinner than a step."""
     return any(not law.state for law in _laws_of(structure))
 
 
@@ -118,7 +118,7 @@ def _all_has_mass(structure: Structure) -> bool:
 
 
 class _Whole(PolynomialSystem):
-    """All coordinates of a structure: as many as motions in time take."""
+    """All coordinates of a structure, without the limits of harmonic methods."""
 
     def _check_large(self) -> None:
         _native.polynomial_object(self._vector)
@@ -126,7 +126,7 @@ class _Whole(PolynomialSystem):
 
 @once_each
 def whole_system(structure: Structure) -> PolynomialSystem:
-    """Return the same system in all its coordinates, its memory in the vector alone.
+    """Return the system in all its coordinates, with its memory in the vector only.
 
     Modal damping becomes C = M Phi diag(2 zeta omega) Phi^T M, Phi^T M Phi = 1.
     """
@@ -228,9 +228,9 @@ def law_places(structure: Structure) -> list[int | None]:
 
 
 def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tuple[int, bool]:
-    """Count the coordinates that the core adds for memory in steps h; 0: at most; -1: it cannot.
+    """Count the coordinates that the core adds for memory with step size h (0: upper bound).
 
-    Whether some kernel is fitted for these steps, and for times until ``reach``.
+    -1: not possible. Also True if a kernel is fitted for these steps and times up to ``reach``.
     """
     flat = system._flat
     # The fourth number counts kernels.
@@ -241,7 +241,7 @@ def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tu
 
 
 def _n_products(on: Mapping[int, float], factors: list[tuple[dict[int, float], int]]) -> int:
-    """How many products of coordinates a product of powers of combinations becomes."""
+    """Number of monomials of a product of powers of linear combinations."""
     return len(on) * prod(comb(len(mix) + power - 1, power) for mix, power in factors)
 
 
