@@ -61,8 +61,13 @@ def _response(rng, index):
     if rng.random() < 0.5:
         load[0] = 1j * rng.normal(size=model.n).round(3)
     based = rng.random() < 0.5
-    text = ", ".join(f"{k}: {np.asarray(p).tolist()}" for k, p in load.items())
     base = complex(even(rng, -1, 1), even(rng, -1, 1)) if based else None
+    # Forces that grow with the square of the frequency.
+    growing = {k: rng.normal(size=model.n).round(3) for k in orders if rng.random() < 0.3}
+    terms = {k: np.asarray(p).tolist() for k, p in load.items()}
+    for k, masses in growing.items():
+        terms[k] = [f"{p} + {m}*nu^2" for p, m in zip(terms[k], masses, strict=True)]
+    text = ", ".join(f"{k}: {p}" for k, p in terms.items())
     call = f"""system = {model.source}
 r = vv.forced_response(system, {nu}, load={{{text}}}, base={base}, method="linear")
 coefficients, orders, outcome = r.coefficients, r.harmonics, r.outcome
@@ -80,6 +85,7 @@ converged = r.converged
                 at = k * x
                 d = model.dynamic_stiffness(at if k else 1e-200)
                 p = np.asarray(load.get(int(k), np.zeros(model.n)), complex)
+                p = p + x**2 * growing.get(int(k), 0.0)
                 if based and k == 1:
                     direction = np.asarray(model.base)
                     # The springs and dampers act on what is relative to the base.
