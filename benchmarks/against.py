@@ -1,8 +1,8 @@
-"""Compare processor times of everyday calls in the present build with those of an older commit.
+"""Compare processor times of typical calls in the present build with those of an older commit.
 
 `./run bench --against COMMIT [--turns N] [--limit R] [--only WORD]`. The commit is cloned and
-built once, in build/against. Each turn times every job in both builds, each in a process of its
-own; the ratio is the median over the turns of the least times. The exit status is 1 if a ratio is
+built once, in build/against. Each turn times every job in both builds, each in a separate process.
+The ratio is the median over the turns of the least times. The exit status is 1 if a ratio is
 above the limit.
 """
 
@@ -24,7 +24,7 @@ Job = Callable[[], Any]
 
 
 def jobs() -> dict[str, tuple[Job, int]]:
-    """Return the calls of users by name, and how often a turn makes each."""
+    """Return typical calls by name, and the number of calls per turn."""
     import numpy as np
     import viscovib as vv
 
@@ -94,7 +94,7 @@ def jobs() -> dict[str, tuple[Job, int]]:
 
 
 def measure(only: str) -> None:
-    """Print the least processor time of each job in seconds as JSON; null where it fails."""
+    """Print the least processor time of each job in seconds as JSON; null if it fails."""
     warnings.simplefilter("ignore")
     found: dict[str, float | None] = {}
     for name, (call, times) in jobs().items():
@@ -108,7 +108,7 @@ def measure(only: str) -> None:
                 call()
                 spent.append(time.process_time() - begin)
             found[name] = min(spent)
-        except Exception:  # an older build may lack a call
+        except Exception:  # an older build may not have the call
             found[name] = None
     print(json.dumps(found))
 
@@ -153,7 +153,7 @@ def timed(place: Path, only: str) -> dict[str, float | None]:
 
 
 def main() -> int:
-    """Measure by turns and print a table."""
+    """Measure in turns and print a table."""
     options = argparse.ArgumentParser(description="Compare speed with an older commit.")
     options.add_argument("--against", default="HEAD", help="a commit, tag or branch")
     options.add_argument("--turns", type=int, default=3)

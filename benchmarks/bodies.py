@@ -1,4 +1,4 @@
-"""A body in space on its mounts: times of the usual analyses, compared with NumPy and SciPy."""
+"""A body in space on its mounts: times of common analyses, compared with NumPy and SciPy."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ RUBBER = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
 
 
 def engine(kernel: vv.Kernel | None = None, law: str | None = None, directions: int = 1) -> vv.Body:
-    """The engine of the table, its mounts nonlinear along local z, or in all three directions."""
+    """The engine of the table, its mounts nonlinear along local z or in all three directions."""
     mounts = [
         vv.MountPoint(
             name=f"m{i}", position=np.multiply(given["position_mm"], mm),
@@ -30,7 +30,7 @@ def engine(kernel: vv.Kernel | None = None, law: str | None = None, directions: 
 
 
 def one_by_one(body: vv.Body, n: int) -> np.ndarray:
-    """Frequencies of bodies with scattered mounts, a call of SciPy each."""
+    """Frequencies of bodies with scattered mounts, one call of SciPy each."""
     springs = body._mount_springs
     factors = np.random.default_rng(0).uniform(0.85, 1.15, (n, springs.stiffness.size))
     rows = springs.rows
@@ -42,7 +42,7 @@ def one_by_one(body: vv.Body, n: int) -> np.ndarray:
 
 
 def run() -> list[Row]:
-    """Time of each job, that of the same by other means where there are, and their difference."""
+    """Time of each job, time of an alternative method if there is one, and their difference."""
     rows: list[Row] = []
 
     def add(job: str, time: float, other: float, difference: float) -> None:

@@ -1,7 +1,7 @@
 """Branch of the mount through its folds: run time against error, compared with AUTO-07p and pyHarm.
 
-Errors of the folds against 13 digits, of the first harmonics at twelve points against a balance of
-many orders solved by SciPy at those points (curve.py).
+Errors of the folds refer to values with 13 digits, errors of the first harmonics to a balance with
+many harmonics, solved by SciPy at twelve points (curve.py).
 """
 
 import warnings
@@ -34,7 +34,7 @@ def mount(kernel: vv.Kernel | None = None) -> vv.Mount:
 
 
 def as_polynomials() -> vv.PolynomialSystem:
-    """Write down the same problem as a user would who has no mount."""
+    """The same problem as a user would write it without `Mount`."""
     return vv.PolynomialSystem(
         mass=[1.0, 0.1],
         stiffness=STIFFNESS,
@@ -54,7 +54,7 @@ def followed(
 
 
 def row(method: str, setting: str, stability: bool, found: curve.Branch, time: float) -> Row:
-    """Line of the table; errors are not a number where nothing independent is at hand."""
+    """Row of the table; an error is NaN if there is no independent value."""
     return {
         "method": method,
         "setting": setting,
@@ -78,7 +78,7 @@ def show(line: Row) -> None:
 
 
 def own() -> list[Row]:
-    """Our branch, in highest orders, with multipliers and without."""
+    """Branches of viscovib, for several numbers of harmonics, with and without multipliers."""
     rows = []
     for stability in (False, True):
         name = "viscovib, with multipliers" if stability else "viscovib"
@@ -95,7 +95,7 @@ def own() -> list[Row]:
 def against(
     line: Row, theirs: Callable[[], object], ours: list[Row], stability: bool, slow: bool = False
 ) -> Row:
-    """Time of a peer and how many times ours, of fewest orders and no larger errors, in turn."""
+    """Time of a peer and its ratio to our fastest branch without larger errors, in turn."""
     enough = [
         mine
         for mine in ours
@@ -142,7 +142,7 @@ def peers(ours: list[Row]) -> list[Row]:
 
 
 def others() -> list[Row]:
-    """The same with memory and written as polynomials."""
+    """The same branch with memory, and written as polynomials."""
     memory = vv.RzhanitsynKernel(amplitude=0.015, alpha=0.1, beta=0.05)
     rows = []
     for name, body, stability in (
@@ -163,6 +163,6 @@ def others() -> list[Row]:
 
 
 def run() -> tuple[list[Row], list[Row]]:
-    """Every way to the same branch, and further branches of ours."""
+    """All methods for this branch, and further branches of viscovib."""
     rows = own()
     return rows + peers(rows), others()

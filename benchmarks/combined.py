@@ -1,6 +1,6 @@
-"""All methods and peers in one picture and one table: run time against error.
+"""All methods and peers in one figure and one table: run time against error.
 
-Rows of a method stand in the order coarse to fine, which is how its line is drawn.
+Rows of a method are in the order from coarse to fine, in which its line is drawn.
 """
 
 import math
@@ -18,10 +18,10 @@ Row = dict[str, Any]
 
 
 def draw_methods(axis: Axes, rows: list[Row], title: str) -> None:
-    """Draw error against run time, a line a method; peers dashed."""
+    """Draw error against run time, one line per method; peers dashed."""
     peers = 0
     for i, method in enumerate(dict.fromkeys(row["method"] for row in rows)):
-        # In the order of the settings: coarse to fine.
+        # In the order of the settings, from coarse to fine.
         line = [(r["seconds"], r["error"]) for r in rows if r["method"] == method]
         own = method.startswith("viscovib")
         peers += not own
@@ -57,12 +57,12 @@ def draw(path: Path, problems: dict[str, list[Row]]) -> None:
 
 
 def quickest(rows: list[Row], target: float) -> float:
-    """Time of the quickest setting that is at least as good as the target; not interpolated."""
+    """Time of the fastest setting that reaches the target error; not interpolated."""
     return min((r["seconds"] for r in rows if r["error"] <= target), default=math.nan)
 
 
 def table(problems: dict[str, list[Row]]) -> list[str]:
-    """Lines of a table: time at each error and, for peers, how many times our quickest."""
+    """Lines of a table: time at each error and, for peers, the ratio to our fastest time."""
     lines = [
         "",
         f"| time at an error of at most | {' | '.join(f'{t:g}' for t in TARGETS)} |",

@@ -1,4 +1,4 @@
-"""Branch of the reference mount without memory, as every method hands it over, and its errors.
+"""Common format of the branch of the reference mount without memory, and its errors.
 
 Problem M0: M u'' + C u' + K u + N(u) = (0.5 sin(nu t), 0) with M = diag(1, 0.1), C = 0.02 K and
 N = (5/6 phi^3, 5/2 phi^2 x - 5/3 phi^3), nu from 0.5 to 10.
@@ -18,14 +18,14 @@ STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
 
 @dataclass(frozen=True)
 class Branch:
-    """Points nu (n,), first harmonics X with u = Im X exp(i nu t), (n, 2), folds where located."""
+    """Points nu (n,), first harmonics X with u = Im X exp(i nu t), (n, 2), folds if located."""
 
     nu: np.ndarray
     first: np.ndarray
     folds: np.ndarray | None
 
     def turns(self) -> np.ndarray:
-        """Folds: as located, else by a quartic over the length at five points around each."""
+        """Folds: as located, else by a quartic in the length through five points around each."""
         if self.folds is not None:
             return self.folds
         ends = np.flatnonzero(np.diff(np.sign(np.diff(self.nu))) != 0) + 1
@@ -43,19 +43,19 @@ class Branch:
 
 
 def folds() -> np.ndarray:
-    """Folds of the branch, 13 digits, in the order met."""
+    """Folds of the branch with 13 digits, in the order of the branch."""
     found = json.loads((DATA / "mount_periodic_reference.json").read_text())
     return np.array([float(value) for value in found["folds_nu"]])
 
 
 def fold_error(branch: Branch) -> float:
-    """Largest error of the folds; not a number if there are not two."""
+    """Largest error of the folds; NaN if there are not two folds."""
     found = branch.turns()
     return float(np.abs(found - folds()).max()) if found.size == 2 else np.nan
 
 
 def periodic(nu: float, first: np.ndarray, highest: int = 41) -> np.ndarray:
-    """First harmonics (2,) of the motion nearest to ``first``: many orders, solved by SciPy."""
+    """First harmonics (2,) of the motion nearest to ``first``: many harmonics, solved by SciPy."""
     orders = np.arange(1, highest + 1, 2)
     n, samples = orders.size, 4 * (highest + 1)
     angle = np.outer(orders, 2 * np.pi * np.arange(samples) / samples)

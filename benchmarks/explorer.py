@@ -1,4 +1,4 @@
-"""How long the explorer's page takes from a key on a slider to the curve that follows it."""
+"""Response time of the explorer: from a key on a slider to the new curve."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from timing import seconds
 
 Row = dict[str, Any]
 SCENES = Path(__file__).parents[1] / "data" / "scenes"
-#: A scene, and the first curve of its picture.
+#: Scenes, and the first curve of each figure.
 DRAWN = {"mount_paper": "x: stable", "mount_branch": "x: stable"}
 KEYS = 40
 WATCH = """(name) => {
@@ -27,7 +27,7 @@ WATCH = """(name) => {
 
 
 def run() -> list[Row]:
-    """Return a row per scene: least and median time in the browser, and of the core alone."""
+    """Return a row per scene: least and median time in the browser, and time of the core alone."""
     from playwright.sync_api import sync_playwright
 
     found = shutil.which("chromium") or shutil.which("google-chrome")
@@ -65,7 +65,7 @@ def latencies(browser: Any, path: Path, curve: str) -> list[float]:
         page.evaluate(WATCH, curve)
         for key in range(KEYS):
             page.keyboard.press("ArrowRight" if key < KEYS // 2 else "ArrowLeft")
-            # The next key comes after this one's curve, so that no time is of another key.
+            # The next key is pressed after the curve of this one, so that times are not mixed.
             page.wait_for_function("count => window.taken.length > count", arg=key)
             page.wait_for_timeout(150)
         taken = page.evaluate("window.taken")

@@ -1,9 +1,9 @@
-"""How far every hot path is from its floor: the least that the arithmetic itself takes here.
+"""Distance of every hot path from its floor: the least time of its arithmetic on this machine.
 
-The floor of a path is the work that its result needs, counted below in multiply-adds of a register
-of eight (or taken whole from a plain kernel of benchmarks/floors, compiled with all shapes known),
-times what that takes alone on this machine. What Python, checks and bookkeeping add belongs to
-the time reached.
+The floor of a path is the number of operations that its result needs, counted as multiply-adds
+of a register of eight (or measured by a plain kernel of benchmarks/floors, compiled with fixed
+shapes), times their measured time. The time reached also contains the overhead of Python, checks
+and bookkeeping.
 """
 
 import math
@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 
 def plain_kernels() -> dict[str, float]:
-    """Seconds of each plain kernel, by the compiled program."""
+    """Seconds of each plain kernel, measured by the compiled program."""
     program = BUILD / "benchmarks" / "floors" / "viscovib-floors"
     subprocess.run(
         ["ninja", "-C", BUILD, program.relative_to(BUILD)], check=True, capture_output=True
@@ -44,7 +44,7 @@ class Table:
         self.rows: list[Row] = []
 
     def add(self, path: str, needed: str, floor: float, reached: float) -> None:
-        """A row, shown at once."""
+        """Add a row and print it."""
         self.rows.append(
             {"path": path, "needed": needed, "floor": floor, "reached": reached,
              "ratio": reached / floor}
@@ -91,7 +91,7 @@ def of_branch(table: Table) -> None:
     plain = branches.followed(bare, 9, False)
     found = plain()
     points, turns = found.nu.size, float(found.iterations.mean())
-    # Samples of two coordinates and back; three derivatives by 19 moments; the matrix.
+    # Samples of two coordinates and back; three derivatives by 19 Fourier coefficients; the matrix.
     work = (19 * 10 * 2 * 2 + 3 * 19 * 19 + 400) / 8
     without = least(plain) / points
     table.add(
@@ -123,7 +123,7 @@ def of_motion(table: Table) -> None:
     """Right sides of the pendulum in both kinds of steps."""
     k = table.kernels
     body = vv.Pendulum(**motion.P1R)
-    # Right side: 62 operations of registers by count of the source, 2 sines, a quotient.
+    # Right side: 62 register operations (counted in the source), 2 sines, a quotient.
     right_side = table.registers(62) + 2 * k["sine_cosine"] + k["division"]
 
     def long_run() -> vv.Trajectory:
@@ -168,7 +168,7 @@ def of_memory(table: Table) -> None:
     few = body.kernel.sum_of_exponentials(
         t_min=0.125 * 0.07, t_max=n / 8, tolerance=1e-10
     ).rates.size
-    # The products of the plain kernel are three iterations and the prediction.
+    # The products of the plain kernel are those of three iterations and the prediction.
     table.add(
         "step with memory, gauss4",
         f"{few} terms, {turns:.1f} iterations, sine and cosine of the load",
@@ -200,7 +200,7 @@ def of_scales(table: Table) -> None:
 
 
 def of_torus(table: Table) -> None:
-    """A motion under two loads: the residuals of all its orders."""
+    """A motion under two loads: residuals of all harmonics."""
     r = vv.forced_response(steady.TWO, harmonics=8, stability=False)
     turns, samples = int(np.max(r.iterations)), 32**2
     transform = 2.5 * samples * np.log2(samples) / 16

@@ -13,14 +13,14 @@ TARGET_NS = 25.0
 
 
 def exact(mu: float) -> tuple[float, float]:
-    """R_c and R_s in 40 digits."""
+    """R_c and R_s with 40 digits."""
     with mp.workdps(40):
         z = mp.mpf(A) * mp.gamma(ALPHA) * mp.mpc(BETA, mu) ** (-mp.mpf(ALPHA))
         return float(z.real), float(-z.imag)
 
 
 def by_quad(mu: float) -> tuple[float, float]:
-    """SciPy: the singular start with t = u^(1/alpha), the rest with its Fourier weights."""
+    """SciPy: the singular part with t = u^(1/alpha), the other part with Fourier weights."""
     end = 1.0
     part = []
     for weight, wave in (("cos", math.cos), ("sin", math.sin)):
@@ -49,14 +49,14 @@ def by_quad(mu: float) -> tuple[float, float]:
 
 
 def by_midpoint(mu: float, end: float = 50.0, n: int = 5000) -> tuple[float, float]:
-    """Truncated midpoint rule, as hand-written scripts have it."""
+    """Truncated midpoint rule, as in hand-written scripts."""
     t = (np.arange(n) + 0.5) * end / n
     r = A * np.exp(-BETA * t) * t ** (ALPHA - 1) * end / n
     return float((r * np.cos(mu * t)).sum()), float((r * np.sin(mu * t)).sum())
 
 
 def run() -> list[dict[str, object]]:
-    """Rows: method, time a pair, largest relative error of R_c and R_s."""
+    """Rows: method, time per pair, largest relative error of R_c and R_s."""
     kernel = vv.RzhanitsynKernel(amplitude=A, alpha=ALPHA, beta=BETA)
     mu = np.linspace(0.01, 100.0, 100_000)
     probes = (0.3, 1.5, 7.0, 30.0)

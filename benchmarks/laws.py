@@ -1,9 +1,9 @@
 """Branch points under force laws other than polynomials, and the cost of polynomials as text laws.
 
-One mass on a spring with one law, orders up to 15, without stability, from below to above the
-resonance. Times are those of whole calls, divided by the number of points. A polynomial as a text
+One mass on a spring with one law, harmonics up to 15, without stability, from below to above the
+resonance. A time is the time of a call divided by the number of points. A polynomial as a text
 law is compared with the same polynomial given by coefficients; both are run alternately. pyHarm
-has a Jenkins element and a penalty contact, too; it uses 256 samples of a period.
+also has a Jenkins element and a penalty contact; it uses 256 samples per period.
 """
 
 import math
@@ -19,10 +19,10 @@ import viscovib as vv
 
 Row = dict[str, Any]
 
-#: The most that a branch point may take (s), by law.
+#: Target time of a branch point (s), by law.
 _JENKINS, _TANH = 80e-6, 40e-6
 _ROUNDS = 15
-#: What a text law may take that is a polynomial, as a part of that.
+#: Target overhead of a polynomial as text law, as a fraction.
 MOST_RATIO = 1.5
 
 
@@ -35,7 +35,7 @@ def _on_spring(*elements: Any) -> vv.Structure:
 
 
 def cases() -> dict[str, tuple[Any, float | None]]:
-    """Systems by what their law is, and the target."""
+    """Systems by the name of their law, and the target."""
     return {
         "tanh(v) friction": (_free("0.3*tanh(x_dot)"), _TANH),
         "tanh(v/0.5) friction": (_free("0.3*tanh(x_dot/0.5)"), _TANH),
@@ -61,7 +61,7 @@ def _job(system: Any) -> Callable[[], Any]:
 
 
 def _by_turns(jobs: list[Callable[[], Any]]) -> list[tuple[float, int]]:
-    """Least times of each, a round of all after the other, and numbers of points."""
+    """Least time of each job, measured in turn, and numbers of points."""
     best = [float("inf")] * len(jobs)
     points = [job().nu.size for job in jobs]
     for _ in range(_ROUNDS):
@@ -73,7 +73,7 @@ def _by_turns(jobs: list[Callable[[], Any]]) -> list[tuple[float, int]]:
 
 
 def _of_peer(law: str) -> float:
-    """Time of pyHarm a point, once it is compiled; NaN for a law that it does not have."""
+    """Time of pyHarm per point after compilation; NaN for a law that it does not have."""
     if law not in peer_friction.ELEMENTS:
         return float("nan")
     with warnings.catch_warnings():
@@ -116,9 +116,9 @@ def run() -> tuple[list[Row], list[Row]]:
 
 
 def ensembles(n: int = 64) -> list[Row]:
-    """Motions of a text law and of the pendulum to t = 200, eight side by side, by turns.
+    """Motions of a text law and of the pendulum to t = 200, eight per register, measured in turn.
 
-    Errors are against collocation of order 32 in small steps, which the tests compare with SciPy.
+    Errors refer to collocation of order 32 with small steps, which the tests compare with SciPy.
     """
     text = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.05, forces="0.3*tanh(x_dot) + 0.2*sin(x)"
@@ -134,7 +134,7 @@ def ensembles(n: int = 64) -> list[Row]:
         "verner9": (0.5, 0.3, 0.2),
         "gauss8": (1.6, 1.0, 0.7),
     }
-    # Of systems with laws only.
+    # Systems with laws only.
     series = {"taylor8": (0.4, 0.3), "taylor12": (0.5, 0.4, 0.3), "taylor20": (0.6, 0.5, 0.4)}
     rows: list[Row] = []
     for name, given in of.items():
@@ -163,10 +163,10 @@ WANTED = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 
 
 def beside_heyoka(n: int = 128, rounds: int = 15) -> list[Row]:
-    """Ensembles of the pendulum and of a text law to t = 200 on one core, ours and heyoka's.
+    """Ensembles of the pendulum and of a text law to t = 200 on one core, viscovib and heyoka.
 
-    For each error wanted the least processor time a motion of the fastest setting that has it, by
-    turns in one run, and the ratio of heyoka's to ours. One state a motion is kept.
+    For each error: the least processor time per motion of the fastest setting with this error,
+    measured in turn in one run, and the ratio of heyoka to viscovib. One state per motion is kept.
     """
     text = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=_TEXT)
     starts = np.stack([np.linspace(-1, 1, n), np.zeros(n)], 1)
@@ -276,7 +276,7 @@ def _of_numbalsoda() -> Iterator[tuple[str, str, Callable[[], Any]]]:
 
 
 def _heyoka_system() -> tuple[Any, list[Any]]:
-    """The same law for heyoka's Taylor integrator."""
+    """The same law for the Taylor integrator of heyoka."""
     import heyoka as hy
 
     x, v = hy.make_vars("x", "v")
@@ -303,7 +303,7 @@ def _of_heyoka() -> Iterator[tuple[str, str, Callable[[], Any]]]:
 
 
 def one_motion() -> list[Row]:
-    """One motion of a text law to t = 200: times and errors of ours and of the peers, by turns."""
+    """One motion of a text law to t = 200: times and errors of viscovib and peers, in turn."""
     jobs = [*_own_motions(), *_of_numbalsoda(), *_of_heyoka()]
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=_TEXT)
     expected = vv.simulate(

@@ -1,7 +1,7 @@
 """Motion with memory: run time against error, compared with the rules of published codes.
 
 The mount with the Koltunov-Rzhanitsyn kernel (alpha = 0.1, so that a third of its integral lies
-below 1e-4 s), nonlinear, from rest under a harmonic load to t = 100; error of the last
+below 1e-4 s), nonlinear, from rest under a harmonic load to t = 100. Errors are those of the last
 displacements against 12 digits of two independent programs. The other rules are implemented here
 in NumPy as in their papers, with the whole history at every step. pycaputo and idesolver are used
 if they are installed (peer_memory.py), idesolver to t = 1 only.
@@ -54,7 +54,7 @@ def spring_force(u: np.ndarray) -> np.ndarray:
 
 
 def badalov(n: int) -> np.ndarray:
-    """Badalov, Eshmatov and Yusupov (1987): the singularity substituted away, then trapezoids."""
+    """Badalov, Eshmatov and Yusupov (1987): singularity removed by substitution, trapezoids."""
     h = END / n
     k = np.arange(n + 1)
     weights = ((k + 1.0) ** ALPHA - np.maximum(k - 1.0, 0.0) ** ALPHA) * h**ALPHA / 2
@@ -64,7 +64,7 @@ def badalov(n: int) -> np.ndarray:
     load = np.zeros((n + 1, 2))
     load[:, 0] = LOAD * np.sin(NU * h * k)
     for i in range(1, n + 1):
-        # u = double integral of the acceleration; the factor t - s spares the present one.
+        # u = double integral of the acceleration; the factor t - s is 0 at the present time.
         outer = h * (i - k[:i]) * h
         outer[0] /= 2
         u[i] = outer @ pulls[:i]
@@ -77,13 +77,13 @@ def badalov(n: int) -> np.ndarray:
 
 
 def piecewise_linear(n: int) -> np.ndarray:
-    """Newmark's average acceleration, the force linear between steps under exact weights."""
+    """Average acceleration of Newmark; force piecewise linear in time with exact weights."""
     h = END / n
     t = h * np.arange(n + 2)
     zero = AMPLITUDE * _incomplete(ALPHA, t)
     one = AMPLITUDE * _incomplete(ALPHA + 1, t)
     mass0, mass1 = np.diff(zero), np.diff(one)
-    # Of the step at lag k: weights of its later and of its earlier end.
+    # For the step at lag k: weights of its later and earlier end.
     later = (t[1:] * mass0 - mass1) / h
     earlier = (mass1 - t[:-1] * mass0) / h
     u, v, force = np.zeros((n + 1, 2)), np.zeros(2), np.zeros((n + 1, 2))
@@ -112,7 +112,7 @@ def _incomplete(power: float, t: np.ndarray) -> np.ndarray:
 
 
 def cases() -> Iterator[Case]:
-    """Every way, in steps."""
+    """All methods with their numbers of steps."""
     body = mount()
     for memory, names, counts in (
         ("exponentials", ("gauss4", "gauss6", "gauss8"), (150, 200, 300, 400, 600, 800, 1600)),
@@ -161,7 +161,7 @@ def measure() -> list[Row]:
 
 
 def short() -> list[Row]:
-    """The same to t = 1, for the peer that cannot go further."""
+    """The same to t = 1, for a peer that cannot compute longer motions."""
     exact, body = reference(1.0), mount()
     rows = []
     for n in (2, 4, 8):
@@ -173,7 +173,7 @@ def short() -> list[Row]:
 
 
 def growth() -> list[Row]:
-    """Cost of a step as runs get longer."""
+    """Cost of a step over the length of the run."""
     body = mount()
     rows = []
     for n in (1_000, 10_000, 100_000, 1_000_000):

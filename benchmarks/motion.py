@@ -34,7 +34,7 @@ def reference() -> np.ndarray:
 
 
 def right_side(t: float, y: Any, out: Any, z_r: float) -> None:
-    """The equations once more, written plainly, for the peers that take a function."""
+    """The equations in plain Python, for peers that need a function."""
     e, w2, w3, alpha, r = 0.1, 0.4, 0.8, 0.5, 4.0
     z, vz, phi, vphi, psi, vpsi = y[0], y[1], y[2], y[3], y[4], y[5]
     s, c, length = math.sin(phi - psi), math.cos(phi - psi), 1 + z
@@ -50,7 +50,7 @@ def right_side(t: float, y: Any, out: Any, z_r: float) -> None:
 
 
 def ours() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
-    """Every method of the library, in steps or tolerances."""
+    """Every method of the library, with step sizes or tolerances."""
     body = vv.Pendulum(**P1R)
     steps = {
         "gauss8": [(2.5, 1e-5), (2.2, 1e-6), (2.0, 1e-8), (1.6, 1e-9), (1.3, 1e-11), (1.0, 1e-12)],
@@ -82,7 +82,7 @@ def ours() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
 
 
 def scipy_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
-    """SciPy's DOP853, the right side compiled by numba where that is installed."""
+    """DOP853 of SciPy, with a right side compiled by numba if it is installed."""
     from scipy.integrate import solve_ivp
 
     z_r = vv.Pendulum(**P1R).z_r
@@ -110,7 +110,7 @@ def scipy_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
 
 
 def heyoka_system() -> tuple[Any, list[Any]]:
-    """The equations for heyoka's Taylor integrator."""
+    """The equations for the Taylor integrator of heyoka."""
     import heyoka as hy
 
     z_r, e, w2, w3, alpha, r = vv.Pendulum(**P1R).z_r, 0.1, 0.4, 0.8, 0.5, 4.0
@@ -147,7 +147,7 @@ def heyoka_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
 
 
 def numbalsoda_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
-    """DOP853 of numbalsoda, all compiled."""
+    """DOP853 of numbalsoda, completely compiled."""
     try:
         import numba
         from numbalsoda import dop853, lsoda_sig
@@ -173,7 +173,7 @@ def numbalsoda_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
 
 
 def cvode_runs() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
-    """CVODE of SUNDIALS by scikit-sundae, Adams' methods, compiled right side called by Python."""
+    """CVODE of SUNDIALS by scikit-sundae, Adams methods, compiled right side called by Python."""
     try:
         import numba
         from sksundae.cvode import CVODE
@@ -234,7 +234,7 @@ def one_trajectory() -> list[Row]:
 
 
 def many_trajectories(n: int = 1024) -> list[Row]:
-    """Run time a trajectory, on one core, and largest error over the ensemble."""
+    """Run time per trajectory on one core, and largest error over the ensemble."""
     body, states = vv.Pendulum(**P1R), np.tile(START, (n, 1))
     states[:, 2] = np.linspace(-0.5, 0.5, n)
 
@@ -267,7 +267,7 @@ def many_trajectories(n: int = 1024) -> list[Row]:
 
 
 def at_errors(rows: list[Row]) -> list[Row]:
-    """For each method, the time at the wanted errors, interpolated between its settings."""
+    """Time of each method at given errors, interpolated between its settings."""
     table = []
     for method in dict.fromkeys(row["method"] for row in rows):
         own = sorted((r["error"], r["seconds"]) for r in rows if r["method"] == method)

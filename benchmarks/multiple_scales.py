@@ -1,8 +1,8 @@
-"""Multiple scales: time of each result; the symbolic peer OSCILATE where it is installed.
+"""Multiple scales: time of each result; the symbolic program OSCILATE if it is installed.
 
-Both do two oscillators near 1:3, cubic, the first under load: modulation equations, steady motions
-and their stability; the peer as formulas, we as numbers at 1000 detunings. ``pip install oscilate``
-for the comparison.
+Both compute modulation equations, steady motions and their stability for two cubic oscillators
+near 1:3, the first under load. OSCILATE returns formulas, viscovib numbers at 1000 detunings.
+``pip install oscilate`` for the comparison.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ Row = dict[str, Any]
 
 
 def pendulum(**change: float) -> vv.Pendulum:
-    """Return the paper's set with light damping."""
+    """Return the parameters of the paper with light damping."""
     numbers = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.005, "c2": 0.005, "c3": 0.005}
     return vv.Pendulum(**{**numbers, **change})
 
@@ -39,7 +39,7 @@ def coupled() -> vv.CubicSystem:
 
 
 def run() -> list[Row]:
-    """Times of our results."""
+    """Times of the results of viscovib."""
     one = pendulum(f0=0.004, p1=1.02)
     three = pendulum(f0=0.001, m01=0.0004, m02=0.002, p1=1.03, p2=0.375, p3=1.08)
     ms, all_loads = vv.MultipleScales(one), vv.MultipleScales(three, tolerance=0.03)
@@ -68,7 +68,7 @@ def run() -> list[Row]:
 
 
 def peer() -> float | None:
-    """Seconds that OSCILATE takes for the formulas, or None."""
+    """Time of OSCILATE for the formulas in seconds, or None."""
     try:
         from oscilate import MMS
         from sympy import Function, symbols

@@ -1,4 +1,4 @@
-"""Orders chosen at each frequency or point of a branch against one number for all, as accurate."""
+"""Automatic harmonics per frequency or branch point against a fixed number of equal accuracy."""
 
 import time
 import warnings
@@ -11,12 +11,12 @@ from timing import pair
 
 LOAD = 0.5
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
-#: From orders and tolerance to a result and the coefficients to compare.
+#: Function of harmonics and tolerance that returns a result and the coefficients to compare.
 Solver = Callable[[int | str, float], tuple[Any, np.ndarray]]
 
 
 def systems() -> dict[str, tuple[object, np.ndarray]]:
-    """Name, system and frequencies, from low ones, where motions are far from sines, upwards."""
+    """Name, system and frequencies, from low frequencies (many harmonics) upwards."""
     stiffness = np.array([[10.0, -5.0], [-5.0, 4.5]])
     given = {
         "mass": 1.0,
@@ -40,7 +40,7 @@ def systems() -> dict[str, tuple[object, np.ndarray]]:
 
 
 def _size(x: np.ndarray) -> np.ndarray:
-    """The norm of tolerances, with the inertia of a mount."""
+    """The norm used for tolerances, with the inertia of a mount."""
     weights = np.sqrt([1.0, 0.1][: x.shape[1]])[:, np.newaxis]
     return (weights * (np.abs(x.real) + np.abs(x.imag))).max(axis=(1, 2))
 
@@ -71,9 +71,9 @@ def along_branch(system: object, nu: np.ndarray) -> Solver:
 
 
 def compare(name: str, solve: Solver, left_out: int) -> list[dict[str, object]]:
-    """One row a tolerance: times, errors, and the fewest orders for all that are as accurate.
+    """One row per tolerance: times, errors, and the smallest fixed number that is as accurate.
 
-    ``left_out``: of how many of the largest errors nothing is said.
+    ``left_out``: number of largest errors that are ignored.
     """
     exact = solve(59, 1e-13)[1]
 
@@ -119,7 +119,7 @@ def run() -> list[dict[str, object]]:
     warnings.simplefilter("ignore")
     rows = []
     for name, (system, nu) in systems().items():
-        # One sweep may leave its branch a few frequencies before the other.
+        # The two sweeps may leave their branch at slightly different frequencies.
         rows += compare(name, along_frequencies(system, nu), 4)
         rows += compare(f"{name}: branch", along_branch(system, nu), 0)
     return rows

@@ -1,7 +1,7 @@
-"""Peak memory of every kind of job, at two sizes: what it grows with.
+"""Peak memory of every kind of job at two sizes.
 
-Each job runs in a process of its own; what counts is the most memory that the system saw it hold,
-less what it held after importing the package and running the job once in its smallest form.
+Each job runs in a separate process. The result is the peak memory of the process, minus the memory
+after importing the package and running the smallest form of the job once.
 """
 
 import subprocess
@@ -33,7 +33,7 @@ before = peak()
 kept = job(int(sys.argv[1]))
 print(peak() - before)
 """
-#: What grows, the sizes: smallest, short and long, whether memory may grow, and the call.
+#: Quantity that grows, sizes (smallest, short, long), whether memory may grow, and the call.
 JOBS: dict[str, tuple[str, tuple[int, int, int], bool, str]] = {
     "response, successive approximations": (
         "frequencies", (10, 10_000, 100_000), True,
@@ -92,7 +92,7 @@ def peak(name: str, n: int) -> int:
     """Bytes above the smallest form of the job."""
     _, (least, *_), _, call = JOBS[name]
     program = HEAD.replace("{job}", call).replace("{least}", str(least))
-    # By way of a shell: a process counts the memory of the one that started it as its own peak.
+    # Started by a shell, because the peak of a process includes that of its parent.
     done = subprocess.run(
         ["sh", "-c", '"$@"; exit $?', "sh", sys.executable, "-c", program, str(n)],
         capture_output=True, text=True, check=True,
@@ -101,7 +101,7 @@ def peak(name: str, n: int) -> int:
 
 
 def run() -> list[Row]:
-    """Peaks of every job at both sizes, and bytes for one more."""
+    """Peaks of every job at both sizes, and bytes per additional item."""
     rows = []
     for name, (of, (_, short, long), may_grow, _) in JOBS.items():
         low, high = peak(name, short), peak(name, long)

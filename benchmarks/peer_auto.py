@@ -1,8 +1,8 @@
 """AUTO-07p on the branch of the reference mount: collocation, folds and Floquet multipliers.
 
-The program is Debian's (package auto-07p, compiled with -O2); its user file auto/mount.f90, with
-exact derivatives, is compiled here with -O3 -march=native. A time is that of the whole process,
-which reads its constants and writes its tables, as a user of AUTO runs it.
+AUTO is the Debian package auto-07p (compiled with -O2). Its user file auto/mount.f90, with exact
+derivatives, is compiled here with -O3 -march=native. A time is that of the whole process, with
+reading of constants and writing of tables, as in normal use of AUTO.
 """
 
 import glob
@@ -30,14 +30,14 @@ FOLD = 5
 
 
 def missing() -> str:
-    """Say what is missing; empty if nothing is."""
+    """Return what is missing; empty if nothing is missing."""
     if not glob.glob(f"{HOME}/lib/*.o"):
         return "AUTO-07p is not installed (Debian's auto-07p): left out"
     return "" if shutil.which("gfortran") else "gfortran is missing: AUTO-07p left out"
 
 
 class Auto:
-    """The compiled problem in a directory of its own, removed at the end."""
+    """The compiled problem in a temporary directory, removed at the end."""
 
     def __enter__(self) -> "Auto":
         self.place = tempfile.TemporaryDirectory()
@@ -71,7 +71,7 @@ class Auto:
             for line in (Path(self.place.name) / "fort.7").read_text().splitlines()
             if (part := line.split())[0] != "0"
         ]
-        # The first is the start as given, not yet corrected.
+        # The first point is the uncorrected start.
         solutions = read_solutions(Path(self.place.name) / "fort.8")[1:]
         return Branch(
             nu=np.array([nu for nu, _ in solutions]),
@@ -81,14 +81,14 @@ class Auto:
 
 
 def read_solutions(path: Path) -> list[tuple[float, np.ndarray]]:
-    """Frequency and first harmonics of x and phi, phase of the load zero, of each solution."""
+    """Frequency and first harmonics of x and phi, at zero phase of the load, of each solution."""
     lines, found, i = path.read_text().splitlines(), [], 0
     while i < len(lines):
         head = [int(word) for word in lines[i].split()]
         n_points, length, intervals, degree = head[6], head[8], head[9], head[10]
         values = np.array([line.split() for line in lines[i + 1 : i + 1 + n_points]], float)
         tail = lines[i + 1 + n_points : i + 1 + length]
-        # The last lines are the parameters, seven a line; nu the first of them.
+        # The last lines are the parameters, seven per line; nu is the first.
         parameters = tail[len(tail) - (head[11] + 6) // 7 :]
         harmonics = first_harmonic(values[:, 0], values[:, [1, 3, 5]], intervals, degree)
         found.append((float(parameters[0].split()[0]), harmonics[:2] * np.abs(harmonics[2])
@@ -101,7 +101,7 @@ def first_harmonic(t: np.ndarray, u: np.ndarray, intervals: int, degree: int) ->
     """X of u = Im X exp(2 pi i t) from piecewise polynomials through equidistant points."""
     nodes, weights = np.polynomial.legendre.leggauss(10)
     places = np.linspace(-1, 1, degree + 1)
-    # Lagrange's polynomials of the points, at the nodes.
+    # Lagrange polynomials through the points, at the nodes.
     basis = np.linalg.solve(np.vander(places).T, np.vander(nodes, degree + 1).T)
     total = np.zeros(u.shape[1], complex)
     for j in range(intervals):

@@ -1,6 +1,6 @@
-"""pyHarm's own friction and contact elements on the oscillator of the benchmark of laws.
+"""Friction and contact elements of pyHarm on the oscillator of the benchmark of laws.
 
-Harmonic balance with samples of a period at equal distances; the slider is run for three periods.
+Harmonic balance with equidistant samples of a period; the slider is run for three periods.
 """
 
 import logging
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-#: Samples of a period: what leaves 1e-4 of the motion with orders to 15.
+#: Samples per period that give an error of 1e-4 of the motion with harmonics up to 15.
 SAMPLES = 256
 ELEMENTS: dict[str, dict[str, Any]] = {
     "Jenkins element": {"type": "Jenkins", "mu": 1.0, "N0": 0.3, "k": 1.0},
@@ -18,7 +18,7 @@ ELEMENTS: dict[str, dict[str, Any]] = {
 
 
 def missing() -> str:
-    """Say what is missing; empty if nothing is."""
+    """Return what is missing; empty if nothing is missing."""
     try:
         import pyHarm.Maestro  # noqa: F401
     except ImportError:
@@ -31,7 +31,7 @@ def branch(law: str, step: float) -> Callable[[], np.ndarray]:
     """Return a job that gives points (unknowns, nu) of the branch, steps of at most ``step``."""
     from pyHarm.Maestro import Maestro
 
-    # A gap has even orders and a mean.
+    # A gap causes even harmonics and a mean.
     orders = list(range(1, 16, 2)) if law == "Jenkins element" else list(range(16))
     data = {
         "system": {"type": "Base", "nh": orders, "nti": SAMPLES},

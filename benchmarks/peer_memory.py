@@ -1,13 +1,13 @@
-"""Peers on a motion with memory: pycaputo, and idesolver as far as it goes.
+"""Peers for a motion with memory: pycaputo, and idesolver for a short motion.
 
-pycaputo solves D^a y = f(t, y) with an order for each unknown. The Koltunov-Rzhanitsyn kernel
-becomes such by z(t) = exp(beta t) w(t), w = int_0^t (t-s)^(alpha-1)/Gamma(alpha) exp(-beta (t-s))
+pycaputo solves D^a y = f(t, y) with an order for each unknown. The Koltunov-Rzhanitsyn kernel is
+converted by z(t) = exp(beta t) w(t), w = int_0^t (t-s)^(alpha-1)/Gamma(alpha) exp(-beta (t-s))
 F(u(s)) ds, for which D^alpha z = exp(beta t) F(u), z(0) = 0, and M u'' = P - F + A Gamma(alpha) w:
-six unknowns of orders 1, 1, 1, 1, alpha, alpha. It sums all of the past at every step.
+six unknowns of orders 1, 1, 1, 1, alpha, alpha. It sums the whole past at every step.
 
-idesolver iterates y' = c(t, y) + int_0^t k(t, s) F(y(s)) ds over the whole interval and does every
-integral by SciPy's quad, which the singularity (t-s)^(-0.9) strains; only a short motion is
-affordable. Version 1.1.0 fails under NumPy 2 on a name and a keyword; both are mended here.
+idesolver iterates y' = c(t, y) + int_0^t k(t, s) F(y(s)) ds over the whole interval and computes
+each integral with quad of SciPy. The singularity (t-s)^(-0.9) is expensive, so only a short motion
+is possible. Version 1.1.0 fails under NumPy 2 because of a name and a keyword; both are fixed here.
 """
 
 import warnings
@@ -62,7 +62,7 @@ def caputo(method: str, n: int, end: float) -> Job:
 
 
 def idesolver(points: int, tolerance: float, end: float) -> Job:
-    """Return a job of idesolver with its result at so many points."""
+    """Return a job of idesolver with its result at this number of points."""
     from idesolver import IDESolver, idesolver as inner
 
     if not hasattr(np, "ComplexWarning"):
@@ -93,7 +93,7 @@ def idesolver(points: int, tolerance: float, end: float) -> Job:
 
 
 def long_runs(end: float) -> Iterator[tuple[str, str, int, Job]]:
-    """Method, setting, steps and job of those that reach the end of the long motion."""
+    """Method, setting, steps and job of the methods that reach the end of the long motion."""
     try:
         import pycaputo  # noqa: F401
     except ImportError:

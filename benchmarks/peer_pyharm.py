@@ -2,11 +2,11 @@
 
 Harmonic balance in Python with compiled elements.
 
-Its elements are springs between nodes; the cubic geometry couples x and phi as none of them does,
-so it is added the way pyHarm documents: an element of one's own, residual and exact Jacobian by
-alternating between frequency and time, compiled by numba as its own elements are. It locates no
-folds and gives no multipliers: the fold is read off its points by a polynomial over the length of
-the branch (Branch.turns).
+Its elements are springs between nodes and cannot express the coupling of x and phi by the cubic
+geometry. This coupling is added as pyHarm documents: a user-defined element with residual and exact
+Jacobian by alternating frequency/time transforms, compiled by numba like the built-in elements.
+pyHarm does not locate folds or compute multipliers: the folds are found from its points by a
+polynomial in the arc length (Branch.turns).
 """
 
 import logging
@@ -18,7 +18,7 @@ from curve import MASS, STIFFNESS, Branch
 
 
 def element() -> type:
-    """Class of the element N = (5/6 phi^3, 5/2 phi^2 x - 5/3 phi^3), its potential quartic."""
+    """Class of the element N = (5/6 phi^3, 5/2 phi^2 x - 5/3 phi^3), with a quartic potential."""
     import numba
     from pyHarm.Elements.SubstructureMatrixElements.MatrixElement import MatrixElement
 
@@ -71,7 +71,7 @@ def element() -> type:
 
 
 def missing() -> str:
-    """Say what is missing; empty if nothing is."""
+    """Return what is missing; empty if nothing is missing."""
     try:
         import pyHarm.Maestro
     except ImportError:
@@ -134,9 +134,9 @@ def chain(
 ) -> Callable[[], Branch]:
     """Return a job that computes the branch of the last mass of the chain of `structures`.
 
-    ``stiffness`` of unit masses, damping 0.02 K, a cubic spring 0.5 at the last and a load of 0.02
-    on the first; odd orders, from 0.5 to 1.5 times the ``first`` frequency. ``reduced``: unknowns
-    are the coordinates that have a nonlinear force ("NLdofs"). Call `missing` first.
+    ``stiffness`` of unit masses, damping 0.02 K, a cubic spring 0.5 at the last mass, a load of
+    0.02 on the first; odd harmonics, 0.5 to 1.5 times the ``first`` frequency. ``reduced``: the
+    unknowns are the coordinates with a nonlinear force ("NLdofs"). Call `missing` first.
     """
     from pyHarm.Maestro import Maestro
 
@@ -168,7 +168,7 @@ def chain(
         maestro = Maestro(data)
         maestro.operate()
         found = np.array([s.x for s in maestro.nls["FRF"].SolList if s.flag_accepted])
-        # Of each order cosines of all masses, then sines.
+        # For each harmonic the cosines of all masses, then the sines.
         return Branch(
             nu=found[:, -1], first=(found[:, 2 * n - 1] + 1j * found[:, n - 1])[:, None], folds=None
         )

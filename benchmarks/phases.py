@@ -1,9 +1,8 @@
-"""Where the time of a point goes, and how cost grows.
+"""Distribution of the time of a point over phases, and growth of the cost.
 
-Phases by sampling (`perf` of Linux; left out with a line where there is none or it may not be
-used): the job runs over and over while it is sampled, and every routine of the compiled core
-belongs to a phase. Growth by timing jobs of several sizes; the exponent is that of the last
-doubling.
+Phases are measured by sampling with `perf` of Linux, or skipped with a message: the job runs
+repeatedly, and every routine of the compiled core belongs to a phase. Growth is measured by
+timing jobs of several sizes; the exponent refers to the last doubling.
 """
 
 import math
@@ -28,7 +27,7 @@ from timing import least, show_time
 
 Row = dict[str, Any]
 KERNEL = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
-#: Parts of the names of routines, first match first; jobs, the phase.
+#: Parts of the names of routines (first match counts); jobs; the phase.
 PHASES = (
     ("complex_power", "kernel transforms"),
     ("rzhanitsyn", "kernel transforms"),
@@ -77,7 +76,7 @@ def mount(**more: Any) -> vv.Mount:
 
 
 def chain(n: int, kernel: vv.Kernel | None = None) -> vv.PolynomialSystem:
-    """Masses, n of them, in a row between walls, the springs hardening."""
+    """A row of n masses between walls, with hardening springs."""
     stiffness = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     names = [f"x{i}" for i in range(1, n + 1)]
     return vv.PolynomialSystem(
@@ -93,7 +92,7 @@ PENDULUM = vv.Pendulum(
 )  # fmt: skip
 START = np.array([0.05, 0.0, 0.3, 0.0, -0.2, 0.0])
 NU = np.linspace(0.3, 12.0, 1000)
-#: Name, what one of is timed, how many a call makes, the call.
+#: Name, unit of work, number of units per call, the call.
 JOBS: dict[str, tuple[int, Callable[[], Any]]] = {
     "response point": (
         1000, lambda: vv.forced_response(mount(kernel=KERNEL), NU, load=0.05),
@@ -115,7 +114,7 @@ JOBS: dict[str, tuple[int, Callable[[], Any]]] = {
 
 
 def sampled(name: str, length: float = 2.0) -> None:
-    """Run a job over and over while perf looks on (in a process of its own)."""
+    """Run a job repeatedly while perf samples it (in a separate process)."""
     _, job = JOBS[name]
     warnings.simplefilter("ignore")
     job()
@@ -131,7 +130,7 @@ def sampled(name: str, length: float = 2.0) -> None:
 
 
 def shares(name: str) -> dict[str, float]:
-    """Part of the time that each phase takes."""
+    """Fraction of the time of each phase."""
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "perf.data"
         subprocess.run([sys.executable, __file__, name, data], check=True, capture_output=True)
@@ -150,7 +149,7 @@ def shares(name: str) -> dict[str, float]:
 
 
 def phase_of(library: str, routine: str) -> str:
-    """The phase that a routine belongs to."""
+    """The phase of a routine."""
     if "_viscovib" in library:
         for part, phase in PHASES:
             if part in routine:
@@ -189,7 +188,7 @@ def costs() -> list[Row]:
 
 
 def growing() -> dict[str, tuple[str, list[int], Callable[[int], Callable[[], Any]]]]:
-    """Jobs by size: what the size is, sizes, and the call for a size."""
+    """Jobs by size: meaning of the size, sizes, and the call for a size."""
 
     def motion(n: int) -> Callable[[], Any]:
         body = chain(n)
@@ -266,7 +265,7 @@ def growth() -> list[Row]:
 
 
 def draw(path: Path, costs: list[Row], growth: list[Row]) -> None:
-    """Phases as bars, growth as lines, a panel for each kind of size."""
+    """Phases as bars, growth as lines, one panel for each kind of size."""
     kinds = list(dict.fromkeys(row["of"] for row in growth))
     jobs = list(dict.fromkeys(row["job"] for row in costs))
     figure = Figure(figsize=(12, 3.6 + 4.2 * bool(jobs)), layout="constrained")

@@ -1,7 +1,7 @@
-"""A plate of 1e5 coordinates on rubber mounts: its reduction, a curve of it, and the memory taken.
+"""A plate of 1e5 coordinates on rubber mounts: reduction, response curve, and memory.
 
-In a process of its own, so that the memory is that of the plate (docs/examples/plate_on_mounts.py).
-Processor time.
+Run in a separate process, so that the memory is that of the plate
+(docs/examples/plate_on_mounts.py). Times are processor times.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "plate_on_mounts.py"
 
 
 def measure(elements: int) -> dict[str, float]:
-    """Seconds, memory and errors of a plate with so many elements along each edge."""
+    """Seconds, memory and errors of a plate with this number of elements along each edge."""
     import viscovib as vv
 
     spec = importlib.util.spec_from_file_location("plate_on_mounts", SCRIPT)

@@ -12,7 +12,7 @@ TARGET_MS, LINEAR_TARGET_MS = 10.0, 1.0
 
 
 def mount(geometry: str = "cubic") -> vv.Mount:
-    """Reference scene, A = 0.048: converges everywhere at this load."""
+    """Reference scene, A = 0.048: converges at all frequencies at this load."""
     return vv.Mount(
         mass=1.0,
         inertia=0.1,
@@ -25,7 +25,7 @@ def mount(geometry: str = "cubic") -> vv.Mount:
 
 
 def numpy_harmonic_balance(tolerance: float = 1e-10, highest: int = 9) -> np.ndarray:
-    """The same iteration written plainly in NumPy: a loop over frequencies, FFTs of a period."""
+    """The same iteration in plain NumPy: a loop over frequencies, FFTs of a period."""
     from scipy.special import gamma
 
     c_x, c_phi, arm = 10.0, 2.0, 0.5

@@ -1,4 +1,4 @@
-"""Parts of the benchmark in processes of their own, under time limits; tables on disk."""
+"""Parts of the benchmark in separate processes with time limits; tables in files."""
 
 import csv
 import os
@@ -18,7 +18,7 @@ Part = tuple[list[str], dict[str, list[Row]]]
 
 
 def write_csv(path: Path, rows: list[Row]) -> None:
-    """Write rows with a head line about the machine."""
+    """Write rows below a header about the machine."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {machine()}\n# {versions()}\n")
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
@@ -27,14 +27,14 @@ def write_csv(path: Path, rows: list[Row]) -> None:
 
 
 def keep(out: Path, name: str, part: Part) -> None:
-    """Keep what a part found for the process that asked for it."""
+    """Store the result of a part for the parent process."""
     (out / f".{name}.pickle").write_bytes(pickle.dumps(part))
 
 
 def run_parts(
     program: Path, out: Path, limits: dict[str, float]
 ) -> tuple[dict[str, Part], list[str]]:
-    """What each part found, and a line for each that failed or was ended at its limit."""
+    """Results of all parts, and a line for each part that failed or exceeded its limit."""
     found: dict[str, Part] = {}
     lost: list[str] = []
     begun = time.monotonic()
@@ -57,7 +57,7 @@ def run_parts(
 
 
 def run_one(command: list[str], limit: float) -> str:
-    """Run a command; nothing, or how it ended. All that it started ends with it."""
+    """Run a command; return None or an error text. Its child processes end with it."""
     with subprocess.Popen(command, start_new_session=True) as process:
         try:
             code = process.wait(timeout=limit)

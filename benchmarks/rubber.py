@@ -24,7 +24,7 @@ def measured(kernel: vv.Kernel) -> vv.ModulusData:
 
 
 def peer(data: vv.ModulusData) -> list[Row]:
-    """Fit the published master curve by pyvisco, where it is installed: one term a decade."""
+    """Fit the published master curve with pyvisco, if installed: one term per decade."""
     if importlib.util.find_spec("pyvisco") is None:
         return []
     import pandas as pd
@@ -64,7 +64,7 @@ def peer(data: vv.ModulusData) -> list[Row]:
 
 
 def run() -> list[Row]:
-    """A row a job: time, the time aimed at, residuals of storage and loss."""
+    """One row per job: time, target time, residuals of storage and loss."""
     warnings.simplefilter("ignore")
     rows: list[Row] = []
 

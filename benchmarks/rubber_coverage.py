@@ -1,4 +1,4 @@
-"""How often 95 % intervals of fitted kernels hold the truth: counted over draws of noise.
+"""Coverage of 95 % intervals of fitted kernels, counted over random noise.
 
 python benchmarks/rubber_coverage.py [--draws 500] [--out docs/benchmarks/rubber_coverage.csv]
 """
@@ -19,7 +19,7 @@ MODULUS = 2e6
 
 
 def draw(kernel: vv.Kernel, noise: float, seed: int) -> vv.ModulusData:
-    """80 frequencies over eight decades, noise relative to each number."""
+    """80 frequencies over eight decades, noise relative to each value."""
     nu = np.geomspace(1e-3, 1e5, 80)
     scatter = 1 + noise * np.random.default_rng(seed).standard_normal((2, nu.size))
     stiff = MODULUS * (1 - kernel.transform(nu))
@@ -29,7 +29,7 @@ def draw(kernel: vv.Kernel, noise: float, seed: int) -> vv.ModulusData:
 
 
 def count(draws: int) -> list[dict[str, object]]:
-    """A row a kernel, noise, weights and parameter."""
+    """One row per kernel, noise, weights and parameter."""
     rows: list[dict[str, object]] = []
     for kind, kernel in KERNELS.items():
         for noise, weights in ((0.01, "model"), (0.05, "model"), (0.05, "data")):
@@ -52,7 +52,7 @@ def count(draws: int) -> list[dict[str, object]]:
 
 
 def main() -> None:
-    """Count and write."""
+    """Count and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=500)
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks/rubber_coverage.csv"))

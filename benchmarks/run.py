@@ -1,8 +1,8 @@
-"""Run the benchmarks, or some (--only); write tables (CSV, Markdown) and pictures.
+"""Run all benchmarks or those of --only; write tables (CSV, Markdown) and figures.
 
-Times are medians, ratios are measured in one run: machines are noisy. Peers that are not installed
-are left out with a line; `./run bench --peers` installs them first. Each part runs in a process of
-its own, which is ended at its time limit; the others then go on.
+Times are medians, and ratios are measured in one run, because machines are noisy. Peers that are
+not installed are skipped with a message; `./run bench --peers` installs them first. Each part runs
+in a separate process, which is stopped at its time limit; then the next part runs.
 """
 
 import argparse
@@ -40,7 +40,7 @@ Row = dict[str, Any]
 
 
 def draw_error_against_time(path: Path, rows: list[Row]) -> None:
-    """Draw error of the curve against run time, a line for each number of harmonics."""
+    """Draw error of the curve against run time, one line per number of harmonics."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.subplots()
@@ -86,7 +86,7 @@ def draw_memory(path: Path, rows: list[Row]) -> None:
 
 
 def motion_table(title: str, rows: list[Row]) -> list[str]:
-    """Return lines of a table: time at each wanted error."""
+    """Return the lines of a table: time at each error."""
     targets = [f"{target:g}" for target in motion.TARGETS]
     lines = [
         "",
@@ -100,7 +100,7 @@ def motion_table(title: str, rows: list[Row]) -> list[str]:
 
 
 def show_error(value: float) -> str:
-    """Write an error; nothing for what is not known."""
+    """Format an error; empty if it is not known."""
     return "" if value != value else f"{value:.1e}"
 
 
@@ -130,7 +130,7 @@ def of_response(out: Path) -> Part:
 
 
 def of_orders(out: Path) -> Part:
-    """Orders chosen at each frequency."""
+    """Automatic harmonics at each frequency."""
     rows = orders.run()
     write_csv(out / "orders.csv", rows)
     lines = [
@@ -251,7 +251,7 @@ def of_scales(out: Path) -> Part:
 
 
 def of_floors(out: Path) -> Part:
-    """How far every hot path is from its floor."""
+    """Distance of every hot path from its floor."""
     rows, kernels = floors.run()
     write_csv(out / "floors.csv", rows)
     write_csv(out / "plain_kernels.csv", [{"kernel": k, "seconds": v} for k, v in kernels.items()])
@@ -273,7 +273,7 @@ def of_floors(out: Path) -> Part:
 
 
 def of_phases(out: Path) -> Part:
-    """Where the time of a point goes, and how cost grows."""
+    """Distribution of the time of a point, and growth of the cost."""
     costs, growth = phases.run()
     write_csv(out / "growth.csv", growth)
     lines = []
@@ -311,7 +311,7 @@ def of_peaks(out: Path) -> Part:
 
 
 def of_laws(out: Path) -> Part:
-    """Branch points under force laws that are no polynomials."""
+    """Branch points under force laws that are not polynomials."""
     rows, ratios = laws.run()
     write_csv(out / "laws.csv", rows)
     write_csv(out / "law_ratios.csv", ratios)
@@ -376,7 +376,7 @@ def of_bodies(out: Path) -> Part:
 
 
 def of_rubber(out: Path) -> Part:
-    """Fits of kernels to measurements."""
+    """Fits of kernels to measured data."""
     rows = rubber.run()
     write_csv(out / "rubber.csv", rows)
     lines = ["", "| rubber from data | time | target | residual of storage | of loss |"]
@@ -394,7 +394,7 @@ def of_rubber(out: Path) -> Part:
 
 
 def of_structures(out: Path) -> Part:
-    """Branches of structures condensed to what is nonlinear."""
+    """Branches of structures condensed to their nonlinear coordinates."""
     rows = structures.run()
     write_csv(out / "structures.csv", rows)
     lines = [
@@ -426,7 +426,7 @@ def of_explorer(out: Path) -> Part:
 
 
 def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
-    """What each skip of a plan gains."""
+    """Time saved by each skip of a plan."""
     rows = skips.run()
     write_csv(out / "skips.csv", rows)
     lines = [
@@ -441,7 +441,7 @@ def of_skips(out: Path) -> tuple[list[str], dict[str, list[Row]]]:
     ], {}
 
 
-#: Name, job and time limit in seconds (a quiet machine needs a quarter of it).
+#: Name, job and time limit in seconds (four times the time on an idle machine).
 PARTS: dict[str, tuple[Callable[[Path], Part], float]] = {
     "kernels": (of_kernels, 300),
     "response": (of_response, 600),
@@ -473,7 +473,7 @@ def chosen(text: str) -> list[str]:
 
 
 def main() -> int:
-    """Run what is asked for and write the results; status 1 if a part gave none."""
+    """Run the selected parts and write the results; return 1 if a part gave no result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/bench"))
     parser.add_argument(

@@ -27,12 +27,12 @@ MOUNT = vv.Mount(
     damping=0.02 * np.array([[10.0, -5.0], [-5.0, 4.5]]),
 )  # fmt: skip
 BODY = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.05, c2=0.05, c3=0.05)
-#: Smaller than any digit of a result, and not 0.
+#: Nonzero, but smaller than any digit of a result.
 TINY = 1e-30
 
 
 class Skip(NamedTuple):
-    """A job that skips something and its twin; both return numbers that must agree."""
+    """A job that skips a computation, and its twin; both return numbers that must agree."""
 
     skip: str
     job: str
@@ -51,7 +51,7 @@ def chain(n: int, coupling: float, kernel: vv.Kernel | None = None) -> vv.Polyno
 
 
 def response(system: Any, **options: Any) -> Callable[[], np.ndarray]:
-    """Return the first harmonics, which all numbers of orders have."""
+    """Return the first harmonics, which exist for any number of harmonics."""
 
     def job() -> np.ndarray:
         found = vv.forced_response(system, NU, **options)
@@ -66,14 +66,14 @@ def motion(system: Any, t_end: float = 100.0, **options: Any) -> Callable[[], np
 
 
 def branch(load: Any, **options: Any) -> Callable[[], np.ndarray]:
-    """Return folds of the branch, which do not depend on where its points fall."""
+    """Return the folds of the branch, which do not depend on the location of its points."""
     return lambda: np.asarray(
         vv.trace_response(MOUNT, (0.5, 10), load=load, stability=False, **options).folds
     )
 
 
 def linear() -> Iterator[Skip]:
-    """Linear scenes against nonlinear terms that are next to nothing."""
+    """Linear scenes against negligible nonlinear terms."""
     flat, bent = replace(MOUNT, cubic_scale=0.0), replace(MOUNT, cubic_scale=TINY)
     load = {"load": 0.1}
     for method in ("successive", "newton"):
@@ -87,7 +87,7 @@ def linear() -> Iterator[Skip]:
 
 
 def memory() -> Iterator[Skip]:
-    """No memory against kernels that are next to nothing."""
+    """No memory against negligible kernels."""
     remembering = replace(MOUNT, kernel=NOTHING)
     for method in ("linear", "successive", "newton"):
         load = {"load": 0.02, "method": method}
@@ -100,7 +100,7 @@ def memory() -> Iterator[Skip]:
 
 
 def symmetry() -> Iterator[Skip]:
-    """Odd loads against one with a mean that is next to nothing."""
+    """Odd loads against a load with a negligible mean."""
     for method in ("successive", "newton"):
         yield Skip(
             "odd symmetry", f"response, {method}",
@@ -121,7 +121,7 @@ def symmetry() -> Iterator[Skip]:
 
 
 def uncoupled() -> Iterator[Skip]:
-    """Coordinates that nothing moves against a coupling that is next to nothing."""
+    """Coordinates at rest against a negligible coupling."""
     for method in ("linear", "successive", "newton"):
         load = {"load": 0.02, "method": method}
         yield Skip(
@@ -147,7 +147,7 @@ def uncoupled() -> Iterator[Skip]:
 
 
 def scene(changes: dict[str, str], table: bool = False) -> Callable[[], np.ndarray]:
-    """Run the pendulum's scene with lines replaced; return the last coordinate phi."""
+    """Run the scene of the pendulum with replaced lines; return the last coordinate phi."""
     text = (SCENES / "pendulum_paper.nml").read_text()
     for old, new in changes.items():
         assert old in text
@@ -168,7 +168,7 @@ def scene(changes: dict[str, str], table: bool = False) -> Callable[[], np.ndarr
 
 
 def outputs() -> Iterator[Skip]:
-    """What is not asked for."""
+    """Outputs that are not requested."""
     text = (SCENES / "pendulum_paper.nml").read_text()
     group = text[text.index("&spectrum") :]
     plain = {group: ""}
@@ -208,7 +208,7 @@ def outputs() -> Iterator[Skip]:
 
 
 def zeros() -> Iterator[Skip]:
-    """Coefficients that are 0 against ones next to nothing."""
+    """Coefficients that are 0 against negligible ones."""
     powers = [(2, 1), (1, 2), (0, 3), (4, 1), (3, 2), (2, 3), (1, 4), (0, 5)]
 
     def system(c: float, kernel: vv.Kernel | None = None) -> vv.PolynomialSystem:
@@ -254,7 +254,7 @@ def skips() -> list[Skip]:
 
 
 def difference(one: Skip) -> float:
-    """Largest difference of what both return, relative to the largest value."""
+    """Largest difference of the two results, relative to the largest value."""
     a, b = one.skipping(), one.twin()
     if a.ndim == 3 and a.shape != b.shape:
         raise ValueError(f"{one.skip}, {one.job}: shapes {a.shape} and {b.shape}")
@@ -262,7 +262,7 @@ def difference(one: Skip) -> float:
 
 
 def processor_time(job: Callable[[], object], count: int) -> float:
-    """Processor time of one of ``count`` calls."""
+    """Processor time of one call, from ``count`` calls."""
     start = time.process_time()
     for _ in range(count):
         job()
@@ -270,7 +270,7 @@ def processor_time(job: Callable[[], object], count: int) -> float:
 
 
 def in_turn(one: Skip, repeats: int = 9, shortest: float = 0.02) -> tuple[float, float, float]:
-    """Medians of both times and of their ratio, twin over job."""
+    """Medians of both times, and of the ratio twin/job."""
     count = max(1, int(shortest / max(processor_time(one.skipping, 1), 1e-6)))
     ours, twins = [], []
     for _ in range(repeats):
@@ -281,7 +281,7 @@ def in_turn(one: Skip, repeats: int = 9, shortest: float = 0.02) -> tuple[float,
 
 
 def run() -> list[Row]:
-    """Times of each job and its twin in turn, and their ratio: the gain."""
+    """Times of each job and its twin, measured in turn, and their ratio: the gain."""
     rows = []
     for one in skips():
         apart = difference(one)

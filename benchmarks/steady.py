@@ -17,7 +17,7 @@ LIGHT = replace(ONE, c1=0.02, c2=0.02, c3=0.02, m01=0.005)
 
 
 def shoot(pend: vv.Pendulum, tolerance: float) -> np.ndarray:
-    """Start of the periodic motion by SciPy: Newton's method on the period map, from rest."""
+    """Initial state of the periodic motion by SciPy: Newton's method on the period map."""
 
     def disturbed(t: float, y: np.ndarray) -> np.ndarray:
         change = pend.jacobian(t, y[:6]) @ y[6:].reshape(6, 6)
@@ -38,14 +38,14 @@ def shoot(pend: vv.Pendulum, tolerance: float) -> np.ndarray:
 
 
 def settle(pend: vv.Pendulum) -> vv.Trajectory:
-    """Motion from rest until transients are below 1e-11, and as long again for its lines."""
+    """Motion from rest until transients are below 1e-11, then as long for its spectrum."""
     return vv.simulate(
         pend, 1000, initial=np.zeros(6), dt=0.25, method="gauss8", keep="tail", tail=500
     )
 
 
 def run() -> list[Row]:
-    """Each time with the largest error of the state, against a solution of many more orders."""
+    """Each time with the largest error of the state, against many more harmonics."""
     rows: list[Row] = []
 
     def add(title: str, time: float, error: float) -> None:

@@ -1,4 +1,4 @@
-"""Structures condensed to their nonlinear coordinates: branches, compared with whole matrices.
+"""Structures condensed to their nonlinear coordinates: branches, compared with full matrices.
 
 Processor time, the least of several runs.
 
@@ -26,7 +26,7 @@ from timing import least, pair, show_time
 Row = dict[str, Any]
 
 BEAM = Path(__file__).parents[1] / "data" / "structures" / "beam_cubic_reference.json"
-#: Sizes of chain B, of which the last tells how time grows.
+#: Sizes of chain B; the last sizes show how time grows.
 SIZES = (32, 128, 512, 1024)
 
 
@@ -39,11 +39,11 @@ def matrix(n: int, *, free: bool = False) -> np.ndarray:
 
 
 def chain(n: int) -> tuple[vv.PolynomialSystem, vv.Structure, float]:
-    """The chain, whole and condensed, and its first frequency."""
+    """The chain, full and condensed, and its first frequency."""
     k, end = matrix(n), f"x{n}"
     given = {"mass": np.ones(n), "stiffness": k, "damping": 0.02 * k}
     whole = vv.PolynomialSystem(**given, forces={end: f"0.5*{end}^3"})
-    # The way before structures were condensed.
+    # The method without condensation.
     whole.__dict__["_condensation"] = None
     structure = vv.Structure(**given, elements=[vv.Spring(on=end, law="0.5*d^3")])
     return whole, structure, 2 * np.sin(0.5 * np.pi / (n + 1))
@@ -63,7 +63,7 @@ def chain_b(n: int) -> tuple[vv.Structure, float, float]:
 
 
 def beam() -> tuple[vv.Structure, dict[str, Any]]:
-    """The beam of the reference, and what is known of it."""
+    """The beam of the reference, and its reference values."""
     elements, length, side, young, density = 20, 0.7, 0.014, 2.05e11, 7800.0
     h, area, inertia = length / elements, side**2, side**4 / 12
     n = 2 * (elements + 1)
@@ -101,7 +101,7 @@ def line(job: str, curve: Callable[[], vv.Branch], target: float) -> Row:
 
 
 def chains(stability: bool) -> list[Row]:
-    """The chain, condensed and whole in turn: the times of points, their motions and folds."""
+    """The chain, condensed and full in turn: times of points, their motions and folds."""
     rows = []
     for n, target in ((8, 0.0), (32, 150e-6 if stability else 15e-6)):
         whole, structure, w = chain(n)
@@ -132,7 +132,7 @@ def chains(stability: bool) -> list[Row]:
 
 
 def growth(stability: bool) -> list[Row]:
-    """Chain B of more and more masses, with orders chosen by the error."""
+    """Chain B with increasing numbers of masses and automatic harmonics."""
     rows = []
     for n in SIZES:
         structure, w, load = chain_b(n)
@@ -156,7 +156,7 @@ def growth(stability: bool) -> list[Row]:
 
 
 def whole_curve() -> Row:
-    """The beam through its folds at 1e-8."""
+    """The beam through its folds with an error of 1e-8."""
     structure, known = beam()
     hz = 2 * np.pi
 
@@ -172,7 +172,7 @@ def whole_curve() -> Row:
 
 
 def steps_in_time(n: int, method: str, target: float, *, whole: bool = False) -> Row:
-    """A step of chain B whose spring remembers, the preparation of a run left out."""
+    """A step of chain B whose spring has memory, without the preparation of the run."""
     structure, w, load = chain_b(n)
     end, few, many = f"x{n}", 10, 810 if n > 100 else 4010
     kernel = vv.RzhanitsynKernel(amplitude=0.05, alpha=0.3, beta=0.1)
@@ -213,7 +213,7 @@ def steps_in_time(n: int, method: str, target: float, *, whole: bool = False) ->
 
 
 def peers() -> list[Row]:
-    """PyHarm on the chain, in all coordinates and in those with nonlinear forces."""
+    """PyHarm on the chain, with all coordinates and with the nonlinear coordinates only."""
     lack = peer_pyharm.missing()
     if lack:
         print(lack)
@@ -224,7 +224,7 @@ def peers() -> list[Row]:
         _, structure, w = chain(n)
         for reduced in (False, True):
             job = peer_pyharm.chain(matrix(n), w, 9, reduced=reduced)
-            # Compiled by the small one: of the large one a run takes a minute.
+            # Compiled with the small chain, because a run with the large one takes a minute.
             start = time.process_time()
             branch = job()
             seconds = time.process_time() - start

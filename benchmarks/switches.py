@@ -35,7 +35,7 @@ Row = dict[str, Any]
 
 
 def system() -> vv.Structure:
-    """The mass on its springs."""
+    """The mass with its springs."""
     kernel = vv.RzhanitsynKernel(amplitude=AMPLITUDE, alpha=ALPHA, beta=BETA)
     return vv.Structure(
         mass=[MASS], stiffness=[STIFFNESS], damping=[DAMPING],
@@ -63,14 +63,14 @@ def graded() -> np.ndarray:
 
 
 def piecewise_linear(n: int) -> np.ndarray:
-    """The same in n equal steps that go over the switches."""
+    """The same with n equal steps that do not end at switches."""
     h = END / n
     t = h * np.arange(n + 2)
     zero, one = (
         AMPLITUDE * gamma(p) * BETA**-p * gammainc(p, BETA * t) for p in (ALPHA, ALPHA + 1)
     )
     mass0, mass1 = np.diff(zero), np.diff(one)
-    # Of the step at lag k: weights of its later and of its earlier end.
+    # For the step at lag k: weights of its later and earlier end.
     later, earlier = (t[1:] * mass0 - mass1) / h, (mass1 - t[:-1] * mass0) / h
     u, v, a, slid, force = 0.0, 0.0, 0.0, 0.0, np.zeros(n + 1)
     for i in range(1, n + 1):
@@ -90,7 +90,7 @@ def piecewise_linear(n: int) -> np.ndarray:
 
 
 def cases() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
-    """Every way."""
+    """All methods."""
     body = system()
 
     def moved(**given: Any) -> np.ndarray:
@@ -112,7 +112,7 @@ def cases() -> Iterator[tuple[str, str, Callable[[], np.ndarray]]]:
 
 
 def run() -> list[Row]:
-    """Error of the last state and time of every way; of the judge the time alone."""
+    """Error of the last state and time of each method; for the reference the time only."""
     begun = perf_counter()
     exact = graded()
     judged = perf_counter() - begun

@@ -1,4 +1,4 @@
-"""Honest timing: interleaved repeats, medians, ratios pair by pair."""
+"""Timing: interleaved repeats, medians, pairwise ratios."""
 
 import contextlib
 import math
@@ -28,7 +28,7 @@ def seconds(
     shortest: float = 0.005,
     clock: Callable[[], float] = time.perf_counter,
 ) -> float:
-    """Median time of one call, each sample long enough for the clock."""
+    """Median time of one call; each sample is long enough for the clock."""
     job()
     start = clock()
     job()
@@ -44,7 +44,7 @@ def seconds(
 
 
 def least(job: Callable[[], object], repeats: int = 9, shortest: float = 0.02) -> float:
-    """Least processor time of one call: what floors are compared with, whatever else runs."""
+    """Least processor time of one call, for comparison with floors."""
     job()
     start = time.process_time()
     job()
@@ -95,7 +95,7 @@ def machine() -> str:
 
 
 def versions() -> str:
-    """Versions of the peers that are installed, and the compiler."""
+    """Versions of the installed peers, and of the compiler."""
     from importlib.metadata import PackageNotFoundError, version
 
     found = []
@@ -110,7 +110,7 @@ def versions() -> str:
 
 
 def show_time(value: float) -> str:
-    """Write a time with a fitting unit."""
+    """Format a time with a suitable unit."""
     for factor, unit in ((1e9, "ns"), (1e6, "us"), (1e3, "ms")):
         if value * factor < 1000:
             return f"{value * factor:.3g} {unit}"

@@ -1,4 +1,4 @@
-"""Native build and wheel side by side: `./run bench --wheel [WHEEL]`.
+"""Native build and wheel compared: `./run bench --wheel [WHEEL]`.
 
 Both run alternately in separate processes, so that the load of the machine affects both. The table
 contains medians of the alternate runs and the ratio of native to wheel (1: equal). The line above
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CASES = ROOT / "benchmarks" / "wheel_cases.py"
 
 
-#: What fresh interpreters of the installed wheel are asked.
+#: Imports that are timed in new interpreters with the installed wheel.
 IMPORTS = {
     "nothing": "",
     "numpy": "import numpy",
@@ -31,7 +31,7 @@ IMPORTS = {
 
 
 def import_times(python: Path, turns: int) -> dict[str, float]:
-    """Return the least processor time (s) of a fresh interpreter by what it imports, by turns."""
+    """Return the least processor time (s) of a new interpreter by import, measured in turn."""
     taken: dict[str, list[float]] = {name: [] for name in IMPORTS}
     for _ in range(turns):
         for name, code in IMPORTS.items():
@@ -47,7 +47,7 @@ class Worker:
     """A process that times cases."""
 
     def __init__(self, python: Path) -> None:
-        # Not in the sources, where another viscovib may be found.
+        # Not in the source folder, which contains another viscovib.
         self.process = subprocess.Popen(
             [str(python), str(CASES)],
             stdin=subprocess.PIPE,
@@ -58,19 +58,19 @@ class Worker:
         self.cases = self.process.stdout.readline().strip().split(",")
 
     def time(self, case: str) -> float:
-        """Return the seconds that a case takes."""
+        """Return the time of a case in seconds."""
         self.process.stdin.write(case + "\n")
         self.process.stdin.flush()
         return float(self.process.stdout.readline())
 
     def end(self) -> None:
-        """Let it end."""
+        """End the process."""
         self.process.stdin.close()
         self.process.wait()
 
 
 def installed(wheel: Path) -> Path:
-    """Install a wheel where no compiler and no source is looked for; the interpreter."""
+    """Install a wheel without access to compiler and sources; return the interpreter."""
     folder = ROOT / "build" / "wheel-environment"
     python = folder / "bin" / "python"
     if not python.exists():

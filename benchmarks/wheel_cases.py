@@ -1,6 +1,6 @@
-"""The cases of `./run bench --wheel`, timed where this runs: reads names of cases, writes seconds.
+"""The cases of `./run bench --wheel`, timed in this process: reads names of cases, writes seconds.
 
-It imports what the environment has as viscovib, and nothing else of this folder.
+It imports the viscovib of the environment, and nothing else of this folder.
 """
 
 import sys
@@ -12,7 +12,7 @@ import viscovib as vv
 
 
 def cases() -> dict[str, Callable[[], object]]:
-    """Return what is timed, by name."""
+    """Return the cases by name."""
     rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
     mount = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
@@ -32,7 +32,7 @@ def cases() -> dict[str, Callable[[], object]]:
 
 
 def main() -> None:
-    """Time each case that is named, as often as fills a tenth of a second, and tell the least."""
+    """Time each named case repeatedly for a tenth of a second, and print the least time."""
     known = cases()
     print(*known, sep=",", flush=True)
     for line in sys.stdin:

@@ -30,7 +30,7 @@ program first_response
                                 stiffness_phi=2.0_wp, kernel_x=1, kernel_phi=1)
   call new_mount(mount, parameters, kernels, status)
   if (status%failed()) error stop status%message
-  ! 0.1 N sin(nu t) on x: one term of order 1, no motion of the base.
+  ! 0.1 N sin(nu t) on x: one term of order 1, no base motion.
   call new_load(load, 2, [1], reshape([(0.1_wp, 0.0_wp), (0.0_wp, 0.0_wp)], [2, 1]), &
                 [(0.0_wp, 0.0_wp)], status)
   nu = [(0.3_wp + 0.04_wp*i, i=1, 100)]

@@ -33,7 +33,7 @@ int main(void) {
     return 1;
   }
 
-  /* Two masses; the spring of the second stiffens and relaxes. */
+  /* Two masses; the second has a hardening spring with memory. */
   check(viscovib_system_new(2, mass, NULL, stiffness, &system));
   check(viscovib_system_add(system, "kernel",
                             "kind = 'rabotnov', amplitude = 0.2, alpha = 0.6, beta = 1"));
@@ -68,7 +68,7 @@ int main(void) {
          p[n - 1], most);
   viscovib_result_free(result);
 
-  /* At the end of the motion 8 periods of the load in 256 steps. */
+  /* The motion ends with 8 periods of the load in 256 steps. */
   check(viscovib_motion(system, 3.0, 40.0 * 2.0 * 3.14159265358979323846 / 3.0, NULL,
                         "dt = 0.06544984694978735", &result));
   n = viscovib_rows(result, 0);
@@ -80,7 +80,7 @@ int main(void) {
   check(viscovib_spectrum(n_signal, signal, VISCOVIB_HANN, real, imaginary));
   printf("spectrum of x2 at the load: %.4f\n", hypot(real[8], imaginary[8]));
 
-  /* A mistake is told, and nothing is changed by it. */
+  /* A wrong call returns an error and changes nothing. */
   if (viscovib_system_add(system, "load", "on = 'x3', amplitude = 1") != VISCOVIB_OK)
     printf("refused: %s\n", viscovib_message());
   viscovib_system_free(system);

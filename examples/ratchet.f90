@@ -1,4 +1,4 @@
-!> A slider that gives way at other forces ahead and back, as a belt over teeth:
+!> A slider with different force limits for both directions, as a belt over teeth:
 !!
 !!   z' = k d' where -F_back < z < F_ahead, else z stays at its limit.
 module ratchet_element
@@ -10,9 +10,9 @@ module ratchet_element
 
   public :: ratchet, new_ratchet, ratchet_fault, ratchet_odd, ratchet_parameters
 
-  !> Its numbers in their order, as Python calls them.
+  !> Names of its numbers, in the order of the arguments in Python.
   character(len=*), parameter :: ratchet_parameters = 'stiffness ahead back'
-  !> Whether the opposite path always gives the opposite force.
+  !> True if the opposite path always gives the opposite force.
   logical, parameter :: ratchet_odd = .false.
 
   type, extends(hysteresis_type) :: ratchet
@@ -26,7 +26,7 @@ module ratchet_element
 
 contains
 
-  !> From k, F_ahead, F_back.
+  !> The element with the numbers k, F_ahead, F_back.
   pure subroutine new_ratchet(element, numbers)
     type(ratchet), intent(out) :: element
     real(wp), intent(in) :: numbers(:)
@@ -36,7 +36,7 @@ contains
     allocate (element%weight(1), source=1.0_wp)
   end subroutine new_ratchet
 
-  !> What is wrong with the numbers; empty if nothing is.
+  !> A message for invalid numbers; empty if they are valid.
   pure function ratchet_fault(numbers) result(fault)
     real(wp), intent(in) :: numbers(:)
     character(len=:), allocatable :: fault
@@ -63,7 +63,7 @@ contains
       by_z(1) = 1.0_wp
       by_d(1) = self%stiffness
     end if
-    ! While it sticks, and while it slides.
+    ! First the sticking part of the path, then the sliding part.
     work = (0.5_wp*(z(1) + before)*(z(1) - before) + z(1)*(wanted - z(1)))/self%stiffness
   end subroutine advance
 

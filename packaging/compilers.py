@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Which builds pass which tests, and how fast each is: `packaging/compilers.py`.
+"""Test results and speed of builds with several compilers: `packaging/compilers.py`.
 
-The table has a row for each (compiler, Python, build). A compiler's row tells the Fortran suites
-passed and the speed of its driver relative to the first compiler's, the median of alternate runs.
-A wheel's row tells whether README's first example runs, and the speed that `./run bench --wheel`
-measured. Builds are kept in build/compilers.
+The table has a row for each (compiler, Python, build). The row of a compiler states the passed
+Fortran suites and the speed of the driver relative to that of the first compiler (median of
+alternate runs). The row of a wheel states whether the first example of the README runs, and the
+speed measured by `./run bench --wheel`. Builds are kept in build/compilers.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 BUILDS = ROOT / "build" / "compilers"
 KNOWN = ("gfortran", "gfortran-13", "gfortran-14", "flang-new-19", "flang-22")
-#: Runs of the driver that are timed.
+#: Number of timed runs of the driver.
 SCENE = ROOT / "data" / "scenes" / "mount_paper.nml"
 
 
@@ -33,14 +33,14 @@ def suites() -> list[str]:
 
 
 def version(compiler: str) -> str:
-    """Return what a compiler says it is: its name and version."""
+    """Return the name and version of a compiler, as it prints them."""
     said = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout
     found = re.search(r"\d+\.\d+\.\d+", said)
     return f"{Path(compiler).name.split('-')[0]} {found[0] if found else 'of unknown version'}"
 
 
 def build(compiler: str) -> tuple[Path, str]:
-    """Build with a compiler; the folder, and what failed."""
+    """Build with a compiler; return the folder, and the error."""
     folder = BUILDS / Path(compiler).name
     environment = os.environ | {"FC": compiler}
     if not (folder / "build.ninja").exists():
@@ -60,7 +60,7 @@ def build(compiler: str) -> tuple[Path, str]:
 
 
 def passed(folder: Path, seconds: float) -> tuple[list[str], list[str]]:
-    """Run each suite in a process of its own; those that pass, and those that do not."""
+    """Run each suite in a separate process; return the suites that pass and those that fail."""
     good: list[str] = []
     bad: list[str] = []
     for suite in suites():
@@ -71,7 +71,7 @@ def passed(folder: Path, seconds: float) -> tuple[list[str], list[str]]:
                 text=True,
                 timeout=seconds,
             )
-            # The suite that counts work counts in the build with every check only.
+            # The suite "skips" counts work, which only the debug build does.
             if "\n0 passed, 0 failed" in f"\n{done.stdout}":
                 continue
             (good if done.returncode == 0 else bad).append(suite)
@@ -81,7 +81,7 @@ def passed(folder: Path, seconds: float) -> tuple[list[str], list[str]]:
 
 
 def speeds(folders: list[Path], turns: int) -> list[float]:
-    """Return the time of the first driver by that of each, medians of alternate runs."""
+    """Return the time of the first driver divided by that of each, medians of alternate runs."""
     taken: list[list[float]] = [[] for _ in folders]
     with tempfile.TemporaryDirectory() as out:
         for _ in range(turns):
@@ -94,14 +94,14 @@ def speeds(folders: list[Path], turns: int) -> list[float]:
 
 
 def wheel_row(wheel: Path | None, table: Path) -> tuple[str, str, str, str, str] | None:
-    """Return the row of a wheel: README's first example in an environment of its own, and speed."""
+    """Return the row of a wheel: first example of the README in a new environment, and speed."""
     if wheel is None:
         return None
     environment = ROOT / "build" / "compilers" / "wheel-environment"
     python = environment / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", "--clear", str(environment)], check=True)
     install = [str(python), "-m", "pip", "install", "-q", "--only-binary", ":all:", str(wheel)]
-    # Nothing is on the path but Python, so that no compiler is found.
+    # The path contains Python only, so that no compiler is found.
     bare = {"PATH": str(python.parent), "HOME": tempfile.gettempdir()}
     told = "does not install"
     if subprocess.run(install, env=bare).returncode == 0:

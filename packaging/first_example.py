@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Run the first example of README with the viscovib that is installed."""
+"""Run the first example of the README with the installed viscovib."""
 
 import re
 import sys
@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
-    """Pictures are drawn, not shown."""
+    """Figures are drawn, not shown."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Make wheels that travel: `./run wheel [--python PYTHON]... [--out FOLDER]`.
+"""Make portable wheels: `./run wheel [--python PYTHON]... [--out FOLDER]`.
 
-The core is compiled once for each level of instructions, as a shared library and as a driver. For
-each Python a thin extension is made upon it, and all go into one wheel: the dynamic loader takes
-the library of the highest level that the machine has (glibc-hwcaps, since glibc 2.33; older ones
-take the lowest). auditwheel then takes the run-time libraries in and finds the tag.
+The core is compiled once for each instruction level, as a shared library and as a driver. For each
+Python a thin extension is built, and all parts are put into one wheel. The dynamic loader selects
+the library of the highest level that the machine supports (glibc-hwcaps, since glibc 2.33; older
+versions use the lowest level). auditwheel then adds the run-time libraries and determines the tag.
 """
 
 import argparse
@@ -21,12 +21,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "wheel"
-#: The first is for every machine; the others are taken where they can be.
+#: The first level is for every machine; the other levels are used if they are supported.
 LEVELS = ("x86-64-v2", "x86-64-v3", "x86-64-v4")
 CORE = "libviscovib_core.so"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 
-#: Other libraries in the wheel: the files of their licences, and their names.
+#: Other libraries in the wheel: files of their licences, and their names.
 LICENCES = {
     "libgfortran": (
         "GPL-3.0-or-later WITH GCC-exception-3.1",
@@ -58,7 +58,7 @@ os.execv(driver, [driver, *sys.argv[1:]])
 
 
 def run(*command: object, **options: object) -> None:
-    """Run a program; end with its name and what it said if it fails."""
+    """Run a program; on failure exit with its name and its output."""
     words = [str(word) for word in command]
     done = subprocess.run(
         words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **options
@@ -68,7 +68,7 @@ def run(*command: object, **options: object) -> None:
 
 
 def build_level(level: str, fft: str) -> Path:
-    """Compile the core and the driver for a level; the folder where they are."""
+    """Compile the core and the driver for a level; return their folder."""
     folder = BUILD / f"{level}-{fft}"
     if not (folder / "build.ninja").exists():
         options = ("--buildtype=release", "-Dpython=false", "-Dnative=false")
@@ -78,7 +78,7 @@ def build_level(level: str, fft: str) -> Path:
 
 
 def pythons(named: list[str]) -> list[str]:
-    """Return the interpreters to make wheels for: those named, else those on the path."""
+    """Return the interpreters for wheels: those named, else those on the path."""
     if named:
         return named
     found = [shutil.which(f"python{version}") for version in PYTHONS]
@@ -87,7 +87,7 @@ def pythons(named: list[str]) -> list[str]:
 
 
 def thin_wheel(python: str, core: Path, folder: Path) -> Path:
-    """Make the package for one Python upon a core that is there, in an environment of its own."""
+    """Build the package for one Python with an existing core, in a new environment."""
     settings = [
         f"--config-settings=setup-args=-Dcore={core}",
         "--config-settings=setup-args=-Dnative=false",
@@ -98,7 +98,7 @@ def thin_wheel(python: str, core: Path, folder: Path) -> Path:
 
 
 def put_together(wheel: Path, built: dict[str, Path]) -> None:
-    """Add the cores, the drivers and what starts them to an unpacked wheel."""
+    """Add the cores, the drivers and their start scripts to an unpacked wheel."""
     core = wheel / "viscovib" / "_core"
     lowest = next(iter(built))
     for level, folder in built.items():
@@ -116,7 +116,7 @@ def put_together(wheel: Path, built: dict[str, Path]) -> None:
 
 
 def state_licences(wheel: Path) -> None:
-    """Say in the metadata of which licences the libraries inside are."""
+    """State the licences of the included libraries in the metadata."""
     (info,) = wheel.glob("*.dist-info")
     inside = [path.name for path in wheel.glob("*.libs/*")]
     names = ["MIT"]
@@ -160,7 +160,7 @@ def pack(folder: Path, wheel: Path) -> None:
 
 
 def unpack(wheel: Path, folder: Path) -> None:
-    """Take a wheel apart; modes of files are kept."""
+    """Unpack a wheel; file modes are kept."""
     with zipfile.ZipFile(wheel) as archive:
         for item in archive.infolist():
             path = Path(archive.extract(item, folder))
@@ -176,7 +176,7 @@ def make(python: str, built: dict[str, Path], out: Path) -> Path:
         unpack(wheel, work / "parts")
         put_together(work / "parts", built)
         pack(work / "parts", wheel)
-        # Levels above the lowest are there on purpose.
+        # Levels above the lowest are intended.
         repair = (sys.executable, "-m", "auditwheel", "repair", "--disable-isa-ext-check")
         run(
             *repair,
@@ -194,7 +194,7 @@ def make(python: str, built: dict[str, Path], out: Path) -> Path:
 
 
 def main() -> None:
-    """Make all wheels and say where they are."""
+    """Make all wheels and print their paths."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="./run wheel")
     parser.add_argument(
         "--python", action="append", default=[], help="an interpreter to make a wheel for"

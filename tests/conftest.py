@@ -1,10 +1,10 @@
-"""Order of the files, and objects that live as long as the tests do."""
+"""Order of the test files; garbage collection."""
 
 import gc
 from pathlib import Path
 
-#: Files that take longest, first: where files are run side by side, none of these is begun when the
-#: others are done. Times change; a name that is missing costs a part of a minute, no more.
+#: Files with the longest run time, first, so that parallel workers do not wait for one of them at
+#: the end. A missing name costs at most a part of a minute.
 LONGEST = (
     "test_explorer_browser",
     "test_guide",
@@ -29,5 +29,5 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    # Modules and tests: looked through again and again by the collector they take 3 % of the time.
+    # The garbage collector would scan modules and tests repeatedly (3 % of the run time).
     gc.freeze()

@@ -1,7 +1,7 @@
-! The reference mount without memory (cubic geometry) as AUTO-07p's user file: M u'' + C u' + K u
-! + N(u) = load sin(nu t) on x, the load from an oscillator of its own, s' = s + nu c - s (s^2 + c^2),
-! c' = c - nu s - c (s^2 + c^2), whose limit cycle is s = sin(nu t). The same numbers stand in
-! branch.py. PAR(1) = nu (rad/s), PAR(11) = period (s); U = x, x', phi, phi', s, c.
+! AUTO-07p user file of the reference mount without memory (cubic geometry): M u'' + C u' + K u
+! + N(u) = load sin(nu t) on x. The load is the limit cycle s = sin(nu t) of an oscillator,
+! s' = s + nu c - s (s^2 + c^2), c' = c - nu s - c (s^2 + c^2). The numbers are those of branch.py.
+! PAR(1) = nu (rad/s), PAR(11) = period (s); U = x, x', phi, phi', s, c.
 
 subroutine func(ndim, u, icp, par, ijac, f, dfdu, dfdp)
   implicit none

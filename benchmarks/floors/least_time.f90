@@ -6,7 +6,7 @@ module floor_clock
 
   public :: now, show
 
-  !> Samples of which the least counts: whatever else runs on the machine only adds.
+  !> Number of samples. The least time counts, because other processes only add time.
   integer, parameter, public :: samples = 40
 
 contains

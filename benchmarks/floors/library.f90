@@ -17,7 +17,7 @@ module floor_library
 
 contains
 
-  !> 20 equations by the routine for any number of them.
+  !> 20 equations by the routine for any size.
   subroutine time_equations_of_library(check)
     real(wp), intent(inout) :: check
     integer, parameter :: n = 20
@@ -44,7 +44,7 @@ contains
     call show('library_lu_20', best/20, '20 real equations by the library')
   end subroutine time_equations_of_library
 
-  !> The past of a mount by 32 exponentials, steps of four nodes.
+  !> Memory of a mount with 32 exponentials, steps of four nodes.
   subroutine time_history(check)
     real(wp), intent(inout) :: check
     integer, parameter :: terms = 32, n = 200

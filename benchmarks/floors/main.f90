@@ -1,6 +1,6 @@
-!> Times the plain kernels, and prints a line for each: name, seconds, what of.
+!> Times the plain kernels, and prints a line for each: name, seconds, unit of work.
 !!
-!! Results are summed up and printed too, so that no compiler may leave the work out.
+!! Results are summed and printed, so that the compiler cannot remove the work.
 program viscovib_floors
   use, intrinsic :: iso_fortran_env, only: wp => real64
   use floor_clock, only: now, samples, show

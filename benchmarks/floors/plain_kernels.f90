@@ -1,7 +1,7 @@
-!> The bare arithmetic of the hot paths, shapes known to the compiler, nothing else around.
+!> The plain arithmetic of the hot paths with shapes known to the compiler.
 !!
-!! Eight numbers side by side make a register; where loops carry sums in registers they are left
-!! alone (`novector`), as in viscovib_node_kernels.
+!! Eight numbers form a register. Loops that keep sums in registers are not vectorized
+!! (`novector`), as in viscovib_node_kernels.
 module floor_kernels
   use, intrinsic :: iso_fortran_env, only: i8 => int64, wp => real64
   implicit none
@@ -15,7 +15,7 @@ module floor_kernels
 
 contains
 
-  !> n times twelve multiply-adds of a register that do not wait for each other.
+  !> n times twelve independent multiply-adds of a register.
   subroutine multiply_adds(n, factor, sums)
     integer, intent(in) :: n
     real(wp), intent(in) :: factor(lanes)
@@ -44,7 +44,7 @@ contains
     sums = reshape([a, b, c, d, e, f, g, h, o, p, q, r], [lanes, 12])
   end subroutine multiply_adds
 
-  !> A quotient each.
+  !> One quotient each.
   pure subroutine divisions(n, x, y)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
@@ -55,7 +55,7 @@ contains
     end do
   end subroutine divisions
 
-  !> Sine and cosine: one reduction, two polynomials, quadrants left to the reader.
+  !> Sine and cosine: one reduction, two polynomials; the quadrant is not applied.
   pure subroutine sines(n, x, s, c)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
@@ -138,7 +138,7 @@ contains
     end do
   end subroutine triad
 
-  !> Factors of 20 equations, columns padded to whole registers, pivots found; and one solution.
+  !> LU factors of 20 equations, columns padded to whole registers, with pivoting; one solution.
   pure subroutine lu_20(matrix, x)
     integer, parameter :: n = 20, rows = 24
     real(wp), intent(inout) :: matrix(rows, n), x(rows)
@@ -176,7 +176,7 @@ contains
     end do
   end subroutine lu_20
 
-  !> Factors of 20 complex equations, real and imaginary parts apart, pivots on the diagonal.
+  !> LU factors of 20 complex equations, separate real and imaginary parts, diagonal pivots.
   pure subroutine complex_lu_20(re, im)
     integer, parameter :: n = 20, rows = 24
     real(wp), intent(inout) :: re(rows, n), im(rows, n)
@@ -203,8 +203,8 @@ contains
     end do
   end subroutine complex_lu_20
 
-  !> Factors of six equations, eight problems side by side: what an eigenvalue of six costs is
-  !! some ten times that.
+  !> LU factors of six equations, eight problems in parallel. Eigenvalues of order six cost about
+  !! ten times that.
   pure subroutine real_lu_6(matrix)
     real(wp), intent(inout) :: matrix(lanes, 6, 6)
     integer :: i, j, k
@@ -218,8 +218,8 @@ contains
     end do
   end subroutine real_lu_6
 
-  !> The past of two channels by 32 exponentials over a step of four nodes: what is remembered at
-  !! the nodes, and the states carried on.
+  !> Memory of two channels with 32 exponentials over a step of four nodes: memory at the nodes, and
+  !! the states at the end.
   pure subroutine history_update(recall, decay, gain, g, state, remembered)
     integer, parameter :: terms = 32, points = 6
     real(wp), intent(in) :: recall(lanes, terms), decay(terms), gain(terms, points), g(points, 2)
@@ -254,8 +254,8 @@ contains
     end do
   end subroutine history_update
 
-  !> The products of a step with memory (four nodes, two coordinates, both bent) that three
-  !! iterations take: 16 x 22 once, 16 x 10 four times, each waiting for the one before.
+  !> Products of three iterations of a step with memory (four nodes, two nonlinear coordinates):
+  !! 16 x 22 once, 16 x 10 four times, each dependent on the previous one.
   pure subroutine step_products(linear, bend, z, y, x)
     integer, parameter :: rows = 16, inputs = 22, bends = 10
     real(wp), intent(in) :: linear(rows, inputs), bend(rows, bends), z(inputs)
@@ -286,8 +286,8 @@ contains
     end do
   end subroutine step_products
 
-  !> An iteration of eight frequencies side by side: five harmonics of two coordinates to 19 samples
-  !! of half a period, the cubic forces there, their harmonics, and the compliance.
+  !> One iteration for eight frequencies: five harmonics of two coordinates to 19 samples of half a
+  !! period, the cubic forces, their harmonics, and the compliance.
   pure subroutine response_iteration(table, compliance, u, samples)
     integer, parameter :: n = 10, m = 19
     real(wp), intent(in) :: table(n, m), compliance(lanes, 2, 2, n)

@@ -1,4 +1,4 @@
-!> FFTW alone, planned by measuring.
+!> FFTW alone, with a measured plan.
 module floor_transform
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int, c_ptr
   use floor_clock, only: now, samples, show
@@ -34,7 +34,7 @@ contains
 
   subroutine time_fourier(check)
     real(c_double), intent(inout) :: check
-    !> FFTW_MEASURE of fftw3.h.
+    !> Value of FFTW_MEASURE in fftw3.h.
     integer(c_int), parameter :: by_measuring = 0
     type(c_ptr) :: plan
     real(c_double), allocatable :: x(:)

@@ -1,6 +1,6 @@
-"""What one build of the library gives: run as ``python built.py BUILD_FOLDER OUT.npz``.
+"""Results of one build of the library: ``python built.py BUILD_FOLDER OUT.npz``.
 
-Every result is an array; one that is refused, or any exception, is kept as its text.
+Every result is an array; a refusal or any exception is stored as text.
 """
 
 import importlib.util
@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def load(build: Path) -> Any:
-    """The package of this checkout with the compiled core of a build."""
-    # The editable installation would answer first, with its own build.
+    """The package of this checkout with the compiled core of the given build."""
+    # The editable installation would otherwise use its own build.
     sys.meta_path[:] = [f for f in sys.meta_path if "editable" not in type(f).__module__]
     source = ROOT / "python" / "viscovib"
     spec = importlib.util.spec_from_file_location(
@@ -37,7 +37,7 @@ def load(build: Path) -> Any:
 
 
 def results() -> dict[str, Callable[[], Any]]:
-    """Every result by name; those with a reference are named as in flags.REFERENCES."""
+    """Every result by name; results with a reference have the names of flags.REFERENCES."""
     import viscovib as vv
     from rounding import BASE, OF_MOUNT
     from scenes import DAMPING, PENDULUM, START, kernel_of, mount, parts_of
@@ -51,7 +51,7 @@ def results() -> dict[str, Callable[[], Any]]:
     }
 
     def transforms() -> np.ndarray:
-        """R_c and R_s over 25 digits: ones."""
+        """R_c and R_s divided by values with 25 digits: ones."""
         lines = (ROOT / "data" / "kernel_transforms.csv").read_text().splitlines()[2:]
         out = []
         for kind, alpha, beta, mu, *exact in (line.split(",") for line in lines):
@@ -67,7 +67,7 @@ def results() -> dict[str, Callable[[], Any]]:
         return parts_of(branch.exponents[:, 0])
 
     def endings() -> np.ndarray:
-        """How points end at loads where successive approximations do not converge."""
+        """Outcomes at loads where successive approximations do not converge."""
         found = []
         for load in (0.1, 1.0, 1e4, 1e200, 1e307):
             r = vv.forced_response(remembering, [0.7, 1.5, 3.0], load=load, method="successive")
@@ -116,7 +116,7 @@ def results() -> dict[str, Callable[[], Any]]:
 
 
 def by_exponentials(vv: Any, kernel_of: Callable[..., Any]) -> np.ndarray:
-    """A kernel by its exponentials, times over 9 decades."""
+    """A kernel as a sum of exponentials, at times over 9 decades."""
     few = kernel_of(0.8, 0.1).sum_of_exponentials(t_min=1e-6, t_max=1e3, tolerance=1e-13)
     t = np.geomspace(1e-6, 1e3, 200)
     return np.array([few.weights @ np.exp(-few.rates * x) for x in t]) * t**0.9
@@ -139,7 +139,7 @@ def roots(body: Any) -> np.ndarray:
 
 
 def multipliers(vv: Any, body: Any) -> np.ndarray:
-    """Largest multipliers at some forty points."""
+    """Largest multipliers at about forty points."""
     branch = vv.trace_response(body, (0.5, 4), load=0.5, harmonics=15, tolerance=1e-12)
     return np.abs(branch.multipliers).max(axis=1)[:: max(1, len(branch.nu) // 40)][:40]
 
@@ -153,7 +153,7 @@ def scales(vv: Any) -> np.ndarray:
 
 
 def main() -> None:
-    """Compute everything and keep it."""
+    """Compute and store everything."""
     build, out = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
     load(build)
     sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
@@ -162,7 +162,7 @@ def main() -> None:
     for name, job in results().items():
         try:
             found[name] = np.asarray(job())
-        except Exception as error:  # a build that breaks a result is what is looked for
+        except Exception as error:  # a build with wrong results is the object of this test
             found[name] = np.array(f"{type(error).__name__}: {error}")
     np.savez(out, **found)
 

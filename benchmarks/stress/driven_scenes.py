@@ -13,11 +13,11 @@ import numpy as np
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted((ROOT / "data" / "scenes").glob("*.nml"))
-#: Arrays by name; texts (outcomes, the exit status) as arrays of text.
+#: Arrays by name; texts (outcomes, exit status) as arrays of text.
 Tables = dict[str, np.ndarray]
-#: Columns that tell of the computation, not of the motion.
+#: Columns about the computation, not about the motion.
 NO_RESULTS = ("iterations", "rate", "nu_given")
-#: Keys whose numbers are counts or names of something.
+#: Keys whose numbers are counts or indices.
 COUNTS = (
     "nu_count",
     "count",
@@ -28,26 +28,26 @@ COUNTS = (
     "subharmonic",
     "switch",
 )
-#: Sizes of largest multipliers this near to 1 belong to two that meet (of free motions always,
-#: else where branches do): rounding moves these by its square root.
+#: Multipliers with a magnitude this near to 1 may be double (always for free motions, else at
+#: branch points): rounding moves them by its square root.
 MET = 1e-2
-#: Columns of estimated errors, and those whose size rounding moves them by (none: they are
-#: relative to the motion).
+#: Columns of estimated errors, and the columns whose size scales their rounding errors (none: the
+#: estimates are relative to the motion).
 ESTIMATES = {"truncation": "", "error": "order"}
 
 
 def driver_of(build: Path) -> Path:
-    """The driver of a build; a test may name another."""
+    """The driver of a build; a test may set another driver."""
     return Path(os.environ.get("VISCOVIB_SOLVE", build / "fortran" / "viscovib-solve"))
 
 
 def text_of(scene: Path) -> str:
-    """A scene without what only `viscovib sweep` reads."""
+    """A scene without the groups of `viscovib sweep`."""
     return re.sub(r"^&sweep\b.*$\n?", "", scene.read_text(encoding="utf-8"), flags=re.MULTILINE)
 
 
 def run_scene(driver: Path, text: str, seconds: float = 300) -> Tables:
-    """Run a scene; what it gave."""
+    """Run a scene and return its results."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.nml"
         path.write_text(text, encoding="utf-8")
@@ -63,7 +63,7 @@ def run_scene(driver: Path, text: str, seconds: float = 300) -> Tables:
 
 
 def columns(table: Path) -> Tables:
-    """Columns of a table, those of one coordinate together, shape (rows, columns)."""
+    """Columns of a table, grouped by coordinate, shape (rows, columns)."""
     text = table.read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     head, *rows = list(csv.reader(lines))
@@ -77,7 +77,7 @@ def columns(table: Path) -> Tables:
             found[name] = [np.array(cells)]
             continue
         if name.endswith("_phase"):
-            # A phase means something with its amplitude only.
+            # A phase is meaningful only with its amplitude.
             size = found[name.removesuffix("_phase")].pop()
             found[name.removesuffix("_phase")] += [size * np.cos(numbers), size * np.sin(numbers)]
         else:
@@ -90,7 +90,7 @@ def columns(table: Path) -> Tables:
 
 
 def moved(new: Tables, old: Tables) -> tuple[float, str]:
-    """Largest movement over the size of its group of columns, and which."""
+    """Largest change relative to the size of its group of columns, and the name of the group."""
     if new.keys() != old.keys():
         return math.inf, f"{', '.join(sorted(new.keys() ^ old.keys()))}: in one only"
     worst, where = 0.0, ""
@@ -111,7 +111,7 @@ def moved(new: Tables, old: Tables) -> tuple[float, str]:
 
 
 def movement(new: np.ndarray, old: np.ndarray, size: float | None = None) -> float:
-    """Largest change over `size`, the largest number; infinite if shapes, texts or NaN differ."""
+    """Largest change over `size` (the largest number); infinite if shapes, texts or NaN differ."""
     if new.shape != old.shape or new.dtype.kind != old.dtype.kind:
         return math.inf
     if new.dtype.kind == "U":
@@ -121,7 +121,7 @@ def movement(new: np.ndarray, old: np.ndarray, size: float | None = None) -> flo
         return math.inf
     if lost.all():
         return 0.0
-    # Equal infinities have not moved.
+    # Equal infinities count as unchanged.
     gap = np.where(new == old, 0.0, np.abs(new - old))[~lost].max()
     if size is None:
         size = float(np.abs(old[~lost]).max())
@@ -129,11 +129,11 @@ def movement(new: np.ndarray, old: np.ndarray, size: float | None = None) -> flo
 
 
 def numbers_of(text: str) -> Iterator[tuple[str, int, int]]:
-    """Each real input of a scene: its name, and where its digits begin and end."""
+    """Each real input of a scene: its name, and the start and end of its digits."""
     number = re.compile(r"(?<![\w.^*])[+-]?(?:\d+\.?\d*|\.\d+)(?:[ed][+-]?\d+)?(?![\w.^])", re.I)
     at, key, group = 0, "", ""
     for line in text.splitlines(keepends=True):
-        # Same length, so that places stay: comments are blanked.
+        # Comments are replaced by blanks, so that positions do not change.
         body = re.sub(r"!.*", lambda m: " " * len(m.group()), line)
         spots = [(m.start(), "key", m.group(1).strip().lower(), m)
                  for m in re.finditer(r"(&\w+|[A-Za-z_]\w*(?=\s*=))", body)]  # fmt: skip
@@ -152,5 +152,5 @@ def numbers_of(text: str) -> Iterator[tuple[str, int, int]]:
 
 
 def changed(text: str, start: int, end: int, value: float) -> str:
-    """The scene with another number in that place."""
+    """The scene with another number at this position."""
     return f"{text[:start]}{value!r}{text[end:]}"

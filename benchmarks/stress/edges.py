@@ -1,4 +1,4 @@
-"""Stiffness ratios, loads from nothing to overflow, small divisors, folds closer than a step."""
+"""Stiffness ratios, loads from 0 to overflow, small divisors, folds within one step."""
 
 import warnings
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from steps import Job
 from tally import Row, Tally
 
 START_SCALES = (0.02, 0.0, 0.01, 0.0)
-#: By how much the estimate of multiple scales may be too small.
+#: Factor by which the estimate of multiple scales may be too small.
 TOO_SMALL = 5.0
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a row."""
+    """One job per row."""
     yield "stiffness, modes", stiff_modes
     yield "stiffness, response", stiff_response
     yield "stiffness, motion", lambda: stiff_motion(quick)
@@ -35,7 +35,7 @@ def _ratios() -> np.ndarray:
 
 
 def stiff_modes() -> Row:
-    """Natural frequencies and roots against 40 digits."""
+    """Natural frequencies and roots against values with 40 digits."""
     tally = Tally(
         "stiffness", "natural frequencies and roots of the mount", "ratio 1e-8 ... 1e8", 20 * EPS,
         "relative error; of roots over the largest",
@@ -63,7 +63,7 @@ def stiff_modes() -> Row:
             assert found is not None
             for s in found.oscillatory:
                 gap = min(abs(mp.mpc(complex(s)) - e) for e in roots)
-                # Eigenvalues of a matrix are as exact as the largest of them.
+                # Eigenvalues of a matrix have an error relative to the largest one.
                 largest = max(abs(e) for e in roots)
                 tally.measure(f"roots, ratio {ratio:g}", float(gap / largest))
             pairs = sum(mp.im(e) > 1e-12 * abs(e) for e in roots)
@@ -74,7 +74,7 @@ def stiff_modes() -> Row:
 
 
 def stiff_response() -> Row:
-    """Linear response over its condition."""
+    """Linear response relative to its condition."""
     tally = Tally(
         "stiffness", "linear response", "ratio 1e-8 ... 1e8, nu = 1e-3 ... 1e3", 10.0,
         "error / (condition x epsilon)",
@@ -110,7 +110,7 @@ def stiff_response() -> Row:
 
 
 def stiff_motion(quick: bool) -> Row:
-    """Linear free motion against the exponential of the matrix, or a word that it cannot be."""
+    """Linear free motion against the matrix exponential, or a refusal."""
     tally = Tally(
         "stiffness", "free motion of the linear mount, dt = 0.125", "ratio 1e-8 ... 1e8", 3.0,
         "error / its estimate, where that is below 0.1",
@@ -144,7 +144,7 @@ def stiff_motion(quick: bool) -> Row:
 
 
 def loads_of_response(method: str) -> Row:
-    """Small loads: X/P is the linear one. Large: a solution that balances, or a word."""
+    """Small loads: X/P is linear. Large loads: a solution that balances, or a message."""
     tally = Tally(
         "load", f"response, {method}", "1e-300 ... 1e308", 1e-12,
         "X/P against the linear one, loads to 1e-9",
@@ -174,7 +174,7 @@ def loads_of_response(method: str) -> Row:
 
 
 def loads_of_motion() -> Row:
-    """Motions of the mount with memory under loads of every size."""
+    """Motions of the mount with memory under loads of any size."""
     tally = Tally(
         "load", "motion of the mount", "1e-300 ... 1e308", 1e-11,
         "u/P against that of P = 1e-9, loads to 1e-9",
@@ -194,7 +194,7 @@ def loads_of_motion() -> Row:
         tally.check(f"load 1e{e}", bool(np.isfinite(made.state).all()), "states are not finite")
         if e <= -9:
             tally.check(f"load 1e{e}", made.outcome == "completed", made.outcome)
-            # Below 2e-308 numbers are 0.
+            # Numbers below 2e-308 are 0.
             tally.measure(
                 f"load 1e{e}", far(made.state / 10.0**e, unit), max(1e-11, 1e-307 / 10.0**e)
             )
@@ -203,7 +203,7 @@ def loads_of_motion() -> Row:
 
 
 def loads_of_pendulum() -> Row:
-    """Every method under every load: completed and finite, or a word."""
+    """Every method under every load: completed and finite, or a message."""
     tally = Tally(
         "load", "motion of the pendulum, each load, four methods", "1e-300 ... 1e308", 0.5,
         "runs with a number that is not finite",
@@ -226,7 +226,7 @@ def loads_of_pendulum() -> Row:
 
 
 def small_divisors(coupled: bool, quick: bool) -> Row:
-    """Two modes near 1:2, the resonance left among the divisors; motions against simulate."""
+    """Two modes near 1:2, with the resonance treated as small divisor; motions against simulate."""
     tally = Tally(
         "small divisors", "motion near w2 = 2 w1, " + ("resonant terms kept" if coupled else
         "divided by the difference"), "(w2 - 2 w1)/w2 = 1e-12 ... 0.3",
@@ -266,7 +266,7 @@ def small_divisors(coupled: bool, quick: bool) -> Row:
 
 
 def close_folds(quick: bool) -> Row:
-    """Duffing's oscillator just above the load where two folds are born, one harmonic."""
+    """Duffing oscillator just above the load at which two folds appear, one harmonic."""
     tally = Tally(
         "folds", "pair of folds of a Duffing oscillator, one harmonic", "load 1e-1 ... 1e-7 above",
         1e-9, "error of nu",
@@ -289,7 +289,7 @@ def close_folds(quick: bool) -> Row:
 
 
 def _one_harmonic(body: vv.PolynomialSystem, load: float) -> vv.Branch:
-    """The balance of one harmonic is the exact problem here: what it leaves out is not asked."""
+    """The balance with one harmonic is the exact problem here; its truncation is ignored."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "at .* harmonics up to 1 do not", vv.ConvergenceWarning)
         return vv.trace_response(
@@ -298,7 +298,7 @@ def _one_harmonic(body: vv.PolynomialSystem, load: float) -> vv.Branch:
 
 
 def _folds(c: mp.mpf, k: mp.mpf, above: mp.mpf) -> tuple[float, np.ndarray]:
-    """Load a part above the cusp, and where its two folds are.
+    """Load slightly above the cusp, and its two folds.
 
     With y = a^2 and n = nu^2: y [(1 + k y - n)^2 + c^2 n] = P^2, k = 3/4 of the cubic coefficient;
     its derivative by y vanishes at 3 k y = 2 (n - 1) +- sqrt((n - 1)^2 - 3 c^2 n).

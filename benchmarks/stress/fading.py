@@ -1,4 +1,4 @@
-"""Numbers that fade out of range: motions with a damped coordinate that nothing drives."""
+"""Decay to subnormal numbers: motions with a damped coordinate without load."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,12 +10,12 @@ from steps import Job
 from tally import Row, Tally
 
 TINY = float(np.finfo(float).tiny)
-#: Steps in which nothing has faded yet.
+#: Steps before the coordinate has decayed.
 ALIVE = 4000
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a row."""
+    """One job per row."""
     n = 200_000 if quick else 2_000_000
     for method in ("gauss2", "gauss8", "rk4", "verner9"):
         yield f"fading, {method}", lambda m=method: of_pendulum(m, n)
@@ -25,7 +25,7 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
 
 
 def _row(what: str, n: int, run: Callable[[int], np.ndarray]) -> Row:
-    """Time of a step where a coordinate has faded over that of one before."""
+    """Time of a step after the decay, relative to that of a step before."""
     tally = Tally(
         "fading", what, f"{n} steps, phi from 1e-2 to below 1e-308", 1.5,
         f"processor time of a step over that in the first {ALIVE}",
@@ -50,7 +50,7 @@ def _pendulum() -> vv.Pendulum:
 
 
 def of_pendulum(method: str, n: int) -> Row:
-    """Nothing but z is driven, phi and psi fade."""
+    """Only z is driven; phi and psi decay."""
     body = _pendulum()
     return _row(
         f"pendulum, {method}",
@@ -63,7 +63,7 @@ def of_pendulum(method: str, n: int) -> Row:
 
 
 def of_ensemble(n: int) -> Row:
-    """The same, eight to a register."""
+    """The same, eight per register."""
     body = _pendulum()
     return _row(
         "ensemble of 8 pendulums, rk4",
@@ -76,7 +76,7 @@ def of_ensemble(n: int) -> Row:
 
 
 def of_mount(memory: bool, n: int) -> Row:
-    """Two oscillators that do not know of each other."""
+    """Two uncoupled oscillators."""
     body = vv.PolynomialSystem(
         mass=[1, 1], stiffness=[[1, 0], [0, 4]], damping=[[0.2, 0], [0, 0.2]],
         forces={"x1": "0.5*x1^3", "x2": "0.3*x2^3"},

@@ -1,10 +1,10 @@
-"""What compiler flags do: the library built in several ways, results compared.
+"""Effect of compiler flags: results of several builds of the library compared.
 
-Ours is that of `./run` (build/release: -O3 for this machine), the others stand in
-build/stress-NAME. The driver of each runs the scenes of data/scenes and some
-that must fail or end without a solution; the compiled core of each computes the results of
-built.py. Movement is against ours, over the largest number of a result; -ffast-math is measured and
-not judged, since nothing is ever built with it.
+The reference build is that of `./run` (build/release: -O3 for this machine); other builds are in
+build/stress-NAME. The driver of each build runs the scenes of data/scenes and some scenes
+that must fail or end without a solution. The compiled core of each build computes the results of
+built.py. Changes are relative to the largest number of a result. -ffast-math is measured without a
+limit, since no release is built with it.
 """
 
 import json
@@ -22,7 +22,7 @@ from steps import Job
 from tally import Row, Tally
 
 OURS, UNSAFE = "release", "fast-math"
-#: Options of meson by name.
+#: Meson options of each build by name.
 BUILDS = {
     OURS: ["-Dbuildtype=release"],
     "O0": ["-Doptimization=0"],
@@ -31,8 +31,8 @@ BUILDS = {
     UNSAFE: ["-Doptimization=3", "-Dunsafe_math=true"],
 }
 DATA = ROOT / "data"
-#: Movement allowed: the worst conditioned result (stability at the edge) has a condition of 1e3,
-#: the longest motion adds up 1e6 roundings.
+#: Allowed changes: the worst conditioned result (stability at the boundary) has a condition of 1e3,
+#: the longest motion accumulates 1e6 rounding errors.
 LIMIT = 1e-11
 MOUNT = "&mount mass = 1, inertia = 0.1, offset = 0.5, stiffness_x = 10, stiffness_phi = 2 /\n"
 LINEAR = "&response method = 'linear', nu = 1 /\n"
@@ -57,7 +57,7 @@ DELICATE = {
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a result, the builds first; the quick form leaves out what compiles for minutes."""
+    """The builds, then one job per result; the quick form omits slow builds."""
     if quick:
         return
     study = Study()
@@ -73,7 +73,7 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
 
 
 def build(name: str) -> Path:
-    """Configure and compile one build; its folder."""
+    """Configure and compile one build; return its folder."""
     if name == OURS:
         return ROOT / "build" / OURS
     folder = ROOT / "build" / f"stress-{name}"
@@ -89,7 +89,7 @@ def build(name: str) -> Path:
 
 
 def computed(folder: Path) -> Tables:
-    """What built.py gives with a build."""
+    """Results of built.py with a build."""
     with tempfile.TemporaryDirectory() as place:
         out = Path(place) / "results.npz"
         subprocess.run(
@@ -101,7 +101,7 @@ def computed(folder: Path) -> Tables:
 
 
 def references() -> dict[str, np.ndarray]:
-    """Numbers known from independent programs, by the names of built.py."""
+    """Values of independent programs, by the names of built.py."""
     memory = json.loads((DATA / "mount_memory_reference.json").read_text())
     (late,) = [c for c in memory["time_domain"] if c["nonlinear"] and c["nu"] and c["t"] == 100]
     pendulum = json.loads((DATA / "pendulum_time_reference.json").read_text())
@@ -118,7 +118,7 @@ def references() -> dict[str, np.ndarray]:
 
 
 class Study:
-    """What every build gave, for the rows of the table."""
+    """Results of every build, for the rows of the table."""
 
     def __init__(self) -> None:
         self.scenes: dict[str, dict[str, Tables]] = {}
@@ -126,7 +126,7 @@ class Study:
         self.references = references()
 
     def of_build(self, name: str) -> Row:
-        """Build and run everything; nothing is judged yet but that it can be built."""
+        """Build and run everything; this row only states whether the build succeeded."""
         tally = Tally("compiler flags", "build", " ".join(BUILDS[name]), 0.5, "builds that failed")
         folder = tally.trial(name, lambda: build(name))
         tally.measure(name, float(folder is None))
@@ -139,7 +139,7 @@ class Study:
         return tally.row()
 
     def others(self) -> list[str]:
-        """Builds to be compared with ours, -ffast-math last."""
+        """Builds to compare with the reference build, -ffast-math last."""
         return [name for name in BUILDS if name != OURS and name in self.results]
 
     def of_scene(self, scene: Path) -> Row:
@@ -170,7 +170,7 @@ class Study:
         return tally.row()
 
     def of_delicate(self) -> Row:
-        """What must be refused, or end without a solution."""
+        """Scenes that must be refused, or end without a solution."""
         tally = Tally("compiler flags", "scenes without a solution", ", ".join(BUILDS), 0.5,
                       "scenes that end otherwise than they must")  # fmt: skip
         for name, found in self.scenes.items():

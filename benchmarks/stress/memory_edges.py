@@ -1,4 +1,4 @@
-"""Kernels at the edge: alpha from 1e-3 to 1, integral from 0 to past 1."""
+"""Extreme kernels: alpha from 1e-3 to 1, integral from 0 to above 1."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ SPAN = "alpha = 1e-3 ... 1, integral = 0 ... 1.5"
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a row."""
+    """One job per row."""
     alphas = ALPHAS[::2] if quick else ALPHAS
     integrals = INTEGRALS[::3] if quick else INTEGRALS
     yield "amplitude 0", no_amplitude
@@ -32,7 +32,7 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
 
 
 def no_amplitude() -> Row:
-    """A kernel of amplitude 0 is no kernel."""
+    """A kernel of amplitude 0 has no effect."""
     tally = Tally(
         "kernel", "amplitude 0 against no kernel", "every kind, t = 0 ... 20", 1e-13,
         "difference of the states over their size",
@@ -64,7 +64,7 @@ def no_amplitude() -> Row:
 
 
 def transforms(name: str, alphas: tuple[float, ...]) -> Row:
-    """R_c and R_s, each against 50 digits."""
+    """R_c and R_s against values with 50 digits."""
     mu = np.concatenate([[1e-300, 1e-30], np.geomspace(1e-9, 1e9, 13), [1e30, 1e300]])
     tally = Tally(
         "kernel", f"transforms, {name}", "alpha = 1e-3 ... 1, beta and mu = 1e-9 ... 1e9, 1e+-300",
@@ -101,7 +101,7 @@ def _transform(name: str, alpha: float, beta: float, mu: float) -> mp.mpc:
 
 
 def relaxation(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
-    """1 - integral of R from 0 to t, against the incomplete gamma function in 40 digits."""
+    """1 - integral of R from 0 to t, against the incomplete gamma function with 40 digits."""
     t = np.geomspace(1e-12, 1e6, 19)
     tally = Tally("kernel", "relaxation 1 - int R", SPAN, 1e-14, "absolute error")
     for alpha in alphas:
@@ -122,7 +122,7 @@ def relaxation(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
 
 
 def exponentials(alphas: tuple[float, ...], tolerance: float) -> Row:
-    """Sums of exponentials at times that the package does not look at."""
+    """Sums of exponentials at times that the package does not sample."""
     tally = Tally(
         "kernel", f"sum of exponentials to {tolerance:g}", "alpha = 1e-3 ... 1, 1e-8 < t < 1e3",
         1.5, "relative error / tolerance",
@@ -142,7 +142,7 @@ def exponentials(alphas: tuple[float, ...], tolerance: float) -> Row:
         rates, weights = np.asarray(made.rates), np.asarray(made.weights)
         exact = kernel.amplitude * np.exp(-kernel.beta * times) * times ** (alpha - 1)
         close = np.exp(-np.outer(times, rates)) @ weights
-        # Where both underflow there is nothing to compare.
+        # If both underflow there is nothing to compare.
         seen = exact > 1e-290
         error = np.abs(close[seen] / exact[seen] - 1).max()
         most = max(most, rates.size)
@@ -152,7 +152,7 @@ def exponentials(alphas: tuple[float, ...], tolerance: float) -> Row:
 
 
 def responses(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
-    """Linear response against the 2 x 2 system in 40 digits, relative to its condition."""
+    """Linear response against the 2 x 2 system with 40 digits, relative to its condition."""
     nu = np.geomspace(1e-6, 1e4, 41)
     tally = Tally(
         "kernel", "linear response of the mount", f"{SPAN}, nu = 1e-6 ... 1e4", 10.0,
@@ -183,7 +183,7 @@ def responses(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
 
 
 def linear_response(kernel: vv.RzhanitsynKernel, nu: float) -> tuple[list[mp.mpc], float]:
-    """Solve D X = (1, 0) in 40 digits; the condition of D, entry by entry (Skeel)."""
+    """Solve D X = (1, 0) with 40 digits; condition of D, entry by entry (Skeel)."""
     with mp.workdps(40):
         c, cp, arm = mp.mpf(10), mp.mpf(2), mp.mpf(0.5)
         keep = 1 - mp.mpf(kernel.amplitude) * mp.gamma(kernel.alpha) * mp.mpc(
@@ -196,7 +196,7 @@ def linear_response(kernel: vv.RzhanitsynKernel, nu: float) -> tuple[list[mp.mpc
         d = stiffness * keep - mass * n**2 + mp.mpc(0, 1) * n * damping
         x = mp.lu_solve(d, mp.matrix([1, 0]))
         inverse = mp.inverse(d)
-        # Entries as they are before they cancel, since R and the input carry roundings.
+        # Entries before cancellation, because R and the input have rounding errors.
         size = mp.matrix(2, 2)
         for i in range(2):
             for j in range(2):
@@ -211,7 +211,7 @@ def linear_response(kernel: vv.RzhanitsynKernel, nu: float) -> tuple[list[mp.mpc
 
 
 def static(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
-    """A constant load on a softening spring with a mean: 1 - integral is all that is left."""
+    """A constant load on a softening spring: only 1 - integral of the stiffness remains."""
     tally = Tally(
         "kernel", "mean under a constant load", SPAN, 100.0, "error / (condition x epsilon)"
     )
@@ -232,7 +232,7 @@ def static(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
                 continue
             left = 1 - kernel.integral
             if abs(left) < 1e-15:
-                # Nothing, or rounding, is left: "singular", or as large as rounding makes it.
+                # The remaining stiffness is 0 or a rounding error: "singular" or a large result.
                 continue
             # 10 left (x - phi/2) = 0.1, 2 left phi = -0.1 (-1/2): phi = 0.025/left.
             exact = np.array([0.01 + 0.0125, 0.025]) / left
@@ -242,7 +242,7 @@ def static(alphas: tuple[float, ...], integrals: tuple[float, ...]) -> Row:
 
 
 def motions(alphas: tuple[float, ...], integrals: tuple[float, ...], n: int) -> Row:
-    """Memory as exponentials against all of the past, nonlinear, from rest."""
+    """Memory as exponentials against the whole past, nonlinear, from rest."""
     tally = Tally(
         "kernel", "motion in time, exponentials against direct", f"{SPAN}, t = 0 ... {n}", 1e-11,
         "difference of the states over their size",
@@ -269,7 +269,7 @@ def motions(alphas: tuple[float, ...], integrals: tuple[float, ...], n: int) -> 
 
 
 def one_exponential(integrals: tuple[float, ...]) -> Row:
-    """With alpha = 1 memory is one more differential equation, solved by SciPy's DOP853."""
+    """With alpha = 1 memory is one additional differential equation, solved by DOP853 of SciPy."""
     tally = Tally(
         "kernel", "motion in time, alpha = 1, against SciPy", "integral = 0 ... 1.5, t = 0 ... 24",
         1e-10, "difference of the states over their size",
@@ -288,7 +288,7 @@ def one_exponential(integrals: tuple[float, ...]) -> Row:
 
         def rates(t: float, y: np.ndarray, weight: float = weight) -> np.ndarray:
             x, phi = y[0], y[2]
-            # Spring forces of the cubic geometry; the last four remember each of them.
+            # Spring forces of the cubic geometry; the last four states are their memory.
             sx = 10 * (x - 0.5 * phi) + 10 * 0.5 / 6 * phi**3
             sp = -5 * x + 2.5 * phi + 2.5 * phi**2 * x - 10 * 0.25 * 2 / 3 * phi**3 + 2 * phi
             gx, gp = sx - weight * y[4], sp - weight * y[5]

@@ -1,4 +1,4 @@
-"""Order of summation and of members: what must not matter."""
+"""Order of summation and order of members, which must not matter."""
 
 from collections.abc import Callable, Iterator
 
@@ -10,7 +10,7 @@ from tally import Row, Tally
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a row."""
+    """One job per row."""
     for name in OF_ORDER:
         yield f"order, {name}", lambda n=name: order_of_summation(n)
     yield "lanes", order_of_lanes
@@ -27,7 +27,7 @@ def _by(method: str) -> Shuffled:
     )
 
 
-#: What a system of shuffled terms under a load of shuffled terms gives, by method.
+#: Results of a system with permuted terms under a load with permuted terms, by method.
 OF_ORDER: dict[str, Shuffled] = {
     "linear response": _by("linear"),
     "successive approximations": lambda body, load: parts_of(
@@ -86,7 +86,7 @@ def order_of_summation(name: str) -> Row:
 
 
 def order_of_lanes() -> Row:
-    """Members of an ensemble in another order, in other lanes and threads: bit for bit."""
+    """Members of an ensemble in another order, lanes and threads: bitwise equal."""
     tally = Tally(
         "order", "members of an ensemble permuted", "5 permutations, 1 and 2 threads", 0.5,
         "members that differ in any bit",

@@ -1,4 +1,4 @@
-"""Units, last digits of the input, order of summation: what must not matter."""
+"""Units, last digits of the input, order of summation, which must not matter."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -14,7 +14,7 @@ NU = np.array([0.7, 1.5, 1.9, 3.0, 7.0])
 NAMES = ("mass", "inertia", "offset", "stiffness_x", "stiffness_phi", "amplitude", "beta",
          "damping", "load", "nu")  # fmt: skip
 BASE = np.array([1.0, 0.1, 0.5, 10.0, 2.0, 0.03, 0.05, 0.02, 0.3, 1.0])
-#: Powers of mass, length and time in each.
+#: Powers of mass, length and time in each input.
 POWERS = np.array([
     [1, 0, 0], [1, 2, 0], [0, 1, 0], [1, 0, -2], [1, 2, -2], [0, 0, -0.25], [0, 0, -1],
     [0, 0, 1], [1, 1, -2], [0, 0, -1],
@@ -22,7 +22,7 @@ POWERS = np.array([
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a row."""
+    """One job per row."""
     exponents = (-9, -1, 9) if quick else (-9, -6, -3, -1, 1, 3, 6, 9)
     for name in OF_MOUNT:
         yield f"units, {name}", lambda n=name: units(n, exponents)
@@ -33,7 +33,7 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
 
 
 def body_of(p: np.ndarray, memory: bool = True) -> vv.Mount:
-    """The mount of ten numbers; its damping is proportional to the stiffness."""
+    """The mount with these ten numbers; its damping is proportional to the stiffness."""
     m, i, arm, cx, cp, amplitude, beta, damping = p[:8]
     kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=0.25, beta=beta) if memory else None
     matrix = damping * np.array([[cx, -cx * arm], [-cx * arm, cx * arm**2 + cp]])
@@ -49,7 +49,7 @@ def body_of(p: np.ndarray, memory: bool = True) -> vv.Mount:
 
 
 def _scaled(x: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Rows (x, phi) over (offset, 1)."""
+    """Rows (x, phi) divided by (offset, 1)."""
     return x / np.array([p[2], 1.0])
 
 
@@ -97,7 +97,7 @@ def _scales(p: np.ndarray) -> np.ndarray:
 
 
 def _interaction(p: np.ndarray) -> np.ndarray:
-    """Per square of phi, where units of length cancel."""
+    """Per square of phi, so that units of length cancel."""
     ms = _expansion(p)
     return (ms.interaction / np.abs(ms.mode_shapes[1]) ** 2).ravel() / p[9]
 
@@ -126,13 +126,13 @@ OF_MOUNT: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "multiple scales: modes": _scales,
     "multiple scales: interaction": _interaction,
 }
-#: Rounding errors of a computation over those of its input: by how much a good method may
-#: exceed the condition.
+#: Rounding errors of a computation relative to those of its input: factor by which a good method
+#: may exceed the condition.
 ALLOWED = 200.0
 
 
 def units(name: str, exponents: tuple[int, ...]) -> Row:
-    """The same mount in other units; the change over what rounding of its input makes."""
+    """The same mount in other units: the change relative to the effect of rounding of its input."""
     job = OF_MOUNT[name]
     tally = Tally(
         "units", name, "mass, length and time in 1e-9 ... 1e9", ALLOWED,
@@ -165,7 +165,7 @@ def _judge(
 
 
 def _condition(job: Callable[[np.ndarray], np.ndarray], exact: np.ndarray) -> float:
-    """Sum over the inputs of relative change of the result over that of the input."""
+    """Sum over the inputs: relative change of the result per relative change of the input."""
     total = 1.0
     for i in range(BASE.size):
         up, down = BASE.copy(), BASE.copy()
@@ -176,7 +176,7 @@ def _condition(job: Callable[[np.ndarray], np.ndarray], exact: np.ndarray) -> fl
 
 
 def of_mount_by_ulp(name: str) -> Row:
-    """Each input moved by one ulp up and down."""
+    """Change each input by one ulp up and down."""
     job = OF_MOUNT[name]
     tally = Tally("one ulp", name, ", ".join(NAMES), ALLOWED, "change / (condition x epsilon)")
     exact = job(BASE)
@@ -198,8 +198,8 @@ def _motion_of_pendulum(method: str) -> Callable[[vv.Pendulum, np.ndarray], np.n
     ).state[-1]
 
 
-#: Results of a pendulum and a start, by name. Steady ones are of more damping (by 0.05) and of the
-#: load p1 alone.
+#: Results of a pendulum and an initial state, by name. Steady motions have more damping (by 0.05)
+#: and the load p1 only.
 OF_PENDULUM: dict[str, Callable[[vv.Pendulum, np.ndarray], np.ndarray]] = {
     "motion, gauss8": _motion_of_pendulum("gauss8"),
     "motion, gauss3": _motion_of_pendulum("gauss3"),
@@ -228,7 +228,7 @@ def _settled(body: vv.Pendulum, **change: float) -> vv.Pendulum:
 
 
 def pendulum_by_ulp(name: str) -> Row:
-    """Each parameter and each number of the start."""
+    """Change each parameter and each number of the initial state."""
     tally = Tally(
         "one ulp", f"pendulum: {name}", "14 parameters, 6 numbers of the start", ALLOWED,
         "change / (condition x epsilon)",

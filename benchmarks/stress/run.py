@@ -1,6 +1,6 @@
-"""Drive every method to the edge and write down what happened.
+"""Run every method at its limits and write a table of the results.
 
-Writes stress.csv and stress.md. Every row says what was swept, how it ended (ok, warning, clear
+Writes stress.csv and stress.md. Every row states what was varied, how it ended (ok, warning, clear
 error: vv.InputError naming the argument; WRONG: a number beyond its limit, NaN, any other
 exception), the worst number and its limit.
 """
@@ -24,7 +24,7 @@ TOPICS = ("steps", "memory_edges", "rounding", "order", "scene_ulps", "edges", "
 
 
 def write(out: Path, rows: list[Row], spent: float, form: str) -> None:
-    """Write the table in both forms."""
+    """Write the table in both formats."""
     out.mkdir(parents=True, exist_ok=True)
     head = f"{machine()}; {time.strftime('%Y-%m-%d', time.gmtime())}; {form}, {spent:.0f} s"
     with open(out / "stress.csv", "w", newline="", encoding="utf-8") as file:
@@ -55,7 +55,7 @@ def write(out: Path, rows: list[Row], spent: float, form: str) -> None:
 
 
 def main() -> int:
-    """Run what is asked for; status 1 if anything is wrong."""
+    """Run the selected parts; return 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/stress"))
     parser.add_argument("--quick", action="store_true", help="a minute instead of ten")

@@ -1,4 +1,4 @@
-"""Every number of every scene of data/scenes moved by an ulp, by the driver."""
+"""Change every number of every scene of data/scenes by an ulp, with the driver."""
 
 import math
 from collections.abc import Iterator
@@ -10,19 +10,19 @@ from scenes import EPS
 from steps import Job
 from tally import Row, Tally
 
-#: Relative changes that the condition is measured by, the next where one changes the shape of a
-#: table (the number of points of a branch, of steps).
+#: Relative changes for the measurement of the condition. The next one is used if a change alters
+#: the shape of a table (number of points of a branch, of steps).
 CHANGES = (1e-6, 1e-9, 1e-11)
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a scene; the quick form takes three."""
+    """One job per scene; the quick form runs three."""
     for scene in SCENES[:3] if quick else SCENES:
         yield f"ulp, {scene.name}", lambda scene=scene: by_ulp(scene)
 
 
 def by_ulp(scene: Path) -> Row:
-    """Each number up and down; the movement over the condition."""
+    """Change each number up and down; the change of the result relative to the condition."""
     text, driver = text_of(scene), driver_of(ROOT / "build" / "release")
     places = list(numbers_of(text))
     tally = Tally(

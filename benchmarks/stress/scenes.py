@@ -1,4 +1,4 @@
-"""The systems that are driven to the edge, and small tools."""
+"""Systems of the stress test, and small tools."""
 
 import math
 from typing import Any
@@ -23,12 +23,12 @@ def kernel_of(integral: float, alpha: float, beta: float = 0.05) -> vv.Rzhanitsy
 
 
 def mount(**changes: Any) -> vv.Mount:
-    """The reference mount with memory, changed."""
+    """The reference mount with memory and the given changes."""
     return vv.Mount(**(MOUNT | {"kernel": kernel_of(0.8, 0.25)} | changes))
 
 
 def far(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference over the largest size."""
+    """Largest difference divided by the largest magnitude."""
     size = float(np.abs(other).max())
     gap = float(np.abs(np.asarray(one) - np.asarray(other)).max())
     return gap / size if size > 0 else gap

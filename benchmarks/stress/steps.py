@@ -1,4 +1,4 @@
-"""Time steps up to and past the edge of stability, for every method of vv.simulate."""
+"""Time steps up to and beyond the stability limit, for every method of vv.simulate."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,13 +12,13 @@ from tally import Row, Tally
 OF_PENDULUM = ("gauss2", "gauss3", "gauss8", "gauss16", "rk4", "dop8", "verner8", "verner9")
 OF_MOUNT = ("gauss2", "gauss3", "gauss4", "gauss6", "gauss8")
 Job = Callable[[], Row]
-#: How much larger than its own estimate an error may be.
+#: Factor by which an error may exceed its estimate.
 HONEST = 3.0
 END = 64.0
 
 
 def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
-    """A job a row."""
+    """One job per row."""
     counts = 5 if quick else 41
     for method in OF_PENDULUM:
         yield f"steps, pendulum {method}", lambda m=method: of_pendulum(m, counts)
@@ -31,7 +31,7 @@ def jobs(quick: bool) -> Iterator[tuple[str, Job]]:
 
 
 def of_pendulum(method: str, count: int) -> Row:
-    """Errors against gauss16 in steps of 0.1, each with its own estimate."""
+    """Errors against gauss16 with steps of 0.1, each with its estimate."""
     body = vv.Pendulum(**PENDULUM)
 
     def run(dt: float) -> vv.Trajectory:
@@ -45,7 +45,7 @@ def of_pendulum(method: str, count: int) -> Row:
 
 
 def of_mount(method: str, count: int) -> Row:
-    """The mount with memory and cubic terms, loaded from rest."""
+    """The mount with memory and cubic terms, from rest under a load."""
     body = mount()
 
     def run(dt: float, method: str = method) -> vv.Trajectory:
@@ -81,7 +81,7 @@ def _sweep(
         estimate = max(float(result.error or 0) / size, 1e-13)
         if not ended:
             before = f"error {error:.1e} before that (dt = {dt:.3g})"
-        # An estimate of 10 % or more says no more than that the step is too large.
+        # An estimate of 10 % or more only states that the step is too large.
         if estimate < 0.1:
             tally.measure(label, error / estimate)
     tally.notes.append(ended + "; " + before if ended else f"completed everywhere; {before}")
@@ -106,9 +106,9 @@ def edge_of_explicit(method: str) -> Row:
 
 
 def edge_of_gauss(method: str) -> Row:
-    """Gauss collocation never grows; its iteration ceases to converge, and says so.
+    """Gauss collocation never grows; its iteration stops converging, and reports it.
 
-    Accelerations are solved for to 1e-15, which makes (h omega)^2 times as much of a step.
+    Accelerations are solved to 1e-15, so a step has an error of (h omega)^2 times that.
     """
     tally = Tally(
         "time step", f"undamped oscillator, {method}", "h omega = 0.01 ... 100", 3e-14,
@@ -133,7 +133,7 @@ def _oscillate(method: str, h: float, n: int) -> vv.Trajectory:
 
 
 def _growth(method: str, h: float) -> float:
-    """Factor a step of the linear oscillator, from the middle of a run to its end."""
+    """Growth factor per step of the linear oscillator, from the middle of a run to its end."""
     run = _oscillate(method, h, 512)
     energy = (run.state**2).sum(axis=1)
     half = energy.size // 2
@@ -141,7 +141,7 @@ def _growth(method: str, h: float) -> float:
 
 
 def _bisect(grows: Callable[[float], bool]) -> float:
-    """First edge upwards from where nothing grows."""
+    """Smallest value above which the solution grows."""
     steps = np.arange(0.5, 12, 0.05)
     at = next(i for i, h in enumerate(steps) if grows(float(h)))
     low, high = float(steps[at - 1]), float(steps[at])

@@ -1,4 +1,4 @@
-"""What happened in a sweep: numbers, errors and warnings, and the row they make."""
+"""Results of a sweep: numbers, errors and warnings, and its row of the table."""
 
 import math
 import warnings
@@ -15,7 +15,7 @@ OK, WARNING, CLEAR_ERROR, WRONG = "ok", "warning", "clear error", "WRONG"
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table."""
+    """A row of the table."""
 
     topic: str
     what: str
@@ -31,16 +31,16 @@ class Row:
 class Tally:
     """The trials of one sweep.
 
-    A trial may end with a number, which ``measure`` judges, with vv.InputError (a clear error) or
-    with a warning of the package besides; every other exception is wrong, and so is any number
-    beyond its limit, NaN included.
+    A trial may end with a number, which ``measure`` checks, with vv.InputError (a clear error), or
+    with a warning of the package as well. Every other exception is wrong, and so is a number beyond
+    its limit, including NaN.
     """
 
     topic: str
     what: str
     range: str
     limit: float
-    #: What the worst number is.
+    #: Label of the worst number.
     measured: str
     worst: float = 0.0
     at: str = ""
@@ -49,14 +49,14 @@ class Tally:
     notes: list[str] = field(default_factory=list)
 
     def trial(self, label: str, job: Callable[[], Value]) -> Value | None:
-        """Return what a job gives, None if it refuses."""
+        """Return the result of a job, None if it refuses."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 value = job()
             except vv.InputError as error:
                 return self._count(CLEAR_ERROR, f"{label}: {error}")
-            except Exception as error:  # whatever else is raised is a finding
+            except Exception as error:  # any other exception is a finding
                 return self._count(WRONG, f"{label}: {type(error).__name__}: {error}")
         ours = [w for w in caught if w.category.__module__.startswith("viscovib")]
         foreign = [w for w in caught if w not in ours]
@@ -69,7 +69,7 @@ class Tally:
         return value
 
     def measure(self, label: str, number: float, limit: float | None = None) -> None:
-        """Judge a number; what is kept as the worst is its size over the limit of the row."""
+        """Check a number; the worst number is the largest relative to the limit of the row."""
         number = float(number)
         bound = self.limit if limit is None else limit
         if not number <= bound:
@@ -79,12 +79,12 @@ class Tally:
             self.worst, self.at = scaled, label
 
     def check(self, label: str, good: bool, otherwise: str) -> None:
-        """Note as wrong what is not good."""
+        """Count a failed check as wrong."""
         if not good:
             self._count(WRONG, f"{label}: {otherwise}")
 
     def row(self) -> Row:
-        """The line of the table."""
+        """Return the row of the table."""
         seen = [kind for kind in (WRONG, OK, WARNING, CLEAR_ERROR) if self.kinds.get(kind)]
         notes = list(self.notes)
         if self.at:

@@ -25,9 +25,9 @@ def solve():
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out of a run of the checked driver what does not use it.
+    """Skip tests of the package command in runs of the debug driver.
 
-    Those are tests of the command of the package, the same with the driver as shipped.
+    They do not use the driver.
     """
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         return

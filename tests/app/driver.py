@@ -1,4 +1,4 @@
-"""Scenes and tools that tests of the driver share."""
+"""Shared scenes and tools of the driver tests."""
 
 import io
 import subprocess
@@ -60,7 +60,7 @@ def check_failure(done, status, text, folder):
 
 
 def command(*arguments):
-    """Run the command of the package in this process, as quickly as a function."""
+    """Run the package command in this process, which is faster."""
     out, err = io.StringIO(), io.StringIO()
     with warnings.catch_warnings(), redirect_stdout(out), redirect_stderr(err):
         warnings.simplefilter("default")

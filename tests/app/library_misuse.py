@@ -1,6 +1,6 @@
-"""Call the library with whatever is wrong: each call has to come back and say why.
+"""Call the library with wrong arguments: each call must return an error message.
 
-`test_library.py` runs this program apart, since a crash would end it.
+`test_library.py` runs this program in a separate process, because a crash would end it.
 """
 
 import ctypes
@@ -36,13 +36,13 @@ calls = 0
 
 
 def call(function, *arguments, makes=True):
-    """Make a call; the handle, if it made one."""
+    """Make a call; return the handle, if it created one."""
     global calls
     calls += 1
     handle = ctypes.c_void_p(1)
     passed = [ctypes.c_double(a) if isinstance(a, float) else a for a in arguments]
     if makes:
-        # No room for the handle, first.
+        # First without a pointer for the handle.
         assert function(*passed, None) == 2, (function.__name__, arguments)
         passed.append(ctypes.byref(handle))
     status = function(*passed)
@@ -58,7 +58,7 @@ def call(function, *arguments, makes=True):
 
 
 def look(result):
-    """Ask a result, or none, for everything at odd places."""
+    """Read all values of a result, or of a null pointer, with invalid indices."""
     for ask in ("summary", "warnings", "complete", "tables"):
         getattr(library, f"viscovib_{ask}")(result)
     for i in (-1, 0, 1, 2**31 - 1, -(2**31)):

@@ -173,7 +173,7 @@ def test_help_and_version(solve):
 
 
 def test_full_disk_is_status_3_and_keeps_the_old_table(solve, tmp_path):
-    """A disk of four pages, in a mount name space of its own."""
+    """A disk of four pages in a separate mount namespace."""
     disk = tmp_path / "disk"
     disk.mkdir()
     program = solve("--version").args[0]
@@ -272,7 +272,7 @@ def test_driver_reproduces_the_tabulated_curves(solve, tmp_path):
             )
         )
         done = solve(scene, "--out", tmp_path)
-        # Nine orders are those of the tables, not of the tolerance.
+        # The tables have nine harmonics, a fixed number.
         assert done.returncode in (0, 1), done.stderr
         assert f"{len(points)} of {len(points)} frequencies solved" in done.stdout
         table = read_csv(tmp_path / "curve_response.csv")

@@ -81,7 +81,7 @@ BAD_BACKBONES = {
 
 
 def same_tables(solve, tmp_path, scene):
-    """Compare tables of both; the driver as shipped gives the same to the last bit."""
+    """Compare both tables; the release driver agrees bitwise."""
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     result = vv.run(scene)
@@ -118,7 +118,7 @@ def test_driver_and_python_agree(solve, tmp_path, name):
     text = (tmp_path / "pendulum_backbone_backbone.csv").read_text()
     points = [float(x) for x in re.search("# branch points at amplitude =(.*)", text)[1].split()]
     assert points == pytest.approx([p.parameter for p in curve.branch_points], rel=1e-9)
-    # Where swings leave, the motion along the spring loses its stability.
+    # At the branch point of the swinging motions, the motion along the spring becomes unstable.
     size = table["z_2"]
     assert (table["stable"] == (size < points[0])).all()
     assert ((table["growing"] > 0) == (size > points[0])).all()
@@ -150,7 +150,7 @@ def test_driver_and_python_agree(solve, tmp_path, name):
     ids=["memory and load", "mean", "two kernels", "swing", "energy"],
 )  # fmt: skip
 def test_all_kinds_agree(solve, tmp_path, text):
-    """Damping, memory and loads in the scene change nothing; the table shows what is wanted."""
+    """Damping, memory and loads have no effect; the table shows the columns requested."""
     scene = tmp_path / "free.nml"
     scene.write_text(text)
     with silence():
@@ -162,7 +162,7 @@ def test_all_kinds_agree(solve, tmp_path, text):
         shown = [n for n in names if n[-1].isdigit()]
         assert shown
         assert all(n.startswith(wanted) for n in shown)
-    # The scene as it was understood reads back to the same numbers.
+    # The canonical scene reads back to the same numbers.
     (tmp_path / "again.nml").write_text(result.scene.canonical)
     with silence():
         again = vv.run(tmp_path / "again.nml").backbone

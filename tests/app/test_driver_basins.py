@@ -1,4 +1,4 @@
-"""The standalone driver: basins of attraction, against SciPy and Python; what is wrong by name."""
+"""The standalone driver: basins of attraction, against SciPy and Python; error messages."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ MEMORY = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force law='x^3' /
 &basins vary='x' 'x_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 t_end=90 /
 """
-#: What starts and ends at 0 is between.
+#: x2 starts and ends at 0: its scale is its motion in between.
 BEAM = """&structure coordinates='x1' 'x2' mass=1 1 stiffness=0.4 -1.1 -1.1 1.1 damping=0.3 0.3 /
 &element on='x1' law='d^3' /
 &basins vary='x1' 'x1_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 t_end=150 /
@@ -59,7 +59,7 @@ def _beam(t, y):
     return [v, -0.3 * v - 0.4 * x + 1.1 * z - x**3, w, -0.3 * w + 1.1 * (x - z)]
 
 
-#: Scenes of which motions go one after another: their equations, with what a kernel remembers.
+#: Scenes whose motions are computed one by one: their equations with memory states.
 SINGLE = {
     "gap": (GAP, _gap, 40 * 2 * np.pi / 1.3, 2),
     "memory": (MEMORY, _memory, 90.0, 3),
@@ -78,7 +78,7 @@ def _run(solve, folder, text, status=0):
 
 
 def test_two_wells(solve, tmp_path):
-    """Each start goes where SciPy goes; what is said to be left is small."""
+    """The attractor of each start by SciPy; the stated certainty is small."""
     rows, ends = _run(solve, tmp_path, WELLS)
     assert len(rows) == 42
     np.testing.assert_allclose(rows["x"][:7], np.linspace(-1.6, 1.5, 7), atol=1e-15)
@@ -96,7 +96,7 @@ def test_two_wells(solve, tmp_path):
 
 @pytest.mark.parametrize("name", SINGLE)
 def test_kinks_kernels_and_structures(solve, tmp_path, name):
-    """A start is a state at t = 0 with nothing before; each goes where SciPy goes."""
+    """A start is a state at t = 0 without history; attractors by SciPy."""
     text, equations, end, width = SINGLE[name]
     rows, ends = _run(solve, tmp_path, text)
     assert "one after another" in (tmp_path / "scene_basins.csv").read_text()
@@ -113,7 +113,7 @@ def test_kinks_kernels_and_structures(solve, tmp_path, name):
 
 @pytest.mark.parametrize("text", [WELLS, DUFFING, PENDULUM, GAP, MEMORY, BEAM, MOUNT])
 def test_python_tells_the_same(solve, tmp_path, text):
-    """By the same rules: labels, attractors and how sure they are."""
+    """The same labels, attractors and certainties."""
     rows, ends = _run(solve, tmp_path, text)
     x, y = rows.dtype.names[:2]
     call = {"n_periods": 150, "load": 0.3, "nu": 1.4}
@@ -140,7 +140,7 @@ def test_python_tells_the_same(solve, tmp_path, text):
 
 
 def test_what_has_not_settled_and_what_has_left(solve, tmp_path):
-    """A saddle, a run that is too short, and one that diverges."""
+    """A saddle, a run that is too short, and a run that diverges."""
     even = WELLS.replace("-1.6 -1.5", "-1.5 -1.5").replace("1.5 1.4 count=7 6", "1.5 1.5 count=3 3")
     rows, ends = _run(solve, tmp_path, even, 1)
     assert rows["attractor"][4] == -1
@@ -194,7 +194,7 @@ def test_what_has_not_settled_and_what_has_left(solve, tmp_path):
     ],
 )
 def test_what_is_wrong_is_named(solve, tmp_path, scene, old, new, text):
-    """One line with the file and the line, and nothing is left behind; Python says the same."""
+    """One line with the file and the line, and no output files; Python reports the same."""
     assert old in scene
     path = tmp_path / "scene.nml"
     path.write_text(scene.replace(old, new))

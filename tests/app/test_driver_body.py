@@ -1,4 +1,4 @@
-"""Bodies in scenes: the driver against Python's own building of them, and what is refused."""
+"""Bodies in scenes: the driver against Python, and refused scenes."""
 
 import os
 
@@ -34,7 +34,7 @@ def body(options="", loads=LOADS):
 
 
 def run_both(solve, folder, text, kind):
-    """The driver's table and Python's, the same bytes if of one build."""
+    """The tables of driver and Python, equal byte by byte if both use one build."""
     path = folder / "body.nml"
     path.write_text(text)
     done = solve(path, "--out", folder / "out")
@@ -51,7 +51,7 @@ def run_both(solve, folder, text, kind):
 @pytest.mark.parametrize("gravity", ["", "gravity=2 1 -9.81"])
 @pytest.mark.parametrize("geometry", ["small", "exact"])
 def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
-    """Kernels, laws, dampers, rotational springs, a track and gravity: two programs build them."""
+    """Kernels, laws, dampers, rotational springs, a track and gravity, built by two programs."""
     what = "&response nu=30 80 method='newton' harmonics=5 tolerance=5e-2 /\n"
     options = f"geometry='{geometry}' {gravity}"
     result = run_both(solve, tmp_path, body(options) + what, "response")
@@ -68,7 +68,7 @@ def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
     size = np.abs(table).max()
     np.testing.assert_allclose(table, found.coefficients.transpose(1, 2, 0), atol=1e-9 * size)
     if gravity:
-        # A progressive preload has a mean and even orders.
+        # A progressive law with preload causes a mean and even harmonics.
         assert np.abs(columns["z_2_re"]).max() > 1e-6
     modes = run_both(solve, tmp_path, body(options, "") + "&modes /\n", "modes")
     undamped = system.modes(stiffness="instantaneous")
@@ -90,7 +90,7 @@ def test_in_time_on_a_moving_floor(solve, tmp_path, geometry):
 
 
 def test_parts_that_spin(solve, tmp_path):
-    """The same bytes as Python, the response of (K + i w (C - [h]x) - w^2 M) u = F by NumPy."""
+    """The same bytes as Python; the response of (K + i w (C - [h]x) - w^2 M) u = F by NumPy."""
     spin = (3.0, -20.0, 7.0)
     options = f"spin={' '.join(map(str, spin))}"
     what = "&response nu=30 80 method='linear' harmonics=1 /\n"
@@ -133,7 +133,7 @@ FLOOR = """&load kind='base' on='x' amplitude=3e-4 phase=0.5 /
 
 @pytest.mark.parametrize("what", ["response", "branch", "transient"])
 def test_a_floor_that_moves_in_components(solve, tmp_path, what):
-    """Each with its own phase, with a weight and a rotor: as Python's body, which is judged."""
+    """Components with different phases, a weight and a rotor: against a Python body."""
     group = {
         "response": "&response nu=40 80 method='newton' harmonics=7 tolerance=0.1 /",
         "branch": "&branch nu_from=40 nu_to=50 harmonics=7 tolerance=0.1 stability='no' /",
@@ -165,7 +165,7 @@ def test_a_floor_that_moves_in_components(solve, tmp_path, what):
 
 @pytest.mark.parametrize("geometry", ["small", "exact"])
 def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
-    """And a torque, about a position that its weight turned: Body.load gives the same."""
+    """And a torque, about a position rotated by the weight: the same as Body.load."""
     loads = (
         "&load force=30 -20 50 at=0.2 0.1 -0.3 phase=0.4 /\n"
         "&load torque=1 2 3 force=4 5 6 order=2 amplitude=2 /\n"
@@ -202,7 +202,7 @@ def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
     ],
 )
 def test_a_number_that_varies(solve, tmp_path, name, ends):
-    """Ends of a branch are motions of Python's bodies made with that number."""
+    """Ends of a branch are motions of Python bodies with that number."""
     load = "&load on='ry' amplitude=10 /\n"
     more = "" if "position" in name or "center" in name else "gravity=0 0 -9.81"
     what = (
@@ -225,7 +225,7 @@ def test_a_number_that_varies(solve, tmp_path, name, ends):
 
 
 def test_stability_along_a_number_that_varies(solve, tmp_path):
-    """Without memory: as of Python's bodies at some of the points."""
+    """Without memory: the same as Python bodies at some of the points."""
     plain = MOUNTS.replace("kernel=2", "").replace("kernels=0 1 2", "").replace("rear", "back")
     text = (
         f"&body {MASSES} /\n{plain}&load on='ry' amplitude=30 /\n"
@@ -254,7 +254,7 @@ def test_stability_along_a_number_that_varies(solve, tmp_path):
 
 
 def test_a_rotor_in_a_body_that_turns_far(solve, tmp_path):
-    """About a position that its weight turned: the motion of Python's body, which is judged."""
+    """About a position rotated by the weight: the motion of a Python body."""
     text = (
         "&body mass=3 inertia=1 2 2.6 geometry='exact' gravity=2 1 -9 spin=3 -5 4\n"
         "  load_axes='space' /\n"
@@ -271,7 +271,7 @@ def test_a_rotor_in_a_body_that_turns_far(solve, tmp_path):
 
 
 def test_a_tumble_by_the_driver(solve, tmp_path):
-    """Turns beyond 2 pi, the step found: the error is not that of another name of a rotation."""
+    """Angles beyond 2 pi, automatic step size: equivalent rotation vectors cause no error."""
     text = (
         "&body mass=3 inertia=1 2 2.6 geometry='exact' /\n"
         "&mount_point name='foot' position=0 0 0 stiffness=1e-12 0 0 /\n"
@@ -288,7 +288,7 @@ def test_a_tumble_by_the_driver(solve, tmp_path):
 
 
 def test_the_engine_of_the_samples(solve, tmp_path):
-    """At 24 Hz the amplitudes of the reference, through the scene."""
+    """Amplitudes at 24 Hz, against reference values."""
     scene = vv.Scene.read(SCENES / "engine.nml")
     assert [m.name for m in scene.body().mounts] == ["left", "right", "rear"]
     done = solve(SCENES / "engine.nml", "--out", tmp_path)
@@ -400,7 +400,7 @@ WANTED = "&modes /\n"
     ],
 )
 def test_refused(solve, tmp_path, text, told):
-    """One line that names it, with its place."""
+    """One line with the name and its location."""
     path = tmp_path / "bad.nml"
     path.write_text(text)
     done = solve(path, "--out", tmp_path / "out")

@@ -1,4 +1,4 @@
-"""Columns that responses and branches have where they are asked for: samples, energy lost."""
+"""Optional columns of responses and branches: sampling errors, energy loss."""
 
 import os
 
@@ -36,7 +36,7 @@ def _table(solve, folder, text):
 
 
 def _same(ours, theirs):
-    """To the last bit as shipped; with every check the estimates, of rounding here, are not."""
+    """Bitwise equal in the release build; in the debug build rounding error estimates differ."""
     if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
         assert ours == pytest.approx(theirs, rel=0.1, abs=1e-14)
     else:
@@ -45,7 +45,7 @@ def _same(ours, theirs):
 
 @pytest.mark.parametrize("method", ["newton", "linear"])
 def test_a_system_loses_what_its_parts_take(solve, tmp_path, method):
-    """The sum over parts, which Python integrates on its own."""
+    """The sum over parts, which Python integrates independently."""
     rows = _table(solve, tmp_path, SYSTEM + RESPONSE.format(method, "harmonics=15"))
     with silence():
         r = vv.run(tmp_path / "scene.nml").response
@@ -63,14 +63,14 @@ def test_along_a_branch(solve, tmp_path):
 
 
 def _own(x, k, nu):
-    """Of the structure's damping: harmonics of coordinates relative to the base."""
+    """Loss of the structural damping: harmonics of coordinates relative to the base."""
     damping = np.array([[0.06, -0.01], [-0.01, 0.05]])
     return np.pi * nu * (k**2 * np.einsum("ak,ab,bk->k", x.conj(), damping, x).real).sum()
 
 
 @pytest.mark.parametrize("branch", [False, True])
 def test_a_structure_loses_what_it_is_fed(solve, tmp_path, branch):
-    """Elements by Python's condensation, and the damping of the structure itself."""
+    """Elements by the condensation in Python, and the damping of the structure."""
     asked = "sampling='yes' dissipation='yes'"
     more = BRANCH.format(asked) if branch else RESPONSE.format("newton", "harmonics=15")
     rows = _table(solve, tmp_path, STRUCTURE + more)
@@ -131,7 +131,7 @@ def test_refused(solve, tmp_path, message):
 
 @pytest.mark.parametrize("load", ["amplitude=0", "order=0 amplitude=0.5"])
 def test_errors_of_rest_and_of_a_mean_alone(solve, tmp_path, load):
-    """Their highest order is 0, as where no motion is found."""
+    """The highest harmonic is 0, as for a point without a motion."""
     scene = tmp_path / "scene.nml"
     scene.write_text(
         f"&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n&load {load} /\n"

@@ -1,4 +1,4 @@
-"""The standalone driver: many motions at once, against SciPy, and what is wrong by name."""
+"""The standalone driver: ensembles, against SciPy; names in error messages."""
 
 import os
 
@@ -41,7 +41,7 @@ def _duffing(scale, start, times):
 
 
 def test_collocation_side_by_side(solve, tmp_path):
-    """The same by Gauss's nodes; a step that cannot be solved is told."""
+    """The same by Gauss collocation; a step without a solution is reported."""
     assert " method=" not in MANY
     text = MANY.replace("&ensemble ", "&ensemble method='gauss8' ")
     table = _run(solve, tmp_path, text)
@@ -58,7 +58,7 @@ def test_collocation_side_by_side(solve, tmp_path):
 
 
 def test_power_series_of_functions_and_sums(solve, tmp_path):
-    """What a law sums up at its end is taken apart by Taylor's method alone."""
+    """A final sum of a law is expanded by the Taylor method only."""
     law = "x^3 + 0.3*(x + 2*x_dot)*x - 0.1*exp(0.1*x + 0.2)*x_dot^2 + sin(x)*cos(x)"
     text = MANY.replace("x^3", law)
     other = _run(solve, tmp_path, text)
@@ -70,7 +70,7 @@ def test_power_series_of_functions_and_sums(solve, tmp_path):
 
 
 def test_power_series_side_by_side(solve, tmp_path):
-    """The same by Taylor's method; a series that does not converge is told."""
+    """The same by the Taylor method; a series that does not converge is reported."""
     text = MANY.replace("&ensemble ", "&ensemble method='taylor20' ")
     table = _run(solve, tmp_path, text)
     period = 2 * np.pi / 1.2
@@ -90,7 +90,7 @@ def test_power_series_side_by_side(solve, tmp_path):
 
 
 def test_motions_and_sections(solve, tmp_path):
-    """Last states and sections are those of single motions by SciPy."""
+    """Final states and sections against single motions by SciPy."""
     table = _run(solve, tmp_path, MANY)
     points = read_csv(tmp_path / "many_ensemble_1.csv")
     np.testing.assert_allclose(table["load_scale"], np.linspace(0.2, 0.3, 9), atol=1e-15)
@@ -105,7 +105,7 @@ def test_motions_and_sections(solve, tmp_path):
 
 
 def test_a_frequency_that_varies(solve, tmp_path):
-    """The linear spring of a pendulum that hangs still: its closed form."""
+    """The linear spring of a pendulum without swing: closed form."""
     table = _run(solve, tmp_path, PENDULA.replace("alpha=0.5", "alpha=0"))
     for p, z in zip(table["p1"], table["z"], strict=True):
 
@@ -117,7 +117,7 @@ def test_a_frequency_that_varies(solve, tmp_path):
 
 
 def test_every_number_of_a_pendulum_varies(solve, tmp_path):
-    """The rows of each number are those of Python's ensemble, which names the numbers by itself."""
+    """Rows for each number against the Python ensemble with the same name."""
     rng = np.random.default_rng(6)
     given = {
         "e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.01, "c2": 0.02, "c3": 0.03,
@@ -194,7 +194,7 @@ def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, gr
 
 
 def test_motions_that_run_away(solve, tmp_path):
-    """Within a step they leave the range of numbers: outcome and time are those of one motion."""
+    """The overflow occurs within a step: outcome and time are the same as for a single motion."""
     scene = tmp_path / "many.nml"
     scene.write_text(
         "&system coordinates='x' mass=1 stiffness=1 damping=0.05 /\n&force law='-x^3' /\n"
@@ -227,9 +227,9 @@ LAWS = f"""&system coordinates='x' mass=1 stiffness=0.5 damping=0.3 /
     [("k3", np.linspace(0, 2, 11)), ("mu", np.linspace(-0.1, 0.3, 9)), ("n", np.linspace(2, 4, 3))],
 )
 def test_a_parameter_of_laws(solve, tmp_path, name, values, method):
-    """Rows are those of scenes with that value, of Python's ensemble and of SciPy.
+    """Rows against scenes with that value, the Python ensemble and SciPy.
 
-    A cubic of 0 and squares are systems of another form: they go in blocks of their own.
+    A cubic coefficient of 0 and powers of 2 change the form of the system: separate blocks.
     """
     of_scene = {"k3": 0.7, "mu": 0.2, "n": 2.0}
     rest = f"nu=1.2 initial=0.4 0.2 t_end=9 dt=0.01 method='{method}' /\n"
@@ -282,7 +282,7 @@ def test_a_parameter_of_laws(solve, tmp_path, name, values, method):
     ],
 )
 def test_a_parameter_that_cannot_vary(solve, tmp_path, changes, text):
-    """One line says why."""
+    """One line with the reason."""
     scene = LAWS + "&ensemble vary='k3' from=0 to=2 count=4 nu=1.2 initial=0.4 0.2 t_end=9 /\n"
     for old, new in changes.items():
         assert old in scene

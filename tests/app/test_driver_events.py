@@ -83,7 +83,7 @@ def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
 
 
 def test_events_are_those_of_the_equations(solve, tmp_path):
-    """Against DOP853 of SciPy and its own search for events."""
+    """Against DOP853 of SciPy and its event location."""
     scene = tmp_path / "motion.nml"
     scene.write_text(SCENES["system"].replace("t_end=30", "t_end=30, tolerance=1e-11"))
     assert solve(scene, "--out", tmp_path).returncode == 0
@@ -119,7 +119,7 @@ def test_events_are_those_of_the_equations(solve, tmp_path):
 
 
 def test_states_end_before_an_event_that_ends_the_run(solve, tmp_path):
-    """A row of a state that was never made stood behind it, of motions with memory."""
+    """With memory, a state after the last event must not be written."""
     scene = tmp_path / "motion.nml"
     scene.write_text(SCENES["mount that stops"])
     done = solve(scene, "--out", tmp_path)
@@ -157,7 +157,7 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
 @pytest.mark.parametrize("law", ["-x^3", "log(1 - x)"])
 @pytest.mark.parametrize("wanted", ["", ", tolerance=1e-7", ", rtol=1e-8"])
 def test_motions_that_end_early_agree_to_the_last_bit(solve, tmp_path, law, wanted):
-    """States near the stop are those of steps that runs in shorter steps confirm, in both."""
+    """States near the stop agree with runs with smaller steps, in driver and Python."""
     scene = tmp_path / "motion.nml"
     scene.write_text(
         "&system coordinates='x', mass=1, stiffness=1, damping=0.1 /\n"
@@ -175,7 +175,7 @@ def test_motions_that_end_early_agree_to_the_last_bit(solve, tmp_path, law, want
     own, found = read_csv(ours), read_csv(theirs)
     assert own.size == found.size > 2
     for name in own.dtype.names:
-        # Beside a stop rounding grows.
+        # Rounding errors grow near a stop.
         assert found[name] == pytest.approx(own[name], rel=1e-5, abs=1e-7)
 
 

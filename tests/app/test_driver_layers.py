@@ -1,4 +1,4 @@
-"""Layers of a structure in scenes: the driver's springs against Python's relaxing matrices."""
+"""Layers of a structure in scenes: springs in the driver against relaxing matrices in Python."""
 
 import os
 
@@ -58,7 +58,7 @@ def test_response(solve, tmp_path, method):
 
 def test_branch_with_stability(solve, tmp_path):
     more = "&branch nu_from=0.8 nu_to=1.2 harmonics=5 /\n"
-    # Status 1: some points have too few harmonics, and stability is unknown there.
+    # Status 1: some points have too few harmonics, so their stability is unknown.
     rows, scene = _table(solve, tmp_path, SCENE + more, status=1)
     with silence():
         r = vv.forced_response(
@@ -70,7 +70,7 @@ def test_branch_with_stability(solve, tmp_path):
 
 
 def test_motion(solve, tmp_path):
-    """Exponentials as states of complex modes there, memory of springs here."""
+    """Python: exponentials as states of complex modes; driver: memory of springs."""
     text = SCENE.replace(" kernel=2 /", " /")
     more = "&transient nu=1.1 t_end=10 tolerance=1e-9 initial=0.3 0 0 0 -0.2 0.1 /\n"
     rows, scene = _table(solve, tmp_path, text + more)

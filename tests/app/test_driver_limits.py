@@ -1,4 +1,4 @@
-"""Scenes from strangers and large scenes: time, memory, files, and what is told of them."""
+"""Untrusted scenes and large scenes: time, memory, files, and messages."""
 
 import os
 import resource
@@ -21,7 +21,7 @@ def with_table(file):
 
 
 def long_scene(name, share=1):
-    """Scenes of about 1 MB, or of a share of it, each of many equal pieces."""
+    """Scenes of about 1 MB, or a fraction of it, with many equal pieces."""
     size = MEGABYTE // share
     head, wanted = GOOD[: GOOD.index("&load")], GOOD[GOOD.index("&response") :]
     tail = "&load amplitude=1 /\n" + wanted
@@ -66,10 +66,10 @@ def long_scene(name, share=1):
 )  # fmt: skip
 def test_a_megabyte_is_read_or_refused_at_once(solve, tmp_path, name):
     scene = tmp_path / "scene.nml"
-    # For the checks of the checked build, which took up to 20 s, an eighth of the pieces is enough.
+    # In the debug build (up to 20 s) an eighth of the pieces is enough.
     checked = "debug" in solve("--version").args[0]
     scene.write_text(long_scene(name, 8 if checked else 1))
-    # A second on an idle machine, 3 of the checked build; a busy machine has more.
+    # 1 s on an idle machine, 3 s in the debug build; more on a busy machine.
     bound = 12.0 if checked else 4.0
     started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = solve(scene, "--plan")
@@ -78,7 +78,7 @@ def test_a_megabyte_is_read_or_refused_at_once(solve, tmp_path, name):
     assert len(done.stderr) < 2000
     assert len(done.stderr.splitlines()) == (done.returncode == 2)
     if checked:
-        # Python has read the same with the driver as shipped.
+        # Python reads the scene with the release library.
         return
     began = time.process_time()
     if done.returncode == 0:
@@ -137,7 +137,7 @@ def test_only_regular_files_are_read(solve, tmp_path):
 
 
 def test_a_standard_output_that_is_full_is_status_3(solve, tmp_path):
-    """The plan and the summary are what was asked for: without them nothing is done."""
+    """Plan and summary cannot be written: nothing is computed."""
     scene = tmp_path / "scene.nml"
     scene.write_text(GOOD)
     driver = [solve("--version").args[0]]
@@ -233,7 +233,7 @@ def test_a_part_that_is_a_link_is_not_followed(solve, tmp_path):
 
 
 def test_a_link_named_like_a_table_is_replaced(solve, tmp_path):
-    """By the driver, the command and Python alike: what the link names stays as it was."""
+    """Driver, command and Python: the target of the link is unchanged."""
     scene, table = SCENES / "mount_paper.nml", "mount_paper_response.csv"
     writers = [
         lambda folder: solve(scene, "--out", folder).returncode,
@@ -253,7 +253,7 @@ def test_a_link_named_like_a_table_is_replaced(solve, tmp_path):
             assert (folder / table).read_text().startswith("#")
             assert precious.read_text() == "precious"
             assert {path.suffix for path in folder.iterdir()} <= {".csv", ".png"}
-    # A link to a device would be the end of its name for all who use it.
+    # Replacing a link to a device must not remove the device.
     for write in (writers[0], writers[1]):
         folder = tmp_path / f"device{writers.index(write)}"
         folder.mkdir()

@@ -1,4 +1,4 @@
-"""Coordinates without mass in scenes: condensed by hand, by SciPy and by Python."""
+"""Coordinates without mass in scenes: condensed manually, by SciPy and by Python."""
 
 import os
 
@@ -8,7 +8,7 @@ import viscovib as vv
 from driver import check_failure, read_csv, silence
 from scipy.integrate import solve_ivp
 
-# A chain 0-a-1-b-2-c-0 whose second mass is none: springs a and b beside it are one.
+# A chain 0-a-1-b-2-c-0 whose second mass is zero: the springs a and b act in series.
 CHAIN = """&structure size=3 mass=1 0 2 stiffness=5 -3 0 -3 5.5 -2.5 0 -2.5 4 damping={} {} /
 {}&element on='x1' law='0.7*d^3' /
 &element on='x1' 'x2' stiffness=1.5 {}/
@@ -26,7 +26,7 @@ def _scene(more, damping="0.1 0 0.2", keys="", kernels=""):
 
 
 def _table(solve, folder, text, kind):
-    """The driver's table, which is Python's."""
+    """The table of the driver, equal to that of Python."""
     (folder / "scene.nml").write_text(text)
     done = solve(folder / "scene.nml", "--out", folder)
     assert done.returncode == 0, done
@@ -51,7 +51,7 @@ def test_modes(solve, tmp_path):
     ("damping", "keys"), [("0.1 0 0.2", ""), ("0", "modal_damping=0.02"), ("0", "rayleigh=0.1 0")]
 )
 def test_response(solve, tmp_path, method, damping, keys):
-    """Python's structure, which condenses by itself; the linear one by the whole matrices."""
+    """Automatic condensation in Python; the linear response with the full matrices."""
     if damping == "0":
         damping = "0 0 0"
     ask = f"&response nu=0.5 1.3 2.2 method='{method}' harmonics=7 /\n"
@@ -75,7 +75,7 @@ def test_response(solve, tmp_path, method, damping, keys):
 
 @pytest.mark.parametrize("place", [0.0, 0.9])
 def test_motion(solve, tmp_path, place):
-    """Wherever it is put, it follows from the first state on; an event sees it."""
+    """At any position it follows the other masses from the first state; an event detects it."""
     ask = f"&transient t_end=8 nu=1.1 initial=0.5 0 {place} 0 -0.2 0.3 /\n&event function='x2' /\n"
     rows = _table(solve, tmp_path, _scene(ask), "transient")
     inverse, c = np.array([1.0, 0.5]), np.array([0.1, 0.2])

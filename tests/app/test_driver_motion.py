@@ -45,7 +45,7 @@ def test_motions_of_driver_and_python_agree_to_the_last_bit(solve, tmp_path, cha
 @pytest.mark.parametrize("keep", ["all", "last"])
 @pytest.mark.parametrize("kernel", ["", "\n&kernel kind='prony', weights=0.2, rates=1.5 /"])
 def test_the_default_accuracy_is_relative_to_the_motion(solve, tmp_path, kernel, keep):
-    """As in Python: the same motion in other units of length, to the same part of its size."""
+    """As in Python: the same motion in other units of length, with the same relative accuracy."""
     found = []
     for unit in (2.0**-30, 1.0, 2.0**20):
         scene = tmp_path / f"motion{unit:g}.nml"
@@ -135,13 +135,13 @@ def test_spectra_of_driver_and_python_agree(solve, tmp_path):
 
 def test_motion_that_stops_early_is_status_1(solve, tmp_path):
     scene = tmp_path / "motion.nml"
-    # It passes its pivot very near, where small steps stand for those given; what comes later none
-    # of them follows.
+    # It passes very near its pivot, where smaller steps replace the given steps. They do not follow
+    # the later motion.
     scene.write_text(MOTION.replace("0.05 0 0.3", "0 -3 0.3"))
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 1
     assert "step too large at t = 2.75" in done.stdout
-    # Straight through it, found inside the step; the row kept alone is that of the stop.
+    # Straight through the pivot, located within the step; the only stored row is the stop.
     free = MOTION.replace("0.05 0 0.3 0 -0.2 0", "0 -3 0 0 0 0")
     free = re.sub(r"(f0|m01|m02)\s*=\s*[0-9.]+", r"\1=0", free)
     scene.write_text(free.replace("&transient", "&transient keep='last', "))
@@ -216,7 +216,7 @@ def test_work_is_bounded_before_the_first_step(solve, tmp_path, changes, text):
 
 @pytest.mark.parametrize("kernel", ["", "&kernel kind='prony', weights=0.1, rates=0.7 /\n"])
 def test_escapes_end_at_their_time(solve, tmp_path, kernel):
-    """Of soft springs near their separatrix, with the time that Python gives."""
+    """Soft springs near the separatrix; the same time as in Python."""
     scene = tmp_path / "escape.nml"
     springs = [("-0.39*x^3", 2.51), ("-0.81*x^3", 1.21), ("-0.3*x^2", 4.0)]
     if kernel and "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
@@ -238,7 +238,7 @@ def test_escapes_end_at_their_time(solve, tmp_path, kernel):
 
 @pytest.mark.parametrize("kernel", ["", "&kernel kind='prony', weights=1e-2, rates=1 /\n"])
 def test_ends_that_are_alike_by_chance_are_refused(solve, tmp_path, kernel):
-    """A body in two wells passes through chaos and settles: its end alone tells nothing."""
+    """A body in two wells passes through chaos and settles: equal final states are no proof."""
     scene = tmp_path / "wells.nml"
     text = (
         "&system coordinates='x', mass=1, damping=0.1, stiffness=-1 /\n"
@@ -260,7 +260,7 @@ def test_ends_that_are_alike_by_chance_are_refused(solve, tmp_path, kernel):
 
 
 def free_slide(mass, stiffness, friction, x, v, t):
-    """A mass on a spring under dry friction: arcs about -+ friction/stiffness, until it sticks."""
+    """A mass on a spring with dry friction: arcs about -+ friction/stiffness, until it sticks."""
     omega, begin = math.sqrt(stiffness / mass), 0.0
     side = np.sign(v) or -np.sign(x)
     states = np.empty((t.size, 2))
@@ -280,7 +280,7 @@ def free_slide(mass, stiffness, friction, x, v, t):
 
 @pytest.mark.parametrize("form", ["system", "structure", "prony"])
 def test_motions_that_begin_sliding_and_end_sticking(solve, tmp_path, form):
-    """Each run in smaller steps begins on its own sides of `sign`, not where the last one ended."""
+    """Each run with smaller steps begins with its initial signs, not with final signs."""
     rng = np.random.default_rng(5)
     for _ in range(6):
         m, k, f = rng.uniform(0.5, 2), rng.uniform(0.5, 3), rng.uniform(0.1, 0.4)
@@ -312,7 +312,7 @@ def test_motions_that_begin_sliding_and_end_sticking(solve, tmp_path, form):
 
 @pytest.mark.parametrize(("every", "aliased"), [(1, False), (10, True)])
 def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
-    """10 rad/s in states 0.5 apart stands at 2.57 rad/s: driver and Python say so."""
+    """10 rad/s sampled at 0.5 s appears at 2.57 rad/s: driver and Python issue a warning."""
     scene = tmp_path / "alias.nml"
     scene.write_text(
         "&system coordinates='x', mass=1, stiffness=100, damping=0.001 /\n"
@@ -334,7 +334,7 @@ def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
     found.spectrum_to_csv(own)
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         assert own.read_bytes() == (tmp_path / "alias_spectrum.csv").read_bytes()
-    # The checked build rounds otherwise, which turns the phases of lines that are hardly there.
+    # Different rounding in the debug build changes the phases of very weak lines.
     lines = [read_csv(path) for path in (own, tmp_path / "alias_spectrum.csv")]
     first, second = (x["x_amplitude"] * np.exp(1j * x["x_phase"]) for x in lines)
     assert np.abs(first - second).max() < 1e-14
@@ -342,7 +342,7 @@ def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
 
 
 def test_no_message_prints_a_number_that_was_not_measured(solve, tmp_path):
-    """Runs that end differently differ by no number."""
+    """For runs with different outcomes no difference is printed."""
     scene = tmp_path / "scene.nml"
     scene.write_text(
         "&system coordinates='x', mass=1, stiffness=1 /\n"

@@ -32,7 +32,7 @@ STIFF = {"k3": "3e7", "k5": "1e9"}
 
 
 def table(path):
-    """Rows without the line that names the scene."""
+    """Rows without the line with the name of the scene."""
     return path.read_text().splitlines()[1:]
 
 
@@ -53,7 +53,7 @@ def test_names_stand_for_their_numbers(solve, tmp_path, text, numbers):
     own = table(tmp_path / "named_response.csv")
     assert own == table(tmp_path / "plain_response.csv")
     vv.run(named).to_csv(tmp_path / "python.csv")
-    # The driver may be the one with all checks, which rounds elsewhere.
+    # The debug driver may round differently.
     found, expected = (read_csv(tmp_path / f"{name}.csv") for name in ("python", "named_response"))
     columns = [name for name in found.dtype.names if name.endswith(("_re", "_im"))]
     assert len(columns) > 4
@@ -160,7 +160,7 @@ def test_a_mount_has_no_laws(solve, tmp_path):
     ],
 )
 def test_linear_response_holds_rates_behind_kernels(solve, tmp_path, rest):
-    """(1 - R) (k + i nu c) stands in the dynamic stiffness, as Python says it."""
+    """(1 - R) (k + i nu c) is in the dynamic stiffness, as in Python."""
     kernel = "&kernel kind = 'prony', weights = 0.4, rates = 1.3 /\n"
     load = "&load amplitude = 0.1 /\n&response nu = 0.5 1.3 2, method = 'linear' /\n"
     scene = tmp_path / "a.nml"

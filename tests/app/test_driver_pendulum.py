@@ -45,7 +45,7 @@ BAD_BRANCHES = {
 
 
 def test_branches_of_a_pendulum_agree(solve, tmp_path):
-    """Folds, branch points, and the swings that leave at the first of these."""
+    """Folds, branch points, and the swinging motions that bifurcate at the first branch point."""
     scene = SCENES / "pendulum_branch.nml"
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -82,7 +82,7 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
             for j, k in enumerate(branch.harmonics):
                 assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()
                 assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
-    # Swings at half the pace of the load.
+    # Swinging motions at half the frequency of the load.
     assert result.switched[0].amplitude("phi", 1).max() > 0.3
     assert result.branch.amplitude("phi", 1).max() == 0
 

@@ -1,4 +1,4 @@
-"""What a plan leaves out: counted, told in tables, and not written."""
+"""Skipped computations of a plan: counted, stated in tables, and not written."""
 
 import re
 
@@ -9,13 +9,13 @@ from driver import SCENES, read_csv
 
 
 def counts(text):
-    """Read the work done from what --count prints."""
+    """Read the counts printed by --count."""
     lines = [line.split(": ") for line in text.splitlines() if line.startswith("counted: ")]
     return {name: int(n) for _, name, n in lines}
 
 
 def test_tables_carry_the_plan_and_work_is_counted(solve, tmp_path):
-    """Counts are there in the build with all checks; the one as shipped says that it has none."""
+    """The debug build counts; the release build prints that it does not count."""
     scene = tmp_path / "m.nml"
     text = (SCENES / "mount_paper.nml").read_text()
     quiet = text[: text.index("&kernel")] + text[text.index("&load") :]
@@ -52,7 +52,7 @@ def test_tables_of_driver_and_python_show_what_is_wanted(solve, tmp_path, name):
     result.to_csv(tmp_path / "python.csv")
     ours = read_csv(tmp_path / f"s_{result.kind}.csv")
     theirs = read_csv(tmp_path / "python.csv")
-    # Orders are chosen by estimates: at the edge of one, rounding of the checked build decides.
+    # Harmonics are selected by estimates: at a limit, rounding in the debug build may decide.
     skipped = ("outcome", "method", "iterations", "rate", "highest", "truncation", "error")
     names = [n for n in ours.dtype.names if n not in skipped]
     assert not {n for n in names if n.startswith("x_" if wanted == "phi" else "body")}

@@ -96,7 +96,7 @@ def test_steady_motions_are_the_same_to_the_last_bit(solve, tmp_path, text, move
     with silence():
         steady = vv.run(scene).steady
     assert steady.index.size > 4
-    # The build with all checks rounds in another order.
+    # The debug build rounds differently.
     rounding = 1e-9 if "debug" in os.environ.get("VISCOVIB_SOLVE", "") else 0
     largest = np.abs(steady.harmonics).max()
     np.testing.assert_allclose(table[steady.parameter], steady.at, rtol=rounding)
@@ -113,7 +113,7 @@ def test_steady_motions_are_the_same_to_the_last_bit(solve, tmp_path, text, move
     np.testing.assert_array_equal(table["stable"] == 1, steady.stable)
     with silence():
         assert solve(scene, "--plan").stdout.strip() == str(vv.plan(scene))
-    # What was understood reads back to the same.
+    # The canonical scene reads back to the same.
     with silence():
         again = vv.Scene.read(scene)
         (tmp_path / "again.nml").write_text(again.canonical)

@@ -1,4 +1,4 @@
-"""The standalone driver: every wrong scene a line; lists and tables in files."""
+"""The standalone driver: one line for every wrong scene; lists and tables in files."""
 
 import os
 
@@ -190,14 +190,14 @@ def test_bad_kernel_file_is_one_line(solve, tmp_path, text, status, message):
 
 
 def test_long_lists_are_read_at_once(solve, tmp_path):
-    """Reading 200 000 numbers takes a fraction of a second; it once grew with their square."""
+    """Reading 200 000 numbers takes a fraction of a second, linear in their number."""
     scene = tmp_path / "scene.nml"
     scene.write_text(GOOD.replace(GRID, "nu=" + " ".join(str(i) for i in range(1, 200_001))))
     begun = os.times()
     done = solve(scene, "--plan")
     assert done.returncode == 0, done.stderr
     assert "200000 frequencies" in done.stdout
-    # Time of its own, whatever else this machine does.
+    # Processor time, independent of other processes.
     ended = os.times()
     spent = ended.children_user + ended.children_system
     assert spent - begun.children_user - begun.children_system < 10
@@ -249,7 +249,7 @@ def test_every_wrong_sweep_is_a_line(solve, tmp_path, group, message):
 
 
 def test_a_response_says_why_it_has_no_solution(solve, tmp_path):
-    """How the search ended and where; where harmonics lack most."""
+    """Reason and location of the failure, and the location of the largest truncation."""
     scene = tmp_path / "scene.nml"
     text = (
         "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
@@ -269,7 +269,7 @@ def test_a_response_says_why_it_has_no_solution(solve, tmp_path):
 
 @pytest.mark.parametrize("kind", ["system", "structure"])
 def test_static_equilibria_balance_the_forces(solve, tmp_path, kind):
-    """Of random springs with a kernel that has relaxed: K (1 - integral) u + c u^3 = F."""
+    """Random springs with a relaxed kernel: K (1 - integral) u + c u^3 = F."""
     rng = np.random.default_rng(5)
     scene = tmp_path / "scene.nml"
     for _ in range(4):
@@ -318,7 +318,7 @@ KINDS = {
 
 
 def _check_roots(solve, scene, text, *, real=True):
-    """The table of a scene with these groups and the roots of the same system in Python."""
+    """Compare the table of a scene with the roots of the same system in Python."""
     scene.write_text(text + "&characteristic_roots /\n")
     done = solve(scene, "--out", scene.parent)
     assert done.returncode == 0, done.stderr
@@ -336,7 +336,7 @@ def _check_roots(solve, scene, text, *, real=True):
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize("kind", KINDS)
 def test_characteristic_roots_are_those_of_python(solve, tmp_path, kind):
-    """Of random systems with several kernels; a structure in Python has a method of its own."""
+    """Random systems with several kernels; Python uses another method for structures."""
     rng, scene = np.random.default_rng(11), tmp_path / "scene.nml"
     for _ in range(3):
         n, a, b = int(rng.integers(2, 4)), *rng.uniform(0.1, 0.8, 2)
@@ -435,7 +435,7 @@ def random_switching(rng):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_steady_motions_as_in_python(solve, tmp_path, seed):
-    """The table has the states, the multipliers and the error of `vv.steady_motion`."""
+    """The table contains the states, the multipliers and the error of `vv.steady_motion`."""
     rng = np.random.default_rng(seed)
     text, system, amplitudes = random_switching(rng)
     nu, periods = float(rng.uniform(0.5, 2)), int(rng.integers(1, 3))
@@ -504,7 +504,7 @@ def test_steady_motions_refused(solve, tmp_path, text, told):
 
 
 def test_free_decay_is_that_of_python(solve, tmp_path):
-    """Roots and amplitudes of the same motion; roots of the characteristic equation."""
+    """Roots and amplitudes as in Python; roots of the characteristic equation."""
     rng, scene = np.random.default_rng(4), tmp_path / "scene.nml"
     for group in ("system", "structure"):
         c, k, start = rng.uniform(0.02, 0.1), rng.uniform(1, 3), rng.uniform(1, 5)
@@ -525,7 +525,7 @@ def test_free_decay_is_that_of_python(solve, tmp_path):
         assert found[np.argsort(found.imag)] == pytest.approx(roots, rel=1e-8)
         run = vv.simulate(system, 60, dt=0.1, initial=[0.1, 0, 0, 0])
         decay = vv.free_decay(run, start=start)
-        # Each row of the table is the same motion as that of Python.
+        # Each row of the table equals the motion in Python.
         for i, name in enumerate(("x1", "x2")):
             got = np.array(table[f"{name}_re"], float) + 1j * np.array(table[f"{name}_im"], float)
             assert got == pytest.approx(decay.amplitudes[:, i], rel=1e-6, abs=1e-9)
@@ -554,7 +554,7 @@ def test_free_decay_needs_states(solve, tmp_path):
 
 @pytest.mark.parametrize("seed", [0, 1, 5])
 def test_branches_of_motions_as_in_python(solve, tmp_path, seed):
-    """The table has the points and the events of `vv.trace_motion`."""
+    """The table contains the points and the events of `vv.trace_motion`."""
     rng = np.random.default_rng(seed)
     text, system, amplitudes = random_switching(rng)
     start = float(rng.uniform(0.5, 1.5))

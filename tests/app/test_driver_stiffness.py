@@ -1,4 +1,4 @@
-"""Springs so different that rounding hides the soft ones: the driver tells them as Python does."""
+"""Very different springs, where rounding errors hide the soft ones: messages as in Python."""
 
 import warnings
 
@@ -47,7 +47,7 @@ def test_the_driver_tells_what_python_tells(solve, tmp_path, kind):
         )
         run = solve(path, "--plan")
         if kind in ("coupled", "follower") and run.returncode == 2:
-            # No sum over complex modes of so different sizes was found: refused.
+            # Refused: no sum over complex modes of so different sizes was found.
             assert "couples modes" in run.stderr
             continue
         assert run.returncode == 0, run.stderr
@@ -68,7 +68,7 @@ def test_the_driver_tells_what_python_tells(solve, tmp_path, kind):
 
 
 def test_damping_that_couples_is_refused_with_what_is_true(solve, tmp_path):
-    """Springs of a ratio of 1e15 are no modes that coincide: rounding makes them so."""
+    """Springs with a ratio of 1e15 are not coincident modes; rounding makes them appear so."""
     scene = tmp_path / "scene.nml"
     scene.write_text(
         "&structure mass=1 2 1 stiffness=1e15 -1e15 0 -1e15 1e15 -1 0 -1 1\n"
@@ -83,7 +83,7 @@ def test_damping_that_couples_is_refused_with_what_is_true(solve, tmp_path):
 
 @pytest.mark.parametrize("between", [0.0, 0.15])
 def test_weak_dampers_beside_a_strong_one(solve, tmp_path, between):
-    """They are no rounding of it: right, or refused where they couple modes."""
+    """They are not rounding errors: correct results, or a refusal where they couple modes."""
     path = tmp_path / "scene.nml"
     for strong in (1e3, 1e11, 1e13):
         damping = np.diag([0.2, 0.3, strong])
@@ -111,7 +111,7 @@ def test_weak_dampers_beside_a_strong_one(solve, tmp_path, between):
 
 @pytest.mark.parametrize("kind", ["none", "dampers"])
 def test_soft_motions_beside_stiff_elements(solve, tmp_path, kind):
-    """Sums of springs and elements keep what rounding takes of them, as by Python."""
+    """Sums of springs and elements keep their rounding errors, as in Python."""
     rng = np.random.default_rng(9)
     for i in range(4):
         n = int(rng.integers(2, 5))

@@ -1,4 +1,4 @@
-"""Structures in scenes: the driver against Python's own condensation, and what is refused."""
+"""Structures in scenes: the driver against the condensation in Python, and refused scenes."""
 
 import warnings
 
@@ -50,7 +50,7 @@ CASES = {
 
 
 def _direct(scene):
-    """The same by Python's modes and condensation."""
+    """The same by modes and condensation in Python."""
     system, loads = scene.structure(), scene.loads()
     if "branch" not in scene.groups:
         group = scene.groups["response"]
@@ -97,7 +97,7 @@ def test_as_python_condenses_it(solve, tmp_path, name):
         assert _compare(scene, table, _direct(scene)) < 1e-11
     assert "condensed to" in done.stdout + str(vv.plan(path))
     assert str(vv.plan(path)).splitlines() == solve(path, "--plan").stdout.splitlines()
-    # What was understood reads back to the same.
+    # The canonical scene reads back to the same.
     assert scene.override({}).canonical == scene.canonical
 
 

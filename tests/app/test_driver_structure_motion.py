@@ -17,8 +17,8 @@ KERNELS = (
     "&kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /\n"
 )
 START = "initial=0.1 0 0 0.2 0 0 -0.1 0.3"
-#: Dampers that couple the modes, memory, a base that moves; a mean load on a body that nothing
-#: holds; what was held; gyroscopic forces; dampers that couple the modes, without a load.
+#: Dampers that couple the modes, memory, a moving base; a mean load on a free body; an initial
+#: past; gyroscopic forces; dampers that couple the modes, without a load.
 MOTIONS = {
     "coupled": CHAIN.format(FIXED, "damping=0.1 0.01 0.02 0 base_direction=4*1")
     + KERNELS
@@ -43,21 +43,21 @@ MOTIONS = {
 
 
 def _same(one, other):
-    """Byte for byte, where both programs are of one build."""
+    """Byte by byte, if both programs use one build."""
     if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
         assert one.read_bytes() == other.read_bytes()
     a, b = (read_csv(path) for path in (one, other))
     for name in a.dtype.names:
         size = np.abs(a[name]).max()
         if name == "error":
-            # An estimate of what rounding leaves, which is another in another build.
+            # An estimate of rounding errors, which depends on the build.
             assert a[name] == pytest.approx(b[name], rel=0.1)
         elif "_phase" not in name:
             assert a[name] == pytest.approx(b[name], abs=1e-9 * size + 1e-14)
 
 
 def _direct(scene):
-    """The same motion as `vv.simulate` finds it."""
+    """The same motion by `vv.simulate`."""
     group = scene.groups["transient"]
     given = {name: load for name, load in scene.loads().items() if load}
     fixed = {"dt": group["dt"]} if group["dt"] else {}
@@ -82,7 +82,7 @@ def test_motion(solve, tmp_path, name):
     for d, dof in enumerate(scene._names()):
         for column, row in ((dof, 2 * d), (f"{dof}_dot", 2 * d + 1)):
             if column in table.dtype.names:
-                # Times at which states are kept may differ by what else is kept.
+                # The times of stored states may depend on the other stored values.
                 own = np.interp(direct.t, at, np.atleast_1d(table[column]))
                 same = np.isclose(direct.t[:, np.newaxis], at[np.newaxis], rtol=1e-12).any(axis=1)
                 assert same.sum() >= min(20, at.size)
@@ -114,7 +114,7 @@ def test_motion_is_that_of_the_equations(solve, tmp_path):
 
 
 def _twins(solve, folder, mass, damping, stiffness, start, t):
-    """Where the driver puts the first two masses of two chains, which start alike, and how fast."""
+    """Displacements and velocities of the first two masses of two chains with the same start."""
 
     def told(numbers):
         return " ".join(repr(float(x)) for x in np.ravel(numbers))
@@ -133,7 +133,7 @@ def _twins(solve, folder, mass, damping, stiffness, start, t):
 @pytest.mark.parametrize("stiff", [1e2, 1e5, 1e8])
 @pytest.mark.parametrize("n", [2, 12])
 def test_soft_motions_beside_stiff_springs(solve, tmp_path, n, stiff):
-    """Two chains whose masses are joined by stiff springs move as one chain does."""
+    """Two chains whose masses are connected by stiff springs move like one chain."""
     one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     whole = np.kron(np.eye(2), one) + stiff * np.kron([[1, -1], [-1, 1]], np.eye(n))
     start, t = np.linalg.solve(one, np.eye(n)[1]), 10.0
@@ -148,7 +148,7 @@ def test_soft_motions_beside_stiff_springs(solve, tmp_path, n, stiff):
 @pytest.mark.parametrize("stiff", [1e2, 1e5, 1e8])
 @pytest.mark.parametrize("n", [2, 12])
 def test_soft_motions_with_dampers_that_couple_modes(solve, tmp_path, n, stiff):
-    """The same with dampers at some masses, which differ: alike, stiff motions would coincide."""
+    """With different dampers at some masses; with equal dampers stiff modes would coincide."""
     one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     whole = np.kron(np.eye(2), one) + stiff * np.kron([[1, -1], [-1, 1]], np.eye(n))
     mass, start, t = 1 + np.arange(n) / n, np.linalg.solve(one, np.eye(n)[1]), 10.0
@@ -173,7 +173,7 @@ def test_python_writes_the_same(solve, tmp_path):
 
 @pytest.mark.parametrize("dof", ["x15", "x13", None])
 def test_backbone(solve, tmp_path, dof):
-    """By the amplitude of the element's deflection, of another coordinate, of the largest one."""
+    """Amplitude of the deflection of the element, of another coordinate, or the largest one."""
     text = (SCENES / "beam_branch.nml").read_text()
     for name in ("mass", "stiffness"):
         (tmp_path / f"beam_{name}.mtx").write_bytes((SCENES / f"beam_{name}.mtx").read_bytes())
@@ -230,7 +230,7 @@ def test_refused(solve, tmp_path, text):
     assert REFUSED[text] in str(problem.value)
 
 
-#: Stops, friction and gaps between the coordinates of small structures, each with its damping.
+#: Stops, friction and gaps between the coordinates of small structures, each with a damping.
 SWITCHING = {
     "gap": "&structure size=2 mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /\n"
     "&element on='x1' law='30*max(d - 0.1, 0)' /\n&load on='x2' amplitude=0.7 phase=0.2 /\n"
@@ -246,7 +246,7 @@ SWITCHING = {
     + "&element on='x1' law='30*max(d - 0.1, 0)' kernel=0 /\n"
     "&element on='x2' stiffness=1.5 law='0.5*d^3' kernel=1 /\n&load on='x2' amplitude=0.7 /\n"
     "&transient t_end=8 nu=0.9 initial=0.3 0 0 0 memory='Exponentials' method='GAUSS8' /\n",
-    # Tables have the coordinates that something acts on.
+    # Tables contain the coordinates with elements or loads.
     "many": "&structure size=70 mass=70*1 stiffness=70*2 damping=70*0.1 /\n"
     + "".join(f"&element on='x{i}' 'x{i + 1}' stiffness=1 /\n" for i in (1, 2, 3, 69))
     + "&element on='x2' law='30*max(d - 0.1, 0)' /\n&element on='x70' law='0.1*sign(v)' /\n"
@@ -261,9 +261,9 @@ SWITCHING = {
 
 @pytest.mark.parametrize("name", SWITCHING)
 def test_steps_end_where_laws_switch(solve, tmp_path, name):
-    """Of small structures too: the table is exact, where fixed steps would pass the corners.
+    """Also for small structures: the table is exact; fixed steps would miss the corners.
 
-    A memory by exponentials may be asked for by name, in any case of its letters.
+    The memory option "exponentials" is accepted in upper and lower case.
     """
     path = tmp_path / f"{name}.nml"
     path.write_text(SWITCHING[name])
@@ -287,7 +287,7 @@ def test_steps_end_where_laws_switch(solve, tmp_path, name):
 
 @pytest.mark.parametrize("amplitude", [0.3, 0.35, 0.4, 0.45, 0.5, 0.55])
 def test_steps_over_kinks_are_found_alike(solve, tmp_path, amplitude):
-    """Where two runs may be wrong alike both look at three: the same steps and error."""
+    """If two runs may have the same error, both compare three: the same steps and error."""
     path = tmp_path / "kinked.nml"
     path.write_text(
         CHAIN.format(FIXED, "damping=0.1 0.01 0.02 0")

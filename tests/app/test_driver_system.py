@@ -23,7 +23,7 @@ def test_a_table_of_points_runs_directly(solve, tmp_path):
 
 
 def test_a_system_of_ones_own(solve, tmp_path):
-    """Every group that makes one up, read by the driver and by Python."""
+    """Every group of a system, read by the driver and by Python."""
     scene = tmp_path / "own.nml"
     scene.write_text(
         "&system coordinates='a', 'b', units='m', 'rad', mass=1, 0.1, 0.1, 0.5,\n"
@@ -176,7 +176,7 @@ def test_a_law_that_ends_is_told_with_its_place(solve, tmp_path):
 def test_laws_of_structures_and_of_what_remembers_are_told_too(
     solve, tmp_path, structure, kernel, edge
 ):
-    """The text as it is written, and the place, though no state is kept there."""
+    """The original text of the law and the location, although no state is stored there."""
     behind = 1 if kernel else 0
     law = f"0.3*sqrt({edge} + {{}}) - 0.3*sqrt({edge})"
     system = (

@@ -1,4 +1,4 @@
-"""Thin layers of laws in time: the driver makes the same parts of steps as Python."""
+"""Thin layers of laws in time: the driver divides steps as Python does."""
 
 import os
 
@@ -46,7 +46,7 @@ MEMORY = (
 @pytest.mark.parametrize("kernel", ["", MEMORY])
 @pytest.mark.parametrize("law", ["3*exp(-((d-0.13)/2e-3)^2)", "0.5*tanh((d-0.2)/1e-3)"])
 def test_structures_take_steps_that_see_them(solve, tmp_path, law, kernel, more):
-    """The driver looks for layers as Python does, with memory and without."""
+    """The driver searches for layers as Python does, with and without memory."""
     scene = tmp_path / "scene.nml"
     scene.write_text(CHAIN.format(law=law, kernel=kernel, more=more))
     done = solve(scene, "--out", tmp_path)
@@ -79,7 +79,7 @@ THIN = """&system coordinates='x' mass=1 stiffness=1 damping=0.05 /
 
 @pytest.mark.parametrize("more", ["", "dt=0.3 "])
 def test_motions_side_by_side_see_them(solve, tmp_path, more):
-    """They were jumped over: 3e-3 wrong where 1e-8 was asked for."""
+    """A missed layer would cause an error of 3e-3 for a tolerance of 1e-8."""
     scene = tmp_path / "scene.nml"
     scene.write_text(THIN.format(more))
     done = solve(scene, "--out", tmp_path)
@@ -90,7 +90,7 @@ def test_motions_side_by_side_see_them(solve, tmp_path, more):
     for scale, *found in zip(rows["load_scale"], rows["x"], rows["x_dot"], strict=True):
         run = vv.simulate(system, 20, initial=[0, 0], load=0.5 * scale, nu=0.9)
         assert np.abs(found - run.state[-1]).max() < 2e-8
-        # Steps of 0.3 see peaks and means roughly.
+        # Steps of 0.3 give inaccurate peaks and means.
         roughly = np.abs(run.state[:, 0]).max()
         assert rows["peak_x"][rows["load_scale"] == scale] == pytest.approx(roughly, rel=0.02)
     told = np.sqrt(np.trapezoid(run.state[:, 0] ** 2, run.t) / 20)
@@ -98,7 +98,7 @@ def test_motions_side_by_side_see_them(solve, tmp_path, more):
 
 
 def test_their_exponents_are_refused(solve, tmp_path):
-    """Disturbances beside such a motion are none of the driver's."""
+    """The driver does not compute perturbations of such motions."""
     scene = tmp_path / "scene.nml"
     scene.write_text(THIN.format("lyapunov='yes' "))
     done = solve(scene, "--out", tmp_path / "out")

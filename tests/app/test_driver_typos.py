@@ -1,4 +1,4 @@
-"""Slips of the pen in scenes: status 2 and one clear line each, driver and Python alike."""
+"""Typing errors in scenes: status 2 and one clear line, the same for driver and Python."""
 
 import pytest
 import viscovib as vv

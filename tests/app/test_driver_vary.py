@@ -80,7 +80,7 @@ def test_driver_and_python_agree(solve, tmp_path, name):
     changes = re.findall(r"# stability changes after point (\d+): (.*?)(?: at .* = (\S+))?\n", text)
     assert [kind for _, kind, _ in changes] == [c.kind for c in branch.crossings]
     if name == "cubic":
-        # Where the symmetry breaks along the frequency.
+        # Symmetry breaking along the frequency.
         (at,) = [float(where) for _, kind, where in changes if kind == "symmetry breaking"]
         assert at == pytest.approx(1, abs=1e-8)
     ends = [0, -1]

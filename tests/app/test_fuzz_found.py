@@ -1,4 +1,4 @@
-"""What the fuzzer has found: each scene is done or refused with a line, in every build."""
+"""Findings of the fuzzer: each scene is run or refused with a line, in every build."""
 
 import os
 import sys
@@ -21,7 +21,7 @@ def test_a_finding_stays_mended(solve, tmp_path, scene):
 
 
 def test_the_fuzzer_sees_what_is_wrong(tmp_path):
-    """A driver that misbehaves in each way is found out."""
+    """The fuzzer detects each kind of fault of a driver."""
     ways = {
         "signal": "kill -SEGV $$",
         "exit status": "exit 4",

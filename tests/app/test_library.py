@@ -1,4 +1,4 @@
-"""The library as other programs find it: installed, then linked from C, Fortran and CMake."""
+"""The library as used by other programs: installed, then linked from C, Fortran and CMake."""
 
 import ctypes
 import fcntl
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Of the driver that is tested.
+#: Build folder of the driver under test.
 BUILD = Path(
     os.environ.get("VISCOVIB_SOLVE", ROOT / "build/release/fortran/viscovib-solve")
 ).parents[1]
@@ -23,7 +23,7 @@ PRINTED = re.search(
 
 
 def call(*command, **environment):
-    """Run a program; what it prints."""
+    """Run a program; return its output."""
     done = subprocess.run(
         [str(part) for part in command],
         capture_output=True,
@@ -37,10 +37,10 @@ def call(*command, **environment):
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory):
-    """Return the folder into which the library is installed, and the environment to use it."""
+    """Return the installation folder of the library, and the environment to use it."""
     root = tmp_path_factory.mktemp("installed")
     wanted = ("--no-rebuild", "--tags", "library,devel", "--destdir", root)
-    # Meson works in a folder once at a time; tests may run in several processes.
+    # Meson allows one process per build folder; tests may run in several processes.
     with (tmp_path_factory.getbasetemp().parent / "installing").open("w") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)
         call("meson", "install", "-C", BUILD, *wanted)
@@ -58,7 +58,7 @@ def prefix(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """Return a program that calls little."""
+    """Return a program with few calls."""
     path = tmp_path_factory.mktemp("small") / "small.c"
     path.write_text(
         """#include <stdio.h>
@@ -79,7 +79,7 @@ int main(void) {
 
 def flags(prefix, *options):
     words = call("pkg-config", *options, "--cflags", "--libs", "viscovib", **prefix["environment"])
-    # Libraries of the system are not below the folder.
+    # System libraries are not in this folder.
     root = prefix["root"]
     return [word for word in words.split() if word != f"-I{root}/usr/include"]
 
@@ -135,9 +135,9 @@ def test_the_manifest_of_fpm_has_every_source(prefix):
         if folder.name != "app" and path.suffix in (".f90", ".in", ".c")
         if not path.name.endswith("_binding.f90")
     }
-    # Of the transforms, those that were chosen.
+    # Only the selected Fourier transforms.
     assert wanted - here <= {"fft_own.c", "fft_fftw.c"}
-    # A user's element that is built in with the tests.
+    # A user-defined element, built for the tests.
     assert here - wanted <= {"ratchet.f90"}
     assert len(wanted - here) == 1
 
@@ -153,7 +153,7 @@ def library(prefix):
 
 
 def table(library, result, which=0):
-    """Return columns by their names."""
+    """Return columns by name."""
     rows = library.viscovib_rows(result, which)
     names = [
         library.viscovib_column_name(result, which, j).decode()
@@ -166,7 +166,7 @@ def table(library, result, which=0):
 
 
 def handle_of(library, call, *arguments):
-    """Return the handle that a call makes, which has to succeed."""
+    """Return the handle created by a call, which must succeed."""
     handle = ctypes.c_void_p()
     status = call(*arguments, ctypes.byref(handle))
     assert status == 0, library.viscovib_message()
@@ -311,7 +311,7 @@ def test_mistakes_are_told_and_change_nothing(library):
 
 
 def test_misuse_never_crashes(prefix):
-    """Null pointers, counts of no size, what is no number, texts that are none."""
+    """Null pointers, invalid counts, NaN, invalid texts."""
     program = Path(__file__).with_name("library_misuse.py")
     shared = prefix["lib"] / "libviscovib.so"
     done = subprocess.run(
@@ -323,7 +323,7 @@ def test_misuse_never_crashes(prefix):
 
 @pytest.mark.parametrize("point", [",", "\u066b", "."])
 def test_a_comma_of_the_locale_is_no_point(tmp_path, point):
-    """A program that sets its locale, as many do, gets the same numbers."""
+    """A program that sets its locale gets the same numbers."""
     (tmp_path / "locale.c").write_text(
         f"""#include <stdio.h>
 #include <string.h>

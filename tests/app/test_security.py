@@ -1,4 +1,4 @@
-"""SECURITY.md: each promise has tests; scenes execute nothing and show nothing of other files."""
+"""SECURITY.md: each promise has tests; scenes execute no code and show no other files."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 import viscovib as vv
 
 ROOT = Path(__file__).parents[2]
-#: Tests of each promise, by the words with which it begins.
+#: Tests of each promise, by its first words.
 PROMISES = {
     "Scenes are data": [
         "app/test_security.py::test_a_scene_executes_nothing",
@@ -77,7 +77,7 @@ CODE = (
 
 @pytest.mark.parametrize("code", CODE)
 def test_a_scene_executes_nothing(solve, tmp_path, monkeypatch, code):
-    """Whichever of its texts is code of Python or of a shell."""
+    """Any text of a scene may be Python or shell code."""
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "scene.nml"
     for title, law in ((code, "x^3"), ("plain", code), ("plain", f"x^3 + {code}")):
@@ -119,7 +119,7 @@ SECRETS = (
 
 @pytest.mark.parametrize("content", SECRETS)
 def test_messages_show_nothing_of_a_file(solve, tmp_path, content):
-    """A file that a scene names is no table, no matrix, no kernel: its lines are not printed."""
+    """A file named by a scene is no table, matrix or kernel: its lines are not printed."""
     scene, load = tmp_path / "scene.nml", "&load amplitude=0.1 /\n"
     for kind, name in (("tabulated", "f.csv"), ("fitted", "f.json"), ("", "f.mtx")):
         (tmp_path / name).write_text(content)

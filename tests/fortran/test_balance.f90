@@ -71,7 +71,7 @@ contains
     call check_ok(status)
   end subroutine example
 
-  !> At a motion that is no solution, all harmonics filled.
+  !> At coefficients that are not a solution, all harmonics nonzero.
   subroutine compare_derivatives(geometry, half_wave)
     integer, intent(in) :: geometry
     logical, intent(in) :: half_wave
@@ -155,8 +155,8 @@ contains
     call check(ladder%rung_of(1000) == 4, 'the highest rung')
   end subroutine climb
 
-  !> From orders 0 and 1 alone, under another factor of the load than 1: the same as with
-  !! many orders at once.
+  !> Start with harmonics 0 and 1 only, at a load factor other than 1: the same result as with
+  !! all harmonics at once.
   subroutine add_orders()
     type(mount_type) :: mount
     type(load_type) :: load
@@ -218,14 +218,14 @@ contains
                             stops=[2.4_wp, 7.0_wp, 11.0_wp])
     call follow_curve(curve, options, reshape(x, [20]), branch)
     call check(branch%outcome == curve_completed .and. branch%folds%n == 2, 'two folds')
-    ! Orders to 9 leave 5e-7.
+    ! Harmonics up to 9 have an error of 5e-7.
     call check_close(branch%folds%p(1), 2.593184316412_wp, 1.0e-6_wp, 'upper fold')
     call check_close(branch%folds%p(2), 2.268892724956_wp, 1.0e-6_wp, 'lower fold')
     call check_close(branch%parameter(branch%n_points), 10.0_wp, 0.0_wp, 'the end')
-    ! A good prediction, few corrections: 3.1 a point.
+    ! A good prediction needs few corrections: 3.1 per point.
     call check(branch%n_points <= 220, 'long steps')
     call check(sum(branch%iterations(:branch%n_points)) <= 7*branch%n_points/2, 'few corrections')
-    ! Between the folds there are three motions at a load of 2.4.
+    ! At a load of 2.4, between the folds, three motions exist.
     call check(size(branch%stops) == 4, 'stops')
     call check(all(branch%parameter(branch%stops) == [2.4_wp, 2.4_wp, 2.4_wp, 7.0_wp]), &
                'their places')

@@ -1,5 +1,5 @@
-!> Stability of condensed structures: the count on the determinant of the elements against
-!! multipliers of the whole, or Hill's determinant of the whole with memory.
+!> Stability of condensed structures: the count by the determinant of the elements against
+!! multipliers of the full system, or Hill's determinant of the full system with memory.
 module test_condensed
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use testing, only: begin, check, check_close, check_ok
@@ -20,8 +20,8 @@ module test_condensed
 
   public :: run_condensed
 
-  !> Random systems, and motions of each, neighbours of each other. With every check of the debug
-  !! build a system takes ten times as long: the optimised build sees to their number.
+  !> Random systems, each with some neighbouring motions. The debug build takes ten times as long
+  !! per system, so it checks fewer systems than the release build.
   integer, parameter :: n_systems = merge(16, 60, counting), n_motions = 4
   real(wp) :: seed = 12345.0_wp
 
@@ -38,7 +38,7 @@ contains
     if (begin('as many grow with memory as of the whole')) call random_systems(.true.)
   end subroutine run_condensed
 
-  !> Evenly distributed over 0 to 1, the same each time.
+  !> Uniformly distributed in 0 to 1; the same sequence in each run.
   real(wp) function random()
     seed = modulo(16807.0_wp*seed, 2147483647.0_wp)
     random = seed/2147483647.0_wp
@@ -49,7 +49,7 @@ contains
     between = low + (high - low)*random()
   end function between
 
-  !> n random columns at right angles.
+  !> n random orthonormal columns.
   subroutine random_rotation(q)
     real(wp), intent(out) :: q(:, :)
     integer :: i, j
@@ -99,7 +99,7 @@ contains
     end do
   end subroutine band
 
-  !> A system of n coordinates with elements on the first r, whole and condensed.
+  !> A system of n coordinates with elements on the first r: full and condensed.
   subroutine random_system(remembers, whole, structure, n, r)
     logical, intent(in) :: remembers
     type(polynomial_type), intent(out) :: whole
@@ -122,7 +122,7 @@ contains
       squares(i) = between(0.3_wp, 3.0_wp)**2
       rates(i) = 2.0_wp*damping*sqrt(squares(i))*between(0.5_wp, 1.5_wp)
     end do
-    ! Negative stiffness, a rigid body, negative damping, a mode that no element sees.
+    ! Negative stiffness, a rigid body, negative damping, a mode without motion at the elements.
     if (kind == 0) squares(1) = -squares(1)
     if (kind == 1) squares(1) = 0.0_wp
     if (kind == 1) rates(1) = merge(0.0_wp, 0.05_wp, random() < 0.5_wp)
@@ -160,7 +160,7 @@ contains
       q%coefficient(j) = between(-0.5_wp, 1.0_wp)
       q%on(j) = merge(j, 1 + int(r*random()), j <= r)
       q%monomial_kernel(j) = merge(int(2.0_wp*random()), 0, remembers)
-      ! Odd powers for motions with half-wave symmetry too.
+      ! Odd powers, so that motions may have half-wave symmetry.
       i = 1 + int(r*random())
       q%powers(q%on(j), j) = 1
       q%powers(i, j) = q%powers(i, j) + 2
@@ -181,7 +181,7 @@ contains
     end do
     p%damping = matmul(shapes, spread(rates, 2, n)*transpose(shapes))
     p%stiffness(:, :, 1) = matmul(shapes, spread(squares, 2, n)*transpose(shapes))
-    ! What is linear in elements belongs to the rest: of the whole the rest less that.
+    ! The full stiffness contains the linear part of the elements: it is subtracted here.
     do k = 1, m
       p%stiffness(:r, :r, 1) = p%stiffness(:r, :r, 1) - q%stiffness(:, :, k)
     end do
@@ -237,7 +237,7 @@ contains
       do k = 1, n_motions
         period = merge(2.0_wp, 1.0_wp, set%half_wave)*nu(k)
         if (expected%n_growing(k) < 0) cycle
-        ! Too large beside the others, or too near to the axis.
+        ! Exponents that are too large, or too near to the imaginary axis.
         known = pack(expected%exponents(:, k),.not. ieee_is_nan(real(expected%exponents(:, k))))
         if (size(known) > 0) then
           if (maxval(real(known)) > 2.0_wp*nu(k)) cycle
@@ -264,7 +264,7 @@ contains
     call check(tally%wrong == 0, 'as many grow')
     call check(tally%unknown <= tally%judged/50, 'few are unknown')
     call check(tally%unstable > tally%judged/10, 'some grow')
-    ! Rates of the whole with memory are less certain than these.
+    ! With memory the exponents of the full system are less accurate.
     if (.not. remembers) call check_close(tally%error, 0.0_wp, 1.0e-6_wp, 'their rates', 1.0_wp)
   end subroutine random_systems
 

@@ -23,7 +23,7 @@ contains
     if (begin('zeros of polynomials through points')) call run_interpolated()
   end subroutine run_dense
 
-  !> A A+ A = A, A+ A A+ = A+, and the smallest solution.
+  !> A A+ A = A, A+ A A+ = A+, and the minimum-norm solution.
   subroutine run_pseudo_inverses()
     real(wp), allocatable :: a(:, :), inverse(:, :), x(:)
     integer :: i, j, k, n, rank
@@ -46,8 +46,8 @@ contains
                      1.0e-15_wp, 'determinant')
   end subroutine run_pseudo_inverses
 
-  !> Of [1 c; 0 d] they are sqrt(1 + (c/(1 - d))^2), in any orthonormal axes; of an eigenvalue that
-  !! exists twice, with two vectors, 1.
+  !> Eigenvalues of [1 c; 0 d] have the condition sqrt(1 + (c/(1 - d))^2), in any orthonormal axes.
+  !! A double eigenvalue with two eigenvectors has the condition 1.
   subroutine run_conditions()
     real(wp) :: a(3, 3), turn(3, 3), conditions(3), c
     complex(wp) :: values(3)
@@ -75,7 +75,7 @@ contains
     call check_close(maxval(conditions), 1.0_wp, 1.0e-12_wp, 'twice')
   end subroutine run_conditions
 
-  !> Of (x - 0.3) (x + 1) (x^2 + 0.1), and of a constant.
+  !> The polynomial (x - 0.3) (x + 1) (x^2 + 0.1), and a constant.
   subroutine run_interpolated()
     real(wp), parameter :: x(6) = [0.05_wp, 0.2_wp, 0.4_wp, 0.5_wp, 0.8_wp, 0.95_wp]
     real(wp), allocatable :: roots(:)
@@ -202,8 +202,8 @@ contains
     call check(singular, 'singular')
   end subroutine compare_factors
 
-  !> Equations of which some blocks meet all blocks in pairs alone, against factors of the whole:
-  !! solutions, determinants and pivots. One in three has a pair that is all but singular by itself.
+  !> Equations in which some blocks couple to all blocks only in pairs, against dense factorization:
+  !! solutions, determinants and pivots. In one of three cases a pair is nearly singular.
   subroutine compare_bordered()
     integer, parameter :: blocks = 3, n_pairs = 13, m = 2*n_pairs, n = blocks*m + 1
     type(curve_factors) :: factors
@@ -227,7 +227,7 @@ contains
         end do
       end do
       i = findloc(loose, .true., 1)
-      ! One pair has small pivots; in every fifth matrix all pairs do, and none is eliminated.
+      ! One pair has small pivots. In every fifth matrix all pairs do, and none is eliminated.
       do pair = 1, merge(n_pairs, 0, i > 0)
         if (mod(draw, 5) /= 0 .and. (mod(draw, 3) /= 0 .or. pair /= mod(draw, n_pairs) + 1)) cycle
         k = (i - 1)*m + 2*pair - 1

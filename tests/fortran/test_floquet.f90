@@ -38,7 +38,7 @@ contains
     a(:2, :2) = reshape([1.0_wp, 1.0_wp, 6.0_wp, 0.0_wp], [2, 2])
     a(3:4, 3:4) = reshape([1.0_wp, 1.0_wp, -0.5_wp, 0.0_wp], [2, 2])
     a(5:6, 5:6) = reshape([0.0_wp, 1.0_wp, -0.01_wp, 0.0_wp], [2, 2])
-    ! Hidden by unit triangular matrices.
+    ! Similarity transformation by unit triangular matrices.
     do i = 2, 6
       a(i, :) = a(i, :) + 0.7_wp*a(i - 1, :)
       a(:, i - 1) = a(:, i - 1) - 0.7_wp*a(:, i)
@@ -59,7 +59,7 @@ contains
     call check(maxval(abs(z**6 - 1.0_wp)) <= 1.0e-13_wp, 'roots of one')
   end subroutine companion
 
-  !> Trace, sum of squares and their largest, whatever the units.
+  !> Trace, sum of squares and largest magnitude, at any scale.
   subroutine skewed()
     real(wp) :: a(4, 4)
     complex(wp) :: z(4)
@@ -80,7 +80,7 @@ contains
     call check_close(real(sum(z))*1.0e-200_wp, sum([(a(i, i), i=1, 4)]), 1.0e-13_wp, 'large')
   end subroutine skewed
 
-  !> Two pairs, one beside the other.
+  !> Two pairs of multipliers close to each other.
   subroutine stubborn()
     real(wp) :: a(4, 4), b(4, 4), r
     complex(wp) :: z(4)
@@ -105,7 +105,7 @@ contains
     end do
   end subroutine stubborn
 
-  !> A chain of n masses, polynomial and slightly nonlinear, which does not move.
+  !> A chain of n masses, polynomial and slightly nonlinear, at rest.
   subroutine chain(n, system)
     integer, intent(in) :: n
     type(polynomial_type), intent(out) :: system
@@ -133,7 +133,7 @@ contains
     call check_ok(status)
   end subroutine chain
 
-  !> One, two and three coordinates, nine frequencies, of which the last stands alone.
+  !> One, two and three coordinates at nine frequencies; the last frequency is computed separately.
   subroutine at_rest(half_wave)
     logical, intent(in) :: half_wave
     type(polynomial_type) :: system
@@ -175,7 +175,7 @@ contains
     end do
   end subroutine at_rest
 
-  !> x'' + k x + 0.3 x^3 along 0.2 sin t, say: y'' + (a - 2 q cos 2t) y = 0. At the edge
+  !> x'' + k x + 0.3 x^3 along 0.2 sin t gives y'' + (a - 2 q cos 2t) y = 0. At the boundary
   !! a = 1 + q - q^2/8 - q^3/64 - q^4/1536 + 11 q^5/36864 (DLMF 28.6.2) both multipliers are 1.
   subroutine mathieu()
     type(polynomial_type) :: system

@@ -1,4 +1,4 @@
-!> Fourier alternation: exact round trips and no aliasing of cubic terms.
+!> Alternating frequency/time transforms: exact round trips and no aliasing of cubic terms.
 module test_harmonics
   use testing, only: begin, check, check_close
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
@@ -53,7 +53,7 @@ contains
     call set%to_harmonics(samples, back)
     call check_close(maxval(abs(back - x)), 0.0_wp, 2.0e-15_wp, 'round trip', floor=1.0_wp)
 
-    ! sin^3 of the highest order: 3/4 of it, minus 1/4 of the third, not kept.
+    ! sin^3 of the highest harmonic: 3/4 of it, minus 1/4 of its third harmonic, which is omitted.
     x = 0.0_wp
     x(:, 2*n - 1) = 1.0_wp
     call set%to_samples(x, samples)

@@ -66,7 +66,7 @@ contains
     call check(maxval(abs(w(:8) - weights_8)) < 1.0e-15_wp, '8 weights')
   end subroutine tabulated_rules
 
-  !> The rule has the moments of the masses up to degree 2n-1.
+  !> The rule has the moments of the measure up to degree 2n-1.
   subroutine discrete_measure()
     real(wp) :: points(150), masses(150), diagonal(10), beside(10), x(10), w(10)
     integer :: k, found
@@ -81,8 +81,8 @@ contains
     call check(found == 2, 'two points have two polynomials')
   end subroutine discrete_measure
 
-  !> From 0 to far beyond the kernel's decay: its integral. And for exp(-t) times R,
-  !! the difference of two of its own sums (Rzhanitsyn with beta + 1).
+  !> From 0 to far beyond the decay of the kernel: its integral. For exp(-t) times R: the
+  !! difference of two sums of the rule (Rzhanitsyn with beta + 1).
   subroutine local_integrals()
     class(kernel_type), allocatable :: kernel
     type(rzhanitsyn_kernel) :: rzhanitsyn
@@ -118,7 +118,7 @@ contains
       call check_ok(status)
       call kernel%local_rules([tau, 0.3_wp*tau], nodes, weights)
       call check_close(sum(weights(:, 1)), kernel%integral(), tolerance, name)
-      ! A piece from 0 and one from there on are the whole.
+      ! A rule from 0 to a point and a rule from this point give the whole integral.
       call kernel%lag_rule(0.3_wp*tau, tau, x, w)
       call check_close(sum(weights(:, 2)*nodes(:, 2)) + sum(w*x), sum(weights(:, 1)*nodes(:, 1)), &
                        tolerance, name//' in two pieces')
@@ -131,7 +131,7 @@ contains
     type(rabotnov_kernel) :: rabotnov
     type(status_type) :: status
     real(wp), parameter :: tolerances(3) = [1.0e-6_wp, 1.0e-10_wp, 1.0e-13_wp]
-    ! A tenth more than the fewest known, 34, 52 and 66.
+    ! Upper bounds, 10 % above the smallest known numbers 34, 52 and 66.
     integer, parameter :: most(3) = [38, 59, 75]
     real(wp), allocatable :: weights(:), rates(:)
     integer :: i
@@ -263,7 +263,7 @@ contains
     call check(maxval(abs(last - other)) < 1.0e-11_wp, 'both ways')
   end subroutine exact_geometry
 
-  !> Energy of the cubic system, kept without memory and load.
+  !> Energy of the cubic system, constant without memory and load.
   subroutine no_memory()
     type(mount_type) :: mount
     real(wp) :: last(4), start(4)

@@ -50,7 +50,7 @@ contains
     call check_ok(status)
   end subroutine example
 
-  !> The continuation knows where the branch runs backwards: there one exponent grows.
+  !> Where the branch runs backwards, exactly one exponent grows.
   subroutine follow(geometry)
     integer, intent(in) :: geometry
     type(mount_type), target :: mount
@@ -73,7 +73,7 @@ contains
     call new_hill(hill, mount, set)
     backwards = 0
     total = 0
-    ! Nothing known at first.
+    ! No exponent is known at first.
     near = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     do i = 1, branch%n_points
       call hill%along(mount, branch%parameter(i), reshape(branch%x(:, i), [10, 2]))
@@ -124,7 +124,7 @@ contains
     call check(n_growing == 2, 'all orders')
   end subroutine creep
 
-  !> Exponents that grow, beside those known.
+  !> Growing exponents, in addition to the known ones.
   subroutine count_growing(hill, system, known, n_growing)
     type(hill_type), intent(in) :: hill
     type(mount_type), intent(in) :: system

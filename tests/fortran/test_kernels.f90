@@ -49,7 +49,7 @@ contains
     end if
   end subroutine run_kernels
 
-  !> Against central differences of two steps, extrapolated.
+  !> Against extrapolated central differences with two step sizes.
   subroutine compare_slope(kind, parameters)
     integer, intent(in) :: kind
     real(wp), intent(in) :: parameters(:)

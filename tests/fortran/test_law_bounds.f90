@@ -1,5 +1,5 @@
-!> Ranges of laws against their values: of random programs in random boxes, no value of a law and no
-!! rate of it lies outside the range that is told.
+!> Ranges of laws: for random programs in random boxes, no value of a law and no rate lies outside
+!! its range.
 module test_law_bounds
   use testing, only: begin, check
   use viscovib_kinds, only: wp
@@ -15,9 +15,9 @@ module test_law_bounds
   public :: run_law_bounds
 
   integer, parameter :: n_arguments = 3, n_points = 40, n_programs = 6000
-  !> Rounding of a value, and of its rate, beside the size of what it is made of.
+  !> Rounding error of a value or rate, relative to the largest terms in it.
   real(wp), parameter :: rounding = 1.0e-12_wp
-  !> Values beyond, and arguments of exp beyond, may count as none.
+  !> Larger values, and larger arguments of exp, may count as undefined.
   real(wp), parameter :: largest = 1.0e12_wp, far = 130.0_wp
   integer :: seed = 1
 
@@ -28,7 +28,7 @@ contains
     if (begin('the range of a point is its value')) call look_at_points()
   end subroutine run_law_bounds
 
-  !> The next number in [0, 1) of a sequence that is the same everywhere (Park and Miller).
+  !> Next number in [0, 1) of a reproducible sequence (Park and Miller).
   real(wp) function chance()
     integer, parameter :: a = 16807, m = 2147483647, q = 127773, r = 2836
     seed = a*modulo(seed, q) - r*(seed/q)
@@ -36,7 +36,7 @@ contains
     chance = real(seed, wp)/m
   end function chance
 
-  !> A whole number from 1 to n.
+  !> A random integer from 1 to n.
   integer function one_of(n)
     integer, intent(in) :: n
     one_of = 1 + min(int(n*chance()), n - 1)
@@ -62,13 +62,13 @@ contains
       if (tells_rates(range)) n_rates = n_rates + 1
       if (range%outside == nowhere) n_nowhere = n_nowhere + 1
     end do
-    ! Ranges that say nothing would contain everything.
+    ! An infinite range would contain every value.
     call check(n_told > n_programs/3, 'ranges that tell something')
     call check(n_rates > n_programs/4, 'ranges that tell rates')
     call check(n_nowhere > n_programs/100, 'boxes without values')
   end subroutine look_into_boxes
 
-  !> Boxes without extent.
+  !> Boxes of zero size.
   subroutine look_at_points()
     type(law_program) :: law
     type(range_type) :: box(n_arguments), range
@@ -86,14 +86,14 @@ contains
     end do
   end subroutine look_at_points
 
-  !> Whether what is told of rates holds: they are those of a function without jumps.
+  !> True if the range of rates is valid: finite, and the function has no jumps.
   logical function tells_rates(range)
     type(range_type), intent(in) :: range
     tells_rates = range%outside == inside .and. .not. range%jumps &
                   .and. all(abs(range%value) < wall) .and. all(abs(range%rate) < wall)
   end function tells_rates
 
-  !> Values and rates at places of a box.
+  !> Check values and rates at random points of a box.
   subroutine look_at_points_of(law, box, range)
     type(law_program), intent(in) :: law
     type(range_type), intent(in) :: box(:), range
@@ -125,13 +125,13 @@ contains
     end do
   end subroutine look_at_points_of
 
-  !> The value of a law, by Fortran's own functions.
+  !> The value of a law, by Fortran intrinsic functions.
   subroutine evaluate_plainly(law, at, value, defined, known, edge)
     type(law_program), intent(in) :: law
     real(wp), intent(in) :: at(:)
     real(wp), intent(out) :: value
-    !> Whether there is a value; whether that is known, nothing being too large nor a matter of
-    !! rounding; whether a function is at the edge of its domain, where it may have no slope.
+    !> Whether the value exists; whether this is certain (no overflow, no dependence on rounding);
+    !! whether a function is at the edge of its domain, where its slope may not exist.
     logical, intent(out) :: defined, known, edge
     real(wp) :: x(law%depth + 2), number
     logical :: has(law%depth + 2), exact(law%depth + 2)
@@ -185,7 +185,7 @@ contains
     defined = has(1)
   end subroutine evaluate_plainly
 
-  !> Whether a function may have no slope at a place, or no value beside it.
+  !> True if the slope of a function may not exist at a point, or its value next to the point.
   logical function at_edge(code, x, near)
     integer, intent(in) :: code
     real(wp), intent(in) :: x, near
@@ -304,7 +304,7 @@ contains
     end select
   end subroutine of_two_plainly
 
-  !> A place in a range, often one of its ends, its middle or 0.
+  !> A random point of a range, often one of its ends, its middle or 0.
   real(wp) function place_in(range)
     real(wp), intent(in) :: range(2)
     select case (one_of(8))
@@ -319,7 +319,7 @@ contains
     end select
   end function place_in
 
-  !> Ranges of arguments and of their rates; some begin or end at whole numbers, as kinks do.
+  !> Random ranges of arguments and rates; some begin or end at integers, where kinks are.
   subroutine draw_box(width, box)
     real(wp), intent(in) :: width
     type(range_type), intent(out) :: box(:)
@@ -337,7 +337,7 @@ contains
     end do
   end subroutine draw_box
 
-  !> A law of so many levels at most.
+  !> A random law with at most this number of levels.
   subroutine draw_program(law, levels)
     type(law_program), intent(out) :: law
     integer, intent(in) :: levels
@@ -347,11 +347,11 @@ contains
     call law%measure()
   end subroutine draw_program
 
-  !> One function and what it takes, behind the rest of the program.
+  !> Append a random function and its arguments to the program.
   recursive subroutine draw_part(law, levels, whole)
     type(law_program), intent(inout) :: law
     integer, intent(in) :: levels
-    !> Not a number or an argument alone.
+    !> A number or an argument alone is not allowed.
     logical, intent(in) :: whole
     integer :: code, i
     real(wp) :: number
@@ -365,7 +365,7 @@ contains
         number = real(one_of(41) - 21, wp)/merge(1, 8, one_of(2) == 1)
       end if
     else
-      ! Sums, products and powers as often as functions of names.
+      ! Sums, products and powers are as frequent as named functions.
       code = 2 + one_of(negate - 2)
       if (one_of(2) == 1) code = first_function - 1 + one_of(f_where - first_function + 1)
       if (code == known_power) then
@@ -380,7 +380,7 @@ contains
     law%number = [law%number, number]
   end subroutine draw_part
 
-  !> Check what holds of a law; one that fails is told by its instructions.
+  !> Check a property of a law; on failure print its instructions.
   subroutine tell(holds, what, law)
     logical, intent(in) :: holds
     character(len=*), intent(in) :: what

@@ -1,4 +1,4 @@
-!> Namelist files: what is read, and the place of what is wrong.
+!> Namelist files: values read, and the location of errors.
 module test_namelist
   use test_scene_files, only: remove_scratch, scratch, write_scratch
   use testing, only: begin, check, check_close, check_fails, check_ok
@@ -23,7 +23,7 @@ contains
     type(status_type) :: status
     real(wp), allocatable :: list(:)
 
-    ! Allocated, else gfortran 12 takes assignments to it for uses.
+    ! Allocated, because gfortran 12 would report assignments to it as uses.
     allocate (list(0))
     if (begin('numbers are read strictly')) call check_numbers()
 
@@ -217,7 +217,7 @@ contains
     call read_namelist(scratch('test.nml'), file, status)
   end subroutine read_file
 
-  !> The text must be refused with this message after the name of the file.
+  !> The text must be refused with this message after the file name.
   subroutine wrong(text, message)
     character(len=*), intent(in) :: text, message
     type(namelist_type) :: file

@@ -1,4 +1,4 @@
-!> Polynomial systems: derivatives against differences, the mount as one of them.
+!> Polynomial systems: derivatives against differences; the mount as a polynomial system.
 module test_polynomial
   use testing, only: begin, check, check_close, check_fails, check_ok
   use viscovib_backbone, only: follow_backbone
@@ -186,7 +186,7 @@ contains
                      floor=1.0_wp)
   end subroutine compare_balance
 
-  !> M, C, forces and their derivatives of both at one motion.
+  !> M, C, forces and derivatives of both systems at one motion.
   subroutine compare_mount(kernels)
     type(kernel_holder), intent(in) :: kernels(:)
     type(mount_type) :: mount

@@ -1,4 +1,4 @@
-!> Characteristic roots and free decay against closed forms, and the linear algebra behind them.
+!> Characteristic roots and free decay against closed forms, and the linear algebra for them.
 module test_roots
   use testing, only: begin, check, check_close, check_fails, check_ok
   use viscovib_catalogue, only: kernel_prony, kernel_rabotnov, kernel_rzhanitsyn, new_kernel
@@ -41,7 +41,7 @@ contains
         if (i > 1) a(i, i - 1) = -1.0_wp
         if (i > 1) a(i - 1, i) = -1.0_wp
       end do
-      ! The same numbers with full rows: rotated by a reflection.
+      ! The same eigenvalues with a full matrix, after a reflection.
       do i = 1, n - 1
         a = matmul(reflection(n, i), matmul(a, reflection(n, i)))
       end do
@@ -68,7 +68,7 @@ contains
   !> n uncoupled coordinates of mass 1 on springs with one kernel.
   subroutine find(squares, damping, kind, numbers, roots)
     real(wp), intent(in) :: squares(:), damping, numbers(:)
-    !> Of the kernel; 0: none.
+    !> Kind of the kernel; 0: none.
     integer, intent(in) :: kind
     type(roots_type), intent(out) :: roots
     type(polynomial_parameters) :: p
@@ -148,7 +148,7 @@ contains
     call check_close(real(roots%oscillatory(1)), -0.25_wp, 1.0e-13_wp, 'decay')
   end subroutine check_neutral
 
-  !> Rows in two parts have the Gram matrix of all, of which these are eigenvectors.
+  !> Rows in two parts have the Gram matrix of all rows; these are its eigenvectors.
   subroutine check_vectors()
     integer, parameter :: m = 30, n = 7
     real(wp) :: rows(m, n), r(n, n), part(m/2, n), left(n)
@@ -175,7 +175,7 @@ contains
     end do
   end subroutine check_vectors
 
-  !> Two oscillations and a creep in two coordinates, the second of which is small.
+  !> Two oscillations and creep in two coordinates; the second coordinate is small.
   subroutine check_decay()
     complex(wp), parameter :: s(2) = [(-0.02_wp, 1.5_wp), (-0.3_wp, 5.6_wp)]
     complex(wp), parameter :: a(2, 2) = reshape([(1.0_wp, 0.5_wp), (0.2_wp, -0.1_wp), &

@@ -1,4 +1,4 @@
-!> The method of multiple scales: formulas known by hand, with every run-time check on.
+!> Multiple scales against known formulas, with all run-time checks.
 module test_scales
   use testing, only: begin, check, check_close, check_ok
   use viscovib_homotopy, only: family_type, new_family
@@ -102,7 +102,7 @@ contains
     call check_ok(status)
     call check(points%n == 3, 'three of them')
     do i = 1, points%n
-      ! Harmonic balance with one harmonic, the same up to the square of the amplitude.
+      ! Harmonic balance with one harmonic, equal up to the square of the amplitude.
       x = abs(points%harmonic(1, i))
       residual = x**2*((1.0_wp - p**2 + 0.75_wp*alpha*x**2)**2 + (c*p)**2) - f**2
       call check_close(residual, 0.0_wp, 0.01_wp, 'balance', floor=f**2)
@@ -168,7 +168,7 @@ contains
     cancel = 0
     call new_family(family, 4, .true., row, at, cancel)
     call check(size(family%solutions, 2) == 9, 'nine with coefficients at random')
-    ! A second call follows no paths, so that none can be given up.
+    ! The second call uses the stored solutions and cannot be cancelled.
     given_up = 1
     call new_family(again, 4, .true., row, at, given_up)
     call check(size(again%solutions, 2) == 9, 'systems with the same terms are kept')
@@ -198,7 +198,7 @@ contains
     call check(worst < 1.0e-10_wp, 'residuals')
   end subroutine all_steady_motions
 
-  !> A weak quadratic term does not change the unit in which a strong cubic term limits the motion.
+  !> A weak quadratic term does not change the amplitude unit set by a strong cubic term.
   subroutine unit_of_amplitudes()
     type(slow_flow_type) :: flow
     real(wp) :: cubic_alone

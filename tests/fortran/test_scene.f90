@@ -1,4 +1,4 @@
-!> Scenes: defaults, canonical text, and the line of what is wrong.
+!> Scenes: defaults, canonical text, and error messages with line numbers.
 module test_scene
   use test_scene_files, only: remove_scratch, scratch, write_scratch
   use testing, only: begin, check, check_close, check_fails, check_ok
@@ -311,7 +311,7 @@ contains
     call check(status%category == status_input_error, 'an input error')
   end subroutine wrong
 
-  !> A scene whose kernel stands in a file of this text.
+  !> A scene whose kernel is in a file with this text.
   subroutine wrong_table(text, message)
     character(len=*), intent(in) :: text, message
     type(scene_type) :: scene
@@ -323,7 +323,7 @@ contains
     call check(status%category == status_input_error, 'an input error')
   end subroutine wrong_table
 
-  !> A law in the fourth line, and what is said of it.
+  !> A law in the fourth line, and the expected message.
   subroutine wrong_law(law, message, start)
     character(len=*), intent(in) :: law, message
     character(len=*), intent(in), optional :: start
@@ -338,7 +338,7 @@ contains
     end if
   end subroutine wrong_law
 
-  !> Those of a scene that asks for a response.
+  !> Frequencies of a scene with a response.
   function frequencies(scene) result(nu)
     type(scene_type), intent(in) :: scene
     real(wp), allocatable :: nu(:)

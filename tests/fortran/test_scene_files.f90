@@ -1,4 +1,4 @@
-!> Small files for the tests of readers and writers, in the folder of the run.
+!> Small files for tests of readers and writers, in the working folder.
 module test_scene_files
   implicit none
   private
@@ -7,14 +7,14 @@ module test_scene_files
 
 contains
 
-  !> Path of a scratch file; suites run side by side, so names must differ.
+  !> Path of a scratch file; suites run in parallel, so names must differ.
   function scratch(name) result(path)
     character(len=*), intent(in) :: name
     character(len=:), allocatable :: path
     path = 'scratch_'//name
   end function scratch
 
-  !> Exactly these bytes.
+  !> Write exactly these bytes.
   subroutine write_scratch(name, text)
     character(len=*), intent(in) :: name, text
     integer :: unit
@@ -24,7 +24,7 @@ contains
     close (unit)
   end subroutine write_scratch
 
-  !> All bytes; '(none)' if there is no such file.
+  !> Read all bytes; '(none)' if the file does not exist.
   function read_scratch(name) result(text)
     character(len=*), intent(in) :: name
     character(len=:), allocatable :: text

@@ -1,6 +1,5 @@
-!> What a plan skips is really not done: scenes are run and the work they did is
-!! counted, with the part skipped and with a twin that needs it. Counts are there in
-!! the build with all checks only.
+!> Skipped computations of a plan are really skipped: each scene is run with the part skipped and
+!! with a twin that needs it, and the operations are counted. Only the debug build counts.
 module test_skips
   use test_scene_files, only: scratch
   use testing, only: begin, check, check_ok
@@ -45,7 +44,7 @@ module test_skips
     //'f0 = 0.01'//nl//'p1 = 1.4'//nl
   character(len=*), parameter :: swing_motion = '&transient'//nl//'t_end = 20'//nl//'dt = 0.5' &
                                                 //nl
-  !> Two oscillators with nothing between them but what is put in for the spring.
+  !> Two oscillators, coupled by the text inserted for the spring only.
   character(len=*), parameter :: pair = &
     '&system'//nl//"coordinates = 'a' 'b'"//nl//'mass = 1 2'//nl//'damping = 0.1 0.1'//nl &
     //'stiffness = '
@@ -62,7 +61,7 @@ contains
     call zeros()
   end subroutine run_skips
 
-  !> Run a scene and count. Its plan must say what is skipped, if that is given.
+  !> Run a scene and count. If given, the plan must state the reason of the skip.
   function work(text, reason) result(counts)
     character(len=*), intent(in) :: text
     character(len=*), intent(in), optional :: reason
@@ -86,7 +85,7 @@ contains
     counts = [(counted(i), i=1, size(counts))]
   end function work
 
-  !> Those of a scene that asks for a response.
+  !> Frequencies of a scene with a response.
   function frequencies(scene) result(nu)
     type(scene_type), intent(in) :: scene
     real(wp), allocatable :: nu(:)
@@ -98,7 +97,7 @@ contains
     end associate
   end function frequencies
 
-  !> The work is done in the twin and not at all where it is skipped.
+  !> The twin does the work, the skipping scene none of it.
   subroutine compare(skipping, twin, kinds)
     integer(i8), intent(in) :: skipping(:), twin(:)
     integer, intent(in) :: kinds(:)
@@ -201,7 +200,7 @@ contains
       twin = work(apart//load//motion//nl//'initial = 0 0 1e-200 0'//slash)
       call check(skipping(counted_coordinates) == skipping(counted_accelerations), 'one')
       call check(twin(counted_coordinates) == 2*twin(counted_accelerations), 'both')
-      ! With memory, as each step counts.
+      ! With memory, because each step counts.
       skipping = work(apart//kernel//load//motion//slash, idle)
       twin = work(apart//kernel//load//motion//nl//'initial = 0 0 1e-200 0'//slash)
       call check(skipping(counted_coordinates) == 12, 'one of two at 12 steps')
@@ -219,7 +218,7 @@ contains
     end if
   end subroutine idle_coordinates
 
-  !> Response of a scene's system, its idle coordinates left out or taken along.
+  !> Response of the system of a scene, with idle coordinates omitted or included.
   subroutine respond(text, method, keep_idle, counts)
     character(len=*), intent(in) :: text
     integer, intent(in) :: method

@@ -1,5 +1,5 @@
-!> Structures in time: sections over a step against motions that are known, and runs in steps of
-!! two lengths.
+!> Structures in time: modal sections over a step against known motions, and runs with two
+!! step sizes.
 module test_structure_march
   use testing, only: begin, check, check_close, check_ok
   use viscovib_base_motion, only: base_motion_type
@@ -22,7 +22,7 @@ module test_structure_march
 
   public :: run_structure_march
 
-  !> Of sections: frequencies and damping ratios over a unit of time.
+  !> Frequencies and damping ratios of modal sections over a unit of time.
   real(wp), parameter :: omegas(9) = [1.0e-8_wp, 1.0e-3_wp, 0.7_wp, 1.4_wp, 3.14_wp, 20.0_wp, &
                                       62.0_wp, 500.0_wp, 1.0e4_wp]
   real(wp), parameter :: ratios(8) = [0.0_wp, 1.0e-6_wp, 0.02_wp, 0.999999_wp, 1.0_wp, &
@@ -39,7 +39,7 @@ contains
     if (begin('steps of two lengths')) call two_lengths()
   end subroutine run_structure_march
 
-  !> q = 1 + 2 t - t^2 + t^5/2 is the answer to q'' + rate q' + square q.
+  !> q = 1 + 2 t - t^2 + t^5/2 is the response to the load q'' + rate q' + square q.
   subroutine polynomial_motions()
     real(wp) :: by_order(0:7), rates(0:7), by_q(2), by_v(2), square, rate
     integer :: i, j
@@ -48,7 +48,7 @@ contains
         square = omegas(i)**2
         rate = 2.0_wp*ratios(j)*omegas(i)
         call one(square, rate)
-        ! A stiffness that pushes away, and none.
+        ! Negative stiffness, and none.
         if (omegas(i) < 5.0_wp) call one(-square, rate)
         call one(0.0_wp, rate)
       end do
@@ -72,7 +72,7 @@ contains
       size_of = 2.5_wp + sum(abs(forces*by_order))
       call check_close(1.0_wp + by_q(1) + 2.0_wp*by_v(1) + sum(forces*by_order), 2.5_wp, &
                        1.0e-14_wp*size_of, 'displacement')
-      ! A section that moves by 1 has velocities as large as its frequency.
+      ! A section displaced by 1 has velocities as large as its frequency.
       size_of = 2.5_wp + sqrt(abs(square)) + sum(abs(forces*rates))
       call check_close(2.0_wp + by_q(2) + 2.0_wp*by_v(2) + sum(forces*rates), 2.5_wp, &
                        1.0e-14_wp*size_of, 'velocity')
@@ -80,7 +80,7 @@ contains
 
   end subroutine polynomial_motions
 
-  !> v = 1 + 2 t - t^2 + t^5/2 is the answer to v' + rate v; each number has all of its digits.
+  !> v = 1 + 2 t - t^2 + t^5/2 is the response to v' + rate v; all digits of a number are correct.
   subroutine relaxing()
     real(wp) :: by_order(0:7), forces(0:7), t(8), w(8), gained, rate, v
     complex(wp) :: known(0:7)
@@ -103,7 +103,7 @@ contains
     end do
   end subroutine relaxing
 
-  !> exp(i mu t) is the answer to (square - mu^2 + i mu rate) exp(i mu t).
+  !> exp(i mu t) is the response to (square - mu^2 + i mu rate) exp(i mu t).
   subroutine waves()
     real(wp), parameter :: mus(7) = [0.0_wp, 1.0e-6_wp, 0.3_wp, 1.2_wp, 20.0_wp, 62.0_wp, 600.0_wp]
     real(wp) :: by_q(2), by_v(2), square, rate
@@ -114,7 +114,7 @@ contains
         do k = 0, size(mus)
           square = omegas(i)**2
           rate = 2.0_wp*ratios(j)*omegas(i)
-          ! Resonance first.
+          ! Resonance is the first case.
           associate (mu => merge(omegas(i), mus(max(k, 1)), k == 0))
             call section_wave(square, rate, mu, answer, velocity)
             call free_section(square, rate, by_q, by_v)
@@ -125,7 +125,7 @@ contains
             call check(abs(d*velocity + cmplx(by_q(2), mu*(1.0_wp + by_v(2)), wp) &
                            - cmplx(0.0_wp, mu, wp)*wave) <= 1.0e-13_wp &
                        *(1.0_wp + mu + abs(by_q(2)) + abs(d*velocity)), 'its velocity')
-            ! As small as they are, answers have digits.
+            ! Small responses have full relative accuracy.
             if (omegas(i) < 1.0e-2_wp .and. mu < 1.0e-2_wp .and. ratios(j) < 2.0_wp) then
               call check_close(real(answer), 0.5_wp, 1.0e-2_wp, 'slow answer')
             end if
@@ -153,7 +153,7 @@ contains
     end do
   end subroutine halves
 
-  !> Of sums of Legendre polynomials that are powers: integral exp(z (1-x)) x^2 dx.
+  !> Sums of Legendre polynomials that are powers: integral exp(z (1-x)) x^2 dx.
   subroutine moments()
     complex(wp) :: z, m(0:2), exact
     integer :: i
@@ -166,7 +166,7 @@ contains
     end do
   end subroutine moments
 
-  !> Stiff modes, a pole that decays, a cubic spring that remembers, a table, two waves.
+  !> Stiff modes, a decaying pole, a cubic spring with memory, a load table, two harmonics.
   subroutine two_lengths()
     real(wp) :: ends(4, 2)
     call run_in(40, ends(:, 1))
@@ -188,7 +188,7 @@ contains
     integer(i8) :: n_done
     integer :: n_reached, outcome, reason
 
-    ! One coordinate; a spring 0.3 with kernel 1, whose elastic part is in the rest; 0.5 d^3.
+    ! One coordinate; a spring 0.3 with kernel 1, whose elastic part is linear; 0.5 d^3.
     call polynomial_from_vector(elements, [1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 0.0_wp, &
                                            0.0_wp, 1.0_wp, 0.3_wp, 0.5_wp, 1.0_wp, 1.0_wp, 3.0_wp, &
                                            2.0_wp, 2.0_wp, 0.4_wp, 1.5_wp], status)

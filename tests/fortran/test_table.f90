@@ -1,4 +1,4 @@
-!> Tables: written whole or not at all.
+!> Tables: written completely or not at all.
 module test_table
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use test_scene_files, only: read_scratch, remove_scratch, scratch, write_scratch

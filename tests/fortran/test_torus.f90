@@ -1,5 +1,5 @@
-!> Harmonic balance on a torus: passages there and back, derivatives against
-!! differences, a curve with a fold and a branch point that are known.
+!> Harmonic balance on a torus: transforms there and back, derivatives against
+!! differences, a curve with a known fold and a known branch point.
 module test_torus
   use testing, only: begin, check, check_close, check_ok
   use viscovib_constants, only: pi
@@ -59,7 +59,7 @@ contains
     case (1)
       orders = reshape([0, 1, 2, 3, 5], [1, 5])
     case (2)
-      ! Moments to 12 of 20 samples along the first axis.
+      ! Fourier coefficients to 12 from 20 samples along the first axis.
       orders = reshape([0, 0, 1, 0, 0, 1, 1, -1, 2, 1, 0, 3, 3, -2, 6, -1], [2, 8])
     case default
       orders = reshape([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, -1, 2, 0, 1, -1, 2, 1, 0], [3, 7])
@@ -157,7 +157,7 @@ contains
     call check(.not. inside, 'out of range')
   end subroutine compare_derivatives
 
-  !> By amplitude of a coordinate, or energy.
+  !> Free motions by the amplitude of a coordinate, or by energy.
   subroutine compare_free(variant, dof)
     integer, intent(in) :: variant, dof
     type(pendulum_type), target :: system

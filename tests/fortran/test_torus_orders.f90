@@ -1,5 +1,5 @@
-!> Steady motions of many orders: on two levels against all orders at once, and with as many
-!! as each of a row needs.
+!> Steady motions with many harmonics: solution on two levels against all harmonics at once, and
+!! automatic harmonics for each row.
 module test_torus_orders
   use testing, only: begin, check, check_close, check_ok
   use viscovib_curve_newton, only: solve_on_curve
@@ -34,8 +34,8 @@ contains
     end if
   end subroutine run_torus_orders
 
-  !> The motion raised from rest by way of few orders, then a neighbour's, against
-  !! Newton's method for all of them.
+  !> Solutions from rest via few harmonics, and from a neighbour, against Newton's method
+  !! with all harmonics.
   subroutine compare_levels(axes)
     integer, intent(in) :: axes
     type(pendulum_type), target :: system
@@ -84,7 +84,7 @@ contains
     call check(outcome /= outcome_converged, 'given up')
   end subroutine compare_levels
 
-  !> A small motion, a large one, and the small one once more.
+  !> A small motion, a large motion, and the small motion again.
   subroutine choose_orders(axes)
     integer, intent(in) :: axes
     type(pendulum_type), target :: system

@@ -30,7 +30,7 @@ module test_transient
   public :: run_transient
 
   interface
-    !> In wide.c.
+    !> Defined in wide.c.
     real(c_double) function exact_sine(x) bind(c)
       import :: c_double
       real(c_double), value :: x
@@ -90,7 +90,7 @@ contains
     end do
   end subroutine compare_exponentials
 
-  !> Inside and outside the domain of each function.
+  !> Arguments inside and outside the domain of each function.
   subroutine compare_laws()
     character(len=*), parameter :: texts(19) = [character(len=48) :: &
       'sin(x)*cos(y) - x/y', 'exp(x) + tanh(3*y)', 'log(x)', 'sqrt(y) + x^2', 'x^(-1.5)', 'y^3', &
@@ -123,8 +123,8 @@ contains
     end do
   end subroutine compare_laws
 
-  !> A mass on a spring under sin(0.8 t)/2 with dry friction, a Jenkins element, a rigid floor: by
-  !! two methods, one of which rests at the end.
+  !> A mass on a spring under sin(0.8 t)/2 with dry friction, a Jenkins element and a rigid stop, by
+  !! two methods; with one of them the mass is in contact at the end.
   subroutine switch_on()
     real(wp) :: one(2), other(2)
     type(law_term) :: law
@@ -175,7 +175,7 @@ contains
 
     p%mass = reshape([1.0_wp], [1, 1])
     p%damping = reshape([0.05_wp], [1, 1])
-    ! A slider that sticks is a spring, which belongs to the stiffness.
+    ! The stiffness contains the spring of a sticking slider.
     p%stiffness = reshape([merge(6.0_wp, 1.0_wp, law%state == 1)], [1, 1, 1])
     p%spring_kernel = [0]
     allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(1, 0), p%laws(1))

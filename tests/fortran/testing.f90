@@ -1,8 +1,8 @@
 !> A small test harness: a suite is a routine that runs named tests.
 !!
 !! A suite calls `begin('name')` before each test and any of the checks after
-!! it; a failing check prints what was wanted and what came, and is counted.
-!! With a test name on the command line, `begin` returns false for the rest.
+!! it; a failing check prints the expected and the actual value, and is counted.
+!! With a test name on the command line, `begin` returns false for all other tests.
 module testing
   use, intrinsic :: iso_fortran_env, only: output_unit
   use viscovib_kinds, only: wp
@@ -18,13 +18,13 @@ module testing
 
 contains
 
-  !> Run only the test of this name; empty runs all.
+  !> Run only the test of this name; an empty name runs all tests.
   subroutine select_test(name)
     character(len=*), intent(in) :: name
     wanted = name
   end subroutine select_test
 
-  !> Open a test; false if it was not asked for.
+  !> Start a test; false if it is not selected.
   logical function begin(name)
     character(len=*), intent(in) :: name
     begin = .true.
@@ -63,7 +63,7 @@ contains
     if (status%failed()) call check(.false., 'unexpected error: '//status%message)
   end subroutine check_ok
 
-  !> The status must be a failure whose message holds the given text.
+  !> The status must be a failure whose message contains the given text.
   subroutine check_fails(status, text)
     type(status_type), intent(in) :: status
     character(len=*), intent(in) :: text
@@ -75,7 +75,7 @@ contains
     end if
   end subroutine check_fails
 
-  !> Print the count; the number of failed tests is the result.
+  !> Print the count and return the number of failed tests.
   integer function report()
     write (output_unit, '(i0,a,i0,a)') n_tests - n_failed, ' passed, ', n_failed, ' failed'
     report = n_failed

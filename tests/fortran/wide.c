@@ -1,4 +1,4 @@
-/* Reference values in the widest type of the C library. */
+/* Reference values in the most accurate type of the C library. */
 #define _GNU_SOURCE
 #include <math.h>
 
@@ -14,7 +14,7 @@ typedef long double wide;
 
 double exact_sine(double x) { return (double)wide_sin((wide)x); }
 
-/* Of p (start + h (n + c)). */
+/* Cosine of p (start + h (n + c)). */
 double exact_cosine(double p, double start, double h, double n, double c) {
   return (double)wide_cos((wide)p * ((wide)start + (wide)h * ((wide)n + (wide)c)));
 }

@@ -1,4 +1,4 @@
-"""The whole public Python API: random calls, in a process with limits; and many calls at once."""
+"""The whole public Python API: random calls in a process with limits, and many calls at once."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from scenes import torn
 from verdicts import Case, Ending
 from worker import Worker
 
-#: What is put in the place of a word or a number of a file.
+#: Replacements for a word or a number of a file.
 _PIECES = (
     b"", b"0", b"1", b"-1", b"2", b"0.5", b"1e308", b"1e-308", b"5e-324", b"1e400", b"nan", b"NaN",
     b"inf", b"-inf", b"Infinity", b"1e3", b"2147483648", b"9223372036854775808", b"1" * 400, b"x",
@@ -21,7 +21,7 @@ _PIECES = (
     b"skew-symmetric", b"1000000000 1000000000", b'"abel"', b'"prony"', b'"rabotnov"',
     b'{"kind": "abel", "amplitude": 0.1, "alpha": 0.3}', b"Hz", b"MPa", b"rad/s", b"K", b"3,5",
 )  # fmt: skip
-#: What is put in the place of a value of JSON.
+#: Replacements for a JSON value.
 _VALUES = (
     None, True, 0, 1, -1, 2, 0.5, 1e308, 1e-308, 5e-324, math.nan, math.inf, 10**400, 2**31, "x",
     "", "nan", "prony", "abel", "rabotnov", "sum", "K", "E", "model", [], {}, [[]], [0, 1],
@@ -31,7 +31,7 @@ _VALUES = (
 
 
 class Calls:
-    """The part that makes one call at a time."""
+    """The part that makes single calls."""
 
     name = "api"
 
@@ -41,7 +41,7 @@ class Calls:
 
     @property
     def caller(self) -> Caller:
-        """Made at the first call: other parts may be all that is wanted."""
+        """Created at the first call, because a run may use other parts only."""
         if self._caller is None:
             answer = self.worker.ask(job="makers", patience=600)
             if "makers" not in answer:
@@ -56,7 +56,7 @@ class Calls:
 
 
 class Interrupts(Calls):
-    """The part that stops a call at a random time, and measures what the call does afterwards."""
+    """The part that interrupts calls at random times and measures how long they continue."""
 
     name = "interrupts"
 
@@ -65,7 +65,7 @@ class Interrupts(Calls):
         self.reactions: list[float] = []
 
     def case(self, rng: random.Random, seed: str) -> Case:
-        """One call; most end before they are stopped."""
+        """One call; most calls end before the interrupt."""
         text = self.caller.call(rng)
         answer = self.worker.ask(job="call", text=text, patience=10 ** rng.uniform(-2, 0))
         if "reaction" in answer:
@@ -84,7 +84,7 @@ class Interrupts(Calls):
 
 
 class Files:
-    """The part that spoils files and reads them."""
+    """The part that damages files and reads them."""
 
     name = "files"
 
@@ -92,7 +92,7 @@ class Files:
         self.worker = Worker(folder)
 
     def case(self, rng: random.Random, seed: str) -> Case:
-        """One reader on files of which one or all are changed."""
+        """One reader, with one or all of its files damaged."""
         text, names = rng.choice(READERS)
         some = names if rng.random() < 0.2 else [rng.choice(names)]
         files = {name: spoilt(rng, FILES[name].encode()) for name in some}
@@ -103,7 +103,7 @@ class Files:
 
 
 def spoilt(rng: random.Random, content: bytes) -> bytes:
-    """A file with numbers and words replaced, or torn."""
+    """A file with some numbers and words replaced, or truncated."""
     draw = rng.random()
     if draw < 0.25:
         return torn(rng, content)
@@ -120,7 +120,7 @@ def spoilt(rng: random.Random, content: bytes) -> bytes:
 
 
 def _other(rng: random.Random, held: Any) -> Any:
-    """A value of JSON with one of its parts replaced or gone."""
+    """A JSON value with one of its parts replaced or removed."""
     if not isinstance(held, (dict, list)) or not held or rng.random() < 0.1:
         return rng.choice(_VALUES)
     if isinstance(held, dict):
@@ -133,19 +133,19 @@ def _other(rng: random.Random, held: Any) -> Any:
 
 
 class Threads:
-    """The part that makes many calls at once."""
+    """The part that makes many calls in parallel."""
 
     name = "threads"
 
     def __init__(self, folder: Path) -> None:
         self.worker = Worker(folder)
-        #: Those that draw pictures are left out: pyplot knows but one figure.
+        #: Calls that draw figures are excluded: pyplot has a global current figure.
         self.sound = [text for text in SOUND if "plot" not in text]
 
     def case(self, rng: random.Random, seed: str) -> Case:
-        """Some sound calls, most of them with a number changed a little."""
+        """Several valid calls, most of them with a slightly changed number."""
         texts = [self._near(rng, rng.choice(self.sound)) for _ in range(rng.randint(4, 12))]
-        # The same call several times: what they share must not show.
+        # Repeated calls, so that shared objects are tested.
         texts += [rng.choice(texts) for _ in range(rng.randint(0, 4))]
         answer = self.worker.ask(job="threads", texts=texts, n=rng.choice([2, 3, 8]), patience=15)
         return ended("threads", seed, "\n".join(texts), answer)
@@ -173,14 +173,14 @@ def _is_float(text: str) -> bool:
 
 
 def ended(part: str, seed: str, text: str, answer: dict[str, Any]) -> Case:
-    """A case from what a worker answered."""
+    """The case of an answer of a worker."""
     ending = Ending(answer["verdict"], str(answer.get("detail", "")))
     files = {"call.py": program(text), **{name: c.encode() for name, c in FILES.items()}}
     return Case(part, seed, ending, "python call.py", files)
 
 
 def program(text: str) -> bytes:
-    """A program that repeats calls; their text is its last lines, below a mark."""
+    """A program that repeats calls; their text is in its last lines, below a mark."""
     head = (
         "from decimal import Decimal\nfrom fractions import Fraction\n"
         "from math import inf, nan\nfrom pathlib import Path\n\n"

@@ -1,4 +1,4 @@
-"""What a worker does: runs calls, judges how they ended and what they gave."""
+"""Job of a worker: run calls, and check how they end and what they return."""
 
 import contextlib
 import dataclasses
@@ -23,38 +23,38 @@ from calls import FILES, SOUND, public
 from damage import checkpoint
 from texts import texts
 
-# Modules whose import Ctrl-C cuts short stay as they are, half made, for all calls that follow.
+# A module whose import is interrupted would stay half initialized for all later calls.
 for _late in ("dask.array", "matplotlib.pyplot"):
     with contextlib.suppress(ImportError):
         importlib.import_module(_late)
 
 _PACKAGE = str(Path(vv.__file__).parent)
-#: Warnings that users are told of; others are noise from inside.
+#: Warnings for users; other warnings are faults of the package.
 _TOLD = (vv.ConvergenceWarning, vv.StabilityWarning, vv.RangeWarning)
-#: What results hold of a motion that was found: never without numbers.
+#: Attributes that must be finite if a motion was found.
 _HELD = ("coefficients", "state", "nu", "parameter", "omega", "frequencies", "t")
 _WELL = ("converged", "completed")
-#: Documented to be infinite or unknown.
+#: Documented as possibly infinite or unknown.
 _UNKNOWN = ("this.integral", "this.limit_amplitude", "this.growth_rate")
 _MAKERS: dict[str, Any] = {}
 
 
 class Odd:
-    """Neither a number nor anything else."""
+    """An object that is no number; its conversion to an array fails."""
 
     def __array__(self, *_: object, **__: object) -> Any:
         raise RuntimeError("no array")
 
 
 class Liar:
-    """Says that it has a length."""
+    """An object with an invalid length."""
 
     def __len__(self) -> int:
         return -1
 
 
 def names() -> dict[str, Any]:
-    """What calls may use."""
+    """Names available to calls."""
     nested: list[Any] = []
     nested.append(nested)
     return {
@@ -65,7 +65,7 @@ def names() -> dict[str, Any]:
 
 
 def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """Run a call; say how it ended. ``files``: others than usual, their bytes as Latin-1."""
+    """Run a call and return how it ended. ``files``: replaced files, bytes as Latin-1."""
     for name, content in FILES.items():
         Path(name).write_text(content)
     for name, content in (files or {}).items():
@@ -81,7 +81,7 @@ def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
                 if maker not in _MAKERS:
                     _MAKERS[maker] = eval(maker, space)
                 space["this"] = _MAKERS[maker]
-            # Arguments are made first: a MemoryError of theirs is not ours.
+            # Arguments are evaluated in the same line; their MemoryError is not a fault.
             value = eval(compile(last, "<call>", "eval"), space)
         except vv.ViscovibError as error:
             lines = str(error)
@@ -101,7 +101,7 @@ def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
     try:
         fault = not_finite(last, value, space.get("this"))
     except Exception as error:
-        # What a result computes when it is asked for.
+        # An attribute that is computed on access failed.
         return _ending(*_of_python(error, ""))
     if fault:
         return _ending("not finite", fault)
@@ -113,18 +113,18 @@ def _ending(verdict: str, detail: str) -> dict[str, Any]:
 
 
 def _of_python(error: Exception, last: str) -> tuple[str, str]:
-    """Whose exception it is: that of the text of the call, or one from inside."""
+    """Verdict on an exception: raised by the text of the call, or inside the package."""
     frames = traceback.extract_tb(error.__traceback__)
     inside = [frame for frame in frames if _inside(frame.filename)]
-    # There Python's own TypeError is told the keyword that was meant.
+    # errors.py only adds the intended keyword to a TypeError of Python.
     names = [Path(frame.filename).name for frame in inside]
     if not [name for name in names if name != "errors.py"]:
-        # Raised while the arguments were made, or by Python for a call that fits no signature.
+        # Raised while arguments were evaluated, or by Python for a wrong signature.
         return "refused with a line", f"{type(error).__name__}: {error}"
     of_caller = "lambda" in last and frames[-1].filename == "<call>"
-    # One that is written in C has no frame of its own.
+    # Functions written in C have no frame.
     if of_caller or (isinstance(error, TypeError) and last.find("function=int") >= 0):
-        # A function of the caller's raised, and what it raised came back.
+        # The exception was raised by a function of the caller and passed on.
         return "refused with a line", f"{type(error).__name__}: {error}"
     place = f"{Path(inside[-1].filename).name}:{inside[-1].lineno} {inside[-1].name}"
     return "exception", f"{type(error).__name__} at {place}: {str(error)[:300]}"
@@ -142,7 +142,7 @@ def _close_figures() -> None:
 
 
 def not_finite(text: str, value: Any, this: Any) -> str:
-    """Where a number is not finite in what says that all went well; empty if nowhere."""
+    """Location of a non-finite number in a successful result; empty if there is none."""
     if isinstance(value, (float, complex, np.ndarray, np.inexact)):
         simple = isinstance(
             this, (vv.Kernel, vv.Mount, vv.Pendulum, vv.PolynomialSystem, type(None))
@@ -170,7 +170,7 @@ def _finite(value: Any) -> bool:
 
 
 def makers() -> dict[str, Any]:
-    """For each public class expressions that give one: sound calls, and what their results hold."""
+    """For each public class expressions that create objects, from valid calls and their results."""
     classes = public().classes
     found: dict[str, list[str]] = {name: [] for name in classes}
     for name, content in FILES.items():
@@ -207,7 +207,7 @@ def _note(
 
 
 def digest(value: Any) -> str:
-    """What a result is, to the last bit."""
+    """Digest of a result, bitwise exact."""
     feed = hashlib.sha256()
 
     def walk(held: Any, deep: int) -> None:
@@ -237,7 +237,7 @@ def digest(value: Any) -> str:
 
 
 def threads(texts: list[str], n: int) -> dict[str, Any]:
-    """Run calls one after the other and all at once: they must agree to the bit."""
+    """Run calls in sequence and in parallel: the results must agree bitwise."""
     for name, content in FILES.items():
         Path(name).write_text(content)
 
@@ -265,7 +265,7 @@ def threads(texts: list[str], n: int) -> dict[str, Any]:
 
 
 def tidy() -> dict[str, Any]:
-    """Forget objects."""
+    """Release objects."""
     _MAKERS.clear()
     gc.collect()
     return {}

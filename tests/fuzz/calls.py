@@ -1,8 +1,8 @@
-"""Calls of the public Python API at random, as texts.
+"""Random calls of the public Python API, as texts.
 
-Names, signatures (overloads too) and words are read from the package itself, so that what is new
-is fuzzed the day it appears. `SOUND` are calls that work; a random call is one of them with some
-arguments changed, or one made from a signature alone.
+Names, signatures (with overloads) and allowed words are read from the package, so that new
+functions are included. `SOUND` contains valid calls. A random call is one of them with some
+arguments changed, or a call created from a signature.
 """
 
 import inspect
@@ -50,7 +50,7 @@ SETS = (
 FIT = f"vv.fit_kernel({DATA}, kind='rabotnov')"
 SIGNAL = "np.cos(0.3 * np.arange(200.0))"
 
-#: Files that calls may read, in the folder where they run.
+#: Files that calls may read, in the working folder.
 FILES = {
     "modes.nml": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &modes /
@@ -93,7 +93,7 @@ FILES = {
     "&load amplitude=0.1 /\n&response nu=0.5 1 harmonics=3 /\n",
 }
 
-#: What reads files: a call for each kind, and the files that it reads.
+#: Readers of files: a call for each kind, and the files that it reads.
 READERS = (
     ("vv.read_fit('fit.json')", ("fit.json",)),
     ("vv.read_fit('fit.json').interval", ("fit.json",)),
@@ -124,13 +124,13 @@ CHAIN = (
     "elements=[vv.Spring(on='x30', law='0.1*d^3')])"
 )
 SMALL = f"{CHAIN}.reduce(frequency=0.5, tolerance=1e-4, loads=['x1'])"
-#: Calls that work, each quick.
+#: Valid calls with a short run time.
 FOOT = (
     "vv.MountPoint(name='foot', position=[0, 0.1, -0.1], stiffness=[1e5, 1e5, 2e5], "
     "angles=[0, 0.1, 0], damping=[1, 1, 1], law='1e10*d^3', rotational_stiffness=[1e3, 1e3, 1e3])"
 )
 BODY = f"vv.Body(mass=10, inertia=[0.2, 0.2, 0.3], mounts=[{FOOT}], gravity=9.81)"
-#: Laws with functions, with memory and without, on coordinates and between points.
+#: Laws with functions, with and without memory, on coordinates and between points.
 STOP = (
     "vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, "
     "forces='0.2*tanh(3*x) + where(x > 0.5, (x - 0.5)^2, 0)', names=('x',))"
@@ -296,10 +296,10 @@ SOUND = (
     f"{SCALES}.resonances(tolerance=0.9)",
 )  # fmt: skip
 
-#: What starts a server, which would go on after its call.
+#: Functions that start a server, which would continue after the call.
 SERVERS = ("Explorer", "explore")
 
-#: Methods that need arguments, with some that work.
+#: Valid values for required arguments of methods.
 GIVEN = {
     "t": "[0.5, 1, 2]", "mu": "[0.5, 1]", "s": "1 + 1j", "nu": "[1, 2]", "dof": "'x'",
     "state": "[0.05, 0, 0.3, 0, -0.2, 0]", "path": "'out.csv'", "tolerance": "1e-6",
@@ -308,7 +308,7 @@ GIVEN = {
     "parameter": "'p1'",
 }  # fmt: skip
 
-#: Values that no argument expects, or that lie at an end of what numbers are.
+#: Invalid values, and values at the limits of number ranges.
 NASTY = (
     "nan", "inf", "-inf", "1e308", "-1e308", "1.7e308", "1e-308", "5e-324", "1e-320", "0", "0.0",
     "-0.0", "-1", "-1.5", "1", "2", "7", "1e5", "1e9", "1e12", "1e-12", "1e150", "1e-150", "1e199",
@@ -333,15 +333,15 @@ NASTY = (
 )  # fmt: skip
 _NUMBERS = ("0.1", "0.5", "1", "2", "3", "0.01", "1e-6", "10", "0.9", "5", "1.5")
 _WHOLE = ("0", "1", "2", "3", "5", "9", "-1", "16", "100")
-#: Fields by which a result is known.
+#: Attributes that identify a result.
 _OF_RESULTS = ("plan", "outcome", "coefficients")
-#: Systems and results where others are wanted.
+#: Systems and results, also passed to arguments of another type.
 _OBJECTS = (PENDULUM, MOUNT, MEMORY, SYSTEM, KERNEL, RUN, RESPONSE, BRANCH, SCALES, SCENE)
 
 
 @dataclass(frozen=True)
 class Callee:
-    """What can be called: ``text`` up to the parenthesis, and its parameters."""
+    """A callable: ``text`` up to the parenthesis, and its parameters."""
 
     text: str
     parameters: tuple[inspect.Parameter, ...]
@@ -352,7 +352,7 @@ class Callee:
 
 @dataclass
 class Api:
-    """Everything public, and where objects of each class come from."""
+    """The public API, and the expressions that create objects of each class."""
 
     callees: list[Callee] = field(default_factory=list)
     #: Names of the public classes that have methods or properties.
@@ -385,7 +385,7 @@ def _callees(text: str, value: Any, of: str = "") -> Iterator[Callee]:
             continue
         results = any(p.name.startswith("_") or p.name in _OF_RESULTS for p in parameters)
         if inspect.isclass(value) and results:
-            # Only the package makes them.
+            # Created by the package only.
             continue
         if of and parameters and parameters[0].name == "self":
             parameters = parameters[1:]
@@ -407,7 +407,7 @@ def _methods(name: str, kind: type) -> Iterator[Callee]:
 
 
 def is_property(api: Api, callee: Callee) -> bool:
-    """Whether a callee is only looked at."""
+    """True if the callee is a property."""
     if not callee.of or callee.text == "this":
         return False
     found = inspect.getattr_static(api.classes[callee.of], callee.text.partition(".")[2])
@@ -415,17 +415,17 @@ def is_property(api: Api, callee: Callee) -> bool:
 
 
 class Caller:
-    """Makes calls at random."""
+    """Creates random calls."""
 
     def __init__(self, makers: dict[str, list[str]]) -> None:
-        """``makers``: for each class expressions that give its objects."""
+        """``makers``: for each class expressions that create objects."""
         self.api, self.makers = public(), makers
         self.methods = [c for c in self.api.callees if c.of and c.of in makers]
         self.others = [c for c in self.api.callees if not c.of]
         self.sound = [split(text) for text in SOUND]
 
     def call(self, rng: random.Random) -> str:
-        """Return the text of a call: one line, or two where it is a method's."""
+        """Return the text of a call: one line, or two for a method."""
         draw = rng.random()
         if draw < 0.45:
             return self._changed(rng)
@@ -454,7 +454,7 @@ class Caller:
         return ", ".join(given)
 
     def _changed(self, rng: random.Random) -> str:
-        """A sound call with some arguments changed, added or left out."""
+        """A valid call with some arguments changed, added or omitted."""
         name, given = rng.choice(self.sound)
         if name is None:
             return str(given)
@@ -489,7 +489,7 @@ class Caller:
         words: tuple[str, ...],
         before: str | None,
     ) -> str:
-        """A value for an argument: of its kind, or of any other."""
+        """A value for an argument, of its type or of another type."""
         kind = "" if parameter is None else str(parameter.annotation)
         draw = rng.random()
         if draw < 0.45:
@@ -513,12 +513,12 @@ class Caller:
 
 
 def split(text: str) -> tuple[str | None, Any]:
-    """Name and arguments of a call, positional ones under names that begin with a star."""
+    """Name and arguments of a call; positional arguments have names that begin with a star."""
     import ast
 
     tree = ast.parse(text, mode="eval").body
     if not isinstance(tree, ast.Call):
-        # A part of what a call gives: it is called as it stands.
+        # An attribute of a result: unchanged.
         return None, text
     arguments = {f"*{i}": ast.unparse(arg) for i, arg in enumerate(tree.args)}
     arguments |= {str(k.arg): ast.unparse(k.value) for k in tree.keywords}
@@ -528,7 +528,7 @@ def split(text: str) -> tuple[str | None, Any]:
 
 
 def _number_changed(rng: random.Random, before: str) -> str:
-    """One of the numbers in a text replaced."""
+    """Replace one of the numbers in a text."""
     found = list(re.finditer(r"(?<![\w.'])\d+(\.\d*)?(e-?\d+)?(?![\w.'])", before))
     if not found:
         return rng.choice(NASTY)

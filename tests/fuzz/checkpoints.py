@@ -1,4 +1,4 @@
-"""Checkpoints of sweeps: bits flipped, files swapped, cut and lost, sweeps killed."""
+"""Checkpoints of sweeps: flipped bits, swapped, truncated and deleted files, killed sweeps."""
 
 import random
 from pathlib import Path
@@ -9,7 +9,7 @@ from worker import Worker
 
 
 class Checkpoints:
-    """The part that spoils checkpoints; see damage.py."""
+    """The part that damages checkpoints; see damage.py."""
 
     name = "checkpoints"
 

@@ -1,8 +1,8 @@
-"""Checkpoints of sweeps that are damaged or hostile, and what a sweep makes of them afterwards.
+"""Damaged or hostile checkpoints of sweeps, and the sweeps that resume from them.
 
-Run by a worker. A sweep is done, its files are spoiled, and it is done again: it must give what it
-gave, or refuse in a line; of chunks that nothing happened to none may be computed again. Links,
-pipes, devices and other identities must lead nowhere: all outside of the folder stays as it was.
+Run by a worker. A sweep is run, its files are damaged, and it is run again. It must return the same
+values or refuse with one line, and must not recompute intact chunks. Links, pipes, devices and
+foreign checkpoints must have no effect outside the folder.
 """
 
 import os
@@ -21,7 +21,7 @@ import viscovib as vv
 
 CALLS: list[tuple[Any, ...]] = []
 
-#: A sweep in a process of its own, which is killed.
+#: A sweep in a separate process, which is killed.
 CHILD = """
 import sys, time, warnings
 import viscovib as vv
@@ -37,7 +37,7 @@ assert (data.w.values[:, 0] == [f"{a:g}" for a in range(20)]).all()
 
 
 class Point:
-    """What is computed; its calls are noted outside of it."""
+    """The function of a sweep; its calls are recorded outside of it."""
 
     def __init__(self, factor: float, kind: str) -> None:
         self.factor, self.kind = factor, kind
@@ -114,7 +114,7 @@ def _case(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
 
 
 def _hostile(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
-    """A checkpoint of somebody else, of this sweep or of another."""
+    """A foreign checkpoint, of this sweep or of another."""
     grid, mine, outside = {"a": [1.0, 2.0, 3.0], "b": [0.5, 1.5]}, folder / "mine", folder / "out"
     kind, same = rng.choice(["number", "several", "failing", "scene"]), rng.random() < 0.7
     told.append(f"{kind}, {'same' if same else 'other'} identity")
@@ -154,7 +154,7 @@ def _hostile(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, st
 
 
 def plant(rng: random.Random, mine: Path, outside: Path, told: list[str]) -> None:
-    """Put a link, a pipe or a device into a checkpoint, or the part of a file that will be made."""
+    """Place a link, a pipe or a device into a checkpoint, also in place of a temporary file."""
     places = sorted(path for path in mine.rglob("*") if not path.is_symlink())
     place = rng.choice(places)
     if rng.random() < 0.3 and place.is_file():
@@ -176,7 +176,7 @@ def plant(rng: random.Random, mine: Path, outside: Path, told: list[str]) -> Non
 
 
 def _snapshot(folder: Path) -> dict[str, Any]:
-    """All that is in a folder, without following links."""
+    """Contents of a folder, without following links."""
     found: dict[str, Any] = {}
     for place, folders, names in os.walk(folder):
         for path in (Path(place) / name for name in (*folders, *names)):
@@ -189,7 +189,7 @@ def _snapshot(folder: Path) -> dict[str, Any]:
 def _points_of(
     touched: set[Path], mine: Path, grid: dict[str, list[float]], chunk: int
 ) -> set[tuple[float, float]]:
-    """Points that may be lost with files: of their chunks, or all where the copies are gone too."""
+    """Points that may be lost with files: of their chunks, or all if the copies are lost."""
     every = {(a, b) for a in grid["a"] for b in grid["b"]}
     names = [path.relative_to(mine).parts for path in touched]
     if any(path[1:] == ("copies.json",) for path in names) or any(len(p) == 1 for p in names):
@@ -217,7 +217,7 @@ def _points_of(
 
 
 def spoil(rng: random.Random, mine: Path, other: Path, told: list[str]) -> set[Path]:
-    """Do something to a file; return the files that are not what they were."""
+    """Damage a file; return the changed files."""
     files = sorted(path for path in mine.rglob("*") if path.is_file())
     if not files:
         return set()
@@ -270,7 +270,7 @@ def spoil(rng: random.Random, mine: Path, other: Path, told: list[str]) -> set[P
 
 
 def _moved(rng: random.Random, mine: Path, source: Path, told: list[str]) -> set[Path]:
-    """Put all of a chunk, whole and sound, into the place of another."""
+    """Replace a chunk by another intact chunk."""
     places = sorted(
         f.relative_to(source / "point_outcome" / "c").parts[:2]
         for f in (source / "point_outcome" / "c").rglob("*")
@@ -294,7 +294,7 @@ def _moved(rng: random.Random, mine: Path, source: Path, told: list[str]) -> set
 
 
 def _killed(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
-    """A sweep killed at any moment, sometimes damaged besides, and done again."""
+    """A sweep that is killed at a random time, sometimes also damaged, and run again."""
     (folder / "child.py").write_text(CHILD)
     command = [sys.executable, str(folder / "child.py"), str(folder / "mine")]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}

@@ -1,7 +1,7 @@
-"""The language of scenes as the driver itself tells it.
+"""The grammar of scenes, derived from messages of the driver.
 
-Groups, the keys of each and the words that a key may have are taken from the messages in which the
-driver refuses what it does not know, so that a new key is fuzzed the day it appears.
+Groups, their keys and the allowed words of a key are read from the messages in which the driver
+refuses unknown names, so that new keys are included.
 """
 
 import json
@@ -16,10 +16,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "data" / "scenes"
 
-#: A scene as a list of groups, each a name and its keys with their values as text.
+#: A scene as a list of groups, each with its name and its keys and values as text.
 Scene = list[tuple[str, dict[str, str]]]
 
-#: One scene for each kind of job, small enough to run at once.
+#: A fast scene for each kind of job.
 SEEDS = {
     "ensemble": """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force on='x' law='x^3' /
@@ -207,7 +207,7 @@ _KEY = re.compile(r"(\w+)\s*=\s*((?:'[^']*'|[^=&'])*?)(?=,?\s+\w+\s*=|\s*,?\s*$)
 
 @dataclass
 class Key:
-    """What is known of a key: the words it may have; none, if it is a number."""
+    """A key with its allowed words; none if it is a number."""
 
     words: list[str] = field(default_factory=list)
     text: bool = False
@@ -216,14 +216,14 @@ class Key:
 
 @dataclass
 class Grammar:
-    """Groups with their keys, and scenes to begin with."""
+    """Groups with their keys, and initial scenes."""
 
     groups: dict[str, dict[str, Key]]
     seeds: list[Scene]
 
 
 def parse(text: str) -> Scene:
-    """Split a scene of ours: no comments, a slash at the end of each group's last line."""
+    """Parse a scene of these tests: no comments, a slash at the end of each group's last line."""
     plain = re.sub(r"(?m)!(?=[^']*$).*$", "", text)
     groups: Scene = []
     for name, body in _GROUP.findall(plain + "\n"):
@@ -233,7 +233,7 @@ def parse(text: str) -> Scene:
 
 
 def text_of(scene: Iterable[tuple[str, dict[str, str]]]) -> str:
-    """Return a scene as a file holds it."""
+    """Return the text of a scene file."""
     return "".join(
         f"&{name}\n" + "".join(f"  {key} = {value}\n" for key, value in keys.items()) + "/\n"
         for name, keys in scene
@@ -241,7 +241,7 @@ def text_of(scene: Iterable[tuple[str, dict[str, str]]]) -> str:
 
 
 def learn(driver: Path, cache: Path) -> Grammar:
-    """Ask the driver what it knows, once for each build of it."""
+    """Read the grammar from the driver, once for each build."""
     seeds = [parse(text) for text in SEEDS.values()]
     stamp = f"{driver} {driver.stat().st_mtime_ns} {zlib.crc32(json.dumps(SEEDS).encode())}"
     if cache.exists():

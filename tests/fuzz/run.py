@@ -4,10 +4,10 @@
                [--builds release,release,debug]   a build named twice has twice the share
     ./run fuzz --again scenes:SEED:NUMBER
 
-Each part of the fuzzer is a module beside this one with a function `parts(folder, builds)`, which
-returns objects that have a `name` and a method `case(rng, seed) -> Case` (see verdicts.py). Case n
-of a part depends on the seed and n alone, so that a single one can be repeated. Findings are
-written into OUT/findings; once mended, their scenes go to tests/fuzz/found, which the tests run.
+Each part of the fuzzer is a module in this folder with a function `parts(folder, builds)`. It
+returns objects with a `name` and a method `case(rng, seed) -> Case` (see verdicts.py). Case n of a
+part depends on the seed and n only, so a single case can be repeated. Findings are written to
+OUT/findings. After the fix their scenes are added to tests/fuzz/found, which the tests run.
 """
 
 import argparse
@@ -27,14 +27,14 @@ from verdicts import BAD, GOOD
 
 #: Modules with parts.
 MODULES = ("scenes", "api", "checkpoints", "texts", "varied")
-#: Seconds between two tables of a run that goes on.
+#: Seconds between two tables of a running session.
 _PAUSE = 30.0
 
 
 def main() -> int:
     """Run, print the table; the exit status is 1 if there is a finding."""
     options = _options()
-    # In memory where there is such a place: a disk waits for each file that is written anew.
+    # In shared memory if possible, because a disk waits for each new file.
     memory = Path("/dev/shm")
     place = memory if os.access(memory, os.W_OK) else options.out
     with tempfile.TemporaryDirectory(prefix="viscovib-fuzz-", dir=place) as work:
@@ -54,21 +54,21 @@ def _run(options: argparse.Namespace, work: Path) -> int:
     left = list(chosen)
     written = started
     for number in (signal.SIGINT, signal.SIGTERM):
-        # In the background of a shell, Ctrl-C would be ignored.
+        # For a background process of a shell, Ctrl-C would be ignored.
         signal.signal(number, signal.default_int_handler)
     while left and time.monotonic() < until:
-        # Each has the same share of the time, whatever its cases take.
+        # All parts have the same share of the time, independent of the duration of their cases.
         part = min(left, key=lambda one: used[one.name])
         counts, began = tables[part.name], time.monotonic()
         try:
             case = _case(part, options.seed, options.first + sum(counts.values()))
         except KeyboardInterrupt:
-            # A long run that is ended tells what it has.
+            # An interrupted run prints its results.
             break
         used[part.name] += time.monotonic() - began
         counts[case.ending.verdict] += 1
         if time.monotonic() - written > _PAUSE:
-            # What a run of hours has found is kept, whatever ends it.
+            # Write regularly, so that a killed run loses little.
             _write(out, tables)
             written = time.monotonic()
         if not case.ending.good:
@@ -102,7 +102,7 @@ def _again(every: list[Any], which: str, out: Path) -> int:
 
 
 def table(tables: dict[str, Counter[str]], seconds: float) -> str:
-    """How the cases of each part ended, as Markdown."""
+    """Table of the endings of each part, as Markdown."""
     words = [*GOOD, *BAD]
     lines = [f"| part | cases | {' | '.join(words)} |", "| --- " * (len(words) + 2) + "|"]
     for name, counts in tables.items():

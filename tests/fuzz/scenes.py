@@ -1,6 +1,6 @@
-"""Scenes through the driver: grown from the grammar, mutated, and torn as text.
+"""Scenes for the driver: generated from the grammar, mutated, and damaged as text.
 
-The same scene goes through each build of the driver in turn.
+Each build of the driver runs the same scene in turn.
 """
 
 import csv
@@ -14,20 +14,20 @@ from pathlib import Path
 from grammar import ROOT, SCENES, Grammar, Key, Scene, learn, parse, text_of
 from verdicts import SECONDS, Case, Ending, run
 
-#: Builds: a name, the driver, and whether its address space may be bounded.
+#: Builds: name, driver, and whether its address space may be limited.
 BUILDS = {
     "release": (ROOT / "build/release/fortran/viscovib-solve", True),
     "debug": (ROOT / "build/debug/fortran/viscovib-solve", True),
     "sanitize": (ROOT / "build/sanitize/fortran/viscovib-solve", False),
 }
-#: The sanitizers end the program at the first finding, by a signal.
+#: The sanitizers abort at the first finding with a signal.
 _SANITIZERS = {
     "ASAN_OPTIONS": "abort_on_error=1:detect_leaks=0:hard_rss_limit_mb=2048",
     "UBSAN_OPTIONS": "halt_on_error=1:abort_on_error=1:print_stacktrace=1",
 }
-#: What the build with every check says of copies of arrays, which is no message of the driver.
+#: Note of the debug build about array copies, which is not a message of the driver.
 _NOTE = re.compile(r"(At line .*\n)?Fortran runtime warning: .*\n\s*")
-#: What a run may use; well within what a case may.
+#: Limits for a run, well below the limits of a case.
 _LIMITS = ["--max-memory", "1", "--max-seconds"]
 
 _USUAL = ["0", "1", "2", "3", "0.5", "0.1", "1e-3", "10", "7", "-1", "-0.5", "0.05", "100"]
@@ -56,7 +56,7 @@ _FILES = {"k.csv": b"0 0.2\n1, 0.1\n# note\n2 0.05\n"}
 
 
 class Scenes:
-    """The part of the fuzzer that runs scenes through the driver."""
+    """The part of the fuzzer that runs scenes with the driver."""
 
     name = "scenes"
 
@@ -71,7 +71,7 @@ class Scenes:
         self.texts = [path.read_bytes() for path in sorted(SCENES.glob("*.nml"))]
 
     def case(self, rng: random.Random, seed: str) -> Case:
-        """One scene through one of the builds."""
+        """One scene with one of the builds."""
         draw = rng.random()
         if draw < 0.06:
             content = torn(rng, rng.choice(self.texts))
@@ -110,7 +110,7 @@ def drive(
     done = run(command, folder, address_space=bounded, seconds=patience, environment=_SANITIZERS)
     err = _NOTE.sub("", done.err)
     ending = done.ending() or _verdict(done.status, done.out, err) or _tables(folder / "out")
-    # The time may be over while it tells where.
+    # The debug build traps an overflow.
     if "debug" in driver.parts and ending and "SIGFPE" in ending.detail:
         ending = Ending("trapped", ending.detail)
     if ending is None:
@@ -130,7 +130,7 @@ def drive(
 
 
 def _plant(rng: random.Random, folder: Path) -> None:
-    """Links and pipes in the place of a table that is read, and of those that are written."""
+    """Replace a table that is read, or tables that are written, by links and pipes."""
     outside, table = folder.parent / "precious", folder / "k.csv"
     outside.write_text(_PRECIOUS)
     table.unlink()
@@ -145,7 +145,7 @@ def _plant(rng: random.Random, folder: Path) -> None:
 
 
 def _verdict(status: int, out: str, err: str) -> Ending | None:
-    """What is wrong with an exit status and what was said."""
+    """Check the exit status and the output."""
     if not 0 <= status <= 3:
         return Ending("exit status", f"{status} {err[:2000]}")
     said = [line for line in err.splitlines() if not line.startswith("warning: ")]
@@ -159,7 +159,7 @@ def _verdict(status: int, out: str, err: str) -> Ending | None:
 
 
 def _tables(out: Path) -> Ending | None:
-    """What is wrong with the files that were left."""
+    """Check the files of the output folder."""
     if not out.exists():
         return None
     for path in sorted(out.rglob("*")):
@@ -170,16 +170,16 @@ def _tables(out: Path) -> Ending | None:
     return None
 
 
-#: Columns that may be NaN beside a motion that was found, and by what another says so: nothing is
-#: known of its stability, or what grows is too large for a number.
+#: Columns that may be NaN in a successful row, and the column that explains it: the stability is
+#: unknown, or the multiplier overflows.
 _UNKNOWN = {"multiplier": ("stable", ("-1", "0"))}
 
-#: A table without these, and with the same number of commas in each line, has only finite numbers.
+#: Without these, and with the same number of commas per line, all numbers of a table are finite.
 _SUSPECT = re.compile(r"nan|inf|\"|\n\r?\n", re.IGNORECASE)
 
 
 def not_finite(path: Path) -> str:
-    """A number that is not finite where the table says that all went well; empty if none is."""
+    """Location of a non-finite number in a successful row; empty if there is none."""
     head, rows = [], []
     with path.open(newline="") as file:
         for line in file:
@@ -218,7 +218,7 @@ def _is_number(text: str) -> bool:
 
 
 def value(rng: random.Random, key: Key | None, before: str = "") -> str:
-    """A value for a key: sound, odd or wrong."""
+    """A value for a key: valid, unusual or wrong."""
     draw = rng.random()
     if key and key.words and draw < 0.8:
         return f"'{rng.choice(key.words)}'"
@@ -242,7 +242,7 @@ def value(rng: random.Random, key: Key | None, before: str = "") -> str:
 
 
 def mutated(rng: random.Random, seed: Scene, grammar: Grammar) -> Scene:
-    """A sound scene with a few things changed."""
+    """A valid scene with a few changes."""
     scene = [(name, dict(keys)) for name, keys in seed]
     for _ in range(rng.choice([1, 1, 1, 2, 2, 3, 5])):
         if not scene:
@@ -270,7 +270,7 @@ def mutated(rng: random.Random, seed: Scene, grammar: Grammar) -> Scene:
 
 
 def grown(rng: random.Random, grammar: Grammar) -> Scene:
-    """Groups and keys at random, most of them from scenes that hold the group."""
+    """Random groups and keys, most of them from scenes with this group."""
     system = rng.choice(["mount", "system", "structure", "pendulum"])
     results = ["response", "branch", "backbone", "transient", "multiple_scales"]
     wanted = [system, rng.choice(results)]
@@ -289,7 +289,7 @@ def grown(rng: random.Random, grammar: Grammar) -> Scene:
 
 
 def torn(rng: random.Random, text: bytes) -> bytes:
-    """Bytes changed, left out, doubled; long and deep pieces put in."""
+    """Bytes changed, omitted or doubled; long and deeply nested pieces inserted."""
     found = bytearray(text)
     for _ in range(rng.randint(1, 6)):
         at = rng.randrange(len(found) + 1)
@@ -308,7 +308,7 @@ def torn(rng: random.Random, text: bytes) -> bytes:
 
 
 def _long_piece(rng: random.Random) -> bytes:
-    """Something long, up to a megabyte."""
+    """A long text, up to a megabyte."""
     n = int(10 ** rng.uniform(1, 5.5))
     piece = rng.choice(
         [b"1 ", b"a=1 ", b"&load amplitude=1 /\n", b"'", b"''", b"'x' ", b"x", b",", b"\n", b"(",

@@ -1,7 +1,7 @@
-"""Texts of users in generated code, pages, tables and pictures: quotes, ends of lines, markup.
+"""User texts in generated code, pages, tables and figures: quotes, line ends, markup.
 
-Run by a worker. Code and pages made with a text must have the structure that they have with a plain
-word: the same syntax tree but for its constants, and the same tags and attributes.
+Run by a worker. Code and pages with a random text must have the same structure as with a plain
+word: the same syntax tree except for constants, and the same tags and attributes.
 """
 
 import ast
@@ -19,7 +19,7 @@ import viscovib as vv
 from verdicts import Case, Ending
 from worker import Worker
 
-#: What a text is made of.
+#: Pieces of random texts.
 PIECES = (
     "'", '"', "'''", '"""', "\\", "\\\\", "\n", "\r", "\t", "\0", "\x1b[2J", "\x7f", "\x9b",
     "\u2028", "\u202e", "<b>", "</pre>", "</h1>", "<script>alert(1)</script>", "<!--", "-->",
@@ -38,13 +38,13 @@ _BODY = (
     "vv.Body(mass=10, inertia=(0.1, 0.1, 0.1), mounts=[vv.MountPoint(name='foot', "
     "position=(0, 0, -0.1), stiffness=(1e5, 1e5, 2e5), rotational_stiffness=(1e3, 1e3, 1e3))])"
 )
-#: Tags and attributes that no picture has.
+#: Tags and attributes that must not occur in a figure.
 _ODD = {"script", "img", "b", "h1", "onmouseover", "onerror"}
 _MADE: dict[str, Any] = {}
 
 
 class Tags(HTMLParser):
-    """The tags of a page with their attributes; of styles and sources only the names."""
+    """The tags of a page with their attributes; for styles and sources only the names."""
 
     def __init__(self, page: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -53,21 +53,21 @@ class Tags(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note a tag."""
+        """Record a tag."""
         self.found.append((tag, *(name for name, _ in attrs)))
 
     def handle_comment(self, data: str) -> None:
-        """Note a comment."""
+        """Record a comment."""
         self.found.append(("comment", data))
 
 
 def text_of(rng: random.Random) -> str:
-    """A text of a few pieces."""
+    """A random text of a few pieces."""
     return "".join(rng.choice(PIECES) for _ in range(rng.choice([1, 1, 2, 3, 6])))
 
 
 def shape_of(code: str) -> str:
-    """The syntax tree of Python lines, without the values of its constants."""
+    """The syntax tree of Python lines without the values of constants."""
     tree = ast.parse(code)
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant):
@@ -85,7 +85,7 @@ def scene_of(title: str = "plain", unit: str = "m", name: str = "scene.nml") -> 
 
 
 def in_python(text: str) -> str:
-    """A title and the name of a file in the lines that the explorer writes."""
+    """A title and a file name in the Python lines of the explorer."""
     from viscovib.explorer.state import State
 
     faults = []
@@ -112,12 +112,12 @@ def _scene(**given: str) -> vv.Scene | None:
     try:
         return scene_of(**given)
     except (vv.ViscovibError, UnicodeError, OSError, ValueError):
-        # Refused, or a name that the system has not.
+        # Refused, or a file name that the system does not allow.
         return None
 
 
 def in_page(text: str) -> str:
-    """A title, a unit, and the name of a file in the page of the explorer."""
+    """A title, a unit and a file name in the page of the explorer."""
     from bokeh.models.widgets.markups import Markup
     from viscovib.explorer.page import Page
     from viscovib.explorer.state import State
@@ -164,7 +164,7 @@ def _same_tags(kind: str, text: str, made: Callable[[str], str]) -> str:
 
 
 def in_notebook(text: str) -> str:
-    """Names and units of a structure in what a notebook shows, in tables and pictures."""
+    """Names and units of a structure in notebook output, tables and figures."""
     try:
         structure = vv.Structure(
             mass=[1.0, 1.0], stiffness=[[2.0, -1.0], [-1.0, 2.0]], names=[text, "q"],
@@ -193,7 +193,7 @@ def in_notebook(text: str) -> str:
 
 
 def in_namelist(text: str) -> str:
-    """A title that is set: the scene says the same, or it is refused."""
+    """A title that is set: the scene returns the same title, or refuses it."""
     try:
         scene = scene_of().override({"scene.title": text})
     except vv.InputError:
@@ -205,7 +205,7 @@ def in_namelist(text: str) -> str:
 
 
 def in_picture(text: str) -> str:
-    """Titles and units in pictures, which know formulas."""
+    """Titles and units in figures, which interpret formulas."""
     from viscovib.plots.pictures import save_picture
 
     for given in ({"title": text}, {"unit": text}):
@@ -216,14 +216,14 @@ def in_picture(text: str) -> str:
     return ""
 
 
-#: Where texts of users go, the quick ones more often.
+#: Destinations of user texts; fast ones occur more often.
 PLACES = (
     *(in_python, in_namelist) * 6, *(in_notebook, in_picture, in_page) * 2, in_report,
 )  # fmt: skip
 
 
 def texts(seed: str) -> dict[str, Any]:
-    """One text in one place."""
+    """One text at one destination."""
     rng = random.Random(seed)
     place, text = rng.choice(PLACES), text_of(rng)
     with warnings.catch_warnings():
@@ -240,7 +240,7 @@ def texts(seed: str) -> dict[str, Any]:
 
 
 class Texts:
-    """The part that puts texts where code and pages are made."""
+    """The part that inserts texts into generated code and pages."""
 
     name = "texts"
 

@@ -1,4 +1,4 @@
-"""Every number of every system varied through every interface; and damaged files of matrices."""
+"""Variation of every number of every system through every interface; damaged matrix files."""
 
 import io
 import random
@@ -15,8 +15,8 @@ from scipy.sparse import csc_array, save_npz
 from verdicts import Case, run
 from worker import Worker
 
-#: Systems of Python with what a branch and an ensemble of theirs need, and names that no message
-#: lists because they are made of coordinates.
+#: Python systems with the arguments of a branch and an ensemble, and names that no message lists
+#: because they contain names of coordinates.
 _SYSTEMS = (
     (PENDULUM, "harmonics=3, max_points=10", "initial=[0.05, 0, 0.3, 0, -0.2, 0]", ()),
     (SYSTEM, "nu=1.1, load=0.2", "initial=[0.1, 0], load=0.2, nu=1.1",
@@ -44,7 +44,7 @@ class Varied:
         self.builds = [name for name in builds if BUILDS[name][0].exists()]
         self.worker = Worker(folder / "calls")
         self.seeds = learn(BUILDS[self.builds[0]][0], ROOT / "build/fuzz/grammar.json").seeds
-        #: What varies in each seed, by its place.
+        #: Names that can be varied in each initial scene, by its index.
         self._names: dict[int, list[str]] = {}
 
     def case(self, rng: random.Random, seed: str) -> Case:
@@ -73,7 +73,7 @@ class Varied:
         return drive(text_of(scene).encode(), driver, self.folder / "scene", seed, bounded=bounded)
 
     def _asked(self, scene: Scene) -> list[str]:
-        """Names that the driver lists where it does not know one."""
+        """Names that the driver lists in the message for an unknown name."""
         wrong = [(name, keys | {"vary": "'?'"} if "vary" in keys else keys) for name, keys in scene]
         self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / "asked.nml").write_text(text_of(wrong))
@@ -81,7 +81,7 @@ class Varied:
         return _NAMED.findall(run(command, self.folder).err)
 
     def _swept(self, rng: random.Random, seed: str) -> Case:
-        """A sweep over a key of a scene, whatever the key is."""
+        """A sweep over any key of a scene."""
         scene = rng.choice(self.seeds)
         place = rng.randrange(len(scene))
         name, keys = scene[place]
@@ -126,7 +126,7 @@ class Varied:
         return ended(self.name, seed, text, self.worker.ask(job="call", text=text))
 
 
-#: Names of numbers of all systems.
+#: Names of the numbers of all systems.
 _KNOWN = (
     "e", "w2", "w3", "alpha", "c1", "c2", "c3", "f0", "m01", "m02", "p1", "p2", "p3", "nu",
     "load_scale", "load_factor", "stiffness_scale", "damping_scale", "forces_scale", "mass_scale",
@@ -140,7 +140,7 @@ def _number(rng: random.Random) -> str:
 
 
 class Matrices:
-    """The part that damages files of matrices and structures: their bytes, or their arrays."""
+    """The part that damages matrix files and structure files: their bytes or arrays."""
 
     name = "matrices"
 
@@ -185,7 +185,7 @@ class Matrices:
 
 
 def _damage(rng: random.Random, arrays: dict[str, np.ndarray]) -> None:
-    """Change an array: an entry, its type, its length, its dimensions; or leave it out."""
+    """Change an array: an entry, its type, length or dimensions; or omit it."""
     if not arrays:
         return
     key = rng.choice(sorted(arrays))

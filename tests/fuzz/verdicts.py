@@ -1,4 +1,4 @@
-"""What a case of the fuzzer is, how it ends, and how a program is run within limits."""
+"""A case of the fuzzer, its ending, and programs run within limits."""
 
 import math
 import os
@@ -10,18 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: How a case may end. "trapped": the build with every check stops where a number overflows; what
-#: the others make of such a number is judged by their own runs.
+#: Allowed endings. "trapped": the debug build stops at an overflow; the same scene is checked in
+#: other builds.
 GOOD = (
     "done", "done with warnings", "refused with a line", "stopped at a given limit", "trapped",
 )  # fmt: skip
-#: How it may not.
+#: Endings that are faults.
 BAD = (
     "signal", "exit status", "message", "too long", "memory", "part left", "not finite",
     "exception", "not the same", "not kept",
 )  # fmt: skip
 
-#: Of processor time; a busy machine may take this many times as long.
+#: Seconds of processor time; the wall time on a busy machine may be this many times longer.
 SECONDS = 20.0
 BUSY = 6.0
 MEMORY = 2 << 30
@@ -29,7 +29,7 @@ MEMORY = 2 << 30
 
 @dataclass(frozen=True)
 class Ending:
-    """Verdict on one case: a word of GOOD or BAD, and what was seen."""
+    """Ending of a case: a word of GOOD or BAD, and details."""
 
     verdict: str
     detail: str = ""
@@ -41,9 +41,9 @@ class Ending:
 
 @dataclass(frozen=True)
 class Case:
-    """One case: what was tried, and how it ended.
+    """One case: input and ending.
 
-    ``files`` and ``how`` together repeat it: files to write, and a command or a call on them.
+    ``files`` and ``how`` reproduce it: files to write, and a command or a call that uses them.
     """
 
     part: str
@@ -53,7 +53,7 @@ class Case:
     files: Mapping[str, bytes] = field(default_factory=dict)
 
     def write(self, folder: Path) -> Path:
-        """Write the files and the command into a folder of their own."""
+        """Write the files and the command into a new folder."""
         name = f"{self.part}_{self.ending.verdict}_{self.seed}".replace(" ", "_").replace(":", "_")
         place = folder / name
         place.mkdir(parents=True, exist_ok=True)
@@ -67,7 +67,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Run:
-    """A program that has ended, or was ended."""
+    """A program that has ended or was killed."""
 
     status: int
     out: str
@@ -77,7 +77,7 @@ class Run:
     too_long: bool
 
     def ending(self) -> Ending | None:
-        """What is wrong whatever the program is; None if nothing is."""
+        """Faults that are independent of the program; None if there is none."""
         if self.too_long:
             return Ending("too long", f"{self.seconds:.0f} s")
         if self.memory > MEMORY or "Error allocating" in self.err or "out-of-memory" in self.err:
@@ -96,7 +96,7 @@ def run(
     seconds: float = SECONDS,
     environment: Mapping[str, str] | None = None,
 ) -> Run:
-    """Run a program in a folder, in a session of its own, within time and memory."""
+    """Run a program in a folder, in a new session, with limits of time and memory."""
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,8 +1,8 @@
-"""A process in which calls are run, one after the other, within limits.
+"""A process that runs calls in sequence, within limits.
 
-As a program: reads a line of JSON, does the job that it names, writes a line of JSON. A call is
-run as text; its objects ``this`` are kept, since making them takes most of the time. The other
-side is `Worker`, which asks it to stop as Ctrl-C does after a while, and ends it if it is deaf.
+It reads a line of JSON, does this job, and writes a line of JSON. A call is run as text. Its
+objects ``this`` are cached, because their construction takes most of the time. The controlling
+side is `Worker`: it interrupts a slow call as Ctrl-C does, and kills a process that does not react.
 """
 
 import json
@@ -19,19 +19,19 @@ from typing import Any
 
 from verdicts import MEMORY, SECONDS
 
-#: Seconds until a call is asked to stop; and how long it may then take, if its threads have used
-#: `REACTION` meanwhile: on a busy machine a process may wait for a processor.
+#: Seconds until a call is interrupted; and seconds until it is killed, if its threads have used
+#: `REACTION` meanwhile (on a busy machine a process may wait for a processor).
 PATIENCE = 3.0
 DEAF = 2.5
-#: Seconds of the main thread's processor time that a call may use after Ctrl-C.
+#: Processor time of the main thread that a call may use after Ctrl-C, in seconds.
 REACTION = 0.5
-#: Jobs after which a process is replaced, and bytes that it may hold in the end.
+#: Jobs after which a process is replaced, and its memory limit in bytes.
 _JOBS = 2000
 _HERE = Path(__file__).parent
 
 
 class Worker:
-    """The side that asks."""
+    """The controlling side."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -39,7 +39,7 @@ class Worker:
         self._done = 0
 
     def ask(self, patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
-        """Have a job done: its answer, or a ``verdict`` on a process that gave none."""
+        """Run a job and return its answer, or a ``verdict`` on a process without an answer."""
         if self._child is None or self._done >= _JOBS:
             self._start()
         child = self._child
@@ -70,7 +70,7 @@ class Worker:
         if late > DEAF and _used(child.pid, "stat") - used_by_all > REACTION:
             answer |= {"verdict": "too long", "detail": f"heard Ctrl-C after {late:.1f} s"}
         if asked:
-            # Another process may have the processor meanwhile: only the call's own work counts.
+            # On a busy machine only the processor time of the call itself counts.
             answer["reaction"] = min(_used(child.pid) - used, late)
             if answer["reaction"] > REACTION:
                 detail = f"used {answer['reaction']:.1f} s after Ctrl-C"
@@ -104,7 +104,7 @@ class Worker:
                 start_new_session=True,
             )  # fmt: skip
         self._done = 0
-        # It says so when all is imported: only then may it be asked to stop.
+        # The process reports when its imports are done; it may be interrupted only then.
         assert self._child.stdout is not None
         if not self._child.stdout.readline():
             raise SystemExit(
@@ -131,8 +131,8 @@ def _used(pid: int, of: str = "") -> float:
 
 
 def main() -> None:
-    """Do jobs until there are none."""
-    # What the libraries map when they are imported is no part of what a call takes.
+    """Run jobs until there are none."""
+    # Memory mapped by the imports does not count as memory of a call.
     import call_runner
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -154,7 +154,7 @@ def main() -> None:
             job = json.loads(line)
             try:
                 try:
-                    # Only the job is stopped, not what is around it.
+                    # Interrupt the job only, not the loop.
                     signal.signal(signal.SIGINT, signal.default_int_handler)
                     answer = jobs[job.pop("job")](**job)
                 finally:

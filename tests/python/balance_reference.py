@@ -6,7 +6,7 @@ import numpy as np
 
 
 def random_system(rng, frequencies, damping, *, quadratic=True, derivatives=False):
-    """Matrices and terms of M q'' + C q' + K q + N2(x, x) + N3(x, x, x), frequencies given.
+    """Matrices and terms of M q'' + C q' + K q + N2(x, x) + N3(x, x, x) for given frequencies.
 
     x is q, or (q, q', q'') with ``derivatives``; N3 is symmetric in its arguments.
     """
@@ -25,7 +25,7 @@ def random_system(rng, frequencies, damping, *, quadratic=True, derivatives=Fals
 
 
 class Balance:
-    """Waves k.theta, sum |k| <= highest, of angles that turn with the base frequencies."""
+    """Harmonics k.theta, sum |k| <= highest, of angles that rotate with the base frequencies."""
 
     def __init__(self, system, base, loads, highest):
         """``loads`` are pairs of an amplitude vector and its k."""
@@ -60,7 +60,7 @@ class Balance:
             self.load[self.waves.index(tuple(k))] += amplitude
 
     def pack(self, parts):
-        """Real coefficients of a sum of Re(U exp(i k.theta)), parts pairs of k and U."""
+        """Real coefficients of a sum of Re(U exp(i k.theta)); parts are pairs of k and U."""
         x = np.zeros(self.load.shape)
         for k, u in parts:
             if tuple(k) not in self.waves:
@@ -72,12 +72,12 @@ class Balance:
         return x
 
     def coefficient(self, x, k):
-        """U of Re(U exp(i k.theta))."""
+        """The coefficient U of Re(U exp(i k.theta))."""
         i = self.waves.index(tuple(k))
         return x[i] - 1j * x[self.n_waves + i - 1]
 
     def solve(self, x):
-        """Newton's method from x; None where it does not converge."""
+        """Newton's method from x; None if it does not converge."""
         quadratic, cubic = self.system["quadratic"], self.system["cubic"]
         m = cubic.shape[1]
         for _ in range(12):
@@ -106,8 +106,8 @@ class Balance:
 def steady_motion(system, ms, response, point, loads, drives, highest):
     """The motion near a point of ``response("p1", ...)``: harmonic of p1, or None if none is found.
 
-    Frequencies of the modes that move are combinations of those of the loads, or, under one
-    load, of a part of it.
+    Frequencies of the moving modes are combinations of the load frequencies, or, for a single
+    load, of a fraction of its frequency.
     """
     drives = np.array([response.at[point], *drives[1:]])
     amplitudes, frame = response.amplitudes[point], response.frequencies[point]
@@ -130,7 +130,7 @@ def steady_motion(system, ms, response, point, loads, drives, highest):
             return None
         parts.append((k * np.sign(k @ drives), amplitudes[j] * ms.mode_shapes[:, j]))
     for k, p, load in zip(lines, drives, loads.T, strict=True):
-        # Near a mode it is in the amplitudes already.
+        # Near a mode the harmonic is part of the amplitudes.
         if (abs(p - ms.frequencies) > ms.tolerance * np.maximum(p, ms.frequencies)).all():
             stiffness = system["stiffness"] - p**2 * system["mass"] + 1j * p * system["damping"]
             parts.append((k, np.linalg.solve(stiffness, load)))

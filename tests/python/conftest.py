@@ -1,4 +1,4 @@
-"""Shared fixtures: the reference scene of the mount, processes that are ended with their test."""
+"""Shared fixtures: the reference scene of the mount, processes that are killed after their test."""
 
 import signal
 import subprocess
@@ -7,11 +7,11 @@ import hypothesis
 import pytest
 import viscovib as vv
 
-# The same inputs each time, however long a busy machine takes over one.
+# The same inputs in each run, without a deadline on busy machines.
 hypothesis.settings.register_profile("viscovib", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("viscovib")
 
-# Begun in the background of a shell, these tests and all they start would ignore Ctrl-C.
+# As background processes of a shell, these tests and their children would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

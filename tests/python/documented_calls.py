@@ -1,7 +1,7 @@
-"""Calls as the documentation has them, with the types that their results have.
+"""Calls of the documentation with the types of their results.
 
-mypy reads this file with the package, and `test_signatures` runs it: `assert_type` is for the
-former alone. A call that must be refused is marked so; mypy complains of a mark that is not needed.
+mypy reads this file with the package, and `test_signatures` runs it. `assert_type` concerns mypy
+only. A call that mypy must reject is marked; mypy reports unnecessary marks.
 """
 
 from typing import assert_type
@@ -16,7 +16,7 @@ SWUNG = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.02, c2=0.02, c3=0.02,
 
 
 def responses() -> None:
-    """Results of `forced_response`, by kind of system."""
+    """Results of `forced_response` for each kind of system."""
     assert_type(vv.forced_response(DUFFING, [0.5, 3.0], load=0.1), vv.Response)
     r = vv.forced_response(
         system=MOUNT, nu=3.0, load={1: 0.01}, method="newton", harmonics="auto", stability=True
@@ -46,7 +46,7 @@ def backbones() -> None:
 
 
 def motions() -> None:
-    """Results of runs in time."""
+    """Results of motions in time."""
     assert_type(vv.simulate(DUFFING, 1.0, dt="auto", initial=[0.1, 0]), vv.Trajectory)
     run = vv.simulate(SWUNG, 1.0, initial=[0, 0, 0.1, 0, 0, 0], method="gauss8")
     assert_type(run, vv.Trajectory)

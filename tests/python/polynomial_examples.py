@@ -1,4 +1,4 @@
-"""Polynomial systems and periodic solutions that several tests use."""
+"""Polynomial systems and periodic solutions for several tests."""
 
 import numpy as np
 import viscovib as vv
@@ -9,7 +9,7 @@ KERNEL = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
 
 
 def chain(n, cubic=0.2, damping=0.05, **changes):
-    """Equal masses between walls, each spring with a cubic part in its own stretch."""
+    """Equal masses between walls; each spring has a cubic part in its own elongation."""
     stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     names = ["0", *(f"x{i + 1}" for i in range(n)), "0"]
     forces = {
@@ -24,7 +24,7 @@ def chain(n, cubic=0.2, damping=0.05, **changes):
 
 
 def periodic(right, start, period):
-    """Shooting: the state at time 0 of a periodic solution, by scipy alone."""
+    """Shooting: the initial state of a periodic solution, with SciPy only."""
 
     def after(y):
         return solve_ivp(right, (0, period), y, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]

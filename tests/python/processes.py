@@ -1,4 +1,4 @@
-"""Processes of their own, and what they spend whatever else this machine does."""
+"""Child processes, and their processor time, which does not depend on other processes."""
 
 import os
 import resource
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def end_by_interrupt(child):
-    """Send Ctrl-C and wait; return the seconds of processor time spent since, and what was said."""
+    """Send Ctrl-C and wait; return the processor time used since then (s), and the output."""
     others = _of_children()
     before = _of(child.pid)
     child.send_signal(signal.SIGINT)
@@ -16,12 +16,12 @@ def end_by_interrupt(child):
 
 
 def _of(pid):
-    """Time of a process that runs (proc(5), utime and stime)."""
+    """Processor time of a running process (proc(5), utime and stime)."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _of_children():
-    """Time of children that have ended."""
+    """Processor time of finished children."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime

@@ -1,4 +1,4 @@
-"""Measurements made by kernels, with and without noise."""
+"""Synthetic measurements of kernels, with and without noise."""
 
 import numpy as np
 import viscovib as vv
@@ -13,7 +13,7 @@ PARAMETERS = ("amplitude", "alpha", "beta")
 
 
 def made(kernel, noise=0.0, seed=0, n=80, low=1e-3, high=1e5, **more):
-    """Storage and loss of a kernel with noise relative to each."""
+    """Storage and loss of a kernel with relative noise on each."""
     nu = np.geomspace(low, high, n)
     scatter = 1 + noise * np.random.default_rng(seed).standard_normal((2, n))
     stiff = MODULUS * (1 - kernel.transform(nu))

@@ -1,4 +1,4 @@
-"""The method of multiple scales written down with sympy, for checks."""
+"""Independent derivation of the method of multiple scales with sympy."""
 
 import itertools
 
@@ -7,10 +7,10 @@ import sympy as sp
 
 
 def pendulum_equations(e, w2, w3, alpha):
-    """Lagrange's equations of the undamped spring pendulum, and their variables.
+    """Lagrange equations of the undamped spring pendulum, and their variables.
 
-    The Lagrangian is that of a point mass hanging on the spring with a body on it: kinetic energy
-    of the body about its mass centre, potential of spring and weight.
+    The Lagrangian is that of a spring with a point mass and an attached body: kinetic energy
+    of the body about its mass centre, potential energy of spring and weight.
     """
     _z, _phi, _psi = q = sp.symbols("z phi psi")
     v = sp.symbols("dz dphi dpsi")
@@ -19,7 +19,7 @@ def pendulum_equations(e, w2, w3, alpha):
     t = sp.Symbol("t")
     zt, ft, pt = (sp.Function(n)(t) for n in ("z", "phi", "psi"))
     z_r = sp.Symbol("z_r")
-    # End of the spring at (1 + z) (sin phi, cos phi); the mass centre e further along psi.
+    # End of the spring at (1 + z) (sin phi, cos phi); the mass centre at a distance e along psi.
     x = (1 + zt) * sp.sin(ft) + e * sp.sin(pt)
     y = (1 + zt) * sp.cos(ft) + e * sp.cos(pt)
     kinetic = (sp.diff(x, t) ** 2 + sp.diff(y, t) ** 2) / 2
@@ -46,7 +46,7 @@ def pendulum_equations(e, w2, w3, alpha):
 
 
 def terms_to_third(equations, variables):
-    """Taylor terms: for each equation a dict of exponents to coefficient."""
+    """Taylor terms to third order: for each equation a dict of exponents to coefficient."""
     eps = sp.Symbol("eps")
     result = []
     for equation in equations:
@@ -76,7 +76,7 @@ def interaction(terms, n):
                     matrix[row, k % n] += c * s ** (k // n)
         return matrix
 
-    # Frequencies from mass and stiffness.
+    # Natural frequencies from mass and stiffness.
     mass, stiffness = mpmath.matrix(n, n), linear(mpmath.mpf(0))
     for row, table in enumerate(terms):
         for exponents, c in table.items():
@@ -94,7 +94,7 @@ def interaction(terms, n):
         vectors.append([c / largest for c in column])
 
     def arguments(motion):
-        """X of a dict of wave numbers to vector."""
+        """The arguments x of the terms; ``motion`` is a dict of wave numbers to vector."""
         result = {}
         for wave, u in motion.items():
             s = 1j * sum(w * k for w, k in zip(omega, wave, strict=True))
@@ -102,7 +102,7 @@ def interaction(terms, n):
         return result
 
     def product(series, table, degree):
-        """Sum of the table's terms of one degree over the given series, one for each factor."""
+        """Sum of the terms of one degree over the given series, one series for each factor."""
         total = {}
         for exponents, c in table.items():
             if sum(exponents) != degree:
@@ -118,7 +118,7 @@ def interaction(terms, n):
         return total
 
     def response(j, k):
-        """Secular part of third order in mode j of amplitudes 1 in j and b in k."""
+        """Secular term of third order in mode j for amplitudes 1 in j and b in k."""
         first = {}
         for mode in {j, k}:
             wave = tuple(int(i == mode) for i in range(n))

@@ -1,4 +1,4 @@
-"""Accuracy asked for in time: absolute, relative, and why it is not met."""
+"""Requested accuracy in time: absolute, relative, and the reason if it is not reached."""
 
 import math
 
@@ -16,7 +16,7 @@ def duffing(stiffness=1.0, cubic=1.0, damping=0.0):
 
 
 def test_easy_conservative_motions_need_few_steps():
-    """Equations of a step left at 0.1 of the tolerance add up over many steps."""
+    """The step equations are solved to less than 0.1 of the tolerance; their errors add up."""
     rng = np.random.default_rng(1)
     for _ in range(8):
         k, c = rng.uniform(0.5, 2, 2)
@@ -41,7 +41,7 @@ def test_easy_conservative_motions_need_few_steps():
 @pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.2], rates=[1.5])])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_default_accuracy_does_not_depend_on_the_unit_of_length(seed, kernel, kept):
-    """A motion in other units of length takes the same steps, and is the same in these units."""
+    """A motion in other units of length takes the same steps and gives the same scaled states."""
     rng = np.random.default_rng(seed)
     cubic, amplitude, nu = rng.uniform([0.2, 0.1, 0.5], [1.0, 0.5, 2.0]).tolist()
 
@@ -65,7 +65,7 @@ def test_the_default_accuracy_does_not_depend_on_the_unit_of_length(seed, kernel
 @pytest.mark.parametrize("end", [0.5 * math.pi, math.pi, 40 * math.pi])
 @pytest.mark.parametrize("wanted", [{}, {"rtol": 1e-8}])
 def test_the_size_of_a_motion_is_not_that_of_its_last_state(start, end, wanted):
-    """The last displacement or velocity of these is 0."""
+    """The final displacement or velocity of these motions is 0."""
     linear = vv.PolynomialSystem(mass=1, stiffness=1)
     turned = np.array([[math.cos(end), math.sin(end)], [-math.sin(end), math.cos(end)]]) @ start
     for kept in ({"keep": "last"}, {"times": [end]}):
@@ -134,13 +134,13 @@ def test_no_error_is_zero_but_of_no_motion():
             {"initial": [0.1, 0], "load": 0.3, "nu": 1.0, "t_end": 300},
             "agree to t = .*chaotic or unstable",
         ),
-        # What grows by itself has grown early in a long run.
+        # In a long run a perturbation grows early.
         (
             duffing(stiffness=-1.0, damping=0.1),
             {"initial": [0.1, 0], "load": 0.3, "nu": 1.2, "t_end": 3000},
             "agree to t = .*chaotic or unstable",
         ),
-        # A single state does not tell.
+        # A single state cannot show chaos.
         (
             duffing(stiffness=-1.0, damping=0.1),
             {"initial": [0.1, 0], "load": 0.3, "nu": 1.2, "t_end": 1000, "keep": "last"},
@@ -183,7 +183,7 @@ def test_ensembles_take_relative_accuracies():
 
 
 def test_a_corner_behind_memory_is_no_chaos():
-    """Steps that know the past at their ends alone do not end on corners: told, not chaos."""
+    """With memory="direct" steps do not end at corners: the message states this, not chaos."""
     kernel = vv.RzhanitsynKernel(amplitude=0.05, alpha=0.5, beta=0.5)
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces="2*heaviside(x - 0.1)*x_dot", kernel=kernel
@@ -206,7 +206,7 @@ WEIGHTS, RATES = np.array([0.3, 1.5]), np.array([0.8, 5.0])
 
 
 def remembering(law, k):
-    """Return an oscillator with memory and its equations as ordinary ones."""
+    """Return an oscillator with memory and its ordinary differential equations."""
     system = vv.PolynomialSystem(
         mass=1, stiffness=k, damping=0.1, springs=[vv.Springs(forces=law)],
         kernel=vv.PronyKernel(weights=WEIGHTS, rates=RATES),
@@ -221,7 +221,7 @@ def remembering(law, k):
 
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
 def test_states_inside_steps_are_as_exact_as_told(tolerance):
-    """They are told by the polynomials of steps longer than they are apart, where those are so."""
+    """Dense output between step ends, where steps are longer than the distance of stored states."""
     rng = np.random.default_rng(5)
     fewer = 0
     for law in list(LAWS)[:4] * 2:
@@ -237,13 +237,13 @@ def test_states_inside_steps_are_as_exact_as_told(tolerance):
         fewer += run.stats["steps"] < run.t.size - 1
         longer = vv.simulate(system, 18, resume=run)
         assert np.diff(longer.t).max() < 1.01 * np.diff(run.t).max()
-    # The closer the states are judged, the more steps it takes to be sure.
+    # A tighter tolerance may need more steps to confirm the states.
     assert fewer >= 2 or tolerance < 1e-9
 
 
 @pytest.mark.parametrize("method", ["gauss3", "gauss4", "gauss6", "gauss8"])
 def test_methods_of_low_order_tell_the_errors_inside_their_steps(method):
-    """States were compared at ends of steps alone, where these methods are far more exact."""
+    """Errors inside steps: at step ends these methods are far more accurate."""
     rng = np.random.default_rng(3)
     for _ in range(4):
         n = 5
@@ -265,7 +265,7 @@ def test_methods_of_low_order_tell_the_errors_inside_their_steps(method):
 
 
 def test_an_error_in_the_first_step_is_seen():
-    """Its panels are made of the same intervals at half the step: their nodes must differ."""
+    """Panels of the first step and those of half the step must not share nodes."""
     system, slope = remembering("0.5*max(x - 0.1, 0)", 0.6887574583357975)
     start = [0.4916844403927591, 0]
     right = solve_ivp(slope, (0, 12), [*start, 0, 0], "DOP853", rtol=1e-12, atol=1e-13).y[:2, -1]
@@ -275,10 +275,10 @@ def test_an_error_in_the_first_step_is_seen():
 
 
 def test_growth_of_roundings_is_in_the_error():
-    """Roundings of the system's numbers are alike in all runs: their differences do not tell them.
+    """Rounding errors of the parameters are equal in all runs, so differences do not show them.
 
-    The state at the end is by extrapolated midpoint steps in quadruple precision, at two tolerances
-    alike to 2e-11.
+    Reference: extrapolated midpoint steps in quadruple precision, at two tolerances that agree to
+    2e-11.
     """
     near_chaos = vv.Pendulum(
         e=0.034886, w2=0.846614, w3=1.131382, alpha=0.5, c1=0.01, c2=0.01, c3=0.03, f0=0.134902,

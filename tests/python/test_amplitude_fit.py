@@ -1,4 +1,4 @@
-"""Jenkins elements beside a kernel, and static curves."""
+"""Jenkins elements in parallel with a kernel, and static curves."""
 
 import warnings
 
@@ -9,7 +9,7 @@ from rubber_examples import KERNELS
 
 
 def by_cycles(x, k, slip, n=200_001):
-    """First harmonic of a slider followed through three cycles."""
+    """First harmonic of the force of a slider, integrated through three cycles."""
     t = np.linspace(0, 6 * np.pi, n)
     deflection, force = x * np.sin(t), np.zeros(n)
     step = k * np.diff(deflection)
@@ -58,7 +58,7 @@ def test_elements_come_back(kind, elements):
     ("amplitude", "alpha", "beta"), [(0.54, 0.84, 1.7), (0.38, 0.2, 1.0), (0.9, 0.5, 1.1)]
 )
 def test_materials_far_from_the_first_guess_come_back(amplitude, alpha, beta, slip):
-    """The first guess takes what the slider leaves at the largest amplitude for the kernel's."""
+    """The first guess attributes the slider force at the largest amplitude to the kernel."""
     kernel = vv.RabotnovKernel(amplitude=amplitude, alpha=alpha, beta=beta)
     fit = vv.fit_amplitude(stiffness(kernel, [(1.54e5, slip)]))
     assert fit.stiffness == pytest.approx([1.54e5], rel=1e-6)
@@ -86,7 +86,7 @@ def test_intervals_hold_the_truth():
     ],
 )
 def test_elements_that_amplitudes_do_not_tell_are_told(elements, loose):
-    """Their intervals missed the truth in every second case."""
+    """Their intervals are unbounded, because the data do not determine them."""
     data = stiffness(KERNELS["rabotnov"], elements, 0.003, 1)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -95,7 +95,7 @@ def test_elements_that_amplitudes_do_not_tell_are_told(elements, loose):
     assert bool(told) == bool(loose)
     assert all(fit.interval[name] == (0, np.inf) for name in fit.unconstrained)
     if loose == 1:
-        # A spring that never slips is one with the modulus: no element stands for it.
+        # A spring that never slips is part of the modulus: no element represents it.
         return
     for i, pair in enumerate(elements):
         for name, true in zip(("stiffness", "slip"), pair, strict=True):
@@ -140,7 +140,7 @@ def test_what_is_refused():
 
 
 def test_rubber_that_softens_is_a_kernel_with_sliders():
-    """Heavy masses move in sines; load over motion is then the kernel's part and Caughey's sum."""
+    """With heavy masses the motion is a sine; load/motion is the kernel part plus Caughey's sum."""
     kernel = vv.RabotnovKernel(amplitude=1.5, alpha=0.5, beta=2.5)
     slips, springs = np.geomspace(1e-4, 3e-3, 6), np.full(6, 0.16)
     elements = [

@@ -1,4 +1,4 @@
-"""Moving pictures: their frames, kinds of files, and what is refused."""
+"""Animations: frames, file formats, and refused arguments."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""Linear motions of condensed systems where an element is at rest, against a solution of it all."""
+"""Linear motions of condensed systems where an element is at rest, against the full solution."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ EPS = np.finfo(float).eps
 
 
 def chain(seed):
-    """A chain under light damping, where cubic springs are, and frequencies that hold one still."""
+    """A lightly damped chain, positions of cubic springs, frequencies with one of them at rest."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(9, 20))
     k = rng.uniform(0.5, 2) * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
@@ -23,7 +23,7 @@ def chain(seed):
 
 
 def worst(found, stiffness, load):
-    """Largest error of all motions in units of what rounding and the condition leave."""
+    """Largest error of all motions, relative to rounding error times condition number."""
     errors = []
     for u, d in zip(found, stiffness, strict=True):
         true = np.linalg.solve(d, load)
@@ -34,7 +34,7 @@ def worst(found, stiffness, load):
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("remembers", [False, True])
 def test_linear_motions_keep_their_digits_where_an_element_is_at_rest(seed, remembers):
-    """Before, up to 1e7 times as much was lost: 1e-7 of the motion at a damping of 1e-5."""
+    """Regression: up to 1e7 times the rounding error, 1e-7 of the motion for a damping of 1e-5."""
     k, c, places, nu, load = chain(seed)
     n = load.size
     laws = {f"x{a + 1}": f"x{a + 1}^3" for a in places}
@@ -71,7 +71,7 @@ def test_so_do_structures(seed):
 
 
 def left_over(found, orders, nu, stiffness, load, force):
-    """What the full equations leave of a motion, relative to their terms; ``force`` of samples."""
+    """Residual of the full equations, relative to their terms; ``force`` from samples."""
     phase = 2 * np.pi * np.arange(1024) / 1024
     u = (found @ np.exp(1j * np.outer(orders, phase))).imag
     rate = ((1j * orders * nu * found) @ np.exp(1j * np.outer(orders, phase))).imag
@@ -89,7 +89,7 @@ def left_over(found, orders, nu, stiffness, load, force):
 @pytest.mark.parametrize("method", ["newton", "successive"])
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_nonlinear_motions_keep_their_digits_where_an_element_is_at_rest(kind, method):
-    """Forces came from the deflections by H^-1: up to 7e-9 of the motion was lost."""
+    """Regression: forces by H^-1 from deflections had errors of up to 7e-9 of the motion."""
     worst = 0.0
     for seed in range(3):
         k, c, places, nu, load = chain(seed)

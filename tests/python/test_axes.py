@@ -1,4 +1,4 @@
-"""How pictures show frequencies and amplitudes, where they break, and what they leave out."""
+"""Axes of plots: units, gaps in lines, and omitted coordinates."""
 
 from pathlib import Path
 
@@ -80,7 +80,7 @@ def test_no_line_crosses_a_jump():
 
 
 def test_no_smooth_curve_is_torn():
-    # Linear responses never jump, however light the damping and coarse the grid.
+    # Linear responses never jump, even with light damping and on a coarse grid.
     draw = np.random.default_rng(5)
     for _ in range(200):
         n = int(draw.integers(1, 4))
@@ -99,7 +99,7 @@ def test_coordinates_at_rest_have_no_panel():
     rest = vv.Pendulum(e=0.1, w2=0.53, w3=0.9, alpha=0.5, c1=0.05, c2=0.05, c3=0.05, f0=0.002)
     branch = vv.trace_response(rest, p1=(0.9, 1.0), harmonics=5)
     assert len(vv.plot_branch(branch)) == 1
-    # As many axes as coordinates are all drawn on.
+    # If axes for all coordinates are given, all are drawn.
     _, axes = plt.subplots(3, 1)
     assert len(vv.plot_branch(branch, axes)) == 3
 
@@ -121,7 +121,7 @@ def test_steady_motions_are_lines_without_lone_points():
     r = vv.run(SCENES / "pendulum_scales.nml").value
     lines = vv.plot_scales_response(r)[0].lines
     assert all(line.get_xdata().size > 1 for line in lines)
-    # Nothing is drawn that is not among the motions.
+    # Only computed motions are drawn.
     for line in lines:
         y = line.get_ydata()
         assert np.isin(y[np.isfinite(y)], r.amplitude("z")).all()

@@ -26,7 +26,7 @@ def test_no_unit_decides_which_coordinate_counts():
             stiffness_phi=2 * length**2,
         )  # fmt: skip
         curves.append(vv.backbone(body, 0, (1e-3 * length, 0.4 * length), dof="x").nu)
-        # Refused before: it turns by little if lengths are large numbers.
+        # A small rotation with large lengths must not be refused.
         vv.backbone(body, 0, (1e-3, 0.4), dof="phi")
         by_default = vv.backbone(body, 0, (1e-3 * length, 0.4 * length)).nu
         np.testing.assert_array_equal(by_default, curves[-1])
@@ -35,7 +35,7 @@ def test_no_unit_decides_which_coordinate_counts():
 
 
 def test_duffing_in_elliptic_functions():
-    """From rest at A, x'' + x + c x^3 = 0 has omega = pi sqrt(1 + c A^2)/(2 K(m))."""
+    """Motion from rest at A: x'' + x + c x^3 = 0 has omega = pi sqrt(1 + c A^2)/(2 K(m))."""
     for c, largest in ((1.0, 5.0), (-1.0, 0.8)):
         system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3, forces=f"{c}*x^3")
         b = vv.backbone(system, 0, (1e-3, largest), harmonics=61, tolerance=1e-13)
@@ -48,7 +48,7 @@ def test_duffing_in_elliptic_functions():
 
 
 def forces(name):
-    """Accelerations written out by hand."""
+    """Accelerations written explicitly."""
     if name == "cubic":
         extra = lambda u: np.array(  # noqa: E731
             [5 / 6 * u[1] ** 3, 2.5 * u[1] ** 2 * u[0] - 5 / 3 * u[1] ** 3]
@@ -94,7 +94,7 @@ def systems(name):
     ],
 )  # fmt: skip
 def test_period_of_direct_integration(name, mode, largest):
-    """A motion from rest at u(0) is back there, at rest, after 2 pi/nu."""
+    """A motion from rest at u(0) returns to rest at u(0) after 2 pi/nu."""
     system, acceleration = systems(name), forces(name)
     b = vv.backbone(system, mode, (1e-3, largest), harmonics=45, tolerance=1e-13)
     assert b.outcome == "completed"
@@ -111,7 +111,7 @@ def test_period_of_direct_integration(name, mode, largest):
 
 
 def test_follower_forces():
-    """Stiffness that is not symmetric, by another solver of eigenvalues and by integration."""
+    """Unsymmetric stiffness, by another eigenvalue solver and by integration."""
     stiffness = np.array([[3.0, -1.0, 0.2], [-0.4, 2.0, -0.5], [0.1, -0.3, 1.0]])
     mass = np.array([[2.0, 0.1, 0.0], [0.1, 1.0, 0.2], [0.0, 0.2, 1.5]])
     system = vv.PolynomialSystem(mass=mass, stiffness=stiffness, forces={"x2": "x2^3"})
@@ -135,7 +135,7 @@ def test_follower_forces():
 
 
 def test_alike_masses_move_by_the_first():
-    """Where two coordinates move alike, rounding does not decide which of them counts."""
+    """If two coordinates move equally, rounding does not select the amplitude coordinate."""
     pair = {"x1": "x1^3", "x2": "x2^3"}
     both = {
         stiffness: vv.PolynomialSystem(
@@ -149,7 +149,7 @@ def test_alike_masses_move_by_the_first():
 
 
 def test_lightly_damped_peaks_lie_on_it():
-    """Peaks are off the backbone by the square of the damping."""
+    """The distance of peaks from the backbone is of second order in the damping."""
     away = []
     for damping in (0.002, 0.001):
         mount = vv.Mount(**BODY, damping=damping * STIFFNESS)
@@ -252,7 +252,7 @@ def drawn(rng):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_truncation_is_what_more_orders_change(seed):
-    """Of given orders against twice as many; of chosen ones against integration of a period."""
+    """Given harmonics against twice as many; automatic ones against integration of a period."""
     rng = np.random.default_rng(seed)
     system, acceleration, masses = drawn(rng)
     ends, mode = (1e-3, rng.uniform(0.2, 0.5)), int(rng.integers(2))
@@ -300,7 +300,7 @@ def beside_homoclinic(nu, q, orders):
 @pytest.mark.parametrize("harmonics", [9, "auto"])
 @pytest.mark.parametrize("seed", range(3))
 def test_beside_a_homoclinic_orbit_the_curve_ends_where_harmonics_hold_the_motion(seed, harmonics):
-    """Up to its end motions are those of the closed form, by what truncation tells."""
+    """Up to the end of the curve, motions agree with the closed form within the truncation."""
     q = np.random.default_rng(seed).uniform(0.3, 1.5)
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"-{q}*x^2", names=["x"])
     with pytest.warns(vv.ConvergenceWarning, match="do not reach"):
@@ -336,7 +336,7 @@ def over_gap(turn, w, k, gap, n=8192):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_truncation_over_a_gap_is_that_of_all_orders(seed):
-    """Orders fall off as a power and beat: those next to the highest are not most of the rest."""
+    """Harmonics decay as a power and beat: the last ones are not most of the truncation."""
     rng = np.random.default_rng(seed)
     w, k, gap = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-1, 1.5), rng.uniform(0.05, 0.5)
     system = vv.PolynomialSystem(
@@ -351,7 +351,7 @@ def test_truncation_over_a_gap_is_that_of_all_orders(seed):
         own = np.zeros(4097)
         own[b.harmonics] = b.coefficients[i, 0].imag
         if own[1] > 0:
-            own *= (-1.0) ** np.arange(own.size)  # from its other turn
+            own *= (-1.0) ** np.arange(own.size)  # from its other turning point
 
         def more(turn, own=own):
             return over_gap(turn, w, k, gap)[1][1] - own[1]
@@ -365,7 +365,7 @@ def test_truncation_over_a_gap_is_that_of_all_orders(seed):
 
 
 def test_internal_resonance_turns_the_curve_back():
-    """At 5:1 the first harmonic falls to where it began; what is left is a true motion."""
+    """At 5:1 the first harmonic returns to its initial amplitude; the end is a true motion."""
     body = {
         "mass": 1.15,
         "inertia": 0.0507,
@@ -402,7 +402,7 @@ def test_internal_resonance_turns_the_curve_back():
     ],
 )  # fmt: skip
 def test_beyond_the_range_of_numbers(changes, ends):
-    """There is an error or an outcome, never a number out of range that is complete."""
+    """Overflow gives an error or an outcome, never a complete curve with non-finite numbers."""
     system = vv.PolynomialSystem(**({"mass": 1, "stiffness": 1, "forces": "x^3"} | changes))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vv.ConvergenceWarning)

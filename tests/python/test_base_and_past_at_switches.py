@@ -1,4 +1,4 @@
-"""Steps that end on switches under a moving base and behind a past: SciPy from kink to kink."""
+"""Steps that end at switches with a moving base and with a past: SciPy from kink to kink."""
 
 import itertools
 
@@ -20,7 +20,7 @@ PUSHED = np.array([[0.3, 0.0], [1.1, 1.5], [1.7, -0.4]])
 
 
 def system(kernel=KERNEL):
-    """Kinks behind a kernel and beside it."""
+    """Kinks behind a kernel and without a kernel."""
     return vv.Structure(
         mass=MASS, stiffness=STIFFNESS, damping=DAMPING, base_direction=DIRECTION,
         elements=[
@@ -35,7 +35,7 @@ def behind(d):
 
 
 def forgotten(times, moved):
-    """What each exponential remembers at t = 0 of straight lines, by Gauss's rule between kinks."""
+    """Memory states at t = 0 after a piecewise linear past, by Gauss quadrature between kinks."""
     along = moved @ BETWEEN
     z = WEIGHTS / RATES * behind(along[0])
     nodes, weights = np.polynomial.legendre.leggauss(60)
@@ -52,7 +52,7 @@ def forgotten(times, moved):
 
 
 def true_states(start, z, base, force, corners):
-    """Masses in space, the elements relative to the base."""
+    """Absolute coordinates; the deflections of elements are relative to the base."""
 
     def rates(t, y, piece):
         place, speed = base(t, piece)
@@ -75,7 +75,7 @@ def true_states(start, z, base, force, corners):
     for piece in itertools.pairwise(np.union1d(TIMES, corners)):
         t, longest = piece[0], 1e-6
         while t < piece[1]:
-            # Off a kink where the last part ended on one.
+            # Start slightly away from a kink at which the previous part ended.
             until = min(piece[1], t + longest)
             run = solve_ivp(
                 rates, (t, until), y, "DOP853", rtol=1e-12, atol=1e-14, args=(piece,),
@@ -89,7 +89,7 @@ def true_states(start, z, base, force, corners):
 
 
 def along(table):
-    """A piecewise linear record, its last value for ever."""
+    """A piecewise linear record, constant after its last time."""
 
     def at(t, piece):
         i = np.searchsorted(table[:, 0], 0.5 * sum(piece)) - 1
@@ -106,7 +106,7 @@ def wave(t, piece):
 
 
 def push(t, piece):
-    """Forces by a table, nothing beside its times."""
+    """Forces by a table, 0 outside its times."""
     i = np.searchsorted(PUSHED[:, 0], 0.5 * sum(piece)) - 1
     if i < 0 or i == len(PUSHED) - 1:
         return np.zeros(2)
@@ -131,7 +131,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_against_scipy(case):
-    """The tolerance is met, and given steps keep the order: 1e-11 at 0.05."""
+    """The tolerance is reached, and with given steps the order is kept: 1e-11 for 0.05."""
     given = CASES[case]
     base, force, corners = (lambda t, piece: (0.0, 0.0)), (lambda t, piece: np.zeros(2)), [0.0]
     if case == "wave":
@@ -159,7 +159,7 @@ def test_against_scipy(case):
 
 @pytest.mark.parametrize("held", [0.0, 0.3])
 def test_sliders_turn_at_corners_of_the_base(held):
-    """A record with corners, at each of which a slider may turn, behind what was held or not."""
+    """A record with corners at which a slider may reverse, with and without an initial past."""
 
     def force(d, over):
         return 8 * (d - GAP) * over
@@ -191,7 +191,7 @@ def test_sliders_turn_at_corners_of_the_base(held):
     )  # fmt: skip
     np.testing.assert_allclose(run.state, true, atol=3e-10)
     assert run.error < 1e-10
-    # Deflections are those relative to the base.
+    # Deflections are relative to the base.
     np.testing.assert_allclose(
         run.deflections[:, 0], [s[0] - s[2] - np.interp(t, *RECORD.T) * 0.4
                                 for t, s in zip(ends, true, strict=True)], atol=3e-10,
@@ -199,7 +199,7 @@ def test_sliders_turn_at_corners_of_the_base(held):
 
 
 def test_a_mass_that_sticks_goes_on_under_a_base_that_starts():
-    """The base begins to move where the run goes on: friction lets go at once."""
+    """The base begins to move when the run is resumed: the mass slides immediately."""
     law = "0.5*sign(x_dot) + 3*max(x - 1, 0)"
     body = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, base_direction=[1], forces=law)
     ramp = {"times": [0, 4, 4.5, 5], "values": [0, 0, 0.5, 0.5]}

@@ -1,4 +1,4 @@
-"""Tables of base motion: against SciPy in absolute coordinates, and against the harmonic base."""
+"""Tables of base motion: against SciPy in absolute coordinates, and against a harmonic base."""
 
 import itertools
 import math
@@ -13,13 +13,13 @@ WEIGHTS, RATES = np.array([0.1, 0.2]), np.array([0.7, 3.0])
 
 
 class Moved:
-    """Two masses on a moving base in absolute coordinates; springs remember deflections."""
+    """Two masses on a moving base in absolute coordinates; springs with memory."""
 
     def __init__(self, rng, memory):
         self.memory = memory
         self.mass = np.diag(rng.uniform(0.5, 2, 2))
         k, c = rng.uniform(1, 5, 2), rng.uniform(0.05, 0.3, 2)
-        links = np.array([[1.0, 0.0], [-1.0, 1.0]])  # the first stands on the base
+        links = np.array([[1.0, 0.0], [-1.0, 1.0]])  # the first link connects to the base
         self.stiffness = links.T @ np.diag(k) @ links
         self.damping = links.T @ np.diag(c) @ links
         self.cubic = rng.uniform(0, 0.5)
@@ -34,7 +34,7 @@ class Moved:
         )
 
     def motion(self, table, end, start, load=None):
-        """The state at the end, each piece of the table on its own."""
+        """The final state; each piece of the table is integrated separately."""
         times, values = np.asarray(table.times), np.asarray(table.values)
         ends = np.concatenate([[0.0], times[(times > 0) & (times < end)], [end]])
         y = np.concatenate([start[::2], start[1::2], np.zeros(4 if self.memory else 0)])
@@ -71,7 +71,7 @@ class Moved:
 
 
 def table_of(rng):
-    """A motion of the base with corners, or a spline, that begins and ends anywhere."""
+    """A base motion with corners, or a spline, with arbitrary start and end."""
     times = np.cumsum(rng.uniform(0.2, 2, rng.integers(2, 7))) - rng.uniform(0, 2)
     kind = rng.choice(["linear", "cubic"]) if times.size > 3 else "linear"
     return vv.LoadTable(times=times, values=0.3 * rng.normal(size=times.size), interpolation=kind)
@@ -112,7 +112,7 @@ def test_a_base_and_a_force_by_tables_act_together():
 
 
 def test_states_are_those_of_the_body_at_corners_too():
-    """The velocity of the body does not jump where the base turns a corner."""
+    """The velocity of the body does not jump at a corner of the base motion."""
     body = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.1, base_direction=[1])
     table = vv.LoadTable(times=[0.5, 1, 2], values=[0, 1.0, 0.0])
     times = [0.5, np.nextafter(1, 0), 1.0, np.nextafter(1, 2), 1.5, 2.0, 2.5]
@@ -145,11 +145,11 @@ def test_a_fine_table_is_the_harmonic_base(kernel):
         run = vv.simulate(mount, 6, base=table, initial=np.zeros(4), tolerance=1e-9)
         errors.append(np.abs(run.state[-1] - wave).max())
     assert errors[1] < 1e-6
-    assert errors[0] > 12 * errors[1]  # a spline errs by the fourth power of its spacing
+    assert errors[0] > 12 * errors[1]  # the error of a spline is of fourth order in its spacing
 
 
 def test_order_is_kept_where_a_singular_kernel_remembers_a_corner():
-    """A corner of the base is a jump of the velocity that springs see, however short a ramp is."""
+    """A corner of the base is a jump of the deflection velocity; the ramp may be very short."""
     kernel = vv.RabotnovKernel(amplitude=0.3, alpha=0.3, beta=0.5)
     mount = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel

@@ -9,7 +9,7 @@ GRID = np.linspace(-1.5, 1.5, 12)
 
 
 def test_two_wells():
-    """Rest in either well; a start and its mirror image settle on mirror images."""
+    """Two equilibria; a start and its mirror image settle at mirror images."""
     wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
     found = vv.basins(wells, {"x": GRID, "x_dot": GRID}, t_end=100.0)
     assert found.complete
@@ -26,7 +26,7 @@ def test_two_wells():
 
 
 def test_a_saddle_attracts_nothing():
-    """Starts on a saddle, or on what leads to it exactly, settle nowhere."""
+    """Starts on a saddle or on its stable manifold do not settle."""
     wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
     grid = np.linspace(-1.5, 1.5, 7)
     found = vv.basins(wells, {"x": grid, "x_dot": grid}, t_end=100.0)
@@ -38,7 +38,7 @@ def test_a_saddle_attracts_nothing():
 
 @pytest.mark.parametrize("memory", [False, True])
 def test_what_creeps_has_not_settled(memory):
-    """Each start moved less than the tolerance a look, and was an attractor of its own."""
+    """Regression: starts that move less than the tolerance per check are not attractors."""
     given = {}
     if memory:
         kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
@@ -55,7 +55,7 @@ def test_what_creeps_has_not_settled(memory):
     [vv.Jenkins(on="x1", stiffness=0.5, limit=0.1), vv.Dahl(on="x1", stiffness=0.5, limit=0.1)],
 )
 def test_what_creeps_with_hysteresis_has_not_settled(joint):
-    """Neighbours stay where they are, be it that friction holds them or that they creep."""
+    """Neighbouring starts stay apart, both when friction holds them and when they creep."""
     starts = {"x1": [-1.2, 0.4], "x1_dot": [-0.5, 0.5]}
 
     def found(damping, end, dt):
@@ -72,7 +72,7 @@ def test_what_creeps_with_hysteresis_has_not_settled(joint):
 
 
 def test_attractors_of_random_wells_are_the_roots():
-    """Damping over five decades, runs too short and long enough: no two are of one well."""
+    """Damping over five decades, short and long runs: each well has one attractor."""
     rng = np.random.default_rng(3)
     settled = 0
     for _ in range(12):
@@ -91,7 +91,7 @@ def test_attractors_of_random_wells_are_the_roots():
 
 
 def test_structures_have_basins():
-    """A structure of few coordinates is the polynomial system of the same equations."""
+    """A structure with few coordinates equals the polynomial system with the same equations."""
     beam = vv.Structure(
         mass=[[1.0]], stiffness=[[-1.0]], damping=[[0.3]], elements=[vv.Spring(on="x1", law="d^3")]
     )
@@ -102,7 +102,7 @@ def test_structures_have_basins():
 
 
 def test_two_amplitudes_of_a_duffing_oscillator():
-    """The attractors are the stable responses; single motions go where the grid says."""
+    """The attractors are the stable responses; single motions agree with the grid."""
     duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     grid = np.linspace(-3, 3, 8)
     call = {"load": 0.3, "nu": 1.4}
@@ -119,7 +119,7 @@ def test_two_amplitudes_of_a_duffing_oscillator():
 
 
 def test_three_magnets():
-    """A pendulum over three magnets: three attractors, the basins turn into each other."""
+    """A pendulum over three magnets: three attractors with intertwined basins."""
     places = [(float(np.cos(a)), float(np.sin(a))) for a in 2 * np.pi * np.arange(3) / 3]
 
     def pull(mine):
@@ -136,9 +136,9 @@ def test_three_magnets():
     grid = np.linspace(-1.2, 1.2, 5)
     found = vv.basins(magnets, {"x1": grid, "x2": grid}, t_end=100.0, tolerance=1e-3, dt=0.05)
     assert len(found.attractors) == 3
-    # From the middle no magnet is nearer: that rest is a saddle.
+    # The centre has the same distance from all magnets: this equilibrium is a saddle.
     assert [tuple(at) for at in np.argwhere(found.labels < 0)] == [(2, 2)]
-    # Each stops beside its magnet.
+    # Each attractor is near its magnet.
     for states in found.attractors:
         place = states[0, [0, 2]]
         assert min(np.hypot(*(place - at)) for at in places) < 0.15
@@ -151,14 +151,14 @@ def test_three_magnets():
         for i, a in enumerate(found.attractors)
     }
     mirrored |= {-1: -1, -2: -2}
-    # Beside the borders rounding may decide; the axis of symmetry is left out.
+    # Near the boundaries rounding may decide; the axis of symmetry is excluded.
     upper, lower = found.labels[:2], found.labels[:2:-1]
     same = np.vectorize(mirrored.get)(lower) == upper
     assert same.mean() > 0.9
 
 
 def test_a_pendulum_without_a_load_comes_to_rest():
-    """From starts that do not swing over, in the length of time that is given."""
+    """From starts without rotation, within the given run time."""
     swing = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.1, c2=0.1, c3=0.1)
     found = vv.basins(swing, {"phi": [-0.5, 0.5], "psi": [0.2, 0.4]}, t_end=600)
     assert found.complete
@@ -170,7 +170,7 @@ def test_a_pendulum_without_a_load_comes_to_rest():
 
 
 def test_bad_calls():
-    """One line each."""
+    """One-line messages."""
     wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
     for starts, given, words in (
         ({"x": GRID}, {"t_end": 10}, "two of"),
@@ -184,7 +184,7 @@ def test_bad_calls():
 
 
 def test_what_starts_and_ends_at_rest_between():
-    """The other mass starts at 0 and comes to rest at 0: it is measured by what it does between."""
+    """The other mass starts and ends at 0: its scale is the motion in between."""
     chain = vv.PolynomialSystem(
         mass=[1, 1], stiffness=[[1.9, -1.1], [-1.1, 1.1]], damping=[0.2, 0.2], forces={"x1": "x1^3"}
     )
@@ -194,18 +194,18 @@ def test_what_starts_and_ends_at_rest_between():
 
 
 def test_what_leaves_within_the_last_look():
-    """From 1 x'' = x^3 is without bound at 1.854, after t_end."""
+    """From 1 the solution of x'' = x^3 diverges at 1.854, after t_end."""
     away = vv.PolynomialSystem(mass=1, forces="-x^3")
     found = vv.basins(away, {"x": [0.1, 1.0], "x_dot": [0.0]}, t_end=1.8, dt=0.005)
     np.testing.assert_array_equal(found.labels, [[-1, -2]])
 
 
 def test_how_sure_labels_and_attractors_are():
-    """By how much a motion still changes, and what is left of a disturbance: closed forms."""
+    """Change of the motion, and remaining fraction of a perturbation: closed forms."""
     one = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.2)
     found = vv.basins(one, {"x": [0.0, 0.5], "x_dot": [1.0]}, t_end=120.0)
     assert found.complete
-    # A disturbance falls like exp(-0.1 t), whatever its phase, times the ratio of its parts.
+    # A perturbation decays like exp(-0.1 t), for any phase, times the ratio of its components.
     assert 0.3 * np.exp(-12) < found.rest[0] < 4 * np.exp(-12)
     assert (found.moved < 2 * np.exp(-12)).all()
     assert (found.moved > 1e-8).all()

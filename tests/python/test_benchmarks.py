@@ -1,4 +1,4 @@
-"""What the benchmarks measure errors with: against data, closed forms and made-up rows."""
+"""Error measures of the benchmarks: against data, closed forms and synthetic rows."""
 
 import json
 import subprocess
@@ -26,8 +26,8 @@ def test_amplitudes_of_the_reference(parts):
     found = json.loads((ROOT / "data" / "mount_periodic_reference.json").read_text())
     for point in found["first_harmonics"]:
         size = np.array([point["x1"], point["phi1"]])
-        # From near the motion, by its size alone: the phase comes from the linear response below
-        # or above resonance.
+        # Start near the motion from its magnitude only; the phase is that of the linear response
+        # below or above resonance.
         starts = [size * np.exp(1j * turn) for turn in np.linspace(-np.pi, np.pi, 9)]
         errors = [np.abs(np.abs(curve.periodic(point["nu"], s)) / size - 1).max() for s in starts]
         assert np.nanmin(errors) < 2e-9

@@ -1,4 +1,4 @@
-"""Digits of motions of condensed systems beside the natural frequencies of what hardly loses."""
+"""Digits of motions of condensed systems near natural frequencies with low damping."""
 
 import warnings
 
@@ -9,7 +9,7 @@ from viscovib.bodies.body import Body
 
 
 def _engine(rng):
-    """A body on three mounts of rubber whose third directions stiffen."""
+    """A body on three rubber mounts, nonlinear in their third direction."""
     kernel = vv.RzhanitsynKernel(amplitude=rng.uniform(0.3, 0.8), alpha=0.4, beta=20)
     mounts = [
         vv.MountPoint(
@@ -27,10 +27,10 @@ def _engine(rng):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_digits_do_not_hang_on_the_distance_to_a_mode(seed, monkeypatch):
-    """The same motions by all coordinates, where no compliance has a resonance.
+    """The same motions with all coordinates, where no compliance has a resonance.
 
-    There the compliance of the rest is all but one mode's, and its inverse lost as many digits as
-    this mode was louder than the others.
+    Near a resonance the compliance of the linear subsystem is dominated by one mode, and its
+    inverse would lose digits by the ratio of this mode to the others.
     """
     body, same_body = (_engine(np.random.default_rng(seed)) for _ in range(2))
     away = np.array([0, 1e-12, 1e-7, 3e-6, 1e-5, 3e-5, 1e-4, 1e-3, 5e-3, 0.02])
@@ -49,8 +49,8 @@ def test_digits_do_not_hang_on_the_distance_to_a_mode(seed, monkeypatch):
     whole = motions(same_body)
     apart = np.abs(condensed.coefficients - whole.coefficients).max(axis=(1, 2))
     apart /= np.abs(whole.coefficients).max(axis=(1, 2))
-    # Of a hardened resonance the two may lie on different branches.
+    # Near a hardening resonance the two may lie on different branches.
     same = condensed.converged & whole.converged & (apart < 1e-4)
     assert same.sum() > 40
-    # 5e-10 was lost before modes within a hundredth were unknowns of their own.
+    # Regression: errors of 5e-10 before modes within a hundredth became separate unknowns.
     assert apart[same].max() < 5e-12

@@ -1,4 +1,4 @@
-"""A rigid body in space on its mounts."""
+"""A rigid body in space on mounts."""
 
 import dataclasses
 import json
@@ -39,7 +39,7 @@ def engine(kernel=None, law=None, more=0.0, **options):
 
 
 def random_body(rng, **options):
-    """A body on three or four mounts at random places, turned at random."""
+    """A body on three or four mounts at random positions with random orientations."""
     box = rng.uniform(0.2, 1, 3)
     mass = rng.uniform(1, 200)
     turn = scipy.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -59,7 +59,7 @@ def random_body(rng, **options):
 
 
 def test_engine_of_the_table():
-    """Frequencies, kinetic energies and the torque-roll axis of a published program, all digits."""
+    """Frequencies, kinetic energies and torque-roll axis of a published program, all digits."""
     np.testing.assert_allclose(engine().modes().hz, DATA["frequencies_hz"], atol=5e-8)
     stiffer = DATA["with_100_N_per_mm_more_along_local_z_of_mount_1"]
     modes = engine(more=100.0).modes()
@@ -73,7 +73,7 @@ def test_engine_of_the_table():
 
 
 def test_nonlinear_engine_with_memory():
-    """Amplitudes and mount forces of an independent harmonic balance with 15 orders."""
+    """Amplitudes and mount forces of an independent harmonic balance with 15 harmonics."""
     kernel = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
     body = engine(kernel, "1e10*d^3")
     points = DATA["nonlinear_with_memory"]["points"]
@@ -89,7 +89,7 @@ def test_nonlinear_engine_with_memory():
         np.testing.assert_allclose(third, point["third"], rtol=1e-9)
         size = np.abs(forces.force[i, ..., 0]).ravel()
         np.testing.assert_allclose(size, point["mount_force_first"], rtol=1e-12)
-        # What the load puts in is lost in the mounts.
+        # The work of the load is dissipated in the mounts.
         turning = 1j * nu[i] * found.coefficients[i, 4, 0]
         power = 0.5 * (400 * np.conj(turning)).real
         assert forces.lost_power[i].sum() == pytest.approx(power, rel=1e-11)
@@ -97,7 +97,7 @@ def test_nonlinear_engine_with_memory():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_mount_forces_move_the_body(seed):
-    """Newton's law and Euler's, order by order: loads less mount forces are M u''."""
+    """Newton-Euler equations for each harmonic: loads minus mount forces are M u''."""
     rng = np.random.default_rng(seed)
     kernel = vv.PronyKernel(weights=[1.0, 20.0], rates=[5.0, 300.0])
     body = random_body(rng, kernel=kernel, law=("2e10*d^3 + 1e7*d^2", None, "-1e9*d^3"))
@@ -118,7 +118,7 @@ def test_mount_forces_move_the_body(seed):
 
 
 def test_a_mount_in_the_plane():
-    """The mount of a plane is a body of which one mount holds x and the rotation."""
+    """A plane mount equals a body with a mount that holds x and the rotation."""
     kernel = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.3, beta=0.05)
     plane = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel
@@ -136,7 +136,7 @@ def test_a_mount_in_the_plane():
 
 
 def test_transmissibility_is_a_response():
-    """Motion of the floor as a base, and a force that reaches it through the mounts."""
+    """Floor motion as a base motion, and a force transmitted through the mounts."""
     rng = np.random.default_rng(3)
     kernel = vv.RabotnovKernel(amplitude=2.0, alpha=0.5, beta=20.0)
     drawn = random_body(rng, kernel=kernel)
@@ -151,7 +151,7 @@ def test_transmissibility_is_a_response():
     np.testing.assert_allclose(told, moved, rtol=1e-10, atol=1e-14)
     floor = told - body.base_transmissibility(nu, "y", point, relative=True)
     np.testing.assert_allclose(floor, np.broadcast_to([0, 1, 0], (30, 3)), atol=1e-12)
-    # The mounts alone accelerate the body.
+    # Only the mounts accelerate the body.
     each = body.mount_forces(found, base=1e-3).force[..., 0]
     total = sum(each[:, j] @ mount.rotation.T for j, mount in enumerate(body.mounts))
     inertia = -(nu[:, None] ** 2) * body.body_mass * found.coefficients[:, :3, 0]
@@ -163,13 +163,13 @@ def test_transmissibility_is_a_response():
     assert (each == body.mount_forces(pushed, base=0).force[..., 0]).all()
     total = sum(each[:, j] @ mount.rotation.T for j, mount in enumerate(body.mounts))
     np.testing.assert_allclose(body.force_transmissibility(nu, "z", point), total, rtol=1e-8)
-    # Maxwell: what the floor gives the centre of mass is what a force there gives the floor.
+    # Reciprocity (Maxwell) of floor and centre of mass.
     across = body.force_transmissibility(nu, "y")[:, 1]
     np.testing.assert_allclose(across, body.base_transmissibility(nu, "y")[:, 1], rtol=1e-9)
 
 
 def test_sag_of_a_progressive_mount():
-    """(1 - I)(k d + k3 d^3) = m g below the centre of mass, and the stiffness there."""
+    """(1 - I)(k d + k3 d^3) = m g below the centre of mass, and the tangent stiffness."""
     kernel = vv.PronyKernel(weights=[0.6], rates=[2.0])
     foot = vv.MountPoint(
         name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 1e5), kernel=kernel,
@@ -186,7 +186,7 @@ def test_sag_of_a_progressive_mount():
     relaxed = body.modes(stiffness="relaxed").omega
     assert np.abs(relaxed - expected * math.sqrt(0.7)).min() < 1e-9 * expected
     assert body.sag().forces[0, 2] == pytest.approx(50 * 9.81, rel=1e-12)
-    # About the loaded position the law has a square, so that a load moves the mean.
+    # About the loaded position the law has a quadratic term, so a load shifts the mean.
     found = vv.forced_response(body, [0.9 * expected], load=body.load((0, 0, 100)), method="newton")
     assert 0 in found.harmonics
     assert abs(found.coefficient("z", 0)[0]) > 1e-6
@@ -194,7 +194,7 @@ def test_sag_of_a_progressive_mount():
 
 @pytest.mark.parametrize("above", [1.0, -1.0])
 def test_preload_makes_a_pendulum(above):
-    """A body on one point: it swings like a pendulum below it and falls over above it."""
+    """A body hung on one point swings like a pendulum; above the point it falls over."""
     arm, mass, inertia = 0.4, 12.0, 0.7
     joint = vv.MountPoint(name="joint", position=(0, 0, above * arm), stiffness=(1e8, 1e8, 1e8))
     square = above * mass * 9.81 * arm / (inertia + mass * arm**2)
@@ -213,7 +213,7 @@ def test_preload_makes_a_pendulum(above):
 
 
 def test_preload_remembers_nothing():
-    """The slow swing of a hung body keeps its stiffness, whatever its rubber forgets."""
+    """The gravity stiffness of a hanging body does not relax with its rubber."""
     kernel = vv.PronyKernel(weights=[5.0], rates=[10.0])
     joint = vv.MountPoint(name="joint", position=(0, 0, 0.4), stiffness=(1e9,) * 3, kernel=kernel)
     body = vv.Body(mass=12, inertia=(0.7,) * 3, mounts=[joint], gravity=9.81)
@@ -245,7 +245,7 @@ def test_fluid_mount():
 
 
 def test_unbalance_turns():
-    """A rotating force m e nu^2: a quarter turn takes y to z about x."""
+    """A rotating force m e nu^2: after a quarter period y becomes z (about x)."""
     body = engine()
     load = body.unbalance(100.0, 2e-3, at=(0, 0, 0), axis="x")
     for angle, direction in ((0.0, (0, 1, 0)), (math.pi / 2, (0, 0, 1))):
@@ -255,7 +255,7 @@ def test_unbalance_turns():
 
 
 def test_centers():
-    """Of two equal mounts both centres lie half way; in general the blocks there are symmetric."""
+    """Both centres of two equal mounts lie half way; in general the blocks are symmetric there."""
     feet = [
         vv.MountPoint(name=f"f{i}", position=(x, 0.1, 0.2), stiffness=(1e5, 2e5, 3e5))
         for i, x in enumerate((0.3, -0.1))
@@ -277,7 +277,7 @@ def test_centers():
 
 
 def states_of(body):
-    """The ordinary equations of a body on Prony kernels, a state for each spring and rate."""
+    """Ordinary differential equations of a body on Prony kernels, with memory states."""
     springs, mass = body._mount_springs, body._mass_matrix
     terms = [
         (row, k, w, r)
@@ -297,7 +297,7 @@ def states_of(body):
 
 
 def test_modes_of_rubber_are_damped_roots():
-    """Of random bodies on two rubbers: eigenvalues and eigenvectors of the ordinary equations."""
+    """Random bodies on two rubbers: eigenvalues and eigenvectors of the ordinary equations."""
     rng = np.random.default_rng(71)
     for _ in range(12):
         kernels = []
@@ -328,7 +328,7 @@ def test_modes_of_rubber_are_damped_roots():
 
 
 def test_modes_on_soft_rubber_far_below_its_instantaneous_stiffness():
-    """Each direction alone: m s^2 + k (1 - R(s)) = 0 in 30 digits, three of them a double root."""
+    """Each direction separately: m s^2 + k (1 - R(s)) = 0 with 30 digits, three double roots."""
     mp = pytest.importorskip("mpmath")
     a, alpha, beta, k = 999.0, 0.35, 1000.0, 4e9
     foot = vv.MountPoint(
@@ -351,14 +351,14 @@ def test_modes_on_soft_rubber_far_below_its_instantaneous_stiffness():
     assert modes.omega[-1] < 0.2 * body.modes(stiffness="instantaneous").omega[0]
     at = body.modes(stiffness=modes.omega[2]).omega[2]
     assert at == pytest.approx(modes.omega[2], rel=0.1)
-    # Pictures and pages show these frequencies.
+    # Plots and pages show these frequencies.
     assert 2 * np.pi * frequency_range(body)[[0, -1]] == pytest.approx(
         [modes.omega[0] / 3, 4 * modes.omega[-1]]
     )
 
 
 def test_scatter_on_rubber():
-    """About the damped modes, which bodies made one by one have to first order of the spread."""
+    """First-order perturbation of the damped modes, against individually built bodies."""
     kernel = vv.RabotnovKernel(amplitude=40.0, alpha=0.5, beta=50.0)
     body = engine(kernel)
     for spread, most in ((0.0, 1e-12), (0.1, 0.004)):
@@ -376,7 +376,7 @@ def test_scatter_on_rubber():
 
 
 def test_scatter():
-    """Bodies made one by one have the modes that `scatter` gives all at once."""
+    """Individually built bodies have the modes that `scatter` returns."""
     body = engine()
     frequencies, decoupling = body.scatter(50, 0.15, seed=4)
     factors = np.random.default_rng(4).uniform(0.85, 1.15, (50, 9))
@@ -394,7 +394,7 @@ def test_scatter():
 
 
 def test_all_methods_take_a_body():
-    """Branches with stability, and motions in time that settle to the steady ones."""
+    """Branches with stability, and motions in time that settle to steady motions."""
     kernel = vv.PronyKernel(weights=[20.0], rates=[60.0])
     body = engine(kernel, "1e10*d^3")
     load = body.load(torque=(0, 400, 0))
@@ -403,7 +403,7 @@ def test_all_methods_take_a_body():
     assert branch.nu.size > 5
     run = vv.simulate(body, 0.2, load=load, nu=10 * hz, dt=1e-3)
     assert run.outcome == "completed"
-    # In time and order by order the same motion, once the start has faded.
+    # Time integration and harmonic balance agree after the transient.
     long = vv.simulate(body, 4.0, load=load, nu=10 * hz, dt=2e-3)
     steady = vv.forced_response(body, [10 * hz], load=load, method="newton")
     last = long.state[-50:, ::2]
@@ -433,7 +433,7 @@ GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
     ],
 )
 def test_wrong_mounts(given, told):
-    """Each is told in a line that names the mount."""
+    """One-line messages that name the mount."""
     with pytest.raises(vv.InputError, match=told):
         vv.MountPoint(**{**GOOD, **given})
 
@@ -452,7 +452,7 @@ def test_wrong_mounts(given, told):
     ],
 )
 def test_wrong_bodies(given, told):
-    """Each is told in a line."""
+    """One-line messages."""
     with pytest.raises(vv.InputError, match=told):
         vv.Body(**{"mass": 1, "inertia": (1, 1, 1), "mounts": [vv.MountPoint(**GOOD)], **given})
 
@@ -469,28 +469,28 @@ def test_wrong_bodies(given, told):
 )
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_no_sag(kernel, told):
-    """Rubber that goes on creeping carries no weight."""
+    """Rubber with unbounded creep carries no weight."""
     mount = vv.MountPoint(**GOOD, kernel=kernel, rotational_stiffness=(1, 1, 1))
     with pytest.raises(vv.InputError, match=told):
         vv.Body(mass=1, inertia=(1, 1, 1), mounts=[mount], gravity=9.81)
 
 
 def test_softening_mount_gives_way():
-    """A law that turns down below the weight has no position at rest."""
+    """A law with a maximum below the weight has no static equilibrium."""
     mount = vv.MountPoint(**GOOD, law="-1e12*d^3", rotational_stiffness=(1, 1, 1))
     with pytest.raises(vv.InputError, match=r"give way under 0\.1\d* %"):
         vv.Body(mass=1000, inertia=(1, 1, 1), mounts=[mount], gravity=9.81)
 
 
 def test_millimetres_as_metres():
-    """Positions that are far beyond the body are asked about."""
+    """A warning for positions far outside the body."""
     far = vv.MountPoint(name="m", position=(463.0, 0, 0), stiffness=(1e5, 1e5, 1e5))
     with pytest.warns(vv.StabilityWarning, match=r"units\.mm"):
         vv.Body(mass=100, inertia=(5, 5, 5), mounts=[far])
 
 
 def test_free_body_is_told():
-    """Modes that nothing holds are at frequency 0, and said."""
+    """Free modes have the frequency 0 and are named."""
     mount = vv.MountPoint(name="m", position=(0, 0, 0), stiffness=(1e5, 0, 0))
     modes = vv.Body(mass=10, inertia=(1, 1, 1), mounts=[mount]).modes()
     assert (modes.omega == 0).sum() == 5
@@ -499,7 +499,7 @@ def test_free_body_is_told():
 
 
 def test_report(tmp_path):
-    """One page with every part, as HTML and as PDF; other endings are refused."""
+    """One page with every part, as HTML and as PDF; other file extensions are refused."""
     body = engine(vv.PronyKernel(weights=[2.0], rates=[10.0]), "1e10*d^3", gravity=9.81)
     vv.report(body, tmp_path / "engine.html", title="Engine <1>", torque_about="y")
     page = (tmp_path / "engine.html").read_text()
@@ -507,7 +507,7 @@ def test_report(tmp_path):
     assert page.count("data:image/png") == 4
     for word in ("m1", "Sag", "Kinetic energies", "torque-roll axis", f"{body.modes().hz[0]:.4f}"):
         assert word in page
-    # Laws by their axis, memory with its parameters.
+    # Laws with their axis, kernels with their parameters.
     assert "z: 1e+10 d^3" in page
     assert "2 exp(-10 t)" in page
     assert "rotational stiffness" not in page
@@ -528,7 +528,7 @@ def test_report(tmp_path):
 
 
 def test_report_of_rubber(tmp_path):
-    """Damped roots, kernels with their temperature, the band of variants and engine orders."""
+    """Damped roots, kernels with their temperature, the scatter band and engine orders."""
     inner = vv.RabotnovKernel(amplitude=0.6, alpha=0.5, beta=2)
     law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
     rubber = vv.ThermalKernel(kernel=inner, shift=law, temperature=40)
@@ -556,7 +556,7 @@ def test_report_of_rubber(tmp_path):
 
 
 def test_pictures_of_mount_forces():
-    """A panel for each mount with the amplitudes along its axes, over Hz by default."""
+    """A panel per mount with the amplitudes along its axes, over Hz by default."""
     body = engine()
     nu = np.linspace(20, 200, 12)
     forces = body.mount_forces(vv.forced_response(body, nu, load=body.load((0, 0, 10))))
@@ -572,7 +572,7 @@ def test_pictures_of_mount_forces():
 
 
 def test_pictures(tmp_path):
-    """Axes come back; a mode is named with its frequency."""
+    """Axes are returned; a mode is labelled with its frequency."""
     body = engine()
     axis = vv.plot_body(body, mode=3, torque_about="y")
     assert axis.get_title().startswith("mode 3: 12.47 Hz")
@@ -585,7 +585,7 @@ def test_pictures(tmp_path):
 
 
 def test_snubbers():
-    """A mount between stops: its law of the deflection, about the sag, and its forces."""
+    """A mount between stops: its law in the deflection, about the sag, and its forces."""
     law = "1e4*d + 3e5*0.001*log(cosh(d/0.001))*tanh(d/0.001)"
     common = {"position": (0, 0, 0), "stiffness": (1e5,) * 3, "rotational_stiffness": (1e3,) * 3}
     foot = vv.MountPoint(name="foot", **common, damping=50, law=(None, None, law))
@@ -606,7 +606,7 @@ def test_snubbers():
     theta = 2 * np.pi * np.arange(4096) / 4096
     waves = np.exp(1j * np.outer(found.harmonics, theta))
     z = (found.coefficients[0, 2] @ waves).imag
-    # About the loaded position, in which the mount is pressed down.
+    # About the loaded position, where the mount is compressed.
     sampled = force(z - down) - force(-down)
     weights = np.where(found.harmonics == 0, 1j, 2j) / 4096
     elastic = (sampled @ waves.conj().T) * weights
@@ -617,7 +617,7 @@ def test_snubbers():
 
 
 def test_preloads(tmp_path):
-    """Laws that are not 0 at d = 0: from rest, against SciPy's integration from where they lie."""
+    """Laws with a force at d = 0: motions from rest, against SciPy from the loaded position."""
     rng = np.random.default_rng(2)
     numbers = {"a": -20.0, "b": 150.0, "e6": 0.01}
     laws = {
@@ -654,7 +654,7 @@ def test_preloads(tmp_path):
 
 @pytest.mark.parametrize("geometry", ["small", "exact"])
 def test_preloads_of_scenes(tmp_path, geometry):
-    """The driver's modes about the same rest, and forces that balance there."""
+    """Modes of the driver about the same static equilibrium, with balanced forces."""
     mounts = "".join(
         f"&mount_point name = 'm{i}', position = {p}, stiffness = 2e3 3e3 4e3, angles = 0.1 {i} 0,"
         " law_x = 'a + 1e4*d^3', law_z = 'a*exp(-d) + 1e5*d^2' /\n"
@@ -683,7 +683,7 @@ def test_preloads_of_scenes(tmp_path, geometry):
 
 
 def test_a_mount_made_anew_is_the_same():
-    """What its law adds to its stiffness is not added once more."""
+    """The linear part of its law is added to its stiffness only once."""
     mount = vv.MountPoint(name="m", position=(0, 0, 0), stiffness=(1, 2, 3), law="5*d + d^3")
     other = dataclasses.replace(mount, damping=1.0)
     np.testing.assert_array_equal(other.static_stiffness, [6, 7, 8])
@@ -691,7 +691,7 @@ def test_a_mount_made_anew_is_the_same():
 
 
 def test_random_floor_and_engine_orders():
-    """A white floor shakes a lightly damped oscillator by Miles' equation; orders are responses."""
+    """White noise on a lightly damped oscillator: Miles' equation; engine orders are responses."""
     omega, zeta, level = 2 * math.pi * 10, 0.01, 0.2
     mass = 5.0
     foot = vv.MountPoint(
@@ -700,7 +700,7 @@ def test_random_floor_and_engine_orders():
     )  # fmt: skip
     body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[foot])
     _, rms = body.random_floor([0, 400], [level, level], "z")
-    # With the term of the damper: f0 (1 + 4 zeta^2) pi/(4 zeta) S, and what lies above 400 Hz.
+    # With the damper term: f0 (1 + 4 zeta^2) pi/(4 zeta) S, minus the part above 400 Hz.
     white = 10 * math.pi * (1 + 4 * zeta**2) / (4 * zeta) * level
     assert rms[2] ** 2 == pytest.approx(white, rel=2e-3)
     np.testing.assert_allclose(rms[:2], 0, atol=1e-12)
@@ -722,9 +722,9 @@ def test_random_floor_and_engine_orders():
     ("laws", "order"), [((None, None, "1e10*d^3"), 1), ((None, "2e9*d^3 + 1e7*d^2", None), 2)]
 )
 def test_condensed_judge_agrees_with_the_whole(laws, order):
-    """Motions judged in the deflections with laws have the exponents of the whole equations.
+    """Stability in the deflections with laws: the exponents are those of the full equations.
 
-    Mounts differ in their kernels, so that what is left out of the determinant remembers too.
+    The kernels of the mounts differ, so the eliminated part also has memory.
     """
     soft = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
     stiff = vv.RzhanitsynKernel(amplitude=3, alpha=0.7, beta=60)
@@ -757,7 +757,7 @@ def test_condensed_judge_agrees_with_the_whole(laws, order):
 
 
 def test_a_mode_moves(tmp_path):
-    """The box of the film is where the mode moves its corners; files are films."""
+    """The box of the animation moves with the mode shape; files are animations."""
     from PIL import Image
 
     body = engine()
@@ -773,7 +773,7 @@ def test_a_mode_moves(tmp_path):
     assert "mode 5" in axis.get_title()
     u = body.modes().shapes[:, 4]
     moved = boxes[1] - boxes[0]
-    # u + theta x p at the ends of all edges, up to one factor.
+    # u + theta x p at the ends of all edges, up to a common factor.
     arms = boxes[0] - body.center[:, np.newaxis]
     true = u[:3, np.newaxis] + np.cross(u[3:], arms, axisb=1, axisc=1)
     factor = np.abs(moved).max() / np.abs(true).max()
@@ -786,7 +786,7 @@ def test_a_mode_moves(tmp_path):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_moments_of_mounts(seed):
-    """Euler's law with mounts that hold rotations too, and all power that is lost."""
+    """Moment balance with mounts of rotational stiffness, and total dissipated power."""
     rng = np.random.default_rng(100 + seed)
     kernel = vv.PronyKernel(weights=[0.2, 0.3], rates=[5.0, 300.0])
     plain = random_body(rng, kernel=kernel, law=("2e10*d^3 + 1e7*d^2", None, "-1e9*d^3"))
@@ -832,7 +832,7 @@ def test_a_mount_in_other_units_is_the_same_mount():
     assert np.asarray(one.stiffness) == pytest.approx((350e3, 370e3, 453e3))
     assert np.asarray(one.damping) == pytest.approx((100, 200, 300))
     assert np.asarray(one.rotational_stiffness) == pytest.approx((1, 0, 0))
-    # Forces in N of deflections in mm.
+    # Forces in N over deflections in mm.
     d = np.array([-9.0, -4.5, -1.0, 2.0, 4.0, 7.0])
     v = np.array([3.0, -2.0, 1.0, 0.5, -4.0, 2.0])
     stop = 2000 * (np.maximum(d - gap, 0) + np.minimum(d + gap, 0))
@@ -869,7 +869,7 @@ def test_a_function_is_a_law():
 
 @pytest.mark.parametrize("eta", [0.02, 0.1, 0.4])
 def test_a_loss_factor_is_that_of_a_complex_stiffness(eta):
-    """Complex stiffness at the centre; the slope of the stiffness by Kramers and Kronig."""
+    """Complex stiffness at the centre; its frequency dependence by Kramers-Kronig."""
     k, mass, low, high = 2e5, 20.0, 20.0, 2000.0
     mount = engineers_mount(stiffness=(k, k, k), loss_factor=eta, loss_band=(low, high))
     nu = np.geomspace(low, high, 60)
@@ -887,7 +887,7 @@ def test_a_loss_factor_is_that_of_a_complex_stiffness(eta):
 
 
 def test_a_loss_factor_decays_in_time():
-    """A free vibration loses exp(-pi eta) per period, to first order in eta."""
+    """A free vibration decays by exp(-pi eta) per period, to first order in eta."""
     eta, k, mass = 0.02, 2e5, 20.0
     omega = np.sqrt(k / mass)
     mount = engineers_mount(

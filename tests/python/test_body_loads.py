@@ -1,4 +1,4 @@
-"""Bodies under loads that occur: random floors, a terminal sawtooth; numbers in wrong units."""
+"""Bodies under practical loads: random floors, terminal sawtooth; checks of units."""
 
 import math
 import warnings
@@ -22,10 +22,10 @@ def body(**options):
 
 
 def test_random_floor_is_the_mean_over_random_motions_in_time():
-    """Floors of random phases, in time: their mean square is the integral of |H|^2 S.
+    """Floors with random phases in time: the mean square is the integral of |H|^2 S.
 
-    With lines df apart the mean over a period 1/df is that sum for all phases; the acceleration
-    of the last period is taken from its Fourier coefficients.
+    With lines df apart the mean over a period 1/df is this sum for any phases. The acceleration
+    of the last period is computed from its Fourier coefficients.
     """
     df, level, n = 1.0, 0.3, 2000
     lines = np.arange(4.0, 31.0, df)
@@ -51,7 +51,7 @@ def test_random_floor_is_the_mean_over_random_motions_in_time():
 
 
 def test_random_floor_of_a_few_points_counts_resonances_between_them():
-    """Random spectra of breakpoints; judge: Gauss's rule on intervals that shrink to the roots."""
+    """Random spectra of breakpoints; reference: Gauss quadrature on graded intervals."""
     rng = np.random.default_rng(0)
     x, w = np.polynomial.legendre.leggauss(40)
     for case in range(9):
@@ -93,7 +93,7 @@ def test_random_floor_has_no_mean_at_a_resonance_without_damping():
 
 
 def test_terminal_sawtooth():
-    """A force that rises in 11 ms and is gone, against SciPy with the equations written anew."""
+    """A force that rises in 11 ms and ends, against SciPy with independent equations."""
     end, peak, at = 0.011, 900.0, np.array([0.1, 0.0, 0.05])
     shocked = body()
     push = np.r_[0, 0, peak, np.cross(at, [0, 0, peak])]
@@ -155,7 +155,7 @@ def test_angles_and_axes_are_not_given_both():
 
 
 def some_machine(rng, unit):
-    """Return what makes a machine of 1 kg to 5 t on four mounts, bouncing at 2.5 to 25 Hz."""
+    """Return a random machine of 1 kg to 5 t on four mounts with bounce modes at 2.5 to 25 Hz."""
     mass = math.exp(rng.uniform(0, math.log(5000)))
     size = 0.5 * (mass / 500) ** (1 / 3) * rng.uniform(0.6, 1.6)
     bounce = 2 * math.pi * math.exp(rng.uniform(math.log(2.5), math.log(25)))
@@ -170,7 +170,7 @@ def some_machine(rng, unit):
 
 
 def test_stiffnesses_in_newtons_a_millimetre_are_doubted():
-    """Those of no sane machine are; of machines with the wrong unit nearly all."""
+    """No reasonable machine gives a warning; nearly all machines with the wrong unit do."""
     rng = np.random.default_rng(3)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

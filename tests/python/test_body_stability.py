@@ -1,4 +1,4 @@
-"""Multipliers along a branch of a body whose mounts remember, beside SciPy on all its equations."""
+"""Multipliers along a branch of a body with memory, against SciPy with the full equations."""
 
 import numpy as np
 import viscovib as vv
@@ -34,7 +34,7 @@ def of_scipy(body, nu, x, orders, kernel=KERNEL, cube=CUBE):
 
 
 def test_multipliers_along_a_branch():
-    """Each motion is judged from what the one before it was: all stay those of the equations."""
+    """Each computation starts from the previous multipliers: all agree with the full equations."""
     body = engine(KERNEL, "1e10*d^3")
     branch = vv.trace_response(
         body, (20 * hz, 29 * hz), load=body.load(torque=(0, 500, 0)).real, harmonics=9,
@@ -50,14 +50,14 @@ def test_multipliers_along_a_branch():
         assert told.size >= 8
         for value in told:
             assert np.abs(expected - value).min() < 1e-6 * max(1, np.abs(value))
-        # The largest is among them.
+        # The largest multiplier is in the list.
         assert np.abs(told - expected[0]).min() < 1e-6 * np.abs(expected[0])
 
 
 def test_multipliers_where_modes_want_their_rows_exchanged():
-    """A soft mode that stiff ones push: its pivot is small where orders come near it.
+    """A soft mode coupled to stiff modes: its pivot is small near some harmonics.
 
-    Of some 23 determinants a motion here 4 are not made by modes but by deflections.
+    About 4 of 23 determinants per motion are computed by deflections instead of modes.
     """
     kernel = vv.PronyKernel(weights=[0.4], rates=[60.0])
     places = [(-0.07, 0.46, 0.16), (0, -0.46, 0.1), (0.25, -0.04, -0.2)]

@@ -1,4 +1,4 @@
-"""Branches over numbers of a body, beside bodies made with these numbers and an own balance."""
+"""Branches over numbers of a body, against separate bodies and an independent balance."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ TORQUE = 20.0
 
 
 def body_with(name, p):
-    """The engine of the table with one number changed, by its public arguments alone."""
+    """The engine of the table with one changed number, with public arguments only."""
     given = {"mass": DATA["mass"], "inertia": np.array(DATA["inertia"])}
     center = np.zeros(3)
     mounts = list(engine(KERNEL, "1e10*d^3").mounts)
@@ -46,7 +46,7 @@ RANGES = {
 
 @pytest.mark.parametrize("name", RANGES)
 def test_points_are_motions_of_bodies_with_that_number(name):
-    """First, middle and last point obey the balance in 64 instants of the body with that number."""
+    """First, middle and last point satisfy the balance at 64 samples of a body with that number."""
     body = engine(KERNEL, "1e10*d^3")
     load = body.load(torque=(0, TORQUE, 0)).real
     branch = vv.trace_response(
@@ -129,14 +129,14 @@ def test_parameters_of_laws(key, ends):
     ],
 )
 def test_names_that_are_none(name, told):
-    """One line with the name and what is allowed."""
+    """One line with the name and the allowed values."""
     body = engine(KERNEL, "1e10*d^3")
     with pytest.raises(vv.InputError, match=told):
         vv.trace_response(body, nu=NU, vary=name, vary_range=(1, 2), load={"z": 10.0})
 
 
 def test_values_and_results_that_are_refused():
-    """Negative numbers, numbers that grow by no powers, and forces of another body."""
+    """Negative numbers, numbers without a power law, and forces of another body."""
     body = engine(KERNEL, "1e10*d^3")
     given = {"nu": NU, "load": body.load(torque=(0, TORQUE, 0)).real}
     with pytest.raises(vv.InputError, match="mass = -1"):
@@ -158,7 +158,7 @@ def test_left_handed_axes_are_told():
 
 @pytest.mark.parametrize("law", ["k3*d^3 + c3*v*d^2", "k3*d^3 + 2e4*max(d - gap, 0)"])
 def test_ensembles_over_numbers_of_bodies(law):
-    """Newton and Euler's equations written out, by SciPy; smooth laws side by side."""
+    """Newton-Euler equations by SciPy; smooth laws in parallel."""
     rng = np.random.default_rng(7)
     places = np.array([[-0.3, -0.2, -0.1], [0.3, -0.2, -0.1], [0.05, 0.25, -0.1]])
     numbers = {"k3": 1e7, "c3": 1e5, "gap": 1e-3}
@@ -214,7 +214,7 @@ def test_ensembles_over_numbers_of_bodies(law):
 
 
 def test_ensembles_of_bodies_name_what_varies():
-    """Names of one mount tell the others; numbers that mean nothing are refused by name."""
+    """The names of one mount are listed; meaningless numbers are refused by name."""
     body = vv.Body(
         mass=1,
         inertia=[1, 1, 1],

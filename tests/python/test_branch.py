@@ -18,7 +18,7 @@ from tables import DATA
 
 matplotlib.use("Agg")
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
@@ -32,7 +32,7 @@ def damped(**changes):
 
 
 def on_each_branch(branch, nu):
-    """Indices next to a frequency on each stretch between folds."""
+    """Indices next to a frequency on each part between folds."""
     turns = np.flatnonzero(np.diff(np.sign(np.diff(branch.nu)))) + 1
     parts = np.split(np.arange(branch.nu.size), turns)
     return [part[np.abs(branch.nu[part] - nu).argmin()] for part in parts]
@@ -62,7 +62,7 @@ def test_all_three_solutions_and_the_multiplier_of_the_middle_one():
     )
     upper, middle, lower = on_each_branch(branch, 2.3)
     for i, row in zip((upper, middle, lower), rows, strict=True):
-        # The branch passes 2.3 between its points: a parabola through three of them.
+        # The branch passes 2.3 between its points: a parabola through three points.
         near = slice(i - 1, i + 2)
         fit = np.polyfit(branch.nu[near] - 2.3, branch.amplitude("x")[near], 2)
         assert fit[-1] == pytest.approx(row["x1"], rel=1e-6)
@@ -75,7 +75,7 @@ def test_all_three_solutions_and_the_multiplier_of_the_middle_one():
 @pytest.mark.parametrize("geometry", ["cubic", "exact"])
 @pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
 def test_multipliers_against_integration_of_the_motion(geometry, load):
-    """The monodromy matrix by differences of motions in time, which share no code."""
+    """Monodromy matrix by differences of motions in time, an independent method."""
     body = damped(geometry=geometry)
     nu = 1.3
     r = vv.forced_response(body, nu, load=load, method="newton", harmonics=17)
@@ -144,14 +144,14 @@ def test_multipliers_keep_ten_digits(geometry, load):
         apart = np.abs(branch.multipliers[i][:, None] - expected)
         worst = max(apart.min(axis=0).max(), apart.min(axis=1).max())
         assert worst < 1e-10 * np.abs(expected).max()
-        # Those of exponents are the same; half a period has its own, of order 2.
+        # The multipliers of the exponents are equal; half a period is solved at order 2.
         again = np.exp(2 * np.pi * branch.exponents[i] / branch.nu[i])
         assert again == pytest.approx(branch.multipliers[i], rel=1e-12)
 
 
 @pytest.mark.parametrize("load", [2.5, {1: 2.5, 0: 0.3j}])
 def test_crossings_are_located(load):
-    """Along the motion at a crossing, a multiplier lies on the circle, where its kind says."""
+    """At a bifurcation a multiplier lies on the unit circle, at the location of its kind."""
     branch = vv.trace_response(damped(), (0.45, 2.7), load=load, harmonics=15, max_points=3000)
     assert {c.kind for c in branch.crossings} == {
         "Neimark-Sacker", "symmetry breaking" if load == 2.5 else "period doubling"
@@ -162,11 +162,11 @@ def test_crossings_are_located(load):
         roots = np.linalg.eigvals(variational(nu, branch.harmonics, crossing.coefficients, "cubic"))
         root = roots[np.abs(np.abs(roots) - 1).argmin()]
         assert abs(root) == pytest.approx(1, abs=1e-9)
-        # It moves so fast that an error of 1e-8 in the parameter would show.
+        # The multiplier changes so fast that an error of 1e-8 in the parameter would be visible.
         there = np.abs(branch.multipliers[[i, i + 1]])
         moved = np.abs(np.diff(np.log(there), axis=0)).max() / abs(np.diff(branch.nu[i : i + 2]))
         assert moved * nu > 0.5
-        # Over a whole period; the symmetry breaks at -1 of half of it.
+        # Multipliers of a whole period; the symmetry breaks at -1 for half a period.
         if crossing.kind == "Neimark-Sacker":
             assert abs(root.imag) > 1e-3
         else:
@@ -198,7 +198,7 @@ def test_newton_and_successive_approximations_agree(geometry, load):
 
 
 def test_steady_motion_with_memory():
-    """Amplitudes that two other programs agree on, at a load where successive ones fail."""
+    """Amplitudes of two other programs, at a load where successive approximations fail."""
     body = vv.Mount(**M0, kernel=KERNEL)
     r = vv.forced_response(body, 1.5, load=0.5, method="newton", harmonics=25)
     for dof, k, size in (
@@ -269,7 +269,7 @@ def test_few_points_give_what_there_is():
 
 
 def test_symmetry_breaks_in_a_strongly_driven_mount():
-    """Both maps, of half a period and of a whole one, must tell the same story."""
+    """The maps of half a period and of a whole period must agree."""
     body = damped()
     odd = vv.trace_response(body, (0.45, 2.7), load=2.5, harmonics=25, max_points=3000)
     for crossing in odd.crossings:
@@ -351,7 +351,7 @@ def test_bad_input_is_named(changes, text):
 
 @pytest.mark.parametrize("what", ["branch", "response", "orders"])
 def test_long_work_hears_an_interrupt(what):
-    """SIGINT to a process of its own, in the middle of a native call of a minute or more."""
+    """SIGINT to a child process during a native call of a minute or more."""
     work = {
         "branch": "vv.trace_response(m, (0.5, 10), load=0.5, harmonics=199, max_step=1e-4, "
         "max_points=9999, stability=False)",
@@ -385,10 +385,10 @@ def test_stability_of_a_very_stiff_motion_is_not_guessed():
 
 
 def test_multipliers_of_a_large_motion():
-    """Springs ten times as stiff along the motion as at rest: still those of the reference kind."""
+    """The stiffness along the motion is ten times that at rest; multipliers stay accurate."""
     body = damped()
     branch = vv.trace_response(body, nu=1.0, load_range=(0, 60), load=1.0, harmonics=31)
-    # Liouville: their product is exp(-trace(M^-1 C) T).
+    # Liouville: the product of the multipliers is exp(-trace(M^-1 C) T).
     trace = 0.02 * (10 + 4.5 / 0.1)
     product = np.abs(np.prod(branch.multipliers, axis=1))
     assert product == pytest.approx(np.exp(-trace * 2 * np.pi), rel=1e-5)
@@ -412,7 +412,7 @@ def test_stability_of_a_response_is_that_of_its_branch(kernel):
     assert again == pytest.approx(r.multipliers, rel=1e-9, nan_ok=True)
     assert (r.to_dataset().stable == r.stable).all()
     figure = vv.plot_response(r)[0].lines
-    # Rows of NaN stand where the curve jumps.
+    # Rows of NaN separate the parts where the curve jumps.
     dashed = np.isin(nu, figure[1].get_xdata()[np.isfinite(figure[1].get_ydata())])
     assert dashed[~r.stable.astype(bool)].all()
     solid = np.isin(nu, figure[0].get_xdata()[np.isfinite(figure[0].get_ydata())])
@@ -424,7 +424,7 @@ def test_stability_of_a_response_is_that_of_its_branch(kernel):
 
 
 def test_stability_moves_with_the_base():
-    """The same motion, driven by force or by its base, has the same multipliers."""
+    """The same motion has the same multipliers under a force and under a base motion."""
     body, nu = damped(), np.array([0.8, 1.4, 3.0])
     moved = vv.forced_response(body, nu, base=0.05, method="newton", stability=True)
     for i, value in enumerate(nu):
@@ -442,7 +442,7 @@ def test_stability_needs_newton():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_linear_system_has_a_branch(seed):
-    """Motions from the dynamic stiffness, multipliers from the roots of the matrix of states."""
+    """Motions from the dynamic stiffness, multipliers from the roots of the state matrix."""
     rng = np.random.default_rng([48, seed])
     n = seed % 3 + 1
     c, k = (
@@ -483,7 +483,7 @@ def test_where_a_symmetry_breaks_another_branch_leaves():
     assert list(every.harmonics) == list(range(32))
     points = every.branch_points
     np.testing.assert_allclose([point.parameter for point in points], breaks, rtol=1e-9)
-    # The same places by multipliers.
+    # The same locations by multipliers.
     assert [c.kind for c in every.crossings] == [
         "branch point", "branch point", "fold", "fold", "branch point",
     ]  # fmt: skip
@@ -493,7 +493,7 @@ def test_where_a_symmetry_breaks_another_branch_leaves():
     for point in points:
         low, high = sorted(every.parameter[point.before : point.before + 2])
         assert low <= point.parameter <= high
-        # Across lie the mean and even orders alone.
+        # The tangent of the side branch has only the mean and even harmonics.
         assert np.abs(point.across[0, ::2]).max() > 0.1
         assert np.abs(point.across[0, 1::2]).max() < 1e-6
     ways = [
@@ -504,7 +504,7 @@ def test_where_a_symmetry_breaks_another_branch_leaves():
     ]
     for way in ways:
         assert way.outcome == "closed"
-        # It goes over to the second point and comes back mirrored.
+        # The branch reaches the second point and returns mirrored.
         np.testing.assert_allclose([p.parameter for p in way.branch_points], breaks[1:2], rtol=1e-9)
     first, second = (way.coefficients[1, 0, 0].imag for way in ways)
     assert first == pytest.approx(-second, rel=1e-6)
@@ -526,7 +526,7 @@ def test_a_branch_stops_where_told():
     branch = vv.trace_response(
         damped(), (0.5, 10), load=0.5, harmonics=9, at=values, stability=False
     )
-    # Between the folds there are three motions.
+    # Between the folds there are three motions at each frequency.
     assert list(branch.nu[branch.stops]) == [0.5, 2.4, 2.4, 2.4, 7.0]
     for i in branch.stops:
         single = vv.forced_response(
@@ -562,7 +562,7 @@ def test_a_doubled_period_is_a_branch_point_at_half_the_frequency():
     side = vv.trace_response(
         escape, **along, nu=0.425, load={2: 1.0}, harmonics=48, leave=twice.branch_points[0]
     )
-    # Odd orders of half the frequency, which the main branch lacks.
+    # Odd multiples of half the frequency, which the main branch does not contain.
     assert np.abs(twice.amplitude("x", 1)).max() < 1e-10
     assert side.amplitude("x", 1).max() > 0.01
 
@@ -580,7 +580,7 @@ def test_any_parameter_of_a_mount_may_vary(kernel, nu):
     crossed = vv.trace_response(body, (0.5, 4), load=0.5, at=[nu])
     mine, others = (np.sort(b.amplitude("x")[b.stops]) for b in (branch, crossed))
     assert mine == pytest.approx(others, rel=1e-8)
-    # The branch in the frequency turns at the same place.
+    # The branch in the frequency has its fold at the same point.
     other = vv.trace_response(
         replace(body, stiffness_phi=branch.folds[0]), (0.5, 4), load=0.5, stability=False
     )
@@ -607,7 +607,7 @@ def test_what_may_not_vary_is_said():
 
 
 def test_points_in_passing_are_good_to_rounding():
-    """Those of a branch, at its default tolerance, against Newton's method to its end."""
+    """Points of a branch with the default tolerance, against fully converged Newton iterations."""
     branch = vv.trace_response(damped(), (0.5, 10), load=0.5, harmonics=9, stability=False)
     alone = (branch.nu < 2.2) | (branch.nu > 2.7)
     for i in np.flatnonzero(alone)[::9]:
@@ -620,7 +620,7 @@ def test_points_in_passing_are_good_to_rounding():
 
 @pytest.mark.parametrize("max_step", [0.042, 0.058, 0.076, 0.092, 0.098])
 def test_a_branch_point_is_found_from_the_side_branch_too(max_step):
-    """There Newton's method falls onto the other branch where the two come close."""
+    """Newton's method may converge to the main branch where both branches are close."""
     options = {"load_range": (0.1, 30), "nu": 1, "load": 1, "harmonics": 21, "symmetric": False}
     main = vv.trace_response(_duffing(), **options, stability=False)
     side = vv.trace_response(
@@ -636,7 +636,7 @@ WEAK_MEMORY = vv.RzhanitsynKernel(amplitude=0.005, alpha=0.1, beta=0.05)
 
 @pytest.mark.parametrize("harmonics", [15, 25, 31])
 def test_no_sharp_fold_is_lost(harmonics):
-    """Where corrections are many, tangents in passing are off: a fold lay before its step."""
+    """With many corrections the predicted tangents are inaccurate; a fold may precede its step."""
     body = vv.Mount(**M0, kernel=WEAK_MEMORY)
     branch = vv.trace_response(
         body, (0.5, 10), load=0.5, harmonics=harmonics, tolerance=1e-13, stability=False
@@ -647,7 +647,7 @@ def test_no_sharp_fold_is_lost(harmonics):
 
 
 def test_a_crossing_with_memory_is_where_a_branch_leaves():
-    """A zero of Hill's determinant against one of the full set's derivatives."""
+    """A zero of Hill's determinant against a zero of the determinant of all harmonics."""
     body = vv.PolynomialSystem(
         mass=[1], stiffness=[[1]], damping=[[0.1]], forces={"u": "u^3"}, names=("u",),
         kernel=vv.RzhanitsynKernel(amplitude=0.03, alpha=0.3, beta=0.1),
@@ -661,7 +661,7 @@ def test_a_crossing_with_memory_is_where_a_branch_leaves():
 
 
 def random_branches(seed, count):
-    """Branches of mounts with sharp resonances, some with memory."""
+    """Branches of mounts with narrow resonances, some with memory."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         kernel = vv.RzhanitsynKernel(
@@ -681,7 +681,7 @@ def random_branches(seed, count):
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_folds_come_in_pairs_and_once_each():
-    """One in 50 of these had lost a fold or told one twice, one in 1000 met another branch."""
+    """Regression: 1 of 50 branches had a missing or doubled fold, 1 of 1000 met another branch."""
     n_completed = 0
     for branch in random_branches(5, 200):
         if branch.outcome != "completed":
@@ -696,7 +696,7 @@ def test_folds_come_in_pairs_and_once_each():
 
 
 def nearest(branch, nu, motion):
-    """How far a motion is from the branch's at the same frequency, in its size."""
+    """Relative distance of a motion from the branch at the same frequency."""
     rows = branch.coefficients[np.abs(branch.nu - nu) <= 1e-13 * nu]
     both = min(rows.shape[2], motion.shape[1])
     gaps = rows.copy()
@@ -724,7 +724,7 @@ def test_orders_chosen_point_by_point_keep_the_tolerance(geometry, kernel, toler
         at=branch.nu[some],
     )  # fmt: skip
     errors = np.array([nearest(exact, branch.nu[i], branch.coefficients[i]) for i in some])
-    # At folds errors along the branch, which the estimate leaves aside, grow beyond all bounds.
+    # Near folds the error along the branch, which the estimate does not include, is unbounded.
     off = np.abs(branch.nu[some][:, np.newaxis] - exact.folds).min(axis=1, initial=1) > 1e-3
     assert (errors[off] < 6 * tolerance).all()
     assert np.median(errors[off]) > 1e-4 * tolerance
@@ -732,7 +732,7 @@ def test_orders_chosen_point_by_point_keep_the_tolerance(geometry, kernel, toler
 
 
 def test_chosen_orders_find_what_many_find():
-    """Branch points, side branches, stability, any parameter, with a mean and even orders."""
+    """Branch points, side branches, stability, any parameter, with mean and even harmonics."""
     body = _duffing()
     options = dict(load_range=(0.1, 30), nu=1, load=1, symmetric=False)
     auto = vv.trace_response(body, **options, harmonics="auto")
@@ -757,7 +757,7 @@ def test_chosen_orders_find_what_many_find():
 
 
 def test_too_few_orders_are_told():
-    """Slow and strong: more orders than may be chosen."""
+    """A slow and strong motion needs more harmonics than the limit."""
     with pytest.warns(vv.ConvergenceWarning, match="harmonics up to 63 do not reach"):
         vv.trace_response(
             vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, forces={"x": "x^3"}),
@@ -768,7 +768,7 @@ def test_too_few_orders_are_told():
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize("harmonics", [9, "auto"])
 def test_parameters_vary_to_the_ends_of_their_values(harmonics):
-    """No memory at all, no offset: nothing lies beyond."""
+    """Range ends: no memory, no offset."""
     body = vv.Mount(**M0, kernel=vv.RzhanitsynKernel(amplitude=0.03, alpha=0.1, beta=0.05))
     options = dict(nu=2.3, load=0.3, harmonics=harmonics)
     up = vv.trace_response(body, **options, vary="memory_scale", vary_range=(0, 1))
@@ -784,10 +784,10 @@ def test_parameters_vary_to_the_ends_of_their_values(harmonics):
 
 
 def test_an_ulp_moves_points_by_rounding_only():
-    """Steps by angles to the last digit added their rounding up along this side branch.
+    """Step sizes from angles with all digits would accumulate rounding errors along this branch.
 
-    Whether a point takes one correction more is decided by rounding too: that moves it by the last
-    correction, less than 1e-12 here at a tolerance of 1e-10.
+    Rounding may also decide whether a point needs one more correction. This changes the point by
+    the last correction, less than 1e-12 here for a tolerance of 1e-10.
     """
 
     def points(f0):
@@ -823,7 +823,7 @@ def test_the_estimate_along_a_branch_is_the_error(tolerance):
 
 
 def test_a_long_step_does_not_meet_another_branch():
-    """Without short steps where the determinant changes its sign, 99 folds were told of 8."""
+    """Regression: without short steps at sign changes of the determinant 99 folds, not 8."""
     body = vv.Mount(
         mass=1, inertia=0.0429232519164011, offset=0.7055926861535239, stiffness_x=10,
         stiffness_phi=1.895326326694771, damping=0.0018234194009583745 * STIFFNESS,
@@ -861,7 +861,7 @@ def test_a_branch_ends_behind_as_many_folds_as_wanted():
         assert len(part.folds) == min(most, 2)
         assert part.outcome == ("completed" if most > 2 else "fold limit")
         np.testing.assert_array_equal(part.coefficients, whole.coefficients[: part.nu.size])
-        # One point behind the fold: what turns back does so at the last step.
+        # One point follows the fold: the branch turns back in the last step.
         turns = np.diff(np.sign(np.diff(part.nu[:-1]))) != 0
         assert turns.sum() == min(most, 2) - (most < 3)
     free = vv.backbone(body, 0, (0.1, 2.0), max_folds=1)
@@ -893,7 +893,7 @@ def test_a_wrong_number_of_folds_is_refused(most):
         vv.trace_response(damped(), (0.5, 1), load=0.5, max_folds=most)
 
 
-#: nu, damping and cubic term of Duffing oscillators whose motions lose their symmetry.
+#: nu, damping and cubic term of Duffing oscillators with symmetry breaking.
 BREAKING = [
     (0.908, 0.12, 1.1),
     (0.6177359431843465, 0.21937430477979397, 1.4607874444371338),
@@ -906,7 +906,7 @@ BREAKING = [
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
 def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, damping, cubic):
-    """Such a branch has the symmetry at its ends alone."""
+    """Such a branch is symmetric at its ends only."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
     along = {"nu": nu, "load": 1, "load_range": (0.05, 20), "symmetric": False, "stability": False}
     main = vv.trace_response(system, **along)
@@ -921,7 +921,7 @@ def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, dampin
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
 def test_a_closed_branch_has_a_fold_at_both_ends(nu, damping, cubic):
-    """It turns back where it begins too, whatever the steps, the direction and the start."""
+    """A closed branch also turns back at its start, for any steps, direction and start."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
     along = {
         "nu": nu, "load": 1, "load_range": (0.05, 20), "symmetric": False, "harmonics": 9,

@@ -1,4 +1,4 @@
-"""Branches begin where the linear part is singular or stiff, or the load is high."""
+"""Starts of branches with a singular or stiff linear part, or a large load."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_high_loads_and_no_stiffness(seed):
         lambda t, y: [y[1], size * np.sin(nu * t) - c * y[1] - stiff * y[0] - k3 * y[0] ** 3],
         (0, period), start, method="DOP853", rtol=1e-12, atol=1e-12,
     )  # fmt: skip
-    # Errors of the start grow with the largest multiplier at most.
+    # Errors of the start grow by the largest multiplier at most.
     admitted = 1e-6 + 1e3 * branch.truncation[0]
     assert np.abs(run.y[:, -1] - start).max() < admitted * np.abs(run.y).max()
 
@@ -53,9 +53,9 @@ def test_couplings_far_stiffer_than_the_rest(seed):
     stiff = vv.trace_response(pair, ends, load={1: [size, 0]}, **same)
     rigid = vv.trace_response(one, ends, load=size, **same)
     got, true = stiff.coefficients[0, :, :3], rigid.coefficients[0, 0, :3]
-    # The coupling gives way as 1/g; entries of 1 + g hold 1 to g times an ulp.
+    # The error of a stiff coupling is of order 1/g, the rounding error of 1 + g up to g ulp.
     off = np.abs(got - true).max() / np.abs(true).max()
-    if off < 0.1:  # else another of several motions
+    if off < 0.1:  # else a different motion
         assert off < 30 / g + 100 * g * np.finfo(float).eps
     assert stiff.error[0] < 1e-4
 
@@ -74,9 +74,9 @@ def test_what_is_no_number_is_told(load):
 
 
 def raised(dynamic, springs, load):
-    """Motion of one harmonic where the load of a curve from rest is first the whole.
+    """Motion with one harmonic at the full load: continuation in the load from rest to p = 1.
 
-    D X + 3/4 springs |X|^2 X = p load in short steps along (Re X, Im X, p).
+    D X + 3/4 springs |X|^2 X = p load, in short steps along (Re X, Im X, p).
     """
     n = load.size
 
@@ -109,7 +109,7 @@ def raised(dynamic, springs, load):
 
 
 def test_the_first_motion_is_on_the_curve_of_the_growing_load() -> None:
-    """The reference follows that curve by itself."""
+    """The reference follows the curve of the growing load independently."""
     several = 0
     for seed in range(8, 16):
         rng = np.random.default_rng(seed)
@@ -132,7 +132,7 @@ def test_the_first_motion_is_on_the_curve_of_the_growing_load() -> None:
 
 
 def test_the_first_motion_of_mounts_follows_their_parameters() -> None:
-    """A motion of the upper part of the curve of the load is twice as large."""
+    """A motion on the upper part of the curve in the load would be twice as large."""
     rubber = vv.RzhanitsynKernel(amplitude=0.03, alpha=0.1, beta=0.05)
     found = []
     for offset in np.linspace(0.495, 0.505, 21):

@@ -23,7 +23,7 @@ def test_reference_roots(amplitude):
     roots = vv.Mount(**BODY, kernel=kernel).characteristic_roots()
     expected = [complex(*map(float, row["complex_root"])) for row in rows]
     assert roots.oscillatory == pytest.approx(expected, abs=1e-13)
-    # Near the limit the relaxed stiffness is a small difference: 1e-16/1e-3 of it is rounding.
+    # Near the limit the relaxed stiffness is a small difference with a rounding error of 1e-13.
     slow = sorted((float(row["real_root"]) for row in rows), reverse=True)
     assert roots.real == pytest.approx(slow, rel=1e-11)
     assert roots.n_unstable == (2 if amplitude == 0.078 else 0)
@@ -32,7 +32,7 @@ def test_reference_roots(amplitude):
 
 
 def test_limit_of_the_integral():
-    """A Gamma(alpha) = beta^alpha parts decay from growth."""
+    """The limit A Gamma(alpha) = beta^alpha separates decay from growth."""
     limit = 0.05**0.1 / math.gamma(0.1)
     assert limit == pytest.approx(0.0779033846, abs=1e-10)
     for factor, unstable in ((0.999, 0), (1.001, 2)):
@@ -60,7 +60,7 @@ def test_without_memory_they_are_those_of_the_damped_system():
 
 
 def test_one_exponential_is_a_larger_linear_system():
-    """R(t) = w exp(-r t): v' = w K u - r v beside M u'' + K u - v = 0."""
+    """R(t) = w exp(-r t): v' = w K u - r v and M u'' + K u - v = 0."""
     w, r = 0.3, 0.4
     body = vv.Mount(**BODY, kernel=vv.PronyKernel(weights=[w], rates=[r]))
     stiffness, inverse = np.array([[10, -5], [-5, 4.5]]), np.diag([1, 10.0])
@@ -97,7 +97,7 @@ def test_every_growing_motion_is_found(kernel, both):
 
 
 def test_a_root_at_rounding_of_zero_is_found():
-    """An integral of exactly 1: bisection to a root of 0 takes more than a hundred turns."""
+    """An integral of exactly 1: bisection to the root 0 needs more than a hundred steps."""
     mount = vv.Mount(
         mass=10, inertia=0.1, offset=0.001, stiffness_x=0.1, stiffness_phi=1e4,
         kernel=vv.RzhanitsynKernel(amplitude=10, alpha=1.0, beta=10.0),
@@ -109,9 +109,9 @@ def test_a_root_at_rounding_of_zero_is_found():
 
 
 def test_no_root_is_lost_to_another():
-    """Long memory slows the lowest modes most, and roots pass near each other.
+    """A long memory slows the lowest modes most, and roots pass near each other.
 
-    Random chains with a Prony kernel: all roots, against eigenvalues of the ordinary system.
+    Random chains with a Prony kernel: all roots against eigenvalues of the ordinary equations.
     """
     rng = np.random.default_rng(4)
     for _ in range(30):
@@ -139,7 +139,7 @@ def test_no_root_is_lost_to_another():
 
 @pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-6, 1e-4, 3e-3])
 def test_light_modes_side_by_side_are_listed_and_counted(gap):
-    """Their turns by nearly pi each fall between two frequencies of any grid."""
+    """Each phase change by nearly pi falls between two frequencies of any grid."""
     rng = np.random.default_rng(7)
     for _ in range(4):
         n = int(rng.integers(2, 5))
@@ -149,7 +149,7 @@ def test_light_modes_side_by_side_are_listed_and_counted(gap):
         stiffness = turn @ np.diag(squares) @ turn.T
         stiffness = (stiffness + stiffness.T) / 2
         weight, rate = 10 ** rng.uniform(-8, -2), rng.uniform(0.3, 3)
-        # Negative damping beside the memory's own: some of the modes grow.
+        # Negative damping in addition to that of the memory: some of the modes grow.
         damping = -weight * rng.uniform(0, 0.3) * np.eye(n)
         memory = vv.PronyKernel(weights=[weight], rates=[rate])
         roots = vv.PolynomialSystem(
@@ -168,7 +168,7 @@ def test_light_modes_side_by_side_are_listed_and_counted(gap):
 
 
 def test_roots_beside_tables_that_end_are_zeros():
-    """Left of where memory ends transforms grow beyond what rounding leaves of the rest."""
+    """For a kernel of finite duration, transforms in the left half plane exceed all other terms."""
     for seed in range(6):
         rng = np.random.default_rng(seed)
         end, n = 10 ** rng.uniform(2, 4), int(rng.integers(1, 4))
@@ -186,7 +186,7 @@ def test_roots_beside_tables_that_end_are_zeros():
         fall = np.diff(first) / np.diff(start)
         with mpmath.workdps(40):
             for s in roots.oscillatory:
-                # Of each mode of the chain s^2 + (c s + 1 - R(s)) k = 0.
+                # For each mode of the chain: s^2 + (c s + 1 - R(s)) k = 0.
                 z = mpmath.mpc(s)
                 parts = [
                     float(f) * (mpmath.exp(-z * float(a)) - mpmath.exp(-z * float(b))) / z
@@ -201,7 +201,7 @@ def test_roots_beside_tables_that_end_are_zeros():
 
 
 def test_rates_in_laws_with_a_kernel_damp_and_drive():
-    """(1 - R*) [K u + C u'] is linear too: roots by eigenvalues, stiffness by Newton's method."""
+    """(1 - R*) [K u + C u'] is linear: roots by eigenvalues, stiffness by Newton's method."""
     rng = np.random.default_rng(3)
     for _ in range(8):
         n = int(rng.integers(1, 4))
@@ -239,7 +239,7 @@ def test_rates_in_laws_with_a_kernel_damp_and_drive():
 
 
 def test_real_roots_side_by_side():
-    """Of a stiffness that is not symmetric both of a pair nearer than 3 % were missed."""
+    """For unsymmetric stiffness: pairs of roots closer than 3 % must both be found."""
     rng = np.random.default_rng(3)
     for _ in range(12):
         n, c = int(rng.integers(2, 4)), rng.uniform(0, 0.3)
@@ -252,7 +252,7 @@ def test_real_roots_side_by_side():
             mass=np.ones(n), stiffness=k, damping=c * np.ones(n), names=list("abc")[:n],
             kernel=vv.PronyKernel(weights=[weight], rates=[rate]),
         )  # fmt: skip
-        # Each mode of K by itself: (s^2 + c s)(s + r) + w (s + r - weight) = 0.
+        # For each mode of K: (s^2 + c s)(s + r) + w (s + r - weight) = 0.
         roots = [np.roots([1, c + rate, c * rate + w, w * (rate - weight)]) for w in own]
         true = [s.real for s in np.concatenate(roots) if abs(s.imag) < 1e-12 and s.real > 1e-9]
         found = system.characteristic_roots().real
@@ -260,7 +260,7 @@ def test_real_roots_side_by_side():
 
 
 def test_uncoupled_masses_on_one_rabotnov_kernel_have_a_root_each():
-    """Integrals near 1 and large rates, as fits of power laws have: closed equation, Newton."""
+    """Integrals near 1 and large rates, as in fits of power laws: scalar equation by Newton."""
     rng = np.random.default_rng(2)
     for _ in range(12):
         alpha, beta = rng.uniform(0.1, 0.6), 10 ** rng.uniform(1, 8)
@@ -279,7 +279,7 @@ def test_uncoupled_masses_on_one_rabotnov_kernel_have_a_root_each():
 
 
 def test_roots_of_sums_of_exponentials_are_all_zeros_of_their_polynomial():
-    """Strongly damped oscillatory roots, too; reference: 60 digits."""
+    """Includes strongly damped oscillatory roots; reference with 60 digits."""
     rng = np.random.default_rng(4)
     for _ in range(30):
         n = int(rng.integers(1, 4))
@@ -352,7 +352,7 @@ def test_growing_real_roots_of_structures_are_counted():
 
 
 def test_real_roots_at_a_temperature_are_those_of_the_shifted_kernel():
-    """Those between the branch cut and 0 were listed at the reference temperature only."""
+    """Roots between the branch cut and 0 must also shift with the temperature."""
     kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
     law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
     for temperature in (-10.0, 35.0):
@@ -368,7 +368,7 @@ def test_real_roots_at_a_temperature_are_those_of_the_shifted_kernel():
 
 
 def test_a_kernel_of_nonlinear_forces_alone_leaves_the_roots():
-    """Springs without a linear part remember nothing about rest."""
+    """Springs without a linear part have no memory about the state of rest."""
     forces = {"x": "x^3"}
     memory = vv.PronyKernel(weights=[0.3], rates=[0.4])
     system = vv.PolynomialSystem(

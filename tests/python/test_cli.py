@@ -1,4 +1,4 @@
-"""The command line: help, JSON, several scenes a call, completion, bars."""
+"""The command line: help, JSON, several scenes per call, completion, progress bars."""
 
 import fcntl
 import json
@@ -105,9 +105,9 @@ def test_bash_completes(tmp_path, capsys):
 
 
 def _told_by_terminal(command, cwd, **environment):
-    """What a command writes on a terminal."""
+    """Output of a command on a terminal."""
     ours, its = pty.openpty()
-    # Lines and columns; without them nothing has room.
+    # Lines and columns, without which no bar fits.
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 25, 80, 0, 0))
     environment = os.environ | {"CI": ""} | environment
     with subprocess.Popen(command, stdout=its, stderr=its, cwd=cwd, env=environment) as child:
@@ -170,7 +170,7 @@ def test_bars_of_long_work_appear_by_themselves(tmp_path, work, unit, environmen
 
 
 def test_bars_only_on_terminals(tmp_path, monkeypatch, capsys):
-    # Without patience, so that a bar does not depend on how fast the machine is.
+    # Without a delay, so that the bar does not depend on the speed of the machine.
     impatient = (
         "import sys; from viscovib.common import progress; progress._PATIENCE = 0.0;"
         "from viscovib.cli.commands import main; sys.exit(main(sys.argv[1:]))"

@@ -9,7 +9,7 @@ END = 12.0
 
 
 def motion(rng):
-    """Two free masses: their sum and its derivatives, frequencies, and the start."""
+    """Two free masses: their sum and its derivatives, frequencies, and the initial state."""
     w, size, phase = (
         np.sort(rng.uniform(0.5, 4, 2)),
         rng.uniform(0.2, 1, 2),
@@ -25,7 +25,7 @@ def motion(rng):
 
 
 def line(at, rng, zeros):
-    """A straight line that the motion meets so many times within some 1e-5 or 1e-3 of a place."""
+    """A linear function with several zeros within about 1e-5 or 1e-3 of a point."""
     place, apart = rng.uniform(1, 11), 10 ** rng.uniform(-5.3, -2)
     if zeros == 3:
         grid = np.linspace(1, 11, 400)

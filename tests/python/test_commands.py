@@ -152,7 +152,7 @@ def test_a_map_shows_what_was_computed():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("b", "a")
     classes = vv.plot_map(data, "n").collections[0]
     assert classes.cmap.N == 2
-    # A number in the middle of its colour, also where 2 is missing between 1 and 4.
+    # Each tick is in the middle of its colour, also where 2 is missing between 1 and 4.
     apart = vv.plot_map(xr.DataArray([[0.0, 1.0], [4.0, 1.0]], dims=("a", "b"), name="n"))
     bar = apart.figure.axes[1]
     assert [text.get_text() for text in bar.get_yticklabels()] == ["0", "1", "4"]
@@ -176,7 +176,7 @@ def test_the_cost_of_a_scene_and_its_error(capsys):
     found = bench.measure(nine, runs=3)
     assert [phase.name for phase in found.phases] == ["read", "plan", "compute", "table"]
     assert all(0 < p.best <= p.median and len(p.seconds) == 3 for p in found.phases)
-    # Nine harmonics against nineteen, by hand.
+    # Nine harmonics against nineteen, computed separately.
     scene = found.scene
     coarse, fine = (
         vv.run(scene.override({"response.harmonics": n})).response.coefficients for n in (9, 19)

@@ -1,4 +1,4 @@
-"""Exponents of mounts whose springs push where they have relaxed: they run far to the right."""
+"""Growing exponents of mounts with negative relaxed stiffness, far to the right."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def rates_of_rest(amplitude, alpha):
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize("seed", range(12))
 def test_growth_far_from_the_axis_is_found(seed):
-    """A growing exponent more than four frequencies from the axis was counted but not found."""
+    """A growing exponent beyond four frequencies from the axis is found, not only counted."""
     rng = np.random.default_rng(seed)
     alpha = rng.uniform(0.2, 0.6)
     amplitude = 10 ** rng.uniform(0, 2.3)
@@ -45,8 +45,8 @@ def test_growth_far_from_the_axis_is_found(seed):
 
 @pytest.mark.filterwarnings("ignore:kernel integral")
 def test_rates_of_two_springs_that_relax_alike():
-    # Both springs of a mount with an Abel kernel push once they have relaxed, at rates closer than
-    # 1 %: they were counted, and not found.
+    # Both springs of a mount with an Abel kernel have a negative relaxed stiffness. Their growth
+    # rates differ by less than 1 % and must both be found.
     rng = np.random.default_rng(1)
     closest = 1.0
     for _ in range(30):

@@ -1,4 +1,4 @@
-"""The slowest multiplier under kernels that fade as a power of time, against their spectra."""
+"""The slowest multiplier for kernels with power-law relaxation, against their spectra."""
 
 from math import cos, gamma, pi, sin
 
@@ -8,12 +8,12 @@ import viscovib as vv
 from scipy.linalg import expm
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
-#: Steps of a period, of the logarithm of the rates.
+#: Steps per period, and step of the logarithm of the rates.
 N, H = 240, 0.5
 
 
 def spectrum(kernel):
-    """Weights and rates, from the cut of the transform: R(s) = int w(x)/(x + s) dx, x = exp(u)."""
+    """Weights and rates from the branch cut: R(s) = int w(x)/(x + s) dx, x = exp(u)."""
     x = np.exp(np.arange(-150, 150, H))
     a, alpha = kernel.amplitude, kernel.alpha
     if isinstance(kernel, vv.AbelKernel):
@@ -25,13 +25,13 @@ def spectrum(kernel):
 
 
 def multipliers(kernel, damping, cubic, nu, orders, waves):
-    """Of x'' + c x' + F - sum e_k = 0, e_k' = w_k F - r_k e_k, F = (1 + 3 cubic x^2) dx.
+    """Multipliers of x'' + c x' + F = sum e_k, e_k' = w_k F - r_k e_k, F = (1 + 3 cubic x^2) dx.
 
-    By Magnus' expansion of order four.
+    By a Magnus expansion of order four.
     """
     weights, rates = spectrum(kernel)
     step = 2 * np.pi / nu / N
-    # What is over within a step is a change of the stiffness; what outlasts all, one state.
+    # Relaxation within a step changes the stiffness; very slow relaxation is one state with rate 0.
     fast, slow = rates * step > 2000, rates * step < 1e-11
     at_once = (weights[fast] / rates[fast]).sum()
     kept = ~(fast | slow)
@@ -79,5 +79,5 @@ def test_the_slowest_multiplier_is_the_largest_of_all(kernel):
         )
         got = np.nanmax(np.abs(branch.multipliers[i]))
         assert got == pytest.approx(np.abs(true).max(), rel=2e-6)
-        # What creeps away more slowly than the reference can tell is at 1 there.
+        # Relaxation below the resolution of the reference counts as multiplier 1.
         assert branch.growing[i] >= (np.abs(true) > 1 + 1e-4).sum()

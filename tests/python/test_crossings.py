@@ -1,4 +1,4 @@
-"""Crossings of random branches: they explain every change, and do not depend on the steps."""
+"""Bifurcations on random branches: they explain every change, and do not depend on the steps."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 
 
 def _pair(rng):
-    """Two masses in a row, lightly damped: resonances with all kinds of crossings."""
+    """Two masses in a row, lightly damped: resonances with all kinds of bifurcations."""
     k = rng.uniform(0.5, 1.8, 3)
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1] + k[2]]])
     coefficients = rng.uniform(0.1, 0.6, 3)
@@ -39,7 +39,7 @@ def test_they_explain_every_change(seed):
 
 @pytest.mark.parametrize("width", [0.11, 0.15, 0.2])
 def test_two_within_a_step(width):
-    # A load of order 2 excites at twice the natural frequency: a tongue narrower than a step.
+    # A load of harmonic 2 excites at twice the natural frequency: a tongue narrower than a step.
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.8*x^2 + 0.8*x^3")
     branch = vv.trace_response(system, (0.5, 1.7), load={2: width}, harmonics=9, symmetric=False)
     fine = vv.trace_response(
@@ -61,7 +61,7 @@ def test_breaking_of_symmetry_with_memory():
 
 
 def test_two_crossings_within_a_step_have_their_places_whatever_the_step():
-    # The equations are singular at both, so that Newton's method fails beside the second place.
+    # The equations are singular at both points, so Newton's method fails near the second point.
     system = vv.PolynomialSystem(mass=1.62, damping=0.01312, stiffness=1.312, forces="0.69*x^3")
     places = []
     for step in (0.02, 0.025, 0.03):
@@ -74,7 +74,7 @@ def test_two_crossings_within_a_step_have_their_places_whatever_the_step():
 
 
 def test_a_change_far_from_a_fold_is_no_fold():
-    # The exponent vanishes 1e-8 beside the fold, with 13 orders: the fold is told already.
+    # With 13 harmonics the exponent vanishes at a distance of 1e-8 from the fold, already reported.
     kernel = vv.PronyKernel(weights=[0.0155], rates=[0.181])
     system = vv.PolynomialSystem(
         mass=1, damping=0.044, stiffness=1, forces="0.46*x^2 + 0.47*x^3", kernel=kernel
@@ -91,7 +91,7 @@ def test_a_change_far_from_a_fold_is_no_fold():
 
 @pytest.mark.parametrize("index", [34, 84])
 def test_pairs_of_condensed_systems_with_memory_have_places(index):
-    # Followed exponents may come back as their conjugates.
+    # Followed exponents may return as their conjugates.
     case = crossings_case(generator(77, "crossings", index), index)
     claims, ended, _ = answer(case)
     assert ended == "answered"
@@ -106,7 +106,7 @@ def _crossings(system, nu, load, **options):
 
 
 def test_a_pair_of_crossings_beside_a_fold_is_found():
-    """Two symmetry breakings and the fold between them lie in one step."""
+    """Two symmetry-breaking points and the fold between them lie within one step."""
     system = vv.PolynomialSystem(
         mass=[1.8, 1.12], damping=[[0.030206, -0.01947], [-0.01947, 0.03344]],
         stiffness=[[2.746, -1.77], [-1.77, 3.04]],
@@ -120,7 +120,7 @@ def test_a_pair_of_crossings_beside_a_fold_is_found():
 
 
 def test_exponents_that_turn_fast_have_a_place_too():
-    """None could be followed between two points; their number tells the place."""
+    """If no exponent can be followed between two points, their count locates the bifurcation."""
     modes = np.array([
         [0.766899, -0.172606, 0.452802, -0.311555, -0.570422],
         [-0.172606, 1.058112, -0.274281, 0.526452, -0.124451],
@@ -145,7 +145,7 @@ def test_exponents_that_turn_fast_have_a_place_too():
 
 
 def test_places_of_truncated_motions_are_told_as_such():
-    """They are exact for the harmonics kept, and off by the truncation for the whole motion."""
+    """The location is exact for the given harmonics; its error is the truncation of the motion."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     with pytest.warns(vv.ConvergenceWarning, match="2 of 2 crossings next to these are those of"):
         few = vv.trace_response(system, (1.2, 3), load=0.4, harmonics=3)
@@ -158,7 +158,7 @@ def test_places_of_truncated_motions_are_told_as_such():
 
 
 def test_errors_of_branch_points_of_a_machine_on_gap_mounts():
-    """Determinants that vary much near a branch point say nothing of its error."""
+    """Determinants that vary strongly near a branch point do not estimate its error."""
     gap = (None, None, "2e6*max(d - 0.004, 0) + 2e6*min(d + 0.004, 0)")
     mounts = [
         vv.MountPoint(

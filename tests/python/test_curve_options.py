@@ -1,4 +1,4 @@
-"""What holds for every option of curves, read from the table that names them."""
+"""Properties of all options of curves, read from their table."""
 
 import inspect
 import warnings

@@ -1,4 +1,4 @@
-"""Energy lost in a period by elements: what the loads feed is what all of them take."""
+"""Energy loss of elements per period: the work of the loads equals the sum of the losses."""
 
 import warnings
 
@@ -26,7 +26,7 @@ ELEMENTS = {
     ),
 }  # fmt: skip
 
-#: All that move together without sticking.
+#: Elements that are combined in one structure without sticking.
 TOGETHER = [name for name in ELEMENTS if name != "friction"]
 
 
@@ -34,7 +34,7 @@ TOGETHER = [name for name in ELEMENTS if name != "friction"]
 @pytest.mark.parametrize("names", [*([name] for name in ELEMENTS), TOGETHER])
 @pytest.mark.parametrize("loaded", [{"load": [0.7, 0.2]}, {"base": 0.15, "load": [0, 0.4]}])
 def test_what_is_fed_is_lost(names, loaded):
-    """Work of load and supports, less that of the structure's own damping."""
+    """Work of load and supports, minus the loss of the structural damping."""
     structure = vv.Structure(
         mass=np.eye(2), stiffness=STIFFNESS, damping=DAMPING, base_direction=[1, 1],
         elements=[ELEMENTS[name] for name in names],
@@ -47,7 +47,7 @@ def test_what_is_fed_is_lost(names, loaded):
     base = np.outer(np.ones(2), k == 1) * loaded.get("base", 0.0)
     relative = x - base
     for i, nu in enumerate(r.nu):
-        # In the frame of the base its acceleration is a load, -M a.
+        # In the frame of the base the base acceleration is a load, -M a.
         push = np.outer(load, k == 1) + (k * nu) ** 2 * base
         fed = np.pi * (k * (push * relative[i].conj()).imag.sum(axis=0)).sum()
         own = np.pi * nu * (k**2 * np.einsum("ak,ab,bk->k", relative[i].conj(), DAMPING,
@@ -66,7 +66,7 @@ def test_what_is_fed_is_lost(names, loaded):
     ids=lambda element: type(element).__name__,
 )
 def test_a_linear_motion_loses_by_linear_forces(element):
-    """What the whole law would take from it is not what the load feeds."""
+    """In a linear motion only the linear part of a law dissipates."""
     structure = vv.Structure(
         mass=np.eye(2), stiffness=STIFFNESS, damping=DAMPING, elements=[element]
     )
@@ -77,7 +77,7 @@ def test_a_linear_motion_loses_by_linear_forces(element):
 
 
 def test_a_slider_loses_what_its_formula_says():
-    """4 F_s (a - F_s/k), and along a branch too."""
+    """4 F_s (a - F_s/k), also along a branch."""
     slider = vv.Jenkins(on="x1", stiffness=20, limit=0.3)
     structure = vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]], elements=[slider])
     with warnings.catch_warnings():
@@ -91,7 +91,7 @@ def test_a_slider_loses_what_its_formula_says():
 
 
 def test_a_branch_over_a_parameter_is_refused():
-    """Its elements are others at each point."""
+    """Its elements differ at each point."""
     spring = vv.Spring(on="x1", law="k3*d^3", parameters={"k3": 1.0})
     structure = vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]], elements=[spring])
     branch = vv.trace_response(
@@ -101,7 +101,7 @@ def test_a_branch_over_a_parameter_is_refused():
         branch.dissipation()
 
 
-#: Forces of a system of two coordinates, dampers of each kind among them.
+#: Forces of a system of two coordinates, with dampers of each kind.
 SPRINGS = {
     "dashpots": {"damping": DAMPING, "forces": {"x1": "0.3*x1^3"}},
     "quadratic": {"forces": {"x2": "0.2*x2_dot*abs(x2_dot) + 0.3*x2^3"}},
@@ -124,7 +124,7 @@ SPRINGS = {
 
 
 def _integrated(system, nu, k, y):
-    """Work of dampers and forces as text in a period: a sum over 2^17 samples, no memory."""
+    """Work of dampers and text forces per period: a sum over 2^17 samples, no memory."""
     theta = 2 * np.pi * np.arange(2**17) / 2**17
     waves = np.exp(1j * np.outer(theta, k))
     u, v = (waves @ y.T).imag, (waves @ (1j * k * nu * y).T).imag
@@ -146,7 +146,7 @@ def _integrated(system, nu, k, y):
 @pytest.mark.parametrize("base", [None, 0.15])
 @pytest.mark.parametrize("branch", [False, True])
 def test_a_system_loses_what_it_is_fed(name, base, branch):
-    """Each part against its integral by NumPy, their sum against the work of load and base."""
+    """Each part against its integral by NumPy; their sum against the work of load and base."""
     system = vv.PolynomialSystem(
         mass=[1, 2], stiffness=STIFFNESS, base_direction=[1, 1], **SPRINGS[name]
     )
@@ -178,7 +178,7 @@ def test_a_system_loses_what_it_is_fed(name, base, branch):
 
 
 def test_a_large_system_loses_what_it_is_fed():
-    """One that is solved by few of its coordinates, shown in two of them; linear motions too."""
+    """A condensed system, with two coordinates in the result; also linear motions."""
     n = 8
     chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     system = vv.PolynomialSystem(
@@ -197,7 +197,7 @@ def test_a_large_system_loses_what_it_is_fed():
 
 
 def test_a_mount_has_no_such_parts():
-    """Its springs are no groups; said, not guessed."""
+    """Its springs are not groups: refused."""
     mount = vv.Mount(mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2)
     r = vv.forced_response(mount, [1.0], load=0.1)
     with pytest.raises(vv.InputError, match=r"is of a PolynomialSystem.*this is of Mount"):

@@ -1,4 +1,4 @@
-"""Driven motions of the pendulum, against integration, shooting and energy balance by scipy."""
+"""Driven motions of the pendulum, against integration, shooting and energy balance by SciPy."""
 
 import functools
 import warnings
@@ -15,7 +15,7 @@ from tables import lines_without_plan
 
 matplotlib.use("Agg")
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.05, "c2": 0.05, "c3": 0.05}
@@ -41,7 +41,7 @@ def after(pend, t, y, tolerance=1e-13):
         {"m01": 0.01, "p2": 0.5},
         {"m01": 0.0, "m02": 0.05, "p3": 0.6},
         {"m01": 0.0, "f0": 0.1, "p1": 0.9},
-        # Ratios 3 : 2 : 1, and a load that is constant.
+        # Ratios 3 : 2 : 1, and a constant load.
         {"f0": 0.05, "p1": 0.75, "m02": 0.01, "p3": 0.25},
         {"f0": 0.02, "p1": 0.0},
     ],
@@ -54,7 +54,7 @@ def test_motion_returns_after_a_period(equations, loads):
     start = r.state(0, 0.0)
     period = 2 * np.pi / r.nu[0]
     assert after(pend, period, start) == pytest.approx(start, abs=2e-9)
-    # On the way too.
+    # Also within the period.
     half = after(pend, 0.37 * period, start)
     assert r.state(0, 0.37 * period) == pytest.approx(half, abs=2e-9)
 
@@ -174,7 +174,7 @@ PARAMETRIC = BODY | LIGHT | {"f0": 0.1, "p1": 0.8}
 
 
 def doubling(p1):
-    """det(M^2 - I) of the swing about the motion in z alone, by shooting."""
+    """det(M^2 - I) of the swinging about the motion in z alone, by shooting."""
     pend = vv.Pendulum(**(PARAMETRIC | {"p1": p1}))
     period = 2 * np.pi / p1
 
@@ -219,7 +219,7 @@ def test_parametric_resonance_is_found_and_followed():
     points = np.array([point.parameter for point in branch.branch_points])
     assert points.size == 4
     for p in points:
-        # Its true place lies between.
+        # The true location lies between.
         assert doubling(p - 1e-8) * doubling(p + 1e-8) < 0
     p = branch.parameter
     unstable = ((p > points[0]) & (p < points[1])) | (p > points[2])
@@ -230,12 +230,12 @@ def test_parametric_resonance_is_found_and_followed():
     assert (np.diff(sizes, axis=1) <= 1e-12).all()
     at = [crossing.before for crossing in branch.crossings]
     assert at == [point.before for point in branch.branch_points]
-    # The determinant and the multipliers see the same.
+    # The determinant and the multipliers agree.
     assert [crossing.parameter for crossing in branch.crossings] == pytest.approx(points, abs=1e-9)
 
 
 def test_period_doubling_is_told_from_branch_points():
-    """Over one period of the load the swing of half its frequency has multiplier -1."""
+    """Over one period of the load the swinging with half the frequency has the multiplier -1."""
     branch = vv.trace_response(vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), harmonics=12)
     doubled = parametric().branch_points
     kinds = [crossing.kind for crossing in branch.crossings]
@@ -266,7 +266,7 @@ def test_neimark_sacker_against_integration():
         return np.concatenate([pend.rhs(t, y[:6]), change.ravel()])
 
     for _ in range(6):
-        # Newton's method on the period map, from the point before.
+        # Newton's method on the period map, from the previous point.
         first = np.concatenate([start, np.eye(6).ravel()])
         run = solve_ivp(disturbed, (0, period), first, "DOP853", rtol=1e-12, atol=1e-13)
         period_map, defect = run.y[6:, -1].reshape(6, 6), run.y[:6, -1] - start
@@ -281,7 +281,7 @@ def test_neimark_sacker_against_integration():
 
 
 def test_broken_symmetry_is_a_motion():
-    """Where the swing under m01 alone ceases to be its own mirror image half a period later."""
+    """Where the swinging under m01 alone loses its half-period mirror symmetry."""
     pend = swung(m01=0.02)
     branch = vv.trace_response(pend, p2=(0.9, 1.1), harmonics=21, tolerance=1e-12)
     assert len(branch.branch_points) == 2
@@ -322,9 +322,9 @@ def test_switched_branch_is_a_motion():
         start[1::2] = (waves * branch.coefficients[i]).sum(axis=1).imag
         period = 2 * np.pi / p1
         assert after(moved, 2 * period, start) == pytest.approx(start, abs=1e-7)
-        # Half of the motion's period it is its mirror image.
+        # After half the period of the motion it is its mirror image.
         assert after(moved, period, start)[2:] == pytest.approx(-start[2:], abs=1e-7)
-    # Both ways out are one motion, a period of the load apart.
+    # Both directions give the same motion, shifted by a period of the load.
     assert ways[0].amplitude("phi") == pytest.approx(ways[1].amplitude("phi"), abs=1e-6)
 
 
@@ -451,7 +451,7 @@ def test_a_branch_stops_where_told():
     options = {"f0": (0.001, 0.02), "harmonics": 9, "stability": False}
     values = [0.005, 0.0123]
     branch = vv.trace_response(swung(), **options, at=values)
-    # To rounding in units of the core.
+    # To rounding error in internal units.
     assert branch.parameter[branch.stops] == pytest.approx(values, rel=1e-14)
     for i in branch.stops:
         single = vv.forced_response(

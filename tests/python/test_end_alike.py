@@ -1,10 +1,10 @@
-"""Motions that pass through chaos and settle: two runs may end alike by chance."""
+"""Motions that pass through chaos and settle: two runs may have equal final states by chance."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: A body in two wells: chaos first, a periodic motion of one well or the other at last.
+#: A body in two wells: first chaos, finally a periodic motion in either well.
 WELLS = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.1, forces="x^3")
 LOAD = {"load": 0.4, "nu": 1.2}
 
@@ -13,7 +13,7 @@ LOAD = {"load": 0.4, "nu": 1.2}
     "kept", [{"keep": "last"}, {"keep": "tail", "tail": 5.0}, {"times": [1e3]}]
 )
 def test_what_is_kept_is_not_all_that_is_compared(kept):
-    """An end that is told is one that starts beside it have as well."""
+    """A reported final state is also reached by neighbouring starts."""
     draw, refused = np.random.default_rng(3), 0
     for _ in range(12):
         start = np.array([draw.uniform(-0.3, 0.3), 0.0])
@@ -31,7 +31,7 @@ def test_what_is_kept_is_not_all_that_is_compared(kept):
 
 
 def test_motions_that_stay_together_are_told():
-    """Large motions that fade keep the tolerance of what is left of them."""
+    """Large motions that decay keep the tolerance relative to their final size."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="x^3")
     whole = vv.simulate(system, 400, initial=[50.0, 0.0], load=0.1, nu=0.7, tolerance=1e-8)
     last = vv.simulate(

@@ -1,4 +1,4 @@
-"""Many motions at once, against single ones, closed forms and independent references."""
+"""Ensembles against single motions, closed forms and independent references."""
 
 import json
 
@@ -19,7 +19,7 @@ def starts(n, low=-0.5, high=0.5):
 
 @pytest.mark.parametrize("method", ["rk4", "dop8", "verner8", "verner9"])
 def test_members_are_single_runs(method):
-    """Bit for bit what the single run gives, whatever lane it is in."""
+    """Bitwise equal to the single run, in any lane."""
     body = vv.Pendulum(**P1R)
     many = vv.simulate_ensemble(body, initial=starts(11), t_end=20, dt=0.5, method=method)
     for i in (0, 4, 10):
@@ -65,7 +65,7 @@ def test_threads_change_no_bit():
 @pytest.mark.parametrize("discard", [0.0, 0.1, 0.25, 0.6, 20.07, 59.9])
 @pytest.mark.parametrize("method", ["verner9", "gauss8"])
 def test_statistics_are_those_of_the_motion(method, discard):
-    """By the polynomials of a single run, from `discard` on, wherever that lies in a step."""
+    """By the polynomials of a single run, from `discard` on, also within a step."""
     body = vv.Pendulum(**P1R)
     many = vv.simulate_ensemble(
         body, initial=START, t_end=60, dt=0.25, discard=discard, statistics=True, method=method
@@ -104,7 +104,7 @@ def test_amplitude_of_a_linear_spring():
         body, initial=np.zeros(6), t_end=1000, dt=0.25, discard=300, amplitudes_at=[p, 0.4]
     )
     assert many.amplitudes[0, 0, 0] == pytest.approx(f / (1 - p**2 + 1j * p * c), abs=1e-10)
-    # Leakage under a Hann window falls with the cube of the distance in bins, here 48.
+    # Leakage of the Hann window decays with the cube of the distance in bins, here 48.
     assert abs(many.amplitudes[0, 1, 0]) < abs(many.amplitudes[0, 0, 0]) / 48**3
 
 
@@ -126,7 +126,7 @@ def test_sections_are_states_at_whole_periods():
 
 
 def test_lyapunov_exponent_of_a_damped_linear_spring():
-    """All disturbances of a linear system decay; the slowest one rules: -c/2."""
+    """All perturbations of a linear system decay, the slowest with -c/2."""
     body = vv.Pendulum(e=0.0, w2=0.4, w3=0.8, c1=0.02, c2=0.3, c3=0.3)
     many = vv.simulate_ensemble(
         body, initial=np.zeros(6), t_end=4000, dt=0.5, discard=400, lyapunov=True
@@ -135,7 +135,7 @@ def test_lyapunov_exponent_of_a_damped_linear_spring():
 
 
 def test_lyapunov_exponent_against_two_runs():
-    """Growth of the distance of two motions that began 1e-9 apart."""
+    """Growth of the distance of two motions, initially 1e-9."""
     body = vv.Pendulum(**(P1R | {"f0": 0.02, "m01": 0.01, "m02": 0.02}))
     end = 200
     many = vv.simulate_ensemble(body, initial=START, t_end=end, dt=0.1, lyapunov=True)
@@ -161,7 +161,7 @@ def test_step_is_found():
 def test_runs_that_fail_leave_the_others_alone():
     states = starts(6)
     states[2] = [0, -3, 0, 0, 0, 0]  # the spring goes through the pivot
-    states[4, 5] = 1e7  # turns too fast for any step
+    states[4, 5] = 1e7  # rotates too fast for any step size
     many = vv.simulate_ensemble(
         free(), initial=states, t_end=50, dt=0.25, statistics=True, lyapunov=True
     )
@@ -205,7 +205,7 @@ def test_interrupt_stops_the_threads(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("viscovib.analyses.ensemble.as_completed", interrupted)
-    # Time of its own, whatever else this machine does: not interrupted it would be days.
+    # Processor time; without the interrupt it would be days.
     begin = time.process_time()
     with pytest.raises(KeyboardInterrupt):
         vv.simulate_ensemble(free(), initial=starts(64), t_end=1e7, dt=0.1)

@@ -1,6 +1,6 @@
-"""With `dt="auto"` the error holds what kernels as exponentials leave, and equations of steps.
+"""With `dt="auto"`, `error` includes the errors of kernel sums and of step equations.
 
-Shorter steps leave less of them, so that two runs differ by it.
+Shorter steps reduce these errors, so two runs differ by them.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import viscovib as vv
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_errors_hold_what_kernels_leave():
-    """Against runs to 1e-12, which take singular kernels as other sums of exponentials."""
+    """Against runs with 1e-12, which use other sums of exponentials for singular kernels."""
     rng = np.random.default_rng(3)
     for _ in range(4):
         draw = rng.uniform((0.02, 0.2, 0, 0.1, -1, -1, 10), (0.2, 0.8, 0.1, 1, 1, 1, 20))

@@ -1,4 +1,4 @@
-"""Errors of backbones and driven branches, and of their folds, hold what is off."""
+"""Error estimates of backbones and driven branches, and of their folds."""
 
 import re
 
@@ -10,7 +10,7 @@ from test_written_errors import written
 
 
 def frequencies(mass, stiffness):
-    """Of small motions, in 40 digits."""
+    """Frequencies of small motions with 40 digits."""
     with mpmath.workdps(40):
         unit = mpmath.diag([1 / mpmath.sqrt(m) for m in mass])
         squares = mpmath.eigsy(unit * mpmath.matrix(stiffness.tolist()) * unit)[0]
@@ -20,7 +20,7 @@ def frequencies(mass, stiffness):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
 def test_backbones_of_soft_springs_beside_stiff_ones_tell_their_rounding():
-    """Small motions have the frequencies of eigenvalues; truncation alone was 40 times low."""
+    """Frequencies of small motions against eigenvalues; truncation alone was 40 times too small."""
     judged = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -40,7 +40,7 @@ def test_backbones_of_soft_springs_beside_stiff_ones_tell_their_rounding():
 
 
 def test_folds_of_backbones_are_as_far_off_as_told():
-    """By few orders against many: at 5:1 of two modes the first harmonic turns back."""
+    """Few harmonics against many: at a 5:1 resonance the first harmonic has a fold."""
     mount = vv.Mount(mass=1.15, inertia=0.0507, offset=0.5, stiffness_x=15, stiffness_phi=3.29)
     many = vv.backbone(mount, 0, (0.002, 0.2))
     with pytest.warns(vv.ConvergenceWarning, match="do not reach"):
@@ -83,7 +83,7 @@ def test_the_first_point_off_another_curve_tells_an_error():
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_motions_at_folds_are_exact():
-    """With one harmonic the amplitude a of Duffing's equation obeys a polynomial, z being a^2."""
+    """With one harmonic the amplitude a of Duffing's equation satisfies a polynomial in z = a^2."""
     judged = 0
     for seed in range(30):
         rng = np.random.default_rng(seed)
@@ -125,7 +125,7 @@ def test_motions_at_folds_are_exact():
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("load", [0.15, 0.3, 0.6])
 def test_motions_at_folds_are_as_far_off_as_estimated(load):
-    """By few harmonics against many."""
+    """Few harmonics against many."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3 + 0.3*x^2")
     few, many = (
         vv.trace_response(system, (0.7, 2.8), load=load, harmonics=n, stability=False)

@@ -1,4 +1,4 @@
-"""Places where stability changes and where branches leave are as far off as told."""
+"""Stated errors of bifurcation points and branch points."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def _pair(rng):
 
 
 def _draw(seed):
-    """A system and what is asked of it."""
+    """A system and the arguments of its branch."""
     rng = np.random.default_rng(seed)
     kind, memory = seed % 4, seed % 8 >= 6
     if kind == 0:
@@ -50,7 +50,7 @@ def _draw(seed):
 
 
 def _apart(one, other):
-    """How far two places are from each other, motions counted."""
+    """Distance of two points, including their motions."""
     x, y = one.coefficients, other.coefficients
     n = min(x.shape[1], y.shape[1])
     return abs(one.parameter - other.parameter) + np.abs(x[:, :n] - y[:, :n]).max()
@@ -58,7 +58,7 @@ def _apart(one, other):
 
 @pytest.mark.parametrize("first", range(0, 24, 8))
 def test_places_of_few_orders_are_as_far_off_as_told(first):
-    """By a balance of three times the orders: nothing but the error of the few is told there."""
+    """Against a balance with three times as many harmonics."""
     ratios = {}
     for seed in range(first, first + 8):
         system, ends, same = _draw(seed)
@@ -85,7 +85,7 @@ def test_places_of_few_orders_are_as_far_off_as_told(first):
 
 
 def _disturbances(system, nu, load, start):
-    """What disturbances of the motion that repeats become in a period, in time."""
+    """Perturbations of a periodic motion after a period, by integration in time."""
     damping, force = float(system.damping[0, 0]), system.forces
     a, b = force
 
@@ -110,7 +110,7 @@ def _disturbances(system, nu, load, start):
 
 
 class _Drawn:
-    """x'' + c x' + x + a x^2 + b x^3 under a load of order 2."""
+    """x'' + c x' + x + a x^2 + b x^3 under a load of harmonic 2."""
 
     def __init__(self, c, a, b):
         self.damping, self.forces = np.array([[c]]), (a, b)
@@ -121,7 +121,7 @@ class _Drawn:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_branch_points_are_those_of_motions_in_time(seed):
-    """There a multiplier is 1: SciPy tells where, to 1e-9."""
+    """A multiplier is 1 at the branch point: SciPy locates it to 1e-9."""
     rng = np.random.default_rng(seed)
     drawn = _Drawn(0.03, round(rng.uniform(0.5, 0.9), 3), round(rng.uniform(0.5, 0.9), 3))
     load = round(rng.uniform(0.15, 0.25), 3)
@@ -139,7 +139,7 @@ def test_branch_points_are_those_of_motions_in_time(seed):
             return float(np.linalg.det(by - np.eye(2)))
 
         reach = max(1e-6, 3 * one.error)
-        # The motion goes on through the point, which is a simple zero of the determinant.
+        # The motion continues through the point, a simple zero of the determinant.
         lower, upper = passed(one.parameter - reach), passed(one.parameter + reach)
         assert lower * upper < 0
         true = one.parameter + reach * (lower + upper) / (lower - upper)

@@ -1,4 +1,4 @@
-"""Results that had no error tell one, and are as far off as told."""
+"""Further results with stated errors, which cover the true errors."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def _duffing(seed):
 
 
 def _runs(c, b, f, nu, starts, t_end):
-    """By SciPy, each with its dense output."""
+    """Motions by SciPy, each with its dense output."""
     return [
         solve_ivp(
             lambda t, y: [y[1], f * np.sin(nu * t) - c * y[1] - y[0] - b * y[0] ** 3],
@@ -44,7 +44,7 @@ def test_sections_of_ensembles(seed, tolerance):
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
 def test_passages_of_ensembles_and_lines(tolerance):
-    """Times of passages by SciPy; lines of a linear motion that has settled are known."""
+    """Event times by SciPy; the spectrum of a settled linear motion is known."""
     system, c, b = _duffing(3)
     starts = np.array([[1.0, 0.2], [-0.6, 0.5]])
     many = vv.simulate_ensemble(
@@ -55,7 +55,7 @@ def test_passages_of_ensembles_and_lines(tolerance):
         known = times[~np.isnan(times)]
         assert known.size > 2
         at = sol(known)
-        # How far off the time is: what is left of x over its rate.
+        # Error of the time: the remaining x divided by its rate.
         assert np.abs(at[0] / at[1]).max() <= 1.5 * many.section_error + 1e-11
         assert np.abs(points[: known.size] - at.T).max() <= 3 * many.section_error + 1e-11
     linear = vv.PolynomialSystem(mass=1, stiffness=1, damping=1.0, forces="0*x^3 + 0*x")
@@ -70,7 +70,7 @@ def test_passages_of_ensembles_and_lines(tolerance):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_steady_motions_of_the_pendulum_tell_what_rounding_leaves(seed):
-    """Two tolerances of the same orders differ by no more than is told."""
+    """Two tolerances with the same harmonics differ by at most the stated error."""
     rng = np.random.default_rng(seed)
     damping = dict.fromkeys(("c1", "c2", "c3"), rng.uniform(0.005, 0.03))
     body = vv.Pendulum(

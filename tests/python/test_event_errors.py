@@ -1,4 +1,4 @@
-"""What passages of events tell of the errors of their times and states."""
+"""Stated errors of event times and states."""
 
 import math
 import pickle
@@ -14,7 +14,7 @@ PRONY = vv.PronyKernel(weights=[0.3], rates=[1])
 
 @pytest.mark.parametrize("seed", range(12))
 def test_errors_hold_of_random_oscillators(seed):
-    """With and without memory, under bursts, at levels that are grazed; by SciPy."""
+    """With and without memory, under bursts, at grazed levels; by SciPy."""
     drawn = case(np.random.default_rng([717, seed]))
     names = {"np": np, "vv": vv}
     exec(drawn.call, names)
@@ -25,7 +25,7 @@ def test_errors_hold_of_random_oscillators(seed):
 @pytest.mark.parametrize("step", [{}, {"dt": 0.4, "estimate_error": True}], ids=["auto", "given"])
 @pytest.mark.parametrize("below", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_beside_grazing(below, step):
-    """Along sin(t) below its tops: errors hold, and are the root that rounding leaves."""
+    """Levels below the maxima of sin(t): errors are valid and like roots of rounding errors."""
     level = 1 - below
     run = vv.simulate(SWING, 12.0, initial=[0, 1], events=[f"x - {level!r}"], **step)
     found = run.events[0]
@@ -42,7 +42,7 @@ def test_beside_grazing(below, step):
 
 @pytest.mark.parametrize("dt", [1.2, 0.7, 0.3])
 def test_turning_points_in_long_steps(dt):
-    """As exact as ends of steps; secants stayed where a velocity is 0 but for rounding."""
+    """As accurate as step ends; the velocity at a turning point is 0 within rounding error."""
     damped = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1)
     run = vv.simulate(damped, 18.0, initial=[0, 1], dt=dt, events=["x_dot"])
     fast = math.sqrt(1 - 0.05**2)
@@ -52,7 +52,7 @@ def test_turning_points_in_long_steps(dt):
 
 
 def test_ends_by_events_are_as_sure_as_rounding_leaves_them():
-    """Not 1e-12 of the time; beside grazing less sure than that."""
+    """At least 1e-12 of the time; near grazing the error is larger."""
     rng = np.random.default_rng(5)
     for _ in range(12):
         below = 10 ** rng.uniform(-7, -0.1)
@@ -105,7 +105,7 @@ def test_jumps_and_thin_functions_know_their_errors():
     ids=["stop", "Dahl", "layer", "Rzhanitsyn", "mount", "gap"],
 )  # fmt: skip
 def test_errors_hold_of_other_systems(system):
-    """By runs in steps that have nothing in common."""
+    """By runs with incommensurate steps."""
     name = system.dof_names[0]
     n = len(system.dof_names)
     load = {"load": 0.4, "nu": 1.1, "initial": [0.1, 0.3] * n}
@@ -134,7 +134,7 @@ def test_resumed_runs_tell_errors_where_they_are_asked_to():
 
 
 def test_what_is_told():
-    """Summaries, pairs, copies; None where the run has no error."""
+    """Summaries, pairs, copies; None if the run has no error."""
     run = vv.simulate(SWING, 12.0, initial=[0, 1], events=["x - 0.3", "x - 5"])
     times, states = run.events[0]
     assert times.shape == run.events[0].error.shape == run.events[0].state_error.shape == (4,)

@@ -1,4 +1,4 @@
-"""Events and dense output of motions in time, against SciPy's and exact motions."""
+"""Events and dense output of motions in time, against SciPy and exact motions."""
 
 import math
 import time
@@ -18,7 +18,7 @@ def duffing(t, y):
 
 @pytest.mark.parametrize("method", ["gauss8", "gauss16", "gauss3", "rk4", "verner9"])
 def test_events_of_a_duffing_oscillator(method):
-    """Times and states as SciPy's, by every method."""
+    """Times and states against SciPy, by every method."""
 
     def level(t, y):
         return y[0] - 0.1
@@ -47,7 +47,7 @@ def test_events_of_a_duffing_oscillator(method):
 
 
 def test_passages_shorter_than_a_step():
-    """Two passages between the ends of a step have no change of sign there."""
+    """Two events within a step cause no change of sign at its ends."""
     rest = vv.PolynomialSystem(mass=1, stiffness=1)
     run = vv.simulate(rest, 3.0, dt=0.4, initial=[0.0, 1.0], events=["x - 0.9999", "x - 1.0000001"])
     late = np.arccos(0.9999)
@@ -56,7 +56,7 @@ def test_passages_shorter_than_a_step():
 
 
 def test_terminal_event_ends_the_run():
-    """The state is that of the event; states beyond are not kept."""
+    """The final state is that of the event; later states are not stored."""
     stop = vv.Event("x + 0.2", direction="down", terminal=True)
     run = vv.simulate(
         DUFFING, 25.0, initial=START, load=0.5, nu=1.2, events=[stop, "x_dot"],
@@ -81,7 +81,7 @@ def test_terminal_event_ends_the_run():
 
 
 def test_events_with_memory_and_of_structures():
-    """Located by the polynomial of the step: the function is 0 there, states those at times."""
+    """Located by the polynomial of the step: the function is 0 and states are at the times."""
     kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
     memory = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.1, kernel=kernel, forces="x^3")
     chain = vv.Structure(
@@ -102,7 +102,7 @@ def test_events_with_memory_and_of_structures():
 
 
 def test_events_of_a_pendulum_that_goes_on():
-    """A run in two parts finds what the whole finds."""
+    """A run in two parts finds the events of the whole run."""
     body = vv.Pendulum(
         e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.02, p1=1.02
     )
@@ -117,7 +117,7 @@ def test_events_of_a_pendulum_that_goes_on():
 
 
 def test_dense_output_has_the_order_of_the_method():
-    """States at any times, as exact as those at the steps."""
+    """States between steps are as accurate as at step ends."""
     expected = solve_ivp(
         duffing, (0, 25), START, "DOP853", rtol=1e-13, atol=1e-14, dense_output=True
     ).sol
@@ -138,7 +138,7 @@ def test_dense_output_has_the_order_of_the_method():
 
 
 def test_bad_events():
-    """One line each, naming what is wrong."""
+    """One-line messages that name the argument."""
     for events, words in (
         (["y - 1"], "'y'"),
         (["1 + 2"], "depends on no quantity"),
@@ -156,7 +156,7 @@ def test_bad_events():
 
 
 def test_events_of_a_mount_that_remembers():
-    """Passages of a motion with memory: as many as changes of sign of run(t), and there it is 0."""
+    """Events of a motion with memory: one per change of sign of run(t), where the function is 0."""
     rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
     mount = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
@@ -176,9 +176,9 @@ def test_events_of_a_mount_that_remembers():
 
 @pytest.mark.parametrize("structure", [False, True])
 def test_the_first_step_with_memory(structure):
-    """Velocities and passages inside the singular first step, as of small steps and of SciPy's.
+    """Velocities and events inside the singular first step, against small steps and SciPy.
 
-    Its panels double from 1e-13 of it on, where displacements hardly differ and tell no velocity.
+    The first panels are 1e-13 of the step, where differences of displacements give no velocity.
     """
     memory = vv.PronyKernel(weights=[0.1], rates=[0.5])
     if structure:
@@ -207,7 +207,7 @@ def test_the_first_step_with_memory(structure):
 
 @pytest.mark.parametrize("structure", [False, True])
 def test_passages_beside_a_singular_start(structure):
-    """A steep kernel: the same passage in a first step of 0.4 and of 0.01."""
+    """A steep kernel: the same event in a first step of 0.4 and of 0.01."""
     steep = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.15, beta=0.5)
     if structure:
         spring = vv.Spring(on="x1", stiffness=1, law="0.5*d^3", kernel=steep)
@@ -225,7 +225,7 @@ def test_passages_beside_a_singular_start(structure):
 
 @pytest.mark.parametrize("fast", [20.0, 200.0, 1000.0])
 def test_passages_of_a_structure_that_swings_many_times_in_a_step(fast):
-    """Its modes go on exactly in steps of many of their periods, and so do passages."""
+    """Modes are solved exactly in steps of many of their periods, and so are events."""
     plate = vv.Structure(
         mass=[1, 1], stiffness=[[fast**2, 0], [0, 1]], elements=[vv.Spring(on="x2", law="0.1*d^3")]
     )
@@ -235,7 +235,7 @@ def test_passages_of_a_structure_that_swings_many_times_in_a_step(fast):
 
 
 def chain_of(n, rng, *, modal, kernel=None):
-    """Return a chain whose first mass has a cubic spring, and its damping."""
+    """Return a chain with a cubic spring at its first mass, and its damping."""
     stiffness = 40.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     damping = 0.002 * stiffness
     if not modal:
@@ -252,7 +252,7 @@ def chain_of(n, rng, *, modal, kernel=None):
 @pytest.mark.parametrize("memory", [False, True])
 @pytest.mark.parametrize("modal", [True, False])
 def test_places_in_steps_of_structures(modal, memory, step):
-    """Many a step, by maps made once: modes and what has none, loads, memory, against SciPy."""
+    """Many events per step, with stored maps: modes, residual, loads, memory, against SciPy."""
     n, rng = 6, np.random.default_rng(4)
     w, r = (0.3, 0.8) if memory else (0.0, 1.0)
     kernel = vv.PronyKernel(weights=[w], rates=[r]) if memory else None
@@ -284,7 +284,7 @@ def test_places_in_steps_of_structures(modal, memory, step):
 
 
 def test_looking_for_events_costs_little():
-    """Of a structure of 40 modes: it took 60 times as long as the run."""
+    """For a structure with 40 modes the search must not dominate the run time."""
     system, _, _ = chain_of(40, np.random.default_rng(0), modal=True)
     spent = {}
     for events in (None, ["x3_dot", "x1 - 0.001"]) * 3:
@@ -299,14 +299,14 @@ def test_looking_for_events_costs_little():
 
 @pytest.mark.parametrize("structure", [False, True])
 def test_edges_of_functions_are_no_passages(structure):
-    """Where an event's function ceases to have a value it has not passed 0."""
+    """The boundary of the domain of an event function is not an event."""
     if structure:
         system = vv.Structure(mass=[1], stiffness=[[1]], names=["x"])
     else:
         system = vv.PolynomialSystem(mass=1, stiffness=1)
     rng = np.random.default_rng(8)
     for _ in range(6):
-        # x = cos(t) has values down to -a, and is c there where the function is 0.
+        # x = cos(t) is in the domain down to -a; the function is 0 at c.
         a, c = float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.6, 0.9))
         for function in (
             f"sqrt(x + ({a})) - sqrt({c} + ({a}))",
@@ -332,7 +332,7 @@ def test_a_function_without_any_value_is_told(recwarn):
 
 @pytest.mark.parametrize("steps", [20, 60, 180])
 def test_a_run_that_needs_more_room_for_its_past_begins_anew(steps):
-    """It was made again with the sides of its end: a passage at t = 0 that is none ended it."""
+    """Regression: a restarted run kept the signs of its end: a false event at t = 0 ended it."""
     one = vv.PronyKernel(weights=[0.3], rates=[1.0])
     stiffness = [[2.3, -1.0, 0.0], [-1.0, 2.3, -1.0], [0.0, -1.0, 2.3]]
     system = vv.PolynomialSystem(
@@ -371,7 +371,7 @@ def test_impacts_are_events_with_a_name(restitution):
             times.append(times[-1] + 2 * (np.pi - np.arctan(rates[-1] / gap)))
             rates.append(restitution * rates[-1])
         if side == 0:
-            # From one stop to the other, g cos(s) - v sin(s) = -g, as long as the energy lasts.
+            # From one stop to the other, g cos(s) - v sin(s) = -g, while the energy suffices.
             while times[-1] < 30:
                 v = rates[-1]
                 size, phase = np.hypot(gap, v), np.arctan2(v, gap)

@@ -1,4 +1,4 @@
-"""Every public name's docstring has an example, and every example runs and prints what it says."""
+"""The docstring of every public name has an example, which runs and prints its output."""
 
 import doctest
 import inspect
@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: What examples need not import.
+#: Names that examples need not import.
 GIVEN = {"np": np, "vv": vv}
 DATA = Path(__file__).parents[2] / "data"
 
-#: Warnings and errors are met in the examples of what gives them.
+#: Warnings and errors appear in the examples of the functions that raise them.
 NAMES = [
     name
     for name in vv.__all__

@@ -1,4 +1,4 @@
-"""The explorer without its browser: numbers, undo, links, files and the server."""
+"""The explorer without a browser: numbers, undo, links, files and the server."""
 
 import os
 import runpy
@@ -35,7 +35,7 @@ def test_every_slider_may_stand_at_its_value(path):
         low, high = number.ends(number.value)
         assert low <= number.value <= high
         assert low < high
-        # The key is one that a scene knows, and this is its value.
+        # The key is known to the scene, and has this value.
         value = int(number.value) if number.whole else number.value
         assert scene.override({key: value}).canonical == scene.canonical
 
@@ -50,7 +50,7 @@ def test_entries_of_a_symmetric_matrix_move_together():
 
 
 def test_parameters_of_laws_have_sliders(tmp_path):
-    """Moving one changes the law; what they are measured in is not known."""
+    """A slider changes the law; the unit of a parameter is unknown."""
     path = tmp_path / "scene.nml"
     path.write_text(
         "&parameters k3=0.7 nu=0.2 /\n&system coordinates='x' mass=1 stiffness=1 damping=0.4 /\n"
@@ -77,7 +77,7 @@ def test_undo_redo_and_the_way_back():
         state.set_exactly("mount.mass", "-1")
     with pytest.raises(vv.InputError, match="'heavy': must be a number"):
         state.set_exactly("mount.mass", "heavy")
-    # What was refused left all as it was: two steps, a movement being one.
+    # The refused change had no effect: two steps, one per movement.
     state.undo()
     assert state.scene_text() == moved
     state.undo()
@@ -98,7 +98,7 @@ def test_undo_redo_and_the_way_back():
 
 
 def test_an_address_that_is_no_text_is_read():
-    """Bytes that are no UTF-8, and names of scenes that no file can have."""
+    """Bytes that are not UTF-8, and scene names that no file can have."""
     from viscovib.explorer.server import page_of, query_of
 
     assert query_of({"a": [b"\xff"], "b": [b"2", b"3"]}) == [("a", "\ufffd"), ("b", "2")]
@@ -116,7 +116,7 @@ def test_a_link_leads_to_the_same_scene():
     again.follow(query)
     assert again.scene_text() == state.scene_text()
     assert again.now.current().groups["mount"]["damping"] == [0.2, 0.01, 0.01, 0.03]
-    # A number that is back where it was needs no word.
+    # A number with its initial value does not appear in the address.
     again.set_exactly("mount.damping(2)", "0.05")
     assert again.link() == "?load(2).amplitude=0.05"
     with pytest.raises(vv.InputError, match=r"mount.weight: must be one of mount.mass"):
@@ -143,7 +143,7 @@ def test_the_python_lines_give_the_same(tmp_path, monkeypatch, typed, capsys):
 
 
 def test_no_title_or_name_of_a_file_is_executed(tmp_path, monkeypatch):
-    """Scenes come from others; the lines are code that their reader runs."""
+    """Scenes are untrusted, and their users run the generated lines."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -198,7 +198,7 @@ def test_a_body_has_sliders_curves_and_a_sheet(tmp_path, capsys, monkeypatch):
         "&load on='z' amplitude=5 /\n&branch nu_from=20 nu_to=30 harmonics=3 tolerance=1e-3 /\n"
     )
     state = State(vv.Scene.read(path))
-    # What stands on both sides of the diagonal is one slider; units are those of a body.
+    # A symmetric pair of entries is one slider; units are those of a body.
     assert "body.inertia(4)" not in state.numbers
     assert state.numbers["body.inertia(2)"].unit == "kg m^2"
     known = numbers(state.now.scene)
@@ -213,10 +213,10 @@ def test_a_body_has_sliders_curves_and_a_sheet(tmp_path, capsys, monkeypatch):
     moved = []
     run_one = sheet.run_one
     monkeypatch.setattr(sheet, "run_one", lambda one: moved.append(one) or run_one(one))
-    # `fluid_y` is a name with what mathematics would read as an index.
+    # `fluid_y` must not be interpreted as an index in a formula.
     assert main(["explore", str(path), "--sheet", "--keys", keys, "--out", str(tmp_path)]) == 0
     assert (tmp_path / "body_explore.png").stat().st_size > 10000
-    # Both halves of the inertia moved together, or it would be refused and nothing drawn.
+    # Both entries of the inertia change together; otherwise nothing would be drawn.
     assert {one.groups["body"]["inertia"][3] for one in moved} == {0.008, 0.01, 0.0125}
     capsys.readouterr()
 
@@ -239,7 +239,7 @@ def test_a_motion_on_a_branch_that_leaves_is_its_own():
     curve = curves_of(result.value, result.switched)[0]
     first = len(result.value.nu)
     assert np.isnan(curve.y[first])
-    # Those that leave swing, which the others do not.
+    # The motions of the side branch swing, the others do not.
     own, swung = (
         motion_of(scene, result.value, result.switched, curve, point)
         for point in (first - 1, first + len(other.nu) - 1)
@@ -255,7 +255,7 @@ def test_outlines_move_as_the_body_does():
         mass=1, inertia=1, offset=0.5, stiffness_x=1, stiffness_phi=1)).outlines[2]  # fmt: skip
     factor = drawing_of(motion, ("x", "phi"), ("m", "rad")).factor
     np.testing.assert_allclose(block.x.mean(axis=1), factor * motion[:, 0] / 0.5, atol=1e-14)
-    # Rigid: sides keep their lengths.
+    # Rigid: sides have constant lengths.
     sides = np.hypot(np.diff(block.x, axis=1), np.diff(block.y, axis=1))
     np.testing.assert_allclose(sides, sides[:1] * np.ones((9, 1)), rtol=1e-12)
     # The foot of the spring is at x - l sin(phi).
@@ -297,7 +297,7 @@ def test_the_page_is_behind_a_token():
     try:
         with urllib.request.urlopen(page.address) as answer:
             text = answer.read().decode()
-        # Nothing comes from outside.
+        # No resource is loaded from outside.
         assert "https://" not in text.replace("https://www.w3.org", "")
         for place in ("", "wrong/", "static/js/bokeh.min.js"):
             with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -309,7 +309,7 @@ def test_the_page_is_behind_a_token():
         vv.explore(PAPER, keys=["mount.weight"])
 
 
-#: A browser that notes its arguments, and the modes and text of the file that it is given.
+#: A fake browser that records its arguments, and the mode and text of its file.
 BROWSER = """#!/bin/sh
 file="${1#file://}"
 { echo "$*"; stat -c %a "$file" "$(dirname "$file")"; cat "$file"; } > "$NOTES.part"

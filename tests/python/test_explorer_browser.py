@@ -22,26 +22,26 @@ pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="no browser test: chromium is not installed (apt-get install chromium)"
 )
 
-#: Y of the first figure's stable curve, as the page has it.
+#: y values of the stable curve of the first figure in the page.
 CURVE = """() => {
   const all = [...Bokeh.documents[0]._all_models.values()]
   return Array.from(all.filter(m => m.name === 'x: stable').at(-1).data.y)
 }"""
-#: Milliseconds from a key to the first frame that shows the curve it moved.
+#: Milliseconds from a key to the first frame with the new curve.
 
 
 @pytest.fixture(scope="module")
 def browser():
     with sync_playwright() as play:
         shown = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        # One context: the second page has the scripts of the first, compiled.
+        # One context: the second page uses the compiled scripts of the first.
         yield shown.new_context()
         shown.close()
 
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory):
-    """Serve a folder with some scenes by the command itself."""
+    """Serve a folder with some scenes by the command."""
     folder = tmp_path_factory.mktemp("scenes")
     for name in ("mount_paper", "mount_branch", "pendulum_paper", "duffing_branch"):
         shutil.copy(SCENES / f"{name}.nml", folder)
@@ -56,7 +56,7 @@ def address(tmp_path_factory):
 
 @pytest.fixture
 def page(browser, address):
-    """Open the page; at the end nothing was asked from outside, and no script failed."""
+    """Open the page; finally check that nothing was requested from outside and no script failed."""
     shown = browser.new_page()
     shown.set_viewport_size({"width": 1280, "height": 900})
     outside, failed = [], []
@@ -87,7 +87,7 @@ def amplitude(**changes):
 
 
 def shows(page, want):
-    """Wait until the curve is what Python computes."""
+    """Wait until the curve equals the result in Python."""
     for _ in range(400):
         found = np.array(page.evaluate(CURVE), dtype=float)
         if found.shape == want.shape and np.array_equal(found, want):
@@ -97,7 +97,7 @@ def shows(page, want):
 
 
 def reads(page, want):
-    """Wait until the field says so."""
+    """Wait until the field shows this text."""
     for _ in range(200):
         value = float(mass(page).input_value())
         if value == pytest.approx(want, rel=1e-5):
@@ -111,14 +111,14 @@ def test_a_slider_moved_by_keys_moves_the_curve(page):
     page.locator(".noUi-handle").first.focus()
     for k in range(1, 9):
         page.keyboard.press("ArrowRight")
-        # The next one waits for this one, however much else the machine does.
+        # The next key waits for this curve, also on a busy machine.
         value = reads(page, 1 + k * 3.75 / 400)
     shows(page, amplitude(mount__mass=value))
     page.get_by_role("button", name="Undo").click()
     page.wait_for_function(
         "([field, was]) => Number(field.value) < was", arg=[mass(page).element_handle(), value]
     )
-    # Steps of one movement are undone together: of a quick one all, and nothing is left to reset.
+    # Steps of a quick movement are undone together, and nothing is left to reset.
     page.get_by_role("button", name="Redo").click()
     reads(page, value)
     page.get_by_role("button", name="Reset").click()
@@ -223,7 +223,7 @@ def test_broken_and_other_scenes_and_measured_curves(page, tmp_path):
     ],
 )
 def test_pages_fit_their_window(browser, address, scene, widths):
-    """Opened in a window of one width, which then becomes the other."""
+    """The window is opened with one width and then changed to the other."""
     shown = browser.new_page()
     shown.set_viewport_size({"width": widths[0], "height": 800})
     open_page(shown, f"{address}?scene={scene}.nml")
@@ -234,7 +234,7 @@ def test_pages_fit_their_window(browser, address, scene, widths):
         keep = os.environ.get("VISCOVIB_SCREENSHOTS")
         if keep:
             shown.screenshot(path=f"{keep}/{scene}_{width}.png", full_page=True)
-        # The motion plays, and the curves stay in sight of sliders where there is one column.
+        # During the animation the curves stay visible near the sliders in a single column.
         before = shown.screenshot()
         shown.get_by_role("button", name="Play").click()
         shown.wait_for_timeout(250)

@@ -1,11 +1,11 @@
-"""Lyapunov exponents tell how far they are off those of infinite time."""
+"""Stated errors of Lyapunov exponents, relative to infinite time."""
 
 import numpy as np
 import viscovib as vv
 
 
 def test_exponents_of_linear_systems():
-    """Real parts of eigenvalues, after 10 to 300; a look at each period hid swings."""
+    """Real parts of eigenvalues, for run times from 10 to 300."""
     above, judged = 0, 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -30,7 +30,7 @@ def test_exponents_of_linear_systems():
 
 
 def test_exponents_of_chaos():
-    """Of 96 short runs beside the mean of long ones; told within a few times what they scatter."""
+    """96 short runs against the mean of long runs; the errors are a few times the scatter."""
     duffing = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.25, forces="x^3")
     rng = np.random.default_rng(0)
     long, short = (
@@ -47,12 +47,12 @@ def test_exponents_of_chaos():
 
 
 def test_exponents_of_motions_beside_motions():
-    """Of systems that switch or remember, made run by run, as of those side by side."""
+    """Exponents of separate runs (switches, memory) against those of parallel runs."""
     linear = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces={"x": "0*abs(x)"})
     exact = -0.05
     kinked = vv.PolynomialSystem(
         mass=1, stiffness=4, damping=0.1, forces="max(x - 100, 0)"
-    )  # never met
+    )  # never reached
     for system in (linear, kinked):
         many = vv.simulate_ensemble(
             system, initial=[[1.0, 0.3]], t_end=60.0, lyapunov="all", dt=0.05

@@ -1,4 +1,4 @@
-"""Exponents of memory that hardly couples lie side by side: told as the eigenvalues they are."""
+"""Close exponents of weakly coupled memory: reported as the eigenvalues."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import viscovib as vv
 
 
 def eigenvalues(mass, damping, stiffness, weights, rates):
-    """Of the linear system with each exponential as a state.
+    """Eigenvalues of the linear system with each exponential as a state.
 
     x'' = M^-1 (-C x' - K x + sum w h), h' = K x - r h.
     """
@@ -25,7 +25,7 @@ def eigenvalues(mass, damping, stiffness, weights, rates):
 
 @pytest.mark.parametrize("seed", [*range(9), 139])
 def test_exponents_side_by_side(seed):
-    """Off by no more than these lie apart; alone to rounding's root; as many as there are."""
+    """Errors below their distance; a single exponent to the root of rounding; complete count."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 5))
     mass = rng.uniform(0.5, 2, n)
@@ -49,7 +49,7 @@ def test_exponents_side_by_side(seed):
         method="newton",
         stability=True,
     )
-    # The multipliers tell exponents but for whole multiples of i nu.
+    # Multipliers determine exponents up to integer multiples of i nu.
     told = r.multipliers[0][np.isfinite(r.multipliers[0])]
     true = np.exp(2 * np.pi / nu * eigenvalues(mass, damping, stiffness, weights, rates))
     slow = true[np.abs(true) > np.exp(-2 * np.pi / nu * 0.5)]

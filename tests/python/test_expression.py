@@ -1,4 +1,4 @@
-"""Polynomials written as text against Python's own arithmetic."""
+"""Polynomials as text against Python arithmetic."""
 
 from fractions import Fraction
 
@@ -40,14 +40,14 @@ def texts(depth):
 
 @given(text=texts(3), at=st.lists(st.integers(-3, 3), min_size=3, max_size=3))
 def test_value_is_that_of_the_text(text, at):
-    # Small whole numbers and quarters: every coefficient is exact.
+    # Small integers and quarters: every coefficient is exact.
     names = dict(zip(NAMES, map(Fraction, at), strict=True))
     exact = text.replace("^", "**").replace("0.5", "half").replace("0.25", "quarter")
     expected = eval(exact, {"half": Fraction(1, 2), "quarter": Fraction(1, 4)} | names)
     try:
         polynomial = expand("f", text, NAMES)
     except vv.InputError:
-        # A degree above 15, which another test is about.
+        # A degree above 15 is the subject of another test.
         reject()
     assert float(value(polynomial, [Fraction(u) for u in at])) == pytest.approx(float(expected))
     assert all(polynomial.values())
@@ -55,7 +55,7 @@ def test_value_is_that_of_the_text(text, at):
 
 @given(text=texts(3))
 def test_scenes_read_the_same(text, tmp_path_factory):
-    """The compiled reader of scenes and Python's expand a text alike."""
+    """The compiled reader of scenes and Python expand a text in the same way."""
     law = f"({text})*x^2"
     try:
         expected = {p: c for p, c in expand("f", law, NAMES).items() if sum(p) <= 15}
@@ -88,7 +88,7 @@ def test_no_expression_grows_without_bound():
 
 
 def test_a_sum_of_thousands_of_terms():
-    """Laws of reduced models have that many: no term is inside another."""
+    """Laws of reduced models have this many terms, without nesting."""
     text = "+".join(f"{i}*x^3-x^2" for i in range(1200))
     assert expand("forces", text, ["x"]) == {(3,): 1200 * 1199 / 2, (2,): -1200.0}
     with pytest.raises(vv.InputError, match=r"must be|inside each other"):

@@ -1,4 +1,4 @@
-"""Motion that fades away: no subnormal numbers, which slow many processors down tenfold."""
+"""Decaying motions: no subnormal numbers, which are ten times slower on many processors."""
 
 import time
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: z is driven, phi and psi only fade: below 1e-308 after some 14000 units of time.
+#: z is driven, phi and psi decay: below 1e-308 after about 14000 units of time.
 PENDULUM = dict(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.1, c2=0.1, c3=0.1, f0=0.02, p1=0.93)
 FADING = (0, 0, 0.01, 0, -0.01, 0)
 SILENT = (0, 0, 0, 0, 0, 0)
@@ -18,7 +18,7 @@ def subnormal(states):
 
 
 def oscillators(kernel):
-    """Two that do not know of each other; the second is not driven."""
+    """Two uncoupled oscillators; the second is not driven."""
     return vv.PolynomialSystem(
         mass=[1, 1], stiffness=[[1, 0], [0, 4]], damping=[[0.2, 0], [0, 0.2]],
         forces={"x1": "0.5*x1^3", "x2": "0.3*x2^3"}, kernel=kernel,
@@ -58,7 +58,7 @@ def test_the_callers_arithmetic_is_left_alone():
 
 @pytest.mark.parametrize("kind", ["one", "many"])
 def test_fading_costs_nothing(kind):
-    """Two thirds of these steps were 10 to 40 times as long with gradual underflow."""
+    """With gradual underflow two thirds of these steps would take 10 to 40 times as long."""
     body = vv.Pendulum(**PENDULUM)
 
     def seconds(start):
@@ -71,6 +71,6 @@ def test_fading_costs_nothing(kind):
             )
         return time.process_time() - begun
 
-    # Time of the process itself, the best of several: whatever else this machine does.
+    # Processor time, the best of several runs.
     fading, silent = (min(seconds(start) for _ in range(4)) for start in (FADING, SILENT))
     assert fading < 2 * silent

@@ -1,4 +1,4 @@
-"""Laws that change fast with a motion: followed in parts of steps, or told."""
+"""Laws that change fast along a motion: resolved by divided steps, or reported."""
 
 import time
 
@@ -17,7 +17,7 @@ def right_side(t, y):
 
 @pytest.mark.parametrize("method", ["verner9", "gauss8"])
 def test_fast_laws_are_followed_in_ensembles(method):
-    """A run that goes by itself at some step does so at all: shorter steps do not seem to err."""
+    """A run computed separately at one step size stays so at shorter steps."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=LAW)
     starts = [[20.0, 0.1], [0.5, 0.0], [32.0, 0.0]]
     many = vv.simulate_ensemble(
@@ -29,20 +29,20 @@ def test_fast_laws_are_followed_in_ensembles(method):
 
 
 def test_motions_that_outrun_their_laws_are_told():
-    """An escape whose speed is the angle of a cosine needs parts of steps without end."""
+    """An escape with a cosine of the velocity would need unlimited division of steps."""
     system = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.05, forces=LAW)
     begin = time.process_time()
     with pytest.raises(
         vv.InputError, match=r"run 1 ends at t = .*change too fast for steps of any"
     ):
         vv.simulate_ensemble(system, initial=[[0.0, 0.0], [200.0, 200.0]], t_end=20.0, n_threads=1)
-    # Without end before: minutes, and more for each unit of time.
+    # Without the limit it would take minutes, and more for each unit of time.
     assert time.process_time() - begin < 60
 
 
 @pytest.mark.parametrize("width", [0.3, 1e-2, 1e-4])
 def test_atan2_with_a_number_is_a_layer_as_atan_is(width):
-    """The same law written in two ways takes the same steps."""
+    """The same law in two forms takes the same steps."""
 
     def made(text):
         return vv.PolynomialSystem(
@@ -71,7 +71,7 @@ def test_a_single_motion_that_outruns_its_law_ends():
 
 
 def test_a_run_made_by_itself_stays_so_in_shorter_steps():
-    """Whole steps that just see a layer are less exact than parts were: the search went on."""
+    """Whole steps that barely resolve a layer are less accurate than divided steps."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*tanh(x_dot/0.05)")
     many = vv.simulate_ensemble(system, initial=[8.0, 0.1], t_end=10.0, method="dop8", n_threads=1)
     judge = solve_ivp(
@@ -79,5 +79,5 @@ def test_a_run_made_by_itself_stays_so_in_shorter_steps():
         (0, 10), [8.0, 0.1], "DOP853", rtol=1e-12, atol=1e-12,
     )  # fmt: skip
     assert np.abs(judge.y[:, -1] - many.state[0]).max() < 1e-8
-    # A sixteenth of it before.
+    # Regression: the step was a sixteenth of this.
     assert many.step[0] > 0.02

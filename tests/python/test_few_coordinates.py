@@ -1,4 +1,4 @@
-"""Multipliers of structures of few coordinates, whose disturbances are integrated."""
+"""Multipliers of structures with few coordinates, whose perturbations are integrated."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 
 def laws(d, v):
-    """Slopes of the elements' forces by deflection and rate."""
+    """Derivatives of the element forces with respect to deflection and rate."""
     return [
         (1.2 * d[0] ** 2, 0.0),
         (3 / np.cosh(3 * d[1]) ** 2, 0.2 / np.cosh(v[1]) ** 2),
@@ -15,12 +15,12 @@ def laws(d, v):
 
 
 def random_structure(rng, n, damping):
-    """Some masses, springs, two elements; what kind of damping tells which modes there are."""
+    """Some masses, springs, two elements; the kind of damping determines the modes."""
     stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     half = 0.2 * rng.normal(size=(n, n))
     mass = np.diag(rng.uniform(0.5, 2, n)) + half @ half.T
     if damping == "modal":
-        # The linear part of the second element belongs to the stiffness.
+        # The stiffness includes the linear part of the second element.
         held = np.zeros((n, n))
         held[1, 1] = 3.0
         c = 0.02 * (stiffness + held)

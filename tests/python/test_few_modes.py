@@ -1,4 +1,4 @@
-"""Structures in a few of their modes: multiple scales, and roots of reduced ones."""
+"""Structures with few modes: multiple scales, and roots of reduced models."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def chain(n=200, *, law="0.005*d^3", **more):
 @pytest.mark.parametrize("kernel", [None, PRONY])
 @pytest.mark.parametrize("layered", [False, True])
 def test_all_modes_are_the_whole_system(kernel, layered):
-    """Three coordinates, in their modes and as they are."""
+    """Three coordinates, in modal and physical coordinates."""
     spring = vv.Spring(on=("x1", "x3"), stiffness=0.4, law="0.3*d^2 + 0.5*d^3", kernel=kernel)
     layer = np.diag([0.3, 0.1, 0.0])
     structure = vv.Structure(
@@ -42,7 +42,7 @@ def test_all_modes_are_the_whole_system(kernel, layered):
 
 @pytest.mark.parametrize("damping", [{"modal_damping": 0.01}, {"rayleigh": (1e-4, 0.1)}])
 def test_a_reduced_chain_as_by_harmonic_balance(damping):
-    """The error of the expansion is of fourth order; what modes leave out is told."""
+    """The error of the expansion is of fourth order; the error of omitted modes is stated."""
     small = chain(**damping).reduce(frequency=0.2, loads=["x100"])
     nu = np.linspace(0.034, 0.042, 3)
     off = []
@@ -97,6 +97,6 @@ def test_roots_of_a_reduced_model_with_modal_ratios():
     matrix[n : 2 * n, n : 2 * n] = -(shapes * 0.02 * np.sqrt(squares)) @ shapes.T
     matrix[n : 2 * n, -1], matrix[-1, :n], matrix[-1, -1] = 0.05 * e, 0.02 * e, -0.1
     roots = np.linalg.eigvals(matrix)
-    # Above the modes kept damping rises with the frequency; its static part differs.
+    # Above the modes kept the damping increases with the frequency; the static part differs.
     for s in found:
         assert np.abs(roots / s - 1).min() < 1e-6

@@ -1,4 +1,4 @@
-"""Fits to few numbers say how little is known; intervals hold the truth as often as they say."""
+"""Fits to few numbers state large uncertainties; intervals have the stated coverage."""
 
 import math
 import warnings
@@ -9,7 +9,7 @@ import viscovib as vv
 
 
 def test_intervals_of_series_hold_for_few_numbers():
-    """Where terms take most of the numbers, what is left of them tells little of their scatter."""
+    """With nearly as many terms as numbers, residuals do not determine the scatter."""
     rng = np.random.default_rng(3)
     held = []
     for i in range(45):

@@ -1,4 +1,4 @@
-"""The transforms of our own (-Dfft=own), compiled here from their source, against NumPy's."""
+"""The built-in Fourier transforms (-Dfft=own), compiled here from their source, against NumPy."""
 
 import ctypes
 import shutil
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 SOURCE = Path(__file__).parents[2] / "fortran" / "numerics" / "fft_own.c"
-#: Of the root of the mean square: some units of rounding for each doubling of the length.
+#: Error relative to the rms: some ulp for each doubling of the length.
 BOUND = 4e-16
 
-#: Lengths of one line: all small ones, primes on both sides of where convolutions begin, products
-#: of two of them, powers of each radix, and lengths of records.
+#: Lengths of one line: all small lengths, primes around the start of convolutions, products of two
+#: primes, powers of each radix, and lengths of records.
 LENGTHS = [
     *range(1, 201),
     211, 251, 509, 1009, 2003, 4999, 10007, 53 * 59, 61 * 67, 2 * 61, 4 * 67, 2 * 10007,
@@ -49,7 +49,7 @@ def forward(own, u):
     else:
         plan = ctypes.c_void_p(own.viscovib_plan_box(*u.shape, None, None))
     before = u.copy()
-    for _ in range(2):  # A plan may be used again.
+    for _ in range(2):  # A plan may be used repeatedly.
         own.viscovib_transform(plan, ctypes.c_void_p(u.ctypes.data), ctypes.c_void_p(c.ctypes.data))
     own.viscovib_free_plan(plan)
     np.testing.assert_array_equal(u, before)
@@ -66,7 +66,7 @@ def back(own, c, shape):
 
 
 def away(found, true):
-    """Error over the root of the mean square of what is true, over log2 of the number of values."""
+    """Error divided by the rms of the true values and log2 of their number."""
     size = np.sqrt(np.mean(np.abs(true) ** 2))
     return np.abs(found - true).max() / size / max(np.log2(true.size), 1)
 
@@ -77,7 +77,7 @@ def test_lines_of_all_lengths(own):
         u = rng.standard_normal(n)
         true = np.fft.rfft(u)
         assert away(forward(own, u), true) < 4 * BOUND, n
-        # Back: n u, whatever the parts that a real signal does not have.
+        # Backward: n u, independent of the imaginary parts that a real signal does not have.
         true[0] += 3j
         if n % 2 == 0:
             true[-1] -= 2j
@@ -85,7 +85,7 @@ def test_lines_of_all_lengths(own):
 
 
 def test_one_sample_and_one_wave_of_a_line(own):
-    """Transforms in closed form, to the last bits: no error is spread over all values."""
+    """Transforms in closed form to the last bits: errors are not spread over all values."""
     for n in (1, 2, 3, 4, 7, 12, 67, 101, 128, 134, 360, 1009):
         k = np.arange(n // 2 + 1)
         for j in (0, 1 % n, n // 2, n - 1):
@@ -109,7 +109,7 @@ SHAPES = [
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_boxes(own, shape):
-    """Complex transforms along the first axes, with the long primes that lines convolve."""
+    """Complex transforms along the first axes, with long primes that use convolutions."""
     rng = np.random.default_rng(shape)
     u = rng.standard_normal(shape)
     true = np.fft.rfftn(u)
@@ -118,7 +118,7 @@ def test_boxes(own, shape):
 
 
 def test_sizes_of_numbers(own):
-    """Small and large signals keep their relative accuracy; NaN spoils all of its line."""
+    """Small and large signals keep their relative accuracy; NaN affects its whole line."""
     u = np.random.default_rng(2).standard_normal(134)
     for size in (1e-290, 1e290):
         assert away(forward(own, size * u) / size, np.fft.rfft(u)) < 4 * BOUND

@@ -1,4 +1,4 @@
-"""Fitted kernels in scenes: read by the driver and Python alike, at any temperature."""
+"""Fitted kernels in scenes: the driver and Python agree at any temperature."""
 
 import json
 import os
@@ -51,7 +51,7 @@ def test_the_kernel_of_a_scene_is_that_of_the_file(kernel, law, tmp_path):
 
 
 def test_core_and_python_agree_on_the_response(tmp_path):
-    """The core reads the numbers and scales them itself; Python makes its own kernel."""
+    """The core reads the numbers and scales them; Python creates its own kernel."""
     written = vv.ThermalKernel(kernel=SUM, shift=LAWS["wlf"])
     vv.write_kernel(written, tmp_path / "rubber.json")
     path = scene(tmp_path, "temperature=35 ")

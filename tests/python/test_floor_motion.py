@@ -1,4 +1,4 @@
-"""Bodies on a floor that moves in six components, beside absolute motions with moved feet."""
+"""Bodies on a floor that moves in six components, against absolute motions with moving feet."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 MASS, INERTIA = 40.0, np.array([1.0, 1.2, 1.5])
-#: In threes: a foot each, so that a weight along z turns nothing.
+#: A threefold arrangement of feet, so that a weight along z causes no rotation.
 PLACES = np.array([(0.3, 0.0, 0.05), (-0.15, 0.26, 0.05), (-0.15, -0.26, 0.05)])
 K, C, CUBIC = np.array([2e4, 2e4, 5e4]), np.array([30.0, 30.0, 50.0]), 3e9
 WEIGHT, RATE = 3.0, 20.0
@@ -15,7 +15,7 @@ FLOOR = np.array([2, 1j, 1 - 1j, 3j, -2, 1.5 + 2j]) * 1e-3
 
 
 def some_body(*, places=PLACES, cubic=0.0, memory=False, **options):
-    """A body on three feet, isotropic across."""
+    """A body on three feet, isotropic in the horizontal plane."""
     feet = [
         vv.MountPoint(
             name=f"foot{i}", position=p, stiffness=K, damping=C,
@@ -48,7 +48,7 @@ def feet_moved(floor, rate, cubic, start, t_end, memory):
 
 
 def test_linear_response_is_that_of_moved_feet():
-    """Weight and rotor keep to space: (K + i w C)(u - y) - i w h x u - w^2 M u = tilted weight."""
+    """Weight and rotor fixed in space: (K + i w C)(u - y) - i w h x u - w^2 M u = tilted weight."""
     spin, gravity = np.array([2.0, -3.0, 20.0]), np.array([1.0, -2.0, -9.0])
     body = some_body(spin=spin)
     heavy = some_body(gravity=gravity)
@@ -65,7 +65,7 @@ def test_linear_response_is_that_of_moved_feet():
         np.testing.assert_allclose(
             body.base_transmissibility([nu], FLOOR)[0], right[:3], rtol=1e-12
         )
-        # In a frame that tilts with the floor the weight is -phi x W more.
+        # In the frame of the tilting floor the weight changes by -phi x W.
         geometric = heavy._stiffness_at_rest - stiff
         whole = stiff + geometric + 1j * nu * damp - nu**2 * MASSES
         tilted = np.r_[-np.cross(FLOOR[3:], MASS * gravity), np.zeros(3)]
@@ -75,7 +75,7 @@ def test_linear_response_is_that_of_moved_feet():
 
 
 def test_small_motions_of_the_floor_are_those_of_a_floor_that_turns():
-    """Newton and Euler with feet and axes that move, a weight and a rotor: apart by the square."""
+    """Newton-Euler with moving feet and axes, a weight and a rotor: second-order differences."""
     spin, pull = np.array([2.0, -3.0, 20.0]), np.array([0, 0, -9.81])
     body = some_body(gravity=9.81, spin=spin)
     sag = body.sag().displacement
@@ -99,7 +99,7 @@ def test_small_motions_of_the_floor_are_those_of_a_floor_that_turns():
             for p in PLACES:
                 arm = turn @ p
                 d = tilt.T @ (place + arm - x) - p + sag[:3]
-                # The rate as seen from the floor.
+                # The rate relative to the floor.
                 seen = speed + turn @ np.cross(w, p) - v - omega @ (place + arm - x)
                 force = -tilt @ (K * d + C * (tilt.T @ seen))
                 push, moment = push + force, moment + np.cross(arm, force)
@@ -123,7 +123,7 @@ def test_small_motions_of_the_floor_are_those_of_a_floor_that_turns():
 
 @pytest.mark.parametrize("memory", [False, True])
 def test_a_record_of_six_columns(memory):
-    """In time, progressive, a record of its own for each component: absolute motions by SciPy."""
+    """In time, progressive, a separate record for each component: absolute motions by SciPy."""
     body = some_body(cubic=CUBIC, memory=memory)
     times = np.linspace(0, 0.5, 11)
     values = 3e-3 * np.random.default_rng(1).normal(size=(11, 6))
@@ -141,7 +141,7 @@ def test_a_record_of_six_columns(memory):
 
 
 def test_a_floor_that_stays_tilted():
-    """Corners, and a weight: the body ends where the tilted weight holds it."""
+    """Corners, and a weight: the final position balances the tilted weight."""
     body = some_body(gravity=9.81)
     ramp = vv.LoadTable(times=[0.1, 0.2], values=[np.zeros(6), [0, 0, 0, 0, 2e-3, 0]])
     run = vv.simulate(body, 20.0, base=ramp, initial=np.zeros(12), dt=0.005)
@@ -153,7 +153,7 @@ def test_a_floor_that_stays_tilted():
 
 
 def test_nonlinear_response_branches_and_forces():
-    """With memory: a response is an absolute motion of SciPy; branches are of such."""
+    """With memory: a response is an absolute motion by SciPy, and so are points of branches."""
     body, nu = some_body(cubic=CUBIC, memory=True), 40.0
     given = {"base": FLOOR, "harmonics": 13, "method": "newton", "tolerance": 1e-8}
     found = vv.forced_response(body, [nu], **given)
@@ -198,7 +198,7 @@ def test_nonlinear_response_branches_and_forces():
     np.testing.assert_allclose(at, branch.coefficients[3], atol=1e-9)
     up = vv.trace_response(body, load_range=(0.1, 1.0), nu=nu, stability=False, **given)
     np.testing.assert_allclose(up.coefficients[-1], x[:, : up.harmonics.size], atol=1e-8)
-    # The floor goes along with the factor.
+    # The load factor also scales the floor motion.
     scaled = up.load_factor[:, np.newaxis] * (ROWS @ FLOOR)
     fundamental = up.coefficients[..., up.harmonics == 1] @ np.ones(1)
     deflected = body.mount_forces(up).deflection[..., up.harmonics == 1].reshape(-1, 9)
@@ -206,7 +206,7 @@ def test_nonlinear_response_branches_and_forces():
 
 
 def test_slopes_of_a_branch_with_weight_and_rotor():
-    """The slope by frequency knows what hangs on space: few steps of the corrector each."""
+    """The frequency derivative includes weight and rotor: few corrector steps per point."""
     body = some_body(cubic=CUBIC, gravity=9.81, spin=(2.0, -3.0, 20.0))
     given = {"base": 0.2 * FLOOR, "harmonics": 9, "tolerance": 1e-5}
     branch = vv.trace_response(body, (5.0, 60.0), stability=False, **given)
@@ -218,7 +218,7 @@ def test_slopes_of_a_branch_with_weight_and_rotor():
 
 
 def test_exact_geometry_on_a_floor_that_goes_round():
-    """Along x and y, a quarter apart, finite rotations: absolute motions by SciPy."""
+    """Along x and y, a quarter period apart, finite rotations: absolute motions by SciPy."""
     body = some_body(geometry="exact", load_axes="space")
     base, nu = np.array([8e-3, 8e-3j, 2e-3]), 25.0
     start = np.zeros(12)

@@ -1,4 +1,4 @@
-"""Relative and absolute errors wanted of motions in frequency, held against integration in time."""
+"""Relative and absolute tolerances of motions in frequency, against integration in time."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from scipy.special import ellipk
 MASS = np.array([1.0, 400.0])
 STIFFNESS = np.array([[3.0, -1.0], [-1.0, 700.0]])
 DAMPING = np.diag([0.2, 8.0])
-#: The second coordinate moves a thousandth of the first.
+#: The second coordinate has a thousandth of the amplitude of the first.
 BODY = vv.PolynomialSystem(
     mass=np.diag(MASS), stiffness=STIFFNESS, damping=DAMPING, names=("x", "y"),
     forces={"x": "x^3"},
@@ -56,7 +56,7 @@ def test_errors_keep_within_what_is_allowed(truth, method, rtol, atol):
     off = np.abs(found[:, :16] - true).max(axis=1)
     assert np.all(off <= atol + (rtol * size + 1e-10) / np.sqrt(MASS))
     assert motion.complete
-    # Neither is a number that does nothing.
+    # Both tolerances have an effect.
     if rtol == 1e-5 and method == "newton":
         assert motion.iterations[0] < vv.forced_response(
             BODY, 0.9, load=load, method=method
@@ -65,7 +65,7 @@ def test_errors_keep_within_what_is_allowed(truth, method, rtol, atol):
 
 @pytest.mark.parametrize("size", [1, 1e-9])
 def test_a_relative_error_holds_however_small_the_motion(size):
-    """Where sizes differ by s and the cubic force by 1/s^2 nothing else does."""
+    """If sizes differ by s and the cubic force by 1/s^2, nothing else differs."""
     scaled = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=f"{size**-2:.17g}*x^3")
     for method in ("newton", "successive"):
         one, other = (
@@ -84,7 +84,7 @@ def test_an_absolute_error_spares_corrections_of_small_motions():
     loose = vv.forced_response(DUFFING, nu, load=load, method="newton", atol=1e-5)
     assert loose.iterations.sum() < 0.7 * exact.iterations.sum()
     assert np.abs(loose.amplitude("x") - exact.amplitude("x")).max() < 1e-5
-    # No false word of what is missing, and none too few where the absolute error is small.
+    # No unjustified warning, and enough harmonics for a small absolute error.
     assert loose.complete
     assert (loose.truncation * np.abs(loose.coefficients).max(axis=(1, 2)) < 1e-5).all()
 

@@ -1,11 +1,11 @@
-"""Jenkins elements: published motions, the derivatives of the cycle, and the energy of a loop."""
+"""Jenkins elements: published motions, derivatives over the cycle, and the energy of a loop."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: First harmonics at Omega = 0.9 of NLvib's example 07 (Krack and Gross: three masses, two sliders,
-#: cubic springs and a gap), by integration in time by two programs of our own.
+#: First harmonics at Omega = 0.9 of example 07 of NLvib (Krack and Gross: three masses, two
+#: sliders, cubic springs and a gap), by time integration with two independent programs.
 INTEGRATED = [0.051207, 0.101376, 0.085174]
 CHAIN = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
 
@@ -23,7 +23,7 @@ def three_masses():
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_three_masses_of_nlvib():
-    """First harmonics of the steady motion, to what the reference has."""
+    """First harmonics of the steady motion, to the digits of the reference."""
     found = vv.forced_response(three_masses(), [0.9], load=[0, 1, 0], method="newton", harmonics=63)
     first = np.abs(found.coefficients[0][:, found.harmonics == 1]).ravel()
     np.testing.assert_allclose(first, INTEGRATED, atol=6e-7)
@@ -38,7 +38,7 @@ def slider(limit=0.3, **more):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_branch_and_its_losses():
-    """What the load feeds in a cycle is lost in the damper and the slider; stability is unknown."""
+    """The work of the load equals the loss of damper and slider; stability is unknown."""
     branch = vv.trace_response(slider(), (1.2, 3.0), load=[1.0], harmonics=31, stability=True)
     assert branch.outcome == "completed"
     theta = 2 * np.pi * np.arange(2000) / 2000
@@ -55,7 +55,7 @@ def test_branch_and_its_losses():
 
 
 def test_what_never_slides_is_a_spring():
-    """Below its limit it is linear; then nothing is lost in it."""
+    """Below its limit it is linear and dissipates nothing."""
     found = vv.forced_response(slider(10.0), [1.2], load=[0.1], method="newton")
     expected = 0.1 / (6 - 1.2**2 + 0.05j * 1.2)
     first = found.coefficients[0, 0, found.harmonics == 1][0]
@@ -64,7 +64,7 @@ def test_what_never_slides_is_a_spring():
 
 
 def test_energy_of_a_loop():
-    """4 F_s (a - F_s/k), of several cycles at once."""
+    """4 F_s (a - F_s/k), for several cycles at once."""
     element = vv.Jenkins(on="x1", stiffness=4, limit=2)
     a = np.array([0.4, 1.0, 3.0])
     d = a[:, np.newaxis] * np.sin(2 * np.pi * np.arange(400) / 400)
@@ -99,6 +99,6 @@ def test_energy_of_a_loop():
     ],
 )  # fmt: skip
 def test_what_is_refused(call, told):
-    """One line that names it."""
+    """One line that names the argument."""
     with pytest.raises(vv.InputError, match=told):
         call()

@@ -1,4 +1,4 @@
-"""Stability of motions with a slider beside memory, against disturbed motions in time."""
+"""Stability of motions with a slider and memory, against perturbed motions in time."""
 
 import numpy as np
 import pytest
@@ -8,11 +8,11 @@ pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 
 
 def disturbed(case, nu, orders, x, periods, steps):
-    """Distance of disturbed motions after each period, shape (periods, n); nu (n,), x (n, m).
+    """Distance of perturbed motions after each period, shape (periods, n); nu (n,), x (n, m).
 
     Runge-Kutta's method for x'' + c x' + (1 + kappa) x + beta x^3 + z - kappa m = P sin(nu t), with
-    m' = weight x - rate m and a slider z' = k x' within |z| <= limit, begun where the harmonics are
-    and a thousandth beside.
+    m' = weight x - rate m and a slider z' = k x' within |z| <= limit. The motions start at the
+    harmonics and at a distance of a thousandth.
     """
     c, kappa, weight, rate, beta, stiffness, limit, force = case
     waves = np.exp(2j * np.pi * np.outer(orders, np.arange(4001) / 2000))
@@ -64,7 +64,7 @@ def test_verdicts_beside_memory_are_right(seed):
     system = vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[c]], elements=elements)
     branch = vv.trace_response(system, (0.9, 5), load=case[7], harmonics=21, tolerance=0.02)
     verdicts = list(branch.stable)
-    # Where the slider does not stick all the time.
+    # Motions in which the slider slips.
     slips = np.abs(branch.coefficients[:, 0, 0]) > 1.5 * case[6] / case[5]
     known = np.flatnonzero([v is not None and s for v, s in zip(verdicts, slips, strict=True)])
     assert known.size > 0.95 * slips.sum() > 10

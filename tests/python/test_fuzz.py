@@ -1,4 +1,4 @@
-"""The fuzzer of the Python face: what it found stays mended, and it finds what is wrong."""
+"""The fuzzer of the Python interface: earlier findings stay fixed, and it detects faults."""
 
 import inspect
 import sys
@@ -57,7 +57,7 @@ def test_all_that_is_public_is_called(fuzz):
             continue
         fields = getattr(value, "__dataclass_fields__", {})
         assert name in named or fields, name
-    # A method needs an object, which a sound call must give.
+    # A method needs an object, which a valid call must create.
     made = fuzz["runner"].makers()["makers"]
     missing = {callee.of for callee in api.callees if callee.of} - made.keys() - {""}
     assert not missing, f"SOUND of tests/fuzz/calls.py gives none of {missing}"
@@ -81,19 +81,19 @@ def test_what_is_wrong_is_found(fuzz, monkeypatch, instead, verdict):
 
 
 def test_a_chunk_that_is_believed_wrongly_is_found(fuzz, monkeypatch):
-    """Without seals swapped chunks pass; the checkpoints of the fuzzer see it."""
+    """Without checksums swapped chunks would be accepted; the fuzzer detects it."""
     from viscovib.sweeps.seal import Seals
 
     seeds = [f"{i}" for i in range(40)]
     sound = {fuzz["damage"].checkpoint(seed)["verdict"] for seed in seeds[:6]}
     assert sound <= {"done", "refused with a line"}
     monkeypatch.setattr(Seals, "fits", lambda *_: True)
-    # Seed 6 swaps chunks, so it comes first.
+    # Seed 6 swaps chunks, so it runs first.
     rest = seeds[6:] + seeds[:6]
     assert any(fuzz["damage"].checkpoint(seed)["verdict"] == "not the same" for seed in rest)
 
 
-#: Each has what one language takes for an end or a beginning.
+#: Each text contains characters that end or begin something in some language.
 TEXTS = (
     '\'""" + __import__("os") + """\\ {x} %s `id` $(id)',
     "</pre><script>alert(1)</script><img src=x onerror=alert(1)>' onmouseover='alert(1)",
@@ -107,8 +107,8 @@ TEXTS = (
     "place", ["in_python", "in_page", "in_report", "in_notebook", "in_namelist", "in_picture"]
 )
 def test_texts_of_users_stay_texts(fuzz, place):
-    """Code, pages, tables and scenes made with them have the structure that a plain word gives."""
-    # Where a picture is drawn for each text, those that are admissible together.
+    """Code, pages, tables and scenes have the structure of those with a plain word."""
+    # Where a figure is drawn for each text, the allowed texts are combined.
     slow = place in ("in_page", "in_report", "in_notebook")
     for text in (" ".join(TEXTS[:4]), *TEXTS[4:]) if slow else TEXTS:
         assert getattr(fuzz["texts"], place)(text) == ""
@@ -135,14 +135,14 @@ def test_calls_run_in_a_process_with_limits(fuzz, tmp_path):
         assert late["verdict"] == "stopped at a given limit"
         fallen = ask(job="call", text="__import__('os').kill(__import__('os').getpid(), 11)")
         assert fallen["verdict"] == "signal"
-        # A new process goes on.
+        # A new process is started.
         assert ask(job="call", text="vv.Plan('x')")["verdict"] == "done"
     finally:
         part.worker.close()
 
 
 def test_threads_write_one_file_in_turn(tmp_path):
-    """Each call ends well, and what stays is one of them, whole."""
+    """Each call succeeds, and the final file is that of one call."""
     kernel = vv.PronyKernel(weights=[0.1] * 200, rates=[1.0 + i for i in range(200)])
     with ThreadPoolExecutor(8) as pool:
         for done in [pool.submit(vv.write_kernel, kernel, tmp_path / "k.json") for _ in range(200)]:

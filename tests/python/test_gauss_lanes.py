@@ -1,4 +1,4 @@
-"""Ensembles by Gauss's collocations, trajectories side by side in the lanes."""
+"""Ensembles by Gauss collocation, several trajectories in vector lanes."""
 
 import math
 
@@ -79,7 +79,7 @@ def test_exponents_are_those_of_an_explicit_method():
         run(method, dt, lyapunov="all", **given)
         for method, dt in (("gauss8", 0.2), ("verner9", 0.05))
     )
-    # The motion is chaotic, so that rounding grows; exponents add up to minus the damping.
+    # The motion is chaotic, so rounding errors grow; the sum of exponents is minus the damping.
     assert np.abs(gauss.spectrum - explicit.spectrum).max() < 1e-6
     assert abs(gauss.spectrum.sum() + 0.1) < 1e-9
 

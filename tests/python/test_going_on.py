@@ -1,4 +1,4 @@
-"""Runs that go on: bit for bit, under other loads, with an estimate of the error, or refused."""
+"""Resumed runs: bitwise equal, under other loads, with an error estimate, or refused."""
 
 import math
 import pickle
@@ -15,7 +15,7 @@ SINGULAR = vv.RabotnovKernel(amplitude=0.3, alpha=0.3, beta=0.5)
 
 
 def chain(rng, kernel):
-    """Two masses in a row on a base, the first spring cubic, with memory or without."""
+    """Two masses in a row on a base, the first spring cubic, with or without memory."""
     k, c = rng.uniform(1, 5, 2), rng.uniform(0.05, 0.3, 2)
     links = np.array([[1.0, 0.0], [-1.0, 1.0]])
     body = vv.PolynomialSystem(
@@ -30,7 +30,7 @@ def chain(rng, kernel):
 
 
 def motion(body, memory, parts):
-    """The last state by SciPy: parts end at times, with a load and a base as functions."""
+    """The final state by SciPy: parts end at times, each with functions for load and base."""
     mass, stiffness, damping = body.mass, body.stiffness, body.damping
     y = np.zeros(8 if memory else 4)
     begin = 0.0
@@ -62,7 +62,7 @@ def still(t):
 
 @pytest.mark.parametrize("memory", [None, "exponentials", "direct"])
 def test_other_loads_act_from_there_on(memory):
-    """Loads, tables of forces and of bases, none: each against SciPy, the past kept."""
+    """Loads, tables of forces and of base motions, none: each against SciPy, with the past."""
     rng = np.random.default_rng(21)
     job = {} if memory is None else {"memory": memory}
     for _ in range(3):
@@ -120,7 +120,7 @@ def test_other_loads_act_from_there_on(memory):
 
 @pytest.mark.parametrize("loads", ["force", "base", "load"])
 def test_a_singular_kernel_sees_the_jump_to_another_load(loads):
-    """Fitted to follow the jump, the exponentials agree with all of the past, whatever the step."""
+    """Exponentials fitted for the jump agree with the whole past, for any step size."""
     body = chain(np.random.default_rng(22), SINGULAR)
     other = {
         "force": {"force": vv.LoadTable(times=[2, 3.123], values=[0.4, -0.3])},
@@ -144,7 +144,7 @@ def test_a_singular_kernel_sees_the_jump_to_another_load(loads):
     ],
 )
 def test_slow_exponentials_of_a_structure_stay_under_other_loads(kernel):
-    """The sum that stands for a kernel is that of the first run, however far the next one goes."""
+    """A resumed run uses the kernel sum of the first run, however long it is."""
     force = {"stiffness": 0.3, "kernel": kernel}
     lone = vv.Structure(
         mass=[2.0], stiffness=[[9.8]], damping=[[0.03]],
@@ -173,7 +173,7 @@ def test_times_may_be_chosen_where_steps_hold_several_states():
 
 
 def test_a_load_that_wakes_a_coordinate_left_out():
-    """What stood still was not computed; now it moves, and remembers that it stood still."""
+    """A coordinate at rest was not computed; now it moves, with a past at rest."""
     body = vv.PolynomialSystem(
         mass=np.eye(2), stiffness=np.diag([3.0, 5.0]), damping=0.1 * np.eye(2), kernel=PRONY
     )
@@ -212,7 +212,7 @@ def test_a_pendulum_goes_on_under_other_loads():
     [(None, "auto"), (PRONY, "auto"), (PRONY, "direct"), (SINGULAR, "direct"), (SINGULAR, "auto")],
 )
 def test_bit_for_bit_where_it_is_said(kernel, memory):
-    """Equal steps without fitted kernels; else to the tolerance of the fit."""
+    """Bitwise for equal steps without fitted kernels; else to the tolerance of the fit."""
     rng = np.random.default_rng(24)
     for _ in range(3):
         body = chain(rng, kernel)
@@ -238,7 +238,7 @@ def test_a_run_read_back_goes_on():
 
 
 def test_the_estimate_is_that_of_the_whole_run():
-    """From the first start on: the error that the earlier part left counts too."""
+    """From the first start: the error of the earlier part is included."""
     body = chain(np.random.default_rng(25), PRONY)
     job = {"dt": 0.5, "method": "gauss2", "load": 0.5, "nu": 1.1, "initial": [0.4, 0, 0.2, 0]}
     whole = vv.simulate(body, 10, estimate_error=True, **job)
@@ -291,7 +291,7 @@ def test_a_kernel_fitted_for_a_short_run_serves_one_a_hundred_times_as_long(kern
 
 @pytest.mark.parametrize("seed", range(4))
 def test_other_loads_leave_no_coordinate_behind(seed):
-    """Two masses that do not act on each other move as each does alone, whichever is loaded."""
+    """Two uncoupled masses move as separate masses, whichever is loaded."""
     rng = np.random.default_rng(seed)
     k, f = rng.uniform(1, 3, 2), rng.uniform(0.05, 0.2, 2)
     kinds, *loaded = rng.integers(0, 2, (3, 2))
@@ -317,7 +317,7 @@ def test_other_loads_leave_no_coordinate_behind(seed):
 
 @pytest.mark.parametrize("first", ["load", "force"])
 def test_loads_and_tables_take_turns_beside_elements(first):
-    """A constant load as a number and as a table, one after the other: what sliders know stays."""
+    """A constant load as a number and as a table in turn: slider states are kept."""
     rng = np.random.default_rng(5)
     for n in (2, 8):
         k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
@@ -380,7 +380,7 @@ def test_runs_whose_step_was_found_go_on_to_any_time(kind):
 
 
 def test_the_last_time_is_the_end_itself():
-    """Not the rounded product of steps and their length."""
+    """Not the rounded product of steps and step size."""
     rng = np.random.default_rng(3)
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1)
     for i in range(40):
@@ -393,7 +393,7 @@ def test_the_last_time_is_the_end_itself():
 
 
 def test_what_a_structure_keeps_is_where_the_mask_of_its_state_says():
-    """Without damping that couples modes there are no poles, and nothing is kept of any."""
+    """Without damping that couples modes there are no poles, and no states for them."""
     for damping in (0.1 * np.eye(2), np.array([[0.3, -0.1], [-0.1, 0.2]])):
         system = vv.Structure(
             mass=np.diag([1.0, 2.0]), damping=damping, stiffness=[[3.0, -1.0], [-1.0, 2.0]],
@@ -405,7 +405,7 @@ def test_what_a_structure_keeps_is_where_the_mask_of_its_state_says():
 
 
 def test_any_end_may_be_gone_on_from():
-    """Whatever the last digit of its time: steps times their length may exceed the end."""
+    """For any last digit of its end time: steps times step size may exceed the end."""
     system = vv.Structure(
         mass=[2.0, 0.7], stiffness=[[1.99, -0.79], [-0.79, 2.19]], rayleigh=(0.01, 0.01),
         elements=[vv.Spring(on="x2", law="0.3*d^3")],

@@ -61,7 +61,7 @@ def test_scenes_of_pages_are_whole(tmp_path):
 
 
 def test_links_between_pages_lead_somewhere():
-    # `./run docs` follows the links of the built site, those of pages it makes too.
+    # `./run docs` checks the links of the built site, including generated pages.
     sources = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
     made = ("docs/gallery/", "docs/reference/python/names/", "docs/fortran/", "out/")
     broken = []

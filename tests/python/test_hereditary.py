@@ -1,4 +1,4 @@
-"""Motion with memory: against independent programs, harmonic balance, roots and itself."""
+"""Motion with memory: against independent programs, harmonic balance and roots."""
 
 import json
 import math
@@ -17,7 +17,7 @@ REFERENCE = json.loads((DATA / "mount_memory_reference.json").read_text())["time
 @pytest.mark.parametrize("case", REFERENCE, ids=lambda case: f"{case['start']} t={case['t']}")
 @pytest.mark.parametrize("memory", ["exponentials", "direct"])
 def test_reference_values(mount, case, memory):
-    # Direct sums over 200 steps and more are no more exact, only slower.
+    # Direct sums with 200 steps or more are slower and not more accurate.
     if memory == "direct" and case["t"] > 10:
         pytest.skip("the same weights as in the shorter runs")
     system = mount(case["A"], cubic_scale=1.0 if case["nonlinear"] else 0.0)
@@ -27,7 +27,7 @@ def test_reference_values(mount, case, memory):
     run = vv.simulate(system, case["t"], dt=0.1, initial=start, memory=memory, **load)
     expected = [float(value) for value in case["value"]]
     assert run.outcome == "completed"
-    # The nonlinear values are sure to 11 digits or more, see data/README.md.
+    # The nonlinear values have 11 correct digits or more, see data/README.md.
     assert np.abs(run.state[-1, ::2] - expected).max() < (1e-12 if case["nonlinear"] else 1e-13)
 
 
@@ -41,7 +41,7 @@ def test_reference_values(mount, case, memory):
 )
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_the_error_tells_what_sums_of_exponentials_leave(kernel):
-    """Their lattices coincide in steps h and h/2 where a spacing is log(2)."""
+    """Their quadrature nodes coincide for steps h and h/2 if the spacing is log(2)."""
     body = vv.Mount(
         mass=1.9, inertia=0.3, offset=0.4, stiffness_x=9, stiffness_phi=3, kernel=kernel
     )
@@ -98,7 +98,7 @@ def test_long_run_is_the_steady_response(mount, geometry):
 
 
 def test_printed_geometry_settles_on_its_steady_response(mount):
-    # The printed signs soften: at a small load the motion stays bounded.
+    # With the printed signs springs soften: the motion is bounded for a small load.
     system = mount(geometry="printed")
     t = 700 + 2 * np.pi / 0.7 * np.arange(64) / 64
     run = vv.simulate(system, t[-1], dt=0.125, load=0.1, nu=0.7, times=t)
@@ -117,7 +117,7 @@ def test_slow_mode_grows_like_its_root(mount):
     means = run.state[:16, 0].mean(), run.state[16:, 0].mean()
     rate = math.log(means[1] / means[0]) / 14990
     assert rate == pytest.approx(6.235198e-4, rel=2e-6)
-    # From above and below by the roots of the two modes, which both grow.
+    # The growth rate is the largest real root.
     assert rate == pytest.approx(system.characteristic_roots().real[0], rel=1e-4)
 
 
@@ -160,7 +160,7 @@ def test_base_motion_is_the_steady_one_in_the_end(mount):
     steady = vv.forced_response(system, [1.3], base=0.05, method="newton")
     found = 2j * np.mean(run.state[:, 0] * np.exp(-1.3j * t))
     assert abs(found - steady.coefficients[0, 0, 0]) < 1e-11
-    # At first the body rests while the base moves: x and x' are the body's own.
+    # Initially the body rests while the base moves: x and x' are absolute.
     start = vv.simulate(system, 0.01, dt=0.01, base=0.05, nu=1.3)
     assert start.state[0].tolist() == [0, 0, 0, 0]
     assert abs(start.state[1, 1]) < 1e-4 < 0.05 * 1.3
@@ -174,7 +174,7 @@ def test_load_tables(mount):
     exact = vv.simulate(system, 10, dt=0.1, load=0.5, nu=1.5)
     assert np.abs(run.state - exact.state).max() < 1e-9
     assert sine(0.3) == pytest.approx(0.5 * math.sin(0.45), abs=1e-10)
-    # A constant as a table and as a load of order 0; the second coordinate too.
+    # A constant as a table and as a load of harmonic 0; also on the second coordinate.
     flat = vv.LoadTable(times=[0, 10], values=[[0.1, 0.02], [0.1, 0.02]])
     one = vv.simulate(system, 8, dt=0.1, force=flat)
     two = vv.simulate(system, 8, dt=0.1, load={0: [0.1j, 0.02j]})
@@ -183,7 +183,7 @@ def test_load_tables(mount):
 
 
 def test_creep_goes_to_the_relaxed_stiffness(mount):
-    """Under a constant force the displacement settles at that of K (1 - integral of R)."""
+    """Under a constant force the displacement approaches that of K (1 - integral of R)."""
     system = mount(0.02, cubic_scale=0.0, damping=[[2.0, 0], [0, 0.2]])
     run = vv.simulate(system, 400, dt=0.2, load={0: [0.1j, 0]}, keep="last")
     stiffness = np.array([[10, -5], [-5, 4.5]]) * (1 - system.kernel.integral)
@@ -192,13 +192,13 @@ def test_creep_goes_to_the_relaxed_stiffness(mount):
 
 @pytest.mark.parametrize("memory", ["exponentials", "direct"])
 def test_what_was_held_is_remembered(mount, memory):
-    """Held for ever by the force that relaxation left, the body stays where it is."""
+    """Held for ever by the relaxed force, the body stays where it is."""
     system = mount(cubic_scale=0.0)
     where = np.array([0.1, 0.05])
     force = np.array([[10, -5], [-5, 4.5]]) @ where * (1 - system.kernel.integral)
     run = vv.simulate(system, 5, dt=0.2, load={0: 1j * force}, held=where, memory=memory)
     assert np.abs(run.state - [0.1, 0, 0.05, 0]).max() < 1e-15
-    # A body that came to rest there long ago under that force moves on alike when let go.
+    # A body that came to rest there long ago under that force moves in the same way when released.
     let_go = vv.simulate(system, 5, dt=0.2, held=where, memory=memory)
     fresh = vv.simulate(system, 5, dt=0.2, initial=[0.1, 0, 0.05, 0], memory=memory)
     assert np.abs(let_go.state[-1] - fresh.state[-1]).max() > 1e-3
@@ -224,7 +224,7 @@ def test_runs_go_on_bit_for_bit(mount, memory):
     short = vv.simulate(mount(), 0.2, **job)
     if memory == "direct":
         assert (rest.state[-1] == whole.state[-1]).all()
-    # Exponentials reach 100 times as far as a run was meant to go, so other ends differ.
+    # Kernel sums are valid for 100 times the intended run time, so other end times differ.
     assert np.abs(rest.state[-1] - whole.state[-1]).max() < 1e-13
     assert (rest.state == again.state).all()
     assert np.abs(vv.simulate(mount(), 12, resume=short).state[-1] - whole.state[-1]).max() < 1e-12
@@ -262,7 +262,7 @@ def test_other_kernels_fast_and_direct(mount):
 
 
 def test_one_exponential_is_an_ordinary_motion(mount):
-    """With R = w exp(-r t) the memory is one more ordinary equation a spring."""
+    """With R = w exp(-r t) the memory is one additional ordinary equation per spring."""
     system = mount(kernel=vv.PronyKernel(weights=[0.4], rates=[1.3]), cubic_scale=0.0)
     stiffness = np.array([[10, -5], [-5, 4.5]])
 
@@ -308,7 +308,7 @@ def test_sums_of_exponentials(alpha, tolerance):
 
 
 def test_large_motion_in_large_steps(mount):
-    """Where the plain iteration contracts slowly (14 turns a step) Newton's method takes over."""
+    """Where the simple iteration converges slowly (14 per step), Newton's method is used."""
     system = mount(damping=[[0.5, 0], [0, 0.05]], geometry="exact")
     coarse = vv.simulate(system, 2, dt=0.1, load=300.0, nu=1.5)
     fine = vv.simulate(system, 2, dt=0.01, load=300.0, nu=1.5)
@@ -385,7 +385,7 @@ def test_pendulums_take_no_loads():
 
 @pytest.mark.parametrize("geometry", ["cubic", "exact"])
 def test_a_known_past_is_remembered(mount, geometry):
-    """A run cut at t = 4, its first part given as the past of the second."""
+    """A run divided at t = 4; its first part is the past of the second."""
     system = mount(geometry=geometry)
     cut, n = 4.0, 400
     early = cut * np.arange(n + 1) / n
@@ -399,7 +399,7 @@ def test_a_known_past_is_remembered(mount, geometry):
             initial=whole.state[n], held=past, times=[1.0, 4.0],
         )  # fmt: skip
         errors.append(np.abs(rest.state - whole.state[n + 1 :]).max())
-    # Straight lines between the times: an error of the second order, and nothing else.
+    # Linear interpolation between the times: an error of second order.
     assert errors[0] < 2e-6
     assert errors[1] / errors[0] == pytest.approx(4, rel=0.05)
     forgetful = vv.simulate(
@@ -453,7 +453,7 @@ def test_resolution_tells_steps_too_large(mount):
 
 
 def test_a_limit_cycle_is_not_refused_for_a_coarse_run_that_stops():
-    """Rounding error is estimated by a perturbed run: a coarse one may end otherwise."""
+    """The rounding error is estimated by a perturbed run; coarse runs may end otherwise."""
     memory = vv.PronyKernel(weights=[0.2, 2.0], rates=[0.8, 30.0])
     rng = np.random.default_rng(8)
     starts = [[-0.6646972439034471, -0.2930872274864864, 2.03]]
@@ -465,7 +465,7 @@ def test_a_limit_cycle_is_not_refused_for_a_coarse_run_that_stops():
         run = vv.simulate(cycle, 80.0, initial=[x, v], load=0.92, nu=nu, times=[63.5])
 
         def slope(t, y, nu=nu):
-            # All forces, the damping of the law too, are behind the kernel.
+            # All forces, including the damping of the law, are behind the kernel.
             force = y[0] + 0.3 * (y[0] ** 2 - 1) * y[1]
             pull = force - 0.2 * y[2] - 2.0 * y[3] + 0.02 * y[1]
             return [y[1], 0.92 * np.sin(nu * t) - pull, force - 0.8 * y[2], force - 30.0 * y[3]]
@@ -475,7 +475,7 @@ def test_a_limit_cycle_is_not_refused_for_a_coarse_run_that_stops():
 
 
 def volterra(times, values, start, end, steps):
-    """Displacement at the end: velocity Verlet, the memory by the trapezoidal rule on its grid."""
+    """Final displacement: velocity Verlet, memory by the trapezoidal rule on its grid."""
     h = end / steps
     lags = round(times[-1] / h)
     kernel = h * np.interp(h * np.arange(lags + 1), times, values)
@@ -500,7 +500,7 @@ def volterra(times, values, start, end, steps):
     [([0, 0.5, 2, 6], [0.4, 0.2, 0.05, 0.02], 8.0), ([0, 0.5, 1], [0.4, 0.3, 0.2], 5.0)],
 )
 def test_steps_end_where_a_start_returns_through_the_end_of_a_table(times, values, end):
-    """These took half a minute, or were refused; reference: the Volterra equation, Richardson."""
+    """Regression: slow or refused runs. Reference: the Volterra equation with extrapolation."""
     kernel = vv.TabulatedKernel(times=times, values=values)
     system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.1, forces="0.5*x^3", kernel=kernel)
     run = vv.simulate(system, end, initial=[0.4, 0], load=0.3, nu=1.1, tolerance=1e-7)
@@ -511,10 +511,10 @@ def test_steps_end_where_a_start_returns_through_the_end_of_a_table(times, value
 
 
 def by_steps(times, values, stiffness, cubic, damping, load, nu, initial, t_end, length):
-    """Return x, x_dot at t_end: integrals of the spring force at the delays, from SciPy.
+    """Return x, x_dot at t_end, with delayed integrals of the spring force, by SciPy.
 
-    R is straight between knots t_i that are multiples of ``length`` and 0 after the last one. With
-    Y' = w and Z' = Y of the spring force w, the memory is R(0) Y + sum_i slope_i (Z(t - t_i) -
+    R is piecewise linear with knots t_i at multiples of ``length`` and 0 after the last knot. With
+    Y' = w and Z' = Y for the spring force w, the memory is R(0) Y + sum_i slope_i (Z(t - t_i) -
     Z(t - t_i+1)) - R(t_n) Y(t - t_n).
     """
     pieces = []
@@ -549,7 +549,7 @@ def by_steps(times, values, stiffness, cubic, damping, load, nu, initial, t_end,
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_a_table_that_ends_above_zero_keeps_the_order_of_the_steps():
-    """With a displacement at the start: steps that end at the knots see no delayed jump inside."""
+    """With an initial displacement: steps that end at the knots have no delayed jump inside."""
     rng = np.random.default_rng(3)
     for times in ([0, 0.5, 2, 3], [0, 0.5, 1], [0, 0.25, 0.75, 3.5]):
         values = np.sort(rng.uniform(0.02, 0.4, len(times)))[::-1].round(3)

@@ -1,4 +1,4 @@
-"""Stability with memory, against ordinary systems, integration in time and linear theory."""
+"""Stability with memory, against ordinary equations, time integration and linear theory."""
 
 import warnings
 
@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import gamma
 from tables import lines_without_plan
 
-#: Orders are fixed on purpose here; what they leave out is judged elsewhere.
+#: Fixed numbers of harmonics; the truncation is tested elsewhere.
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*do not reach the tolerance:viscovib.ConvergenceWarning"
 )
@@ -31,14 +31,14 @@ def body(**changes):
 
 
 def multipliers(nu, k, x, geometry):
-    """Of the mount on Prony springs, an ordinary system with two more states a spring force."""
+    """Multipliers of the mount on Prony springs, with two memory states per spring force."""
     period = 2 * np.pi / nu
     amplitudes, rates = np.asarray(PRONY.weights), np.asarray(PRONY.rates)
 
     def orbit(t):
         return (x * np.exp(1j * k * nu * t)).sum(axis=1).imag
 
-    # What each exponential holds of the spring's deflection along the orbit.
+    # Memory of each exponential for the spring deflection along the orbit.
     times = 2 * np.pi / nu * np.arange(512) / 512
     along = np.array([orbit(t) for t in times])
     stretched = np.fft.rfft(along[:, 0] - 0.5 * np.sin(along[:, 1])) / 512
@@ -98,8 +98,8 @@ def test_multipliers_are_those_of_an_ordinary_system(load, geometry):
         assert branch.stable[i] == (np.abs(all_of_them).max() <= 1)
         assert found.size >= 4
         assert np.abs(found[:, None] - all_of_them).min(axis=1).max() < 2e-6
-        # Those on and outside the circle are all there, and the least stable one. The orders left
-        # out of the motion, which both sides have in common, do not act alike on both.
+        # All multipliers on and outside the unit circle are found, and the least stable one.
+        # Omitted harmonics of the motion have different effects on both methods.
         off = 1e-6 + branch.truncation[i]
         assert np.abs(found).max() == pytest.approx(np.abs(all_of_them).max(), abs=off)
         assert (np.abs(found) > 1).sum() == (np.abs(all_of_them) > 1).sum()
@@ -108,7 +108,7 @@ def test_multipliers_are_those_of_an_ordinary_system(load, geometry):
 @pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
 @pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
 def test_without_memory_they_are_floquet_multipliers(geometry, load):
-    """A kernel of next to nothing asks for Hill's determinant."""
+    """A negligible kernel requires Hill's determinant."""
     plain = body(kernel=None, damping=0.02 * STIFFNESS, geometry=geometry)
     nothing = vv.PronyKernel(weights=[1e-14], rates=[1.0])
     same = body(kernel=nothing, damping=0.02 * STIFFNESS, geometry=geometry)
@@ -120,7 +120,7 @@ def test_without_memory_they_are_floquet_multipliers(geometry, load):
     assert [c.kind for c in one.crossings] == [c.kind for c in two.crossings]
     for i, k in zip(one.stops, two.stops, strict=True):
         assert one.stable[i] == two.stable[k]
-        # The kernel's own multiplier exp(-T) is one more.
+        # The kernel has the additional multiplier exp(-T).
         found = known(two.multipliers[k])
         own = np.abs(found - np.exp(-2 * np.pi / two.nu[k])) < 1e-9
         error = np.abs(found[~own, None] - one.multipliers[i]).min(axis=1)
@@ -141,14 +141,14 @@ def test_at_rest_they_are_the_characteristic_roots(amplitude, geometry):
     expected = np.concatenate([roots.oscillatory, roots.oscillatory.conj(), roots.real])
     branch = vv.trace_response(mount, (0.9, 3.1), load=0.0)
     assert (branch.stable == (roots.n_unstable == 0)).all()
-    # Two slow roots 5e-8 apart: where they are not told apart, nothing is said.
+    # Two slow roots 5e-8 apart: if they are not distinguished, the result is unknown.
     told = ~np.isnan(branch.exponents[:, 0])
     assert told.all() if amplitude == 0.048 else told.any()
     for nu, exponents in zip(branch.nu[told], branch.exponents[told], strict=True):
         found = known(exponents)
         assert found.size >= 4
         assert (found.real > 0).sum() == roots.n_unstable
-        # Odd orders alone: modulo 2 i nu, lambda being s + i nu.
+        # Odd harmonics only: modulo 2 i nu, with lambda = s + i nu.
         turns = (found[:, None] - expected) / nu
         turns = turns.imag - 1
         error = np.abs(found.real[:, None] - expected.real) + np.abs(
@@ -158,10 +158,10 @@ def test_at_rest_they_are_the_characteristic_roots(amplitude, geometry):
 
 
 def test_a_transient_decays_as_the_least_stable_exponent_says():
-    """Once a period, what is left of it obeys a recurrence of the second order."""
+    """Sampled once per period, the perturbation satisfies a recurrence of second order."""
     mount, nu, load = body(kernel=KERNEL), 1.5, 0.5
     branch = vv.trace_response(mount, nu=nu, load_range=(0.9, 1.0), load=load, harmonics=15)
-    # The motion's own: memory has a real one, slower still, that little of it goes to.
+    # The root of the motion: memory has a slower real root with a small amplitude.
     found = known(branch.multipliers[-1])
     assert abs(found[0].imag) < 1e-9
     assert 0 < found[0].real < 1
@@ -200,7 +200,7 @@ def test_creep_makes_every_motion_unstable(beta):
 
 
 def creeping(rng):
-    """A system of two coordinates that creeps, and the rates of a rest that is all springs."""
+    """A system of two coordinates that creeps, and the rates at rest without mass."""
     amplitude, alpha = 10 ** rng.uniform(-2.5, -0.5), rng.uniform(0.1, 0.7)
     beta = rng.choice([0.0, 10 ** rng.uniform(-9, -5)])
     kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=beta)
@@ -213,7 +213,7 @@ def creeping(rng):
 
     def determinant(t):
         s = np.exp(t)
-        # Abel: amplitude Gamma(alpha)/s^alpha; damped by beta, s + beta instead of s.
+        # Abel kernel: amplitude Gamma(alpha)/s^alpha; with beta, s + beta instead of s.
         kept = 1 - amplitude * gamma(alpha) / (s + beta) ** alpha
         return np.linalg.det(s**2 * np.diag([1, 2]) + s * damping * np.eye(2) + soft + kept * held)
 
@@ -224,7 +224,7 @@ def creeping(rng):
 
 
 def test_slow_creep_has_its_rate():
-    """However slow: small motions creep at the rates of rest, and large ones have rates too."""
+    """Small motions creep at the rates of rest, and large motions have rates too."""
     rng = np.random.default_rng(5)
     slow = 0
     for _ in range(30):
@@ -252,7 +252,7 @@ def test_slow_creep_has_its_rate():
 
 
 def test_springs_that_share_a_kernel_creep_side_by_side():
-    """Rates without mass are those where nothing is left of the springs: 1 = A Gamma(a)/s^a."""
+    """Rates without mass are those with zero remaining stiffness: 1 = A Gamma(a)/s^a."""
     for amplitude, alpha in ((1e-3, 0.3), (0.01, 0.1), (0.05, 0.3), (0.01, 0.7)):
         with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
             mount = body(kernel=vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=0))
@@ -265,7 +265,7 @@ def test_springs_that_share_a_kernel_creep_side_by_side():
 
 
 def test_a_polynomial_system_with_memory():
-    """An oscillator with x^2 and x^3 and one exponential: an ordinary system of three states."""
+    """An oscillator with x^2, x^3 and one exponential: ordinary equations with three states."""
     kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.3*x^2 + 0.5*x^3", kernel=kernel)
     branch = vv.trace_response(system, (0.5, 2.5), load=0.6, harmonics=15)
@@ -288,7 +288,7 @@ def test_a_polynomial_system_with_memory():
 
 
 def test_unknown_is_said(tmp_path):
-    """A coordinate without losses and coupling has its exponents on the axis."""
+    """A coordinate without losses and coupling has its exponents on the imaginary axis."""
     kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
     spring = vv.Springs(stiffness=[[0, 0], [0, 2]])
     system = vv.PolynomialSystem(
@@ -312,11 +312,11 @@ def test_unknown_is_said(tmp_path):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_slow_strong_motions_keep_enough_orders():
-    """Few harmonics of the motion, many of its disturbances; what is told as an exponent is one."""
+    """Few harmonics of the motion, many of its perturbations; reported exponents are true ones."""
     rng = np.random.default_rng(11)
     worst, judged, decided = 0.0, 0, 0
     for index in range(60):
-        # Single coordinates and pairs: three have exponents of memory side by side.
+        # Single coordinates and pairs: three have close exponents of the memory.
         model = chain(
             rng, 1 + index % 2, 0.03, memory=some_prony(rng, 0.3), quadratic=index % 3 == 0
         ).model()
@@ -338,7 +338,7 @@ def test_slow_strong_motions_keep_enough_orders():
         distance = np.abs(found[:, None] - true).min(1) / np.maximum(1, np.abs(found))
         assert distance.max() < 2e-8, (index, distance.max())
         worst = max(worst, distance.max())
-        if r.stable[0] is not None:  # Harmonics left out may decide it.
+        if r.stable[0] is not None:  # Omitted harmonics may decide it.
             decided += 1
             assert r.stable[0] == (np.abs(true) < 1).all()
     assert judged > 45
@@ -347,7 +347,7 @@ def test_slow_strong_motions_keep_enough_orders():
 
 
 def test_no_exponent_is_found_beside_the_divisors():
-    """Orders are odd: poles of the determinant's divisors are at i d/2, where a step once ended."""
+    """Odd harmonics: divisors of the determinant have poles at i d/2, where a step may end."""
     kernel = vv.PronyKernel(weights=[0.354, 0.0844], rates=[2.44, 1.42])
     system = vv.PolynomialSystem(
         mass=[1.81, 1.99], damping=[[0.016422, -0.004802], [-0.004802, 0.017192]],

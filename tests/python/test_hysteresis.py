@@ -34,7 +34,7 @@ def moved(rhs, start, periods=1, rtol=1e-11):
 
 @pytest.mark.parametrize("exponent", [1, 2, 1.5, 1.1, 2.3, 5.7])
 def test_a_loop_of_bouc_and_wen(exponent):
-    """Each stretch by SciPy's steps, and its work, to 1e-12 of the largest force."""
+    """Each part by the steps of SciPy, and its work, to 1e-12 of the largest force."""
     element, z, force, lost = joint(exponent), 0.0, [], 0.0
     d = [0.0, 1.2, -0.4, 0.9, -1.5]
     for _ in range(12):
@@ -59,7 +59,7 @@ def test_a_loop_of_bouc_and_wen(exponent):
 
 @pytest.mark.parametrize(("beta", "gamma"), [(1.0, 1.0), (0.7, 0.3), (2.0, -1.2), (1.0, 0.9)])
 def test_squared_states_follow_tangents(beta, gamma):
-    """Exponent 2: unloading by tan(q x)/q, loading by tanh(x), in the largest state as unit."""
+    """Exponent 2: unloading by tan(q x)/q, loading by tanh(x), in units of the largest state."""
     largest, q = (beta + gamma) ** -0.5, np.sqrt((beta - gamma) / (beta + gamma))
     element = vv.BoucWen(on="x1", stiffness=1.0, ratio=0, beta=beta, gamma=gamma, exponent=2)
     back = np.arctan(q) / q if q > 0 else 1.0
@@ -67,14 +67,14 @@ def test_squared_states_follow_tangents(beta, gamma):
     d = largest * np.array([-40, 40, 40 - 0.6 * back, 40 - back - 0.8])
     force = element.loop(d) / largest
     np.testing.assert_allclose(force, [-1, 1, down, -np.tanh(0.8)], atol=1e-12)
-    # Each way unloads to 0 and loads again.
+    # Each direction unloads to 0 and loads again.
     unloading = np.log1p(q**2) / (2 * q**2) if q > 0 else 0.5
     energy = 2 * (np.log(np.cosh(60 - back)) - unloading) * largest**2
     assert element.energy(largest * np.array([-30, 30])) == pytest.approx(energy, rel=1e-12)
 
 
 def test_exponents_cost_about_the_same():
-    """Paths in closed form for exponents 1 and 2, few terms of series for others."""
+    """Closed-form paths for exponents 1 and 2, a few terms of a series otherwise."""
     d = 1.5 * np.sin(np.linspace(0, 200, 20_000))
 
     def least(exponent):
@@ -91,7 +91,7 @@ def test_exponents_cost_about_the_same():
 
 
 def test_steady_motion_of_bouc_and_wen():
-    """Harmonics by SciPy's steps, within the truncation told; three multipliers by differences."""
+    """Harmonics by SciPy within the stated truncation; three multipliers by differences."""
     start = moved(bouc_wen, [0.0, 0, 0], 40)
     run = solve_ivp(
         bouc_wen, (0, PERIOD), start, "DOP853", rtol=1e-11, atol=1e-13, dense_output=True
@@ -115,7 +115,7 @@ def test_steady_motion_of_bouc_and_wen():
 
 
 def test_multipliers_of_sliders():
-    """One that slides has a multiplier that is exactly 0; one that sticks is a spring."""
+    """A sliding slider has the multiplier 0; a sticking slider is a spring."""
     slides = vv.Jenkins(on="x1", stiffness=2.0, limit=0.5)
     found = vv.forced_response(
         single(slides), [NU, 5.0], load=[1.0], method="newton", harmonics=15, stability=True
@@ -131,7 +131,7 @@ def test_multipliers_of_sliders():
 @pytest.mark.parametrize(("nu", "limit", "peak"),
                          [(0.8, 0.2, 2.7114152554), (1.2, 0.3, 2.072384268)])  # fmt: skip
 def test_den_hartog(nu, limit, peak):
-    """Dry friction without stops, his closed form: the order, its estimate, and its limit."""
+    """Den Hartog's closed form without sticking: the order, its estimate, and the limit."""
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, forces="R*sign(x_dot)", parameters={"R": limit}
     )
@@ -147,13 +147,13 @@ def test_den_hartog(nu, limit, peak):
         errors[orders] = np.ptp(u) / 2 / peak - 1
         assert abs(errors[orders]) < 1.3 * found.truncation[0] < 10 * abs(errors[orders])
     assert abs(errors[199]) < 1.5e-4
-    # Of first order, so that two of them tell the limit.
+    # First-order convergence, so two results give the limit.
     assert errors[99] / errors[199] == pytest.approx(200 / 100, rel=0.02)
     assert abs(2 * errors[199] - errors[99]) < 1e-6
 
 
 def test_branch_beside_a_gap():
-    """NLvib's example 03 (Krack and Gross): where motions double and begin to turn."""
+    """Example 03 of NLvib (Krack and Gross): period doubling and Neimark-Sacker points."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.PolynomialSystem(
         mass=[1, 1], stiffness=stiffness, damping=0.03 * stiffness,
@@ -167,7 +167,7 @@ def test_branch_beside_a_gap():
     # Published with five digits.
     assert places["period doubling"][0] == pytest.approx(0.75559, abs=5e-5)
     assert places["Neimark-Sacker"][0] == pytest.approx(0.61861, abs=5e-5)
-    # Where it begins to touch the linear motion is 1 high.
+    # Contact begins where the linear motion has the amplitude 1.
     omega = places["fold"][0]
     d = stiffness * (1 + 0.03j * omega) - omega**2 * np.eye(2)
     assert abs(np.linalg.solve(d, [0, 0.1])[0]) == pytest.approx(1, abs=1e-3)
@@ -175,7 +175,7 @@ def test_branch_beside_a_gap():
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_few_orders_pass_a_gap_too():
-    """The same with 21 orders: places are as far off as `truncation` says."""
+    """The same with 21 harmonics: the location errors are those of `truncation`."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.Structure(
         mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
@@ -189,7 +189,7 @@ def test_few_orders_pass_a_gap_too():
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("harmonics", [21, 31])
 def test_crossings_say_whether_they_are_sure(harmonics):
-    """Sure ones are published places; one without a place is no number that numpy warns of."""
+    """Certain ones are published locations; an unlocated one is None without a NumPy warning."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.Structure(
         mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
@@ -214,7 +214,7 @@ def test_crossings_say_whether_they_are_sure(harmonics):
     ],
 )
 def test_branches_pass_grazing(force, damping, load, orders):
-    """A contact shorter than a sample: missed now and then, it would make the equations jump."""
+    """A contact shorter than a sample, if missed, would make the equations jump."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.PolynomialSystem(
         mass=[1, 1], stiffness=stiffness, damping=damping * stiffness, forces={"x1": force}
@@ -227,7 +227,7 @@ def test_branches_pass_grazing(force, damping, load, orders):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_a_branch_that_turns_back_on_itself_ends_soon():
-    """Where a law that jumps is grazed: steps went to and fro for 1029 points."""
+    """Where a law with a jump is grazed, steps must not go to and fro."""
     system = vv.PolynomialSystem(
         mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[0.06, -0.02], [-0.02, 0.06]],
         names=["x", "y"], forces={"x": "where(x < -0.3714, 5.8204*(x + 0.1)^3, 0)"},
@@ -240,7 +240,7 @@ def test_a_branch_that_turns_back_on_itself_ends_soon():
 
 
 def test_parameters_of_laws_vary():
-    """A branch over a number in a law passes through motions of systems that have that number."""
+    """A branch over a parameter of a law passes through motions of systems with that value."""
 
     def system(c):
         return vv.PolynomialSystem(
@@ -271,7 +271,7 @@ def test_parameters_of_laws_vary():
 
 
 def test_an_iwan_is_its_sliders():
-    """Elements in parallel, each on its own, move the same."""
+    """Separate elements in parallel give the same motion."""
     k, limit = [1.0, 2.0, 0.5], [0.2, 0.7, 0.6]
     one = single(vv.Iwan(on="x1", stiffness=k, limit=limit))
     several = vv.Structure(
@@ -297,6 +297,6 @@ def test_an_iwan_is_its_sliders():
     ],
 )
 def test_what_is_refused(call, told):
-    """One line that names it."""
+    """One line that names the argument."""
     with pytest.raises(vv.InputError, match=told):
         call()

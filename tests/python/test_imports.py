@@ -1,4 +1,4 @@
-"""What importing the package loads: little, and public names are where they are said to be."""
+"""Modules loaded by importing the package, and locations of public names."""
 
 import ast
 import fcntl
@@ -17,7 +17,7 @@ MOUNT = "mass=1, inertia=1, offset=0.1, stiffness_x=1, stiffness_phi=1"
 
 
 def loaded(code: str, among: tuple[str, ...]) -> list[str]:
-    """Return which modules a fresh interpreter has loaded after some code."""
+    """Return the modules that a new interpreter has loaded after some code."""
     code = f"import sys\n{code}\nimport json\nprint(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = json.loads(done.stdout.splitlines()[-1])
@@ -78,7 +78,7 @@ def test_unknown_names_are_refused_as_everywhere() -> None:
 
 @pytest.mark.skipif(not (ROOT / ".venv/bin/ninja").exists(), reason="no checkout of ./run")
 def test_builds_of_two_imports_wait_for_each_other() -> None:
-    """A process that imports a stale checkout builds only when no other process does."""
+    """A process that imports an outdated checkout waits for the build of another process."""
     with open(ROOT / "build" / "ninja.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         command = [ROOT / "packaging" / "ninja", "--version"]

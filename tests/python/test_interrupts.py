@@ -1,4 +1,4 @@
-"""Ctrl-C in native calls that would take minutes, or whose work must go on apart."""
+"""Ctrl-C in native calls that would take minutes, in parts or in a thread."""
 
 import contextlib
 import signal
@@ -19,7 +19,7 @@ TIMES = np.linspace(0.1, 10, 3_000_000)
 
 @pytest.fixture
 def interrupted():
-    """Run something, stop it after a while; return how long this thread works after that."""
+    """Run something and interrupt it; return the processor time of this thread after that."""
 
     def stop(*_):
         raise KeyboardInterrupt
@@ -56,7 +56,7 @@ def test_long_work_is_left_between_its_parts(interrupted, work):
 
 
 def test_work_apart_leaves_its_caller_free(interrupted):
-    """What cannot be cut goes on in a thread of its own; its caller only waits."""
+    """A task that cannot be divided runs in its own thread; its caller only waits."""
     going_on = threading.Event()
 
     def work():
@@ -81,7 +81,7 @@ REMEMBERING = {
 
 @pytest.mark.parametrize("name", REMEMBERING)
 def test_first_steps_with_memory_are_left(interrupted, name):
-    """A step without end takes seconds of quadratures; the core ends them, too."""
+    """A step with unbounded work takes seconds of quadrature; the core stops it too."""
     before = threading.active_count()
     load = {"x1": 1e300} if name == "structure" else 1e300
 
@@ -113,7 +113,7 @@ WITHOUT_QUADRATURE = {
 
 @pytest.mark.parametrize("name", WITHOUT_QUADRATURE)
 def test_short_motions_need_no_thread(monkeypatch, name):
-    """A thread costs a third of a motion whose weights need no quadrature."""
+    """A thread costs a third of the time of a motion without quadrature of weights."""
     monkeypatch.setattr(_native, "apart", lambda *_: pytest.fail("a thread"))
     load = {"x1": 0.5} if name == "structure" else 0.5
     vv.simulate(WITHOUT_QUADRATURE[name], 10, load=load, nu=2.0, dt=0.1, keep="last")
@@ -130,7 +130,7 @@ LONG = """&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
 
 @pytest.mark.parametrize("way", ["run", "sweep"])
 def test_scenes_that_the_core_computes_are_left(interrupted, tmp_path, way):
-    """The core lets other threads work meanwhile, and ends."""
+    """The core releases the lock meanwhile, and stops."""
     scene = tmp_path / "a.nml"
     scene.write_text(LONG)
     before, begun = threading.active_count(), time.monotonic()
@@ -139,7 +139,7 @@ def test_scenes_that_the_core_computes_are_left(interrupted, tmp_path, way):
     else:
         grid = {"transient.t_end": [1e6, 1e6 + 1]}
         interrupted(lambda: vv.sweep(scene, grid, progress=False, n_threads=1), 0.5)
-    # Each without the other would take a minute.
+    # Each of the two alone would take a minute.
     assert time.monotonic() - begun < 5
     until = time.monotonic() + 5
     while threading.active_count() > before and time.monotonic() < until:
@@ -149,7 +149,7 @@ def test_scenes_that_the_core_computes_are_left(interrupted, tmp_path, way):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGALRM, signal.SIGTERM])
 def test_handlers_that_raise_nothing_change_nothing(number):
-    """The work is done again, and the handler is the program's as before."""
+    """The work is repeated, and the signal handler is restored."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, forces="x^3")
     plain = vv.simulate(system, 3e4, initial=[1, 0], dt=0.05, keep="last")
     heard = []
@@ -172,7 +172,7 @@ def test_handlers_that_raise_nothing_change_nothing(number):
 
 
 def test_long_signals_are_transformed_apart(monkeypatch):
-    """The same numbers either way, and from several threads at once."""
+    """The same numbers in both ways, also from several threads at once."""
     signal_ = np.random.default_rng(1).normal(size=4096)
     plain = vv.spectrum(signal_, 0.1).coefficients
     lines = vv.amplitudes_at(signal_, 0.1, [3.0]).amplitude
@@ -222,7 +222,7 @@ CHAIN = {
 SOFT = vv.Structure(**CHAIN, elements=[vv.Spring(on="x3", law="0.1*tanh(3*d)")])
 STICKING = vv.Structure(**CHAIN, elements=[vv.Jenkins(on="x3", stiffness=2, limit=0.1)])
 LOAD = {"x1": 0.3}
-#: Each way of analysis with the systems that came last, as short as may be.
+#: A short call of each analysis, with the latest kinds of systems.
 SHORT = {
     "basins": lambda: vv.basins(
         DOUBLE_WELL, {"x": [0.5, -0.5], "x_dot": [0.1, 0.2]}, t_end=5, dt=0.1
@@ -246,7 +246,7 @@ SHORT = {
     ),
     "friction branch": lambda: vv.trace_response(STICKING, (0.05, 0.2), load=LOAD, harmonics=3),
 }  # fmt: skip
-#: Plans, readers and systems, which take microseconds; what was found is fetched here too.
+#: Plans, readers and systems, which take microseconds, and retrieval of results.
 QUICK = {
     "branch plan", "end_call", "free_object", "law compile", "law values",
     "response plan", "system oscillator",
@@ -256,7 +256,7 @@ QUICK = {
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", SHORT)
 def test_what_may_take_long_is_called_apart(monkeypatch, name):
-    """Only plans are made in the thread that hears Ctrl-C, where calls do not end after signals."""
+    """Only plans run in the main thread, where native calls do not end after signals."""
     monkeypatch.setattr(_native, "_HEARS", False)
     here, apart = set(), set()
 
@@ -273,7 +273,7 @@ def test_what_may_take_long_is_called_apart(monkeypatch, name):
         if not routine.startswith("_"):
             found = watched(routine, getattr(_native.core, routine))
             monkeypatch.setattr(_native.core, routine, found)
-    # Short ensembles are made at once.
+    # Short ensembles run directly.
     monkeypatch.setattr("viscovib.analyses.ensemble._SHORT", 0)
     SHORT[name]()
     assert apart
@@ -283,7 +283,7 @@ def test_what_may_take_long_is_called_apart(monkeypatch, name):
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", [name for name in SHORT if "branch" in name])
 def test_what_is_cancelled_begins_no_piece(monkeypatch, name):
-    """Native loops look at the flag that Ctrl-C sets before each of their pieces."""
+    """Native loops check the flag of Ctrl-C before each part."""
     SHORT[name]()
     pieces = []
     apart = _native.apart
@@ -318,6 +318,6 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 
 
 def test_room_for_many_points_is_not_touched():
-    """f2py zeroes what a routine returns while it holds Python's lock: seconds for gigabytes."""
+    """f2py zeroes returned arrays while holding the GIL: seconds for gigabytes."""
     done = subprocess.run([sys.executable, "-c", ROOM], capture_output=True, text=True, check=True)
     assert int(done.stdout) < 300_000, "kB; the room has 490 MB"

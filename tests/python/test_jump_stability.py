@@ -1,4 +1,4 @@
-"""Stability of motions under laws that jump: against a map by SciPy that stops at each jump."""
+"""Stability of motions with laws that jump, against a map by SciPy that stops at each jump."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,13 @@ import viscovib as vv
 from scipy.integrate import solve_ivp
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-#: Which coordinate of the state jumps, mass, stiffness, damping, cubic, jump, load, frequency.
+#: Jump variable, mass, stiffness, damping, cubic, jump, load, frequency.
 CASES = {
     "friction": ("rate", [1.0], [[1.0]], 0.05, 0.3, 0.1, 0.5, 0.9),
     "friction of two": ("rate", [1.2, 0.8], [[1.4, -0.5], [-0.5, 1.1]], 0.04, 0.0, 0.15, 0.8, 1.3),
     "stop": ("place", [1.0], [[1.0]], 0.05, 0.0, 0.05, 0.5, 0.6),
     "two with a stop": ("place", [0.9, 1.5], [[1.6, -0.4], [-0.4, 0.9]], 0.05, 0.5, 0.1, 0.6, 1.1),
-    # Stretched outward of its place: a motion about the unstable middle.
+    # Unstable equilibrium in the middle: a motion about it.
     "unstable": ("place", [1.0], [[1.0]], 0.02, 0.8, -0.2, 0.9, 1.6),
 }
 
@@ -29,7 +29,7 @@ def make(case):
 
 
 def over_a_period(case, state):
-    """The state a period later, steps ending at the jumps."""
+    """The state after a period; steps end at the jumps."""
     kind, mass, stiffness, damping, cubic, jump, load, nu = case
     n, k = len(mass), np.array(stiffness)
     place = n if kind == "rate" else 0

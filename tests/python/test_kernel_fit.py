@@ -1,4 +1,4 @@
-"""Fits: parameters given back, intervals that hold the truth, what data do not constrain."""
+"""Fits: recovered parameters, coverage of intervals, undetermined parameters."""
 
 import json
 import warnings
@@ -58,7 +58,7 @@ def test_a_fractional_zener_element_is_a_rabotnov_kernel():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_intervals_hold_the_truth(kind):
-    """Counted over 60 draws here, over 500 in the benchmarks: 92 to 98 % there."""
+    """Counted over 60 draws; in the benchmarks over 500, with 92 to 98 %."""
     kernel, inside = KERNELS[kind], {}
     for seed in range(60):
         fit = vv.fit_kernel(made(kernel, 0.01, seed), kind=kind)
@@ -89,7 +89,7 @@ def test_relaxation_and_ramp(kind):
     assert [fit.parameters[n] for n in truth(true)] == pytest.approx(
         list(truth(true).values()), rel=1e-7
     )
-    # The force after a ramp is the mean over its ages, by a rule that knows nothing of theirs.
+    # The force after a ramp is the mean over ages, by an independent rule.
     ramp, late = 0.5, t + 0.5
     ages = np.concatenate([[0], np.geomspace(1e-10, 1, 4001)])
     force = []
@@ -113,7 +113,7 @@ def test_a_ramp_taken_as_a_step_is_told():
 
 
 def test_creep():
-    """1/(s (s^a + b - A)): creep of a Rabotnov material is relaxation of another."""
+    """1/(s (s^a + b - A)): creep of a Rabotnov material is the relaxation of another one."""
     t = np.geomspace(1e-3, 1e3, 40)
     passed = 1 - vv.RabotnovKernel(amplitude=2.0, alpha=0.5, beta=1.0).relaxation(t)
     fit = vv.fit_kernel(vv.CreepData(times=t, compliance=(1 + passed) / MODULUS))
@@ -121,7 +121,7 @@ def test_creep():
 
 
 def test_creep_of_many_rows_is_computed_at_few_times(monkeypatch):
-    """Rows at random times; the fit costs as much as one of a hundred rows."""
+    """Rows at random times; the fit costs as much as with a hundred rows."""
     from viscovib.rubber.models import Model
 
     plain, computed = Model.modulus_at, []
@@ -170,7 +170,7 @@ def test_creep_by_inversion_in_many_digits():
 
 
 def test_a_parameter_out_of_range_is_told_and_not_returned():
-    """The decay of the kernel lies four decades below the data."""
+    """The kernel decays four decades below the data."""
     data = made(KERNELS["rzhanitsyn"], 0.01, n=40, low=3e2, high=3e4)
     with pytest.warns(vv.ConvergenceWarning, match=r"do not constrain .*beta"):
         fit = vv.fit_kernel(data, kind="rzhanitsyn")
@@ -193,7 +193,7 @@ def test_what_range_constrains_what():
     edges, growth = fit.constraints()
     assert growth.shape == (edges.size - 1, 4)
     assert (growth > 0.999).all()
-    # beta = 0.05: its decade and those beside it tell of it.
+    # beta = 0.05: its decade and the neighbouring decades determine it.
     best = int(growth[:, fit.names.index("beta")].argmax())
     assert 1e-3 <= edges[best] <= 0.1
     assert np.abs(np.diag(fit.correlation) - 1).max() < 1e-12
@@ -219,7 +219,7 @@ def test_integrals_stay_below_1_unless_allowed():
 
 
 class TestProny:
-    """Weights that are not negative."""
+    """Non-negative weights."""
 
     master = vv.read_dma(DATA / "pyvisco_freq_user_master.csv")
 
@@ -228,7 +228,7 @@ class TestProny:
         return fit.residual[0] ** 2 + fit.residual[1] ** 2
 
     def test_the_best_there_is_of_data_that_contradict_themselves(self):
-        """Floors by another program: 20.3 and 13.2 % with equal weights."""
+        """Minimum residuals of another program: 20.3 and 13.2 % with equal weights."""
         fit = vv.fit_kernel(self.master, kind="prony")
         assert self.weighted(fit) < 1.01 * (0.2036**2 + 0.1323**2)
         storage = vv.fit_kernel(self.master, kind="prony", loss_weight=0.0, terms=53)
@@ -281,10 +281,10 @@ class TestProny:
 
 
 class TestDoubts:
-    """Data that one kernel does not fit are refused, or a warning says so."""
+    """Data that no single kernel fits are refused, or cause a warning."""
 
     def test_a_misfit_names_prony(self):
-        """Random materials with several transitions on one part, with noise of 1 %."""
+        """Random materials with several transitions, fitted by one kernel, with noise of 1 %."""
         for seed in range(2):
             rng = np.random.default_rng(seed)
             nu = np.geomspace(1e-3, 1e5, 50)
@@ -326,7 +326,7 @@ class TestDoubts:
 
 
 class TestPropagate:
-    """From the fit's uncertainty to the answer's."""
+    """Propagation of the uncertainty of the fit."""
 
     def test_a_band_holds_what_the_delta_method_says(self):
         fit = vv.fit_kernel(made(KERNELS["rabotnov"], 0.02, 5), kind="rabotnov")
@@ -352,9 +352,9 @@ class TestPropagate:
         assert 0.85 <= np.mean(inside) <= 1
 
     def test_samples_are_as_likely_as_the_data_make_them(self):
-        """Rises of the sum of squares are those of chi squared, and bands hold the truth.
+        """The sum of squares of samples is chi-squared distributed, and bands have their coverage.
 
-        Of windows that leave parameters over decades, and of integrals at their bound.
+        For windows with poorly determined parameters, and for integrals at their bound.
         """
         nu = np.geomspace(10, 1e3, 25)
         for seed, amplitude in enumerate((50.0, 50.499)):
@@ -387,7 +387,7 @@ class TestPropagate:
             assert np.quantile(rises, 0.95) == pytest.approx(high, rel=0.4)
             assert 10 < band.effective < 300
             assert "of the parameters only" in repr(band)
-            # The modulus measured, by 50 numbers of 2 % each.
+            # The mean of 50 measured moduli with 2 % noise each.
             assert ((band.high - band.low) / band.nominal).max() < 0.05
 
     def test_missing_answers_are_counted(self):
@@ -405,7 +405,7 @@ class TestPropagate:
         assert "at most nan % wide" in repr(vv.propagate(fit, lambda s: np.nan, samples=5))
 
     def test_two_rows_constrain_nothing(self):
-        """Without a word of NumPy's about infinite covariances."""
+        """Without a NumPy warning about infinite covariances."""
         data = vv.ModulusData(frequencies=[1, 2], storage=[1, 1.1], loss=[0.1, 0.1])
         with pytest.warns(vv.ConvergenceWarning) as told:
             fit = vv.fit_kernel(data, kind="rabotnov")
@@ -415,7 +415,7 @@ class TestPropagate:
 
 
 class TestPronyTerms:
-    """Out to other programs."""
+    """Export to other programs."""
 
     kernel = KERNELS["rabotnov"]
 
@@ -454,7 +454,7 @@ class TestPronyTerms:
     @pytest.mark.parametrize("quantity", ["E", "G"])
     @pytest.mark.parametrize("poisson", [0.3, 0.49])
     def test_programs_are_given_the_shear_modulus_that_was_measured(self, quantity, poisson):
-        """Over time what each text says of shear is the data, of E over 2 (1 + poisson)."""
+        """The relaxation of each text is that of the data; for E divided by 2 (1 + poisson)."""
         t = np.geomspace(1e-3, 10, 40)
         modulus = 2e6 * self.kernel.relaxation(t)
         shear = modulus / (1 if quantity == "G" else 2 * (1 + poisson))
@@ -490,7 +490,7 @@ class TestPronyTerms:
 
 
 class TestFiles:
-    """Kernels and fits go out and come back."""
+    """Writing and reading of kernels and fits."""
 
     @pytest.mark.parametrize(
         "kernel",
@@ -529,7 +529,7 @@ class TestFiles:
         assert vv.read_kernel(tmp_path / "f.json").transform(2.0) == fit.kernel.transform(2.0)
         saved = json.loads((tmp_path / "f.json").read_text())
         if "unknowns" in saved["fit"]:
-            # Their printing would take a minute.
+            # Printing them would take a minute.
             saved["fit"]["unknowns"][0] = -1e308
             (tmp_path / "f.json").write_text(json.dumps(saved))
             with pytest.raises(vv.InputError, match=r"unknowns: 1e.308 .* must be at most 700"):
@@ -574,7 +574,7 @@ def test_bad_arguments(given, told):
 
 @pytest.mark.parametrize("kind", ["rabotnov", "prony"])
 def test_the_band_of_a_picture_is_that_of_the_samples(kind):
-    """The half width is a quantile of the curves of kernels drawn from the likelihood."""
+    """The half width is a quantile over kernels drawn from the likelihood."""
     fit = vv.fit_kernel(made(KERNELS["rabotnov"], 0.02), kind=kind)
     nu = np.exp(fit.measured.log_rates)
 
@@ -615,7 +615,7 @@ def test_pictures():
 
 @pytest.mark.parametrize("second", [2.0**20, 2.0**-20, 1e6, 3.7])
 def test_terms_of_a_fit_do_not_depend_on_the_unit_of_time(second):
-    """Six decades are six decades in milliseconds too: rounding added a term a decade."""
+    """Six decades in seconds or milliseconds: rounding must not add a term per decade."""
     nu = np.geomspace(1e-3, 1e3, 30)
     noise = 1 + 0.01 * np.random.default_rng(3).standard_normal((2, nu.size))
     stiff = 1 - vv.PronyKernel(weights=[0.4], rates=[0.8]).transform(nu)
@@ -635,7 +635,7 @@ NOISES = ("of each part", "of the modulus")
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("noise", NOISES)
 def test_intervals_hold_the_truth_as_often_as_they_say(noise):
-    """Scatter of storage and loss need not be alike; one variance for both held 72 % of truths."""
+    """Different scatter of storage and loss: a common variance would cover 72 % only."""
     rng, inside = np.random.default_rng(8), []
     for _ in range(80):
         beta = 10 ** rng.uniform(-0.3, 0.9)

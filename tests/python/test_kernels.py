@@ -77,7 +77,7 @@ KERNELS = [
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: type(kernel).__name__)
 class TestLaws:
-    """What holds for every kernel."""
+    """Properties of every kernel."""
 
     def test_laplace_on_the_imaginary_axis_is_the_transform(self, kernel):
         mu = np.logspace(-3, 4, 29)
@@ -147,7 +147,7 @@ def test_first_rates_of_tables_are_continued_to_0_or_refused():
     for _ in range(200):
         t = 10.0 ** rng.uniform(-2, 2) + np.cumsum(10.0 ** rng.uniform(-4, 1, 4))
         r = 10.0 ** rng.uniform(-3, 0, 4)
-        r[3] = 0.5 * r[2]  # it fades
+        r[3] = 0.5 * r[2]  # the kernel decays
         with mpmath.workdps(40):
             times, values = [mpmath.mpf(x) for x in t], [mpmath.mpf(x) for x in r]
             falls = [mpmath.log(a / b) for a, b in itertools.pairwise(values)]
@@ -261,7 +261,7 @@ def test_tables_that_no_material_has_are_told():
 
 
 def test_a_table_of_a_singular_kernel_says_what_it_lacks():
-    """Integral before the first time, A Gamma(alpha, 0 ... t_1), against mpmath's."""
+    """Integral before the first time, A Gamma(alpha, 0 ... t_1), against mpmath."""
     rng = np.random.default_rng(6)
     for _ in range(20):
         alpha, beta, first = rng.uniform(0.05, 0.7), rng.uniform(0.02, 2), 10 ** rng.uniform(-6, -2)
@@ -282,7 +282,7 @@ def test_a_table_of_a_singular_kernel_says_what_it_lacks():
 
 @pytest.mark.parametrize("singular", [True, False])
 def test_tables_with_noise_say_what_they_lack(singular):
-    """2 % of scatter: of a singular kernel it is told, a smooth one lacks nothing."""
+    """With 2 % scatter a singular kernel causes a warning, a smooth kernel does not."""
     rng = np.random.default_rng(9)
     told, judged = 0, 0
     for _ in range(100):
@@ -342,7 +342,7 @@ def test_rabotnov_keeps_its_digits_for_any_exponent():
 
 @pytest.mark.parametrize("alpha", [0.02, 0.05, 0.3, 0.7])
 def test_sums_for_rabotnov_meet_their_tolerance(alpha):
-    """The error they say they have is that against the spectral integral, not a rounding of it."""
+    """Their stated error is the error against the spectral integral, not a rounding of it."""
     kernel = vv.RabotnovKernel(amplitude=1.0, alpha=alpha, beta=1.0)
     close = kernel.sum_of_exponentials(tolerance=1e-13, t_min=1e-3, t_max=1e3)
     assert close.error < 1e-13
@@ -370,7 +370,7 @@ def test_sums_for_rabotnov_meet_their_tolerance(alpha):
 
 @pytest.mark.parametrize("beta", [0.0, 0.3])
 def test_laplace_of_points_with_equal_real_parts(beta):
-    """Right and left of -beta, above, on and below the real axis: by mpmath, and as alone."""
+    """Right and left of -beta, above, on and below the real axis: mpmath and single calls."""
     alpha, amplitude = 0.35, 0.2
     if beta:
         kernel = vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=beta)

@@ -1,4 +1,4 @@
-"""Stability under laws with kinks and memory: a Prony kernel written as ordinary equations."""
+"""Stability for laws with kinks and memory: a Prony kernel as ordinary equations."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pasts in which a law with memory has corners, jumps and thin layers: quadrature on each side."""
+"""Pasts with corners, jumps and thin layers of a law with memory: quadrature on each side."""
 
 import itertools
 
@@ -19,7 +19,7 @@ LAWS = {
 
 
 def remembered(times, d, force):
-    """The force times w exp(-r (t - s)), over the past, by Gauss's rule towards d = 0.1."""
+    """Integral of the force times w exp(-r (t - s)) over the past, by graded Gauss quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
     total = WEIGHTS / RATES * force(d[0])
     for (begin, end), (first, last) in zip(

@@ -1,4 +1,4 @@
-"""Multipliers of structures whose elements touch: by products of matrix exponentials."""
+"""Multipliers of structures with contacts, against products of matrix exponentials."""
 
 import itertools
 
@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 
 def _chain(rng, n, coupled):
-    """A chain that hits a stop at its end, and its matrices."""
+    """A chain with a stop at its end, and its matrices."""
     mass = rng.uniform(0.8, 1.2, n)
     stiffness = n * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     damping = np.diag(rng.uniform(0.05, 0.4, n)) if coupled else np.diag(0.1 * mass)
@@ -25,9 +25,9 @@ def _chain(rng, n, coupled):
 
 
 def _multipliers(response, mass, stiffness, damping, k, gap, weight=0.0, rate=1.0):
-    """All multipliers of the first motion, largest first, and how often it touches.
+    """All multipliers of the first motion, largest first, and the number of contacts.
 
-    The first spring may remember: its force is less by weight m, m' = x_1 - rate m.
+    The first spring may have memory: its force is less by weight m, m' = x_1 - rate m.
     """
     n, nu, last = mass.size, response.nu[0], response.coefficients[0, -1]
 
@@ -58,7 +58,7 @@ def _multipliers(response, mass, stiffness, damping, k, gap, weight=0.0, rate=1.
 
 
 def _nearest(told, values):
-    """The largest distance of a multiplier that is told from its own one."""
+    """The largest distance of a reported multiplier from its nearest reference."""
     told = told[np.isfinite(told)]
     assert told.size > 0
     return max(np.abs(values - one).min() for one in told)
@@ -74,7 +74,7 @@ def _motion(rng, structure, stiffness, n):
     )  # fmt: skip
 
 
-# Of many coordinates the determinant of the contact is asked, which waves of its slope enter.
+# With many coordinates the determinant of the contact is used (harmonics of its slope).
 @pytest.mark.parametrize(("n", "allowed"), [(1, 1e-9), (2, 1e-9), (3, 1e-9), (8, 1e-9), (26, 2e-4)])
 @pytest.mark.parametrize("coupled", [True, False])
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")

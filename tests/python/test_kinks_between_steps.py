@@ -1,11 +1,11 @@
-"""Kinks of laws on which steps do not end, beside memory: errors are below what is told."""
+"""Kinks of laws inside steps, with memory: true errors are below the stated errors."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 from viscovib.analyses.runs import NotMetError
 
-#: Laws, and whether they have the kernel.
+#: Laws, and whether they are behind the kernel.
 LAWS = [
     ("2*max(d - 0.1, 0)", False),
     ("0.5*max(d - 0.05, 0)^1.5", False),
@@ -15,7 +15,7 @@ LAWS = [
 
 
 def simulated(law, load, **given):
-    """A mass on rubber, the law beside it or behind its kernel."""
+    """A mass on rubber; the law is behind the kernel or in parallel."""
     kernel = vv.PronyKernel(weights=[0.3], rates=[1.5])
     springs = [law, vv.Spring(on="x1", law="0.5*d + 0.2*d^3", kernel=kernel)]
     system = vv.Structure(mass=[1.0], stiffness=[1.4], damping=[0.1], elements=springs)
@@ -25,7 +25,7 @@ def simulated(law, load, **given):
 
 @pytest.mark.parametrize(("law", "behind"), LAWS)
 def test_errors_hold(law, behind):
-    """Against runs whose steps end on the kinks: two runs are wrong alike in some of ten."""
+    """Against runs with steps that end at kinks; a comparison of two runs fails in some cases."""
     kernel = vv.PronyKernel(weights=[0.3], rates=[1.5]) if behind else None
     spring = vv.Spring(on="x1", law=law, kernel=kernel)
     beyond = []
@@ -42,7 +42,7 @@ def test_errors_hold(law, behind):
 
 
 def test_a_kink_beside_the_end_of_all_steps():
-    """It is missed alike in steps h, h/2 and h/4: a run with other ends sees it."""
+    """It is missed equally with steps h, h/2 and h/4: a run with other step ends detects it."""
     spring = vv.Spring(on="x1", law="4*abs(d - 0.1)*d")
     run = simulated(spring, 0.396, tolerance=1e-6, memory="direct")
     true = simulated(spring, 0.396, tolerance=1e-9)
@@ -52,7 +52,7 @@ def test_a_kink_beside_the_end_of_all_steps():
 @pytest.mark.parametrize("step", [0.1, 0.05])
 @pytest.mark.parametrize("law", [law for law, _ in LAWS[1:3]])
 def test_errors_at_given_steps(law, step):
-    """Thirds of steps are looked at, too, and what finer runs keep of the error is added."""
+    """Steps divided by three are compared too, and the remaining error of finer runs is added."""
     spring = vv.Spring(on="x1", law=law)
     beyond = []
     for load in 0.3 + 0.04 * np.arange(10):
@@ -64,7 +64,7 @@ def test_errors_at_given_steps(law, step):
 
 
 def test_smooth_laws_take_no_third_run():
-    """A kink that is never met asks for one more; a law without kinks for none."""
+    """A kink outside the motion requires one more run; a law without kinks none."""
     steps = [
         simulated(vv.Spring(on="x1", law=law), 0.4, tolerance=1e-3, memory="direct").stats["steps"]
         for law in ("0.3*sin(d)", "0.3*sin(d) + max(d - 9, 0)")

@@ -1,4 +1,4 @@
-"""Motion in time through the kinks and jumps of laws: steps end there, and keep their order."""
+"""Motion in time with kinks and jumps of laws: steps end there, and keep their order."""
 
 import warnings
 
@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 
 def by_pieces(pieces, surface, t_end, start):
-    """SciPy's steps between the passages of a surface, by the right side of each side of it."""
+    """SciPy between crossings of a surface, with the right side of each side."""
     t, y, side = 0.0, np.array(start, dtype=float), surface(0.0, start) > 0
     while t < t_end:
 
@@ -33,7 +33,7 @@ def by_pieces(pieces, surface, t_end, start):
 
 
 def bouncing(k, gap, load, nu, c=0.05):
-    """An oscillator with a stop, and its right sides off and on the stop."""
+    """An oscillator with a stop, and its right sides without and with contact."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=c, forces=f"{k}*max(x - {gap}, 0)")
 
     def side(on):
@@ -64,7 +64,7 @@ def test_order_through_contacts(method, order, steps):
 
 @pytest.mark.parametrize("method", ["gauss8", "verner9"])
 def test_contacts_shorter_than_a_step(method):
-    """A contact beside grazing leaves no trace at the ends of steps."""
+    """A contact near grazing is invisible at the ends of steps."""
     system, pieces, surface = bouncing(1000.0, 1 - 1e-4, 0.0, 1.0, c=0.0)
     # The peak at pi/2 lies inside a step; the contact lasts 0.03.
     expected = by_pieces(pieces, surface, 3.0, [0.0, 1.0])
@@ -93,7 +93,7 @@ LAWS = {
 
 @pytest.mark.parametrize("law", LAWS)
 def test_every_kind_of_branch(law):
-    """dt="auto" no longer gives up at kinks and jumps, and meets its tolerance."""
+    """dt="auto" accepts kinks and jumps, and reaches its tolerance."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
     run = vv.simulate(
         system, 12.0, initial=[0.05, 0.9], load=0.4, nu=1.3, tolerance=1e-9, times=[4.3, 12.0]
@@ -108,7 +108,7 @@ def test_every_kind_of_branch(law):
 
 
 def test_resumed_on_the_same_side():
-    """A run that goes on in contact is the run that never stopped."""
+    """A run resumed in contact equals the uninterrupted run."""
     system, _, _ = bouncing(30.0, 0.5, 0.8, 0.7)
     whole = vv.simulate(system, 20.0, dt=0.1, load=0.8, nu=0.7)
     inside = int(np.flatnonzero(whole.state[:, 0] > 0.5)[0])
@@ -118,7 +118,7 @@ def test_resumed_on_the_same_side():
 
 
 def dry(k, c, limit, load, nu, t_end, start):
-    """A block under dry friction by SciPy, phase by phase: it slides, or sticks while it can."""
+    """A block with dry friction by SciPy, phase by phase: sliding or sticking."""
 
     def push(t, x):
         return load * np.sin(nu * t) - k * x
@@ -138,7 +138,7 @@ def dry(k, c, limit, load, nu, t_end, start):
             loose = np.flatnonzero(np.abs(push(grid, y[0])) > limit)
             if not loose.size:
                 return np.array([y[0], 0.0])
-            # The position is held, so that the end of sticking is a root of the load alone.
+            # The position is constant, so the end of sticking is a root of the load only.
             from scipy.optimize import brentq
 
             i = loose[0]
@@ -182,7 +182,7 @@ def test_order_through_sticking(method, order, steps):
 
 @pytest.mark.parametrize(("nu", "limit"), [(0.8, 0.2), (1.2, 0.3)])
 def test_den_hartog(nu, limit):
-    """The closed form of dry friction without stops (Den Hartog 1931), to 1e-10."""
+    """Den Hartog's closed form without sticking (1931), to 1e-10."""
     ratio = np.sin(np.pi / nu) / (nu * (1 + np.cos(np.pi / nu)))
     expected = np.sqrt(1 / (1 - nu**2) ** 2 - (limit * ratio) ** 2)
     block = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{limit}*sign(x_dot)")
@@ -195,7 +195,7 @@ def test_den_hartog(nu, limit):
 
 
 def test_block_on_a_slope_stays():
-    """A push below the limit moves nothing; above, the motion is uniformly accelerated."""
+    """A force below the limit moves nothing; above it the acceleration is constant."""
     block = vv.PolynomialSystem(mass=2, forces="3*sign(x_dot)")
     held = vv.simulate(block, 10.0, load={0: 2.9j}, nu=1.0, dt=0.5)
     assert np.abs(held.state).max() == 0
@@ -204,7 +204,7 @@ def test_block_on_a_slope_stays():
 
 
 def test_two_blocks_that_rub():
-    """One friction force in two equations, as two texts: momentum is kept, both come to rest."""
+    """One friction force in two equations, as two texts: constant momentum, both stop."""
     blocks = vv.PolynomialSystem(
         mass=[1, 3],
         forces={"x1": "0.4*sign(x1_dot - x2_dot)", "x2": "0.4*sign(x2_dot - x1_dot)"},
@@ -212,20 +212,20 @@ def test_two_blocks_that_rub():
     run = vv.simulate(blocks, 12.0, initial=[0, 2.0, 0, 0], dt=0.1)
     v = run.state[:, 1::2]
     np.testing.assert_allclose(v @ [1, 3], 2.0, atol=1e-13)
-    # The relative velocity falls by 0.4 (1 + 1/3) a unit of time, from 2 to 0.
+    # The relative velocity decreases by 0.4 (1 + 1/3) per unit of time, from 2 to 0.
     np.testing.assert_allclose(
         v[:, 0] - v[:, 1], np.maximum(2 - 0.4 * 4 / 3 * run.t, 0), atol=1e-13
     )
 
 
 def test_belt():
-    """A block on a belt sticks until the spring pulls with all the friction, and slips back."""
+    """A block on a belt sticks until the spring force reaches the friction, and slips back."""
     block = vv.PolynomialSystem(
         mass=1, stiffness=1, forces="sign(x_dot - 0.5)/(1 + 2*abs(x_dot - 0.5))"
     )
     run = vv.simulate(block, 60.0, dt=0.05, events=["x_dot - 0.5", vv.Event("x", direction="up")])
     assert run.outcome == "completed"
-    # It never runs ahead of the belt: what sticks has not passed its speed.
+    # A sticking block has the speed of the belt and is never faster.
     assert run.events[0].t.size == 0
 
     def again(t, y):
@@ -246,7 +246,7 @@ def test_belt():
 
 
 def test_goes_on_sticking_bit_for_bit():
-    """A run that is cut where it sticks, slides or turns is the run that never stopped."""
+    """A run divided while sticking, sliding or reversing equals the uninterrupted run."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.3*sign(x_dot)")
     whole = vv.simulate(system, 20.0, dt=0.1, load=0.5, nu=0.8)
     assert (np.abs(whole.state[1:, 1]) < 1e-12).sum() > 5
@@ -257,14 +257,13 @@ def test_goes_on_sticking_bit_for_bit():
 
 
 def angle(sine, cosine, above):
-    """The angle on one side of its cut, going on beyond."""
+    """The angle on one side of its cut, continued beyond."""
     if above:
         return np.pi / 2 + np.arctan2(-cosine, sine)
     return np.arctan2(cosine, -sine) - np.pi / 2
 
 
-#: Laws in the first equation that jump where a function does not look like it: their values on both
-#: sides of a surface, and that surface.
+#: Laws with hidden jumps: their values on both sides of a surface, and that surface.
 HIDDEN_JUMPS = {
     "0.3*atan2(x2 - 0.1, x1)": (
         lambda x, above: 0.3 * angle(x[1] - 0.1, x[0], above),
@@ -285,7 +284,7 @@ HIDDEN_JUMPS = {
 
 @pytest.mark.parametrize("law", HIDDEN_JUMPS)
 def test_jumps_of_angles_and_choices(law):
-    """The cut of atan2 is a surface, also inside of a function, and so is what `where` asks."""
+    """The cut of atan2 is a surface, also inside a function, and so is a condition of `where`."""
     force, surface = HIDDEN_JUMPS[law]
     rng = np.random.default_rng(3)
     for _ in range(4):
@@ -319,7 +318,7 @@ def test_jumps_of_angles_and_choices(law):
 
 
 def test_cut_in_a_structure():
-    """The same motion whether the equations are those of a structure or of a polynomial system."""
+    """The same motion with the equations of a structure and of a polynomial system."""
     law, k = "0.3*atan2(v - 0.1, d)", np.array([[1.3, -0.2], [-0.2, 1.1]])
     motion = {"initial": [0.5, 0.3, -0.4, 0.6], "load": [0.4, -0.3], "nu": 1.1, "keep": "last"}
     own = vv.Structure(
@@ -335,7 +334,7 @@ def test_cut_in_a_structure():
     np.testing.assert_allclose(runs[0].state[-1], runs[1].state[-1], atol=1e-10)
 
 
-#: Stops that do more than push in proportion, of the way p into them and of the speed v.
+#: Stops with nonlinear forces of the penetration p and the speed v.
 STIFF_STOPS = {
     "S*max(x - A, 0)^2": lambda s, p, v: s * p**2,
     "S*max(x - A, 0)*(1 + x_dot)": lambda s, p, v: s * p * (1 + v),
@@ -346,7 +345,7 @@ STIFF_STOPS = {
 
 @pytest.mark.parametrize("law", STIFF_STOPS)
 def test_contacts_are_as_right_as_they_say(law):
-    """A contact shorter than a step is in one part of it in coarse steps and in fine ones."""
+    """A contact shorter than a step lies in one part of it, with coarse and fine steps."""
     rng = np.random.default_rng(8)
     push = STIFF_STOPS[law]
     for _ in range(6):
@@ -374,7 +373,7 @@ def test_contacts_are_as_right_as_they_say(law):
     "law", ["sin(1.5*sign(x))", "0.3*sin(1.5*sign(x))", "tanh(2*sign(x - 0.2))"]
 )
 def test_jumps_are_no_layers(law):
-    """Steps end on what jumps over 0 inside a function: nothing is warned of at a given step."""
+    """Steps end at a jump over 0 inside a function: no warning at a given step size."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,4 +1,4 @@
-"""Motions that come to where a force law ends: told with the law, the place and the time."""
+"""Motions that reach the end of the domain of a law: reported with law, location and time."""
 
 import math
 import re
@@ -10,7 +10,7 @@ import viscovib as vv
 from scipy.integrate import solve_ivp
 from viscovib.systems.sticking import advice_on_sticking
 
-#: Laws of x, the sign of the side on which they end, and what they are.
+#: Laws of x, the sign of the side of their end, and their kind.
 LAWS = {
     "{k}*log(1 + x/{e})": (-1, lambda x, k, e: k * math.log(1 + x / e)),
     "-{k}*log(1 - x/{e})": (1, lambda x, k, e: -k * math.log(1 - x / e)),
@@ -20,7 +20,7 @@ LAWS = {
 
 
 def other_stop(force, side, edge, start, end):
-    """Return when a motion comes next to the edge, by another program; None: never."""
+    """Return the time when a motion approaches the edge, by another program; None: never."""
 
     def right(t, y):
         x = side * min(side * y[0], edge * (1 - 1e-12))
@@ -69,7 +69,7 @@ def test_a_run_tells_which_law_ends_where_and_when(text):
                 assert run.reason.startswith(told)
                 continue
             assert run.outcome == "diverged"
-            # A law may be infinitely steep at its edge.
+            # A law may have an infinite slope at its edge.
             assert run.t_reached == pytest.approx(true, abs=2e-5)
             assert run.reason == f"{told} at t = {run.t_reached:.6g}"
             assert run.reason in repr(run)
@@ -101,7 +101,7 @@ def test_other_ends_are_told_too():
 
 
 def with_law(law, kernel=None):
-    """Return an oscillator with a spring of this law."""
+    """Return an oscillator with a spring with this law."""
     return vv.Structure(
         mass=[1], stiffness=[[1]], damping=[[0.02]], names=["x"],
         elements=[vv.Spring(on="x", law=law, kernel=kernel)],
@@ -118,9 +118,9 @@ def with_law(law, kernel=None):
     ],
 )
 def test_a_pole_is_named_with_its_place_and_time(law, place, kernel):
-    """The force pulls towards it: no steps meet a tolerance, those given stop or pass it."""
+    """An attracting force: no step size reaches the tolerance; given steps stop or pass it."""
     system = with_law(law, kernel)
-    # Pulled, it comes there sooner than at its first speed.
+    # Attracted, it arrives earlier than with its initial speed.
     soonest, latest = 0.2, place / 2
 
     def told(text):
@@ -147,7 +147,7 @@ def test_no_pole_is_told_where_none_is_passed(law, recwarn):
     assert not recwarn.list
 
 
-#: Laws that pull towards a pole at g, those that are smooth but change within e there, and others.
+#: Laws with an attracting pole at g, smooth laws with a layer of width e there, and others.
 POLES = (
     "-{f}/({g} - d)", "{f}*(d - {g})^(-3)", "-{f}/({g} - d)^6", "-{f}/(d^2 - 2*{g}*d + {g}^2)",
     "-{f}*tan(pi/2*d/{g})", "{f}/sin(d/{g} - 1)", "-{f}*exp(d)/(1 - d/{g})",
@@ -165,7 +165,7 @@ SMOOTH = (
 
 @pytest.mark.parametrize("text", [*POLES, *LAYERS, *SMOOTH])
 def test_true_poles_are_told_and_thin_bumps_are_told_as_layers(text):
-    """Bumps grow as steeply as poles to where they are thin; only poles grow on."""
+    """Smooth bumps grow like poles outside their width; only poles grow without bound."""
     rng = np.random.default_rng(len(text))
     for _ in range(4):
         f, g = float(rng.uniform(0.01, 0.1)), float(rng.uniform(0.4, 0.8))
@@ -204,7 +204,7 @@ def test_slopes_without_bound_are_told(law, told):
 
 @pytest.mark.parametrize("law", ["d*log(abs(d))", "v*abs(v)^-0.4", "d*abs(d)^-0.5"])
 def test_laws_without_a_finite_derivative_at_rest_are_refused(law):
-    """It would be a stiffness of 1e60, under which nothing moves."""
+    """It would be a stiffness of 1e60, which prevents any motion."""
     told = "must have a finite derivative at rest"
     with pytest.raises(vv.InputError, match=told):
         vv.Spring(on="x1", law=law)

@@ -43,7 +43,7 @@ NUMBERS = {"F0": 2.0, "w": 0.3, "k": 3.0, "gap": 0.1}
 
 @pytest.mark.parametrize("text", [*SMOOTH, *KINKS])
 def test_values_and_derivatives(text):
-    """Values are NumPy's; derivatives those of Richardson's differences."""
+    """Values against NumPy; derivatives against Richardson differences."""
     law = read_law("law", text, ("d",), NUMBERS)
     assert isinstance(law, Law)
     d = np.linspace(-1.31, 1.27, 41)
@@ -67,14 +67,14 @@ def test_values_and_derivatives(text):
     ],
 )  # fmt: skip
 def test_parity(text, parity):
-    """Oddness is known from how a law is made up; what is odd keeps odd harmonics only."""
+    """The parity follows from the structure of a law; odd laws keep odd harmonics only."""
     law = read_law("law", text, ("d",), {})
     assert isinstance(law, Law)
     assert law.parity == parity
 
 
 def test_polynomials_stay_polynomials():
-    """A law without functions keeps its exact path."""
+    """A polynomial law keeps its exact treatment."""
     assert read_law("law", "k*d^3 + d*(d - 1)", ("d",), {"k": 2.0}) == {(3,): 2, (2,): 1, (1,): -1}
     spring = vv.Spring(on="x", law="k*d^3", parameters={"k": 2.0})
     assert spring.degree == 3
@@ -122,7 +122,7 @@ def test_polynomials_stay_polynomials():
     ],
 )
 def test_wrong_laws(text, told):
-    """One line that says what is wrong, and what was meant."""
+    """One line with the fault and a suggestion."""
     with pytest.raises(vv.InputError, match=told):
         vv.Spring(on="x", law=text)
 
@@ -153,7 +153,7 @@ SCENE = Path(__file__).parents[2] / "data/scenes/duffing_branch.nml"
 )  # fmt: skip
 @pytest.mark.parametrize("text", ["x\0+x", "\0x", "x^3\0", "sin(x)\0 + x"])
 def test_a_nul_character_ends_no_text(entry, text):
-    """Whatever stands behind it would be left out silently."""
+    """The text after it would be omitted without a message."""
     with pytest.raises(vv.InputError, match="must have no NUL character") as error:
         entry(text)
     assert "\0" not in str(error.value)
@@ -186,7 +186,7 @@ def test_tabs_and_ends_of_lines_are_blanks(text):
 
 
 def test_outside_the_domain_is_a_wall():
-    """A motion beyond a logarithm's domain is no solution, and no number is lost."""
+    """A motion beyond the domain of a logarithm is no solution, and no NaN occurs."""
     law = read_law("law", "log(1 + d)", ("d",), {})
     value, _ = law(np.array([[-2.0], [0.0]]))
     assert value[0] == 1e60
@@ -209,7 +209,7 @@ def test_outside_the_domain_is_a_wall():
     ],
 )
 def test_no_function_hides_what_has_no_value(text):
-    """Beyond -1 a part has no value: then the law has none, whatever other parts make of it."""
+    """Beyond -1 a part is undefined: then the law is undefined, independent of other parts."""
     law = read_law("law", text, ("d",), {})
     value, slopes = law(np.array([[-0.9], [-1.1], [0.3]]))
     assert value[1] == 1e60
@@ -222,7 +222,7 @@ def test_no_function_hides_what_has_no_value(text):
 
 
 def test_what_where_leaves_aside_needs_no_value():
-    """A root on the side that `where` does not take does not count."""
+    """A root in the unused branch of `where` does not count."""
     law = read_law("law", "where(d > 0, d + d^1.5, d/(2 - exp(900*d)))", ("d",), {})
     at = np.array([-0.5, 0.25, 2.0])
     assert law(at[:, np.newaxis])[0] == pytest.approx([-0.25, 0.375, 2 + 2**1.5], rel=1e-15)
@@ -231,7 +231,7 @@ def test_what_where_leaves_aside_needs_no_value():
 
 
 def settled(force, nu, load, c, k, periods=80):
-    """A steady motion by SciPy, after a long while."""
+    """A steady motion by SciPy, after a long time."""
     period = 2 * np.pi / nu
     times = period * (periods - 1 + np.arange(16) / 16)
     run = solve_ivp(
@@ -243,7 +243,7 @@ def settled(force, nu, load, c, k, periods=80):
 
 @pytest.mark.parametrize("text", ["2*tanh(x/0.3)", "x/(1 + x^2)", "exp(-x)*x^2 + sin(x)"])
 def test_steady_and_in_time(text):
-    """Harmonic balance and steps in time against SciPy."""
+    """Harmonic balance and time integration against SciPy."""
     c, k, nu, load = 0.3, 1.5, 1.1, 0.4
     values = read_law("law", text, ("x",), {})
 
@@ -287,7 +287,7 @@ def test_with_memory():
 
 
 def test_same_law_in_three_ways():
-    """As monomials, as a function of the coordinates, and as an element of a structure."""
+    """As monomials, as a function of coordinates, and as an element of a structure."""
     chain = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
     common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
     plain = vv.PolynomialSystem(**common, forces={"x1": "(x1 - x3)^3", "x3": "(x3 - x1)^3"})
@@ -316,7 +316,7 @@ def test_same_law_in_three_ways():
 
 
 def test_multiple_scales_refuse_by_name():
-    """They expand in powers."""
+    """Multiple scales expand in powers."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="tanh(x)")
     with pytest.raises(vv.InputError, match="multiple scales take polynomials only"):
         vv.MultipleScales(system, load=0.1, nu=1.0)
@@ -325,7 +325,7 @@ def test_multiple_scales_refuse_by_name():
 
 
 def test_condensed_with_functions():
-    """A long chain with a law of two of its coordinates: the whole equations' motion."""
+    """A long chain with a law of two coordinates, against the full equations."""
     n = 10
     chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     names = [f"x{i + 1}" for i in range(n)]
@@ -334,7 +334,7 @@ def test_condensed_with_functions():
     kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
     springs = [vv.Springs(forces=text, kernel=kernel)]
     condensed = vv.PolynomialSystem(**common, springs=springs)
-    # What is added acts on all coordinates, by nothing.
+    # The added term acts on all coordinates and is 0.
     all_of_it = "+".join(f"0*{name}^3" for name in names)
     idle = vv.Springs(forces={name: f"1e-300*sin({all_of_it})" for name in names})
     whole = vv.PolynomialSystem(**common, springs=[*springs, idle])
@@ -352,7 +352,7 @@ def test_condensed_with_functions():
 
 
 def test_coupling_with_functions():
-    """A law of two deflections: the same as forces of the coordinates."""
+    """A law of two deflections equals forces of the coordinates."""
     chain = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
     common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
     text = "k*a*tanh(b^2)"
@@ -373,7 +373,7 @@ def test_coupling_with_functions():
 
 @pytest.mark.parametrize("vary", ["stiffness[x1,x1]", "stiffness[x1,x2]", "stiffness_scale"])
 def test_the_stiffness_varies_beside_a_law(vary):
-    """What is linear in a law stays where the stiffness varies: as of a system built so."""
+    """The linear part of a law stays when the stiffness varies: against separate systems."""
 
     def system(stiffness):
         return vv.PolynomialSystem(
@@ -411,7 +411,7 @@ def test_the_stiffness_varies_beside_a_law(vary):
     ],
 )  # fmt: skip
 def test_functions_of_samples_are_right_to_the_last_digits(text, exact, low, high):
-    """Values and derivatives against mpmath, at numbers of samples that fill no block of lanes."""
+    """Values and derivatives against mpmath, for numbers of samples that do not fill a block."""
     law = compile_law("law", text, ("x",), {})
     x = np.geomspace(low, high, 1003)
     x[::2] *= 1 if text == "log(x)" else -1
@@ -420,7 +420,7 @@ def test_functions_of_samples_are_right_to_the_last_digits(text, exact, low, hig
         known = np.array([float(exact(mpmath.mpf(float(at)))) for at in x])
         by_x = np.array([float(mpmath.diff(exact, mpmath.mpf(float(at)))) for at in x])
     assert np.abs(value / known - 1).max() <= 4 * np.finfo(float).eps
-    # 1 - tanh^2 loses what tanh has lost; elsewhere a derivative is as good as a value.
+    # 1 - tanh^2 inherits the cancellation of tanh; other derivatives are as accurate as values.
     allowed = 4 * np.finfo(float).eps * (np.maximum(1, 1 / np.abs(by_x)) if "tanh" in text else 1)
     near = np.minimum(np.abs(slope[:, 0] / by_x - 1) / allowed, np.abs(slope[:, 0] - by_x) / 1e-15)
     assert near.max() <= 1
@@ -428,7 +428,7 @@ def test_functions_of_samples_are_right_to_the_last_digits(text, exact, low, hig
 
 @pytest.mark.parametrize("width", [0.5, 0.1, 0.03, 0.003])
 def test_samples_are_as_many_as_a_law_needs(width):
-    """The harmonics kept meet the equation with 2^16 samples, however steep the law is."""
+    """The residual in the kept harmonics vanishes with 2^16 samples, even for steep laws."""
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces=f"0.3*tanh(x_dot/{width})"
     )
@@ -445,7 +445,7 @@ def test_samples_are_as_many_as_a_law_needs(width):
 
 
 def test_a_plan_tells_a_preload():
-    """Of a law that is not 0 at rest, and of a gap that is negative; of no other."""
+    """For a law with a force at rest and for a negative gap; for no other law."""
     gap = [vv.Gap(on="x1", stiffness=5, gap=size) for size in (-0.2, 0.2)]
     first, second = (
         vv.Structure(mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]], elements=[one])

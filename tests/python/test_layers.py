@@ -1,4 +1,4 @@
-"""Stiffness matrices that relax as a whole: ordinary equations, dense matrices, elements."""
+"""Stiffness matrices with memory: ordinary equations, dense matrices, elements."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ N = 6
 
 
 def parts(seed: int = 1, rank: int = 3):
-    """K, a layer of low rank, C that is not modal."""
+    """K, a layer of low rank, and C with coupled modes."""
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(N, N)), rng.normal(size=(N, rank))
     return a @ a.T + np.eye(N), b @ b.T, 0.05 * np.diag(rng.uniform(0.5, 2, N))
 
 
 def body(kernel=PRONY, law="0.7*d^3", *, cut=False, **more):
-    """A body with a layer; ``cut``: along its eigenvectors, as elements."""
+    """A body with a layer; ``cut``: as elements along its eigenvectors."""
     k, layer, c = parts()
     elements = [vv.Spring(on="x3", law=law)]
     if cut:
@@ -34,7 +34,7 @@ def body(kernel=PRONY, law="0.7*d^3", *, cut=False, **more):
 
 
 def ordinary(push, held):
-    """The equations with every exponential a state, and what these are at first."""
+    """Ordinary equations with memory states, and their initial values."""
     k, layer, c = parts()
     w, r = PRONY.weights[:, None], PRONY.rates[:, None]
 
@@ -89,7 +89,7 @@ def test_any_past_and_going_on():
 
 @pytest.mark.parametrize("kernel", [PRONY, FRACTIONAL, vv.SumKernel(parts=[PRONY, PRONY])])
 def test_periodic_motions_as_with_elements(kernel):
-    """And their stability: what the rest remembers, or what the elements do."""
+    """Also their stability: memory of the layer against memory of elements."""
     nu = np.linspace(0.3, 3, 8)
     given = {"load": {"x1": 3.0}, "method": "newton", "harmonics": 31, "stability": True}
     a, b = (vv.forced_response(body(kernel, cut=cut), nu, **given) for cut in (False, True))
@@ -134,7 +134,7 @@ def test_linear_response_as_by_matrices(case):
 
 
 def test_free_bodies_move_on():
-    """A rigid mode that nothing resists is apart from what the layer damps."""
+    """A rigid-body mode without resistance is not affected by the layer."""
     n, end = 5, 9.0
     cuts = np.diff(np.eye(n), axis=0)
     body = vv.Structure(

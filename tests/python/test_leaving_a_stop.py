@@ -1,4 +1,4 @@
-"""Motions that leave a stop they rested on just before a step ends, or a run that goes on there."""
+"""Motions that leave a stop just before a step ends, or before a run is resumed."""
 
 import math
 
@@ -8,7 +8,7 @@ import viscovib as vv
 
 
 def pushed(gap, *, both):
-    """A mass against a stop that takes all of its speed."""
+    """A mass against a stop without restitution."""
     kind = vv.Stop if both else vv.Gap
     element = kind(on="x1", gap=gap, restitution=0)
     return vv.Structure(mass=[1.0], stiffness=[[0.6]], damping=[[0.03]], elements=[element])
@@ -16,12 +16,12 @@ def pushed(gap, *, both):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_steps_that_end_just_behind(seed):
-    """It leaves with no velocity and no acceleration: for a while it is there but for rounding."""
+    """It leaves with zero velocity and acceleration: at first by less than rounding errors."""
     rng = np.random.default_rng([31, seed])
     gap, force, nu = rng.uniform(0.1, 0.4), rng.uniform(0.45, 0.8), rng.uniform(1.2, 1.6)
     block = pushed(gap, both=bool(rng.integers(2)))
     load = {"load": force, "nu": nu, "initial": [gap, 0.0]}
-    # Against the stop while force sin(nu t) is above 0.6 gap.
+    # In contact while force sin(nu t) is above 0.6 gap.
     leaves = (math.pi - math.asin(0.6 * gap / force)) / nu
     first = vv.simulate(block, leaves, dt=leaves / 8, keep="last", **load)
     if abs(first.state[-1, 1]) > 0:
@@ -35,7 +35,7 @@ def test_steps_that_end_just_behind(seed):
 
 
 def test_resumed_runs_with_times():
-    """They take the steps of the run that they go on from, however far times are apart."""
+    """They take the steps of the resumed run, for any distance of the times."""
     rng = np.random.default_rng(43)
     for _ in range(12):
         block = pushed(rng.uniform(0, 0.5), both=True)

@@ -1,4 +1,4 @@
-"""Branches of very lightly damped systems: steps follow the turn of the motion itself."""
+"""Branches with very light damping: step sizes follow the rotation of the motion."""
 
 import warnings
 
@@ -13,8 +13,8 @@ from scipy.special import ellipj, ellipk
 def peak_of_duffing(load):
     """Frequency of x'' + c x' + x + x^3/2 = c load sin(nu t) at its peak for c -> 0.
 
-    There the motion is the free one, x = A cn, and the load a quarter of a period ahead of it; it
-    feeds as much as damping takes.
+    There the motion is the free motion, x = A cn, with the load a quarter of a period ahead.
+    The work of the load balances the damping.
     """
 
     def motion(amplitude):
@@ -40,7 +40,7 @@ def peak_of_duffing(load):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-5, 3e-6, 1e-6, 1e-7, 1e-8])
 def test_a_resonance_is_passed_once(damping):
-    """It was run round 8 to 64 times at dampings of 1e-5 and below."""
+    """Regression: the curve was followed 8 to 64 times at dampings of 1e-5 and below."""
     body = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces="0.5*x^3")
     branch = vv.trace_response(
         body, (0.5, 3), load=2 * damping, harmonics=15, stability=False, at=[1.3]
@@ -49,14 +49,14 @@ def test_a_resonance_is_passed_once(damping):
     assert branch.stops.size == 3
     assert branch.folds.size == 2
     assert branch.folds[0] == pytest.approx(peak_of_duffing(2), abs=10 * damping**2 + 1e-7)
-    # The load feeds what damping takes; errors of the phase show, divided by the damping.
+    # The load balances the damping; phase errors are amplified by 1/damping.
     x = branch.coefficients[:, 0]
     lost = damping * branch.nu * (np.abs(x) ** 2 * branch.harmonics**2).sum(axis=1)
     fed = -2 * damping * x[:, 0].imag
     off = np.abs(lost - fed) / (2 * damping * np.abs(x[:, 0]))
-    # Each of the two sums rounds a few times more than the estimate counts.
+    # Each of the two sums has slightly more rounding errors than the estimate counts.
     assert off.max() < max(10 * branch.error.max(), 1e-11)
-    # Beside folds motions at a value of nu are known less well.
+    # Near folds motions at a given nu are less accurate.
     beside = np.abs(branch.nu[:, np.newaxis] - branch.folds).min(axis=1) < 1e-3
     assert branch.error[~beside].max() < max(1e-10, 1e-13 / damping)
 
@@ -70,14 +70,14 @@ def test_what_rounding_leaves_is_told():
 
 
 def off_curve(branch, i, damping, cubic, load, at_value=False):
-    """How far a point of a Duffing branch is off the curve, by residuals in extended precision.
+    """Distance of a point from the Duffing branch, by residuals in extended precision.
 
-    With `at_value` its motion from the one at its nu.
+    With `at_value`: distance of its motion from the motion at its nu.
     """
     kept = np.flatnonzero(branch.coefficients[i, 0])
     k = branch.harmonics[kept].astype(np.longdouble)
     x, nu = branch.coefficients[i, 0, kept].astype(np.clongdouble), np.longdouble(branch.nu[i])
-    # Angles of the samples, 2 pi j/n, to more digits than np.pi has.
+    # Angles of the samples, 2 pi j/n, with more digits than np.pi.
     n = 4 * int(k.max()) + 4
     turn = np.exp(2j * np.arccos(np.longdouble(-1)) * np.arange(n)[:, np.newaxis] * k / n)
 
@@ -103,23 +103,23 @@ def off_curve(branch, i, damping, cubic, load, at_value=False):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_the_error_of_a_point_is_that_of_its_motion_at_its_frequency():
-    """1e-24 to 1e-14 were told of motions that rounding, divided by the damping, left 1e-9 off."""
+    """Regression: stated errors of 1e-24 to 1e-14 where rounding/damping gave 1e-9."""
     rng = np.random.default_rng(5)
     for exponent in range(-9, 0):
         damping, cubic = 10.0**exponent * rng.uniform(0.5, 2), rng.uniform(0.1, 2)
         load = damping * rng.uniform(0.5, 3)
         body = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
         branch = vv.trace_response(body, (0.5, 2.5), load=load, harmonics=5, stability=False)
-        # Beside folds one step of Newton's method is not enough to judge.
+        # Near folds a single step of Newton's method does not give the distance.
         for i in rng.permutation(np.flatnonzero(branch.error < 1e-6))[:40]:
             off = off_curve(branch, i, damping, cubic, load, at_value=True)
             assert off < 3 * branch.error[i], (damping, cubic, load, branch.nu[i])
 
 
 def test_rounding_is_no_lack_of_harmonics():
-    """Rounding over the damping looked like harmonics left out, in a third of such branches.
+    """Rounding errors divided by the damping must not count as omitted harmonics.
 
-    Points that factors from elsewhere had made were off by up to 2e-8 beside an error of 1e-14.
+    Points with factors from another point had errors of up to 2e-8 with a stated error of 1e-14.
     """
     rng = np.random.default_rng(0)
     for _ in range(6):
@@ -144,7 +144,7 @@ def test_rounding_is_no_lack_of_harmonics():
 
 
 def random_chain(seed):
-    """One to three masses, damping 1e-8 to 1e-3 of the stiffness, loads as small as it."""
+    """One to three masses, damping 1e-8 to 1e-3 of the stiffness, small loads."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 4))
     mass = np.diag(rng.uniform(0.5, 2, n))
@@ -168,7 +168,7 @@ def random_chain(seed):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("seed", range(30))
 def test_folds_do_not_depend_on_steps(seed):
-    """Seven of ten of these ran round, stuck or lost folds; internal resonances are among them."""
+    """Regression: repeated, stuck or missing folds; internal resonances are included."""
     system, load, ends = random_chain(seed)
     some, many = (
         vv.trace_response(
@@ -186,7 +186,7 @@ def test_folds_do_not_depend_on_steps(seed):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
 def test_a_pendulum_passes_its_resonance_once(damping):
-    """At dampings of 1e-5 and below it was run round up to 38 times, or without an end."""
+    """Regression: at dampings of 1e-5 and below the curve was followed up to 38 times."""
     pendulum = vv.Pendulum(
         e=0.1,
         w2=0.53,
@@ -210,7 +210,7 @@ def test_a_pendulum_passes_its_resonance_once(damping):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("coupling", [1e7, 1e8, 1e9])
 def test_rounding_of_a_stiff_coupling_is_no_lack_of_harmonics(coupling):
-    """9 to 15 points were told to lack harmonics, and had 63."""
+    """Regression: a warning of few harmonics at points with 63 harmonics."""
     body = vv.PolynomialSystem(
         mass=np.eye(2),
         stiffness=[[1 + coupling, -coupling], [-coupling, 1 + coupling]],
@@ -221,7 +221,7 @@ def test_rounding_of_a_stiff_coupling_is_no_lack_of_harmonics(coupling):
     branch = vv.trace_response(body, (0.2, 0.8), load={"x": 0.3}, stability=False)
     assert branch.complete
     assert branch.highest.max() <= 21
-    # Both move as one body does, of twice the mass, but for what is left of their distance.
+    # Both masses move like one body of twice the mass, except for their small distance.
     one = vv.PolynomialSystem(mass=2, stiffness=2, damping=0.1, forces="0.3*x^3")
     exact = vv.forced_response(one, branch.nu, load=0.3, method="newton", stability=False)
     off = np.abs(branch.coefficients[:, 0, 0] / exact.coefficients[:, 0, 0] - 1)

@@ -1,17 +1,17 @@
-"""Stability with memory next to the axis: random chains on Prony springs, ordinary systems."""
+"""Stability with memory near the imaginary axis: random chains on Prony springs."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Orders are fixed on purpose here; what they leave out is judged elsewhere.
+#: Fixed numbers of harmonics; the truncation is tested elsewhere.
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*do not reach the tolerance:viscovib.ConvergenceWarning"
 )
 
 
 def monodromy(matrices, period, steps):
-    """Of y' = A(t) y, by Magnus's expansion to the sixth order (Blanes, Casas, Ros, BIT 40)."""
+    """Monodromy matrix of y' = A(t) y, Magnus expansion of order 6 (Blanes, Casas, Ros, BIT 40)."""
     h = period / steps
     at = h * (np.arange(steps) + 0.5)
     offset = np.sqrt(15) / 10 * h
@@ -95,7 +95,7 @@ def told(multipliers):
 
 @pytest.mark.parametrize("damping", [(-4.3, -3.3), (-5.0, -4.0)])
 def test_zeros_next_to_the_axis_are_not_lost(damping):
-    """One frequency a call: nothing is known from a neighbour."""
+    """One frequency per call: no neighbouring solution is available."""
     rng = np.random.default_rng(5)
     for _ in range(60):
         chain = Chain(rng, 3, damping, 0.1)
@@ -106,7 +106,7 @@ def test_zeros_next_to_the_axis_are_not_lost(damping):
             expected = np.abs(chain.multipliers(nu, r.harmonics, r.coefficients[0])).max()
             assert expected < 1
             assert r.stable[0]
-            # The least stable one is among those found, and known to be that.
+            # The least stable exponent is found and identified.
             assert r.slowest[0]
             assert told(r.multipliers[0])[0] == pytest.approx(expected, abs=1e-8)
 
@@ -134,7 +134,7 @@ def test_nor_along_branches_through_folds():
 
 
 def test_the_slowest_exponent_is_found_or_may_lack():
-    """Damping and memory of all sizes: structure or memory may be the slowest, or several alike."""
+    """Damping and memory of all sizes: structure or memory may be the slowest, or several equal."""
     rng = np.random.default_rng(8)
     certain = judged = 0
     for _ in range(120):
@@ -158,7 +158,7 @@ def test_the_slowest_exponent_is_found_or_may_lack():
 
 
 def test_what_memory_hides_is_counted():
-    """A pair beside the poles of slow memory: from afar they look like nothing."""
+    """A pair near the poles of slow memory, which nearly cancel it."""
     chain = Chain(np.random.default_rng(1), 2, (-5, -4), 0.1)
     chain.mass = np.array([1.794, 1.012])
     chain.k = np.array([[2.606, -1.211], [-1.211, 2.654]])
@@ -184,7 +184,7 @@ def test_memory_slower_than_any_exponential_is_told():
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("seed", range(12))
 def test_the_error_of_a_response_counts_rounding(seed):
-    """One harmonic of a Duffing body or a linear one, down to dampings of 1e-9, in more digits."""
+    """One harmonic of a Duffing or linear body, damping down to 1e-9, in higher precision."""
     rng = np.random.default_rng(seed)
     damping, linear = 10 ** rng.uniform(-9, -1), seed % 2 == 0
     cubic, load = 0.0 if linear else rng.uniform(0.1, 2), damping * rng.uniform(0.3, 3)

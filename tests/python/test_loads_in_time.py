@@ -1,4 +1,4 @@
-"""Tables of loads in time: every corner and jump is seen, by every method and with memory."""
+"""Load tables in time: every corner and jump is resolved, by every method and with memory."""
 
 import itertools
 import math
@@ -19,7 +19,7 @@ def oscillator(kernel=None, cubic=0.0):
 
 
 def reference(table, end, *, memory=False, cubic=0.0):
-    """The motion from rest, each piece of the table on its own."""
+    """The motion from rest; each piece of the table is integrated separately."""
     times = np.asarray(table.times)
     ends = np.concatenate([[0.0], times[(times > 0) & (times < end)], [end]])
     weights, rates = (WEIGHTS, RATES) if memory else (np.zeros(0), np.zeros(0))
@@ -40,7 +40,7 @@ def reference(table, end, *, memory=False, cubic=0.0):
 
 
 def exact(table, end, memory):
-    """The same of the linear oscillator, by exponentials of matrices on each piece."""
+    """The linear oscillator by matrix exponentials on each piece."""
     times, values = np.asarray(table.times), np.asarray(table.values)
     weights, rates = (WEIGHTS, RATES) if memory else (np.zeros(0), np.zeros(0))
     n = 2 + weights.size
@@ -50,7 +50,7 @@ def exact(table, end, memory):
     matrix[1, 2:n] = 4 * weights
     matrix[2:n, 0] = 1
     matrix[2:n, 2:n] = -np.diag(rates)
-    # Force, its slope, curvature and what that changes by: constant on a piece.
+    # Force, its slope, curvature and third derivative, which is constant on a piece.
     matrix[1, n] = matrix[n, n + 1] = matrix[n + 1, n + 2] = matrix[n + 2, n + 3] = 1
     if table.interpolation == "cubic":
         third, second, first, zeroth = CubicSpline(times, values).c
@@ -122,7 +122,7 @@ def test_random_tables_with_memory(memory):
     for _ in range(5):
         table = broken(rng)
         run = vv.simulate(system, 10, force=table, memory=memory)
-        # The cubic spring forgets nothing: it is no part of what has a kernel.
+        # The cubic spring has no memory.
         assert run.outcome == "completed"
         assert run.error <= 1e-10
         coarse = vv.simulate(system, 10, force=table, memory=memory, dt=0.2)
@@ -130,7 +130,7 @@ def test_random_tables_with_memory(memory):
 
 
 def test_a_jump_inside_a_table_hides_no_corner():
-    """Two times next to each other make slopes so large that others are nothing beside them."""
+    """Two very close times give large slopes, relative to which all others are negligible."""
     rng = np.random.default_rng(6)
     prony = vv.PronyKernel(weights=WEIGHTS, rates=RATES)
     for i in range(12):
@@ -159,7 +159,7 @@ def test_order_is_kept_through_corners_and_jumps():
 
 
 def test_order_is_kept_where_a_singular_kernel_remembers_a_jump():
-    """After a jump accelerations change like t^(2+alpha): no polynomial follows them."""
+    """After a jump accelerations change like t^(2+alpha), which is not smooth."""
     system = oscillator(vv.RabotnovKernel(amplitude=0.05, alpha=0.3, beta=0.5), cubic=0.3)
     table = vv.LoadTable(times=[0.777, 1.2345, 2.31], values=[1.0, -0.5, 0.8])
     states = [vv.simulate(system, 4, dt=dt, force=table).state[-1] for dt in (0.4, 0.2, 0.05)]
@@ -201,7 +201,7 @@ def test_given_steps_keep_states_at_equal_times():
 
 
 def test_high_orders_of_a_load_are_seen():
-    """A pulse once a period is all in the orders; the step is chosen by the highest."""
+    """A periodic pulse is represented by harmonics; the highest one determines the step size."""
     system = oscillator()
     load = {40: 3.0}
     run = vv.simulate(system, 10, load=load, nu=0.5)
@@ -226,7 +226,7 @@ def test_the_plan_names_a_table_that_acts(kernel):
 
 @pytest.mark.parametrize("law", ["d^3", "5*max(d - 0.1, 0)"])
 def test_an_empty_base_is_a_base_at_rest(law):
-    """As scenes tell the loads of a system whose base does not move."""
+    """Scenes pass the loads of a system with a base at rest in this form."""
     k = np.array([[2.0, -1], [-1, 2]])
     structure = vv.Structure(
         mass=np.eye(2), stiffness=k, damping=0.1 * k, elements=[vv.Spring(on="x1", law=law)]

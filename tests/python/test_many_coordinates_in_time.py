@@ -5,7 +5,7 @@ import pytest
 import viscovib as vv
 from referee.switched import Automaton, Contact, Sliders
 
-#: A chain on the ground at both ends.
+#: A chain connected to the ground at both ends.
 N = 9
 
 
@@ -28,7 +28,7 @@ def slider():
 
 @pytest.mark.parametrize("n", [N, 80])
 def test_against_scipy_from_switch_to_switch(n):
-    """A slider and a gap, to 1e-11 in steps of a tenth of the load's period."""
+    """A slider and a gap, to 1e-11 with steps of a tenth of the load period."""
     structure = chain(n, slider(), vv.Gap(on=f"x{n}", stiffness=20, gap=0.1))
     times, nothing = np.linspace(0, 8, 5), np.zeros(n)
     axes, names = np.eye(n), [f"x{i + 1}" for i in range(n)]
@@ -48,7 +48,7 @@ def test_against_scipy_from_switch_to_switch(n):
 
 @pytest.mark.parametrize("n", [7, N, 70])
 def test_polynomial_systems_end_steps_there_too(n):
-    """The same equations as a structure's, by the same steps, also beside a kernel and a base."""
+    """The same equations and steps as a structure, also with a kernel and a base."""
     k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     law = "5*max({} - 0.1, 0) + 0.05*sign({})"
     forces = ["0"] * n
@@ -65,7 +65,7 @@ def test_polynomial_systems_end_steps_there_too(n):
         np.testing.assert_allclose(run.state, other.state, atol=1e-10)
 
 
-#: Elements of the first three coordinates, a case each.
+#: Elements on the first three coordinates, one case each.
 SLIDER = 'vv.Jenkins(on="x2", stiffness=3, limit=0.1)'
 STICKS = "vv.Spring(on='x2', law='0.2*sign(v)')"
 PARTS = {
@@ -80,7 +80,7 @@ PARTS = {
 
 
 def test_friction_and_a_slider_that_switch_at_once_are_refused():
-    """Two runs could agree by chance there; not on deflections of their own."""
+    """Two runs could agree by chance; on separate deflections they cannot."""
     sticks = vv.Spring(on="x2", law="0.2*sign(v)")
     with pytest.raises(vv.InputError, match="takes no law that switches"):
         vv.simulate(
@@ -92,7 +92,7 @@ def test_friction_and_a_slider_that_switch_at_once_are_refused():
 
 @pytest.mark.parametrize("name", PARTS)
 def test_a_part_that_stands_alone_moves_as_by_itself(name):
-    """Three masses beside six others that do not touch them, each by another way of steps."""
+    """Three masses with six uncoupled masses, compared with the three masses alone."""
     elements = eval(f"[{PARTS[name]}]")
     alone = chain(3, *elements)
     n = 3 + N
@@ -108,7 +108,7 @@ def test_a_part_that_stands_alone_moves_as_by_itself(name):
 
 
 def test_infinitely_many_impacts_end():
-    """Rounding of many modes must not keep a mass jumping on a stop."""
+    """Rounding errors of many modes must not keep a mass bouncing on a stop."""
     for n in (7, 8, 10, 20, 90):
         structure = chain(n, vv.Gap(on=f"x{n}", gap=0.1, restitution=0.5))
         run = vv.simulate(structure, 60, load=push(n), nu=0.7, dt=0.2)
@@ -117,7 +117,7 @@ def test_infinitely_many_impacts_end():
 
 
 def test_goes_on_and_in_ensembles():
-    """As if it had never stopped, bit for bit; the same in an ensemble; events."""
+    """Bitwise equal to the uninterrupted run; also in an ensemble; with events."""
     structure = chain(N, slider(), vv.Stop(on=f"x{N}", gap=0.1, restitution=0.5))
     given = {"load": push(N), "nu": 0.7, "dt": 0.2}
     run = vv.simulate(structure, 12, events=["x3"], **given)
@@ -129,7 +129,7 @@ def test_goes_on_and_in_ensembles():
 
 
 def test_stiff_modes_need_no_steps():
-    """A beam of ten elements, of which the fastest mode turns 47 times in a step."""
+    """A beam of ten elements; its fastest mode has 47 periods per step."""
     m, length = 10, 0.1
     k, mass = np.zeros((2 * m + 2, 2 * m + 2)), np.zeros((2 * m + 2, 2 * m + 2))
     s = length
@@ -165,7 +165,7 @@ def test_stiff_modes_need_no_steps():
 
 
 def test_what_is_refused_says_why():
-    """Other methods; more coordinates; masses of 0, which laws with kinks may have."""
+    """Other methods; more coordinates; masses of 0 with kinked laws."""
     with pytest.raises(vv.InputError, match="has the methods auto, gauss8, gauss2, gauss3"):
         vv.simulate(chain(N, slider()), 1, load=push(N), nu=0.7, method="rk4")
     with pytest.raises(vv.InputError, match="at most 512 coordinates, has 513"):
@@ -183,7 +183,7 @@ def test_what_is_refused_says_why():
 
 
 def test_scenes_end_steps_at_kinks_too(tmp_path):
-    """A scene ends where Python does."""
+    """A scene has the same final state as Python."""
     numbers = ", ".join(["1"] * 8)
     text = f"""&structure mass = {numbers}, stiffness = {numbers}, damping = {numbers} /
 &element on = 'x1', 'x2', law = '5*max(d - 0.1, 0) + 0.3*d' /
@@ -203,7 +203,7 @@ def test_scenes_end_steps_at_kinks_too(tmp_path):
 @pytest.mark.parametrize("order", [1, 5])
 @pytest.mark.parametrize("n", [3, N])
 def test_scenes_and_python_take_the_same_steps(tmp_path, n, order):
-    """Of a chain with springs of any stiffness, under a load of any order."""
+    """A chain with springs of any stiffness, under a load of any harmonic."""
     rng = np.random.default_rng(10 * n + order)
     path, table = tmp_path / "scene.nml", tmp_path / "table.csv"
     for _ in range(4):
@@ -223,7 +223,7 @@ def test_scenes_and_python_take_the_same_steps(tmp_path, n, order):
 
 
 def test_escapes_are_those_of_few_coordinates():
-    """A softening spring beside a gap: when the motion runs away, alone and in a structure of 8."""
+    """A softening spring and a gap: escape time alone and in a structure with 8 coordinates."""
 
     def escape(seed, more):
         rng = np.random.default_rng(seed)
@@ -248,7 +248,7 @@ def test_escapes_are_those_of_few_coordinates():
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["Dahl", "BoucWen"])
 def test_errors_beside_elements_that_settle_fast_are_told(kind, seed):
-    """Parts between two turns were the same in two runs; powers left 1e-9 where a state is 0."""
+    """Parts between reversals were equal in two runs; powers have errors of 1e-9 at state 0."""
     rng = np.random.default_rng(seed)
     stiffness = rng.uniform(2, 10)
     element = vv.Dahl(on="x2", stiffness=stiffness, limit=rng.uniform(0.05, 0.4), exponent=2)

@@ -1,4 +1,4 @@
-"""Ensembles over parameters of laws and elements: side by side, each run as it is alone."""
+"""Ensembles over parameters of laws and elements: parallel runs equal single runs."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ TERMS = (
 
 
 def drawn(rng):
-    """A system of one to three coordinates whose forces name a, b and c."""
+    """A system of one to three coordinates whose forces contain a, b and c."""
     d = int(rng.integers(1, 4))
     names = ("x",) if d == 1 else tuple(f"x{i + 1}" for i in range(d))
     forces = {}
@@ -35,7 +35,7 @@ def drawn(rng):
 
 
 def values(rng, n):
-    """Of a, b and c; some make a term vanish, or a power a square."""
+    """Values of a, b and c; some make a term vanish, or turn a power into a square."""
     of = {name: rng.uniform(0.2, 0.9, n) for name in "abc"}
     of["a"][rng.random(n) < 0.3] = 0.6
     of["c"][rng.random(n) < 0.3] = 0.0
@@ -51,7 +51,7 @@ def with_values(system, of, i):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_numbers_of_all_runs_at_once_are_those_of_each(seed):
-    """The core takes the same numbers, to the last bit, as of a system with these parameters."""
+    """The core uses the same numbers, bitwise, as for a system with these parameters."""
     rng = np.random.default_rng(seed)
     system, n = drawn(rng), 9
     of = values(rng, n)
@@ -75,7 +75,7 @@ GATHERED = ("state", "t_reached", "peak", "mean", "rms", "amplitudes", "sections
 
 @pytest.mark.parametrize("asked", ASKED, ids=lambda asked: asked.get("method", "verner9"))
 def test_each_lane_is_the_run_alone(asked):
-    """Whatever is gathered, bit for bit."""
+    """All statistics, bitwise."""
     kinds = set()
     for seed in range(6):
         rng = np.random.default_rng([seed, 1])
@@ -107,7 +107,7 @@ def test_each_lane_is_the_run_alone(asked):
 
 
 def test_layers_of_each_lane_are_seen():
-    """A law thin in some runs alone: those are made in parts, and right."""
+    """A law that is thin in some runs only: these runs use divided steps and are accurate."""
     widths = np.array([0.3, 1e-4, 0.2, 1e-3])
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, forces="0.4*tanh(x_dot/w)", parameters={"w": 0.5}
@@ -120,7 +120,7 @@ def test_layers_of_each_lane_are_seen():
 
 
 def test_numbers_of_elements_side_by_side():
-    """A structure's laws and stiffnesses, against single runs of structures made anew."""
+    """Laws and stiffnesses of a structure, against single runs of separate structures."""
 
     def made(force=0.3, stiffness=0.5, cubic=0.1):
         return vv.Structure(

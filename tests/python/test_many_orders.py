@@ -1,18 +1,18 @@
-"""Loads and motions of hundreds of harmonic orders, against closed forms."""
+"""Loads and motions with hundreds of harmonics, against closed forms."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Den Hartog (Trans. ASME 53, 1931): x'' + x + R sgn x' = cos(nu t) without stops has half the
-#: width X = sqrt(1/(1-nu^2)^2 - (R sin(pi/nu)/(nu (1 + cos(pi/nu))))^2); pairs (nu, R).
+#: Den Hartog (Trans. ASME 53, 1931): x'' + x + R sgn x' = cos(nu t) without sticking has the
+#: amplitude X = sqrt(1/(1-nu^2)^2 - (R sin(pi/nu)/(nu (1 + cos(pi/nu))))^2); pairs (nu, R).
 DEN_HARTOG = [(0.8, 0.2), (1.2, 0.3)]
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("n_orders", [199, 200, 201, 260, 450])
 def test_linear_loads_of_many_orders(n_orders, seed):
-    """Each order is (K - m w^2 + i c w)^-1 times its load, however many there are."""
+    """Each harmonic is (K - m w^2 + i c w)^-1 times its load, for any number of harmonics."""
     rng = np.random.default_rng(1000 * seed + n_orders)
     m, c = np.diag(rng.uniform(0.5, 2, 2)), np.diag(rng.uniform(0.1, 0.3, 2))
     k = np.array([[2.0, -1], [-1, 3]]) * rng.uniform(0.5, 2)
@@ -32,7 +32,7 @@ def test_linear_loads_of_many_orders(n_orders, seed):
 
 @pytest.mark.parametrize("harmonics", [299, "auto"])
 def test_balances_of_many_orders(harmonics):
-    """A law that stays in its linear part: the closed form again, with loads of order to 299."""
+    """A law within its linear range: the closed form again, with load harmonics to 299."""
     law = "min(max(0.4*x, -50), 50)"
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces=law)
     load = {1: 0.3, 220: 5.0, 299: 7.0}
@@ -59,7 +59,7 @@ def test_branch_with_a_load_of_high_order():
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_friction_of_den_hartog():
-    """Errors of 1e-4 with 299 orders, falling as 1/K, and told with a margin."""
+    """Errors of 1e-4 with 299 harmonics, decreasing as 1/K, and covered by the estimate."""
     wanted = 0.0
     highest = np.array([99, 199, 299, 399])
     for nu, friction in DEN_HARTOG:
@@ -79,7 +79,7 @@ def test_friction_of_den_hartog():
 
 
 def test_what_is_refused():
-    """One more than may be asked, by name and value."""
+    """One harmonic above the limit, with name and value."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="0.1*x^3")
     with pytest.raises(vv.InputError, match=r"harmonics = 400: must be"):
         vv.forced_response(system, [0.7], load=1, method="newton", harmonics=400)
@@ -90,9 +90,9 @@ def test_what_is_refused():
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_what_is_linear_leaves_a_branch_as_it_is(seed):
-    """Equations of all coordinates, linear ones eliminated order by order, against condensed ones.
+    """Equations of all coordinates, with linear elimination per harmonic, against condensed ones.
 
-    Light damping lets the linear rest resonate with some order while the others are held.
+    With light damping the linear subsystem may be resonant with a harmonic.
     """
     rng = np.random.default_rng(seed)
     n = 2 + seed % 2

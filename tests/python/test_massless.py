@@ -1,4 +1,4 @@
-"""Motions of structures some of whose coordinates have no mass, against reduced equations."""
+"""Motions of structures with massless coordinates, against reduced equations."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def structure(e, kernel, **more):
 
 
 class Reduced:
-    """The same with the places of idle coordinates found by Newton's method at every instant."""
+    """Reference: displacements of massless coordinates by Newton's method at every instant."""
 
     def __init__(self, e, kernel):
         self.e, self.kernel, self.guess = e, kernel, np.zeros(2)
@@ -73,7 +73,7 @@ class Reduced:
 @pytest.mark.parametrize("e", [ALONE, ACROSS], ids=["alone", "across"])
 @pytest.mark.parametrize("kernel", [None, PRONY], ids=["elastic", "prony"])
 def test_as_reduced_equations(e, kernel):
-    """Loads, a table that jumps and elements act on coordinates that follow at once."""
+    """Loads, a table with jumps and elements act on massless coordinates."""
     run = vv.simulate(
         structure(e, kernel), 8, initial=START, load=LOAD, nu=NU, force=TABLE, tolerance=1e-10
     )
@@ -86,7 +86,7 @@ def test_as_reduced_equations(e, kernel):
 
 
 def test_rates_are_those_of_places():
-    """At the ends of steps, and at wanted times inside them."""
+    """At the ends of steps, and at requested times inside them."""
     t = np.linspace(0, 8, 4001)
     run = vv.simulate(
         structure(ACROSS, PRONY), 8, initial=START, load=LOAD, nu=NU, dt=0.05, times=t
@@ -109,7 +109,7 @@ def test_a_kernel_that_is_infinite_at_first_needs_mass():
     kernel = vv.RabotnovKernel(amplitude=0.3, alpha=0.5, beta=0.9)
     with pytest.raises(vv.InputError, match="infinite at first acts on a coordinate without mass"):
         vv.simulate(structure(ALONE, kernel), 4, load=LOAD, nu=NU)
-    # Beside one it is as good as any.
+    # In parallel with another spring it is allowed.
     vv.simulate(structure([0, 0, 1, 0], kernel), 4, load=LOAD, nu=NU, tolerance=1e-8)
 
 
@@ -121,7 +121,7 @@ def test_settles_on_the_periodic_motion():
 
 
 def test_other_loads_from_a_time_on():
-    """The places jump with the load, and what is remembered does not."""
+    """The displacements jump with the load; memory states do not."""
     system = structure(ALONE, PRONY)
     jumps = vv.LoadTable(times=[3, 8], values=[1.0, 1.0], on=dict(x1=0.3, x2=1.0, x4=0.5))
     steady = {"initial": START, "dt": 0.02}

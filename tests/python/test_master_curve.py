@@ -1,4 +1,4 @@
-"""Master curves: factors given back, their uncertainty, laws, what is refused."""
+"""Master curves: recovered shift factors, their uncertainty, laws, refused arguments."""
 
 import warnings
 from pathlib import Path
@@ -45,7 +45,7 @@ def test_factors_come_back(by):
 
 @pytest.mark.parametrize("reference", [3.0, 14.0, 25.0, 36.0])
 def test_the_reference_may_lie_between_sets(reference):
-    """Factors fall by 0.03 decades from a straight line there."""
+    """There the factors deviate by 0.03 decades from a straight line."""
     master = vv.master_curve(sets(), reference=reference)
     assert master.decades == pytest.approx(LAW.log10(WARM) - LAW.log10(reference), abs=0.01)
     assert master.shift.log10(reference) == 0
@@ -53,7 +53,7 @@ def test_the_reference_may_lie_between_sets(reference):
 
 
 def test_a_reference_between_far_sets_is_as_sure_as_said():
-    """Random laws, two to four sets 10 to 20 K apart: no neighbours tell how two sets bend."""
+    """Random laws, two to four sets 10 to 20 K apart: two sets do not determine the curvature."""
     rng = np.random.default_rng(0)
     off = []
     for _ in range(60):
@@ -68,7 +68,7 @@ def test_a_reference_between_far_sets_is_as_sure_as_said():
 
 
 def test_the_warmest_set_may_be_the_reference():
-    """The mean of equal temperatures is that temperature to the last bit."""
+    """The mean of equal temperatures equals this temperature bitwise."""
     master = vv.master_curve(sets(warm=[30.0, 45.4]), reference=45.4)
     assert master.decades[1] == 0
 
@@ -82,7 +82,7 @@ def test_given_factors_of_another_reference_are_refused():
 
 
 def test_uncertainty_covers_the_truth():
-    """95 % intervals of four factors over 60 draws of noise."""
+    """95 % intervals of four factors over 60 random noises."""
     inside = []
     for seed in range(60):
         master = vv.master_curve(sets(noise=0.01, seed=seed), reference=20.0)
@@ -92,7 +92,7 @@ def test_uncertainty_covers_the_truth():
 
 
 def test_a_set_that_hardly_rises_knows_no_shift():
-    """Storage rises by 0.3 % in the coldest set, its noise is 0.5 %: scatter makes its slope."""
+    """Storage rises by 0.3 % in the coldest set with 0.5 % noise: its slope is undetermined."""
     warm = np.array([0.0, 10.0, 20.0, 30.0])
     true = -10.0 * (warm - 20) / (95.0 + warm - 20)
     nu = np.geomspace(0.3, 300, 12)
@@ -109,7 +109,7 @@ def test_a_set_that_hardly_rises_knows_no_shift():
         )
         try:
             master = vv.master_curve(data, reference=20.0)
-        except vv.InputError:  # No level is in both sets: said.
+        except vv.InputError:  # The message states that no level is in both sets.
             continue
         off.append(abs(master.decades[0] - true[0]) / master.uncertainty[0])
     assert len(off) > 20
@@ -153,7 +153,7 @@ def test_laws_come_back():
 
 
 class TestPublished:
-    """The raw sets of a published project, and the factors published beside a master curve."""
+    """The raw sets of a published project, and the factors published with a master curve."""
 
     raw = vv.read_dma(DATA / "pyvisco_freq_user_raw.csv")
     factors = np.genfromtxt(
@@ -164,7 +164,7 @@ class TestPublished:
         master = vv.master_curve(self.raw, reference=-4.76)
         assert master.scatter < 0.003
         assert master.loss_scatter == pytest.approx(0.075, abs=0.006)
-        # Methods differ by 0.26 decades above 3 C and more below -20 C: no factor is surer.
+        # Methods differ by 0.26 decades above 3 C and more below -20 C, which limits the accuracy.
         assert 0.1 < master.uncertainty[7:].max() < 0.5
         assert master.uncertainty[0] > 0.15
 
@@ -214,7 +214,7 @@ def test_pictures():
 
 
 def test_free_lifts_are_as_sure_as_they_say():
-    """Random rubbers whose moduli follow the absolute temperature, by storage alone."""
+    """Random rubbers with moduli proportional to the absolute temperature, by storage alone."""
     off = []
     for seed in range(24):
         rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Readers and writers of matrices: what is sound comes back, all else is one line."""
+"""Readers and writers of matrices: valid data are read back, other files give one line."""
 
 import re
 
@@ -96,7 +96,7 @@ def test_wrong_files(tmp_path, name, text, message):
 
 
 def entry(rng):
-    """A word that is a number, or nearly one; its value, or None."""
+    """A word that is a number or nearly a number; its value, or None."""
     sound = f"{rng.choice(['', '-', '+'])}{rng.integers(1, 99)}{rng.choice(['', '.', '.5', '.25'])}"
     sound += rng.choice(["", "", "e3", "E-2", "D+1", "d2"])
     spoil = rng.choice(["", "", "", "x", ",5", "e", "&.0C", " 5", "_0", "D", "f0", ".5.5"])
@@ -108,7 +108,7 @@ def entry(rng):
 
 
 def test_a_line_is_an_entry_or_refused(tmp_path):
-    """Never a part of a number, nor what stands beyond a file whose last line has no end."""
+    """No part of a number, and no data after the end of a file without a final line end."""
     rng = np.random.default_rng(45)
     file = tmp_path / "a.mtx"
     refused = 0
@@ -129,7 +129,7 @@ def test_a_line_is_an_entry_or_refused(tmp_path):
 
 
 def test_each_pair_of_a_symmetric_file_is_stored_once(tmp_path):
-    """In either triangle; a pair in both is refused, since their sum is twice the entry."""
+    """In either triangle; a pair in both is refused, because the sum would double the entry."""
     rng = np.random.default_rng(7)
     file = tmp_path / "k.mtx"
     for i in range(20):
@@ -184,7 +184,7 @@ def damaged(rng, parts):
 
 @pytest.mark.filterwarnings("ignore:stiffness. has entries on one side")
 def test_a_damaged_matrix_is_read_whole_or_refused(tmp_path):
-    """Indices outside the matrix, other types and lengths: a line, or entries that are there."""
+    """Indices outside the matrix, other types and lengths: one line, or existing entries."""
     rng = np.random.default_rng(11)
     file = tmp_path / "k.npz"
     refused = 0

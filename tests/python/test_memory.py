@@ -1,7 +1,7 @@
-"""Peak memory: flat in steps and chunks; a response takes little more than its own result.
+"""Peak memory: constant in steps and chunks; a response needs little more than its result.
 
-Each job runs in its own process, first short, then long. The system counts the largest memory that
-the process ever held, and the long job must not raise it.
+Each job runs in its own process, first short, then long. The system reports the peak memory of
+the process, which the long job must not raise.
 """
 
 import subprocess
@@ -64,14 +64,14 @@ LENGTHS = {
     "sweep on disk": (10, 40),
     "ensembles in chunks": (20, 200),
 }
-#: What the allocator may add, far below what the longer job would add if it kept its states.
+#: Overhead of the allocator, far below the memory of stored states.
 ROOM = 4 * 2**20
 
 
 def peaks(job, *lengths):
-    """Largest memory after the job of each length, and what it notes as its result."""
-    # By way of a shell: a process counts the memory of the one that started it as its own peak,
-    # and that one, which runs all the tests, is large.
+    """Peak memory after the job of each length, and the recorded result."""
+    # Started by a shell, because the peak of a process includes that of its parent, and the test
+    # process is large.
     program = HEAD + textwrap.indent(job + TAIL, "    ")
     command = ["sh", "-c", '"$@"; exit $?', "sh", sys.executable, "-c", program]
     command += map(str, lengths)
@@ -87,7 +87,7 @@ def test_the_peak_is_flat(name):
 
 
 def test_what_is_kept_shows():
-    """The same measure sees states that are kept, in however large a process: it can fail."""
+    """Check of the method: stored states are visible in the peak."""
     ballast = np.ones(2**25)
     keep = JOBS["last state"].replace('"last"', '"all"')
     (short, _), (long, _) = peaks(keep, *LENGTHS["last state"])

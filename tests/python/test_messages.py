@@ -1,4 +1,4 @@
-"""Messages of the core arrive whole, each on the thread whose call failed."""
+"""Messages of the core are complete, each on the thread whose call failed."""
 
 import sys
 import threading
@@ -26,7 +26,7 @@ def test_long_messages_arrive_whole_on_two_threads_at_once() -> None:
             if message != f"{name}: cannot be read (No such file or directory)":
                 wrong.append(message)
 
-    # Longer than any fixed text of the core; beyond 1900 characters the middle is left out.
+    # Longer than any fixed text of the core; above 1900 characters the middle is omitted.
     assert all(len(name) > 1600 for name in names)
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)

@@ -1,4 +1,4 @@
-"""Modal damping beside dampers that couple the modes: against the matrices written out."""
+"""Modal damping with dampers that couple the modes, against explicit matrices."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def test_steady_motions_and_motions_in_time(case):
 def test_reduced_structures_damp_each_mode_once(case):
     """Against all modes of the full matrices, and by the full equations of ``check``.
 
-    Modes above those kept are damped as K is, which leaves some 1e-5.
+    Omitted modes have a damping proportional to K, with an error of about 1e-5.
     """
     rng = np.random.default_rng([5, case])
     n, ratio, c = 160, rng.uniform(0.01, 0.05), rng.uniform(0.05, 0.3) * (case % 3 != 0)

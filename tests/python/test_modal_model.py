@@ -1,4 +1,4 @@
-"""Reduced structures in their modes, beside the whole ones that they stand for."""
+"""Reduced structures in modal coordinates, against the full structures."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ ELEMENTS = {
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 def test_as_the_whole_structure(kind):
-    """All modes are kept of so few: what differs is rounding, and the steps."""
+    """All modes of a small structure are kept: only rounding and steps differ."""
     bar = chain(24, ELEMENTS[kind], rayleigh=(0.05, 1e-3))
     modal = bar.reduce(frequency=40.0, loads=["x5"], tolerance=1e-10).in_modes()
     whole = vv.Structure(
@@ -54,7 +54,7 @@ def test_as_the_whole_structure(kind):
 
 
 def test_few_modes_of_many():
-    """What the reduction leaves out is what it says, where steps end at corners."""
+    """The stated error of the reduction is valid, where steps end at corners."""
     elements = [
         vv.Gap(on="x150", stiffness=2.0, gap=0.02),
         vv.Jenkins(on="x80", stiffness=3.0, limit=0.05),
@@ -76,7 +76,7 @@ def test_few_modes_of_many():
 
 
 def test_layers_and_steady_motions():
-    """Layers that relax as a whole relax in the modes; a steady motion in time is that of all."""
+    """Layers with memory in modal coordinates; a steady motion against the full structure."""
     k = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(12, 12)).tocsr()
     elements = [vv.Gap(on="x12", stiffness=100.0, gap=0.01)]
     bar = chain(12, elements, rayleigh=(0.05, 2e-3), layers=[(40.0 * k, KERNEL)])

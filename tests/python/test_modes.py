@@ -1,4 +1,4 @@
-"""The &modes group: natural frequencies as a table, by the core, for any system."""
+"""The group &modes: natural frequencies as a table, by the core, for any system."""
 
 import pickle
 

@@ -40,7 +40,7 @@ def on_feet(geometry, kernel, **more):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_accelerations_with_memory_beside_exponentials_as_states(seed):
-    """M a = load - C v - sum of (1 - R*) g, each exponential a state of an independent solver."""
+    """M a = load - C v - sum of (1 - R*) g, exponentials as states of an independent solver."""
     rng = np.random.default_rng([49, seed])
     n = int(rng.integers(1, 4))
     root = rng.normal(size=(2, n, n))
@@ -121,7 +121,7 @@ FAMILY = {
 
 @pytest.mark.parametrize("case", FAMILY)
 def test_accelerations_are_the_slopes_of_velocities(case):
-    """Of every kind of system: differences of order 8, but for those across a jump."""
+    """For every kind of system: differences of order 8, except across a jump."""
     system, given = FAMILY[case]()
     run = vv.simulate(system, 5, **given)
     inner = run.t[(run.t > 0.1) & (run.t < 4.9)]
@@ -135,7 +135,7 @@ def test_accelerations_are_the_slopes_of_velocities(case):
 
 
 def test_accelerations_of_runs_that_go_on():
-    """After other loads, from a pickle and for a last state alone they are those of one run."""
+    """With other loads, from a pickle and for a last state, they equal those of one run."""
     system = mount(kernel=STEEP)
     start = [0.1, 0, 0.1, 0.2]
     given = {"load": 0.1, "nu": 1.5, "initial": start, "dt": 0.1}
@@ -148,7 +148,7 @@ def test_accelerations_of_runs_that_go_on():
     other = vv.simulate(system, 4, resume=first, load=0.3, nu=2.0)
     again = pickle.loads(pickle.dumps(other))
     np.testing.assert_array_equal(again.acceleration, other.acceleration)
-    # The load jumps where the other one begins.
+    # The load jumps where the other load begins.
     jump = 0.3 * np.sin(4.0) - 0.1 * np.sin(3.0)
     force = system._mass_matrix @ (other.acceleration[0] - first.acceleration[-1])
     np.testing.assert_allclose(force, [jump, 0], atol=1e-12)
@@ -166,7 +166,7 @@ def test_accelerations_of_pendulums_and_units():
 
 
 def test_accelerations_that_are_not_there():
-    """A coordinate without mass follows its forces: the equations do not contain its rate."""
+    """A coordinate without mass follows its forces: no equation has its acceleration."""
     light = vv.Structure(mass=np.diag([1.0, 0.0]), stiffness=[[2.0, -1], [-1, 2]])
     run = vv.simulate(light, 2, initial=[1, 0, 0.5, 0])
     with pytest.raises(vv.InputError, match="all of whose coordinates have mass"):

@@ -1,4 +1,4 @@
-"""The mount against closed forms, independent numerics and conservation."""
+"""The mount against closed forms, independent numerics and conservation laws."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_dynamic_stiffness_is_the_sum_of_its_parts(mount):
 
 
 def right_side(geometry, c_x=10.0, c_phi=2.0, arm=0.5, damping=0.0, load=0.0, nu=1.0):
-    """Equations of motion without memory, written out by hand."""
+    """Equations of motion without memory, written explicitly."""
 
     def rhs(t, y):
         x, v, phi, w = y
@@ -77,7 +77,7 @@ def right_side(geometry, c_x=10.0, c_phi=2.0, arm=0.5, damping=0.0, load=0.0, nu
 
 @pytest.mark.parametrize("geometry", ["exact", "cubic", "printed"])
 def test_response_solves_the_equations_of_motion(geometry):
-    """Run the steady motion through an integrator for a period: it must come back."""
+    """Integrate the steady motion over a period: it must return to its start."""
     load, nu, damping = 0.5, 1.0, 0.4
     body = vv.Mount(**SCENE, geometry=geometry, damping=damping * np.eye(2))
     r = vv.forced_response(body, nu, load=load, harmonics=25, tolerance=1e-13)
@@ -163,7 +163,7 @@ def test_memory_scale_zero_silences_the_warning_and_the_memory(mount):
 
 @pytest.mark.filterwarnings("error")
 def test_loads_beyond_all_frequencies(mount):
-    """Only a base that moves accelerates by the square of its frequency."""
+    """Only base accelerations grow with the square of the frequency."""
     body = mount()
     run = vv.simulate(body, 3, load=0.1, nu=1e300, dt=0.1)
     assert run.outcome == "completed"
@@ -173,7 +173,7 @@ def test_loads_beyond_all_frequencies(mount):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_normal_coordinates_decouple_the_equations(seed):
-    """Equations (7), (8) and (14) of the paper: each coordinate is an oscillator of its own."""
+    """Equations (7), (8) and (14) of the paper: each coordinate is an independent oscillator."""
     rng = np.random.default_rng([48, seed])
     kernel = vv.RzhanitsynKernel(amplitude=rng.uniform(0.01, 0.05), alpha=0.1, beta=0.05)
     c_x, c_phi, arm, mass, inertia = rng.uniform([5, 1, 0.2, 0.5, 0.1], [20, 5, 0.8, 2, 0.5])

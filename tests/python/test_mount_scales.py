@@ -1,10 +1,10 @@
-"""The mount by multiple scales, memory included, against harmonic balance."""
+"""The mount by multiple scales, with memory, against harmonic balance."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Orders are fixed on purpose here; what they leave out is judged elsewhere.
+#: Fixed numbers of harmonics; the truncation is tested elsewhere.
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*do not reach the tolerance:viscovib.ConvergenceWarning"
 )
@@ -72,7 +72,7 @@ def test_response_near_a_mode_against_harmonic_balance(geometry, mode):
 
 
 def test_error_falls_as_load_memory_and_detuning_do():
-    """Load x^3, memory and detuning x^2: amplitude x, relative error x^2."""
+    """With load x^3 and memory and detuning x^2, the amplitude is x and the relative error x^2."""
     errors = []
     for k in range(4):
         x = 2.0**-k
@@ -88,7 +88,7 @@ def test_error_falls_as_load_memory_and_detuning_do():
 
 
 def test_branches_against_continuation():
-    """Three coexisting motions of a lightly damped mount, stability as by Floquet."""
+    """Three coexisting motions of a lightly damped mount; stability by Floquet multipliers."""
     system = mount(kernel=None, damping=[[0.01, 0], [0, 0.001]])
     omega = vv.MultipleScales(system).frequencies[0]
     nu = 1.01 * omega
@@ -123,7 +123,7 @@ def test_bad_input(call, message):
 
 
 def test_no_motion_is_lost_where_many_modes_may_move():
-    """With a wide tolerance mode 3 w1 ~ w2 counts: still one motion at each detuning."""
+    """With a wide tolerance 3 w1 ~ w2 counts as resonant: still one motion per detuning."""
     kernel = vv.AbelKernel(amplitude=0.05, alpha=0.2)
     with pytest.warns(vv.StabilityWarning):
         system = mount(

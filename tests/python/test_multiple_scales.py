@@ -1,4 +1,4 @@
-"""Multiple scales against symbolic derivations, known formulas and direct integration."""
+"""Multiple scales against symbolic derivations, known formulas and time integration."""
 
 import dataclasses
 import itertools
@@ -108,7 +108,7 @@ def test_polynomial_form_is_the_cubic_variant(equations):
 
 
 def test_printed_equations_to_third_degree():
-    # Against the printed equations themselves: the rest is of the fourth degree.
+    # Against the printed equations: the difference is of fourth degree.
     with pytest.warns(vv.RangeWarning, match="mode 3 is unstable"):
         residual = packed_terms(vv.Pendulum(**FREE, equations="printed"))
     pend = vv.Pendulum(**FREE, equations="printed")
@@ -155,12 +155,12 @@ def halvings(case, n=5, t_end=30.0):
 
 @pytest.mark.parametrize("case", CASES)
 def test_error_falls_with_the_third_power(case):
-    # Terms to third order: what is left is amplitude^4, relative to it amplitude^3.
+    # Terms to third order: the error is amplitude^4, relative to the motion amplitude^3.
     errors, estimates = halvings(case)
     assert errors[0] > 1000 * errors[-1]
     powers = np.log2(errors[:-1] / errors[1:])[-2:]
     assert ((powers > 2.8) & (powers < 3.4)).all()
-    # The estimate tells the size of the error.
+    # The estimate has the size of the error.
     ratio = estimates[1:] / errors[1:]
     assert (ratio > 0.1).all()
     assert (ratio < 100).all()
@@ -174,7 +174,7 @@ def test_motion_begins_at_the_state_given():
 
 
 def test_energy_exchange_at_two_to_one():
-    """Spring and swing exchange energy with the period that direct integration shows."""
+    """Spring and swing exchange energy with the period of the direct integration."""
     # 1 + 3 alpha z_r^2 = 4 w2^2 exactly with e = 0, alpha = 0.
     pend = vv.Pendulum(e=0.0, w2=0.5, w3=0.83)
     initial = np.array([0.04, 0, 0.02, 0, 0, 0])
@@ -209,7 +209,7 @@ def test_fewer_steps_than_direct_integration():
 
 
 def test_resonances_are_all_there():
-    """Counted again: products of up to three frequencies and signs against a mode."""
+    """Counted independently: products of up to three frequencies and signs near a mode."""
     pend = vv.Pendulum(**FREE, f0=0.1, m01=0.1, m02=0.1, p1=0.31, p2=0.57, p3=1.7)
     ms = vv.MultipleScales(pend)
     names = ["w1", "w2", "w3", "p1", "p2", "p3"]
@@ -244,10 +244,10 @@ def test_resonances_are_all_there():
 
 
 def test_resonances_of_many_frequencies_are_counted():
-    """Six modes and six loads: as many as combinatorics says."""
+    """Six modes and six loads: the number given by combinatorics."""
 
     def vectors(n):
-        """Integer vectors of n entries with sum of moduli 2 to 4, both signs, +- c one."""
+        """Integer vectors of n entries with a sum of moduli of 2 to 4, both signs, +- c once."""
         total = 0
         for k in (2, 3, 4):
             signed = sum(2**j * comb(n, j) * comb(k - 1, j - 1) for j in range(1, k + 1))
@@ -261,7 +261,7 @@ def test_resonances_of_many_frequencies_are_counted():
         drives=np.linspace(0.7, 3, 6),
     )  # fmt: skip
     found = vv.MultipleScales(system).resonances()
-    # Those of the loads alone are none.
+    # Combinations of loads only are not resonances.
     assert len(found) == vectors(12) - vectors(6)
     assert len({r.multiples for r in found}) == len(found)
 
@@ -283,7 +283,7 @@ def test_labels():
 
 
 def flow_of(ms):
-    """Modulation equations in the frame, out of the list of terms."""
+    """Modulation equations in the rotating frame, from the list of terms."""
 
     def rates(a):
         da = (ms.exponents - 1j * ms.frame) * a
@@ -367,7 +367,7 @@ def test_steady_motions_are_all_found(case):
 
 
 def test_eigenvalues_of_many_modes_in_one():
-    """Three equal undamped oscillators under one load: roots that nearly coincide keep digits."""
+    """Three equal undamped oscillators under one load: close roots keep their digits."""
     rng = np.random.default_rng(0)
     potential = rng.normal(size=(3,) * 4)
     orders = itertools.permutations(range(4))
@@ -380,7 +380,7 @@ def test_eigenvalues_of_many_modes_in_one():
     rates = flow_of(ms)
     assert response.index.size > 1
     for a, found in zip(response.amplitudes / 2, response.eigenvalues, strict=True):
-        # The flow is of third degree: differences of two widths have its derivative exactly.
+        # The flow is of third degree, so two central differences give its derivative exactly.
         columns = []
         for d in [*np.eye(3), *(1j * np.eye(3))]:
             one, two = ((rates(a + h * d) - rates(a - h * d)) / (2 * h) for h in (0.01, 0.02))
@@ -392,14 +392,14 @@ def test_eigenvalues_of_many_modes_in_one():
 
 
 def test_routh_table_of_a_known_polynomial():
-    """s^4 + 2 s^3 + 3 s^2 + 4 s + 5: column 1, 2, 1, -6, 5, two roots on the right."""
+    """s^4 + 2 s^3 + 3 s^2 + 4 s + 5: column 1, 2, 1, -6, 5, two roots in the right half plane."""
     pend = vv.Pendulum(**FREE, c1=0.005, f0=0.001, p1=1.04)
     response = vv.MultipleScales(pend).response("p1", [1.04])
     roots = np.roots([1, 2, 3, 4, 5])
     known = dataclasses.replace(response, eigenvalues=roots[np.newaxis])
     scale = abs(roots).max() ** np.arange(5)
     np.testing.assert_allclose(known.routh_hurwitz(0) * scale, [1, 2, 1, -6, 5], rtol=1e-12)
-    # A zero ends it: s^3 + s^2 + s + 1.
+    # A zero ends the table: s^3 + s^2 + s + 1.
     ended = dataclasses.replace(response, eigenvalues=np.roots([1, 1, 1, 1])[np.newaxis])
     column = ended.routh_hurwitz(0)
     np.testing.assert_allclose(column[:3], [1, 1, 0], atol=1e-14)
@@ -407,7 +407,7 @@ def test_routh_table_of_a_known_polynomial():
 
 
 def test_response_against_direct_integration():
-    """Halving amplitude, detuning and damping: the relative error of a steady motion falls."""
+    """Halving amplitude, detuning and damping reduces the relative error of a steady motion."""
     errors = []
     for k in range(4):
         x = 2.0**-k
@@ -418,7 +418,7 @@ def test_response_against_direct_integration():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", vv.RangeWarning)
             response = vv.MultipleScales(pend).response("p1", [p1])
-        # The stable one is reached from its own state; Newton's method on the period.
+        # The stable motion is computed from its own state, by Newton's method on the period.
         a = response.amplitudes[response.stable][0]
         state = vv.MultipleScales(pend).motion([0.0], amplitudes=a).state[0]
         period = 2 * np.pi / p1
@@ -447,13 +447,13 @@ def test_load_response_jumps():
     assert set(counts) == {1, 3}
     middle = response.nearest(response.values[np.argmax(counts == 3)])
     middle = middle[response.in_range[middle]]
-    # The largest swings so far in z that phi grows: Floquet's multipliers say the same.
+    # The largest motions in z make phi unstable: Floquet multipliers agree.
     assert list(response.stable[middle]) == [True, False, False]
     assert abs(response.amplitudes[0]).max() == 0
 
 
 def test_repeated_frequencies_exchange():
-    """Two equal oscillators coupled by a cubic term: nothing is divided by their difference."""
+    """Two equal oscillators coupled by a cubic term: no division by their difference."""
     cubic = np.zeros((2, 2, 2, 2))
     cubic[0, 0, 1, 1] = cubic[1, 1, 0, 0] = 0.3
     system = vv.CubicSystem(mass=np.eye(2), stiffness=np.eye(2), cubic=cubic)
@@ -535,7 +535,7 @@ def test_subharmonic_motions():
     assert list(np.bincount(response.index)) == [1, 7, 7]
     at = response.nearest(3.1)
     assert list(response.stable[at]) == [True, False, False, False, True, True, True]
-    # A stable one, followed for ten of its periods, comes back to itself.
+    # A stable motion returns after ten of its periods.
     state = ms.motion([0.0], amplitudes=response.amplitudes[at[-1]]).state[0]
     period = 6 * np.pi / 3.1
 
@@ -547,7 +547,7 @@ def test_subharmonic_motions():
 
 
 def test_constant_load():
-    """A constant load moves the equilibrium: products with it resonate with the mode itself."""
+    """A constant load shifts the equilibrium: products with it are resonant with the mode."""
     pend = vv.Pendulum(**FREE, f0=0.01, p1=0.0)
     t = np.linspace(0, 30, 61)
     initial = np.array([0.01, 0, 0.02, 0, 0.01, 0])
@@ -607,7 +607,7 @@ def test_example_runs(tmp_path):
 
 
 def test_wide_tolerance():
-    """However much counts as resonant, no mode is near its own conjugate."""
+    """With a wide tolerance no mode is resonant with its own conjugate."""
     pend = vv.Pendulum(e=0.1, w2=1.0863, w3=3.2589, alpha=0.0177, f0=0.002, p1=0.51)
     initial = np.array([0.01, 0, 0.002, 0, 0.002, 0])
     t = np.linspace(0, 20, 41)
@@ -618,7 +618,7 @@ def test_wide_tolerance():
 
 @pytest.mark.parametrize("load", [1e-5, 1e-9, 1e-12, 1e-30])
 def test_tiny_loads_have_their_linear_motion(load):
-    """The small root of the cubic equation keeps its digits beside large ones."""
+    """The small root of the cubic equation keeps its digits next to large roots."""
     system = one(stiffness=[[1]], damping=[[0.01]], cubic=[[[[1.0]]]], load=[[load]], drives=[1.04])
     steady = vv.MultipleScales(system, tolerance=0.1).response("p1", [1.04])
     assert steady.index.size == 1
@@ -628,7 +628,7 @@ def test_tiny_loads_have_their_linear_motion(load):
 
 @pytest.mark.parametrize("size", [1e-3, 1e-12, 1e-40])
 def test_small_amplitudes_take_the_same_steps(size):
-    """Nothing is measured against a fixed amplitude: of linear flows not even the steps change."""
+    """No fixed amplitude scale: for linear flows even the steps are equal."""
     system = one(stiffness=[[1]], damping=[[0.01]])
     found = vv.MultipleScales(system).modulation([0.0, 200.0], amplitudes=[size])
     wanted = vv.MultipleScales(system).modulation([0.0, 200.0], amplitudes=[1.0])
@@ -637,12 +637,12 @@ def test_small_amplitudes_take_the_same_steps(size):
 
 
 def test_the_solution_is_a_formula():
-    """Each coefficient, with its amplitudes, in the equation of its mode and by its order."""
+    """Each coefficient, with its amplitudes, in the equation of its mode, by its order."""
     duffing = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.5*x^3")
     scales = vv.MultipleScales(duffing, load=0.01, nu=1.02)
     text = scales._repr_latex_()
     assert text.startswith("$$\\begin{aligned}u_{\\mathrm{x}} &= \\sum")
-    # Shift 3 c/(8 w) a^2 of the real amplitude a = 2 |a_1|: 1.5 c/w of the complex one.
+    # Shift 3 c/(8 w) a^2 for the real amplitude a = 2 |a_1|: 1.5 c/w for the complex one.
     cubic = re.search(r"\+ (\d\.\d+)\\,i\)\\,a_\{1\}\\,a_\{1\}\\,\\bar a_\{1\}", text)
     assert float(cubic[1]) == pytest.approx(0.75, rel=1e-3)
     assert text.count("p_{1}") == 1

@@ -1,4 +1,4 @@
-"""Loads by the names of coordinates are those by their places, in every analysis."""
+"""Loads by names of coordinates equal loads by position, in every analysis."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_unbalance_is_a_load_of_its_amplitude_at_each_frequency(kind, seed):
 
 
 def test_folds_of_a_branch_with_unbalance():
-    """Both folds have the values of another program to 13 digits.
+    """Both folds agree with another program to 13 digits.
 
     The oscillator x'' + 0.05 x' + x + x^3 = 0.02 nu^2 cos nu t by Fourier collocation (25 and 40
     harmonics) and dnu/da = 0, confirmed by shooting with DOP853.

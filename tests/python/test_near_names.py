@@ -1,4 +1,4 @@
-"""A misspelt keyword is told the name that is near."""
+"""For a misspelt keyword the message suggests a similar name."""
 
 import inspect
 import pickle

@@ -1,4 +1,4 @@
-"""Lyapunov exponents by motions beside a motion: their sum is the mean trace, by SciPy."""
+"""Lyapunov exponents by neighbouring motions: their sum is the mean trace, by SciPy."""
 
 import mpmath
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
 
-#: Laws with corners: text, force, and its slope over the velocity.
+#: Laws with corners: text, force, and its derivative with respect to the velocity.
 LAWS = (
     ("0.5*abs(x)", lambda x, v: 0.5 * abs(x), lambda x, v: 0.0),
     ("4*max(x - 0.3, 0)", lambda x, v: 4 * max(x - 0.3, 0), lambda x, v: 0.0),
@@ -28,7 +28,7 @@ def system_of(law, k, c, structure):
 
 
 def mean_trace(force, slope, k, c, load, nu, start, begin, end):
-    """Mean of the trace of the tangent between two times."""
+    """Mean of the trace of the Jacobian between two times."""
 
     def rates(t, y):
         x, v = y[:2]
@@ -43,14 +43,14 @@ def mean_trace(force, slope, k, c, load, nu, start, begin, end):
 
 @pytest.mark.parametrize("which", range(len(LAWS)))
 def test_sums_of_random_kinked_systems(which):
-    """Damping from hardly any to far beyond critical; of what fades by many orders too."""
+    """Damping from very small to far above critical; also motions that decay by many decades."""
     law, force, slope = LAWS[which]
     rng = np.random.default_rng(100 + which)
     # Half of the four kinds for each law.
     for i in (0, 3) if which % 2 else (1, 2):
         k, c = 10 ** rng.uniform(-0.5, 1.5), 10 ** rng.uniform(-2, (0, 1.9)[i % 2])
         load, nu = (0.0, 0.5, 2.0)[(i + which) % 3], rng.uniform(0.3, 2) * np.sqrt(k)
-        # The trace is that of the motion only where it does not rest on a corner.
+        # The trace is evaluated along the motion, if it does not rest on a corner.
         start = rng.uniform(0.1, 1, 2) * rng.choice([-1, 1], 2)
         period = 2 * np.pi / np.sqrt(k)
         n, before = int(rng.integers(100, 300)), int(rng.choice([0, 50]))
@@ -69,7 +69,7 @@ def test_sums_of_random_kinked_systems(which):
 
 
 def test_what_fades_and_what_grows_without_bound():
-    """Neighbours are near for the size that the motion has there."""
+    """The distance of neighbours scales with the size of the motion."""
     for k, c, law, load, end in (
         (1.88, 8.2113, "0.5*max(x_dot, 0)", 0.0, 91.65),
         (21.644, 2.7083, "0.5*abs(x)", 0.0, 25.0),
@@ -83,13 +83,13 @@ def test_what_fades_and_what_grows_without_bound():
         )
         true = -c
         if "x_dot" in law:
-            # It creeps back from above but for the beginning.
+            # After the beginning it creeps back from above.
             true = mean_trace(*LAWS[5][1:], k, c, 0.0, 1.0, [0.2, 0.1], 0.0, end)
         assert many.spectrum.sum() == pytest.approx(true, abs=2e-6)
 
 
 def test_coordinates_that_rest_are_disturbed():
-    """Nothing moves the second coordinate: it is a damped oscillator of its own."""
+    """The second coordinate is at rest: its perturbations are those of a damped oscillator."""
     c1, c2 = 0.1, 60.0
     two = vv.Structure(
         mass=[1.0, 1.0], stiffness=[1.0, 3.0], damping=[c1, c2],
@@ -106,7 +106,7 @@ def test_coordinates_that_rest_are_disturbed():
 
 @pytest.mark.parametrize(("c", "k"), [(0.1, 1.0), (3.0, 1.0), (20.0, 1.0)])
 def test_sums_with_memory_and_strong_damping(c, k):
-    """The area of disturbances of the present, by the exponential of the whole in 120 digits."""
+    """Area of perturbations of the present state, by the full exponential with 120 digits."""
     kernel, end = vv.PronyKernel(weights=[0.3], rates=[1.0]), 60
     system = vv.PolynomialSystem(
         mass=1, stiffness=0, damping=c, springs=[vv.Springs(stiffness=k, kernel=kernel)]
@@ -122,7 +122,7 @@ def test_sums_with_memory_and_strong_damping(c, k):
 
 @pytest.mark.parametrize("kinked", [False, True])
 def test_sums_of_structures_that_keep_more_than_their_state(kinked):
-    """Deflections are kept beside modes: an error there does not decay with a fast mode."""
+    """Deflections are stored in addition to modes: an error there does not decay."""
     rng = np.random.default_rng(8)
     for i in range(2):
         n = 4 + i
@@ -144,10 +144,10 @@ def test_sums_of_structures_that_keep_more_than_their_state(kinked):
 
 
 def area_rate(rates, tangent, hidden, before, end):
-    """Mean growth of areas of coordinates and velocities from a time on, begun at rest.
+    """Mean growth of areas of coordinates and velocities from a time on, starting at rest.
 
-    By the variational equation. What is hidden behind them is disturbed as its slopes over the
-    first of them tell.
+    By the variational equation. Hidden states are perturbed according to their derivatives with
+    respect to the first state.
     """
     n = 2 + hidden.size
     state, grown = np.zeros(n), 0.0
@@ -169,7 +169,7 @@ def area_rate(rates, tangent, hidden, before, end):
 
 @pytest.mark.parametrize(("c", "g", "b", "n"), [(8, 1, 2, 1.5), (20, 4, 5, 1)])
 def test_sums_with_hysteresis(c, g, b, n):
-    """Strong damping leaves most of a disturbance in what the joint knows, which bends."""
+    """With strong damping most of a perturbation is in the nonlinear state of the joint."""
     k, load, nu, before, end = 3.0, 6.0, 0.9, 10.0, 30.0
     joint = vv.BoucWen(on="x1", stiffness=k, ratio=0.2, beta=b, gamma=g, exponent=n)
     one = vv.Structure(mass=[1.0], stiffness=[1.0], damping=[c], elements=[joint])
@@ -195,7 +195,7 @@ def test_sums_with_hysteresis(c, g, b, n):
 
 
 def test_what_lives_on_in_the_past_alone_is_not_told():
-    """The second mass forgets fast, the first remembers: what is left of the fourth is hidden."""
+    """The second mass forgets fast, the first remembers: the fourth exponent is hidden."""
     kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
     two = vv.PolynomialSystem(
         mass=np.eye(2), stiffness=np.diag([0, 3.0]), damping=np.diag([0.1, 20.0]),

@@ -1,4 +1,4 @@
-"""Tutorials as notebooks: made from the pages, with the blocks that run there."""
+"""Tutorials as notebooks, generated from the pages, with the same code blocks."""
 
 import json
 import sys
@@ -23,14 +23,14 @@ PAGES = notebooks.pages(DOCS)
 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_notebook_has_the_blocks_of_its_page(name):
-    # Those are run by test_guide, page by page.
+    # test_guide runs the pages.
     made = json.loads(json.dumps(notebooks.notebook(PAGES[name])))
     assert made["nbformat"] == 4
     assert len({cell["id"] for cell in made["cells"]}) == len(made["cells"])
     code = ["".join(cell["source"]) for cell in made["cells"] if cell["cell_type"] == "code"]
     assert code == [block.rstrip("\n") for block in run_blocks.blocks(PAGES[name])]
     words = "".join("".join(c["source"]) for c in made["cells"] if c["cell_type"] == "markdown")
-    # Links into the site would be broken.
+    # Relative links into the site would be broken.
     assert ".md)" not in words
     assert words.startswith("# ")
 

@@ -1,4 +1,4 @@
-"""Files that are none: pipes, devices, names that end lines; and too little room."""
+"""Special files: pipes, devices, file names with line breaks; and limited memory or disk space."""
 
 import os
 import resource
@@ -26,7 +26,7 @@ READERS = {
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "/proc/self/status", "."])
 def test_only_regular_files_are_read(reader, kind, tmp_path):
-    """A pipe would be waited for, a device has no end, what the system makes up has no size."""
+    """A pipe would block, a device has no end, files of the system have no size."""
     path = kind
     if kind == "pipe":
         path = tmp_path / "pipe"
@@ -38,7 +38,7 @@ def test_only_regular_files_are_read(reader, kind, tmp_path):
 @pytest.mark.parametrize("ending", [".mtx", ".npz", ".rb"])
 @pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "/proc/self/status"])
 def test_only_regular_matrices_are_read(ending, kind, tmp_path):
-    """Also where a link of the right name leads to a device."""
+    """Also for a link to a device with a valid extension."""
     path = tmp_path / f"a{ending}"
     os.mkfifo(path) if kind == "pipe" else path.symlink_to(kind)
     for given in ([path, path], [path]) if ending == ".npz" else ([path, path],):
@@ -48,7 +48,7 @@ def test_only_regular_matrices_are_read(ending, kind, tmp_path):
 
 @pytest.mark.parametrize("name", ["a.csv", "a.json", "a.nml", "a.mtx", "a.rb", "a.npz"])
 def test_files_have_a_largest_size(name, tmp_path):
-    """A file with holes of any size takes no space on a disk and all of the memory."""
+    """A sparse file takes no disk space, but all of the memory when read."""
     path = tmp_path / name
     path.touch()
     os.truncate(path, 1 << 40)
@@ -80,7 +80,7 @@ def test_names_that_end_lines_are_told_in_one_line(tmp_path, monkeypatch, capsys
 
 
 def test_too_little_room_is_told(tmp_path):
-    """Also where not even a thread can be started."""
+    """Even if no thread can be started."""
     (tmp_path / "scene.nml").write_text(SCENE)
     done = command("run", "scene.nml", "--max-memory", "0.02", folder=tmp_path)
     assert done.returncode == 1
@@ -91,7 +91,7 @@ def test_too_little_room_is_told(tmp_path):
 
 
 def test_a_bound_on_the_size_of_files_is_told(tmp_path):
-    """By a line and without half a file: the signal of the system is ignored."""
+    """With one line and without a partial file: the signal of the system is ignored."""
     (tmp_path / "scene.nml").write_text(SCENE.replace("nu=1 2", "nu_from=1 nu_to=2 nu_count=400"))
 
     def bound():
@@ -104,7 +104,7 @@ def test_a_bound_on_the_size_of_files_is_told(tmp_path):
 
 
 def test_a_full_disk_ends_a_sweep_with_one_line(tmp_path, capsys, monkeypatch):
-    """Whichever file it is that does not fit; with space again, the same command goes on."""
+    """For any file that does not fit; with free space the same command resumes."""
     monkeypatch.chdir(tmp_path)
     grid = "&sweep key='mount.mass', min=1, max=2, count=3 /\n"
     (tmp_path / "scene.nml").write_text(SCENE + grid)
@@ -127,7 +127,7 @@ def test_a_full_disk_ends_a_sweep_with_one_line(tmp_path, capsys, monkeypatch):
 
 
 def test_a_small_file_takes_little_memory(tmp_path):
-    """As much as the file has, not as much as it may have."""
+    """The memory used depends on the actual size, not on the allowed size."""
     structure = vv.Structure(mass=[1.0], stiffness=[[1.0]])
     structure.write(tmp_path / "a.npz")
     structure.write(tmp_path / "b.mtx")
@@ -167,7 +167,7 @@ def run():
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_pipe_or_a_device_keeps_its_place(name, run, tmp_path):
-    """A file put in its place would be the end of it: of /dev/null for all who use it."""
+    """Replacing the device would remove it: /dev/null for all users."""
     os.mkfifo(tmp_path / name)
     with pytest.raises(vv.FileError, match=r"cannot be written \(not a regular file\)"):
         WRITERS[name](run, tmp_path / name)
@@ -191,7 +191,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(name, run, tmp_path):
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("leads", ["precious", "nothing", "itself"])
 def test_a_link_is_replaced_and_never_followed(name, leads, run, tmp_path):
-    """Neither that of the file nor that of the part from which it is made."""
+    """Neither the link of the file nor that of the temporary file."""
     precious = tmp_path / "precious"
     precious.write_text("precious")
     path = tmp_path / "out" / name

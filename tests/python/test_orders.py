@@ -1,4 +1,4 @@
-"""Orders chosen at each frequency, and the estimate of what the others would change."""
+"""Automatic harmonics at each frequency, and the estimate of the effect of omitted ones."""
 
 import warnings
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 KERNEL = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
@@ -45,7 +45,7 @@ def random_system(rng):
 
 
 def size(system, coefficients):
-    """The norm in which tolerances are meant, shape (n,)."""
+    """The norm of the tolerances, shape (n,)."""
     inertia = np.asarray(system.mass, dtype=float)
     if isinstance(system, vv.Mount):
         inertia = np.array([system.mass, system.inertia])
@@ -55,7 +55,7 @@ def size(system, coefficients):
 
 
 def compare(system, nu, load, tolerance):
-    """Response with its true errors, by twice as many orders and twenty more."""
+    """Response with its true errors, by twice as many harmonics plus twenty."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vv.ConvergenceWarning)
         r = vv.forced_response(
@@ -68,7 +68,7 @@ def compare(system, nu, load, tolerance):
     kept = np.zeros_like(exact.coefficients)
     kept[:, :, : r.harmonics.size] = r.coefficients
     error = size(system, kept - exact.coefficients) / size(system, exact.coefficients)
-    # A sweep may leave its branch a frequency sooner or later.
+    # The two sweeps may leave their branch at slightly different frequencies.
     same = r.converged & exact.converged & (error < 1e-2)
     return r, error, same
 
@@ -85,7 +85,7 @@ SYSTEMS = {
 @pytest.mark.parametrize("kind", SYSTEMS)
 @pytest.mark.parametrize("mean", [False, True])
 def test_the_estimate_is_the_error(kind, mean):
-    """Estimate over true error of random systems; errors below 1e-13 are rounding."""
+    """Estimate divided by true error for random systems; errors below 1e-13 are rounding errors."""
     rng = np.random.default_rng(5)
     ratios, seen = [], []
     for tolerance in (1e-4, 1e-7, 1e-10):
@@ -110,7 +110,7 @@ def test_the_estimate_is_the_error(kind, mean):
 
 
 def test_orders_come_and_go():
-    """Few where the motion is nearly a sine, more at low frequencies, each way of a sweep."""
+    """Few for a nearly sinusoidal motion, more at low frequencies, in both sweep directions."""
     nu = np.linspace(0.1, 5, 200)
     up, error, same = compare(DUFFING, nu, 0.5, 1e-9)
     assert same.all()
@@ -119,7 +119,7 @@ def test_orders_come_and_go():
     assert up.highest[-1] <= 5
     assert up.highest.max() == up.harmonics[-1]
     assert (up.highest % 2 == 1).all()
-    # No more than the tolerance needs: two orders fewer would be a tenth of it at least.
+    # No more than necessary: two harmonics less would increase the error tenfold at least.
     fewer = np.searchsorted(up.harmonics, up.highest)
     last = np.abs(up.coefficients[np.arange(nu.size), 0, fewer])
     needed = last / np.abs(up.coefficients[:, 0]).max(axis=1) > 1e-11
@@ -152,7 +152,7 @@ def test_orders_not_kept_are_zero():
 
 
 def test_an_order_of_the_load_moves_its_multiples():
-    """Orders 3, 9, 15, ... alone: those between must not end the search."""
+    """Harmonics 3, 9, 15, ... only: zero harmonics between must not end the search."""
     r, error, same = compare(DUFFING, np.linspace(0.1, 0.5, 20), {3: 0.5}, 1e-8)
     assert same.all()
     assert error.max() < 1e-8

@@ -1,4 +1,4 @@
-"""What is given to a constructor is copied: it may change later, the value does not."""
+"""Arguments of constructors are copied: later changes do not affect the value."""
 
 import inspect
 import pickle
@@ -22,7 +22,7 @@ FOOT = {
     "kernel": [None, None, KERNEL],
     "parameters": {"k3": np.array(1e9)},
 }
-#: Of each public class that takes arrays, arguments that hold one wherever it may.
+#: For each public class with array arguments: arguments with arrays wherever possible.
 GIVEN = [
     (vv.MountPoint, FOOT | {"angles": np.array([0, 0.1, 0])}),
     (vv.MountPoint, FOOT | {"axes": np.eye(3)}),
@@ -134,7 +134,7 @@ GIVEN = [
     (vv.CreepData, {"times": TABLE, "compliance": TABLE, "temperature": TABLE}),
     (vv.PythonLaw, {"function": np.arctan, "arguments": ["d"]}),
 ]
-#: Arguments that are texts, numbers and other values, which do not change.
+#: Arguments that are texts, numbers and other immutable values.
 TAKE_NONE = {
     "AbelKernel", "Arrhenius", "Event", "FluidTrack", "Pendulum", "RabotnovKernel",
     "RzhanitsynKernel", "ThermalKernel", "WLF",
@@ -142,12 +142,12 @@ TAKE_NONE = {
 
 
 def copied(value):
-    """All that can be changed, copied to its last number."""
+    """A deep copy of all mutable parts."""
     return pickle.loads(pickle.dumps(value))
 
 
 def spoil(value):
-    """Change whatever can be changed in what was given."""
+    """Change every mutable part of the arguments."""
     if isinstance(value, np.ndarray):
         value[...] = 9
     elif isinstance(value, csc_array):
@@ -163,7 +163,7 @@ def spoil(value):
 
 
 def told(value):
-    """All fields of a value, arrays to their last digit and whether they can be written."""
+    """All fields of a value; arrays with all digits and their writeable flag."""
     if isinstance(value, np.ndarray):
         return "array", value.tolist(), value.flags.writeable
     if isinstance(value, csc_array):

@@ -1,4 +1,4 @@
-"""Peaks of responses and branches: against maxima found by other means."""
+"""Peaks of responses and branches, against maxima found by other methods."""
 
 import warnings
 
@@ -14,14 +14,14 @@ LIGHT = vv.Mount(
 
 
 def highest_of(branch, dof):
-    """The largest of the points of a dense branch: below the summit by a part of 1e-5 or so."""
+    """The largest point of a dense branch: below the maximum by a relative error of about 1e-5."""
     return branch.amplitude(dof).max()
 
 
 @pytest.mark.parametrize("count", [7, 12, 40, 200])
 @pytest.mark.parametrize("downwards", [False, True])
 def test_a_jump_is_no_summit(count, downwards):
-    """A parabola across the jump of a light mount gave 11 percent too much, with enclosed=True."""
+    """A parabola across the jump of a light mount would be 11 percent too large."""
     nu = np.linspace(0.5, 10, count)[:: -1 if downwards else 1]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vv.ConvergenceWarning)
@@ -31,7 +31,7 @@ def test_a_jump_is_no_summit(count, downwards):
         peak, top = r.peak(dof), highest_of(dense, dof)
         assert peak.amplitude <= top * (1 + 1e-5)
         if peak.enclosed:
-            # A summit of the branch, at its frequency.
+            # A maximum of the branch, at its frequency.
             near = np.abs(dense.nu - peak.nu) < 0.05
             assert peak.amplitude <= dense.amplitude(dof)[near].max() * (1 + 1e-5)
         else:
@@ -51,7 +51,7 @@ def test_a_branch_has_the_peak_of_a_dense_one():
 
 
 def test_the_summit_does_not_depend_on_the_points_of_the_branch():
-    """A tangent by old factors saw it before it was there: 5e-6 too low in 2 of 1000 systems."""
+    """Regression: tangents with outdated factors gave peaks 5e-6 too low in 2 of 1000 systems."""
     rng = np.random.default_rng(11)
     for _ in range(40):
         m, k, c = rng.uniform(1, 2), rng.uniform(1, 2.5), rng.uniform(0.2, 0.6)
@@ -75,7 +75,7 @@ def test_the_summit_does_not_depend_on_the_points_of_the_branch():
 
 @pytest.mark.parametrize("method", ["linear", "successive", "newton"])
 def test_coarse_grids_find_the_peak_of_random_systems(method):
-    """Chains at a small load, against the maximum of |D^-1 P| found from a fine grid."""
+    """Chains with a small load, against the maximum of |D^-1 P| from a fine grid."""
     rng = np.random.default_rng(5)
     for _ in range(12):
         n = int(rng.integers(1, 4))
@@ -109,7 +109,7 @@ def test_coarse_grids_find_the_peak_of_random_systems(method):
 
 @pytest.mark.parametrize("kind", ["linear", "newton", "structure"])
 def test_close_modes_between_two_frequencies_hide_no_peak(kind):
-    """Light modes closer than the grid is fine, against sums over the modes near each of them."""
+    """Lightly damped modes closer than the grid spacing, against sums over neighbouring modes."""
     rng = np.random.default_rng(11)
     for _ in range(60):
         n = int(rng.integers(2, 5))
@@ -143,7 +143,7 @@ def test_close_modes_between_two_frequencies_hide_no_peak(kind):
 
 @pytest.mark.parametrize("kind", ["response", "branch", "branch of a structure"])
 def test_resonances_of_coordinates_that_hardly_move_are_peaks(kind):
-    """Oscillators in a row, each driven weakly by the one before: steps follow the first."""
+    """Oscillators in a row, each weakly driven by the previous one: steps follow the first."""
     rng = np.random.default_rng(3)
     for _ in range(12):
         n = int(rng.integers(2, 5))
@@ -175,7 +175,7 @@ def test_resonances_of_coordinates_that_hardly_move_are_peaks(kind):
 
 
 def test_a_base_that_moves_counts():
-    """The absolute motion has its largest size elsewhere than the relative one."""
+    """The absolute motion has its maximum at another frequency than the relative motion."""
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.2, forces="1e-12*x^3", base_direction=[1.0]
     )
@@ -192,7 +192,7 @@ def test_a_base_that_moves_counts():
 
 
 def test_peaks_along_loads_and_parameters_are_on_the_branch():
-    """A third harmonic has its largest size at a load between: against points at many loads."""
+    """A third harmonic has its maximum at an intermediate load: against points at many loads."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
     for name, ends in (("stiffness", (0.2, 12)), ("load", (0.1, 6))):
         options = {"nu": 1.6, "load": 1.0, "stability": False}
@@ -217,7 +217,7 @@ def test_a_pendulum_too():
 
 
 def test_resonances_of_hardly_any_damping():
-    """Down to a width of 1e-10 of the frequency the summit is F/(c w); undamped there is none."""
+    """Down to a relative width of 1e-10 the peak is F/(c w); without damping it is infinite."""
     rng = np.random.default_rng(6)
     for damping in (*10 ** rng.uniform(-10, -3, 20), 0.0):
         k, nu = rng.uniform(0.5, 3), np.sort(rng.uniform(0.3, 2.5, 5))
@@ -231,7 +231,7 @@ def test_resonances_of_hardly_any_damping():
             assert abs(peak.amplitude - true) < 1e-7 * true
         else:
             assert peak.amplitude == np.inf
-    # Where a frequency that is solved for meets the resonance itself.
+    # A computed frequency may coincide with the resonance.
     met = vv.forced_response(vv.PolynomialSystem(mass=1, stiffness=1), [0.5, 0.9, 1.3], load=1)
     assert met.peak("x").amplitude == np.inf
     assert "inf" in met.summary()
@@ -239,7 +239,7 @@ def test_resonances_of_hardly_any_damping():
 
 @pytest.mark.parametrize("method", ["linear", "successive", "newton", "branch"])
 def test_what_is_0_but_for_rounding_has_no_peak(method):
-    """The middle of three masses that move against each other; a linear one was sought for ever."""
+    """The middle of three masses in antiphase motion; the linear search must end."""
     rng = np.random.default_rng(5)
     for cubic in (0, 0.3) if method == "linear" else (0.3, 0.1):
         c, q = 10 ** rng.uniform(-3, -1), rng.uniform(0.3, 2)
@@ -261,7 +261,7 @@ def test_what_is_0_but_for_rounding_has_no_peak(method):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_peaks_of_what_a_symmetry_all_but_silences(seed):
-    """A third were told as inf, others were a lower summit: rounding of the others hid them."""
+    """Regression: peaks reported as inf, or lower peaks, because of rounding errors."""
     rng = np.random.default_rng(seed)
     (k1, k2, k3), (m1, m2) = rng.uniform(0.3, 2, 3), rng.uniform(0.5, 2, 2)
     damping, off = 10 ** rng.uniform(-8, -2), 10 ** rng.uniform(-13, -3)
@@ -277,7 +277,7 @@ def test_peaks_of_what_a_symmetry_all_but_silences(seed):
     found = response.peak("b")
 
     def size(nu):
-        # By Cramer's rule in more digits.
+        # By Cramer's rule with more digits.
         nu = np.longdouble(nu)
         (a, b, _), (_, c, _), (_, _, d) = (
             stiffness * (1 + 1j * np.clongdouble(damping) * nu) - nu**2 * mass

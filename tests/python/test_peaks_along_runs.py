@@ -1,4 +1,4 @@
-"""Peaks, means and last states of ensembles run by run, of laws with kinks and jumps: by SciPy."""
+"""Peaks, means and final states of ensembles with kinked or jumping laws, by SciPy."""
 
 import re
 
@@ -7,8 +7,8 @@ import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
 
-#: Laws of one coordinate x1 (and its velocity) with numbers k and g; the surfaces where they
-#: switch; and the same with the sides of these surfaces held.
+#: Laws of one coordinate x1 (and its velocity) with numbers k and g; their switching surfaces; and
+#: the laws with fixed sides of these surfaces.
 LAWS = {
     "k*max(x1 - g, 0)": (
         [lambda y, g: y[0] - g],
@@ -33,14 +33,14 @@ END = 12.0
 
 
 def matrices(n):
-    """Springs and dampers of a chain that is held at one end."""
+    """Springs and dampers of a chain fixed at one end."""
     chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     chain[-1, -1] = 1.0
     return chain, 0.08 * chain
 
 
 def true_motion(text, n, k, g, load, nu, start, begin=0.0, end=END):
-    """Last state, and peaks, means and rms from begin to end, from switch to switch."""
+    """Final state, and peaks, means and rms from begin to end, from switch to switch."""
     surfaces, law = LAWS[text]
     stiffness, damping = matrices(n)
 
@@ -63,7 +63,7 @@ def true_motion(text, n, k, g, load, nu, start, begin=0.0, end=END):
     sides = [np.sign(f(y, g)) or 1.0 for f in surfaces]
     peak = np.abs(start)
     while t < end:
-        # A little off the surface first, which is found again at its start otherwise.
+        # Start slightly off the surface, or the event would be found again.
         run = None
         for until, events in ((min(t + 1e-7, end), []), (end, [*switches, *tops])):
             if t >= until:
@@ -84,7 +84,7 @@ def true_motion(text, n, k, g, load, nu, start, begin=0.0, end=END):
 
 @pytest.mark.parametrize("seed", range(9))
 def test_kinked_ensembles(seed):
-    """Of random systems each lane is as right as its error says, and the single run's."""
+    """For random systems each member has its stated accuracy and equals the single run."""
     rng = np.random.default_rng(seed)
     text, n = list(LAWS)[seed % len(LAWS)], 1 + seed % 3
     stiffness, damping = matrices(n)
@@ -113,7 +113,7 @@ def test_kinked_ensembles(seed):
 
 
 def test_impacts_and_friction_with_memory_of_their_own():
-    """Means of velocities are what the mass has gone; peaks are those of many states."""
+    """Means of velocities are displacements over time; peaks agree with those of many states."""
     hard = vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.8)
     slip = vv.Jenkins(on={"x1": 1}, stiffness=2.0, limit=0.3)
     for element in (hard, slip):
@@ -129,7 +129,7 @@ def test_impacts_and_friction_with_memory_of_their_own():
 
 
 def test_a_lane_that_stops_before_anything_is_gathered():
-    """Nothing is known of it; the other lane is as it was."""
+    """Its statistics are unknown; the other member is unchanged."""
     away = vv.PolynomialSystem(mass=1, stiffness=1, forces="-0.5*x^3 + 0.3*max(x - 0.2, 0)")
     many = vv.simulate_ensemble(
         away, initial=[[0.1, 0], [9.0, 0]], t_end=10.0, discard=5.0, statistics=True

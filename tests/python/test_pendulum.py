@@ -27,7 +27,7 @@ def states(n=50, size=0.5):
 
 
 def test_power_is_the_rate_of_change_of_the_energy():
-    """Ties the equations of motion to the energy at random states, loads and damping included."""
+    """Relates the equations of motion to the energy at random states, with loads and damping."""
     body, h = vv.Pendulum(**(P1R | {"f0": 0.3, "m01": 0.2, "m02": 0.4, "c2": 0.2})), 1e-3
     for t, y in zip(np.linspace(0, 30, 50), states(), strict=True):
         slope = body.rhs(t, y)
@@ -60,7 +60,7 @@ def test_printed_equations_do_not_keep_the_energy():
 def test_linear_modes_against_an_eigensolver():
     for e in (1e-6, 0.01, 0.1, 0.24):
         body = free(e=e)
-        # Mass matrix in energy form, so that it is symmetric: psi'' weighs e/r.
+        # Mass matrix in energy form, which is symmetric: psi'' has the weight e/r.
         weight = e / body.r
         mass = np.array([[1, e], [e, weight]])
         stiffness = np.diag([0.16, 0.64 * weight])
@@ -97,7 +97,7 @@ def test_physical_units_come_back():
 @pytest.mark.parametrize(("name", "loads"), [("P1r", 1.0), ("P1", 4.0), ("P2r", 0.0)])
 @pytest.mark.parametrize(("method", "dt"), [("gauss8", 0.5), ("gauss16", 1.0)])
 def test_reference_states(name, loads, method, dt):
-    """States in 20 digits by quadruple precision and a Taylor method (data/README.md)."""
+    """States with 20 digits by quadruple precision and a Taylor method (data/README.md)."""
     changes = {k: loads * P1R[k] for k in ("f0", "m01", "m02")}
     if not loads:
         changes |= {"c1": 0.0, "c2": 0.0, "c3": 0.0}
@@ -105,7 +105,7 @@ def test_reference_states(name, loads, method, dt):
     for t, texts in REFERENCE[name]["states"].items():
         run = vv.simulate(body, float(t), dt=dt, initial=START, method=method)
         expected = np.array([float(text) for text in texts])
-        # P1 multiplies errors 1e5-fold by t = 100.
+        # P1 amplifies errors by 1e5 until t = 100.
         assert run.state[-1] == pytest.approx(expected, abs=1e-10 if name == "P1" else 2e-13)
 
 
@@ -117,13 +117,13 @@ def test_reference_states(name, loads, method, dt):
         ("gauss8", (2.0, 0.8), 16, 0.4),
         ("rk4", (0.5, 0.05), 4, 0.1),
         ("dop8", (0.8, 0.1), 8, 0.1),
-        # Verner's leading error terms are so small that the next ones show.
+        # The leading error terms of Verner's method are so small that the next terms dominate.
         ("verner8", (0.6, 0.2), 8, 1.0),
         ("verner9", (0.6, 0.2), 9, 1.0),
     ],
 )
 def test_observed_order(method, steps, order, above):
-    """Errors at 100 times, so that no zero of one component deceives."""
+    """Errors at 100 times, so that a zero of one component has no effect."""
     body, times = vv.Pendulum(**P1R), np.arange(1, 101)
     exact = vv.simulate(body, 100, dt=0.25, initial=START, method="gauss16", times=times).state
     errors = [
@@ -147,7 +147,7 @@ def test_energy_of_the_symplectic_methods_stays_bounded():
 
 
 def test_balance_of_energy_along_a_driven_run():
-    """Energy change is work of the loads less dissipation; the spline's error falls as dt^4."""
+    """The energy change is the work of the loads minus dissipation; the spline error is dt^4."""
     body = vv.Pendulum(**P1R)
     defects = [
         np.abs(vv.simulate(body, 100, dt=dt, initial=START).energy_defect()).max()
@@ -179,7 +179,7 @@ def test_pieces_of_a_long_run_leave_no_trace(monkeypatch):
 
 
 def test_phases_lose_no_digit_in_a_long_run():
-    """A driven linear spring alone, against its closed steady solution after 1e6."""
+    """A driven linear spring, against its closed steady solution after 1e6."""
     body = free(alpha=0.0, c1=0.05, f0=1e-3, p1=0.93)
     end = 1_000_000
     run = vv.simulate(body, end, dt=1.0, initial=(0, 0, 0, 0, 0, 0), keep="last")
@@ -283,7 +283,7 @@ def test_error_estimate_of_a_given_step():
 
 
 def test_results_in_physical_units():
-    """A small vertical oscillation about static: m Z'' = -(k1 + 3 k2 Z_r^2) Z in s and m."""
+    """A small vertical oscillation about equilibrium: m Z'' = -(k1 + 3 k2 Z_r^2) Z in s and m."""
     body = vv.Pendulum.from_physical(m=2.0, I_A=0.5, E=0.1, L0=0.8, k1=400.0, k2=5000.0)
     length, small = body.scales.length, 1e-6
     run = vv.simulate(body, 20, dt=0.1, initial=(small / length, 0, 0, 0, 0, 0))

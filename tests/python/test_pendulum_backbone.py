@@ -11,18 +11,18 @@ from tables import lines_without_plan
 matplotlib.use("Agg")
 
 SET = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5}
-#: Near 2:1 of z and the first swing.
+#: Near 2:1 of z and the first swinging mode.
 NEAR = {"e": 0.1, "w2": 0.53, "w3": 0.9, "alpha": 0.5}
 
 
 def stiffness(pend):
-    """1 + 3 alpha z_r^2 and 3 alpha z_r, z_r found anew."""
+    """1 + 3 alpha z_r^2 and 3 alpha z_r, with an independent z_r."""
     z_r = brentq(lambda z: pend.alpha * z**3 + z - pend.w2**2, 0, 1, xtol=1e-15, rtol=1e-14)
     return 1 + 3 * pend.alpha * z_r**2, 3 * pend.alpha * z_r
 
 
 def test_motion_in_z_alone_by_quadrature():
-    """2 pi/nu = 2 integral dz/sqrt(2 (E - V)) between where it turns."""
+    """2 pi/nu = 2 integral dz/sqrt(2 (E - V)) between the turning points."""
     pend = vv.Pendulum(**SET)
     b = vv.backbone(pend, 0, (1e-3, 0.8), harmonics=25, tolerance=1e-13, symmetric=True)
     k, square = stiffness(pend)
@@ -37,7 +37,7 @@ def test_motion_in_z_alone_by_quadrature():
         assert b.energy[i] == pytest.approx(energy, rel=1e-13)
         bottom = brentq(lambda z, e=energy: potential(z) - e, -1.2 * top, 0, xtol=1e-15)
         middle, half = (top + bottom) / 2, (top - bottom) / 2
-        # E - V is (top - z)(z - bottom) times a quadratic, whose coefficients are compared.
+        # E - V is (top - z)(z - bottom) times a quadratic, found by comparison of coefficients.
         c2 = pend.alpha / 4
         c1 = square / 3 + c2 * (top + bottom)
         c0 = k / 2 + c1 * (top + bottom) - c2 * top * bottom
@@ -53,7 +53,7 @@ def test_motion_in_z_alone_by_quadrature():
 @pytest.mark.parametrize("equations", ["exact", "cubic"])
 @pytest.mark.parametrize("mode", [0, 1, 2])
 def test_period_of_direct_integration(equations, mode):
-    """From rest at u(0) a motion is back there after 2 pi/nu, and keeps its energy."""
+    """From rest at u(0) a motion returns after 2 pi/nu, with constant energy."""
     pend = vv.Pendulum(**SET, c1=0.1, c2=0.2, c3=0.1, f0=0.3, p1=0.7, equations=equations)
     free = vv.Pendulum(**SET, equations=equations)
     b = vv.backbone(pend, mode, (1e-3, 0.35), harmonics=41, tolerance=1e-13)
@@ -74,7 +74,7 @@ def test_period_of_direct_integration(equations, mode):
 
 @pytest.mark.parametrize("mode", [0, 1, 2])
 def test_small_motions_by_multiple_scales(mode):
-    """The shift of the frequency over the squared amplitude tends to the interaction."""
+    """The frequency shift divided by the squared amplitude tends to the interaction."""
     pend = vv.Pendulum(**SET)
     wanted = vv.MultipleScales(pend).interaction[mode, mode]
     shape = pend.mode_shapes()[:, mode]
@@ -82,13 +82,13 @@ def test_small_motions_by_multiple_scales(mode):
     b = vv.backbone(pend, mode, (0.002, 0.004), dof=largest, max_step=0.02, tolerance=1e-14)
     square = b.amplitude(largest) ** 2
     ratio = (b.nu - pend.natural_frequencies()[mode]) / square
-    # What is left is of order amplitude^2: extrapolated to none.
+    # The remaining error is of order amplitude^2: extrapolated to 0.
     at_none = ratio[0] - square[0] * (ratio[-1] - ratio[0]) / (square[-1] - square[0])
     assert at_none == pytest.approx(wanted, rel=1e-6)
 
 
 def swing(pend, top):
-    """Period and monodromy matrix of small swings about the motion in z from rest at `top`."""
+    """Period and monodromy matrix of small swinging about the motion in z from rest at `top`."""
     k, square = stiffness(pend)
     r = (pend.w3 / pend.w2) ** 2
 
@@ -116,7 +116,7 @@ def swing(pend, top):
 
 @pytest.mark.parametrize("multiple", [1, 2])
 def test_swings_branch_off_where_their_multiplier_says(multiple):
-    """The motion in z feeds swings where a multiplier of theirs is 1, or -1 for half the pace."""
+    """Branch points lie where a multiplier of the swinging is 1, or -1 for half the frequency."""
     pend = vv.Pendulum(**(SET if multiple == 1 else NEAR))
     b = vv.backbone(pend, 0, (0.01, 0.4), harmonics=15, subharmonic=multiple, tolerance=1e-13)
     assert len(b.branch_points) >= 1
@@ -131,7 +131,7 @@ def test_swings_branch_off_where_their_multiplier_says(multiple):
         exact = brentq(gap, top - 0.003, top + 0.003, xtol=1e-13)
         assert top == pytest.approx(exact, rel=1e-8)
         roots = b.multipliers[point.before : point.before + 2]
-        # Four of the six are the swings'; over half the pace they are squares.
+        # Four of the six belong to the swinging; for half the frequency they are squares.
         wanted = np.linalg.matrix_power(swing(pend, b.start[point.before, 0])[1], multiple)
         assert np.sort_complex(np.linalg.eigvals(wanted)) == pytest.approx(
             np.sort_complex(roots[0][np.abs(roots[0] - 1) > 1e-5]), abs=1e-6
@@ -139,10 +139,10 @@ def test_swings_branch_off_where_their_multiplier_says(multiple):
 
 
 def test_the_family_of_swings():
-    """Left both ways, mirror images, and every motion is one of direct integration."""
+    """Both directions give mirror images, and every motion agrees with direct integration."""
     pend = vv.Pendulum(**NEAR)
     b = vv.backbone(pend, 0, (0.01, 0.4), harmonics=17, subharmonic=2, tolerance=1e-13)
-    # Beside a resonance of z with a third family rounding is enlarged.
+    # Near a resonance of z with a third family rounding errors are amplified.
     with pytest.warns(vv.ConvergenceWarning, match="rounding leaves more"):
         families = [
             vv.backbone(
@@ -165,9 +165,9 @@ def test_the_family_of_swings():
 
 
 def test_resonance_of_modes_turns_the_curve_back():
-    """At 3:1 of the swings the amplitude of psi turns back; the energy goes on."""
+    """At 3:1 of the swinging modes the amplitude of psi has a fold; the energy continues."""
     pend = vv.Pendulum(**SET, equations="cubic")
-    # What remains at the end is a motion of thrice the pace: orders that count are multiples of 3.
+    # The final motion has three times the frequency: its harmonics are multiples of 3.
     with pytest.warns(vv.ConvergenceWarning, match="harmonics up to 63 do not reach"):
         b = vv.backbone(pend, 1, (1e-3, 0.8), symmetric=True)
     assert b.outcome == "returned"

@@ -1,4 +1,4 @@
-"""Motions long enough for rounding of frequencies to turn their phases: judged with 40 digits."""
+"""Long motions with phase errors by rounding of frequencies: reference with 40 digits."""
 
 import mpmath
 import numpy as np
@@ -24,7 +24,7 @@ def motion(mass, damping, stiffness, start, t):
 
 @pytest.mark.parametrize("kind", ["none", "modal", "dampers"])
 def test_errors_hold_what_rounding_of_frequencies_makes_of_long_motions(kind):
-    """All runs share it, in steps of any length: their differences do not tell it."""
+    """All runs share this error for any step size, so their differences do not show it."""
     rng = np.random.default_rng(4)
     for _ in range(10):
         n, t = int(rng.integers(2, 4)), float(10 ** rng.uniform(3, 5))
@@ -45,7 +45,7 @@ def test_errors_hold_what_rounding_of_frequencies_makes_of_long_motions(kind):
 
 
 def test_errors_of_what_has_faded_or_stands_still_are_small():
-    """Rounding of a frequency moves what swings, as long as it does so."""
+    """Rounding of a frequency affects an oscillation only while it lasts."""
     structure = vv.Structure(
         mass=np.eye(2), stiffness=[[3e4, -1e4], [-1e4, 2e4]], damping=0.5 * np.eye(2)
     )

@@ -1,4 +1,4 @@
-"""Pendulums at their pivot: how a run ends depends neither on its method nor on what is asked."""
+"""Pendulums at their pivot: the end of a run does not depend on method or outputs."""
 
 import math
 
@@ -23,7 +23,7 @@ def thrown(rng, damping):
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3, 0.02, 0.1, 0.5, 2.0])
 def test_the_end_depends_neither_on_the_method_nor_on_events_nor_on_lanes(damping):
-    """Without damping a motion passes its pivot; with much of it, it is stiff there."""
+    """Without damping a motion passes its pivot; with strong damping it is stiff there."""
     rng = np.random.default_rng(int(1000 * damping))
     seen = set()
     for _ in range(3):
@@ -41,7 +41,7 @@ def test_the_end_depends_neither_on_the_method_nor_on_events_nor_on_lanes(dampin
             found = [(run.outcome, run.t_reached) for run in (plain, watched, timed)]
             job["initial"] = [start, [0.5 * x for x in start]]
             for more in ({}, {"lyapunov": True}):
-                # Of verner8, verner9 and Gauss's collocations there are lanes.
+                # Verner8, verner9 and Gauss collocation use vector lanes.
                 if method in ("dop8", "gauss2"):
                     continue
                 many = vv.simulate_ensemble(pendulum, t_end=1.5, **job, **more)
@@ -55,7 +55,7 @@ def test_the_end_depends_neither_on_the_method_nor_on_events_nor_on_lanes(dampin
 
 @pytest.mark.parametrize("method", ["gauss8", "verner9", "verner8"])
 def test_a_flight_past_the_pivot_is_followed_by_events_and_wanted_states(method):
-    """It takes a thousandth of a step: states and events inside are those of another program."""
+    """It takes a thousandth of a step: states and events inside agree with another program."""
     body = Swinging(e=0.1, w2=0.4, w3=0.8, p1=1.0)
     pendulum = eval(body.source)
     start = [-0.5, -1.5, 0.02, 0.0, 0.0, 0.0]
@@ -79,7 +79,7 @@ def test_a_flight_past_the_pivot_is_followed_by_events_and_wanted_states(method)
 
 
 def test_an_event_that_ends_the_run_beside_the_pivot():
-    """It ends there also where a step would have led to the pivot."""
+    """The event ends the run even if the step would reach the pivot."""
     rng = np.random.default_rng(4)
     for damping in (0.02, 0.5):
         body, start = thrown(rng, damping)

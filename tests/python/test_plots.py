@@ -1,4 +1,4 @@
-"""Pictures: what is drawn is what was computed."""
+"""Plots: the drawn values are the computed values."""
 
 import matplotlib
 
@@ -52,7 +52,7 @@ def test_what_cannot_be_drawn_is_told():
 
 
 def test_a_harmonic_that_rounding_made_has_no_panel():
-    """The spring of a swinging pendulum moves in even harmonics: its first is rounding."""
+    """The spring of a swinging pendulum moves in even harmonics: its first is a rounding error."""
     swung = vv.Pendulum(
         e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.02, c2=0.02, c3=0.02, m01=0.005, p2=0.37
     )

@@ -1,4 +1,4 @@
-"""Many motions of polynomial systems with laws: against single ones, SciPy and exact exponents."""
+"""Ensembles of polynomial systems with laws: against single runs, SciPy, exact exponents."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ TWO = vv.PolynomialSystem(
 
 
 def test_members_are_single_runs():
-    """Every member is the motion of its own numbers."""
+    """Every member is the motion with its own parameters."""
     rng = np.random.default_rng(1)
     start = rng.uniform(-1, 1, (11, 4))
     given = {
@@ -44,7 +44,7 @@ def test_members_are_single_runs():
 
 
 def test_forces_scale_and_statistics():
-    """Statistics, lines and sections are those of the single runs."""
+    """Statistics, spectra and sections equal those of the single runs."""
     call = {"load": 0.2, "nu": 1.2}
     many = vv.simulate_ensemble(
         DUFFING, initial=[0.1, 0.2], n_periods=20, discard=5, sections=1, dt=0.05,
@@ -72,7 +72,7 @@ def test_forces_scale_and_statistics():
 
 
 def test_exponents():
-    """Of a linear system the real parts of its roots; all together the divergence."""
+    """For a linear system the real parts of its roots; their sum is the divergence."""
     linear = vv.PolynomialSystem(
         mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[3.0, 0], [0, 0.2]]
     )
@@ -101,7 +101,7 @@ def test_exponents():
 
 
 def test_refused_by_name():
-    """What an ensemble does not compute."""
+    """Arguments that an ensemble does not support."""
     for system, given, words in (
         (DUFFING, {"parameters": {"mass": [1.0]}}, "'mass' does not vary"),
         (TWO, {"parameters": {"forces_scale": [1.0]}}, "must not scale laws"),
@@ -116,7 +116,7 @@ def test_refused_by_name():
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 def test_peaks_and_means_by_default_are_those_of_the_motions(tolerance):
-    """Of four states a period, as the step search begins with, peaks were up to a third low."""
+    """Regression: with four states per period peaks were up to a third too low."""
     rng = np.random.default_rng(8)
     for _ in range(3):
         stiffness, cubic, nu = rng.uniform(0.5, 2), rng.uniform(0, 0.5), rng.uniform(0.4, 2)
@@ -139,7 +139,7 @@ def test_peaks_and_means_by_default_are_those_of_the_motions(tolerance):
 
 @pytest.mark.parametrize("law", ["0.3*sin(1e6*x)", "0.2*cos(3e5*x)*x_dot"])
 def test_large_angles_beside_small_ones(law):
-    """Angles of all sizes side by side: no motion depends on its neighbours, by a single bit."""
+    """Large and small angles in parallel: no motion depends on its neighbours, bitwise."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
     starts = np.array([[x, 0.0] for x in (1e-6, 0.05, 0.2, 0.9, 1.1, 3.0, 40.0, 1e-3)])
     call = {"t_end": 0.1, "dt": 0.05, "method": "verner9", "n_threads": 1}
@@ -154,7 +154,7 @@ def test_large_angles_beside_small_ones(law):
 
 @pytest.mark.parametrize("forces", ["x^3", "x^3 + max(x - 0.1, 0)"])
 def test_a_factor_of_nothing_is_refused_at_once(forces):
-    """Side by side and run by run, before any motion."""
+    """In parallel and in separate runs, before any motion."""
     system = vv.PolynomialSystem(mass=1, stiffness=2, forces=forces)
     with pytest.raises(vv.InputError, match=r"^parameters: 'damping_scale': all of it is 0$"):
         vv.simulate_ensemble(

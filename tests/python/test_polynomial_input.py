@@ -1,4 +1,4 @@
-"""Polynomial systems given in several ways, and wrongly."""
+"""Polynomial systems given in several ways, and wrong arguments."""
 
 import numpy as np
 import pytest
@@ -177,7 +177,7 @@ def test_huge_motions_overflow_in_words():
     "law",
     [
         *("tanh(1/abs(x1))", "1/(1 + 1/x1^2)", "tanh(x1/1e-7)", "sign(x1)"),
-        # Of these rounding alone is left beside rest.
+        # At rest only rounding errors of these terms remain.
         *("tanh(x1) - x1", "cos(x1) - 1 + 0.5*x1^2", "log(1 + x1) - x1 + 0.5*x1^2"),
         *("sqrt(1 + x1) - 1 - 0.5*x1", "1e9*(exp(x1) - 1 - x1)", "sin(x1_dot)^2 - x1_dot^2"),
     ],
@@ -187,7 +187,7 @@ def test_laws_with_one_value_at_rest(law):
 
 
 def test_laws_that_are_flat_at_rest():
-    """Where the last digit of a value changes by chance alone, which is no jump."""
+    """There the last digit of a value changes by rounding, which is not a jump."""
     rng = np.random.default_rng(5)
     shapes = (
         "{a}*tanh((x1 - {b})/{c})",

@@ -58,7 +58,7 @@ def test_motion_with_memory_in_time():
     def motion(t, y):
         u, v, z_1, z_2 = y
         linear, cubic = 1.5 * u, 0.8 * u**3
-        # A base moving as 0.1 cos(nu t) pushes by -m times its acceleration.
+        # A base motion 0.1 cos(nu t) causes a force of -m times its acceleration.
         force = 0.6 * np.sin(nu * t) + 0.12 * nu**2 * np.cos(nu * t)
         force -= 0.05 * v + (linear - z_1) + (cubic - z_2) + 0.3 * u**2
         slow = np.multiply(weights, (linear, cubic)) - np.multiply(rates, (z_1, z_2))
@@ -77,11 +77,11 @@ def test_motion_with_memory_in_time():
 
 
 def test_both_ways_in_time_agree():
-    """Without memory, through the methods of a pendulum and through those with memory."""
+    """Without memory, by the methods of a pendulum and by those with memory."""
     start = 0.3 * np.sin(np.arange(10.0))
     load = {1: [0.2, 0, 0, 0, 0.1j]}
     one = vv.simulate(chain(5), 15, initial=start, load=load, nu=0.7, tolerance=1e-11)
-    # A base at rest, which only the other way takes.
+    # A base at rest, which requires the methods with memory.
     other = vv.simulate(
         chain(5, base_direction=np.ones(5)), 15, initial=start, load=load, base={1: 0.0}, nu=0.7,
         tolerance=1e-11,
@@ -139,7 +139,7 @@ def test_energy_needs_a_potential():
 
 @pytest.mark.parametrize("method", ["gauss8", "gauss3"])
 def test_rest_where_large_terms_cancel(method):
-    """Beside a well or under a weight accelerations are small differences: steps still are made."""
+    """Near an equilibrium accelerations are small differences; step equations still converge."""
     wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
     heavy = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3)
     run = vv.simulate(wells, 120, dt=0.13, initial=[1.0, 0.3], method=method)
@@ -153,14 +153,14 @@ def test_rest_where_large_terms_cancel(method):
 
 
 def retained(mass, damping, stiffness, power, terms):
-    """The equations of a motion with a force power x1^3, terms (weight, rate) of the kernel."""
+    """Equations of a motion with a force power x1^3; terms (weight, rate) of the kernel."""
     n = mass.shape[0]
 
     def slope(t, y):
         u, v, z = y[:n], y[n : 2 * n], y[2 * n :].reshape(len(terms), n)
         force = stiffness @ u
         force[0] += power * u[0] ** 3
-        # Each term of the kernel retains z' = w f - r z of every force.
+        # Each term of the kernel has z' = w f - r z for every force.
         more = [w * force - r * one for (w, r), one in zip(terms, z, strict=True)]
         a = np.linalg.solve(mass, 0.3 * np.sin(1.1 * t) - damping @ v - force + z.sum(axis=0))
         return np.concatenate([v, a, *more])
@@ -170,7 +170,7 @@ def retained(mass, damping, stiffness, power, terms):
 
 @pytest.mark.parametrize("terms", [[], [(0.2, 1.0), (0.1, 9.0)]], ids=["none", "prony"])
 def test_strong_dampers_cost_nothing(terms):
-    """What decays at once needs no short steps, in any number of coordinates."""
+    """Fast decay needs no short steps, for any number of coordinates."""
     rng = np.random.default_rng(9)
     kernel = None
     if terms:

@@ -17,7 +17,7 @@ def test_multipliers_at_rest_are_exponentials(n):
     expected = np.exp(eigvals(first) * 2 * np.pi / 0.7)
     found = branch.multipliers[0]
     distance = np.abs(found[:, np.newaxis] - expected)
-    # Steps that turn the fastest mode by 0.6 rad at most leave some 1e-9.
+    # Steps in which the fastest mode rotates by at most 0.6 rad have an error of about 1e-9.
     assert distance.min(axis=0).max() < 2e-9
     assert distance.min(axis=1).max() < 2e-9
     assert branch.stable.all()
@@ -66,14 +66,14 @@ def test_characteristic_roots_of_three_masses_with_memory():
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_roots_where_rest_is_unstable():
-    """The double well: a real root for leaving the hill; no natural frequency there."""
+    """A double well: a real root for leaving the saddle; no natural frequency there."""
     system = vv.PolynomialSystem(mass=2, stiffness=-1, damping=0.1, forces="x^3")
     roots = system.characteristic_roots()
     assert roots.real == pytest.approx(np.sort(np.roots([2, 0.1, -1]))[::-1], rel=1e-13)
     assert (roots.n_unstable, roots.complete) == (1, True)
     with pytest.raises(vv.InputError, match="rest is unstable"):
         system.natural_frequencies()
-    # With a mean load in one of the wells.
+    # With a mean load, in one of the wells.
     r = vv.forced_response(system, 3.0, load={0: 0.1j, 1: 0.05}, method="newton")
     assert r.converged.all()
     gyroscopic = vv.PolynomialSystem(
@@ -86,10 +86,10 @@ def test_roots_where_rest_is_unstable():
 
 
 def test_period_doubling_in_a_well():
-    """Period 2 sets in near f = 0.266 in the well of x'' + 0.3 x' - x + x^3 = f cos(1.2 t).
+    """Period doubling near f = 0.266 in the well of x'' + 0.3 x' - x + x^3 = f cos(1.2 t).
 
-    Below it motion about x = 1 repeats each period, above it every second one; Floquet multipliers
-    must say where. The equation is that of Guckenheimer and Holmes (1983), section 2.2.
+    Below it the motion about x = 1 repeats after one period, above it after two. Floquet
+    multipliers must give this value. Guckenheimer and Holmes (1983), section 2.2.
     """
     system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.3, forces="3*x^2 + x^3")
     nu = 1.2
@@ -114,7 +114,7 @@ def test_period_doubling_in_a_well():
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_a_multiplier_that_was_counted_but_not_found_is_not_the_slowest():
-    """A strongly growing exponent of a softening spring with memory: counted, not found."""
+    """A fast growing exponent of a softening spring with memory: counted but not located."""
     spring = vv.PolynomialSystem(
         mass=1.69, damping=0.017369, stiffness=1.579, forces="-1.072*x^3 + 0.129*x^2",
         kernel=vv.RzhanitsynKernel(amplitude=0.0258, alpha=0.651, beta=0.927),

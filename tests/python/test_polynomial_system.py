@@ -1,4 +1,4 @@
-"""Responses of polynomial systems against shooting by scipy, closed forms and the mount."""
+"""Responses of polynomial systems against shooting by SciPy, closed forms and the mount."""
 
 import dataclasses
 
@@ -69,7 +69,7 @@ def test_duffing_against_shooting(nu):
 
 
 def test_helmholtz_duffing_has_a_mean():
-    """Even powers: every order and a mean, and no two halves of a period alike."""
+    """Even powers: all harmonics and a mean, without half-wave symmetry."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.4*x^2 + 0.5*x^3")
     nu, load = 1.1, {1: 0.3 + 0.1j, 2: 0.05}
     r = vv.forced_response(system, nu, load=load, method="newton", harmonics=31, tolerance=1e-13)
@@ -109,7 +109,7 @@ def test_backbone_of_small_amplitudes(quadratic, cubic):
 
 
 def test_absorber_transfer_function():
-    """Den Hartog: x_1/P of a damped mass with a damped absorber, written out."""
+    """Den Hartog: x_1/P of a damped mass with a damped absorber, written explicitly."""
     m, k, c, m_2, k_2, c_2 = 1.0, 1.0, 0.02, 0.05, 0.045, 0.012
     system = vv.PolynomialSystem(
         mass=[m, m_2],
@@ -124,7 +124,7 @@ def test_absorber_transfer_function():
     assert r.method == "linear"
     assert r.coefficient("body") == pytest.approx((link - m_2 * nu**2) / below, rel=1e-12)
     assert r.coefficient("absorber") == pytest.approx(link / below, rel=1e-12)
-    # A moving base instead: the ground spring and damper pull.
+    # With a moving base the ground spring and damper act.
     moving = vv.PolynomialSystem(
         mass=[m, m_2],
         stiffness=[[k + k_2, -k_2], [-k_2, k_2]],
@@ -137,7 +137,7 @@ def test_absorber_transfer_function():
 
 
 def test_memory_of_the_mean():
-    """At rest under a constant load a kernel leaves 1 - its integral of every force."""
+    """At rest under a constant load a kernel reduces every force by the factor 1 - its integral."""
     kernel = vv.RzhanitsynKernel(amplitude=0.2, alpha=0.5, beta=0.7)
     system = vv.PolynomialSystem(
         mass=1, kernel=kernel, forces="x + 0.3*x^2 + 0.5*x^3", springs=[vv.Springs(stiffness=0.4)]
@@ -156,7 +156,7 @@ def test_memory_of_the_mean():
 
 
 def test_memory_on_some_forces_only():
-    """R(t) = w exp(-r t) is one more differential equation: z' = w g(u) - r z, (1 - R*) g = g - z.
+    """R(t) = w exp(-r t) adds a differential equation: z' = w g(u) - r z, (1 - R*) g = g - z.
 
     One kernel on the linear spring, another on the cubic one, none on the quadratic one.
     """
@@ -207,7 +207,7 @@ def test_harmonics_are_as_many_as_needed():
     r = vv.forced_response(system, [0.8, 1.0], load=0.5, method="newton", harmonics="auto")
     assert r.truncation.max() <= 1e-10
     assert 9 < r.harmonics[-1] < 60
-    # A coordinate that stands still, and many of them.
+    # A coordinate at rest, and many of them.
     idle = vv.PolynomialSystem(
         mass=[1, 1], stiffness=[1, 2], damping=[0.2, 0.2], forces={"x1": "x1^3", "x2": "x2^3"}
     )
@@ -285,7 +285,7 @@ def test_solutions_of_random_systems_satisfy_their_equations(seed):
 
 @pytest.mark.parametrize("forces", ["tanh(2*x)", "2*x + x^3"])
 def test_stiffness_as_given(forces):
-    """What is shown, typed in again, is the same system: forces keep what is linear in them."""
+    """The printed forces define the same system: forces keep their linear parts."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=forces)
     assert system.stiffness == [[1.0]]
     again = eval(repr(system), {"PolynomialSystem": vv.PolynomialSystem, "array": np.array})

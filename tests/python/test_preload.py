@@ -1,4 +1,4 @@
-"""Polynomial laws that are not 0 at rest, a static preload: every method, against SciPy."""
+"""Polynomial laws with a force at rest (static preload): every method, against SciPy."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 
 def draw(seed):
-    """Numbers of x'' + c x' + (k + a) x + b x^3 + q x^2 + p - memory = P sin(nu t)."""
+    """Parameters of x'' + c x' + (k + a) x + b x^3 + q x^2 + p - memory = P sin(nu t)."""
     rng = np.random.default_rng(seed)
     return dict(
         k=rng.uniform(0.8, 2), c=rng.uniform(0.1, 0.3), a=rng.uniform(0, 0.5),
@@ -22,7 +22,7 @@ def text(n, name="x"):
 
 
 def truth(n, start, t, remembers=False):
-    """States at times t by SciPy; the memory of the law is an equation of its own."""
+    """States at times t by SciPy; the memory of the law is an additional equation."""
 
     def law(x):
         return n["a"] * x + n["q"] * x**2 + n["b"] * x**3 + n["p"]
@@ -40,7 +40,7 @@ def truth(n, start, t, remembers=False):
 
 
 def systems(n):
-    """One system as coordinates, as a structure."""
+    """The same system as coordinates and as a structure."""
     springs = dict(mass=[[1.0]], stiffness=[[n["k"]]], damping=[[n["c"]]])
     element = vv.Spring(on="x", law=text(n, "d"))
     return [
@@ -96,7 +96,7 @@ def test_behind_a_kernel(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_branches_stability_and_ensembles(seed):
-    """Points of a branch are responses; its exponents are SciPy's; a member is a run."""
+    """Points of a branch are responses; its exponents agree with SciPy; a member is a run."""
     n = draw(200 + seed)
     system = systems(n)[0]
     branch = vv.trace_response(system, (0.8, 1.6), load=n["load"], stability=True)
@@ -122,7 +122,7 @@ def test_branches_stability_and_ensembles(seed):
 
 
 def test_scenes(tmp_path):
-    """The numbers of scenes are those of Python, for coordinates and structures."""
+    """Scenes give the numbers of Python, for coordinates and structures."""
     n = draw(300)
     response = "&response nu=0.9 method='newton' harmonics=9 /\n"
     force = f"&force law='{text(n)}' /\n"

@@ -1,4 +1,4 @@
-"""Force laws that are functions of Python: as texts do, derivatives, errors, other processes."""
+"""Force laws as Python functions: against texts; derivatives, errors, other processes."""
 
 import math
 import pickle
@@ -17,7 +17,7 @@ TEXT = "k*tanh(x) + 0.2*x_dot*cos(x)"
 
 
 def bent(x, x_dot, k):
-    # Arrays are asked for, so that it is called and not written as a text.
+    # Requires arrays, so that it is called and not converted to a text.
     x = np.asarray(x)
     return k * np.tanh(x) + 0.2 * x_dot * np.cos(x)
 
@@ -35,7 +35,7 @@ def pair(forces=bent, text=TEXT, **more):
 
 
 def differ(text, python):
-    """By how much: of a function it is not known that it is odd, so even orders are kept."""
+    """Largest difference. A function is not known to be odd, so even harmonics are kept."""
     places = [list(python.harmonics).index(k) for k in text.harmonics]
     rest = np.delete(python.coefficients, places, axis=2)
     left = python.coefficients[:, :, places] - text.coefficients
@@ -153,7 +153,7 @@ def test_functions_that_cannot_be_laws_are_refused(law, told):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_laws_whose_parts_cancel_at_rest_are_taken(seed):
-    """Rounding of the parts drowns the differences that derivatives are held against."""
+    """Rounding errors of the parts exceed the differences used for checking derivatives."""
     a, b = np.random.default_rng(seed).uniform(0.1, 2, 2)
     for law in (
         lambda d: b * (np.sqrt(a + d**2) - np.sqrt(a)),
@@ -164,7 +164,7 @@ def test_laws_whose_parts_cancel_at_rest_are_taken(seed):
 
 
 def test_a_kinked_function_with_slopes_of_its_own_is_right():
-    """What NumPy's `interp` gives has no complex step."""
+    """`interp` of NumPy has no complex step."""
 
     def table(d):
         return np.interp(d, [-1e4, 0, 1e4], [-1e4, 0, 2e4])
@@ -215,7 +215,7 @@ def test_arguments_with_defaults_may_be_left_out():
 
 
 def test_functions_of_other_calls_are_not_mixed_up():
-    """A system that goes leaves nothing that another law could be taken for."""
+    """After a system is deleted no other law may be mistaken for its law."""
     first = vv.PolynomialSystem(**ONE, forces=lambda x: x**3)
     before = vv.simulate(first, 3, initial=[0.5, 0], dt=0.1).state[-1]
     for power in (2, 5, 7):
@@ -241,7 +241,7 @@ def test_systems_travel_to_other_processes(tmp_path):
     finally:
         sys.path.remove(str(tmp_path))
     assert vv.simulate(system, 5, initial=[1, 0], dt=0.1).state[-1].tolist() == x
-    # A copy in the same process is the same law, also after one of both has gone.
+    # A copy in the same process uses the same law, also after one of both is deleted.
     again = pickle.loads(pickle.dumps(system))
     del system
     assert vv.simulate(again, 5, initial=[1, 0], dt=0.1).state[-1].tolist() == x
@@ -253,7 +253,7 @@ def test_checkpoints_know_the_function_again():
 
 
 def random_law(rng, names):
-    """A function of these names in words of NumPy, with a few kinks and jumps."""
+    """A random function of these names with NumPy functions, with a few kinks and jumps."""
     ones = [
         "np.tanh({})",
         "np.sin({})",
@@ -284,7 +284,7 @@ def random_law(rng, names):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_functions_of_numpy_words_become_texts_of_the_same_values(seed):
-    """They then cost what texts cost; values and slopes are those of the function."""
+    """They then cost as much as texts; values and slopes are those of the function."""
     rng = np.random.default_rng(seed)
     source = random_law(rng, ["d", "v", "k"])
     function = eval(f"lambda d, v, k: {source} + 0*v*k", {"np": np})
@@ -297,7 +297,7 @@ def test_functions_of_numpy_words_become_texts_of_the_same_values(seed):
     h = 1e-6
     near = (function(at[:, 0] + h, at[:, 1], 0.7) - function(at[:, 0] - h, at[:, 1], 0.7)) / (2 * h)
     off = np.abs(slopes[:, 0] - near) > 1e-5 * (1 + np.abs(near))
-    # At most a few of the places are next to a kink or a jump.
+    # At most a few of the points are next to a kink or a jump.
     assert off.sum() <= 2
 
 

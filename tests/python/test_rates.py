@@ -1,4 +1,4 @@
-"""Laws of rates: friction and quadratic damping against SciPy, in every way there is to compute."""
+"""Laws of rates: friction and quadratic damping against SciPy, with every method."""
 
 import warnings
 
@@ -31,7 +31,7 @@ def solved(rhs, n, times, start=None, step=0.05):
 
 @pytest.mark.parametrize("text", LAWS)
 def test_steady_motion_in_time_and_multipliers(text):
-    """One oscillator: harmonics, steps in time, and the monodromy matrix."""
+    """One oscillator: harmonics, time integration, and the monodromy matrix."""
     rhs = equation(LAWS[text])
     system = vv.PolynomialSystem(mass=1, stiffness=K, damping=C, forces=text)
     with warnings.catch_warnings():
@@ -40,7 +40,7 @@ def test_steady_motion_in_time_and_multipliers(text):
     period = 2 * np.pi / NU
     orders, x = found.harmonics, found.coefficients[0, 0]
     start = [x.imag.sum(), (orders * NU * x.real).sum()]
-    # A steady motion ends where it began; the sum of orders |k| x_k v falls slowest of a kink.
+    # A steady motion ends at its start; the sum of |k| x_k v converges slowest at a kink.
     end = solved(rhs, 2, [period], start)[:, -1]
     np.testing.assert_allclose(end, start, atol=1e-7 if "abs" in text else 1e-9)
     times = np.linspace(0, 10, 5)[1:]
@@ -62,7 +62,7 @@ def test_steady_motion_in_time_and_multipliers(text):
 
 @pytest.mark.parametrize("beside", [False, True])
 def test_with_memory(beside):
-    """A law of a rate behind a kernel and beside one: steps, harmonics, exponents."""
+    """A law of a rate behind a kernel and in parallel with one: time, harmonics, exponents."""
     weight, rate = 0.8, 2.0
     kernel = vv.PronyKernel(weights=[weight], rates=[rate])
     text = "0.2*tanh(x_dot/0.3) + 0.3*x^3"
@@ -96,7 +96,7 @@ def test_with_memory(beside):
 
 
 def test_structure_is_the_system():
-    """An element of a structure, condensed, as the same forces in all coordinates."""
+    """An element of a condensed structure equals the same forces in all coordinates."""
     chain = np.diag([2.0, 2, 1]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
     common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
     law = "0.2*tanh(v/s) + 0.3*d^3"
@@ -132,7 +132,7 @@ def test_branch_derivatives():
             system, [branch.nu[i]], load=0.2, method="newton", harmonics=31, tolerance=1e-8
         )
         np.testing.assert_allclose(point.coefficients[0], branch.coefficients[i], atol=1e-9)
-    # Damping of the law's own stays where the coefficient c moves.
+    # Damping in the law itself stays when the coefficient c varies.
     swept = vv.trace_response(
         system, nu=1.2, vary="damping", vary_range=(0.05, 0.2), load=0.2, harmonics=31
     )
@@ -145,7 +145,7 @@ def test_branch_derivatives():
 
 @pytest.mark.filterwarnings("ignore::viscovib.errors.ConvergenceWarning")
 def test_van_der_pol_is_a_polynomial():
-    """Polynomials with rates keep samples free of aliasing: the balance is exact."""
+    """Polynomials with rates are sampled without aliasing: the balance is exact."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.2*(x^2 - 1)*x_dot")
     found = vv.forced_response(
         system, [1.1], load=2.0, method="newton", harmonics=5, stability=True
@@ -159,7 +159,7 @@ def test_van_der_pol_is_a_polynomial():
 
 
 def test_friction_of_a_mount_is_told_in_its_force():
-    """A mount's force has what the law makes of the rate."""
+    """The force of a mount contains the rate part of its law."""
     mounts = [
         vv.MountPoint(
             name=name, position=[x, y, 0], stiffness=[1e4] * 3, damping=50, law="40*tanh(v/0.1)"
@@ -198,14 +198,14 @@ def test_friction_of_a_mount_is_told_in_its_force():
     ],
 )
 def test_what_is_refused(make, told):
-    """One line that names it."""
+    """One line that names the argument."""
     with pytest.raises(vv.InputError, match=told):
         make()
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_branch_over_a_parameter_of_friction():
-    """The end of a branch over a number of a law with rates is the structure with that number."""
+    """The end of a branch over a parameter of a rate law is the structure with that value."""
 
     def structure(c):
         law = "c*v + c*tanh(v/0.3) + 0.1*d^3"
@@ -225,7 +225,7 @@ def test_branch_over_a_parameter_of_friction():
 
 @pytest.mark.parametrize("law", ["50*sqrt(d^2 + 0.01)*v", "10*d^3*v", "30*v^2*d", "40*tanh(v)"])
 def test_strong_dampers_at_the_beginning(law):
-    """Short panels of the first step, which halves of it share, tell a velocity too."""
+    """Short panels in the first step, also in its halves, determine a velocity."""
     force = {
         "50*sqrt(d^2 + 0.01)*v": lambda d, v: 50 * np.sqrt(d * d + 0.01) * v,
         "10*d^3*v": lambda d, v: 10 * d**3 * v,

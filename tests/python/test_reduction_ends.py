@@ -1,4 +1,4 @@
-"""How a reduction ends: refused only where its error is above the tolerance, and by that error."""
+"""End of a reduction: refused only if its error is above the tolerance, with that error."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from viscovib.systems.reduction import _enriched
 
 
 class Errors:
-    """Errors that fall by a factor with each vector and stay at a floor; larger between."""
+    """Errors that decrease by a factor per vector to a floor; larger between check frequencies."""
 
     def __init__(self, floor, between):
         self.floor, self.between, self.left = floor, between, 1.0

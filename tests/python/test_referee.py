@@ -1,4 +1,4 @@
-"""The referee itself: what it finds, what it survives, and that no public name is left out."""
+"""The referee itself: detection of errors, crashes, and coverage of public names."""
 
 import queue
 import threading
@@ -69,7 +69,7 @@ def test_refusals_and_exceptions_are_told_apart():
 
 
 def test_a_crash_is_a_failure_of_its_case(monkeypatch, tmp_path):
-    """A process that dies ends with the call it was busy with."""
+    """A process that dies ends with its current call."""
     program = (
         "import json, os\n"
         "print(json.dumps({'index': 3, 'begin': 'the call'}), flush=True)\n"
@@ -103,7 +103,7 @@ def test_the_worst_ratio_is_the_one_closest_to_its_limit():
 
 @pytest.mark.parametrize("unit", [1e-3, 0.0254, 1e3])
 def test_errors_of_motions_do_not_depend_on_the_unit_of_length(unit):
-    """A mount has a displacement and an angle: without masses, metres would outweigh radians."""
+    """A mount has a displacement and an angle: weighting by masses keeps both comparable."""
     rng = np.random.default_rng(7)
     true = rng.normal(size=(2, 5)) + 1j * rng.normal(size=(2, 5))
     off = true * (1 + [[1e-7], [1e-5]] * rng.normal(size=true.shape))
@@ -118,7 +118,7 @@ def test_errors_of_motions_do_not_depend_on_the_unit_of_length(unit):
 
 @pytest.mark.parametrize(("work", "answers"), [("sum(range(10**8))", False), ("0", True)])
 def test_a_case_hangs_by_the_time_of_its_processor(work, answers, monkeypatch):
-    """A process that has no processor for a while, on a busy machine, does not hang."""
+    """A process that waits for a processor on a busy machine does not count as hanging."""
     import subprocess
     import sys
 
@@ -153,7 +153,7 @@ def test_cases_are_the_same_whenever_they_are_drawn(family):
 
 
 def test_a_large_multiplier_hides_none_beside_one():
-    """Each is as certain as its own error says: that of 7e5 says nothing of 1.2 and 1.02."""
+    """Errors are separate: that of 7e5 does not affect 1.2 and 1.02."""
     sizes = np.array([7e5, 1.2, 1.02, 0.9])
     off = np.array([0.2, 1e-7, 1e-7, 1e-7])
     right = growing(sizes[:3], sizes, off, 1e-5, 3e-9)

@@ -1,4 +1,4 @@
-"""Tabulated curves of independent programs (data/README.md), to 1e-10 and better."""
+"""Tabulated curves of independent programs (data/README.md), to 1e-10 or better."""
 
 import warnings
 from itertools import groupby
@@ -8,7 +8,7 @@ import pytest
 import viscovib as vv
 from tables import read_table
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 ORDERS = (1, 3, 5, 7, 9)
@@ -48,7 +48,7 @@ def test_linear_curves_of_the_paper(mount):
     for (a,), nu, rows in curves("mount_curves.csv", ("A",)):
         r = vv.forced_response(mount(float(a)), nu, load=0.1, method="linear")
         for dof in ("x", "phi"):
-            # An undamped neighbour of resonance magnifies the rounding of the input.
+            # Near an undamped resonance rounding errors of the input are amplified.
             assert r.coefficient(dof) == pytest.approx(numbers(rows, dof, 1), rel=2e-14)
         n += nu.size
     assert n == 1000

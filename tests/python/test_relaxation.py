@@ -1,4 +1,4 @@
-"""What is left of a step of strain, sums of kernels, and kernels at a temperature."""
+"""Relaxation after a step of strain, sums of kernels, and kernels at a temperature."""
 
 import math
 
@@ -11,7 +11,7 @@ MU = np.geomspace(1e-3, 1e3, 25)
 
 
 def mittag_leffler(a, b, z):
-    """E_{a,b}(-z) by its series, in as many digits as its terms grow to."""
+    """E_{a,b}(-z) by its series, with as many digits as the terms require."""
     with mp.workdps(50 + int(z ** (1 / a))):
         total, power, n = mp.mpf(0), mp.mpf(1), 0
         while True:
@@ -98,7 +98,7 @@ def test_a_sum_is_the_sum_of_its_parts_everywhere():
 
 
 def test_motion_with_a_sum_is_that_with_its_terms_joined():
-    """Two sums of exponentials are one with all terms, in every method."""
+    """Two sums of exponentials equal one sum with all terms, in every method."""
     one = vv.PronyKernel(weights=[0.2, 0.3], rates=[0.5, 4.0])
     other = vv.PronyKernel(weights=[0.05], rates=[0.1])
     joined = vv.PronyKernel(weights=[0.2, 0.3, 0.05], rates=[0.5, 4.0, 0.1])
@@ -159,7 +159,7 @@ def singular_kernels(rng, count):
 
 
 def test_sums_of_exponentials_have_the_transform_of_the_kernel():
-    """The part of the integral before t_min is not lost."""
+    """The part of the integral before t_min is included."""
     rng = np.random.default_rng(43)
     for kernel in singular_kernels(rng, 24):
         t_min, t_max = 10 ** rng.uniform(-9, -1), 10 ** rng.uniform(0.5, 3)
@@ -178,7 +178,7 @@ def test_sums_of_exponentials_have_the_transform_of_the_kernel():
 
 @pytest.mark.parametrize("t_min", [1e-3, 1e-8])
 def test_motions_with_a_sum_of_exponentials_are_those_with_the_kernel(t_min):
-    """Closed transform, and in time the run that computes with the kernel itself."""
+    """Closed transform; in time the run that computes with the kernel itself."""
     kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
     few = kernel.sum_of_exponentials(tolerance=1e-8, t_min=t_min, t_max=100)
     one = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.01, kernel=few)
@@ -193,7 +193,7 @@ def test_motions_with_a_sum_of_exponentials_are_those_with_the_kernel(t_min):
 
 
 def test_layers_with_very_fast_exponentials_have_no_defective_modes():
-    """Also in time, where modes were refused as defective; reference: one spring as an element."""
+    """Also in time, without defective modes; reference: one spring as an element."""
     rng = np.random.default_rng(7)
     for kernel in singular_kernels(rng, 18):
         if kernel.integral >= 1:

@@ -10,7 +10,7 @@ import pytest
 import viscovib as vv
 from tables import DATA
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 NU = np.linspace(0.3, 12.0, 60)
@@ -35,7 +35,7 @@ def test_load_of_order_k_is_the_response_at_k_nu(mount):
 
 @pytest.mark.parametrize("geometry", ["cubic", "exact"])
 def test_full_set_of_harmonics_agrees_with_half_wave(mount, geometry):
-    """A vanishing even load switches symmetry off: the odd harmonics must not change."""
+    """A negligible even load switches symmetry off: the odd harmonics must not change."""
     body = mount(geometry=geometry)
     options = {"nu": [0.8, 3.0, 6.0], "harmonics": 9, "tolerance": 1e-13}
     half = vv.forced_response(body, load=0.3, **options)
@@ -62,7 +62,7 @@ def test_mean_load_bends_the_relaxed_spring(mount):
     body = mount()
     relaxed = 1 - body.kernel.integral
     r = vv.forced_response(body, 1.0, load={0: 0.01j}, method="linear")
-    # Statics: the moment l*P is balanced by the spring in phi alone.
+    # Statics: the moment l*P is balanced by the rotational spring only.
     assert r.coefficient("phi", 0)[0].imag == pytest.approx(0.5 * 0.01 / (2 * relaxed), rel=1e-13)
 
 
@@ -86,7 +86,7 @@ def test_base_motion_is_inertia_force_on_relative_motion(mount):
 
 
 def test_steady_values_of_independent_programs(mount):
-    """Harmonic balance in 34 digits, checked in the time domain to 12 (data/README.md)."""
+    """Harmonic balance with 34 digits, checked in the time domain to 12 (data/README.md)."""
     reference = json.loads((DATA / "mount_memory_reference.json").read_text())
     for case in reference["harmonic_balance"]:
         with pytest.warns(vv.StabilityWarning) if case["A"] > 0.0779 else nullcontext():
@@ -116,7 +116,7 @@ def test_iteration_reports_how_it_ended(mount):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_plain_call_finds_a_motion_at_every_frequency(seed):
-    """Through resonance, in both directions; each motion satisfies the equation of motion."""
+    """Through resonance in both directions; each motion satisfies the equation of motion."""
     rng = np.random.default_rng([48, seed])
     damping, cubic, load = rng.uniform([0.02, 0.1, 0.1], [0.2, 1, 0.5])
     system = vv.PolynomialSystem(
@@ -193,7 +193,7 @@ def test_relaxation_finds_more_and_agrees(mount):
 
 
 def test_a_point_does_not_depend_on_its_company(mount):
-    """Frequencies travel together through the vector unit; results must not notice."""
+    """Frequencies share vector registers; results must not depend on this."""
     body = mount(geometry="exact")
     together = vv.forced_response(body, NU, load=0.05)
     for i in (0, 1, 17, 59):
@@ -297,7 +297,7 @@ def test_not_a_mount_is_named():
 
 
 def test_a_load_must_be_given_though_it_may_be_0(mount):
-    """A load that was forgotten gave motions of 0 that had converged."""
+    """A missing load must not give converged motions of 0."""
     for follow in (lambda: vv.forced_response(mount(), [1.0]),
                    lambda: vv.plan_response(mount(), [1.0]),
                    lambda: vv.trace_response(mount(), (1, 2))):  # fmt: skip
@@ -310,7 +310,7 @@ def test_a_load_must_be_given_though_it_may_be_0(mount):
 
 @pytest.mark.parametrize("load", [1e150, 1e200, 1e307])
 def test_what_leaves_the_range_of_numbers_is_an_overflow(mount, load):
-    """Not "diverged" or "overflow" as the compiler's maximum treats NaN, as it was."""
+    """The outcome must not depend on the treatment of NaN by the compiler."""
     with pytest.warns(vv.ConvergenceWarning, match="overflow"):
         r = vv.forced_response(mount(), [0.7, 1.5, 3.0], load=load, method="successive")
     assert list(r.outcome) == ["overflow"] * 3
@@ -355,7 +355,7 @@ def test_a_hundred_harmonics(mount):
 
 
 def test_absurd_parameters_never_give_a_wrong_number():
-    """Random extremes: every point ends in a named outcome, converged ones in numbers."""
+    """Random extremes: every point has a named outcome, and converged points are finite."""
     rng = np.random.default_rng(11)
     sizes = [1e-270, 1e-150, 1e-30, 1e-8, 1.0, 1e8, 1e30, 1e150, 1e300]
 
@@ -383,8 +383,8 @@ def test_absurd_parameters_never_give_a_wrong_number():
 
 
 def test_linear_motions_beside_antiresonances_keep_their_digits():
-    # Springs at two of several masses: where these two hardly move, what they move tells little
-    # of the others.
+    # Springs at two of several masses: if these two hardly move, their motion determines little of
+    # the other masses.
     rng = np.random.default_rng(8)
     worst = 0.0
     for _ in range(60):
@@ -409,7 +409,7 @@ def test_linear_motions_beside_antiresonances_keep_their_digits():
 
 
 def test_a_load_that_is_missing_is_refused():
-    """Nothing and an empty mapping: all motions were 0, and converged."""
+    """None and an empty mapping must not give converged motions of 0."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     for given in ({}, {"load": {}}, {"base": {}}, {"load": {}, "base": {}}):
         for call in (vv.forced_response, vv.trace_response):
@@ -433,7 +433,7 @@ def test_rest_and_a_mean_alone_tell_their_error(method, forces, load):
 @pytest.mark.parametrize("elements", [[], [vv.Spring(on="x2", law="d^3")]])
 @pytest.mark.parametrize("method", ["linear", "newton"])
 def test_a_structure_under_no_load_is_at_rest(elements, method):
-    """Its linear response keeps no orders at all."""
+    """Its linear response has no harmonics."""
     pair = vv.Structure(
         mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[0.1, 0.1], elements=elements
     )
@@ -445,7 +445,7 @@ def test_a_structure_under_no_load_is_at_rest(elements, method):
 
 @pytest.mark.parametrize("method", ["successive", "newton"])
 def test_the_unit_of_force_changes_no_motion(method):
-    """Masses of 1e290 in these units make norms large, not amplitudes."""
+    """Masses of 1e290 in these units make norms large, but not amplitudes."""
     rng = np.random.default_rng(11)
     for scale in (1e-200, 1e-50, 1e60, 1e90, 1e150, 1e290):
         damping, cubic, nu = rng.uniform(0.05, 0.2), rng.uniform(0.1, 0.5), rng.uniform(0.4, 0.8)

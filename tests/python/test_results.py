@@ -1,4 +1,4 @@
-"""Results as values: they print in a few lines, compare, pickle, copy, are drawn and saved."""
+"""Results as values: printing, comparison, pickling, copies, plots and files."""
 
 import ast
 import copy
@@ -87,7 +87,7 @@ def _sets():
     )  # fmt: skip
 
 
-#: Three loads of which two lie so close that amplitudes beat.
+#: Three loads, two of them with close frequencies, so that amplitudes beat.
 BEATING = vv.Pendulum(
     e=0.0102, w2=0.366, w3=0.988, alpha=0.573, c1=0.0258, c2=0.00555, c3=0.00837,
     f0=0.0046, m01=0.00058, m02=0.0017, p1=1.01, p2=1.0086, p3=0.3595,
@@ -130,7 +130,7 @@ RESULTS |= {
     "fit": lambda: vv.fit_kernel(_modulus()),
     "prony fit": lambda: vv.fit_kernel(_modulus(), kind="prony", terms=8),
 }
-#: Values that belong to results: without pictures and tables of their own.
+#: Parts of results, without their own plots and tables.
 PARTS = {
     "characteristic roots": DUFFING.characteristic_roots,
     "free decay": lambda: vv.free_decay(_free_motion()),
@@ -151,7 +151,7 @@ DRAWN = set(RESULTS) - {
     "mount forces", "modulation", "scales motion", "beating motion", "master curve",
     "kramers kronig", "fit", "prony fit",
 }  # fmt: skip
-#: Public classes that calls take or that hold others; all else is found, and a value.
+#: Public classes that are arguments or containers; all other classes are results.
 NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "BoucWen", "Chirp", "Coupling", "CreepData", "CubicSystem",
     "Dahl", "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "HalfSine", "Haversine",
@@ -162,7 +162,7 @@ NOT_FOUND = [
     "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "Structure", "SumKernel",
     "TabulatedKernel", "ThermalKernel", "Trapezoid", "WLF",
 ]  # fmt: skip
-#: Found by the tests of their own: of curves, of scenes, of amplitudes.
+#: Tested elsewhere: results of curves, of scenes, of amplitudes.
 ELSEWHERE = [
     "AmplitudeFit", "BackbonePoint", "BranchPoint", "Crossing", "NormalCoordinates",
     "Peak", "ProgressiveLaw",
@@ -172,7 +172,7 @@ ELSEWHERE = [
 
 @functools.cache
 def made(name):
-    """Return a result, the same one for all tests; some take a second."""
+    """Return a result, cached for all tests, because some take a second."""
     return RESULTS[name]()
 
 
@@ -265,7 +265,7 @@ def test_netcdf_holds_everything(named_result, tmp_path):
 
 
 def test_what_is_saved_says_how_sure_it_is(named_result):
-    """What a result tells of its error, and how it ended, is in its Dataset too."""
+    """The Dataset also contains the error and the outcome of a result."""
     _, result = named_result
     told = (
         "outcome", "error", "truncation", "error_estimate", "coordinate_errors", "growth_error",
@@ -317,7 +317,7 @@ def test_motions_of_scenes_pickle(tmp_path):
 
 
 def test_peak_to_peak_finds_the_highest_of_many_summits():
-    """Random harmonics, against samples so close that they miss 3e-8 at most."""
+    """Random harmonics, against samples with an error of at most 3e-8."""
 
     class Motions(vv.PeriodicMotions):
         dof_names = ("x",)
@@ -344,7 +344,7 @@ def test_peak_to_peak_finds_the_highest_of_many_summits():
 
 @pytest.mark.parametrize("name", ["judged response", "branch", "pendulum branch", "backbone"])
 def test_what_follows_from_the_harmonics(name):
-    """Against integrals and samples of the waveform itself."""
+    """Against integrals and samples of the waveform."""
     result = RESULTS[name]()
     dof = result.dof_names[-1]
     d = len(result.dof_names) - 1
@@ -371,7 +371,7 @@ def test_what_follows_from_the_harmonics(name):
     assert result.phase(dof, k)[i] == np.angle(own[list(orders).index(k)])
 
 
-#: Where a result is one of several kinds of argument, and a scene's is told from a sweep's Dataset.
+#: Allowed `isinstance` checks: several kinds of argument, scene results or sweep Datasets.
 _ASKED = {
     "analyses/shooting.py: SteadyMotion",
     "analyses/shock_spectra.py: Trajectory",
@@ -385,7 +385,7 @@ _ASKED = {
 
 
 def test_results_are_not_asked_what_they_are():
-    """Faces ask results for what they need: no other `isinstance` in the package names a result."""
+    """Other modules use attributes: no other `isinstance` in the package names a result."""
     assert all(getattr(vv, name) is not None for name in dir(vv))  # loads them
     names, pending = set(), [vv.Result]
     while pending:
@@ -415,13 +415,13 @@ def test_motions_without_an_estimate_say_so():
         assert "estimate of the error" in str(run.plan)
 
 
-#: Multiple scales know no units: their systems may be in any.
+#: Multiple scales have no units: their systems may be in any units.
 UNITLESS = {"beating motion", "modulation", "scales motion", "steady motions"}
 
 
 @pytest.mark.parametrize("name", sorted(set(RESULTS) - UNITLESS))
 def test_coordinates_in_datasets_have_units(name):
-    """Wherever coordinates are an axis, their units stand along it."""
+    """Every Dataset with coordinates as an axis has their units along it."""
     data = made(name).to_dataset()
     if "dof" in data.dims:
         assert data["unit"].dims == ("dof",)

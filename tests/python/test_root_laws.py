@@ -1,6 +1,6 @@
-"""Roots and broken powers on a surface of contact, as Hertz's max(d, 0)^1.5, in time.
+"""Roots and fractional powers at a contact surface, such as Hertz's max(d, 0)^1.5, in time.
 
-Judged by SciPy, whose runs end and begin again on the surface.
+Reference: SciPy with runs that end and restart at the surface.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def motion(
 ) -> np.ndarray:
     """State at ``t_end`` of x'' + c x' + x + f = F sin(w t), from contact to contact.
 
-    ``others``: surfaces more at which runs end and begin again.
+    ``others``: further surfaces at which runs end and restart.
     """
     damping, amplitude, nu = drive
 
@@ -46,14 +46,14 @@ def motion(
         run = solve_ivp(rates, (t, t_end), y, events=passages, max_step=0.05, **accuracy)
         t, y = run.t[-1], run.y[:, -1]
         if t < t_end:
-            # Off the surface, lest its first state count as a passage.
+            # Slightly off the surface, so that the first state is not an event.
             run = solve_ivp(rates, (t, min(t_end, t + 1e-9)), y, **accuracy)
             t, y = run.t[-1], run.y[:, -1]
     return y
 
 
 def laws(power: float) -> dict[str, tuple[Callable[..., float], Callable[..., float]]]:
-    """Text of a law with the stiffness k and the gap g, its force and its surface."""
+    """Text of a law with stiffness k and gap g, its force and its surface."""
     text = repr(power)
     return {
         f"k*max(x - g, 0)^{text}": (
@@ -77,7 +77,7 @@ def laws(power: float) -> dict[str, tuple[Callable[..., float], Callable[..., fl
 
 @pytest.mark.parametrize("power", POWERS)
 def test_motions(power: float) -> None:
-    """Random contacts keep the tolerance: the law is not smooth on either side of its surface."""
+    """Random contacts reach the tolerance, although the law is not smooth at its surface."""
     rng = np.random.default_rng(round(100 * power))
     for text, (force, surface) in laws(power).items():
         k, gap = 10 ** rng.uniform(-1, 1.3), rng.uniform(-0.2, 0.2)
@@ -102,9 +102,9 @@ def test_motions(power: float) -> None:
 @pytest.mark.parametrize("other", ["max(x - h, 0)", "max(h - x, 0)^2", "0.1*sign(x - h)"])
 @pytest.mark.parametrize("first", ["sign(x - g)*abs(x - g)^1.5", "max(x - g, 0)^1.3"])
 def test_another_surface_beside(first: str, other: str) -> None:
-    """A step that ends at one surface comes as near to a rough one beside it, whatever its length.
+    """A step that ends at one surface may be close to a second, singular surface.
 
-    Such steps were as long as they liked: runs in steps of any length were off alike.
+    Regression: such steps were not shortened, so runs with any step size had equal errors.
     """
     rng = np.random.default_rng(len(first) + len(other))
     for _ in range(3):
@@ -134,7 +134,7 @@ def test_another_surface_beside(first: str, other: str) -> None:
 
 @pytest.mark.parametrize("method", ["gauss2", "gauss8", "dop8", "verner9"])
 def test_order(method: str) -> None:
-    """With steps given, parts beside contact keep the order of the method."""
+    """With given steps, the parts outside contact keep the order of the method."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="8*max(x - 0.1, 0)^1.5")
     fine = vv.simulate(system, 8.0, initial=[0.5, 0.1]).state[-1]
     errors = [
@@ -156,7 +156,7 @@ def test_order(method: str) -> None:
 def test_logs_and_powers_whose_exponent_varies(
     text: str, force: Callable[[float, float], float], gap: float
 ) -> None:
-    """With the branch held they go on beyond the surface, where they had no value."""
+    """With a fixed branch they are continued beyond the surface, where they are undefined."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=text, names=["x"])
     start = np.array([1.0, 0.0])
     run = vv.simulate(system, initial=start, t_end=8, dt="auto")
@@ -166,7 +166,7 @@ def test_logs_and_powers_whose_exponent_varies(
 
 @pytest.mark.parametrize("start", [[0.0, 0.8], [0.1, -0.5], [1e-9, -0.3], [-1e-9, 0.3]])
 def test_starts_on_the_surface(start: list[float]) -> None:
-    """A motion may begin on the surface, or so near that its first step would miss it."""
+    """A motion may start on the surface, or so near that the first step would miss it."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="8*x*sqrt(abs(x))")
     run = vv.simulate(system, 5.0, dt=0.1, initial=start, estimate_error=True)
     true = motion(
@@ -177,7 +177,7 @@ def test_starts_on_the_surface(start: list[float]) -> None:
 
 
 def test_structures() -> None:
-    """Elements of small structures go the same way; a ball on a Hertzian floor keeps energy."""
+    """Elements of small structures are treated equally; a ball on a Hertzian floor keeps energy."""
     structure = vv.Structure(
         mass=[[1.0]],
         stiffness=[[1.0]],

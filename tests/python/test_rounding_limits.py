@@ -1,4 +1,4 @@
-"""Tolerances below what rounding allows: motions are found, and say how well they are known."""
+"""Tolerances below rounding error: motions are found, with a stated error."""
 
 import warnings
 
@@ -10,7 +10,7 @@ N, HIGHEST, SAMPLES = 3, 61, 512
 
 
 def drawn(seed):
-    """Light damping near resonance: little rounding of the forces moves much."""
+    """Light damping near resonance: small rounding errors of forces have a large effect."""
     rng = np.random.default_rng(seed)
     b = rng.normal(size=(N, N))
     stiffness = b @ b.T / N + np.eye(N)
@@ -23,12 +23,12 @@ def drawn(seed):
 
 
 def equations(x, stiffness, damping, springs, nu, load, kind):
-    """Harmonic balance of odd orders and its derivatives, by sums of the given kind of number."""
+    """Harmonic balance of odd harmonics and its derivatives, with the given number type."""
     orders = np.arange(1, HIGHEST + 1, 2)
     angle = 2 * np.arctan(kind(1)) * 4 * np.arange(SAMPLES, dtype=kind) / SAMPLES
     wave = np.exp(1j * np.outer(orders, angle))
-    back = 2j * wave.conj().T / kind(SAMPLES)  # of samples to X, u = Im sum X exp(i k nu t)
-    # Real unknowns: columns Re X and Im X of each order.
+    back = 2j * wave.conj().T / kind(SAMPLES)  # from samples to X, u = Im sum X exp(i k nu t)
+    # Real unknowns: columns Re X and Im X of each harmonic.
     to_time = np.concatenate([wave.imag, wave.real])
     m, s = orders.size, 1j * orders * kind(nu)
     left = x @ (stiffness + 0j).T + s[:, None] * (x @ damping.T) + s[:, None] ** 2 * x
@@ -66,7 +66,7 @@ def test_motions_down_to_rounding(seed):
                 system, [nu], load=load, method="newton", harmonics="auto", tolerance=tolerance
             )
         assert found.converged[0], (tolerance, found.outcome)
-        # What stays above the tolerance is told.
+        # Errors above the tolerance are reported.
         above = found.truncation[0] > tolerance
         assert above == any(issubclass(w.category, vv.ConvergenceWarning) for w in told)
         x = np.zeros(((HIGHEST + 1) // 2, N), np.clongdouble)

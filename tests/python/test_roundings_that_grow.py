@@ -1,24 +1,24 @@
-"""Beside chaos `error` holds what roundings become: they grow in all runs of a motion alike."""
+"""Near chaos `error` includes amplified rounding errors, which are equal in all runs."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Terms of power series, steps of them, and the end of a motion.
+#: Terms of power series, their number of steps, and the end time.
 ORDER, STEPS, END = 30, 640, 80.0
-#: Doubles of more digits, where there are any.
+#: Extended precision, if available.
 LONG = np.longdouble
 
 
-#: Weights and rates of what a spring remembers.
+#: Weights and rates of the kernel.
 MEMORY = np.array([0.1, 0.2]), np.array([0.8, 5.0])
 
 
 def by_series(start, drag, linear, cubic, sine, force, nu, weights=0.0 * MEMORY[0]):
-    """Ends of x'' = force sin(nu t) - drag x' - linear w - cubic x^3 - sine sin(x), of systems.
+    """Final states of x'' = force sin(nu t) - drag x' - linear w - cubic x^3 - sine sin(x).
 
     w = x - sum_i weight_i z_i, z_i' = x - rate_i z_i, z_i(0) = 0. By power series of x, x^2,
-    sin(x), cos(x) and z in each step, by recurrence, in 19 digits or more.
+    sin(x), cos(x) and z in each step, by recurrence, with 19 digits or more.
     """
     weights, rates = weights.astype(LONG), MEMORY[1].astype(LONG)
     numbers = (np.asarray(one, LONG) for one in (drag, linear, cubic, sine, force, nu))
@@ -48,7 +48,7 @@ def by_series(start, drag, linear, cubic, sine, force, nu, weights=0.0 * MEMORY[
 
 
 def beside_chaos(rng):
-    """Numbers of a Duffing oscillator in two wells and of a driven pendulum, and their laws."""
+    """Parameters of a Duffing oscillator in two wells and of a driven pendulum, and their laws."""
     drag, cubic, force = rng.uniform((0.1, 0.8, 0.25), (0.3, 1.2, 0.5)).tolist()
     linear, nu = rng.uniform((-1.2, 0.9), (-0.8, 1.4)).tolist()
     yield (drag, linear, cubic, 0.0, force, nu), f"{cubic!r}*x^3"
@@ -79,9 +79,9 @@ def with_memory(linear, law, drag):
     [(as_system, 0.0, 1), (as_structure, 0.0, 1), (with_memory, 1.0, 7)],
 )
 def test_errors_hold_what_roundings_grow_to(made, remembers, seed):
-    """A run more than two in other steps tells it, of which numbers are other by 1e-12.
+    """An additional run with parameters changed by 1e-12 detects it.
 
-    Numbers of a system are rounded alike in all runs, so that their differences do not tell it.
+    Parameters are rounded equally in all runs, so differences of runs do not show it.
     """
     rng = np.random.default_rng(seed)
     drawn = [one for _ in range(10) for one in beside_chaos(rng)]

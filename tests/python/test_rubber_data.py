@@ -1,4 +1,4 @@
-"""Tables of measurements: what is read, what is refused and where."""
+"""Tables of measurements: values read, and refused input with its location."""
 
 import time
 from pathlib import Path
@@ -26,7 +26,7 @@ def test_published_tables():
     sets = raw.sets()
     assert [one.frequencies.size for one in sets] == [10] * 21
     assert sets[0].temperature.mean() == pytest.approx(-49.9, abs=0.1)
-    # The table over time holds the storage at t = 1/f.
+    # The table over time contains the storage modulus at t = 1/f.
     relaxing = vv.read_relaxation(DATA / "pyvisco_time_user_raw.csv")
     for one, other in zip(sets, relaxing.sets(), strict=True):
         assert other.modulus[::-1] == pytest.approx(one.storage, rel=1e-12)
@@ -127,7 +127,7 @@ def test_bad_tables_are_told_with_their_place(tmp_path, text, told):
 
 
 def test_a_temperature_without_a_unit_is_told(tmp_path):
-    """It was left out, and sets of all temperatures were one."""
+    """Without the unit the sets of all temperatures would be merged."""
     text = "T,f (Hz),E' (Pa),E'' (Pa)\n20,1,3,1\n40,1,2,1\n"
     with pytest.raises(vv.InputError, match="column 'T': has no unit, must be one of c, "):
         vv.read_dma(table(tmp_path, text))
@@ -144,7 +144,7 @@ def test_a_temperature_without_a_unit_is_told(tmp_path):
 
 @pytest.mark.parametrize("unit", ["{}", "[{}]", "({})", " [ {} ] "])
 def test_milli_is_not_mega(tmp_path, unit):
-    """However a unit is written, in its own line or behind the name."""
+    """For any spelling of a unit, in its own line or after the name."""
     wanted = {"mHz": 2e-3 * np.pi, "MHz": 2e6 * np.pi}
     for name, size in wanted.items():
         of = unit.format(name)
@@ -190,7 +190,7 @@ def test_young_to_shear_only_by_a_ratio_that_is_said():
 
 
 class TestKramersKronig:
-    """Whether loss belongs to storage."""
+    """Consistency of loss and storage moduli."""
 
     @pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
     @pytest.mark.parametrize("kind", ["rabotnov", "rzhanitsyn"])
@@ -227,7 +227,7 @@ class TestKramersKronig:
             assert found.wrong
 
     def test_weak_rubber_leaves_doubt(self):
-        """Storage that varies by a tenth, as measured ones are off: the summary tells."""
+        """Storage varies by a tenth only, like typical errors: the summary states the doubt."""
         nu = np.geomspace(1e-2, 1e4, 40)
         hats = vv.RabotnovKernel(amplitude=1, alpha=0.5, beta=2).transform(nu)
         stiff = 1e6 * (1 - 0.1 * hats / np.abs(hats).max())
@@ -238,7 +238,7 @@ class TestKramersKronig:
             assert 0.08 < found.storage_varies < 0.11
 
     def test_swapped_columns_are_told(self):
-        """The storage would have to fall, which leaves no loss at all."""
+        """The storage modulus would decrease, which is impossible."""
         data = made(KERNELS["rabotnov"])
         swapped = vv.ModulusData(frequencies=data.frequencies, storage=data.loss, loss=data.storage)
         found = vv.kramers_kronig(swapped)
@@ -246,7 +246,7 @@ class TestKramersKronig:
         assert found.ratio.max() > 100
 
     def test_the_published_master_curve_contradicts_itself(self):
-        """Floors by another program: 20.3, 13.2 % together, E' alone 1.4 %, E'' alone 2.6 %."""
+        """Residuals of another program: 20.3, 13.2 % together, E' alone 1.4 %, E'' alone 2.6 %."""
         found = vv.kramers_kronig(vv.read_dma(DATA / "pyvisco_freq_user_master.csv"))
         assert not found.consistent
         assert found.together == pytest.approx((0.203, 0.132), abs=0.002)
@@ -292,11 +292,11 @@ def test_pictures():
 
 
 def test_decimal_commas_between_commas_are_refused(tmp_path):
-    """They were read as 1, 5 and 2: a row has no more cells than there are names."""
+    """They must not be read as 1, 5 and 2: a row has no more cells than there are names."""
     text = "f,E',E''\nHz,MPa,MPa\n1,5,2,25,1,3\n2,5,3,25,1,5\n"
     with pytest.raises(vv.InputError, match=r"csv:3: has 6 cells below 3 names of columns"):
         vv.read_dma(table(tmp_path, text))
-    # Cells without anything in them are none.
+    # Empty cells do not count.
     same = vv.read_dma(table(tmp_path, "f;E';E''\nHz;MPa;MPa\n1;2;1;;\n2;3;1;\n"))
     assert same.storage == pytest.approx([2e6, 3e6])
 

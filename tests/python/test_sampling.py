@@ -1,11 +1,11 @@
-"""Errors by the samples of forces: against the same orders with forces integrated otherwise."""
+"""Sampling errors of forces, against the same harmonics with another integration."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Laws of x and v, as texts and by NumPy, and between which values of x and v they switch; smooth,
-#: steep, with kinks, with jumps, and with a power that no sample shows to be none.
+#: Laws of x and v, as texts and in NumPy, and their switching values of x and v: smooth, steep,
+#: with kinks, with jumps, and with a power that looks smooth in samples.
 LAWS = {
     "sin": ("0.5*sin(2*x)", lambda x, v: 0.5 * np.sin(2 * x), None),
     "tanh": ("0.2*tanh(v/0.2)", lambda x, v: 0.2 * np.tanh(v / 0.2), None),
@@ -21,7 +21,7 @@ LAWS = {
 
 
 def _parts(law, switch, nu, k, x):
-    """Harmonics of a force, by Gauss's rule of many intervals that end where the law switches."""
+    """Harmonics of a force by Gauss quadrature on intervals that end at the switches of the law."""
 
     def motion(theta):
         waves = np.exp(1j * np.outer(theta, k))
@@ -37,7 +37,7 @@ def _parts(law, switch, nu, k, x):
             middle = 0.5 * (low + high)
             same = (switch(*motion(middle)) > 0) == sides[places]
             low, high = np.where(same, middle, low), np.where(same, high, middle)
-        # Powers are no polynomials beside their switch: intervals shrink towards it.
+        # Powers are singular at their switch: intervals shrink towards it.
         near = np.geomspace(1e-9, 0.02, 30)
         beside = [low + s for s in (*near, *-near)]
         ends = np.unique(np.concatenate([ends, low, *beside]))
@@ -50,7 +50,7 @@ def _parts(law, switch, nu, k, x):
 
 
 def _true_error(law, switch, nu, load, r):
-    """The change that makes the motion one of the forces as they are, by Newton's method."""
+    """The correction to the motion with exact forces, by Newton's method."""
     k, x = r.harmonics[r.harmonics <= r.highest[0]], r.coefficients[0, 0]
     x = x[: k.size]
 
@@ -88,7 +88,7 @@ def test_true_error_is_covered(name, harmonics):
         system, [0.8], load=0.5, method="newton", harmonics=harmonics, tolerance=1e-13
     )
     true, told = _true_error(law, switch, 0.8, 0.5, r), float(r.sampling[0])
-    # What Newton's method and rounding leave.
+    # Errors of Newton's method and rounding errors.
     rounding = 3e-13
     assert true <= told + rounding
     assert told <= 10 * true + rounding
@@ -97,7 +97,7 @@ def test_true_error_is_covered(name, harmonics):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_samples_that_are_too_few_are_seen():
-    """A power of x^2 hides its corner: what its samples lack is told wherever the result is."""
+    """A power of x^2 hides its kink: the sampling error is reported in each result."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.4*pow(x^2, 0.6)*x")
     r = vv.forced_response(system, [0.8, 1.3], load=0.5, method="newton", harmonics=9)
     assert r.sampling.shape == (2,)
@@ -123,7 +123,7 @@ def test_polynomials_and_linear_motions_have_samples_enough():
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_structures_and_bases_that_move():
-    """The same motion as a system and as a structure, on a base that moves."""
+    """The same motion as a system and as a structure, on a moving base."""
     law = "0.4*pow({0}^2, 0.6)*{0}"
     one = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.05, forces=law.format("x"), base_direction=[1]
@@ -142,7 +142,7 @@ def test_structures_and_bases_that_move():
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_branches_over_a_parameter():
-    """The system is another at each point; that at 0 need not be one."""
+    """The system differs at each point; at the value 0 it may be singular."""
     mount = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
         damping=[[0.2, -0.1], [-0.1, 0.09]], geometry="exact",
@@ -167,7 +167,7 @@ def test_branches_over_a_parameter():
     branch = vv.trace_response(
         gap, nu=0.8, vary="gap", vary_range=(0.2, 0.4), stability=False, **given
     )
-    # Integrated from one switch to the next, which stand elsewhere at each point.
+    # Integrated from switch to switch; the switches differ at each point.
     assert (branch.sampling < 1e-12).all()
 
 
@@ -176,7 +176,7 @@ def test_branches_over_a_parameter():
     "text", ["k*max(x - p, 0)", "k*where(x > p, x_dot, 0)", "0.3*k*abs(x + p)"]
 )
 def test_branches_over_the_place_where_a_law_switches(text):
-    """Each point is a motion of the law at its own value: one response of that value finds it."""
+    """Each point is a motion of the law with its value: a response at that value agrees."""
     draw = np.random.default_rng(len(text))
     for _ in range(4):
         k, nu = draw.uniform(0.1, 2), draw.uniform(0.6, 1.4)
@@ -201,7 +201,7 @@ def test_branches_over_the_place_where_a_law_switches(text):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_a_motion_found_with_as_many_samples_as_judge_it():
-    """What is told covers what 65 536 samples see of powers, however the motion was found."""
+    """The estimate covers errors seen with 65 536 samples, for any method of solution."""
     draw, count = np.random.default_rng(5), 0
     for _ in range(60):
         steep, power, nu = draw.uniform(0.05, 1), draw.uniform(0.5, 1.5), draw.uniform(0.5, 2)
@@ -234,7 +234,7 @@ def test_a_motion_found_with_as_many_samples_as_judge_it():
         step = np.linalg.solve(np.array(columns).T, [*left.real, *left.imag])
         size = np.abs(x.real) + np.abs(x.imag)
         true = (np.abs(step[: k.size]) + np.abs(step[k.size :])).max() / size.max()
-        # Of powers near 0.5 these samples see no more than this.
+        # For powers near 0.5 these samples resolve no more.
         assert true <= r.sampling[0] + 1e-11
         count += 1
     assert count > 50

@@ -1,4 +1,4 @@
-"""Motions by multiple scales whose amplitudes beat: against integration."""
+"""Motions by multiple scales with beating amplitudes, against integration."""
 
 import warnings
 
@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from viscovib.analyses.beat_stability import growth_of_neighbours
 
 BEATS = {
-    # Each with the beats between its terms: one, two, and half of one (a mode that follows one load
-    # by parametric excitation and is pushed by another).
+    # Each with the beats of its terms: one, two, and half of one (a mode that is excited
+    # parametrically by one load and directly by another).
     "cubic system": (vv.CubicSystem(
         mass=np.eye(2), stiffness=np.diag([1, 4.1]), damping=np.diag([0.02, 0.02]),
         quadratic=0.2 * np.ones((2, 2, 2)), cubic=0.2 * np.ones((2, 2, 2, 2)),
@@ -28,7 +28,7 @@ BEATS = {
 
 
 def integrate(system, state, t):
-    """States of a system by SciPy, of a pendulum by Gauss's method."""
+    """States of a system by SciPy, of a pendulum by Gauss collocation."""
     if isinstance(system, vv.Pendulum):
         step = t[1] / 8
         return vv.simulate(system, t[-1], initial=state, dt=step, save_every=8).state
@@ -49,7 +49,7 @@ def integrate(system, state, t):
 
 @pytest.mark.parametrize("name", BEATS)
 def test_motions_that_beat_are_those_of_the_equations(name):
-    """From a state of the motion integration follows it, over some beats, within the error told."""
+    """From a state of the motion, integration over some beats agrees within the stated error."""
     system, p1, n_beats = BEATS[name]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -61,10 +61,10 @@ def test_motions_that_beat_are_those_of_the_equations(name):
     state = np.ravel(np.column_stack([motion.harmonics.sum(axis=0).real, rates.real]))
     t = np.linspace(0, 400, 401)
     true = integrate(system, state, t)[:, ::2]
-    # What the state lacks decays while it moves: a little more than the error of the motion.
+    # The error of the initial state decays: slightly more than the error of the motion.
     assert (np.abs(true - motion.at(t)).max(axis=0) < 3 * motion.errors).all()
     assert (np.abs(true).max(axis=0) < motion.largest + 3 * motion.errors).all()
-    # The lines are sums of multiples of the loads' frequencies.
+    # Spectral lines are at integer combinations of the load frequencies.
     p = np.array(list(motion.loads.values()))
     known = np.isfinite(motion.orders).all(axis=1)
     np.testing.assert_allclose(motion.orders[known] @ p, motion.frequencies[known], atol=1e-8)
@@ -95,7 +95,7 @@ def test_a_steady_motion_has_no_beats():
 
 
 def test_a_motion_that_settles_on_no_beats_is_told_with_what_follows_it():
-    """Two modes exchange energy, out of step with the loads."""
+    """Two modes exchange energy with a frequency that is not that of the loads."""
     pend = vv.Pendulum(
         e=0.137, w2=0.516, w3=0.621, alpha=0.244, c1=0.0067, c2=0.0299, c3=0.00647,
         f0=0.0043, m01=0.00017, m02=0.00054, p1=1.0131, p2=0.7472, p3=0.4759,
@@ -107,7 +107,7 @@ def test_a_motion_that_settles_on_no_beats_is_told_with_what_follows_it():
 
 @pytest.mark.parametrize("name", ["cubic system", "pendulum"])
 def test_what_neighbours_grow_by_in_the_full_equations(name):
-    """Two integrated motions come together as told where modulation equations leave it open."""
+    """Two neighbouring integrated motions converge as stated by the full equations."""
     system, p1, _ = BEATS[name]
     scales = vv.MultipleScales(system)
     response = scales.response("p1", [p1])
@@ -129,13 +129,13 @@ def test_what_neighbours_grow_by_in_the_full_equations(name):
     else:
         runs = [integrate(system, s, t) for s in (state, state * 1.001)]
     apart = np.abs(runs[1][-1] - runs[0][-1]).max()
-    # What remains is e^-5 of a thousandth: within the fluctuation of a distance.
+    # The remaining distance is e^-5 of a thousandth, within its fluctuation.
     found = np.log(apart / (1e-3 * np.abs(state).max())) / t[-1]
     assert abs(found - growth) < error + 1.5 / t[-1]
 
 
 def test_a_motion_that_the_equations_leave_has_no_verdict():
-    """Lines that are none of the motion's: the run ends elsewhere."""
+    """Spectral lines that do not belong to the motion: the run ends elsewhere."""
     system, p1, _ = BEATS["pendulum"]
     response = vv.MultipleScales(system).response("p1", [p1])
     motion = response.beating(response.beating_points[0])

@@ -1,4 +1,4 @@
-"""Which terms multiple scales count as resonant: against Floquet's multipliers by SciPy."""
+"""Terms that multiple scales count as resonant, against Floquet multipliers by SciPy."""
 
 import warnings
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
 
 
 def growth(matrix_at, period, n):
-    """Largest growth of y' = A(t) y, by SciPy."""
+    """Largest growth rate of y' = A(t) y, by SciPy."""
 
     def rhs(t, y):
         return (matrix_at(t) @ y.reshape(n, n)).ravel()
@@ -25,7 +25,7 @@ def growth(matrix_at, period, n):
 
 
 def coupled(rng, h, p, damping, stiff=0.0):
-    """Two modes at rest, whose stiffness a third, stiff coordinate changes as h cos(p t)."""
+    """Two modes at rest, whose stiffness is modulated by a stiff third coordinate as h cos(p t)."""
     w = np.array([1.0, rng.uniform(1.3, 2.2)])
     fast, slow = 40.0, rng.normal(size=(2, 2))
     coupling = slow + slow.T
@@ -45,7 +45,7 @@ def coupled(rng, h, p, damping, stiff=0.0):
 
 
 def test_modes_at_rest_grow_where_floquet_says():
-    """Parametric excitation of one mode and of two together, in the tongues and beside them."""
+    """Parametric excitation of one mode and of two modes, inside and near the tongues."""
     rng = np.random.default_rng(0)
     wrong, judged, off = 0, 0, []
     for i in range(40):
@@ -58,7 +58,7 @@ def test_modes_at_rest_grow_where_floquet_says():
         rest = found.eigenvalues[0].real.max()
         true = growth(matrix_at, 2 * np.pi / p, 4)
         judged += 1
-        # The stiff coordinate's own motion is not damped.
+        # The motion of the stiff coordinate is undamped.
         if abs(true) > 0.05 * h**2:
             wrong += (rest > 1e-6) != (true > 0)
         if true > 0:
@@ -70,7 +70,7 @@ def test_modes_at_rest_grow_where_floquet_says():
 
 
 def test_the_growth_of_modes_at_rest_has_an_error():
-    """Of the motion beside them, which is exact, there is none: Floquet tells what there is."""
+    """The motion itself is exact and has no error; the growth is compared with Floquet theory."""
     rng = np.random.default_rng(8)
     ratios, decided = [], 0
     for i in range(30):
@@ -95,7 +95,7 @@ def test_the_growth_of_modes_at_rest_has_an_error():
 
 
 def test_the_seed_pendulum_under_its_parametric_load():
-    """p1 = 2 w2: z excites phi. Floquet's growth of the motion in z is .0246."""
+    """p1 = 2 w2: z excites phi. The Floquet growth rate of the motion in z is .0246."""
     pend = vv.Pendulum(
         e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.005, c2=0.005, c3=0.005, f0=0.05, p1=0.8
     )
@@ -106,7 +106,7 @@ def test_the_seed_pendulum_under_its_parametric_load():
 
 
 def test_results_do_not_depend_on_the_other_values():
-    """One value, or the same among others near and far from the mode."""
+    """One value, or the same value among others near and far from the mode."""
     rng = np.random.default_rng(4)
     for _ in range(12):
         c, load = 10 ** rng.uniform(-2.3, -1.3), 10 ** rng.uniform(-2.5, -1.2)
@@ -124,7 +124,7 @@ def test_results_do_not_depend_on_the_other_values():
 
 
 def test_all_three_motions_of_a_duffing_away_from_resonance():
-    """At 1.08 there are three; a search over periodic motions by SciPy finds the same."""
+    """At 1.08 three motions exist; a search for periodic motions by SciPy finds the same."""
     c, load, p = 0.02, 0.02, 1.08
     system = vv.CubicSystem(
         mass=[[1]], stiffness=[[1]], damping=[[c]], cubic=[[[[1.0]]]], load=[[load]], drives=[p]
@@ -151,7 +151,7 @@ def test_all_three_motions_of_a_duffing_away_from_resonance():
 
 
 def test_constant_loads_of_any_size():
-    """A static load moves the frequency: the error covers what an integration finds."""
+    """A static load shifts the frequency: the error covers the difference to integration."""
     rng = np.random.default_rng(7)
     for _ in range(8):
         static, c = rng.uniform(-0.6, 0.6), rng.uniform(0.03, 0.08)
@@ -190,7 +190,7 @@ def test_constant_loads_of_any_size():
 
 
 def test_three_loads_near_three_modes_need_no_settings():
-    """Sixty random pendulums: none is refused, most are in range, some against integration."""
+    """Sixty random pendulums: none is refused, most are in range, some checked by integration."""
     rng = np.random.default_rng(1)
     inside, compared = 0, 0
     for i in range(60):
@@ -223,7 +223,7 @@ def test_three_loads_near_three_modes_need_no_settings():
 
 
 def test_errors_along_an_amplitude_are_those_at_the_amplitude():
-    """What the full system leaves over is taken under the load varied to, not that given."""
+    """The residual of the full system is computed for the varied load, not for the given load."""
     body = {"e": 0.1, "w2": 0.48, "w3": 0.8, "alpha": 0.5, "c1": 0.01, "c2": 0.01, "c3": 0.01}
     varied = vv.MultipleScales(vv.Pendulum(**body, f0=1.0, p1=1.05)).response("f0", [0.002])
     fixed = vv.MultipleScales(vv.Pendulum(**body, f0=0.002, p1=1.05)).response("f0", [0.002])
@@ -232,7 +232,7 @@ def test_errors_along_an_amplitude_are_those_at_the_amplitude():
 
 
 def test_backbones_with_internal_resonance_against_shooting():
-    """w2 ~ 2 w1: two ways to vibrate at one amplitude, as SciPy finds them."""
+    """w2 ~ 2 w1: two free motions with the same amplitude, as SciPy finds them."""
     rng, b = np.random.default_rng(3), 0.04
     for _ in range(4):
         w2, k = 2 * (1 + rng.uniform(-0.004, 0.004)), rng.uniform(0.2, 0.5)
@@ -275,8 +275,8 @@ def test_backbones_out_of_range_are_told():
 def subharmonics(ratio, damping, quadratic, cubic, load, p):
     """Initial states of the stable motions of period 2 pi ratio/p of oscillators, by shooting.
 
-    All oscillators and starts at once: Runge-Kutta steps and Newton's method. Motions of the
-    period of the load are left out.
+    All oscillators and starts in parallel: Runge-Kutta steps and Newton's method. Motions with the
+    period of the load are excluded.
     """
     n = damping.size
     steps = 180
@@ -320,7 +320,7 @@ def subharmonics(ratio, damping, quadratic, cubic, load, p):
 
 @pytest.mark.parametrize("ratio", [2, 3])
 def test_subharmonic_motions_away_from_linear_resonance(ratio):
-    """A load reaches a mode that its amplitude shifts: every stable motion is in the response."""
+    """A load excites a mode shifted by its amplitude: the response has every stable motion."""
     rng = np.random.default_rng(ratio)
     n = 16
     damping, load = 10 ** rng.uniform(-3.3, -2.3, n), rng.uniform(0.3, 1.2, n)
@@ -386,7 +386,7 @@ def test_motions_without_a_place_in_the_frame_are_not_complete():
 
 
 def test_tongues_of_the_order_that_follows():
-    """3 p ~ 2 w is no term of the modulation equations; Floquet's growth at its middle is found."""
+    """3 p ~ 2 w is no term of the modulation equations; Floquet growth at its middle is found."""
     rng = np.random.default_rng(5)
     for _ in range(4):
         w, h, damping = rng.uniform(0.7, 1.5), rng.uniform(0.25, 0.45), 10 ** rng.uniform(-5, -4)
@@ -425,7 +425,7 @@ def test_tongues_of_the_order_that_follows():
 
 
 def test_tongues_that_reach_far():
-    """A large motion makes a mode at rest grow where p is far from twice its frequency."""
+    """A large motion destabilizes a mode at rest, with p far from twice its frequency."""
     rng = np.random.default_rng(4)
     growing = judged = 0
     while judged < 24:
@@ -445,7 +445,7 @@ def test_tongues_that_reach_far():
             vv.forced_response(pend(p * x), stability=True).growth[0].max()
             for x in (0.985, 1, 1.015)
         ]
-        # At the edges of a tongue nothing of finite order is sure.
+        # At the edges of a tongue no expansion of finite order is certain.
         if min(around) < 0 < max(around):
             continue
         judged += 1
@@ -453,13 +453,13 @@ def test_tongues_that_reach_far():
         assert (found.resting_growth[0] > 0) == (around[1] > 0)
         if around[1] > 0:
             assert not found.stable[0]
-            # Motions of a fifth of the length: what follows is of that size.
+            # Motions of a fifth of the length: neglected terms are of that size.
             np.testing.assert_allclose(found.resting_growth[0], around[1], rtol=0.25)
     assert growing >= 3
 
 
 def in_units(units, time, force, mass, stiffness, forces, load):
-    """Return harmonics, errors and what is sure of one system, measured in these units."""
+    """Return harmonics, errors and decided verdicts of one system in these units."""
     n, both = units.size, np.outer(units, units) * force
     monomials = [
         vv.Monomial(
@@ -479,7 +479,7 @@ def in_units(units, time, force, mass, stiffness, forces, load):
 
 @pytest.mark.parametrize("seed", [1, 23, 33, 36, 41, 43, 50, 51])
 def test_the_choice_does_not_depend_on_units(seed):
-    """Each length, time and force in random units: the same terms, the same answer."""
+    """Length, time and force in random units: the same terms, the same result."""
     rng = np.random.default_rng([77, seed])
     n = 2 + seed % 2
     a, b = rng.normal(size=(2, n, n))

@@ -25,7 +25,7 @@ def random_mount(rng):
 
 
 def test_of_steady_motions_of_mounts_against_harmonic_balance():
-    """Within a factor of 1.5 at nine of ten motions in range, of 3 at all but jumps."""
+    """Within a factor of 1.5 for nine of ten motions in range, of 3 for all except jumps."""
     rng = np.random.default_rng(11)
     ratios = []
     for _ in range(25):
@@ -41,7 +41,7 @@ def test_of_steady_motions_of_mounts_against_harmonic_balance():
                 continue
             p = points[0]
             error = abs(steady.harmonics[p] - exact.coefficients[i, :, 0]).max()
-            # Elsewhere rounding, or another branch of the balance.
+            # Elsewhere rounding errors, or another branch of the balance.
             if 1e-10 < error / abs(steady.harmonics[p]).max() < 0.3:
                 ratios.append(steady.error_estimate[p] / error)
     ratios = np.array(ratios)
@@ -51,7 +51,7 @@ def test_of_steady_motions_of_mounts_against_harmonic_balance():
 
 
 def test_beside_half_the_frequency_of_a_mode():
-    """Twice the load is near the mode, resonant or not: its wave comes back to the load's."""
+    """Twice the load frequency is near the mode: its harmonic acts back on that of the load."""
     for c, k2, k3, load in [(0.02, 0.3, 0.14, 0.009), (0.008, 0.08, 0.4, 0.01)]:
         system = vv.PolynomialSystem(mass=1, stiffness=1, damping=c, forces=f"{k2}*x^2 + {k3}*x^3")
         nu = 0.5 * np.linspace(0.97, 1.05, 9)
@@ -66,7 +66,7 @@ def test_beside_half_the_frequency_of_a_mode():
 
 
 def test_of_motions_of_pendulums_against_integration():
-    """Not more than 6 times too small or too large anywhere, within 3 at four of five."""
+    """At most 6 times too small or too large anywhere, within a factor of 3 for four of five."""
     rng = np.random.default_rng(5)
     ratios = []
     while len(ratios) < 25:
@@ -90,7 +90,7 @@ def test_of_motions_of_pendulums_against_integration():
     [(0, "f0", "p1", 2e-4), (1, "m01", "p2", 1e-4), (2, "m02", "p3", 5e-4)],
 )
 def test_of_the_pendulum_under_one_load(mode, load, frequency, size):
-    """The seed paper's set P1, a load near each mode in turn, against harmonic balance."""
+    """The parameter set P1 of the paper, a load near each mode in turn, by harmonic balance."""
     body = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.005, "c2": 0.005, "c3": 0.005}
     # Frequencies of z, of phi and of psi.
     w = vv.MultipleScales(vv.Pendulum(**body)).frequencies[mode]
@@ -99,7 +99,7 @@ def test_of_the_pendulum_under_one_load(mode, load, frequency, size):
         pend = vv.Pendulum(**body, **{load: size, frequency: p})
         steady = vv.MultipleScales(pend).response(frequency, [p])
         exact = vv.forced_response(pend, stability=False)
-        # Im there, Re here.
+        # Im convention there, Re convention here.
         wanted = np.array([-1j * exact.coefficient(dof, 1)[0] for dof in ("z", "phi", "psi")])
         error = abs(steady.harmonics[0] - wanted).max()
         assert steady.index.size == 1
@@ -108,7 +108,7 @@ def test_of_the_pendulum_under_one_load(mode, load, frequency, size):
 
 
 def test_of_a_long_motion_against_integration():
-    """Forty exchanges of energy: the amplitudes are followed as closely as they change."""
+    """Forty exchanges of energy: the step size follows the changes of the amplitudes."""
     pend = vv.Pendulum(e=0.05, w2=0.51, w3=0.9, alpha=0.1, c1=1e-5, c2=1e-5, c3=1e-5)
     initial = np.array([0.012, 0, 0.003, 0, 0, 0])
     t = np.linspace(0, 10000, 2001)
@@ -119,7 +119,7 @@ def test_of_a_long_motion_against_integration():
 
 
 def test_what_is_exact_has_no_error():
-    """A linear system: nothing is left over but rounding."""
+    """A linear system: only rounding errors remain."""
     system = vv.CubicSystem(
         mass=np.eye(2), stiffness=[[2, -1], [-1, 3]], damping=0.02 * np.eye(2),
         load=[[0.3], [0.1]], drives=[0.7],
@@ -131,7 +131,7 @@ def test_what_is_exact_has_no_error():
 
 
 def test_linear_memory_has_little():
-    """Of a free motion with memory what counts is the range of frequencies of its decay."""
+    """For a free motion with memory the error depends on the bandwidth of its decay."""
     system = vv.PolynomialSystem(
         mass=[1, 1], stiffness=[1, 2.5], kernel=vv.PronyKernel(weights=[0.1], rates=[1.2])
     )
@@ -140,7 +140,7 @@ def test_linear_memory_has_little():
 
 
 def test_of_a_short_motion_counts_its_start():
-    """Within half a swing: the state is exact at the start, which the amplitudes make up for."""
+    """Within half a period: the initial state is exact, by compensation in the amplitudes."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.5*x^2 + 0.3*x^3")
     t = np.linspace(0, 3, 61)
     for velocity in (0.1, 0.05):
@@ -151,7 +151,7 @@ def test_of_a_short_motion_counts_its_start():
 
 
 def test_large_errors_are_out_of_range():
-    """Orders fall off, but a term of the fifth degree makes the error as large as the motion."""
+    """Orders decrease, but a term of fifth degree gives an error as large as the motion."""
     for factor, inside in ((1, True), (3000, False)):
         system = vv.PolynomialSystem(
             mass=1, stiffness=1, damping=0.02, forces=f"0.1*x^3 + {factor}*x^5"
@@ -163,7 +163,7 @@ def test_large_errors_are_out_of_range():
 
 
 def test_leaving_the_range_shows():
-    """Near the peak of a strong load the estimate says so, and is right in saying so."""
+    """Near the peak of a strong load the estimate is large, and so is the true error."""
     system = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, damping=0.05 * np.eye(2)
     )
@@ -174,7 +174,7 @@ def test_leaving_the_range_shows():
     )
     assert weak.in_range.all()
     assert not strong.in_range.all()
-    # Resonances chosen by what they do: in range, and the error covers the true one.
+    # With automatic resonances: in range, and the error covers the true error.
     chosen = vv.MultipleScales(system, load=2.0, nu=1.7).response("nu", nu)
     exact = vv.forced_response(system, nu, load=2.0, method="newton")
     error = abs(chosen.harmonics[0] - exact.coefficients[0, :, 0]).max()
@@ -183,7 +183,7 @@ def test_leaving_the_range_shows():
 
 
 def test_jumps_of_steady_motions_are_told_by_their_error():
-    """Towards a fold the error grows like that of a square root, and the estimate with it."""
+    """Towards a fold the error grows like a square root, and the estimate with it."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.005, forces="x^3")
     ms = vv.MultipleScales(system, load=0.004, nu=1.0)
     nu = np.linspace(1.0, 1.05, 5001)
@@ -191,7 +191,7 @@ def test_jumps_of_steady_motions_are_told_by_their_error():
     counts = np.bincount(steady.index)
     assert set(counts) == {1, 3}
     folded = np.flatnonzero(counts == 3)
-    # The two that are born there, and a little later.
+    # Near the fold and slightly further.
     pairs = [np.flatnonzero(steady.index == folded[0] + k)[:2] for k in (0, 100)]
     assert steady.error_estimate[pairs[0]].max() > 2 * steady.error_estimate[pairs[1]].max()
 
@@ -212,8 +212,8 @@ def test_results_can_be_sent_to_other_processes():
 
 
 def test_a_wave_of_the_motion_at_the_frequency_of_a_resting_mode_is_no_growth():
-    # 3 nu is exactly where the second mode is looked for: what the motion leaves over there without
-    # a disturbance was taken for one, however small the load.
+    # 3 nu equals the frequency at which growth of the second mode is examined: the residual of the
+    # motion itself is not a perturbation, for any load.
     for load in (1e-5, 1e-3, 0.02):
         system = vv.PolynomialSystem(
             mass=[0.605, 1.41], damping=[[0.011956, -0.004956], [-0.004956, 0.016926]],
@@ -229,7 +229,7 @@ def test_a_wave_of_the_motion_at_the_frequency_of_a_resting_mode_is_no_growth():
 
 
 def test_stability_within_its_error_is_not_decided():
-    # Just beyond a Neimark-Sacker bifurcation: Floquet's growth is +0.0009, here it is -0.0014.
+    # Near a Neimark-Sacker bifurcation: the Floquet growth is +0.0009, here it is -0.0014.
     system = vv.PolynomialSystem(
         mass=[1.23, 1.09], damping=[[0.0164152, -0.010721], [-0.010721, 0.018886]],
         stiffness=[[2.312, -1.51], [-1.51, 2.66]],
@@ -246,7 +246,7 @@ def test_stability_within_its_error_is_not_decided():
 
 
 def test_a_free_motion_with_as_many_resonances_as_modes_has_an_error():
-    """w1 ~ w3, w1 ~ 2 w2 and w3 ~ 3 w2 at once hold in no frame but one that does not turn."""
+    """w1 ~ w3, w1 ~ 2 w2 and w3 ~ 3 w2 together allow no rotating frame."""
     pend = vv.Pendulum(
         e=0.00907764, w2=0.429, w3=1.17, alpha=0.331, c1=0.0079, c2=0.0124, c3=0.0124
     )
@@ -263,9 +263,9 @@ def test_a_free_motion_with_as_many_resonances_as_modes_has_an_error():
 
 @pytest.mark.parametrize("unit", [1e-12, 1e-8, 1.0, 1e8])
 def test_resting_growth_has_no_units(unit):
-    """All forces and the mass times a factor: a mode at rest that loads drive grows as it did.
+    """With all forces and masses scaled by a factor the growth of a mode at rest is unchanged.
 
-    It was tried with an amplitude that was little for 1 kg, and far too much for 1e-8 kg.
+    Regression: a fixed amplitude was small for 1 kg, and far too large for 1e-8 kg.
     """
     light = vv.PolynomialSystem(
         mass=unit, stiffness=unit, damping=0.05 * unit, forces=f"{0.5 * unit}*x^3+{0.2 * unit}*x^2"
@@ -277,7 +277,7 @@ def test_resting_growth_has_no_units(unit):
 
 @pytest.mark.parametrize("ordering", ["general", "weak_coupling"])
 def test_of_a_mode_that_drifts_in_a_frame_far_from_it(ordering):
-    """The frame takes w1 = 2 w2, a tenth apart: products turn with the modes, not with it."""
+    """The frame uses w1 = 2 w2 with a detuning of a tenth: products rotate with the modes."""
     kw = {"e": 0.002, "w2": 0.591, "w3": 1.11, "alpha": 0.103, "c1": 1e-4, "c2": 1e-4, "c3": 1e-4}
     initial = np.array([-0.0007, -0.0054, 0.0248, 0.0526, -0.0384, 0.0192])
     pend = vv.Pendulum(**kw)

@@ -12,7 +12,7 @@ FORCES = {"x1": "0.4*x1*x2 + 0.1*x1^3", "x2": "0.2*x1^2 + 0.3*x2^3"}
 
 
 def two_to_one(size, kernel):
-    """Two oscillators near 1:2; damping and detuning as small as the motion."""
+    """Two oscillators near 1:2; damping and detuning are as small as the motion."""
     return vv.PolynomialSystem(
         mass=[1, 1], stiffness=[1, 4 * (1 + 0.02 * size)], kernel=kernel, forces=FORCES,
         damping=[0.01 * size, 0.01 * size],
@@ -34,13 +34,13 @@ def test_steady_motion_at_two_to_one_against_harmonic_balance(alpha):
         exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=8)
         wanted = exact.coefficients[:, :, list(exact.harmonics).index(1)]
         error = abs(steady.harmonics - wanted).max(axis=1)
-        # The load's wave outside its mode is left out of products: relatively the first power.
+        # The load harmonic outside its mode is omitted in products: first-order relative error.
         assert (error < 0.003 * size * abs(wanted).max(axis=1)).all()
         np.testing.assert_allclose(steady.error_estimate, error, rtol=0.2)
 
 
 def test_motion_at_two_to_one_with_memory_against_integration():
-    """On the slow manifold, once the memory of the start has gone."""
+    """On the slow manifold, after the memory of the start has relaxed."""
     system = two_to_one(0.5, vv.PronyKernel(weights=[0.05], rates=[1.2]))
     errors = []
     for size in (1.0, 0.5, 0.25):
@@ -58,7 +58,7 @@ def test_motion_at_two_to_one_with_memory_against_integration():
 
 @pytest.mark.parametrize("damping", [0.0, 0.1])
 def test_a_kernel_without_integral_is_a_limit(damping):
-    """Abel's kernel as that of Rzhanitsyn whose beta vanishes: the mean relaxes wholly."""
+    """Abel kernel as limit of the Rzhanitsyn kernel for beta -> 0: the mean relaxes completely."""
     forces = {"x1": "0.3*x1^2 + 0.1*x1*x2", "x2": "0.2*x1*x2 + 0.1*x2^3"}
     found = []
     with warnings.catch_warnings():
@@ -92,7 +92,7 @@ def test_exact_resonance_with_memory_divides_by_nothing():
 
 @pytest.mark.parametrize("memory", [False, True])
 def test_a_polynomial_system_is_the_mount(memory):
-    """The mount's cubic geometry written out as monomials: the same numbers to rounding."""
+    """The cubic geometry of the mount as monomials: the same numbers within rounding."""
     c, arm, c_phi, i = 10.0, 0.5, 2.0, 0.1
     kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05) if memory else None
     mount = vv.Mount(
@@ -167,7 +167,7 @@ def test_bad_input(call, message):
 @pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e6, 1e9])
 @pytest.mark.parametrize("what", ["mass", "length", "time"])
 def test_units_move_results_by_rounding(what, unit):
-    """Everything that a caller sees, in other units of mass, length or time."""
+    """All public values in other units of mass, length or time."""
 
     def results(mass, length, time):
         force, kernel = (
@@ -181,7 +181,7 @@ def test_units_move_results_by_rounding(what, unit):
         )  # fmt: skip
         ms = vv.MultipleScales(body, load=[0.03 * force, 0.01 * force * length], nu=1.5 / time)
         shape = np.array([length, 1.0])[:, np.newaxis]
-        # Amplitudes by what they make of phi, where units of length cancel.
+        # Amplitudes by their effect on phi, where units of length cancel.
         phi = abs(ms.mode_shapes[1])
         steady = ms.response("nu", np.array([1.4, 1.5, 1.6]) / time)
         t = np.linspace(0, 20, 5) * time
@@ -194,7 +194,7 @@ def test_units_move_results_by_rounding(what, unit):
             (ms.interaction / phi**2 * time).ravel(), (steady.harmonics / scale).ravel(),
             steady.eigenvalues.ravel() * time, (motion.state / units).ravel(),
             (steady.harmonics.real + steady.harmonic_errors).ravel() / np.tile(scale, 3),
-            # In the unit of the coordinate that moves most, which may be another.
+            # In the unit of the coordinate with the largest motion, which may be another one.
             steady.order_sizes[:, 2] / steady.order_sizes[:, 0], motion.in_range * 1.0,
             motion.order_sizes[:, 2] / motion.order_sizes[:, 0],
         ]  # fmt: skip
@@ -205,7 +205,7 @@ def test_units_move_results_by_rounding(what, unit):
 
 
 def test_of_random_systems_with_memory_against_harmonic_balance():
-    """Two or three modes, resonant or not, quadratic and cubic terms: the estimate is the error."""
+    """Two or three modes, with or without resonance, quadratic and cubic: estimate and error."""
     ratios = []
     for seed in range(24):
         rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The ordering of weak coupling: e of the size of the amplitudes."""
+"""The ordering of weak coupling: e is of the size of the amplitudes."""
 
 import mpmath
 import numpy as np
@@ -35,14 +35,14 @@ def test_frequencies_to_the_second_power_of_e():
         wanted = float(c[0] + c[1] * e + c[2] * e**2)
         assert min(abs(found - wanted)) < 1e-14
     assert weak(e).frequencies[0] == pytest.approx(vv.MultipleScales(weak(e).system).frequencies[0])
-    # First power, by hand: -e r w2^3/(2 (w3^2 - w2^2)).
+    # First power, explicitly: -e r w2^3/(2 (w3^2 - w2^2)).
     shift = -float(r) * 0.43**3 / (2 * (0.71**2 - 0.43**2))
     tiny = at_rest(weak(1e-7))
     np.testing.assert_allclose((tiny[1] - 0.43) / 1e-7, shift, rtol=1e-6)
 
 
 def test_dropped_terms_are_of_fourth_order():
-    """With e and the motion halved together: the orderings differ by the power that is dropped."""
+    """If e and the motion are halved, the orderings differ by the power of the omitted terms."""
     apart = []
     t = np.linspace(0, 20, 81)
     for k in range(2, 6):
@@ -71,14 +71,14 @@ def test_both_agree_without_coupling():
 
 
 def test_interaction_is_that_of_no_coupling():
-    """The interaction of the modes takes e to the power 0 only: e times cubic terms are dropped."""
+    """The interaction contains e to the power 0 only: products of e and cubic terms are omitted."""
     np.testing.assert_allclose(weak(0.05).interaction, weak(0.0).interaction, atol=1e-12)
     full = vv.MultipleScales(vv.Pendulum(e=0.05, **BODY)).interaction
     assert abs(full - weak(0.05).interaction).max() > 1e-3
 
 
 def test_its_error_counts_what_it_drops():
-    """Against integration of the true pendulum, e not small."""
+    """Against integration of the full pendulum, with e not small."""
     system = vv.Pendulum(e=0.08, **BODY)
     t = np.linspace(0, 30, 121)
     initial = np.array([0.01, 0, 0.02, 0, -0.01, 0])

@@ -10,7 +10,7 @@ from referee.models import chain
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
 
-#: Natural frequencies and what is resonant among them.
+#: Natural frequencies and the resonances among them.
 MODES = {
     "none": [1.0, 1.73, 2.93],
     "w2 ~ 2 w1": [1.0, 2.0, 2.7],
@@ -27,7 +27,7 @@ def steady(system, loads, drives, tolerance, values):
 
 
 def errors_and_estimates(system, loads, drives, tolerance, values, highest):
-    """Relative errors of the harmonic of p1 and estimates over errors, of motions in range."""
+    """Relative errors of the harmonic of p1 and ratios of estimate to error, in range."""
     ms, response = steady(system, loads, drives, tolerance, values)
     assert np.isfinite(response.harmonics).all()
     assert np.isfinite(response.eigenvalues).all()
@@ -45,7 +45,7 @@ def errors_and_estimates(system, loads, drives, tolerance, values, highest):
 @pytest.mark.parametrize("near", [True, False])
 @pytest.mark.parametrize("modes", MODES)
 def test_estimate_tends_to_the_error(modes, near, derivatives):
-    """To leading order they are the same: one load, at the second mode or away from the modes."""
+    """Equal to leading order: one load, at the second mode or away from the modes."""
     w = np.array(MODES[modes])
     ratios, force = [], 0.2 if derivatives else 0.6
     for x in (0.06, 0.02):
@@ -62,7 +62,7 @@ def test_estimate_tends_to_the_error(modes, near, derivatives):
 
 
 def test_random_systems():
-    """One or two loads near modes or not, with and without damping: never far off."""
+    """One or two loads, near modes or not, with and without damping: never far off."""
     ratios, refused = [], 0
     for seed in range(24):
         rng = np.random.default_rng(seed)
@@ -84,7 +84,7 @@ def test_random_systems():
                 system, loads, drives, 0.012, drives[:1], [7, 4][len(drives) - 1]
             )
         except vv.InputError:
-            # More modes in resonance than are solved for, or frequencies that nothing joins.
+            # Too many resonant modes, or frequencies without a common frame.
             refused += 1
             continue
         ratios.extend(found[(found[:, 0] > 1e-9) & (found[:, 0] < 0.1), 1])
@@ -96,7 +96,7 @@ def test_random_systems():
 
 
 def test_three_loads_at_once():
-    """Each near its mode, motions of all modes and what they make of each other."""
+    """Each load near its mode, with motions of all modes and their products."""
     w = np.array(MODES["none"])
     ratios = []
     for x in (0.06, 0.02):
@@ -112,7 +112,7 @@ def test_three_loads_at_once():
 
 @pytest.mark.parametrize(("modes", "step", "power"), [("none", 2, 1.9), ("w2 ~ 2 w1", 1, 0.9)])
 def test_error_falls_as_it_should(modes, step, power):
-    """Damping and detuning as amplitude^step, the load as their product with the amplitude."""
+    """Damping and detuning as amplitude^step, load as their product with the amplitude."""
     w, relative = np.array(MODES[modes]), []
     for k in range(4):
         x = 0.2 * 0.5**k
@@ -159,7 +159,7 @@ def test_motions_against_integration(modes, damping):
 
 
 def test_stability_that_is_told_as_sure_is_that_of_floquet():
-    """Loads anywhere, large ones far from modes too, little damping: a rest is left open."""
+    """Any loads, large ones far from modes, little damping: some verdicts are undecided."""
     sure, unsure, wrong = 0, 0, []
     for seed in range(30):
         rng = np.random.default_rng([99, seed])
@@ -171,7 +171,7 @@ def test_stability_that_is_told_as_sure_is_that_of_floquet():
         names = {"np": np, "vv": vv}
         exec(f"system = {model.source}", names)
         found = vv.MultipleScales(names["system"], load=size, nu=nu).response("nu", [nu])
-        # One motion alone is that of the balance too.
+        # A single motion must be that of the balance.
         if found.index.size > 1 or not found.in_range[0] or found.n_beats[0]:
             continue
         balance = Balance(model, 8)

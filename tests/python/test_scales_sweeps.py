@@ -1,4 +1,4 @@
-"""Multiple scales at many values: neighbours help to find motions, and change nothing."""
+"""Multiple scales at many values: neighbours help the search, without effect on results."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
 
 
 def pendulums(rng, count):
-    """Random pendulums under one load near a mode, three modes of which exchange energy."""
+    """Random pendulums under one load near a mode, with energy exchange of three modes."""
     while count:
         w2, w3 = rng.uniform(0.3, 0.7), rng.uniform(0.7, 1.1)
         e = rng.uniform(0.03, 0.1)
@@ -26,9 +26,9 @@ def pendulums(rng, count):
 
 
 def test_neighbours_change_nothing():
-    """All motions of a value alone are those found beside twenty others, to rounding.
+    """All motions at a single value equal those found with twenty others, within rounding.
 
-    Motions come and go in pairs: a lost one leaves an even number.
+    Motions appear in pairs: a missing one would leave an even number.
     """
     rng = np.random.default_rng(1)
     most = 0

@@ -50,7 +50,7 @@ def exact(times, values, hz, zeta, kind):
             return (low + high) / 2
 
         at = np.linspace(0, h, int(np.ceil(h / period * 32)) + 8)
-        # Between zeros of the second derivative there is one extreme at most.
+        # Between zeros of the second derivative there is at most one extreme.
         low = zeros(np.sort(np.concatenate([at, zeros(at, 2)])), 1)
         reached = quantity(np.concatenate([[0.0, h], low]), 0)
         found.append((reached.max(), -reached.min()))
@@ -70,7 +70,7 @@ def extremes(found):
 
 
 def test_random_piecewise_linear_records_have_the_extremes_of_exact_solutions():
-    """1000 records, equal and unequal steps, up to 40 periods in a step, damping 0 to 0.99."""
+    """1000 records, equal and unequal steps, up to 40 periods per step, damping 0 to 0.99."""
     random = np.random.default_rng(20)
     worst = 0.0
     for case in range(1000):
@@ -92,7 +92,7 @@ def test_random_piecewise_linear_records_have_the_extremes_of_exact_solutions():
 
 
 def test_long_records_find_the_extremes_between_their_samples():
-    """Blocks of samples that cannot hold the extreme are left out; those that may are searched."""
+    """Blocks of samples that cannot contain the extreme are skipped; the others are searched."""
     random = np.random.default_rng(4)
     t = np.arange(200)
     noise = random.standard_normal(t.size)
@@ -173,7 +173,7 @@ def test_result_is_saved_drawn_and_described(tmp_path):
     axis = found.plot()
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
     texts = [one.get_text() for one in axis.texts]
-    # Lines of equal displacement and of equal acceleration.
+    # Lines of constant displacement and of constant acceleration.
     assert any(one.endswith(" m") for one in texts)
     assert any(one.endswith(" m/s$^2$") for one in texts)
     plt.close("all")

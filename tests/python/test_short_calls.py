@@ -1,4 +1,4 @@
-"""What a short run in time costs before its first step, and that the shorter ways give the same."""
+"""Overhead of a short run in time, and equal results of its fast paths."""
 
 import gc
 import sys
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: Calls of functions that one run may make, compiled ones included: some 60 of them pack and unpack
-#: the values of its one task.
+#: Limit of function calls per run, including compiled functions: about 60 of them convert the
+#: values of its single task.
 MOST_CALLS = 180
 
 
@@ -25,7 +25,7 @@ def test_few_functions_are_called_for_one_run() -> None:
     system, calls = _oscillator(), []
     given = {"initial": (1.0, 0.0), "load": 0.5, "nu": 0.9, "keep": "last"}
     _run(system, **given)
-    # What others left behind would be counted where it is collected.
+    # Garbage of other tests would be counted when it is collected.
     gc.collect()
     gc.disable()
     sys.setprofile(lambda frame, event, _: calls.append(frame) if "call" in event else None)

@@ -1,4 +1,4 @@
-"""Contacts that last less than a step, against the motion of a mass in closed form."""
+"""Contacts shorter than a step, against the closed-form motion of a mass."""
 
 import numpy as np
 import pytest

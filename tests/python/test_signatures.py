@@ -1,4 +1,4 @@
-"""Signatures of the functions of steady motions: what editors, `help()` and mypy are told."""
+"""Signatures of the functions of steady motions, for editors, `help()` and mypy."""
 
 import inspect
 import re
@@ -30,7 +30,7 @@ def test_a_signature_is_real(function):
 
 
 def options(form):
-    """Names and types that stand behind ``**curve`` of a form."""
+    """Names and types in ``**curve`` of an overload."""
     behind = [
         kind
         for kind in typing.get_type_hints(form).values()
@@ -48,7 +48,7 @@ def test_forms_have_the_arguments_and_defaults_of_the_whole(function):
     for form in typing.get_overloads(function):
         for name, one in inspect.signature(form).parameters.items():
             if one.kind is not one.VAR_KEYWORD:
-                # A form may need what the other has not; it never has another default.
+                # An overload may require an argument, but never has another default.
                 assert one.default in (inspect.Parameter.empty, whole[name].default), name
                 told.add(name)
         for name, kind in options(form).items():
@@ -80,7 +80,7 @@ def test_what_a_kind_of_system_lacks_is_refused_by_name():
     (vv.backbone, {"mode": 0, "amplitude_range": (0.1, 0.11)}),
 ])  # fmt: skip
 def test_any_value_of_an_argument_that_is_lacking_is_refused(function, first):
-    """For each kind of system each argument of the other, with values of other types too."""
+    """For each kind of system each argument of the other kind, with values of any type."""
     forms = typing.get_overloads(function)
     taken = [inspect.signature(form).parameters for form in forms]
     for system, own, other in (
@@ -132,7 +132,7 @@ def test_warnings_name_the_line_that_calls(call):
 
 @pytest.mark.parametrize("module", ["viscovib_study", "study"])
 def test_warnings_name_the_line_of_a_module_with_a_like_name(module):
-    """Also through a property that is computed once."""
+    """Also through a cached property."""
     code = (
         "import functools, viscovib as vv\n"
         "class Study:\n"

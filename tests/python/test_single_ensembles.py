@@ -1,4 +1,4 @@
-"""Ensembles run by run: kinks, stops, hysteresis, memory, surfaces."""
+"""Ensembles of separate runs: kinks, stops, hysteresis, memory, surfaces."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def one_mass(*elements, c=0.05):
 
 
 def test_kinked_members_against_scipy():
-    """Every member is the motion of its own numbers, integrated from contact to contact."""
+    """Every member is the motion with its parameters, integrated from contact to contact."""
     given = {"k": [5.0, 30.0, 80.0], "nu": [0.7, 0.9, 1.1], "load_scale": [1.0, 0.8, 1.3]}
     start = np.array([[0.0, 0.0], [0.3, 0.1], [0.7, -0.2]])
     many = vv.simulate_ensemble(
@@ -40,7 +40,7 @@ def test_kinked_members_against_scipy():
                 force = 0.9 * f * np.sin(nu * t) - 0.05 * y[1] - y[0] - push * (y[0] - 0.5)
                 return [y[1], force]
 
-            # A start on the surface has to leave it first.
+            # A start on the surface must first leave it.
             leave = solve_ivp(rates, (t, min(t + 1e-4, 25.0)), y, "DOP853", rtol=1e-12, atol=1e-13)
             t, y = leave.t[-1], leave.y[:, -1]
             run = solve_ivp(rates, (t, 25.0), y, "DOP853", rtol=1e-12, atol=1e-13, events=off)
@@ -49,7 +49,7 @@ def test_kinked_members_against_scipy():
 
 
 def test_statistics_sections_and_lines_of_a_structure_with_friction():
-    """They are those of the single run."""
+    """The statistics, sections and spectra equal those of the single run."""
     nu = 1.1
     slip = one_mass(vv.Jenkins(on={"x1": 1}, stiffness=2.0, limit=0.3))
     many = vv.simulate_ensemble(
@@ -78,7 +78,7 @@ def test_statistics_sections_and_lines_of_a_structure_with_friction():
 
 
 def test_sections_by_a_surface_begin_where_discard_says():
-    """All passages from that time on, wherever in a step it lies."""
+    """All events from that time on, wherever it lies in a step."""
     rng = np.random.default_rng(4)
     for dt in ("auto", 0.4):
         given = {"load": 0.8, "nu": 0.7, "initial": [0.4, 0], "dt": dt}
@@ -92,7 +92,7 @@ def test_sections_by_a_surface_begin_where_discard_says():
 
 
 def test_sections_by_a_surface():
-    """They are the events of the single run; of a pendulum too."""
+    """Sections equal the events of the single run; also for a pendulum."""
     many = vv.simulate_ensemble(
         GAP, initial=[[0, 0], [0.4, 0]], load=0.8, nu=0.7, t_end=60, discard=20, dt=0.05,
         sections=vv.Event("x_dot", direction="down"),
@@ -117,7 +117,7 @@ def test_sections_by_a_surface():
 
 
 def test_exponents_of_a_gap_are_its_divergence():
-    """A continuous force keeps areas but for the damping: their sum is -c."""
+    """A continuous force changes areas by damping only: the sum of exponents is -c."""
     many = vv.simulate_ensemble(
         GAP, initial=[0, 0], load=0.8, nu=0.7, n_periods=30, sections=1, lyapunov="all",
         parameters={"load_scale": [0.5, 1.0, 1.5]}, tolerance=1e-6,
@@ -126,7 +126,7 @@ def test_exponents_of_a_gap_are_its_divergence():
 
 
 def test_exponents_where_laws_jump():
-    """Saltation: an impact takes e^2 of an area; sign(v) takes a_+/a_-, the accelerations."""
+    """Saltation: an impact scales areas by e^2; sign(v) by the ratio a_+/a_- of accelerations."""
     e, end = 0.8, 80.0
     hard = one_mass(vv.Gap(on={"x1": 1}, gap=0.3, restitution=e))
     call = {"load": 0.8, "nu": 0.7, "initial": [0, 0], "dt": 0.1}
@@ -142,7 +142,7 @@ def test_exponents_where_laws_jump():
     run = vv.simulate(rub, end, events=["x1_dot"], **call)
     t, state = run.events[0]
     rest = 1.5 * np.sin(1.3 * t) - state[:, 0]
-    # Where it does not stick, v passes 0 with the same sign of acceleration on both sides.
+    # Without sticking, v passes 0 with the same sign of acceleration on both sides.
     assert t.size > 20
     assert (np.abs(rest) > 0.2).all()
     taken = np.log((np.abs(rest) - 0.2) / (np.abs(rest) + 0.2)).sum()
@@ -150,7 +150,7 @@ def test_exponents_where_laws_jump():
 
 
 def test_exponents_of_what_sticks():
-    """A disturbance of the velocity vanishes, one of the place stays."""
+    """A perturbation of the velocity vanishes, one of the displacement remains."""
     stuck = one_mass(vv.Spring(on={"x1": 1}, stiffness=0.0, law="0.3*sign(v)"))
     many = vv.simulate_ensemble(
         stuck, initial=[0.1, 0], load=0.1, nu=1.1, t_end=40, discard=10, dt=0.1, lyapunov="all",
@@ -160,7 +160,7 @@ def test_exponents_of_what_sticks():
 
 
 def test_exponents_with_memory():
-    """Of a linear oscillator the real parts of its roots; beside a chaotic one the ODE's."""
+    """For a linear oscillator the real parts of its roots; for a chaotic one those of the ODE."""
     linear = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, kernel=KERNEL)
     many = vv.simulate_ensemble(
         linear, initial=[1, 0], t_end=60.0, discard=30.0, dt=0.1, lyapunov="all"
@@ -168,7 +168,7 @@ def test_exponents_with_memory():
     real = linear.characteristic_roots().oscillatory.real
     assert many.spectrum.sum() == pytest.approx(2 * real[0], abs=1e-6)
 
-    # A Prony kernel is one more equation, z' = -z + 0.3 k x: disturbances of it by SciPy.
+    # A Prony kernel is an additional equation, z' = -z + 0.3 k x: its perturbations by SciPy.
     wells = vv.PolynomialSystem(
         mass=1, stiffness=-1, damping=0.2, forces="x^3",
         springs=[vv.Springs(stiffness=0.5, kernel=KERNEL)],
@@ -187,17 +187,17 @@ def test_exponents_with_memory():
 
     start = np.zeros(9)
     start[:2] = 1, 0.2
-    # The same disturbances: those of the present state, none of the past.
+    # The same perturbations: of the present state, not of the past.
     start[3:7] = np.eye(2).ravel()
     run = solve_ivp(rates, (0, end), start, "DOP853", rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(many.state[0], run.y[:2, -1], atol=1e-7)
-    # The area of both disturbances grows by the sum of both exponents.
+    # The area of both perturbations grows by the sum of both exponents.
     area = np.linalg.det(run.y[3:, -1].reshape(3, 2)[:2])
     assert many.spectrum.sum() == pytest.approx(np.log(abs(area)) / end, abs=1e-5)
 
 
 def test_more_coordinates_and_single_or_side_by_side():
-    """Exponents of 8 coordinates add up to the damping; both ways give the same motions."""
+    """Exponents of 8 coordinates add up to the damping; both methods give the same motions."""
     n = 8
     matrix = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     chain = vv.Structure(
@@ -217,7 +217,7 @@ def test_more_coordinates_and_single_or_side_by_side():
 
 
 def test_basins_with_a_rigid_stop_and_with_memory():
-    """Wells between which a stop or memory decides; a grid judged by single runs."""
+    """Wells where a stop or memory decides; the grid against single runs."""
     wells = vv.PolynomialSystem(
         mass=1, stiffness=-1, damping=0.3, forces="x^3",
         springs=[vv.Springs(stiffness=0.3, kernel=KERNEL)],
@@ -234,7 +234,7 @@ def test_basins_with_a_rigid_stop_and_with_memory():
     beam = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3 + 50*max(x - 0.8, 0)")
     found = vv.basins(beam, {"x": grid, "x_dot": grid}, t_end=120.0, dt=0.1)
     ends = sorted(float(a[0, 0]) for a in found.attractors)
-    # At rest beside the stop -x + x^3 + 50 (x - 0.8) = 0.
+    # Equilibrium in contact with the stop: -x + x^3 + 50 (x - 0.8) = 0.
     right = [r.real for r in np.roots([1, 0, 49, -40]) if abs(r.imag) < 1e-9]
     np.testing.assert_allclose(ends, [-1.0, right[0]], atol=1e-6)
 
@@ -253,7 +253,7 @@ def test_basins_with_a_rigid_stop_and_with_memory():
     ],
 )
 def test_bad_calls(changes, text):
-    """One line that names the thing."""
+    """One line that names the argument."""
     call = {"initial": [0, 0], "load": 0.8, "nu": 0.7, "t_end": 5.0} | changes
     with pytest.raises(vv.InputError, match=text):
         vv.simulate_ensemble(GAP, **call)
@@ -262,7 +262,7 @@ def test_bad_calls(changes, text):
 @pytest.mark.parametrize("way", ["plain", "kink", "memory"])
 @pytest.mark.parametrize("dt", [0.05, "auto"])
 def test_nothing_is_left_in_a_lane_that_escapes(way, dt):
-    """Of runs that stop nothing is known that belongs to the whole, in either part of a number."""
+    """Statistics of incomplete runs are NaN in all parts."""
     law = "-0.4*x^3" + {"kink": " + 0.1*max(x - 0.3, 0)"}.get(way, "")
     kernel = vv.PronyKernel(weights=[0.1], rates=[0.7]) if way == "memory" else None
     system = vv.PolynomialSystem(mass=1, damping=0.02, stiffness=1, forces=law, kernel=kernel)
@@ -290,7 +290,7 @@ def test_a_wrong_surface_is_told_by_the_name_given():
 @pytest.mark.parametrize("every", [3, 7, 60])
 @pytest.mark.parametrize("held", [100_000, 20])
 def test_last_states_are_those_at_the_end(monkeypatch, every, held):
-    """However rarely states are sampled: 50 steps are no whole number of samples."""
+    """For any sampling: 50 steps are not an integer multiple of the samples."""
     monkeypatch.setattr("viscovib.analyses.singles._HELD", held)
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="3*max(x - 0.2, 0)")
     load = {"load": 0.7, "nu": 1.3, "dt": 0.1}
@@ -305,7 +305,7 @@ def test_last_states_are_those_at_the_end(monkeypatch, every, held):
 
 
 def test_a_structure_is_built_once(monkeypatch):
-    """Members that differ by their starts and loads share its equations."""
+    """Members with different starts and loads share its equations."""
     from viscovib.systems import whole
 
     built, make = [], whole._Whole

@@ -1,4 +1,4 @@
-"""What a plan skips changes no result, and every result carries its plan."""
+"""Skips of a plan change no result, and every result has its plan."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,7 @@ def test_skips_change_no_result(skips):
 
 
 def pair(coupling=0.0, force="b^2", kernel=None):
-    """Two oscillators: a Duffing one, and one that only the coupling moves."""
+    """Two oscillators: a Duffing oscillator, and one that only the coupling can move."""
     return vv.PolynomialSystem(
         mass=[1.0, 2.0], damping=[0.1, 0.2], stiffness=[[3.0, coupling], [coupling, 8.0]],
         forces={"a": "a^3", "b": force}, names=["a", "b"], kernel=kernel,
@@ -63,9 +63,9 @@ def test_a_coordinate_is_idle_only_if_nothing_moves_it(method):
     ):
         assert IDLE not in moved.plan.skips
         assert np.abs(moved.coefficients[:, 1]).max() > 1e-6
-    # A product in a force couples too: neither may be left out, though b stays at rest.
+    # A product in a force couples too: neither may be omitted, although b stays at rest.
     assert IDLE not in of(pair(force="a*b"), load=0.02).plan.skips
-    # Of the other oscillator alone.
+    # With a force on the other oscillator only.
     other = of(pair(), load=[0, 0.02])
     assert not other.coefficients[:, 0].any()
     assert other.amplitude("b").min() > 1e-4
@@ -81,7 +81,7 @@ def test_idle_coordinates_in_time(kernel):
     assert IDLE not in pushed.plan.skips
     assert np.abs(pushed.state[:, 2]).max() > 1e-3
     assert np.abs(pushed.state[:, :2] - alone.state[:, :2]).max() < 1e-13
-    # Gone on with, bit for bit, at any times.
+    # Resumed bitwise equal, with any stored times.
     whole = vv.simulate(pair(kernel=kernel), 20, **load)
     again = vv.simulate(pair(kernel=kernel), 20, resume=alone)
     assert (again.state == whole.state[-again.t.size :]).all()
@@ -104,7 +104,7 @@ def test_a_pendulum_that_does_not_swing(method, equations):
     start = [0.1, 0.02, 0, 0, 0, 0]
     short = vv.simulate(still, 30, dt=0.25, initial=start, method=method)
     assert "2 coordinates at rest" in short.plan.skips
-    # Moments of nothing make it a pendulum of three coordinates.
+    # Zero moments make it a pendulum with three coordinates.
     full = vv.simulate(replace(still, m02=1e-300), 30, dt=0.25, initial=start, method=method)
     assert "2 coordinates at rest" not in full.plan.skips
     assert np.abs(short.state - full.state).max() < 1e-14

@@ -1,11 +1,11 @@
-"""Collocation of laws of functions by Newton's method: against SciPy, energy, and how few laws."""
+"""Collocation with Newton's method for laws with functions: accuracy and number of calls."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import solve_ivp
 
-#: Laws of one coordinate and of two, as text and as SciPy's right side has them.
+#: Laws of one and two coordinates, as text and for SciPy.
 ONE = {
     "0.3*tanh(x_dot) + 0.2*sin(x)": lambda x, v: 0.3 * np.tanh(v) + 0.2 * np.sin(x),
     "0.1*exp(-x)*x_dot + 0.5*x^3": lambda x, v: 0.1 * np.exp(-x) * v + 0.5 * x**3,
@@ -20,7 +20,7 @@ ONE = {
 @pytest.mark.parametrize("method", ["gauss8", "gauss16"])
 @pytest.mark.parametrize("law", ONE)
 def test_laws_of_one_coordinate(law, method):
-    """The motion is SciPy's; a step takes few evaluations of the law."""
+    """The motion agrees with SciPy; a step needs few evaluations of the law."""
     system = vv.PolynomialSystem(mass=2, stiffness=1.5, damping=0.1, forces=law)
     run = vv.simulate(
         system, 20, initial=[0.8, -0.3], load=0.4, nu=0.9, dt=0.2, method=method, keep="last"
@@ -37,7 +37,7 @@ def test_laws_of_one_coordinate(law, method):
 
 
 def test_two_coordinates_in_large_steps():
-    """Two coordinates that laws and monomials couple, in steps as large as collocation allows."""
+    """Two coordinates coupled by laws and monomials, with the largest possible steps."""
     system = vv.PolynomialSystem(
         mass=[[1, 0.2], [0.2, 2]],
         stiffness=[[3, -1], [-1, 2]],
@@ -61,7 +61,7 @@ def test_two_coordinates_in_large_steps():
 
 
 def test_energy_and_going_on():
-    """A pendulum keeps its energy; a run that goes on is the same to the last bit."""
+    """A pendulum keeps its energy; a resumed run is bitwise equal."""
     system = vv.PolynomialSystem(mass=1, stiffness=0, damping=0, forces="sin(x)")
     run = vv.simulate(system, 400, initial=[2.0, 0.0], dt=0.5, method="gauss8")
     energy = 0.5 * run.state[:, 1] ** 2 - np.cos(run.state[:, 0])
@@ -71,7 +71,7 @@ def test_energy_and_going_on():
 
 
 def test_states_inside_large_steps():
-    """States between the ends are those of a run in small steps."""
+    """States inside steps agree with a run with small steps."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.3*tanh(x_dot)")
     call = {"initial": [1.0, 0.0], "load": 0.5, "nu": 0.9, "method": "gauss8"}
     run = vv.simulate(system, 20, dt=1.0, events=["x"], **call)
@@ -82,7 +82,7 @@ def test_states_inside_large_steps():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_numbers_stand_on_either_side(seed):
-    """A number times a law is the law times the number, bit for bit; so are their motions."""
+    """A number times a law equals the law times the number, bitwise, and so do motions."""
     rng = np.random.default_rng(seed)
     a, b, c = rng.uniform(0.1, 0.9, 3).round(3)
     f, g = rng.choice(
@@ -105,7 +105,7 @@ def test_numbers_stand_on_either_side(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_tolerance_of_the_equations_holds(seed):
-    """Equations solved to a tolerance leave no more than it in the motion, in any steps."""
+    """The error of the step equations is below their tolerance, for any step size."""
     rng = np.random.default_rng(seed)
     law = rng.choice(list(ONE))
     system = vv.PolynomialSystem(mass=1, stiffness=1.5, damping=0.2, forces=law)

@@ -1,4 +1,4 @@
-"""Laws under which harmonics fall slowly: orders chosen, the fall measured, extrapolation."""
+"""Slowly decaying harmonics: automatic harmonics, measured decay, extrapolation."""
 
 import warnings
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: Den Hartog, Trans. ASME 53 (1931): nu, friction and half of peak to peak, without stops.
+#: Den Hartog, Trans. ASME 53 (1931): nu, friction, half peak-to-peak value, without sticking.
 CLOSED = [(0.8, 0.2, 2.7114152554), (1.2, 0.3, 2.072384268)]
 
 
@@ -22,10 +22,10 @@ def found(system, nu, highest, load=1):
 
 @pytest.mark.parametrize(("nu", "size", "amplitude"), CLOSED)
 def test_extrapolation_meets_the_closed_form(nu, size, amplitude):
-    """Solved for to 2e-4 with 199 orders, extrapolated to 1e-6, and the error told covers both."""
+    """199 harmonics solved to 2e-4, extrapolated to 1e-6; both within the stated error."""
     fine, middle, coarse = (found(friction(size), nu, k) for k in (199, 99, 49))
     best = fine.extrapolated(middle, coarse)
-    # Of the equations cut at its orders it is no solution, which is no error by samples.
+    # It does not solve the truncated equations, which is not a sampling error.
     assert best.sampling[0] == fine.sampling[0] < 1e-12
     for one, bound in ((fine, 2e-4), (best, 1e-6)):
         error = abs(one.peak_to_peak("x")[0] / 2 / amplitude - 1)
@@ -39,7 +39,7 @@ def test_extrapolation_meets_the_closed_form(nu, size, amplitude):
     ("force", "load"), [("0.3*tanh(x_dot/0.05)", 1), ("3*max(x - 0.2, 0)", 0.5)]
 )
 def test_extrapolation_never_makes_worse(force, load):
-    """Against 199 orders: what is no jump stays as it is, or comes nearer."""
+    """Against 199 harmonics: results without a jump stay equal or become more accurate."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=force)
     exact = found(system, 0.8, 199, load)
     for highest in ((19, 11, 5), (49, 24, 12)):
@@ -54,7 +54,7 @@ def test_extrapolation_never_makes_worse(force, load):
 
 
 def test_extrapolation_refuses_what_does_not_belong_together():
-    """Other frequencies, orders that do not fall, another result."""
+    """Other frequencies, harmonics that do not decay, another result."""
     fine, middle = (found(friction(0.2), 0.8, k) for k in (31, 15))
     with pytest.raises(vv.InputError, match="highest orders 31, 15 and 15: must fall"):
         fine.extrapolated(middle, middle)
@@ -69,7 +69,7 @@ def test_extrapolation_refuses_what_does_not_belong_together():
                          ("0.3*sign(x_dot)", 3)]
 )  # fmt: skip
 def test_the_fall_of_harmonics_is_measured(force, power):
-    """A jump of the n-th derivative of the force leaves k^-(n + 3)."""
+    """A jump of the n-th derivative of the force gives a decay k^-(n + 3)."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=force)
     response = found(system, 0.8, 199)
     assert response.fall_off()[0] == pytest.approx(power, abs=0.3)
@@ -80,7 +80,7 @@ def test_the_fall_of_harmonics_is_measured(force, power):
 
 
 def test_orders_of_a_branch_go_as_far_as_the_law_needs():
-    """Quadratic damping to 1e-9 needs more than 63; a polynomial may have no more."""
+    """Quadratic damping to 1e-9 needs more than 63; the limit of a polynomial is lower."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="0.4*x_dot*abs(x_dot)")
     branch = vv.trace_response(
         system, (0.9, 1.1), load=1, harmonics="auto", tolerance=1e-9, stability=False

@@ -1,4 +1,4 @@
-"""Reduction of sparse models, judged by dense matrices."""
+"""Reduction of sparse models, against dense matrices."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def dense(model, s):
 
 
 def errors(model, reduced, directions, extra=None):
-    """Relative errors of displacements in the norm of energy, at frequencies not checked."""
+    """Relative errors of displacements in the energy norm, at frequencies between checks."""
     found = []
     norm = model.at_rest.toarray() + (0.1 * TOP) ** 2 * model.mass.toarray()
     basis = np.concatenate([reduced.shapes, reduced.static], axis=1)
@@ -48,7 +48,7 @@ def errors(model, reduced, directions, extra=None):
         full = dense(model, s) + (0 if extra is None else s * extra)
         exact = np.linalg.solve(full, directions)
         if model.damping is None and not model.layers:
-            # As users of the reduced model compute it.
+            # Computed in the same way as by users of the reduced model.
             squares = reduced.squares * (1 + 1j * model.loss)
             sections = squares + reduced.rates * s + s**2
             u = reduced.shapes @ ((reduced.shapes.T @ directions) / sections[:, np.newaxis])
@@ -91,7 +91,7 @@ def test_error_is_estimated_and_kept(steel, kind, tolerance):
     assert reduced.largest_error <= tolerance
     found = errors(model, reduced, directions)
     assert found.max() < reduced.largest_error + 1e-9
-    # The estimate is not far above what is left, at the highest frequency where it is largest.
+    # The estimate is close to the error at the highest frequency, where it is largest.
     assert found[-1] > 0.1 * reduced.error[-1]
     assert reduced.squares.size < 130
 
@@ -136,7 +136,7 @@ def test_rigid_modes_are_zero_and_counted(steel):
 
 
 def test_rounding_of_a_fine_mesh_is_not_seen():
-    """A bar of 800 pieces, by its modes in closed form: errors of 1e-14 beside 1e-11 of K."""
+    """A bar of 800 elements with closed-form modes: errors of 1e-14, with 1e-11 in K."""
     n = 800
     stiffness = csc_array(n * diags_array([-1.0, 2, -1], offsets=[-1, 0, 1], shape=(n, n)))
     mass = csc_array(diags_array(np.full(n, 1 / n)))
@@ -161,7 +161,7 @@ def test_rounding_of_a_fine_mesh_is_not_seen():
 
 @pytest.mark.parametrize("stiffness", [-1e6, -1e8])
 def test_negative_modes_are_all_found(steel, stiffness):
-    """Also those that lie beyond the shift, which Sylvester's law counts."""
+    """Also negative modes beyond the shift, counted by Sylvester's law."""
     k = steel.stiffness + springs(steel, stiffness)
     squares = eigh(k.toarray(), steel.mass.toarray(), eigvals_only=True)
     model = LinearModel(steel.mass, k, rayleigh=(0.5, 1e-6))
@@ -183,7 +183,7 @@ def test_coordinates_without_mass_are_condensed(steel, pushed):
     reduced = reduce_model(model, directions, frequency=TOP)
     assert reduced.static.shape[1] == pushed
     assert errors(model, reduced, directions).max() < 1e-6
-    # Static condensation, by the Schur complement.
+    # Static condensation by the Schur complement.
     massive = np.flatnonzero(mass)
     rest = np.setdiff1d(np.arange(n), massive)
     full = k.toarray()
@@ -194,7 +194,7 @@ def test_coordinates_without_mass_are_condensed(steel, pushed):
 
 
 def test_equal_modes_are_found_as_often_as_they_are(steel):
-    """Three equal plates that do not touch: every mode three times."""
+    """Three equal separate plates: every mode three times."""
     k = steel.stiffness + springs(steel, 1e6)
     mass, stiffness = (csc_array(block_diag([m] * 3)) for m in (steel.mass, k))
     found = Pencil(mass, stiffness, -1e4).lowest_modes((2 * np.pi * 300) ** 2, 1000)
@@ -208,7 +208,7 @@ def test_equal_modes_are_found_as_often_as_they_are(steel):
 def supported(n_x, n_y):
     """The first 8 frequencies of a plate supported at its edges."""
     made = plate(n_x, n_y, length=1.2, width=1.0, thickness=0.01, young=2e11, density=7800.0)
-    # w and its slope along the edge are held; coordinates of a node: w, w_y; then w_x, w_xy.
+    # w and its slope along the edge are fixed; coordinates of a node: w, w_y; then w_x, w_xy.
     along = (made.w[1, 0] - made.w[0, 0]) // 2
     held = {*made.w[[0, -1]].ravel(), *made.w[:, [0, -1]].ravel()}
     held |= {c + 1 for c in made.w[[0, -1]].ravel()}
@@ -226,7 +226,7 @@ def test_plate_has_the_frequencies_of_the_exact_theory():
     exact = np.pi**2 * ((m / 1.2) ** 2 + n**2) * np.sqrt(rigidity / (7800 * 0.01))
     exact = np.sort(exact.ravel())[:8]
     coarse, fine = supported(12, 10) / exact - 1, supported(24, 20) / exact - 1
-    # From above, with the fourth power of the size of elements.
+    # Convergence from above, with the fourth power of the element size.
     assert (fine > 0).all()
     assert fine.max() < 1e-4
     np.testing.assert_allclose(coarse / fine, 16, rtol=0.1)

@@ -29,10 +29,10 @@ def sandwich():
 
 
 def test_six_roots_of_a_sandwich_beam():
-    """Rabotnov's kernel in the core: Van Beeumen, Meerbergen, Michiels 2013 (NLEVP)."""
+    """Core with Rabotnov kernel: Van Beeumen, Meerbergen, Michiels 2013 (NLEVP)."""
     model, reference = sandwich()
     roots, shapes = sparse_roots(model, 6)
-    # The reference says exp(i lam t), to ten digits.
+    # The reference uses exp(i lam t), with ten digits.
     np.testing.assert_allclose(roots / 1j, reference, rtol=3e-10)
     beam = vv.Structure(mass=model.mass, stiffness=model.stiffness)
     public = beam.characteristic_roots(6, layers=model.layers)
@@ -45,7 +45,7 @@ def test_six_roots_of_a_sandwich_beam():
 
 @pytest.mark.parametrize("ratio", [0.1, 0.8])
 def test_roots_of_a_chain_are_those_of_dense_matrices(ratio):
-    """A chain of which two springs remember."""
+    """A chain with memory in two springs."""
     n = 8
     elastic = diags_array([-1.0, 2.2, -1.0], offsets=[-1, 0, 1], shape=(n, n)).tocsc()
     layer = np.zeros((n, n))
@@ -72,7 +72,7 @@ def test_roots_of_a_chain_are_those_of_dense_matrices(ratio):
 
 
 def test_without_memory_and_with_equal_modes():
-    """Two equal chains: each root twice, with shapes of their own."""
+    """Two equal chains: each root twice, with separate shapes."""
     one = diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(4, 4)).toarray()
     stiffness = csc_array(np.kron(np.eye(2), one))
     model = LinearModel(csc_array(np.eye(8)), stiffness, rayleigh=(0.02, 0.01))
@@ -99,7 +99,7 @@ def test_wrong_layers(layers, message):
 
 
 def test_a_structure_of_few_coordinates_has_all_its_roots():
-    """Six are the default, and fewer where there are not as many."""
+    """Six by default, fewer if there are fewer."""
     pair = vv.Structure(
         mass=[1, 2], stiffness=[[3, -1], [-1, 2]], damping=[[0.2, -0.1], [-0.1, 0.1]],
         elements=[vv.Spring(on="x1", law="d^3")],
@@ -112,7 +112,7 @@ def test_a_structure_of_few_coordinates_has_all_its_roots():
 
 
 def test_damping_that_mixes_modes_hides_no_root():
-    """Two modes that damping mixes, from which Newton's method goes to the same root."""
+    """Two modes coupled by damping, from which Newton's method converges to the same root."""
     mass = np.array([[1.0152, -0.0474], [-0.0474, 1.1635]])
     stiffness = np.array([[2.3211, -0.2708], [-0.2708, 2.4318]])
     damping = np.array([[1.2321, -0.0173], [-0.0173, 0.1553]])

@@ -1,4 +1,4 @@
-"""Structures of sparse matrices: reduced, against the same whole and dense ones."""
+"""Structures with sparse matrices: reduced models against full and dense ones."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import viscovib as vv
 from models_of_structures import plate
 from scipy.sparse import csc_array, diags_array
 
-#: Both sides keep the same few orders, whatever they leave out.
+#: Both models use the same few harmonics, for any truncation.
 pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
 TOP = 2 * np.pi * 400
 
@@ -17,7 +17,7 @@ def steel():
 
 
 def mounted(steel, *, dense=False, **given):
-    """A plate on four mounts that harden, two with memory."""
+    """A plate on four hardening mounts, two with memory."""
     kernel = vv.RabotnovKernel(amplitude=3.0, alpha=0.6, beta=12.0)
     corners = steel.w[[1, 1, -2, -2], [1, -2, 1, -2]]
     elements = [
@@ -126,7 +126,7 @@ def test_small_sparse_structures_are_as_dense_ones():
 
 @pytest.mark.parametrize("damping", ["none", "rayleigh", "loss_factor"])
 def test_coordinates_without_mass_follow_at_once(damping):
-    """A chain with massless joints, one of which a spring pulls, against small masses."""
+    """A chain with massless joints, one of them with a spring, against small masses."""
     n = 8
     k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     mass = np.ones(n)
@@ -198,7 +198,7 @@ def test_wrong_reductions(steel, message):
 @pytest.mark.filterwarnings("ignore:.*was not reduced")
 @pytest.mark.parametrize("seed", range(30))
 def test_a_basis_holds_nothing_twice(seed):
-    # In a small chain with massless coordinates static parts are soon all that there is.
+    # In a small chain with massless coordinates static vectors soon span everything.
     rng = np.random.default_rng(seed)
     n = int(rng.integers(6, 48))
     k = rng.uniform(0.5, 2, n + 1)
@@ -234,7 +234,7 @@ def test_a_basis_holds_nothing_twice(seed):
 @pytest.mark.parametrize("method", ["modes", "craig-bampton"])
 @pytest.mark.parametrize("loads", [["x3"], ["x2", "x3"], [[1, 0.5, 0.2]]])
 def test_elements_and_loads_may_touch_everything(mass, method, loads):
-    """Also where nothing, or nothing with mass, is left between the coordinates held."""
+    """Also if nothing, or nothing with mass, remains between the fixed coordinates."""
     stiffness = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
     whole = vv.Structure(
         mass=mass, stiffness=stiffness, damping=[0.1, 0, 0],

@@ -1,4 +1,4 @@
-"""Spectra against closed forms, NumPy's transform and SciPy's windows."""
+"""Spectra against closed forms, the transform of NumPy and the windows of SciPy."""
 
 import math
 import time
@@ -86,7 +86,7 @@ def test_odd_lengths(n):
 
 @pytest.mark.parametrize("n", [64, 257, 1000, 5000])
 def test_frequency_and_amplitude_of_any_tone(n):
-    """Far beyond the bin, whatever frequency and phase."""
+    """Much finer than the bin width, for any frequency and phase."""
     rng = np.random.default_rng(n)
     for _ in range(40):
         omega = rng.uniform(8 * np.pi / n, np.pi - 8 * np.pi / n) / 0.1
@@ -140,14 +140,14 @@ def test_lines_of_a_driven_motion_are_those_of_its_loads():
 
 @pytest.mark.parametrize(("n", "colour"), [(64, 0.0), (1000, 0.0), (8192, 0.5)])
 def test_noise_gives_lines_as_rarely_as_promised(n, colour):
-    """White noise, and coloured by a first order: three times larger at low frequencies."""
+    """White noise, and first-order coloured noise: three times larger at low frequencies."""
     alarm, runs, alarms = 0.05, 100 if colour else 200, 0
     rng = np.random.default_rng(n)
     for _ in range(runs):
         noise = lfilter([1], [1, -colour], rng.normal(size=n + 100))
         found = vv.dominant_frequencies(7 + noise[100:], 0.1, count=1, false_alarm=alarm)
         alarms += found.omega.size > 0
-    # Five standard deviations above what is promised.
+    # Five standard deviations above the stated rate.
     slack = 5 * np.sqrt(alarm * (1 - alarm) * runs)
     if not colour:
         assert alarms <= alarm * runs + slack
@@ -159,10 +159,10 @@ def test_noise_gives_lines_as_rarely_as_promised(n, colour):
 
 
 def test_lines_are_found_in_noise_and_no_others():
-    """Two lines, power of a bin 30 times the noise of a Hann window's and far more."""
+    """Two lines, with 30 times the bin power of the noise of a Hann window and much more."""
     n, sigma, runs, rng = 2048, 1.0, 40, np.random.default_rng(3)
     k = np.arange(n)
-    # Power of a line in its bin over the mean power of noise there: a^2 n/(6 sigma^2).
+    # Power of a line in its bin over the mean noise power there: a^2 n/(6 sigma^2).
     small = np.sqrt(30 * 6 / n) * sigma
     seen = []
     for _ in range(runs):
@@ -175,7 +175,7 @@ def test_lines_are_found_in_noise_and_no_others():
 
 
 def test_errors_in_noise_are_those_of_the_window():
-    """Standard errors over the bound of Cramer and Rao: 1.53 and 1.22 under a Hann window."""
+    """Standard errors relative to the Cramer-Rao bound: 1.53 and 1.22 with a Hann window."""
     n, a, sigma, runs, rng = 1000, 1.0, 0.3, 200, np.random.default_rng(4)
     k = np.arange(n)
     errors = []
@@ -188,7 +188,7 @@ def test_errors_in_noise_are_those_of_the_window():
         np.sqrt(24 / n**3) * sigma / a,
         np.sqrt(2 / n) * sigma,
     ]
-    # Four standard deviations of a standard deviation from 200.
+    # Four standard deviations of a standard deviation from 200 samples.
     assert spread == pytest.approx([1.531, 1.225], rel=4 / np.sqrt(2 * runs))
 
 
@@ -215,7 +215,7 @@ def test_known_frequencies_need_no_whole_periods():
 
 
 def test_spectra_of_a_trajectory_know_the_spacing_of_its_states():
-    """``dt`` of a run is the time between the states kept, ``step`` that of integration."""
+    """``dt`` of a run is the time between stored states, ``step`` is the integration step."""
     body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, f0=0.01, p1=0.93, c1=0.01, c2=0.01, c3=0.01)
     run = vv.simulate(body, 400, dt=0.1, initial=[0, 0, 0.1, 0, 0.05, 0], save_every=5)
     assert (run.step, run.dt) == pytest.approx((0.1, 0.5), rel=1e-12)
@@ -256,7 +256,7 @@ def sum_of_tones(k, a, decay, omega, phase):
 
 @pytest.mark.parametrize("size", [1, 2, 3])
 def test_tones_that_decay_are_found_with_their_rates(size):
-    """Clean tones, some steady: frequency, decay and amplitude far beyond the bin."""
+    """Tones without noise, some steady: frequency, decay, amplitude finer than the bin width."""
     rng = np.random.default_rng(size)
     for _ in range(12):
         n = int(rng.integers(400, 1500))
@@ -274,7 +274,7 @@ def test_tones_that_decay_are_found_with_their_rates(size):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_tones_that_fade_early_are_found_to_rounding(seed):
-    """Decays up to 18 bins: the tone lives in the first hundredth of the record."""
+    """Decays of up to 18 bins: the tone lasts for the first hundredth of the record."""
     rng = np.random.default_rng(seed)
     for _ in range(25):
         n = int(10 ** rng.uniform(2.4, 3.8))
@@ -290,7 +290,7 @@ def test_tones_that_fade_early_are_found_to_rounding(seed):
 
 
 def test_what_is_resolved_is_right():
-    """Overlapping tones, decaying or not, of all sizes: either right or told as not resolved."""
+    """Overlapping tones, with or without decay, of all sizes: correct, or not resolved."""
     rng, wrong, lines = np.random.default_rng(3), 0, 0
     for _ in range(40):
         n, size = int(10 ** rng.uniform(2.7, 3.6)), int(rng.integers(2, 5))
@@ -320,7 +320,7 @@ def test_lines_beside_what_they_do_not_explain_are_not_resolved():
 
 
 def test_decay_is_told_from_noise():
-    """Steady tones in noise stay steady; decays well above noise are found with their errors."""
+    """Steady tones in noise stay steady; decays above noise are found within their errors."""
     rng, n = np.random.default_rng(8), 1000
     k, steady, rates = np.arange(n), 0, []
     for _ in range(30):
@@ -333,13 +333,13 @@ def test_decay_is_told_from_noise():
     assert steady == 30
     # Mean and spread: a bias would be larger than three standard errors of the mean.
     assert np.mean(rates) == pytest.approx(2, abs=3 * np.std(rates) / np.sqrt(len(rates)))
-    # A few times the least possible spread of a rate, that of an envelope exp(-2 k/n).
+    # A few times the minimum spread of a rate, which is that of an envelope exp(-2 k/n).
     least = 0.2 * np.sqrt(24 / (n * np.mean(np.exp(-4 * k / n))))
     assert np.std(rates) < 3 * least
 
 
 def test_states_too_far_apart_are_told():
-    """Random free vibrations, kept at one to eight states a half-period or at too few."""
+    """Random free vibrations with one to eight stored states per half-period, or too few."""
     rng = np.random.default_rng(0)
     for case in range(40):
         omega = 10 ** rng.uniform(-3, 3)
@@ -369,7 +369,7 @@ def test_a_free_vibration_gives_its_damping_ratio():
 
 
 def test_lines_never_leave_more_than_fewer_of_them():
-    """Whatever the signal: tones, chirps, noise, steps."""
+    """For any signal: tones, chirps, noise, steps."""
     rng = np.random.default_rng(9)
     for trial in range(12):
         n = int(rng.integers(64, 400))
@@ -390,7 +390,7 @@ def test_lines_never_leave_more_than_fewer_of_them():
 def test_a_long_record_takes_seconds_and_loses_no_digits():
     n = 1_000_000
     u = 1e6 + np.cos(2.0 * 0.7 * np.arange(n))
-    # Time of its own, whatever else this machine does.
+    # Processor time, independent of other processes.
     begin = time.process_time()
     found = vv.dominant_frequencies(u, 0.7, count=1)
     assert time.process_time() - begin < 20
@@ -463,7 +463,7 @@ def test_a_constant_has_no_lines(value):
 
 
 def test_what_is_folded_is_told_by_velocities():
-    """Random tones, some beyond the rate of the samples: the core's share by NumPy's transforms."""
+    """Random tones, some above the Nyquist frequency: aliased fraction by NumPy transforms."""
     from viscovib.analyses.signals import aliased_part
 
     rng = np.random.default_rng(5)

@@ -1,4 +1,4 @@
-"""Bodies with parts that spin inside, against exact whirl speeds, NumPy and SciPy."""
+"""Bodies with internal rotors, against exact whirl speeds, NumPy and SciPy."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def some_body(inertia=INERTIA, spin=SPIN, k=(K, K, K), **options):
 
 
 def matrices(k=K):
-    """Return mass, damping and stiffness of the same, put together by hand."""
+    """Return mass, damping and stiffness of the same body, assembled explicitly."""
     stiff, damp, mass = np.zeros((6, 6)), np.zeros((6, 6)), np.diag([MASS] * 3 + list(INERTIA))
     for x, y in [(ARM, 0), (-ARM, 0), (0, ARM), (0, -ARM)]:
         for axis, c in zip(np.eye(3), (3, 4, 5), strict=True):
@@ -33,7 +33,7 @@ def matrices(k=K):
 
 
 def test_whirl_speeds_of_a_flywheel():
-    """Forward and backward: J w^2 -+ h w - k = 0."""
+    """Forward and backward whirl: J w^2 -+ h w - k = 0."""
     feet = [
         vv.MountPoint(name=f"foot{i}", position=(x, y, 0), stiffness=(K, K, K))
         for i, (x, y) in enumerate([(ARM, 0), (-ARM, 0), (0, ARM), (0, -ARM)])
@@ -56,7 +56,7 @@ def test_response_to_an_unbalance():
 
 
 def test_motion_in_time_with_memory():
-    """Springs that remember by one exponential, as ordinary equations."""
+    """Springs with one exponential of memory, as ordinary equations."""
     mass, damp, stiff = matrices()
     body = some_body()
     weight, rate = 2.0, 5.0
@@ -86,7 +86,7 @@ def test_motion_in_time_with_memory():
 
 
 def test_angular_momentum_is_kept_without_torque():
-    """Of a body that one spring at its centre holds, with that of the parts that spin."""
+    """For a body on one spring at its centre, including the rotors."""
     foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(K, K, K))
     body = vv.Body(mass=MASS, inertia=INERTIA, mounts=[foot], spin=SPIN)
     start = np.zeros(12)
@@ -101,7 +101,7 @@ GRAVITY = np.array([5.0, -4.0, -9.0])
 
 
 def turning(t_end, begin, pulls, gravity=(0, 0, 0), inertia=INERTIA):
-    """R and x at the end by SciPy: Newton and Euler, R' = R [w], J w' + w x (J w + h) = m."""
+    """R and x at the end by SciPy: Newton-Euler, R' = R [w], J w' + w x (J w + h) = m."""
 
     def rates(t, y):
         place, speed, turn, w = y[:3], y[3:6], y[6:15].reshape(3, 3), y[15:]
@@ -119,7 +119,7 @@ def turning(t_end, begin, pulls, gravity=(0, 0, 0), inertia=INERTIA):
 
 
 def test_free_flight_with_a_rotor():
-    """Far turned: energy and momentum stay, R (J w + h), and R is that of Euler's equations."""
+    """Large rotations: energy and R (J w + h) are constant, and R is that of Euler's equations."""
     foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1e-12, 0, 0))
     body = vv.Body(mass=MASS, inertia=INERTIA, mounts=[foot], geometry="exact", spin=0.05 * SPIN)
     heavy = INERTIA / 0.05
@@ -138,7 +138,7 @@ def test_free_flight_with_a_rotor():
 
 
 def test_a_rotor_about_a_loaded_position():
-    """The weight turns the body and its rotor; motions from there by Newton and Euler."""
+    """The weight rotates the body and its rotor; motions from there by Newton-Euler."""
     feet = [
         vv.MountPoint(name=name, position=p, stiffness=k, damping=c)
         for name, p, k, c in (
@@ -168,7 +168,7 @@ def test_a_rotor_about_a_loaded_position():
 
 
 def test_small_turns_with_a_rotor():
-    """To first order the exact geometry is the small one: half the motion, a quarter apart."""
+    """Exact and small geometry agree to first order: half the motion, half the relative error."""
     apart = []
     for size in (2e-3, 1e-3):
         start = np.zeros(12)

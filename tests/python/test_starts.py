@@ -1,11 +1,11 @@
-"""Branches and responses that begin at a motion given: isolas, subharmonics, ends of motions."""
+"""Branches and responses with a given start: isolas, subharmonics, final motions."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Where the isola of this absorber is born (Detroux et al., arXiv 1604.05524, parameters as in
-#: NLvib's example 02): load and frequency, by a program that shares no code, to 10 and 7 digits.
+#: Birth of the isola of this absorber (Detroux et al., arXiv 1604.05524, parameters of example 02
+#: of NLvib): load and frequency of an independent program, to 10 and 7 digits.
 BORN, NU_BORN = 0.1255119631, 1.793788
 M, K = [1, 0.05], [[1.0453, -0.0453], [-0.0453, 0.0453]]
 C = [[0.015, -0.013], [-0.013, 0.013]]
@@ -24,7 +24,7 @@ def absorber(condensed: bool) -> vv.PolynomialSystem | vv.Structure:
 
 @pytest.mark.parametrize("condensed", [False, True])
 def test_isola(condensed: bool) -> None:
-    """Its birth is a fold in the load; begun at a motion on it, it closes."""
+    """The birth is a fold in the load; a branch that starts on the isola closes."""
     system = absorber(condensed)
     load = 1.02 * BORN
     in_load = vv.trace_response(
@@ -40,7 +40,7 @@ def test_isola(condensed: bool) -> None:
     assert isola.outcome == "closed"
     assert isola.folds.size == 2
     assert isola.folds.min() < NU_BORN < isola.folds.max()
-    # Points of a branch, harmonics by coordinate, and a response begin there too.
+    # Points of a branch, harmonics by coordinate, and a response are starts too.
     x = isola.coefficients[3]
     harmonics = {int(k): x[:, j] for j, k in enumerate(isola.harmonics)}
     for start in ((isola, 3), harmonics):
@@ -51,7 +51,7 @@ def test_isola(condensed: bool) -> None:
 
 
 def test_subharmonic_of_the_end_of_a_motion_in_time() -> None:
-    """A motion of three periods of the load, which a sweep of the load's period never meets."""
+    """A motion with three periods of the load, which a sweep never reaches."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
     nu = 1.4
     run = vv.simulate(

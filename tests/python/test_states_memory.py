@@ -1,4 +1,4 @@
-"""Elements with states beside Prony kernels: motions and multipliers against SciPy."""
+"""Elements with internal states and Prony kernels: motions and multipliers by SciPy."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 
 
 def drawn(seed):
-    """An element of each kind by turns, z' and its force by d, v and z, and numbers of the rest."""
+    """An element of each kind in turn, z' and its force by d, v and z, and other parameters."""
     rng = np.random.default_rng(seed)
     n = {
         "k": rng.uniform(0.8, 2), "c": rng.uniform(0.15, 0.4), "memory": rng.uniform(0.5, 1.5),
@@ -71,11 +71,11 @@ def test_steady_motions(seed):
     waves = np.exp(2j * np.pi * np.outer(found.harmonics, np.arange(samples) / samples))
     x = (found.coefficients[0, 0] @ waves).imag
     size = np.abs(x - x.mean()).max()
-    # Sliders settle with offsets that depend on the past: the motion about its mean is one.
+    # Sliders settle with offsets that depend on the past: motions about the mean agree.
     np.testing.assert_allclose(x - x.mean(), run.y[0] - run.y[0].mean(), atol=2e-5 * size)
     if seed % 4 < 2:
         return
-    # Of smooth states the disturbances of a period too.
+    # For smooth states also the perturbations after a period.
     columns = []
     for j in range(run.y.shape[0]):
         ends = []
@@ -94,7 +94,7 @@ def test_steady_motions(seed):
 
 
 def test_in_time_the_reason_is_told():
-    """Motions in time do not take both beside a table of points: by name, with what does."""
+    """With a table of points both are refused in time: the message names the alternative."""
     kernel = vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.05])
     system = vv.Structure(
         mass=[1], stiffness=[[1]], damping=[[0.1]],

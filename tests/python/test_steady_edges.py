@@ -1,4 +1,4 @@
-"""Steady motions that cannot be where a force law has no value: the law and the place are named."""
+"""Steady motions outside the domain of a force law: the law and the location are named."""
 
 import warnings
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: Laws by the place where they end.
+#: Laws by the location of their end.
 LAWS = [("log({e} + x) - log({e})", -1), ("sqrt({e} - x) - sqrt({e})", 1), ("-asin(x/{e})", 1)]
 
 
 def told_by(call):
-    """What warnings and refusals say."""
+    """Texts of warnings and refusals."""
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
         try:
@@ -54,7 +54,7 @@ def test_the_law_and_its_end_are_named(seed):
 
 
 def test_what_has_no_end_is_not_told():
-    """A law with values everywhere is no reason."""
+    """A law that is defined everywhere is not named as a reason."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-0.5*tanh(x)*x^2")
     found = told_by(lambda: vv.forced_response(system, [0.9], load=50, method="newton"))
     assert "has no value" not in found

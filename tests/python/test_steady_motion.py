@@ -1,4 +1,4 @@
-"""Motions that repeat, found in time: by closed forms, harmonic balance and differences."""
+"""Periodic motions by shooting: against closed forms, harmonic balance and differences."""
 
 import warnings
 
@@ -8,14 +8,14 @@ import viscovib as vv
 from scipy.integrate import solve_ivp
 
 SPRINGS = np.array([[1.0, -1.0], [-1.0, 2.0]])
-#: NLvib's example 03 (Krack and Gross).
+#: Example 03 of NLvib (Krack and Gross).
 MASSES = vv.PolynomialSystem(
     mass=[1, 1], stiffness=SPRINGS, damping=0.03 * SPRINGS, forces={"x1": "100*max(x1 - 1, 0)"}
 )
 
 
 def start_of(response):
-    """State at t = 0 of a motion by harmonics."""
+    """State at t = 0 of a motion in harmonics."""
     turning = 1j * response.nu[0] * response.harmonics
     x = response.coefficients[0]
     return np.stack([x.imag.sum(axis=1), (x * turning).imag.sum(axis=1)], axis=-1).ravel()
@@ -23,7 +23,7 @@ def start_of(response):
 
 @pytest.mark.parametrize("n", [1, 2, 8])
 def test_smooth_as_by_harmonics(n):
-    """Smooth laws, of few coordinates and by sections: the motion that harmonic balance has."""
+    """Smooth laws, few coordinates or modal sections: the motion of harmonic balance."""
     rng = np.random.default_rng(n)
     for _ in range(3):
         a = rng.normal(size=(n, n))
@@ -44,7 +44,7 @@ def test_smooth_as_by_harmonics(n):
 
 
 def test_memory_as_by_harmonics():
-    """Exponentials that are remembered are part of the state; each has a multiplier."""
+    """Exponentials of the memory are part of the state; each has a multiplier."""
     kernel = vv.PronyKernel(weights=[0.2, 0.3], rates=[0.5, 3.0])
     spring = vv.Spring(on={"x1": 1, "x2": -1}, stiffness=2.0, law="0.5*d^3", kernel=kernel)
     system = vv.Structure(
@@ -59,7 +59,7 @@ def test_memory_as_by_harmonics():
 
 @pytest.mark.parametrize(("nu", "limit"), [(0.8, 0.2), (1.2, 0.3)])
 def test_den_hartog(nu, limit):
-    """The closed form of dry friction without stops (Den Hartog 1931), to 1e-10."""
+    """Den Hartog's closed form without sticking (1931), to 1e-10."""
     ratio = np.sin(np.pi / nu) / (nu * (1 + np.cos(np.pi / nu)))
     expected = np.sqrt(1 / (1 - nu**2) ** 2 - (limit * ratio) ** 2)
     block = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{limit}*sign(x_dot)")
@@ -70,7 +70,7 @@ def test_den_hartog(nu, limit):
 
 
 def test_sticking_forgets():
-    """A mass that sticks on the way has a multiplier that is 0; two masses, one of them sticks."""
+    """A mass that sticks during the period has a multiplier that is 0."""
     block = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.7*sign(x_dot)")
     motion = vv.steady_motion(block, 0.4, load=1.0)
     assert motion.passages > 2
@@ -110,11 +110,11 @@ SYSTEMS = {
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_derivatives_across_switches(name):
-    """What disturbances become is what motions beside the motion tell."""
+    """Propagated perturbations agree with neighbouring motions."""
     from viscovib.analyses.period_map import PeriodMap
 
     mapping = PeriodMap.checked(SYSTEMS[name], [0.7, 0.4], 0.8, 1, "auto")
-    # From a surface on which it slides, a motion beside it returns in a time like h.
+    # Near a sliding surface a neighbouring motion returns after a time of order h.
     steps, state, h = 40, np.zeros(4), 2e-7
     for _ in range(3):
         state = mapping.run(state, steps).last
@@ -139,7 +139,7 @@ ELEMENTS = [
 
 @pytest.mark.parametrize("seed", range(12))
 def test_derivatives_in_many_coordinates(seed):
-    """Steps of a length that comes again share what is linear in disturbances: in any unit."""
+    """Repeated step sizes share the linear part of perturbations: in any unit."""
     from viscovib.analyses.period_map import PeriodMap
 
     rng = np.random.default_rng(seed)
@@ -177,7 +177,7 @@ def test_derivatives_in_many_coordinates(seed):
 
 
 def test_period_of_two_loads():
-    """Behind a doubling the motion repeats after two periods; the old one is unstable."""
+    """After a period doubling the motion repeats after two periods; the old one is unstable."""
     near = [-1.7437, -0.5182, -0.6096, 0.2772]
     one = vv.steady_motion(MASSES, 0.7554, load=[0, 0.1], initial=near)
     assert one.stable is False
@@ -192,7 +192,7 @@ def test_period_of_two_loads():
 
 
 def test_period_that_has_doubled():
-    """Beside the motion that is unstable behind a doubling is one that repeats after two."""
+    """Near the unstable motion after a doubling, a motion repeats after two periods."""
     beside = [-1.92, -0.22, -0.69, 0.15]
     for n_periods in (2, 4):
         motion = vv.steady_motion(
@@ -209,7 +209,7 @@ def test_period_that_has_doubled():
 
 
 def test_doubling_seen_over_two_periods():
-    """A doubling is a branch point of motions taken over two periods, at the same place."""
+    """A doubling is a branch point of motions over two periods, at the same location."""
     near = [-1.7437, -0.5182, -0.6096, 0.2772]
     branch = vv.trace_motion(
         MASSES, (0.755, 0.7556), load=[0, 0.1], initial=near, max_step=0.2, n_periods=2
@@ -223,7 +223,7 @@ def test_doubling_seen_over_two_periods():
 
 @pytest.mark.parametrize("time", [1e-12, 1e9])
 def test_units_of_time(time):
-    """In other units of time the same motion is found; its multipliers have no unit."""
+    """In other units of time the same motion is found; multipliers have no unit."""
     motions = [
         vv.steady_motion(
             vv.PolynomialSystem(
@@ -243,7 +243,7 @@ def test_units_of_time(time):
 
 
 def test_small_beside_large():
-    """A jump in a coordinate 1e-12 as large as another is one: each has its own unit."""
+    """A jump in a coordinate 1e-12 as large as another is found: each has its own scale."""
     small = vv.PolynomialSystem(mass=1, stiffness=1.7, damping=0.1, forces="0.3*sign(x_dot)")
     both = vv.PolynomialSystem(
         mass=[1, 1], stiffness=np.diag([1, 1.7]), damping=0.1 * np.eye(2),
@@ -257,7 +257,7 @@ def test_small_beside_large():
 
 
 def test_refused():
-    """What has no such motion is said in one line; what is not found, too."""
+    """One-line messages for systems without such motions and for failures."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
     with pytest.raises(vv.InputError, match="load: must be given"):
         vv.steady_motion(system, 1.0)
@@ -280,7 +280,7 @@ def test_refused():
 
 
 def test_rest_against_a_stop():
-    """The motion may begin at rest in contact; what only short steps follow is followed by them."""
+    """The motion may start at rest in contact; where necessary, short steps are used."""
     stop = vv.Structure(
         mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]],
         elements=[vv.Gap(on={"x1": 1}, gap=0, restitution=0.5)],
@@ -292,7 +292,7 @@ def test_rest_against_a_stop():
 
 
 def test_resonance_without_damping():
-    """Where no motion repeats none is found, however small what rounding leaves of it."""
+    """Without a periodic motion none is found, in spite of small residuals."""
     with pytest.warns(vv.ConvergenceWarning, match="stalled: no motion was found"):
         motion = vv.steady_motion(vv.PolynomialSystem(mass=1, stiffness=1), 1.0, load=1.0)
     assert not motion.complete
@@ -300,7 +300,7 @@ def test_resonance_without_damping():
 
 
 def test_result():
-    """It is printed, saved and taken as a start."""
+    """It can be printed, saved and used as a start."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         motion = vv.steady_motion(SYSTEMS["gap"], 0.8, load=[0.7, 0.4])
@@ -317,7 +317,7 @@ def test_result():
 
 
 def test_crossings_beside_a_gap():
-    """A fold and the doubling beside it of NLvib's example 03, the same by other steps."""
+    """A fold and the doubling near it of example 03 of NLvib, also with other steps."""
     near = [-1.7437, -0.5182, -0.6096, 0.2772]
     found = []
     for options in ({"max_step": 0.05}, {"method": "gauss16", "max_step": 0.1}):
@@ -326,7 +326,7 @@ def test_crossings_beside_a_gap():
             branch = vv.trace_motion(
                 MASSES, (0.755, 0.757), load=[0, 0.1], initial=near, tolerance=1e-10, **options
             )
-        # Beside the fold errors at a frequency are enlarged, and told.
+        # Near the fold errors at a given frequency are amplified, and stated.
         above = "above tolerance = 1e-10 at" in "".join(str(one.message) for one in told)
         assert above == (branch.error > 1e-10).any()
         assert branch.outcome == "completed"
@@ -356,7 +356,7 @@ def test_neimark_sacker_beside_a_gap():
 
 @pytest.mark.parametrize("max_step", [0.05, 0.5])
 def test_pairs_are_not_mixed(max_step):
-    """One pair passes the unit circle where its damping is 0; others stay nearer to it."""
+    """One pair crosses the unit circle where its damping is 0; other pairs are closer to it."""
     system = vv.PolynomialSystem(
         mass=np.eye(3), stiffness=np.diag([1.0, 1.7, 2.3]), damping=np.diag([0.1, 0.002, 0.004]),
         forces={"x1": "0.01*x1^3"},
@@ -372,12 +372,12 @@ def test_pairs_are_not_mixed(max_step):
         vv.PolynomialSystem(mass=np.eye(2), stiffness=np.diag([1.0, 1.7]), forces={"x1": "x1^3"}),
         (0.75, 0.8), load=[0.05, 0.05], initial=np.zeros(4), max_step=max_step,
     )  # fmt: skip
-    # On the circle all along, but for rounding.
+    # On the circle everywhere, within rounding error.
     assert undamped.crossings == ()
 
 
 def test_errors_hold():
-    """What steps that are too long change is told, of the state and of the multipliers."""
+    """Effects of too long steps are stated, for the state and the multipliers."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="300*x^3")
     weights = np.array([1, 1 / 0.7])
     exact = vv.steady_motion(system, 0.7, load=1.0, tolerance=1e-12)
@@ -396,7 +396,7 @@ def test_errors_hold():
 
 
 def test_errors_hold_beside_grazing():
-    """Where a second impact begins points on both sides are as far off as they say."""
+    """At the onset of a second impact, points on both sides have their stated errors."""
     stop = vv.Structure(
         mass=[[1.0]], stiffness=[[1.63745879]], damping=[[0.08857668]],
         elements=[vv.Gap(on={"x1": 1}, gap=0.2439147705970441, restitution=0.6849081537033621)],
@@ -413,7 +413,7 @@ def test_errors_hold_beside_grazing():
 
 @pytest.mark.parametrize("span", [(0.551, 1.739), (1.739, 0.551)])
 def test_branch_turns_back_where_impacts_begin(span):
-    """Below the place where the linear motion reaches the stop there are motions with impacts."""
+    """Below the grazing frequency of the linear motion there are motions with impacts."""
     k, c, force, gap = 0.982, 0.287, 0.228, 0.25
     stop = vv.Structure(
         mass=[[1.0]], stiffness=[[k]], damping=[[c]],
@@ -425,14 +425,14 @@ def test_branch_turns_back_where_impacts_begin(span):
     grazed = np.sqrt(half + np.sqrt(half**2 - k**2 + (force / gap) ** 2))
     assert branch.outcome == "completed"
     assert branch.grazings == pytest.approx(grazed, abs=1e-10)
-    # The branch turns back twice: where it grazes, and where motions with impacts end.
+    # The branch has two folds: at grazing, and at the end of motions with impacts.
     assert np.sort(branch.folds)[0] == pytest.approx(grazed, abs=1e-10)
     assert np.sort(branch.folds)[1] == pytest.approx(1.502277916028, abs=1e-10)
     assert (branch.passages[branch.nu > 1.51] == 0).all()
 
 
 def test_grazing_of_a_stiff_spring():
-    """Within 1e-6 behind grazing the tangent turns by a right angle; nothing is stuck there."""
+    """Within 1e-6 after grazing the tangent rotates by a right angle; the branch continues."""
     spring = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="60*max(x - 0.1, 0)")
     branch = vv.trace_motion(
         spring, (0.37, 0.3695), load=1, initial=[-0.09957, -0.55700], max_step=0.1
@@ -448,7 +448,7 @@ def test_grazing_of_a_stiff_spring():
 
 
 def from_contact_to_contact(nu, state):
-    """The end of a period beside the spring above, by SciPy, and the number of switches."""
+    """Final state of a period with the spring above, by SciPy, and the number of switches."""
     t, end, passed, touching = 0.0, 2 * np.pi / nu, 0, state[0] > 0.1
     while t < end:
 
@@ -468,7 +468,7 @@ def from_contact_to_contact(nu, state):
 
 
 def test_branch_as_by_harmonics():
-    """Folds of a smooth branch; its end along frequency, load and a number of the system."""
+    """Folds of a smooth branch; its end along frequency, load and a parameter."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="x^3")
     for span, rest in (
         ({"nu_range": (1.0, 2.0)}, {}),
@@ -485,7 +485,7 @@ def test_branch_as_by_harmonics():
 
 
 def test_extremes_along_a_branch():
-    """They are those of the motions, and where contacts are short the curve is as smooth."""
+    """Extremes of the motions; the curve is smooth also for short contacts."""
     near = [-1.7437, -0.5182, -0.6096, 0.2772]
     branch = vv.trace_motion(
         MASSES, (0.7540, 0.7545), load=[0, 0.1], initial=near, max_step=0.2, max_points=4
@@ -503,7 +503,7 @@ def test_extremes_along_a_branch():
 
 
 def test_two_turns_between_two_times():
-    """Extremes are found where the velocity changes its sign twice between two times."""
+    """Extremes are found if the velocity changes its sign twice between two times."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1)
     motion = vv.steady_motion(system, 1.0, load={1: 0.1, 5: 4.0}, tolerance=1e-12)
     few = np.linspace(0, motion.period, 8)
@@ -514,7 +514,7 @@ def test_two_turns_between_two_times():
 
 
 def test_contact_begins():
-    """A gap is reached where the linear motion is as large as it: grazing, exactly known."""
+    """Grazing: the linear motion reaches the gap, at a known frequency."""
     stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")
     branch = vv.trace_motion(stop, (0.5, 1.0), load=0.3, max_step=0.1)
     # 0.3^2 = 0.5^2 ((1 - nu^2)^2 + (0.2 nu)^2).

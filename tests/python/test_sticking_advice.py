@@ -1,4 +1,4 @@
-"""Where harmonics find no motion because a body sticks, what to do is said; else it is not."""
+"""If harmonic balance fails because a body sticks, the message gives advice; else it does not."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Masses held by dry friction stay where they are, on the edge of sticking too: closed forms."""
+"""Masses held by dry friction do not move, also at the limit of sticking: closed forms."""
 
 import warnings
 
@@ -9,7 +9,7 @@ import viscovib as vv
 
 @pytest.mark.parametrize("method", ["auto", "gauss3", "verner9"])
 def test_comes_to_rest_on_the_edge(method):
-    """From an odd number of widths mu/k away every free motion ends where friction just holds."""
+    """From an odd number of widths mu/k a free motion ends where friction just holds the mass."""
     rng = np.random.default_rng(11)
     for _ in range(60):
         mass, k, mu = rng.integers(1, 30, 3) / np.array([4.0, 4.0, 20.0])
@@ -35,7 +35,7 @@ def test_comes_to_rest_on_the_edge(method):
 
 @pytest.mark.parametrize("scale", [1e-2, 1e-3, 1e-5])
 def test_a_slow_load_breaks_it_loose_in_time(scale):
-    """Until then nothing creeps, however long it takes; behind it the motion is known."""
+    """Before that nothing creeps, for any duration; the motion afterwards is known."""
     rng = np.random.default_rng(12)
     for _ in range(2):
         mass, k, mu = rng.uniform(0.3, 3, 3)
@@ -54,7 +54,7 @@ def test_a_slow_load_breaks_it_loose_in_time(scale):
 
 
 def test_many_masses_held_under_loads_stay():
-    """Loads that friction holds at each mass move none of them."""
+    """Loads below the friction limit of each mass move none of them."""
     rng = np.random.default_rng(13)
     for n in (1, 2, 4, 6):
         spring = (

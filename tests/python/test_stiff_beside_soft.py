@@ -1,4 +1,4 @@
-"""Structures with springs and dampers that differ by many orders: motions with 40 digits."""
+"""Structures with very different springs and dampers: motions with 40 digits."""
 
 import mpmath
 import numpy as np
@@ -27,7 +27,7 @@ def motion(mass, damping, stiffness, load, nu, start, t):
 
 @pytest.mark.parametrize("kind", ["modal", "dampers", "strong damper"])
 def test_soft_motions_beside_a_stiff_spring(kind):
-    """The entries of the matrices hold them; an eigensolver loses 1e-16 of the stiff spring."""
+    """The matrix entries contain the soft springs; an eigensolver loses 1e-16 of the stiff one."""
     rng = np.random.default_rng(5)
     for i in range(6):
         n = int(rng.integers(2, 5))
@@ -52,14 +52,14 @@ def test_soft_motions_beside_a_stiff_spring(kind):
             structure, 10, initial=np.column_stack([u, v]).ravel(), load=load, nu=0.7, times=[10]
         )
         right = motion(mass, damping, stiffness, load, 0.7, [*u, *v], 10)
-        # Next to 2e-16 times the ratio, which it was.
+        # Regression: errors of 2e-16 times the ratio.
         assert np.abs(run.state[0] - right.reshape(2, n).T.ravel()).max() < 3e-12 + 1e-18 * high
 
 
 @pytest.mark.parametrize("strong", [1e3, 1e11, 1e13, 1e15])
 @pytest.mark.parametrize("turn", [1, -1])
 def test_weak_dampers_beside_a_strong_one(strong, turn):
-    """They couple modes, or turn them, and take energy, whatever acts in another coordinate."""
+    """They couple or rotate modes and dissipate, also if loads act elsewhere."""
     for between in (0.15, 0.0):
         damping = np.diag([0.2, 0.3, strong])
         damping[0, 1], damping[1, 0] = between, turn * between
@@ -76,7 +76,7 @@ def test_weak_dampers_beside_a_strong_one(strong, turn):
 
 @pytest.mark.parametrize("kind", ["of modes", "coupled", "free"])
 def test_soft_motions_beside_stiff_springs_that_relax(kind):
-    """Layers with memory: the sum of stiffnesses, which is rounded, must not be what moves."""
+    """Layers with memory: rounding of the sum of stiffnesses must not affect the motion."""
     rng = np.random.default_rng(6)
     for i in range(4):
         n, rate = 3, 10 ** rng.uniform(-1, 1)
@@ -84,7 +84,7 @@ def test_soft_motions_beside_stiff_springs_that_relax(kind):
         joints = np.eye(n + 1, n) - np.eye(n + 1, n, k=-1)
         springs, held = rng.uniform(0.5, 2, n + 1), rng.uniform(0.2, 0.8, n + 1)
         if kind == "free":
-            # In numbers of which sums are exact: rounded ones would hold it.
+            # Numbers with exact sums, because rounding errors would act as a spring.
             springs, held = np.array([0, 0.75, 1.5, 0]), np.array([0.5, 0.25, 0.75, 0.5])
         springs[1 + i % 2] = 2.0 ** rng.integers(14, 27)
         stiffness = joints.T @ (springs[:, np.newaxis] * joints)
@@ -130,7 +130,7 @@ def test_soft_motions_beside_stiff_elements(kind):
         start = np.linalg.solve(stiffness + high * np.outer(on, on), rng.normal(size=n))
         layers, given = [], stiffness
         if kind == "layer":
-            # One that hardly relaxes: a spring, but for what the sum of all rounds.
+            # A layer with little relaxation: a spring, except for rounding of the sum.
             given = stiffness - np.diag(np.diag(stiffness)) / 2
             slow = vv.PronyKernel(weights=[1e-30], rates=[1.0])
             layers = [(np.diag(np.diag(stiffness)) / 2, slow)]
@@ -151,17 +151,17 @@ def test_soft_motions_beside_stiff_elements(kind):
                     a[n + j, n + k] = -mpmath.mpf(damping[j, k]) / mpmath.mpf(mass[j])
             found = mpmath.expm(8 * a) * mpmath.matrix([*start, *np.zeros(n)])
             true = np.array([float(x) for x in found]).reshape(2, n)
-        # It was off by up to 1e-8.
+        # Regression: errors of up to 1e-8.
         assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= max(run.error, 1e-13)
 
 
 @pytest.mark.parametrize("kind", ["of modes", "of its own"])
 def test_pasts_that_hardly_bend_stiff_layers(kind):
-    """What layers remember of the past acts by all digits of their matrices, as they do later."""
+    """The memory of the past acts with all digits of the layer matrices, as in the run."""
     rng = np.random.default_rng(12)
     for _ in range(5):
         n, rate = int(rng.integers(2, 4)), float(10 ** rng.uniform(-1, 1))
-        # Of which the quotient is exact.
+        # Numbers with an exact quotient.
         weight = rate / 2 ** rng.integers(1, 4)
         joints = np.eye(n + 1, n) - np.eye(n + 1, n, k=-1)
         springs, held = rng.uniform(0.5, 2, n + 1), rng.uniform(0.2, 0.8, n + 1)
@@ -185,7 +185,7 @@ def test_pasts_that_hardly_bend_stiff_layers(kind):
             past = start * (weight / rate)
             found = mpmath.expm(5 * a) * mpmath.matrix([*start, *np.zeros(n), *past])
             true = np.array([float(x) for x in found][: 2 * n]).reshape(2, n)
-        # It was off by up to 5e-10.
+        # Regression: errors of up to 5e-10.
         assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= run.error
 
 
@@ -206,14 +206,14 @@ def test_soft_natural_frequencies_beside_a_stiff_spring():
                 for j in range(n):
                     a[i, j] = mpmath.mpf(stiffness[i, j]) * root[i] * root[j]
             right = [float(mpmath.sqrt(x)) for x in mpmath.eigsy(a, eigvals_only=True)]
-        # A spring of 1e9 times the others left 1e-7 of the softest mode.
+        # Regression: a stiffness ratio of 1e9 gave errors of 1e-7 of the softest mode.
         assert system.natural_frequencies() == pytest.approx(right, rel=2e-11)
 
 
 def twin_chains(n, stiff):
-    """Stiffness of two chains of n masses, each joined to its twin: both move as one chain does.
+    """Stiffness of two chains of n masses, coupled mass by mass: both move like one chain.
 
-    Squares of the frequencies are 4 sin(j pi/(2 n + 2))^2, and those and twice the spring.
+    Squared frequencies are 4 sin(j pi/(2 n + 2))^2, and these plus twice the coupling.
     """
     one = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     return one, np.kron(np.eye(2), one) + stiff * np.kron(np.array([[1, -1], [-1, 1]]), np.eye(n))
@@ -262,12 +262,12 @@ def test_many_coordinates_beside_stiff_springs_move_as_one_chain(kind, stiff):
     grown = expm(t * np.block([[rates, wave], [np.zeros((2, 2 * n)), turning]]))
     right = (grown @ [*start, *np.zeros(n), 0, 1])[: 2 * n].reshape(2, n)
     off = np.abs(run.state[0].reshape(2, n, 2) - right.T).max(axis=(0, 1))
-    # Velocities too: a start that hardly bends stiff springs does not let them swing.
+    # Velocities too: a start with small deflections of stiff springs does not excite them.
     assert off.max() < 2e-13
 
 
 def test_motions_that_do_not_swing_have_real_shapes():
-    """Refined ones too: dust in a shape is another motion, which ends what is told of decay."""
+    """Also refined shapes: rounding errors in a shape are another motion with another decay."""
     rng = np.random.default_rng(8)
     for _ in range(20):
         n = int(rng.integers(3, 8))

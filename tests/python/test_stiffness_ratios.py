@@ -1,4 +1,4 @@
-"""Springs so different that the rounding of the matrix hides the soft ones: told, or right."""
+"""Very different springs, where rounding of the matrix hides the soft ones: a message."""
 
 import warnings
 
@@ -11,7 +11,7 @@ from viscovib.systems.structure_rest import dense_rest
 
 
 def chain(springs):
-    """Masses in a row, the first held by the first spring."""
+    """Masses in a row; the first spring connects the first mass to the ground."""
     n = springs.size
     stiffness = np.zeros((n, n))
     for i, k in enumerate(springs):
@@ -38,7 +38,7 @@ def exact(mass, damping, stiffness, nu, load):
 
 @pytest.mark.parametrize("kind", ["modal", "dampers", "follower"])
 def test_what_rounding_hides_is_told(kind):
-    """Of real modes; of complex ones, by dampers or by a stiffness that is not symmetric."""
+    """Real modes; complex modes with dampers or unsymmetric stiffness."""
     rng = np.random.default_rng(1)
     told = 0
     for _ in range(40):
@@ -130,7 +130,7 @@ def assembled(springs, n, number=float):
 
 
 def told_of(build, *arguments, **options):
-    """Whether a call tells it, and what it returned."""
+    """Whether a call gives the message, and its result."""
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         made = build(*arguments, **options)
@@ -145,7 +145,7 @@ def polynomial(mass, stiffness):
 
 
 def test_polynomial_systems_tell_what_rounding_hides():
-    """Squares of frequencies of the springs as given, against those of the rounded matrix."""
+    """Squared frequencies of the given springs, against those of the rounded matrix."""
     rng = np.random.default_rng(11)
     told = hidden = 0
     for _ in range(100):
@@ -183,7 +183,7 @@ def test_springs_of_follower_forces_are_judged_too():
 
 @pytest.mark.parametrize("decades", [0, 3, 13])
 def test_reduced_structures_tell_what_rounding_hides(decades):
-    """Squares of frequencies move by what the springs in extended precision add."""
+    """Squared frequencies change as for springs in extended precision."""
     rng = np.random.default_rng(decades)
     told = refused = 0
     for _ in range(12):
@@ -198,7 +198,7 @@ def test_reduced_structures_tell_what_rounding_hides(decades):
         try:
             seen, made = told_of(build.reduce, frequency=0.1, loads=["x1"], tolerance=1e-2)
         except vv.InputError:
-            # Refused: its own estimate of rounding is above the tolerance.
+            # Refused: its own estimate of rounding errors is above the tolerance.
             refused += 1
             continue
         found = made.reduction
@@ -222,7 +222,7 @@ def chain_of(springs):
 @pytest.mark.filterwarnings("ignore:stiffness. springs are so different:viscovib.RangeWarning")
 @pytest.mark.parametrize("decades", [10, 11])
 def test_where_stiff_springs_hide_a_branch_the_way_out_is_told_and_right(decades):
-    """Two masses on a coupling of 10^decades, their sum and difference the coordinates instead."""
+    """Two masses with a coupling of 10^decades; coordinates are their sum and difference."""
     c = 10.0**decades
     mass, stiffness = np.diag([1.0, 1.3]), np.array([[1 + c, -c], [-c, 0.7 + c]])
     damping = 0.02 * mass

@@ -1,4 +1,4 @@
-"""Where motions stop: against an integrator that shares no code, over random systems."""
+"""Ends of motions, against an independent integrator, over random systems."""
 
 import math
 from dataclasses import replace
@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 
 
 class TooLong(Exception):
-    """The other program takes too long."""
+    """The reference program takes too long."""
 
 
 def reach(rhs, start, t_end, stops):
-    """Return the end of a motion by another program, and which event stopped it."""
+    """Return the end of a motion by the reference program, and the event that ended it."""
     calls = 0
 
     def counted(t, y):
@@ -87,7 +87,7 @@ def test_escapes_to_infinity_are_found_with_their_time():
 
 
 def escape_by(way, system, start, t_end):
-    """Return outcome, time and error of a motion that goes one of the ways there are."""
+    """Return outcome, time and error of a motion computed in one of the available ways."""
     if way == "ensemble":
         many = vv.simulate_ensemble(
             system, initial=[start, 0.1 * start], t_end=t_end, tolerance=1e-8
@@ -97,13 +97,13 @@ def escape_by(way, system, start, t_end):
     more = {"events": {"events": "x - 0.1"}, "times": {"times": np.linspace(0, t_end, 9)}}
     run = vv.simulate(system, t_end, initial=start, tolerance=1e-8, **more.get(way, {}))
     assert way in more or run.outcome == "completed" or run.t.size > 20
-    # Errors near the escape are of large states.
+    # Errors near the escape belong to large states.
     return run.outcome, run.t_reached, run.error / max(1.0, abs(run.state).max())
 
 
 @pytest.mark.parametrize("way", ["plain", "text", "events", "times", "structure", "ensemble"])
 def test_escapes_on_either_side_of_the_separatrix(way):
-    """Near the escape steps are wrong at every scale: its time is right all the same."""
+    """Near the escape steps are inaccurate at every scale, but its time is accurate."""
     rng = np.random.default_rng(37)
     seen = {}
     for number in range(10):
@@ -125,24 +125,24 @@ def test_escapes_on_either_side_of_the_separatrix(way):
         def rhs(t, y, power=power, soft=soft):
             return [y[1], soft * y[0] ** power - 0.02 * y[1] - y[0]]
 
-        # A motion goes on until its time stands still.
+        # A motion continues until its time does not change.
         bound = 1e10 ** (2 / (power - 1))
         stop = [lambda t, y, bound=bound: max(abs(y[0]) / bound, abs(y[1]) / bound**2.5) - 1]
         t, _, event = reach(rhs, start, 18.0, stop)
         outcome, reached_at, error = escape_by(way, system, start, 18.0)
         assert outcome == ("completed" if event is None else "diverged"), (number, t)
-        # Some keep large states, and errors are of these.
+        # Some ways keep large states, whose errors these are.
         assert error <= 1e-7 * max(1, t) or way in ("times", "structure", "ensemble")
-        # As uncertain as the start is by rounding, enlarged on the way.
+        # The uncertainty is that of the rounded start, amplified along the motion.
         assert abs(reached_at - t) <= min(error, 1e-8 * t) + 3e-8, (number, t)
         seen[outcome] = seen.get(outcome, 0) + 1
     assert min(seen["completed"], seen["diverged"]) >= 3
 
 
 def remembering(rng, kernel):
-    """Return a softening oscillator whose linear spring remembers, its equations and a start."""
+    """Return a softening oscillator with memory in its linear spring, its equations and a start."""
     soft, k = rng.uniform(0.2, 1), rng.uniform(0.5, 2)
-    # With a direction of its base it goes the way of a mount, with memory or without.
+    # With a base direction it uses the integrator of mounts, with or without memory.
     system = vv.PolynomialSystem(
         mass=1,
         stiffness=k,
@@ -169,7 +169,7 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
     kernel = None if memory is None else vv.PronyKernel(weights=[0.1, 0.2], rates=[0.7, 3.0])
     job = {"base": {0: 0j}} | ({} if memory is None else {"memory": memory})
     seen = set()
-    # The whole past costs by the square of the time.
+    # The cost of the whole past grows with the square of the time.
     tolerance, t_end = (1e-6, 4.0) if memory == "direct" else (1e-8, 8.0)
     for _ in range(1 if memory == "direct" else 6):
         system, rhs, start = remembering(rng, kernel)
@@ -196,7 +196,7 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
 
 
 def test_an_escape_that_a_singular_kernel_remembers():
-    """Steps inside a step need kernels fitted for them: the time does not depend on the step."""
+    """Divided steps need kernels fitted for them: the time does not depend on the step size."""
     rng = np.random.default_rng(32)
     kernel = vv.RabotnovKernel(amplitude=0.3, alpha=0.3, beta=0.5)
     # Each run fits its kernels, which takes most of the time.
@@ -218,7 +218,7 @@ def hanging(rng, equations="exact"):
 
 
 def through_pivot(body, start, t_end):
-    """Return what another program says of a pendulum's motion."""
+    """Return the result of the reference program for a motion of a pendulum."""
     return reach(
         Swinging.of(body).right if body.equations == "exact" else body.rhs,
         start,
@@ -228,7 +228,7 @@ def through_pivot(body, start, t_end):
 
 
 def outcome_of(t, event, t_end):
-    """Return the outcome; the other program stops where a velocity becomes infinite."""
+    """Return the outcome; the reference program stops where a velocity becomes infinite."""
     if event is None:
         return "completed" if t >= t_end else "diverged"
     return ("unphysical", "diverged")[event]
@@ -236,7 +236,7 @@ def outcome_of(t, event, t_end):
 
 @pytest.mark.parametrize("kind", ["spring", "swinging", "cubic"])
 def test_pendulums_through_their_pivot(kind):
-    """No false "unphysical", and the true ones at their time."""
+    """No false "unphysical", and true ones at the correct time."""
     rng = np.random.default_rng(8)
     seen = []
     for _ in range(6):
@@ -283,7 +283,7 @@ def test_pendulums_through_their_pivot(kind):
     [("gauss8", 2.0), ("gauss16", 3.0), ("gauss3", 0.5), ("verner9", 1.0), ("rk4", 0.3)],
 )
 def test_a_dip_below_the_pivot_inside_a_step_is_seen(method, step):
-    """The spring alone swings freely through z = -1 and is back within the step."""
+    """The spring alone passes z = -1 and returns within a step."""
     body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8)
     for amplitude in (1.001, 1.01, 1.1, 1.3):
         run = vv.simulate(body, 20, dt=step, initial=(amplitude, 0, 0, 0, 0, 0), method=method)
@@ -317,7 +317,7 @@ def test_tail_of_a_run_that_stops_before_it():
 
 
 def test_too_large_a_step_is_not_a_stop():
-    """The motion goes on; only the given step does not follow it."""
+    """The motion continues; only the given step size cannot follow it."""
     body = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, f0=0.3, p1=1)
     start = (0, 0, 0.1, 0, 0, 0)
     assert through_pivot(body, np.array(start), 30.0)[2] is None
@@ -326,7 +326,7 @@ def test_too_large_a_step_is_not_a_stop():
 
 
 def test_ensembles_tell_what_single_runs_tell():
-    """Each motion as another program has it; nothing of a stopped one is made up."""
+    """Each motion against the reference; no invented values after the end."""
     rng = np.random.default_rng(5)
     body = vv.Pendulum(e=0.05, w2=0.5, w3=0.9, c1=0.01, c2=0.01, c3=0.01, f0=0.2, p1=0.9)
     n = 13
@@ -376,7 +376,7 @@ def test_a_run_goes_on_with_what_it_has_or_refuses_by_name(changes, text):
         vv.simulate(job.pop("system"), 10, **job)
 
 
-# Found by a search over 200 pendulums: damping takes the angular momentum near the pivot, where
+# Found by a search over 200 pendulums: damping removes the angular momentum near the pivot, where
 # fixed-point iterations and explicit steps are stiff.
 DRAINED = (
     (
@@ -419,7 +419,7 @@ def test_a_near_passage_is_followed_whatever_the_step():
 
 
 def test_events_do_not_change_how_a_motion_ends():
-    """Parts of steps that are too large beside the pivot are made shorter, as without events."""
+    """Divided steps that are too large near the pivot are shortened, as without events."""
     rng = np.random.default_rng(5)
     seen = {}
     for _ in range(16):
@@ -445,7 +445,7 @@ def test_events_do_not_change_how_a_motion_ends():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_error_holds_for_the_last_states_before_an_escape(seed):
-    """They are nearest to it, where errors grow as the motion does: against SciPy at 1e-13."""
+    """Errors of the last states grow with the motion: against SciPy at 1e-13."""
     rng = np.random.default_rng(seed)
     k3, (w, r) = rng.uniform(0.2, 1), rng.uniform([0.02, 0.1], [0.1, 2])
     x0 = rng.uniform(1.02, 1.5) / np.sqrt(k3)
@@ -470,7 +470,7 @@ def test_the_error_holds_for_the_last_states_before_an_escape(seed):
 
 @pytest.mark.parametrize("power", [2, 3, 5])
 def test_what_has_escaped_does_not_depend_on_the_units(power):
-    """Lengths and times in other units: the same outcome, time and state, one run or many."""
+    """Lengths and times in other units: the same outcome, time and state, in runs and ensembles."""
     rng = np.random.default_rng(power)
     seen = set()
     for number in range(6):
@@ -497,7 +497,7 @@ def test_what_has_escaped_does_not_depend_on_the_units(power):
 
 @pytest.mark.parametrize("length", [1e7, 1e9, 1e12])
 def test_motions_in_small_units_and_of_light_springs_are_not_cut(length):
-    """A motion of many micrometres, and free flight, against SciPy and a closed form."""
+    """A motion of some micrometres, and free flight, against SciPy and a closed form."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{1 / length**2!r}*x^3")
     run = vv.simulate(system, 9, initial=[length, 0], rtol=1e-10, keep="last")
     true = solve_ivp(

@@ -1,4 +1,4 @@
-"""At the edge: findings of benchmarks/stress that were mended, and the quick form of its sweeps."""
+"""Extreme parameters: corrected findings of benchmarks/stress, and its quick form."""
 
 import csv
 import subprocess
@@ -16,7 +16,7 @@ STRESS = Path(__file__).parents[2] / "benchmarks" / "stress" / "run.py"
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "gauss8"])
 @pytest.mark.parametrize("h", [0.02, 0.05, 0.08, 0.12])
 def test_small_steps_do_not_drift(method, h):
-    """Collocation keeps the energy of an oscillator; each step was once solved to 5e-14 only."""
+    """Collocation keeps the energy of an oscillator; steps are solved beyond 5e-14."""
     run = vv.simulate(
         vv.PolynomialSystem(mass=1, stiffness=1), 6400 * h, dt=h, initial=[1, 0], method=method
     )
@@ -45,7 +45,7 @@ def test_small_steps_keep_the_order():
     ids=lambda kernel: type(kernel).__name__,
 )
 def test_a_kernel_of_amplitude_0_is_none(kernel):
-    """Its sum of exponentials once had 100001 terms, and a motion stopped at once."""
+    """Regression: a sum with 100001 exponentials, and a motion that stopped immediately."""
     few = kernel.sum_of_exponentials(t_min=0.01, t_max=100)
     assert few.weights.tolist() == [0]
 
@@ -70,19 +70,19 @@ def in_units(length, time):
 
 @pytest.mark.parametrize("length", [1e-9, 1e-3, 1e3, 1e9])
 def test_multiple_scales_in_other_units(length):
-    """Metres beside radians: modes were lost or kept 4 digits in small units of length."""
+    """Mixed metres and radians: modes must keep their digits in small units of length."""
     there = vv.MultipleScales(in_units(length, 1), load=0.03 * length, nu=1.5)
     here = vv.MultipleScales(in_units(1, 1), load=0.03, nu=1.5)
     assert there.frequencies == pytest.approx(here.frequencies, rel=1e-14)
     assert there.decay == pytest.approx(here.decay, rel=1e-14)
-    # Per square of phi, units of length cancel.
+    # Per square of phi, so that units of length cancel.
     gamma = [ms.interaction / np.abs(ms.mode_shapes[1]) ** 2 for ms in (there, here)]
     assert gamma[0] == pytest.approx(gamma[1], rel=1e-7)
 
 
 @pytest.mark.parametrize("time", [1e-9, 1e-3, 1e3, 1e9, 1e12])
 def test_branch_in_other_units(time):
-    """Points of a branch do not depend on the unit of time; its last one lies where it says."""
+    """Points of a branch do not depend on the unit of time; its end is exact."""
 
     def trace(time):
         c = np.array([[0.2, -0.1], [-0.1, 0.09]]) / time
@@ -103,7 +103,7 @@ def test_branch_in_other_units(time):
 
 
 def test_quick_form(tmp_path):
-    """The quick sweeps run, find nothing wrong, and write both tables."""
+    """The quick sweeps run without a finding, and write both tables."""
     done = subprocess.run(
         [sys.executable, STRESS, "--quick", "--only", "steps", "edges", "--out", tmp_path],
         capture_output=True, text=True, timeout=300, check=False,

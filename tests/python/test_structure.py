@@ -1,4 +1,4 @@
-"""Structures condensed to the deflections of their elements, against the whole system."""
+"""Structures condensed to the deflections of their elements, against the full system."""
 
 import pickle
 
@@ -8,7 +8,7 @@ import scipy.linalg
 import viscovib as vv
 from viscovib._native import ComplexArray, FloatArray
 
-#: Both sides keep the same few orders, whatever they leave out.
+#: Both models use the same few harmonics, for any truncation.
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*do not reach the tolerance"),
     pytest.mark.filterwarnings("ignore:successive approximations do not converge"),
@@ -19,12 +19,12 @@ RUBBER = vv.RabotnovKernel(amplitude=0.3, alpha=0.5, beta=0.9)
 
 
 def chain(n: int) -> FloatArray:
-    """Stiffness of unit masses between unit springs, both ends fixed."""
+    """Stiffness of unit masses with unit springs, both ends fixed."""
     return 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
 
 
 def both(n: int, law: str, *, stiffness: FloatArray | None = None, **more: object) -> tuple:
-    """The chain with a law at its end, whole and condensed."""
+    """The chain with a law at its end, full and condensed."""
     k = chain(n) if stiffness is None else stiffness
     end = f"x{n}"
     whole = vv.PolynomialSystem(
@@ -35,7 +35,7 @@ def both(n: int, law: str, *, stiffness: FloatArray | None = None, **more: objec
 
 
 def difference(a: vv.Response, b: vv.Response) -> float:
-    """Of the motions found by both, relative to the largest coefficient."""
+    """Difference of the motions found by both, relative to the largest coefficient."""
     assert (a.converged == b.converged).all()
     assert a.converged.sum() > 0.8 * a.nu.size
     kept = min(a.harmonics.size, b.harmonics.size)
@@ -91,7 +91,7 @@ def test_non_symmetric_matrices_have_complex_modes() -> None:
 
 
 def test_elements_with_kernels_of_their_own() -> None:
-    """Dependent directions, two kernels, one linear element, one elastic."""
+    """Dependent directions, two kernels, one linear element, one element without memory."""
     n = 6
     mass, damping = np.linspace(1, 2, n), 0.02 * chain(n)
     elements = [
@@ -132,7 +132,7 @@ def test_elements_with_kernels_of_their_own() -> None:
 
 
 def test_couplings_read_and_act_in_several_places() -> None:
-    """Also along directions that depend on others, with memory, and read only."""
+    """Also along dependent directions, with memory, and with read-only coordinates."""
     n = 6
     given = {"mass": np.linspace(1, 2, n), "stiffness": chain(n), "damping": 0.03 * chain(n)}
     structure = vv.Structure(
@@ -166,7 +166,7 @@ def test_couplings_read_and_act_in_several_places() -> None:
 
 
 def test_rigid_bodies() -> None:
-    """Free-free: the element alone holds the mean."""
+    """Free-free: only the element determines the mean."""
     n = 5
     free = chain(n)
     free[0, 0] = free[-1, -1] = 1
@@ -191,7 +191,7 @@ def test_a_rigid_body_that_nothing_holds_has_no_mean() -> None:
 
 
 def test_a_rigid_body_that_dampers_hold() -> None:
-    """A pole at 0 among complex modes: a spring too soft to matter makes the whole one regular."""
+    """A pole at 0 among complex modes: a negligible spring makes the full system regular."""
     n = 8
     free = chain(n)
     free[0, 0] = free[-1, -1] = 1
@@ -280,7 +280,7 @@ def test_distant_modes_are_one_polynomial() -> None:
 
 
 def test_branch_is_that_of_the_whole_chain() -> None:
-    """Folds, a branch that load and base share, peaks of any coordinate."""
+    """Folds, a branch with load and base, peaks of any coordinate."""
     n = 6
     whole, structure = both(n, "0.5*d^3", damping=0.02 * chain(n), base_direction=np.ones(n))
     w = whole.natural_frequencies()[0]
@@ -342,9 +342,9 @@ def test_backbone_is_that_of_the_whole_chain(dof: str | None) -> None:
 
 @pytest.mark.parametrize("dof", ["x1", "x4", "x6"])
 def test_small_free_motions_are_those_of_perturbation(dof: str) -> None:
-    """nu^2 = w^2 + A^2 lambda, u = A (u0 + A^2 u1) of the first order, next to a resonance.
+    """First-order perturbation nu^2 = w^2 + A^2 lambda, u = A (u0 + A^2 u1), near a resonance.
 
-    There the compliance of the deflections x1 - x2, x2, x4 is that of one mode alone; x1 depends
+    The compliance of the deflections x1 - x2, x2, x4 is that of a single mode; x1 depends
     on them.
     """
     n, at = 6, int(dof[1]) - 1
@@ -370,7 +370,7 @@ def test_small_free_motions_are_those_of_perturbation(dof: str) -> None:
 
 
 def test_peaks_of_a_sum_of_deflections() -> None:
-    """Peaks of x1 with elements along x1 - x2 and x2, against the same by elements along x1, x2."""
+    """Peaks of x1 with elements along x1 - x2 and x2, against elements along x1 and x2."""
     n, law = 6, "0.5*d^3"
     elements = [vv.Spring(on=("x1", "x2"), law=law), vv.Spring(on="x2", law="3*tanh(d) + d^4")]
     given = {"mass": np.eye(n), "stiffness": chain(n), "damping": 0.03 * chain(n)}
@@ -389,13 +389,13 @@ def test_peaks_of_a_sum_of_deflections() -> None:
 
 
 def test_forced_in_a_resonance_without_damping() -> None:
-    """In the very frequency of a mode; the whole system as the judge."""
+    """At the exact frequency of a mode; the full system is the reference."""
     n = 6
     k = chain(n) + np.diag(np.linspace(0, 1, n))
     elements = [vv.Spring(on=f"x{i}", law="0.5*d^3") for i in (1, 2, 4)]
     structure = vv.Structure(mass=np.eye(n), stiffness=k, elements=elements)
     forces = [f"0.5*x{i}^3" if i in (1, 2, 4) else "0" for i in range(1, n + 1)]
-    # A force that is too small to matter, on too many coordinates to condense.
+    # A negligible force on too many coordinates prevents condensation.
     forces = [f"{law} + 1e-40*x{i + 1}^3" for i, law in enumerate(forces)]
     whole = vv.PolynomialSystem(mass=np.eye(n), stiffness=k, forces=forces)
     nu = np.sqrt(np.linalg.eigvalsh(k)[[1, 3]])
@@ -408,7 +408,7 @@ def test_forced_in_a_resonance_without_damping() -> None:
 
 
 def test_polynomial_systems_are_condensed_underneath() -> None:
-    """Also where the whole one has more coordinates than the core takes."""
+    """Also if the full system has more coordinates than the core accepts."""
     n = 12
     k = chain(n)
     bottom = np.zeros((n, n))
@@ -419,7 +419,7 @@ def test_polynomial_systems_are_condensed_underneath() -> None:
         "springs": [vv.Springs(stiffness=bottom, forces={"x1": "0.4*x1^3"}, kernel=ABEL)],
     }  # fmt: skip
     few = vv.PolynomialSystem(**given)
-    # A force that is too small to matter, on too many coordinates to condense.
+    # A negligible force on too many coordinates prevents condensation.
     given["forces"] = given["forces"] | {f"x{i}": f"1e-40*x{i}^3" for i in range(5, 11)}
     whole = vv.PolynomialSystem(**given)
     nu = np.linspace(0.15, 0.5, 15)
@@ -493,7 +493,7 @@ def penalty_structures(rng, count):
 
 
 def test_huge_numbers_on_a_diagonal_are_supports():
-    """Eigensolvers lose all small eigenvalues next to them."""
+    """Eigensolvers would lose all small eigenvalues next to them."""
     for whole, part, names in penalty_structures(np.random.default_rng(3), 9):
         load, at = {names[-1]: 30.0}, [40.0, 60.0]
         job = {"load": load, "method": "newton", "coordinates": names}
@@ -531,7 +531,7 @@ def test_an_indefinite_sparse_mass_is_refused(seed):
 
 
 def test_natural_frequencies_are_those_of_the_linear_part():
-    """Of random structures, by LAPACK with coordinates without mass condensed."""
+    """Random structures, by LAPACK with massless coordinates condensed."""
     rng = np.random.default_rng(4)
     for _ in range(20):
         n, free = int(rng.integers(1, 7)), int(rng.integers(0, 2))

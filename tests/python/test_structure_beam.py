@@ -15,7 +15,7 @@ REFERENCE = json.loads(DATA.read_text())
 def beam_matrices(
     elements: int, length: float, side: float, young: float, density: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Mass and stiffness of a clamped Euler-Bernoulli beam: deflection and rotation by turns."""
+    """Mass and stiffness of a clamped Euler-Bernoulli beam: deflections and rotations alternate."""
     h, area, inertia = length / elements, side**2, side**4 / 12
     n = 2 * (elements + 1)
     mass, stiffness = np.zeros((n, n)), np.zeros((n, n))
@@ -63,7 +63,7 @@ def test_plan_says_what_was_condensed(beam: vv.Structure) -> None:
 
 @pytest.mark.parametrize("elements", [1, 2, 4, 7])
 def test_base_motion_with_a_consistent_mass(elements: int) -> None:
-    """With the load -M_fs a: rows of the free coordinates of the whole beam by NumPy."""
+    """With the load -M_fs a: rows of the free coordinates of the full beam by NumPy."""
     rng = np.random.default_rng(elements)
     mass, stiffness = beam_matrices(elements, rng.uniform(0.3, 2), 0.01, 2.1e11, 7800)
     mass[-2, -2] += rng.uniform(0, 0.5)

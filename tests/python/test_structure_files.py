@@ -1,4 +1,4 @@
-"""Structures in files: what is written comes back, reduced ones in their modes."""
+"""Structures in files: what is written is read back; reduced ones in modal coordinates."""
 
 from itertools import product
 
@@ -46,7 +46,7 @@ def test_matrix_market_and_harwell_boeing(tmp_path):
 
 @pytest.mark.parametrize("ending", [".mtx", ".npz"])
 def test_one_triangle_is_no_structure(tmp_path, ending):
-    """A file of one triangle is refused, an array warned of: its motion is another."""
+    """A file with one triangle is refused, an array causes a warning."""
     rng = np.random.default_rng(11)
     write_matrix(tmp_path / "m.mtx", np.eye(6))
     for triangle in (np.tril, np.triu):
@@ -126,7 +126,7 @@ def test_wrong_files(tmp_path):
 
 
 def test_matrices_are_all_written_or_none(tmp_path):
-    """A limit on the size of files lets the mass pass and not the stiffness."""
+    """A limit on the file size allows the mass file and not the stiffness file."""
     resource = pytest.importorskip("resource")
     n = 30
     system = vv.Structure(mass=np.ones(n), stiffness=np.eye(n) * n + np.ones((n, n)) / 3)

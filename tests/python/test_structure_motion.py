@@ -1,4 +1,4 @@
-"""Motions of structures in time, against the same systems whole and against SciPy."""
+"""Motions of structures in time, against the full systems and SciPy."""
 
 import pickle
 
@@ -79,7 +79,7 @@ def test_as_the_whole_system(kernel, damping, case):
     wanted = vv.simulate(whole, 6.0, dt=0.0625, save_every=4, **options)
     assert got.outcome == "completed"
     assert got.dof_names == wanted.dof_names
-    # Tables drive these chains further, where steps of 1/4 leave 2e-11 (of 1/8 4e-14).
+    # Tables cause larger motions, with errors of 2e-11 for steps of 1/4 (4e-14 for 1/8).
     allowed = 1e-10 if "table" in case else 2e-12
     assert np.abs(got.state - wanted.state).max() < allowed
     at = np.array([0.0, 0.1, 1.03, 2.2345, 5.9])
@@ -114,7 +114,7 @@ def test_order(method, order):
 
 @pytest.mark.parametrize("method", ["gauss3", "gauss4", "gauss6"])
 def test_a_singular_start_by_any_method(method):
-    """Panels of a start have nodes of their own, other than those of the steps that follow."""
+    """The panels of a start have separate nodes, different from those of later steps."""
     structure, whole = pair(8, PRONY, None)
     options = {"load": 1j * np.eye(8)[0], "nu": 0.4}
     got = vv.simulate(structure, 3.0, dt=0.05, method=method, keep="last", **options)
@@ -123,7 +123,7 @@ def test_a_singular_start_by_any_method(method):
 
 
 def test_energy_of_a_long_run():
-    """An undamped chain with cubic springs keeps its energy, however long and stiff it is."""
+    """An undamped chain with cubic springs keeps its energy, for long runs and stiff springs."""
     n = 40
     rng = np.random.default_rng(2)
     stiffness = np.diag(10.0 ** rng.uniform(-1, 6, n)) + chain(n)
@@ -171,7 +171,7 @@ def test_goes_on_bit_for_bit(kernel, damping):
 
 
 def test_two_hundred_coordinates_with_three_hereditary_elements():
-    """Against direct integration with the memory of each element as states of its own."""
+    """Against direct integration with separate memory states of each element."""
     n = 200
     rng = np.random.default_rng(4)
     root = rng.normal(size=(n, n)) / np.sqrt(n)
@@ -216,7 +216,7 @@ def test_two_hundred_coordinates_with_three_hereditary_elements():
 
 
 def test_the_first_trace_of_a_wave_is_no_escape():
-    """Far from the load deflections grow by powers of time, but nothing there is nonlinear yet."""
+    """Far from the load deflections grow as powers of time, which is no escape."""
     n = 200
     structure = vv.Structure(
         mass=np.ones(n), stiffness=chain(n), elements=[vv.Spring(on=f"x{n}", law="0.5*d^3")]
@@ -292,7 +292,7 @@ def test_a_loss_factor_has_no_meaning_in_time():
 
 
 def test_the_end_asked_for_is_inside_the_run():
-    """So many steps as there are may end a rounding before it."""
+    """The number of steps times the step size may end a rounding error before it."""
     stiffness = np.array([[3.0, -1], [-1, 2]])
     system = vv.Structure(
         mass=np.eye(2), stiffness=stiffness, damping=0.02 * stiffness,
@@ -309,7 +309,7 @@ def test_the_end_asked_for_is_inside_the_run():
 
 @pytest.mark.parametrize("n", [65, 80])
 def test_a_large_structure_that_only_its_start_moves(n):
-    """No load and no element choose what is kept: the first coordinate, as by the driver."""
+    """Without load and elements the default coordinate is the first, as in the driver."""
     system = vv.Structure(mass=np.ones(n), stiffness=chain(n))
     run = vv.simulate(system, 10.0, initial=[0.1, 0] * n, tolerance=1e-9, keep="last")
     flow = expm(10 * np.block([[np.zeros((n, n)), np.eye(n)], [-chain(n), np.zeros((n, n))]]))
@@ -333,7 +333,7 @@ DAMPED = {
 @pytest.mark.parametrize("reduced", [False, True])
 @pytest.mark.parametrize("kind", DAMPED)
 def test_a_start_is_resisted_by_all_damping(kind, reduced):
-    """States of complex modes need C u: what modal and Rayleigh's damping add belongs to it."""
+    """States of complex modes need C u, including modal and Rayleigh damping."""
     n, t, weight, rate = 3, 4.0, 0.3, 1.5
     mass = np.array([1, 1.3, 0.8])
     stiffness = np.array([[3.0, -1, 0], [-1, 2.5, -1], [0, -1, 2]])

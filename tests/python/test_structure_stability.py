@@ -1,4 +1,4 @@
-"""Stability of structures, counted on their elements, against multipliers of the whole."""
+"""Stability of structures, counted by their elements, against multipliers of the full system."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_growing_motions_are_those_of_the_whole(n: int, law: str, zeta: float) -
 
 @pytest.mark.parametrize("seed", range(6))
 def test_judged_condensed_and_whole(seed, monkeypatch):
-    """Systems of a few coordinates: growing disturbances as by the equations of all of them."""
+    """Systems with few coordinates: growing perturbations as by the full equations."""
     rng = np.random.default_rng(seed)
     n, kernel = 4 + seed % 3, vv.PronyKernel(weights=[0.3], rates=[1.5])
     k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
@@ -82,7 +82,7 @@ def test_judged_condensed_and_whole(seed, monkeypatch):
 
 
 def test_cheaper_judge_is_taken():
-    """Without memory monodromy matrices, unless there are many coordinates for each force."""
+    """Monodromy matrices without memory, unless there are many coordinates per force."""
 
     def cubic(n, q, kernel=None):
         places = [f"x{i + 1}" for i in range(q)]
@@ -111,7 +111,7 @@ def test_cheaper_judge_is_taken():
     ],
 )  # fmt: skip
 def test_crossings_of_all_kinds_are_located(n, square, cubic, zeta, load, span, kinds):
-    """Where stability changes, as the multipliers of the whole system tell."""
+    """Bifurcations at the locations given by the multipliers of the full system."""
     k = np.diag(np.linspace(1.5, 2.5, n)) - 0.6 * (np.eye(n, k=1) + np.eye(n, k=-1))
     squares, shapes = np.linalg.eigh(k)
     w, end = np.sqrt(squares), f"x{n}"
@@ -137,7 +137,7 @@ def test_crossings_of_all_kinds_are_located(n, square, cubic, zeta, load, span, 
 
 
 def test_many_orders_keep_the_digits_of_exponents():
-    """Two joints that swing in a hundred orders: Hill's determinant needs as many."""
+    """Two joints with a hundred harmonics: Hill's determinant needs as many."""
     n = 6
     cuts = np.diff(np.eye(n), axis=0)
     k = 0.38 * cuts.T @ cuts
@@ -165,7 +165,7 @@ def test_many_orders_keep_the_digits_of_exponents():
 @pytest.mark.parametrize("n", [5, 8, 12])
 @pytest.mark.parametrize("proportional", ["mass", "stiffness"])
 def test_slowest_exponents_of_few_modes(n: int, proportional: str) -> None:
-    """At a small load the exponents are the slowest ones of the linear system."""
+    """For a small load the exponents are the slowest ones of the linear system."""
     stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     damping = 0.02 * (stiffness if proportional == "stiffness" else np.eye(n))
     elements = [vv.Spring(on=f"x{n}", law="0.5*d^3")]

@@ -1,4 +1,4 @@
-"""Branches along numbers of a structure's elements, against structures with these numbers."""
+"""Branches along parameters of elements, against structures with these values."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def chain(kernel=None, *, sparse=False, **numbers):
     ]  # fmt: skip
     matrix = sp.csc_array(k) if sparse else k
     mass = sp.eye_array(N) if sparse else np.ones(N)
-    # A matrix: modal damping would be that of the modes with the numbers given first.
+    # A matrix: modal damping would refer to the modes of the initial values.
     damping = 0.02 * matrix
     return vv.Structure(mass=mass, stiffness=matrix, damping=damping, elements=elements)
 
@@ -73,7 +73,7 @@ def test_factor_of_memory():
 
 
 def test_fold_along_a_coefficient_and_its_peak():
-    """A fold along a coefficient is one of the branch in the frequency there."""
+    """A fold along a coefficient is a fold of the branch in the frequency at this value."""
     structure = vv.Structure(
         mass=np.ones(N), stiffness=chain().stiffness, modal_damping=0.002,
         elements=[vv.Spring(on=f"x{N}", law="k3*d^3", parameters={"k3": 0.5})],

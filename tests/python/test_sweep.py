@@ -1,4 +1,4 @@
-"""Sweeps: every point what it is alone, results with their coordinates, failures named."""
+"""Sweeps: every point equals a single call, results have coordinates, failures are named."""
 
 import threading
 import time
@@ -83,7 +83,7 @@ def test_a_scene_over_a_grid_is_the_scene_with_its_keys_changed():
                 warnings.simplefilter("ignore")
                 alone = vv.forced_response(mount, scene.nu(), load=p, method="successive")
             there = data.coefficients[i, j].values
-            # Of orders that are chosen, those to 9.
+            # If harmonics are automatic, those up to 9.
             assert np.array_equal(there, alone.coefficients[:, :, :5], equal_nan=True)
             assert (data.outcome[i, j].values == alone.outcome).all()
 
@@ -120,7 +120,7 @@ def test_a_scene_over_a_grid_is_the_scene_with_its_keys_changed():
     ],
 )  # fmt: skip
 def test_units_are_those_of_the_system(system, key, unit):
-    """Of a mount in SI, of a pendulum without dimensions, of others as they say."""
+    """For a mount in SI, for a pendulum without units, for other systems as declared."""
     groups = {
         "mount": {"mount": {"mass": 1.0}, "load": [{"on": "x"}]},
         "pendulum": {"pendulum": {"e": 0.1}},
@@ -174,7 +174,7 @@ def test_motions_over_a_grid_have_units_and_means_over_time():
 
 
 def test_numbers_of_every_type_are_taken():
-    """Also where a later point gives another type than the first, which is taken apart in full."""
+    """Also if a later point has another type than the first."""
     kinds = (float, int, np.float64, np.float32, np.int64, np.array, np.float16, np.uint8, bool)
 
     def what(a):

@@ -1,4 +1,4 @@
-"""Checkpoints of sweeps: nothing finished is lost or repeated, nothing broken is believed."""
+"""Checkpoints of sweeps: finished points are kept, and damaged ones are recomputed."""
 
 import _thread
 import fcntl
@@ -26,7 +26,7 @@ PAPER = Path(__file__).parents[2] / "data" / "scenes" / "mount_paper.nml"
 GRID = {"a": np.arange(1.0, 9.0), "b": np.array([0.5, 1.5, 2.5])}
 SCALE = 3.0
 
-#: A sweep in a process of its own; every point that begins is noted.
+#: A sweep in a separate process; every started point is recorded.
 CHILD = """
 import sys, time, pathlib
 import numpy as np, viscovib as vv
@@ -47,7 +47,7 @@ def sweep(*arguments, **options):
 
 
 class Counted:
-    """A function that notes its calls; they are no part of what it is."""
+    """A function that records its calls; the record is not part of its identity."""
 
     def __init__(self, factor=1.0):
         self.factor = factor
@@ -76,7 +76,7 @@ def test_what_comes_back_from_disk_is_what_was_computed(tmp_path):
         for name, item in here.items():
             assert data[name].dims == item.dims
             assert (data[name].values == item.values).all()
-    # Other programs read it without knowing of sweeps.
+    # Other programs can read it as a plain Zarr store.
     plain = xr.open_zarr(tmp_path / "c", chunks=None)
     assert (plain.y.values == here.y.values).all()
     assert (plain.point_outcome == 1).all()
@@ -102,7 +102,7 @@ def finished(folder):
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_sweep_goes_on_where_it_was(start, tmp_path, how):
-    """The process really dies, in the middle of its chunks."""
+    """The process is killed in the middle of its chunks."""
     script = tmp_path / "child.py"
     script.write_text(CHILD)
     notes, folder = tmp_path / "notes", tmp_path / "c"
@@ -113,7 +113,7 @@ def test_a_killed_sweep_goes_on_where_it_was(start, tmp_path, how):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     assert child.poll() is None
-    # Held while its work is counted.
+    # Stopped while its finished points are counted.
     child.send_signal(signal.SIGSTOP)
     begun = len(notes.read_text().splitlines())
     child.send_signal(how)
@@ -191,7 +191,7 @@ def test_another_sweep_is_refused_with_what_differs(tmp_path):
     refused("function code: differs", function=plain)
 
     def plain(a, b):
-        """Say the same; words about it change nothing."""
+        """The same; documentation is not part of the identity."""
         return SCALE * a * b
 
     assert sweep(plain, GRID, checkpoint=folder).result[0, 0] == 1.5
@@ -226,7 +226,7 @@ def test_what_a_function_looks_at_counts_as_well(tmp_path, monkeypatch):
 
 
 def test_sets_in_the_code_are_the_same_in_another_process(tmp_path):
-    """Python gives words another order in each process."""
+    """Python orders sets of strings differently in each process."""
     script = tmp_path / "child.py"
     script.write_text(
         "import runpy, sys\n"
@@ -245,7 +245,7 @@ def test_sets_in_the_code_are_the_same_in_another_process(tmp_path):
     assert len(said) == 1
 
 
-#: Where a sweep's function lies and how it finds the law, which another module has.
+#: Module of a sweep function, and ways to refer to the law in another module.
 WAYS = {
     "from": ("from {laws} import law", "return law(a) * b"),
     "module": ("import {laws}", "return {laws}.law(a) * b"),
@@ -276,7 +276,7 @@ SPRING = Spring(3.0)
 
 
 def describe_apart(folder, name, way, *, power="x**3", number=2.0, unused="x"):
-    """What the function is in a process of its own, after an edit of the modules it names."""
+    """Description of the function in a separate process, after an edit of the named modules."""
     begin, body = (text.format(laws=name) for text in WAYS[way])
     (folder / f"helper_of_{name}.py").write_text(f"def power(x):\n    return {power}\n")
     (folder / f"{name}.py").write_text(LAWS.format(laws=name, number=number, unused=unused))
@@ -293,7 +293,7 @@ def describe_apart(folder, name, way, *, power="x**3", number=2.0, unused="x"):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_edits_of_modules_that_a_function_names_are_seen(tmp_path, way):
-    """Whichever way it names them; not of what it does not use, nor of words about it."""
+    """For any kind of reference; not for unused names and documentation."""
     first = describe_apart(tmp_path, "laws", way)
     assert describe_apart(tmp_path, "laws", way) == first
     assert describe_apart(tmp_path, "laws", way, unused="x + 1") == first
@@ -302,7 +302,7 @@ def test_edits_of_modules_that_a_function_names_are_seen(tmp_path, way):
 
 
 def test_functions_that_call_each_other_are_described():
-    """In rings and chains as long as one likes."""
+    """Cycles and chains of any length."""
     space = {"__name__": "__main__"}
     n = 3000
     chain = "\n".join(f"def f{i}(x): return f{(i + 1) % n}(x)" for i in range(n))
@@ -381,7 +381,7 @@ def test_damaged_metadata_are_put_right(tmp_path, file, content):
     again = sweep(Counted(), GRID, checkpoint=folder).load()
     assert not CALLS
     assert again.identical(want)
-    # Without the copy as well there is no way to know what was there: a line that names the file.
+    # Without the copy the content is unknown: a line that names the file.
     (folder / "point_outcome" / "copies.json").write_bytes(b"{")
     if content is not None and file != "a/c/0":
         (folder / file).write_bytes(b"{")
@@ -390,7 +390,7 @@ def test_damaged_metadata_are_put_right(tmp_path, file, content):
 
 
 def test_without_its_outcomes_a_checkpoint_begins_again(tmp_path):
-    """Their folder holds seals and copies too: nothing is known to be sound."""
+    """The folder of outcomes also contains checksums and copies: nothing is known to be valid."""
     folder = tmp_path / "c"
     want = sweep(Counted(), GRID, checkpoint=folder, chunk=5).load()
     shutil.rmtree(folder / "point_outcome")
@@ -400,7 +400,7 @@ def test_without_its_outcomes_a_checkpoint_begins_again(tmp_path):
 
 
 def test_chunks_in_the_place_of_others_are_made_again(tmp_path):
-    """All files of a chunk, whole and sound, from elsewhere in the sweep or from a like one."""
+    """All files of an intact chunk, from elsewhere in the sweep or from a similar sweep."""
     folder, other = tmp_path / "c", tmp_path / "other"
     want = sweep(Counted(), GRID, checkpoint=folder, chunk=3).load()
     sweep(Counted(3.0), GRID, checkpoint=other, chunk=3)
@@ -441,7 +441,7 @@ def test_a_checkpoint_is_written_by_one_at_a_time(start, tmp_path):
     other.kill()
     other.communicate()
     sweep(Counted(), GRID, checkpoint=folder)
-    # A sweep under way holds it as well.
+    # A running sweep holds the lock too.
 
     def inside(a, b):
         try:
@@ -458,7 +458,7 @@ def test_a_checkpoint_is_written_by_one_at_a_time(start, tmp_path):
 
 
 def test_killed_between_its_first_files_it_begins_again(tmp_path):
-    """Whatever part of the preparations was made when the process died."""
+    """For any part of the preparations that was made before the process died."""
     folder = tmp_path / "c"
     sweep(Counted(), GRID, checkpoint=folder, chunk=6)
     about = (folder / "zarr.json").read_text()
@@ -466,7 +466,7 @@ def test_killed_between_its_first_files_it_begins_again(tmp_path):
         for file in sorted((folder / name).rglob("*"), reverse=True):
             file.unlink() if file.is_file() else file.rmdir()
         (folder / name).rmdir()
-    # Before the variables are agreed upon their list is empty.
+    # Before the variables are fixed their list is empty.
     group = json.loads(about)
     group["attributes"]["viscovib_sweep"]["variables"] = None
     group.pop("consolidated_metadata", None)
@@ -514,7 +514,7 @@ def test_ctrl_c_does_not_wait_for_points_under_way(start, tmp_path):
 
 
 def test_a_coordinate_that_is_gone_for_good_is_told(tmp_path):
-    """Without its copy too it would be read as zeros."""
+    """Without its copy it would be read as zeros."""
     folder = tmp_path / "c"
     sweep(Counted(), GRID, checkpoint=folder, chunk=3)
     (folder / "a" / "c" / "0").unlink()
@@ -525,7 +525,7 @@ def test_a_coordinate_that_is_gone_for_good_is_told(tmp_path):
 
 
 def everything(folder):
-    """All that is in a folder: files with their content, links with what they name."""
+    """Contents of a folder: files with their content, links with their targets."""
     return {
         path.relative_to(folder): os.readlink(path)
         if path.is_symlink()
@@ -537,7 +537,7 @@ def everything(folder):
 
 
 def with_attributes(folder, change):
-    """Change what a checkpoint says of itself, in its metadata and in their copy."""
+    """Change the attributes of a checkpoint, in its metadata and in their copy."""
     root, copy = folder / "zarr.json", folder / "point_outcome" / "copies.json"
     held = json.loads(copy.read_text().partition("\n")[2])
     change(held["attributes"]["viscovib_sweep"])
@@ -549,7 +549,7 @@ def with_attributes(folder, change):
 
 
 def named_outside(folder, outside):
-    """Files of a variable with this name would be removed where points fail."""
+    """Files of a variable with this name would be removed after a failure."""
     for file in sorted((folder / "y").rglob("*"), reverse=True):
         file.unlink() if file.is_file() else file.rmdir()
     (folder / "y").rmdir()
@@ -562,7 +562,7 @@ def named_outside(folder, outside):
 
 
 def linked(name, target):
-    """Put a link in the place of a file or a folder; what the copy restores is damaged too."""
+    """Replace a file or a folder by a link; the data restored by the copy are damaged too."""
 
     def plant(folder, outside):
         place = folder / name
@@ -586,7 +586,7 @@ def piped(name):
     return plant
 
 
-#: What somebody else may have put into a checkpoint, whose identity is that of the sweep.
+#: Possible attacks in a checkpoint with the identity of the sweep.
 HOSTILE = {
     "file": linked("y/zarr.json", "{outside}/precious"),
     "part": linked("wave/zarr.json.part", "{outside}/precious"),
@@ -640,7 +640,7 @@ def test_nothing_is_written_before_the_identity_is_compared(tmp_path, damaged):
 
 
 def test_the_copy_of_another_sweep_is_not_used(tmp_path):
-    """It is whole and of a like sweep: what it restored would be of that sweep."""
+    """The copy is intact, but restoring it would restore another sweep."""
     folder, other = tmp_path / "c", tmp_path / "other"
     want = sweep(Counted(), GRID, checkpoint=folder, chunk=3).load()
     sweep(Counted(3.0), {**GRID, "a": GRID["a"] + 0.5}, checkpoint=other, chunk=2)
@@ -651,7 +651,7 @@ def test_the_copy_of_another_sweep_is_not_used(tmp_path):
 
 
 def test_a_checkpoint_is_never_unpickled(tmp_path):
-    """Version 2 of Zarr has a codec that executes what it reads: only version 3 is opened."""
+    """Zarr version 2 has a codec that executes its data: only version 3 is opened."""
     folder, mark = tmp_path / "c", tmp_path / "executed"
     sweep(Counted(), GRID, checkpoint=folder, chunk=3)
 
@@ -683,7 +683,7 @@ def test_a_checkpoint_is_never_unpickled(tmp_path):
 
 @pytest.mark.parametrize("name", ["create_group", "open_group", "consolidate_metadata"])
 def test_a_stop_does_not_break_off_the_store(tmp_path, monkeypatch, name):
-    """At any time: a coroutine of Zarr that is made but never awaited is a warning at the end."""
+    """At any time: a Zarr coroutine that is created but never awaited causes a warning."""
     if name == "open_group":
         sweep(Counted(), GRID, checkpoint=tmp_path / "c")
     own, ended = getattr(zarr, name), []

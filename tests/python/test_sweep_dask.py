@@ -17,7 +17,7 @@ distributed = pytest.importorskip("distributed")
 PAPER = Path(__file__).parents[2] / "data" / "scenes" / "mount_paper.nml"
 GRID = {"a": np.arange(5.0), "b": np.arange(4.0)}
 
-#: A sweep on a cluster of its own, which is interrupted.
+#: A sweep on a separate cluster, which is interrupted.
 CHILD = """
 import sys, time, pathlib
 import numpy as np, viscovib as vv
@@ -52,7 +52,7 @@ def sweep(*arguments, **options):
     return vv.sweep(*arguments, progress=False, **options)
 
 
-# Functions reach the workers by value: this file is not on their path.
+# Functions are sent to the workers by value: this file is not on their path.
 def product(a, b):
     return {"y": a * b, "process": os.getpid()}
 
@@ -135,9 +135,9 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
         ):
             sweep(deadly, grid, client, chunk=1, retries=1)
         assert len(Path(tries).read_text()) == 2
-        # Under load a neighbour may be sent to a worker that is just dying, more than once.
+        # Under load a neighbouring point may be sent to a dying worker more than once.
         kept = sweep(deadly, grid, client, chunk=1, retries=3, errors="keep")
-    # Its neighbours, which may have been with the worker, are not lost with it.
+    # Neighbouring points on the same worker are not lost.
     outcomes = ["completed"] * 3 + ["lost"] + ["completed"] * 2
     assert kept.point_outcome.values.tolist() == outcomes
     assert "worker was lost" in kept.point_error.values[3]
@@ -145,7 +145,7 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
 
 
 def test_a_cluster_whose_workers_are_gone_does_not_let_one_wait_for_ever(monkeypatch):
-    """Workers that died and are not replaced, as where a machine has no room for new ones."""
+    """Dead workers are not replaced, as on a machine without free memory."""
     from viscovib.sweeps import workers
 
     monkeypatch.setattr(workers, "_LOOK", 0.01)

@@ -1,4 +1,4 @@
-"""Friction, kinks and stops beside kernels of exponentials in time: steps end at the switches."""
+"""Friction, kinks and stops with kernels of exponentials in time: steps end at switches."""
 
 import re
 
@@ -13,7 +13,7 @@ KERNEL = vv.PronyKernel(weights=WEIGHTS, rates=RATES)
 
 
 def rubber(law="0.5*d^3", kernel=KERNEL):
-    """A slider beside a spring that remembers, two masses."""
+    """A slider and a spring with memory, two masses."""
     return vv.Structure(
         mass=[1.0, 2.0], stiffness=[1.0, 2.0], damping=[0.05, 0.1],
         elements=[
@@ -25,7 +25,7 @@ def rubber(law="0.5*d^3", kernel=KERNEL):
 
 
 def true_states(times, gap=np.inf):
-    """The same from switch to switch, each mode with equations of its own."""
+    """Reference from switch to switch, with the equations of each mode."""
 
     def force(d, over):
         return 2 * d + (0.5 * d**3 if gap == np.inf else 0.5 * (d - gap) * over)
@@ -47,7 +47,7 @@ def run(system, end=8.0, **given):
 
 @pytest.mark.parametrize(("law", "gap"), [("0.5*d^3", np.inf), ("0.5*max(d - 0.1, 0)", 0.1)])
 def test_against_scipy_from_switch_to_switch(law, gap):
-    """Sticking, slipping and contact beside a kernel and behind it, to 1e-10."""
+    """Sticking, slipping and contact, with and without a kernel on the law, to 1e-10."""
     times = np.linspace(0, 8, 5)
     true = true_states(times, gap)
     for given in ({"dt": 0.05}, {"tolerance": 1e-10}):
@@ -58,7 +58,7 @@ def test_against_scipy_from_switch_to_switch(law, gap):
 
 @pytest.mark.parametrize("kernel", [KERNEL, vv.RabotnovKernel(amplitude=0.1, alpha=0.4, beta=1)])
 def test_memory_by_its_name(kernel):
-    """Exponentials are what such motions keep: asked for or not, they are one, to the last bit."""
+    """The option "exponentials" is the default of such motions: bitwise equal."""
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces="20*max(x - 0.1, 0)", kernel=kernel
     )
@@ -69,15 +69,15 @@ def test_memory_by_its_name(kernel):
 
 
 def test_rates_much_faster_than_steps():
-    """A start away from rest and switches leave layers of 1e-4 s: parts of steps follow them."""
+    """A start away from rest and switches cause layers of 1e-4 s, followed by divided steps."""
     stiff = vv.PronyKernel(weights=[0.3, 3e3], rates=[1.0, 1e4])
     run_of = {dt: run(rubber(kernel=stiff), initial=[0.3, 0, 0, 0], dt=dt) for dt in (0.1, 0.001)}
     np.testing.assert_allclose(run_of[0.1].state[-1], run_of[0.001].state[-1], atol=2e-10)
 
 
-#: States at t = 8 by another program: its own sum for each kernel (Gauss-Legendre panels over the
-#: logarithms of the rates up to 1e10, what is faster at once), collocation of degree 10 in steps
-#: from 1e-9 behind each switch; the same to 2e-13 in steps half as long.
+#: States at t = 8 by an independent program: a separate sum for each kernel (Gauss-Legendre panels
+#: in the logarithm of the rates up to 1e10, faster rates at once), collocation of degree 10 with
+#: steps from 1e-9 after each switch; equal to 2e-13 for half the step size.
 SINGULAR = [
     (vv.RabotnovKernel(amplitude=0.5, alpha=0.5, beta=2.5), "0.5*d^3",
      [0.5106200202128, -1.1969465828250, -0.0389287491418, -0.9352788370457]),
@@ -93,7 +93,7 @@ SINGULAR = [
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize(("kernel", "law", "true"), SINGULAR)
 def test_singular_kernels(kernel, law, true):
-    """Sums are fitted for the steps; halving these tells their error as well."""
+    """Sums are fitted for the step size, so halving it includes their error."""
     for given in ({"tolerance": 1e-8}, {"dt": 0.2, "estimate_error": True}):
         found = run(rubber(law, kernel), **given)
         assert found.outcome == "completed"
@@ -108,22 +108,22 @@ def test_singular_kernels(kernel, law, true):
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_error_counts_the_sum():
-    """Long steps see the kernel from a longer lag on: an error that only another sum tells."""
+    """Long steps use the kernel from a larger lag on: only another sum shows this error."""
     kernel, law, true = SINGULAR[2]
     found = run(rubber(law, kernel), dt=8.0 / 7, estimate_error=True)
     off = np.abs(found.state[-1] - true).max()
     assert 1e-14 < off < 1e-5
     assert off < 2 * found.error
-    # Rounding of a motion of 1 is 1e-15, what two sums may share is more.
+    # The rounding error of a motion of size 1 is 1e-15; common errors of two sums may be larger.
     assert run(rubber(law, kernel), tolerance=1e-8).error > 1e-12
 
 
 @pytest.mark.parametrize("alpha", [0.05, 0.1, 0.2, 0.4])
 @pytest.mark.parametrize("name", ["rzhanitsyn", "rabotnov"])
 def test_what_is_over_before_the_shortest_lag(name, alpha):
-    """A half of the kernel is, at small alpha: its push is exact, and better in shorter steps.
+    """Half of the kernel at small alpha: its impulse is exact, more accurate with short steps.
 
-    The switch is never met; the motion by its Laplace transform, inverted on Talbot's contour.
+    The switch is never reached; the motion by its inverted Laplace transform (Talbot).
     """
     beta = 0.3
     if name == "rabotnov":
@@ -155,7 +155,7 @@ def test_what_is_over_before_the_shortest_lag(name, alpha):
 
 
 def test_singular_kernels_go_on():
-    """The sum of a run goes on with it, as far as it reaches."""
+    """A resumed run uses the sum of the first run, as far as it is valid."""
     system = rubber(kernel=SINGULAR[0][0])
     before = run(system, 4.0, dt=0.1)
     whole, rest = run(system, dt=0.1), vv.simulate(system, 8, resume=before)
@@ -168,7 +168,7 @@ def test_singular_kernels_go_on():
 
 
 def test_many_exponentials():
-    """Terms of equal rates count as one: all that a run keeps of them has room."""
+    """Terms with equal rates count as one, so that the stored states fit."""
     split = vv.PronyKernel(weights=np.repeat(WEIGHTS, 24) / 24, rates=np.repeat(RATES, 24))
     one, many = (run(rubber(kernel=kernel), dt=0.05) for kernel in (KERNEL, split))
     np.testing.assert_allclose(many.state, one.state, atol=1e-12)
@@ -178,7 +178,7 @@ def test_many_exponentials():
 
 
 def test_goes_on_bit_for_bit_and_under_other_loads():
-    """What is remembered goes on, too: as in one run under a load that changes."""
+    """Memory states are kept: as in one run under a load that changes."""
     system = rubber()
     before = run(system, 4.0, dt=0.02)
     whole, rest = run(system, dt=0.02), vv.simulate(system, 8, resume=before)
@@ -189,13 +189,13 @@ def test_goes_on_bit_for_bit_and_under_other_loads():
     held = vv.simulate(system, 8, resume=before, load={0: [0.7j, 0]}, nu=0.0)
     np.testing.assert_allclose(pushed.state[-1], held.state[-1], atol=1e-11)
     assert np.abs(free.state[-1] - pushed.state[-1]).max() > 0.1
-    # Without its past it would move otherwise.
+    # Without its past it would move differently.
     fresh = vv.simulate(system, 4, initial=before.state[-1], dt=0.02)
     assert np.abs(fresh.state[-1] - free.state[-1]).max() > 1e-3
 
 
 def test_parts_behind_a_switch_go_on():
-    """A run may be cut anywhere behind a switch: parts double from where they were, to the bit."""
+    """A run may be divided anywhere after a switch: step sizes double from there, bitwise equal."""
     stiff = rubber(kernel=vv.PronyKernel(weights=[0.2, 1e3], rates=[1.0, 2e3]))
     whole = run(stiff, dt=1 / 16, initial=[0.3, 0, 0, 0])
     for k in range(1, 128, 2):
@@ -206,7 +206,7 @@ def test_parts_behind_a_switch_go_on():
 
 @pytest.mark.parametrize("rate", [100.0, 500.0, 2000.0])
 def test_jumps_of_loads_beside_fast_rates(rate):
-    """A box of a load leaves layers, in a table and where other loads go on: SciPy by stretches."""
+    """A rectangular load causes layers, in a table and in resumed runs: SciPy in pieces."""
     weights, rates = [0.2, 0.5 * rate], [1.0, rate]
     system = rubber(kernel=vv.PronyKernel(weights=weights, rates=rates))
     between, now = np.array([1.0, -1.0]), np.zeros(2)
@@ -234,7 +234,7 @@ def test_jumps_of_loads_beside_fast_rates(rate):
 
 
 def test_order_at_switches_is_that_of_the_method():
-    """Slow kernels, so that no parts are graded: steps a third as long, of order 7 at least."""
+    """Slow kernels, so that no parts are graded: steps divided by three, order 7 at least."""
     weights, rates = [0.1, 0.1], [0.3, 0.4]
     system = rubber("8*d^3", vv.PronyKernel(weights=weights, rates=rates))
     between, times = np.array([1.0, -1.0]), np.linspace(0, 8, 3)
@@ -256,7 +256,7 @@ def test_order_at_switches_is_that_of_the_method():
 
 
 def test_events_and_means_are_of_coordinates():
-    """Events may name the time; what the core hides is told nowhere."""
+    """Events may contain the time; hidden states are not reported."""
     found = run(rubber(), tolerance=1e-9, events=["x1 - 0.1", "t - 3", "x2_dot"])
     assert found.state.shape[1] == 4
     assert found.events[1].t == pytest.approx([3.0], abs=1e-12)
@@ -265,7 +265,7 @@ def test_events_and_means_are_of_coordinates():
 
 
 def test_stops_rest_and_friction_holds_beside_memory():
-    """A stop on which a mass comes to rest, and friction: pushed by what the spring forgets."""
+    """A stop with contact at rest, and friction: driven by the relaxation of the spring."""
     stop = vv.Structure(
         mass=[1.0], stiffness=[0.0], damping=[0.1],
         elements=[
@@ -283,7 +283,7 @@ def test_stops_rest_and_friction_holds_beside_memory():
             vv.Spring(on="x1", stiffness=1.0, kernel=vv.PronyKernel(weights=[0.2], rates=[1.0])),
         ],
     )  # fmt: skip
-    # Held near 1: the spring relaxes to 0.8 of its force, and friction never lets go again.
+    # Held near 1: the spring relaxes to 0.8 of its force, and friction holds permanently.
     still = vv.simulate(held, 30, load={0: [0.9j]}, nu=0.0)
     kept = still.state[still.t > 25]
     assert np.ptp(kept[:, 0]) < 1e-12
@@ -291,7 +291,7 @@ def test_stops_rest_and_friction_holds_beside_memory():
 
 
 def test_what_is_refused_says_why():
-    """Tables, which are no sums of exponentials, too many of these, and `held`."""
+    """Tables of points, too many exponentials, and `held`."""
     table = vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.05])
     with pytest.raises(vv.InputError, match=r"TabulatedKernel.*sum_of_exponentials"):
         run(rubber(kernel=table))
@@ -312,7 +312,7 @@ def test_what_is_refused_says_why():
         vv.simulate(sharp, 1000, dt=0.1, load=0.3, nu=1)
     with pytest.raises(vv.InputError, match="has the methods auto, gauss8, got method = "):
         run(rubber(), method="rk4")
-    # A wrong method is not the fault of a kernel.
+    # The message for a wrong method does not name the kernel.
     for method in ("rk4", "foo", 3):
         with pytest.raises(vv.InputError, match=f"got method = {method!r}$"):
             run(rubber(kernel=table), method=method)
@@ -321,7 +321,7 @@ def test_what_is_refused_says_why():
 @pytest.mark.filterwarnings("ignore:kernel integral:viscovib.StabilityWarning")
 @pytest.mark.parametrize("seed", range(8))
 def test_parts_behind_switches_are_shorter_in_shorter_steps(seed):
-    """Else two runs are off alike, beside an element whose state settles fast, and tell nothing."""
+    """Otherwise two runs near a fast element have equal errors, which differences do not show."""
     rng = np.random.default_rng(seed)
     weights, rates = rng.uniform(0.02, 0.8, 2).round(3), rng.uniform(0.2, 6, 2).round(3)
     kernel = vv.PronyKernel(weights=weights, rates=rates)

@@ -1,4 +1,4 @@
-"""Elements that switch in time, hysteresis and rigid stops: against SciPy and closed forms."""
+"""Elements that switch in time, hysteresis, rigid stops: against SciPy and closed forms."""
 
 import numpy as np
 import pytest
@@ -16,13 +16,13 @@ def body(*elements, k=1.0, c=0.05, n=1):
 
 
 def ball(restitution):
-    """A ball over a rigid floor at 0."""
+    """A ball above a rigid floor at 0."""
     return body(vv.Gap(on={"x1": -1}, gap=0.0, restitution=restitution), k=0.0, c=0.0)
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.8, 0.95])
 def test_infinitely_many_impacts(e):
-    """They end at t_0 (1 + e)/(1 - e), t_0 the time of the first fall; then the ball rests."""
+    """They end at t_0 (1 + e)/(1 - e), with t_0 the time of the first fall; then the ball rests."""
     fall = np.sqrt(2 / GRAVITY)
     end = fall * (1 + e) / (1 - e)
     run = vv.simulate(
@@ -34,7 +34,7 @@ def test_infinitely_many_impacts(e):
     assert run.state[:, 0].min() > -1e-14
     after = run.state[run.t > end]
     assert np.abs(after).max() < 1e-14
-    # Before, each flight is a parabola: it rises to e^(2 n).
+    # Before, each flight is a parabola with a height of e^(2 n).
     t = run.t[run.t < end - 1e-6]
     n = np.floor(np.log1p(-(t - fall) * (1 - e) / (2 * e * fall)) / np.log(e)) if e else 0 * t - 1
     n = np.where(t < fall, -1, n)
@@ -45,11 +45,11 @@ def test_infinitely_many_impacts(e):
 
 
 def test_ball_is_thrown_again():
-    """A floor that pushes no longer lets go; the time of rest is then not told."""
+    """A ball without contact force lifts off; `resting_since` is then not reported."""
     table = vv.LoadTable(times=[0.0, 8.0, 9.0, 20.0], values=[-1.0, -1.0, 1.0, 1.0])
     run = vv.simulate(ball(0.5), 12.0, initial=[1.0, 0.0], force=table, dt=0.1)
     late = run.state[-1]
-    # The load is 0 at t = 8.5, where the ball leaves; then it grows to 1 at t = 9.
+    # The load is 0 at t = 8.5, where the ball lifts off; then it grows to 1 at t = 9.
     v = 0.25 + (12 - 9)
     x = 0.5**3 / 3 + 0.25 * 3 + 4.5
     np.testing.assert_allclose(late, [x, v], atol=1e-11)
@@ -90,7 +90,7 @@ def test_order_through_impacts(method, order, steps):
 
 
 def test_impact_between_two_masses():
-    """Momentum is kept, energy too for e = 1, the relative velocity turns by -e."""
+    """Momentum is constant, energy too for e = 1, the relative velocity is multiplied by -e."""
     for e in (1.0, 0.6):
         pair = vv.Structure(
             mass=[1.0, 3.0], stiffness=np.zeros((2, 2)),
@@ -103,7 +103,7 @@ def test_impact_between_two_masses():
 
 
 def jenkins(k, limit, t_end):
-    """The oscillator of `body` under a Jenkins element, phase by phase."""
+    """The oscillator of `body` with a Jenkins element, phase by phase."""
     t, y, z, mode = 0.0, np.zeros(2), 0.0, 0
     while t < t_end - 1e-14:
         x0, z0 = y[0], z
@@ -144,7 +144,7 @@ def test_order_through_stick_and_slip(method, order, steps):
 
 
 def test_iwan_is_its_sliders():
-    """Elements in parallel are one with as many sliders."""
+    """Elements in parallel equal one element with as many sliders."""
     given = {"load": [1.0], "nu": 1.3, "dt": 0.1}
     one = vv.simulate(body(vv.Iwan(on="x1", stiffness=[3, 2], limit=[0.2, 0.3])), 20.0, **given)
     other = vv.simulate(
@@ -173,7 +173,7 @@ def test_bouc_wen():
 
 
 def test_three_masses_of_nlvib():
-    """First harmonics of NLvib's example 07 by integration (two programs of our own)."""
+    """First harmonics of example 07 of NLvib by integration (two independent programs)."""
     chain = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
     masses = vv.Structure(
         mass=np.eye(3), stiffness=chain, damping=0.02 * chain,
@@ -203,7 +203,7 @@ def test_three_masses_of_nlvib():
     ],
 )
 def test_goes_on_bit_for_bit(element):
-    """What elements know goes on with a run, in pieces or resumed."""
+    """States of elements are kept in a run, in parts or resumed."""
     system = body(element)
     whole = vv.simulate(system, 16.0, dt=0.0625, load=[1.0], nu=1.3)
     for cut in (1.0, 5.25, 9.75):
@@ -247,7 +247,7 @@ def test_goes_on_bit_for_bit(element):
     ],
 )  # fmt: skip
 def test_what_is_refused(call, told):
-    """One line that names it."""
+    """One line that names the argument."""
     with pytest.raises(vv.InputError, match=told):
         call()
 
@@ -261,7 +261,7 @@ def test_what_is_refused(call, told):
     ],
 )
 def test_a_tolerance_that_is_not_met_is_told(element):
-    """Of a motion that grows by 1e14 no digit is left; laws beside make it try once more."""
+    """A motion that grows by 1e14 has no correct digit; additional laws require one more run."""
     with pytest.raises(vv.InputError, match="tolerance = 1e-10: not met with"):
         vv.simulate(body(element, k=-1.0, c=0.0), 35, load=[0.3], nu=1.3, tolerance=1e-10)
 
@@ -271,10 +271,10 @@ def test_a_tolerance_that_is_not_met_is_told(element):
     [
         # An impact jumps over v = 0: the mass must not stick there with a velocity.
         (0.7, 0.5, 0.2, (0.3, 0.7), (0.1, 0.0)),
-        # It rests against the stop and is held by friction when the stop lets go.
+        # It rests against the stop and is held by friction when the contact force vanishes.
         (1.2, 0.7, 0.2, (0.3, 0.7), (0.1, 0.0)),
         (0.9, 1.1, 0.2, (0.3, 0.7), (0.1, 0.0)),
-        # A plastic stop, and a mass that sticks where the stop begins.
+        # A plastic stop, and a mass that sticks at the beginning of contact.
         (0.8, 0.4, 0.3, (0.3, 0.0), (0.3, 0.0)),
     ],
 )
@@ -309,7 +309,7 @@ def test_friction_before_a_rigid_stop(load, nu, friction, stop, start):
 
 
 def test_spring_and_rigid_stop_at_the_same_place():
-    """While the mass rests on the rigid one, rounding must not pass the corner of the other."""
+    """While the mass rests on the rigid stop, rounding must not cross the kink of the spring."""
     both = body(
         vv.Stop(on={"x1": 1}, stiffness=20.0, gap=0.3),
         vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.7),
@@ -328,7 +328,7 @@ def test_spring_and_rigid_stop_at_the_same_place():
 
 @pytest.mark.parametrize(("n", "kernel"), [(3, False), (3, True), (9, False)])
 def test_chosen_coordinates_are_those_of_the_whole_motion(n, kernel):
-    """To the last bit, with their events, within steps, and where the run goes on."""
+    """Bitwise, with their events, within steps, and in resumed runs."""
     chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     elements = [
         vv.Jenkins(on="x1", stiffness=2.0, limit=0.3),
@@ -360,7 +360,7 @@ def test_chosen_coordinates_are_those_of_the_whole_motion(n, kernel):
 
 @pytest.mark.parametrize("dt", [0.5, 0.1, 0.01])
 def test_contact_begins_at_rest(dt):
-    """A load that begins to push at t = 0 holds the mass against a stop without a gap."""
+    """A load that begins at t = 0 presses the mass against a stop without a gap."""
     nu = 1.3
     stop = vv.Structure(
         mass=[[1.0]], stiffness=[[1.0]], damping=[[0.1]],

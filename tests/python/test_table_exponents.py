@@ -1,15 +1,15 @@
-"""Exponents beside kernels that end: each is a zero of Hill's determinant, in NumPy."""
+"""Exponents with kernels of finite duration: each is a zero of Hill's determinant, in NumPy."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 
-#: Orders of the disturbance kept by the judge.
+#: Harmonics of the perturbation in the reference.
 HIGHEST = 16
 
 
 def laplace(times, values, s):
-    """Transform of the straight pieces: twice integrated by parts."""
+    """Transform of the linear pieces: integrated by parts twice."""
     t, v = np.insert(times, 0, 0.0), np.insert(values, 0, values[0])
     fall, s = np.diff(v) / np.diff(t), s[:, None]
     pieces = fall * np.exp(-s * t[:-1]) * -np.expm1(-s * np.diff(t)) / s
@@ -18,7 +18,7 @@ def laplace(times, values, s):
 
 
 def distance_to_zero(exponent, nu, waves, mass, damping, stiffness, kernel):
-    """Newton's correction of an exponent, by det H and its rate, waves[m] those of the cubic."""
+    """Newton correction of an exponent, by det H and its derivative; waves[m]: cubic stiffness."""
     orders = np.arange(-HIGHEST, HIGHEST + 1)
     own = waves[orders[:, None] - orders[None, :]]
 
@@ -47,7 +47,7 @@ def drawn(seed):
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize("structure", [False, True], ids=["system", "structure"])
 def test_exponents_beside_tables_are_zeros(structure):
-    """Left of where a table ends the determinant grows by any factor, and slopes tell nothing."""
+    """In the left half plane the determinant is unbounded, so its slope is no criterion."""
     looked = 0
     for seed in range(60):
         nu, load, damping, cubic, table = drawn(seed)

@@ -1,7 +1,7 @@
-"""The same table by the driver and by Python, of every sample scene.
+"""Equal tables by the driver and by Python, for every sample scene.
 
-Tables are equal to the last byte. Structures and bodies are condensed by Python in another order of
-operations: their tables have the same words, and numbers that are equal to rounding.
+Tables are equal byte by byte. Python condenses structures and bodies in another order of
+operations: their tables have the same words, and numbers that agree within rounding.
 """
 
 import os
@@ -21,7 +21,7 @@ SOLVE = os.environ.get("VISCOVIB_SOLVE", ROOT / "build" / "release" / "fortran" 
 
 POINTS = sorted(path.name for path in SCENES.glob("*.nml"))
 SWEPT = ("mount_map.nml",)
-#: Beside the samples: what they do not ask for.
+#: Options that the sample scenes do not use.
 MORE = {
     "equilibrium": "&structure mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0.1 /\n"
     "&element on='x1' law='0.4*d^3' /\n&load on='x2' amplitude=0.3 order=0 /\n&equilibrium /\n",
@@ -215,32 +215,32 @@ MORE = {
 &spectrum coordinates='psi' window='flat_top' discard=5 /
 """,
 }
-# Harmonics left out decide on the stability of one.
+# The truncation determines the stability of one point.
 MORE["decided by harmonics left out"] = (
     "&mount mass=1, inertia=0.051, offset=0.5, stiffness_x=12.50, stiffness_phi=1.12,\n"
     "  damping=0.002836 0 0 0.0002836 /\n&load on='phi', amplitude=0.1761, phase=0.833, order=2 /\n"
     "&response nu_from=0.483, nu_to=2.772, nu_count=12, method='newton', harmonics=9,\n"
     "  stability='yes' /\n"
 )
-# Steps begin by the highest order of the load.
+# Step sizes begin with the highest harmonic of the load.
 for order in 2, 7:
     MORE[f"order {order}"] = (
         "&system coordinates='a', mass=1, stiffness=0.5, damping=0.03 /\n&force law='0.2*a^3' /\n"
         f"&load amplitude=0.1, order={order} /\n&load amplitude=0, order=9 /\n"
         "&transient initial=-0.5 -0.2, t_end=8, nu=1.1, tolerance=1e-8 /\n"
     )
-#: Each option of curves reaches both.
+#: Each option of curves, for both programs.
 FOLDED = MORE.pop("folded")
 MORE |= {name: FOLDED.format(f"{name}={one.other!r}") for name, one in OPTIONS.items()}
 
 
 def _equal_to_rounding(mine, theirs):
-    """The same words and columns, and the same numbers but errors that are rounding themselves."""
+    """Equal words and columns, and equal numbers except estimates of rounding errors."""
     tables = []
     for text in (mine.decode(), theirs.decode()):
         lines = text.splitlines()
         names, *rows = [line.split(",") for line in lines if not line.startswith("#")]
-        # Steps along a curve may differ: what is compared is at its ends and in the notes.
+        # Steps along a curve may differ: the ends and the notes are compared.
         rows = np.array(rows[:1] + rows[-1:]).reshape(-1, len(names))
         kept = [i for i, name in enumerate(names) if not name.endswith(("error", "truncation"))]
         notes = "\n".join(line for line in lines if line.startswith("#"))
@@ -293,7 +293,7 @@ def _compare(scene, folder):
 
 @pytest.mark.parametrize("name", [name for name in POINTS if name not in SWEPT])
 def test_sample(tmp_path, name):
-    # Names of files in the table are those that both were given.
+    # File names in the table are those passed to both programs.
     _compare(SCENES / name, tmp_path)
 
 
@@ -306,7 +306,7 @@ def test_more(tmp_path, name):
 
 @pytest.mark.parametrize("kind", ["response", "modes"])
 def test_names_of_scenes_may_be_any_bytes(tmp_path, kind):
-    """Names of files need not be UTF-8; tables then contain their bytes, as the driver writes."""
+    """File names need not be UTF-8; tables contain their bytes."""
     scene = tmp_path / os.fsdecode(b"a\xff.nml")
     load = "&load amplitude=0.1 /\n&response nu=1 method='linear' /\n" if kind == "response" else ""
     scene.write_text(

@@ -1,4 +1,4 @@
-"""Ensembles by Taylor's method, 32 motions side by side."""
+"""Ensembles by the Taylor method, 32 motions in parallel."""
 
 import math
 
@@ -8,7 +8,7 @@ import viscovib as vv
 from scipy.integrate import solve_ivp
 
 NU = 0.9
-#: Laws of every function that has a power series, as they are written here and in NumPy.
+#: Laws with every function that has a power series, as text and in NumPy.
 LAWS = {
     "0.3*tanh(x_dot) + 0.2*sin(x) + 0.1*x^3": lambda x, v: (
         0.3 * np.tanh(v) + 0.2 * np.sin(x) + 0.1 * x**3
@@ -41,7 +41,7 @@ def system(law):
     return vv.PolynomialSystem(mass=1.3, stiffness=1.7, damping=0.11, forces=law)
 
 
-#: Methods, a step at which each is as good as numbers are, and one at which its order is seen.
+#: Methods, a step size with rounding errors only, and one that shows the order.
 METHODS = {
     "taylor8": (0.015, 0.2), "taylor12": (0.05, 0.4), "taylor16": (0.1, 0.6),
     "taylor20": (0.1, 0.7), "taylor24": (0.1, 0.8),
@@ -71,7 +71,7 @@ def run(dt, **changes):
 @pytest.mark.parametrize("law", LAWS)
 def test_motions_are_those_of_scipy(law):
     expected = np.array([by_scipy(LAWS[law], start, 12) for start in starts()])
-    # Beyond what SciPy resolves.
+    # Below the accuracy of SciPy.
     other = run(0.1, system=system(law), method="gauss16")
     for method, (dt, _) in METHODS.items():
         many = run(dt, system=system(law), method=method)
@@ -135,7 +135,7 @@ def test_neighbours_and_threads_do_not_matter():
 
 
 def test_numbers_of_neighbours_do_not_matter_to_sums():
-    """Two numbers that are the same in some runs do not change what any run sums."""
+    """Parameters that are equal in some runs do not change the sums of any run."""
     law = "a*tanh(x_dot) - 0.2 + 3*(b*tanh(x_dot) - c*x^2) - (c*sin(x) + sin(x) - x^2*x_dot)"
     numbers = {"a": [0.3, 0.1, 0.2], "b": [0.3, 0.2, 0.1], "c": [0.1, 1.0, 0.3]}
     given = {"method": "taylor20", "t_end": 12, "dt": 0.3, "initial": [0.4, 0.1]}
@@ -188,7 +188,7 @@ def test_escapes_and_ends_of_domains_are_those_of_other_methods():
 @pytest.mark.parametrize("width", [1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-5])
 @pytest.mark.parametrize("method", ["taylor8", "taylor20"])
 def test_layers_that_steps_may_miss_are_seen(width, method):
-    # A motion beside which a run of small parts stands; what steps cannot follow is not given out.
+    # A motion next to a run with divided steps; unresolved motions are not returned.
     law = f"0.3*tanh(x_dot/{width}) + 0.2*exp(-(x/{width})^2)"
     many = run(0.25, system=system(law), initial=starts(3), t_end=6, method=method)
     for start, state, outcome in zip(starts(3), many.state, many.outcome, strict=True):

@@ -1,4 +1,4 @@
-"""Events of functions that are thinner than a step: none is missed, and what may be is told."""
+"""Events of functions that are thinner than a step: found, or reported as unresolved."""
 
 import math
 import warnings
@@ -17,7 +17,7 @@ WORDS = {
 
 
 def passes(level, end):
-    """When sin(t) passes a level."""
+    """Times at which sin(t) crosses a level."""
     first = math.asin(level)
     both = [[first + 2 * math.pi * k, math.pi - first + 2 * math.pi * k] for k in range(-1, 9)]
     return np.array([t for pair in both for t in pair if 0 < t < end])
@@ -26,7 +26,7 @@ def passes(level, end):
 @pytest.mark.parametrize("width", [1e-1, 1e-3, 1e-6])
 @pytest.mark.parametrize("step", [{}, {"dt": 0.5}], ids=["default", "0.5"])
 def test_layers_on_an_exact_motion(width, step):
-    """Along sin(t): every entry into a layer and every exit, at steps far longer than it lasts."""
+    """Along sin(t): every entry into a layer and every exit, with much longer steps."""
     half = width * math.sqrt(math.log(2))
     layers = {
         f"exp(-((x - 0.3)/{width})^2) - 0.5": (0.3 - half, 0.3 + half),
@@ -72,7 +72,7 @@ def chain(kernel=None):
     ],
 )
 def test_layers_as_the_levels_where_they_begin(system, name, method):
-    """A layer passes 0 where the coordinate passes two levels, which plain events tell."""
+    """The zeros of a layer are at two levels of the coordinate, found by plain events."""
     n = 6 if isinstance(system, vv.Structure) else 2
     start = [0.3, 0.8] * (n // 2)
     step = {"dt": 0.01} if method == "gauss3" else {}
@@ -89,7 +89,7 @@ def test_layers_as_the_levels_where_they_begin(system, name, method):
 
 
 def test_random_functions_against_fine_samples():
-    """Products, sums, least and largest of layers along SciPy's motion."""
+    """Products, sums, minima and maxima of layers along a motion by SciPy."""
     rng = np.random.default_rng(12)
 
     def simple():
@@ -131,7 +131,7 @@ def test_a_thin_terminal_event_ends_the_run_at_the_first():
 
 
 def test_many_passages_in_one_step():
-    """2000 sin(t) passes every multiple of pi: more than 300 in a step."""
+    """2000 sin(t) crosses every multiple of pi: more than 300 per step."""
     run = vv.simulate(FREE, 1.5, initial=[0, 1], dt=0.3, events="sin(2000*x + 1)")
     expected = np.arcsin((np.arange(1, 636) * math.pi - 1) / 2000)
     expected = expected[expected < 1.5]
@@ -139,14 +139,14 @@ def test_many_passages_in_one_step():
 
 
 def test_touching_is_no_passage():
-    """Functions that only reach 0, or are 0 for a while, do not pass it."""
+    """Functions that touch 0, or are 0 for a while, have no event."""
     events = ["(x - 0.3)^2", "abs(x - 0.3)", "max(x - 0.3, 0)", "x - abs(x)", "1 - cos(50*x)"]
     run = vv.simulate(FREE, 20.0, initial=[0, 1], events=events)
     assert [e.t.size for e in run.events] == [0] * len(events)
 
 
 def test_edges_of_functions_are_no_passages():
-    """A function without values until then begins on its side; its zeros beyond count."""
+    """A function without values at first begins on its side; later zeros count."""
     run = vv.simulate(FREE, 6.0, initial=[0, 1], dt=0.3, events="sqrt(x - 0.5) - 0.1")
     np.testing.assert_allclose(run.events[0].t, passes(0.51, 6.0), atol=1e-11)
     thin = "log(1e-8 - (x - 0.3)^2) + 20"
@@ -157,7 +157,7 @@ def test_edges_of_functions_are_no_passages():
 
 
 def test_what_cannot_be_resolved_is_told():
-    """Below rounding of the motion nobody can tell: the warning names the event and how often."""
+    """Below the rounding error of the motion: a warning with the event and the count."""
     with pytest.warns(vv.RangeWarning, match=r"events\[1\].* changes too fast in [34] steps"):
         run = vv.simulate(
             FREE, 7.0, initial=[0, 1], events=["x - 0.3", "exp(-((x - 0.3)/1e-18)^2) - 0.5"]
@@ -169,7 +169,7 @@ def test_what_cannot_be_resolved_is_told():
 
 
 def test_sections_on_a_thin_surface():
-    """Ensembles find them as single runs do."""
+    """Ensembles find them like single runs."""
     text = "tanh((x - 0.3)/1e-5) - 0.5"
     many = vv.simulate_ensemble(
         FREE, initial=[[0, 1], [0, 0.8]], t_end=12.0, dt=0.4, sections=vv.Event(text)

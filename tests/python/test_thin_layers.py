@@ -1,6 +1,6 @@
-"""Thin layers of smooth force laws, which steps could jump over, in time.
+"""Thin layers of smooth force laws in time, which long steps could miss.
 
-Judged by SciPy, whose steps in a layer are kept short.
+Reference: SciPy with short steps inside the layer.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import viscovib as vv
 from scipy.integrate import solve_ivp
 from viscovib.systems import law_poles
 
-#: Text of a law with the strength F, the place g and the width e; its force of the operand z, and
-#: whether that is a rate.
+#: Text of a law with the strength F, the location g and the width e; its force for the operand z,
+#: and whether the operand is a rate.
 LAWS: dict[str, tuple[Callable[[float], float], bool]] = {
     "F*tanh((x - g)/e)": (math.tanh, False),
     "F*exp(-((x - g)/e)^2)": (lambda z: math.exp(-min(z * z, 700.0)), False),
@@ -31,8 +31,8 @@ LAWS: dict[str, tuple[Callable[[float], float], bool]] = {
         lambda z: z * math.exp(-min(z * z, 700.0)), True
     ),
 }  # fmt: skip
-#: So many widths around it, and no less than this length, SciPy's steps are short; elsewhere they
-#: are so long at most that none jumps over all of that.
+#: Number of widths around it, and minimum length, where the steps of SciPy are short; elsewhere
+#: steps are limited so that none crosses this range.
 REACH, LENGTH, LONGEST = 30.0, 0.04, 0.02
 
 
@@ -74,7 +74,7 @@ def state(
         )  # fmt: skip
         t, y = run.t[-1], run.y[:, -1]
         if t < t_end:
-            # Off the edge, lest the first state count as a passage.
+            # Slightly off the edge, so that the first state is not an event.
             off = min(t_end, t + 1e-4 * width)
             run = solve_ivp(rates, (t, off), y, method="DOP853", rtol=1e-12, atol=1e-14)
             t, y = run.t[-1], run.y[:, -1]
@@ -82,7 +82,7 @@ def state(
 
 
 def system(rng: np.random.Generator, law: str) -> tuple[vv.PolynomialSystem, dict[str, float]]:
-    """A random oscillator with a layer somewhere in its way, and the layer."""
+    """A random oscillator with a layer within its motion, and the layer."""
     width = 10 ** rng.uniform(-3.5, -2)
     if LAWS[law][1]:
         width = 10 ** rng.uniform(-2.5, -1.5)
@@ -90,7 +90,7 @@ def system(rng: np.random.Generator, law: str) -> tuple[vv.PolynomialSystem, dic
         width = 10 ** rng.uniform(-2, -1)
     strength = rng.uniform(0.1, 0.4) * (1 if LAWS[law][1] else rng.choice([-1, 1]))
     if "exp(-" in law or "/(1 +" in law or "- 5)" in law:
-        # Of a bump the impulse counts.
+        # For a bump the impulse is given.
         strength *= 0.1 / max(width, 1e-3)
     if law.startswith("F*(x_dot"):
         # Else the rate would stay in it.
@@ -104,7 +104,7 @@ def system(rng: np.random.Generator, law: str) -> tuple[vv.PolynomialSystem, dic
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("law", LAWS)
 def test_runs_see_them(law: str, seed: int) -> None:
-    """The default run is right within what it says, wherever the layer is and however thin."""
+    """The error of the default run is valid for any location and width of the layer."""
     rng = np.random.default_rng([list(LAWS).index(law), seed])
     one, values = system(rng, law)
     start, load, nu, t_end = rng.uniform(-1, 1, 2), rng.uniform(0.1, 1), rng.uniform(0.3, 2), 6.0
@@ -121,7 +121,7 @@ def test_runs_see_them(law: str, seed: int) -> None:
 
 
 def test_given_steps_are_made_in_parts_where_a_layer_is_thinner() -> None:
-    """A bump between all nodes of all steps: a run of given steps sees it."""
+    """A bump between all nodes of all steps: a run with given steps detects it."""
     bump = {"forces": "F*exp(-((x - g)/e)^2)", "parameters": {"F": -40.0, "g": 0.43, "e": 2e-3}}
     with_bump = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, **bump)
     run = vv.simulate(with_bump, 6, initial=[0.0, 1.0], dt=0.05)
@@ -136,7 +136,7 @@ def test_given_steps_are_made_in_parts_where_a_layer_is_thinner() -> None:
 
 
 def test_a_wide_layer_costs_nothing() -> None:
-    """Where a polynomial follows the law in whole steps these stay whole."""
+    """Where a polynomial resolves the law, steps are not divided."""
     wide = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.3*tanh(x/0.5)")
     run = vv.simulate(wide, 20, initial=[0.0, 1.0], dt=0.05)
     assert run.stats["evaluations"] < 2 * 402
@@ -144,7 +144,7 @@ def test_a_wide_layer_costs_nothing() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_ensembles_see_them(law: str) -> None:
-    """Side by side none may be missed either: such runs go by themselves."""
+    """In parallel runs none is missed either: such runs are computed separately."""
     rng = np.random.default_rng([list(LAWS).index(law), 100])
     one, _ = system(rng, law)
     starts, nu = rng.uniform(-1, 1, (9, 2)), np.linspace(0.4, 1.8, 9)
@@ -156,7 +156,7 @@ def test_ensembles_see_them(law: str) -> None:
 
 @pytest.mark.parametrize("n", [2, 5])
 def test_structures_take_steps_that_see_them(n: int) -> None:
-    """Two runs that miss a layer agree; steps go on to be halved until one lies in it."""
+    """Two runs that miss a layer agree; steps are halved until one resolves it."""
     stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     strength, place, width = -4.0, 0.13, 2e-3
     bump = vv.Spring(
@@ -190,7 +190,7 @@ GRAZED: dict[str, Callable[[float], float]] = {
 @pytest.mark.parametrize("law", GRAZED)
 @pytest.mark.parametrize("tip", [True, False])
 def test_structures_see_layers_that_they_only_graze(law: str, memory: bool, tip: bool) -> None:
-    """A layer at the tip of the motion lies between two states near to each other."""
+    """A layer at the extreme of the motion lies between two close states."""
     rng = np.random.default_rng([list(GRAZED).index(law), memory, tip])
     n = int(rng.integers(1, 4))
     stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
@@ -202,7 +202,7 @@ def test_structures_see_layers_that_they_only_graze(law: str, memory: bool, tip:
         a = -stiffness @ q - 0.05 * stiffness @ v
         a[0] -= layer["F"] * force((q[0] - layer["g"]) / layer["e"])
         if memory:
-            # A spring of stiffness 1 that remembers what was.
+            # A spring of stiffness 1 with memory.
             a[0] -= q[0] - z[0]
         return np.concatenate([v, a, weight * q[:1] - rate * z if memory else z])
 
@@ -239,7 +239,7 @@ def test_wide_layers_stay_side_by_side() -> None:
 
 
 def test_few_widths_tell_no_layer_off() -> None:
-    # Most places are told off by few widths about them: none that all widths call thin is.
+    # A few widths exclude most points, and never a point that is thin for all widths.
     rng = np.random.default_rng(11)
     n_places = n_thin = 0
     for text in [*LAWS] * 20:

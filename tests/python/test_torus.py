@@ -1,4 +1,4 @@
-"""Quasi-periodic motions of the pendulum, against long integration in time."""
+"""Quasi-periodic motions of the pendulum, against long time integration."""
 
 import itertools
 import os
@@ -15,7 +15,7 @@ from referee.models import Swinging
 from scipy.integrate import solve_ivp
 from viscovib.analyses.torus import Torus, make_torus
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.1, "c2": 0.1, "c3": 0.1}
@@ -27,7 +27,7 @@ THREE = vv.Pendulum(**BODY, f0=0.01, m01=0.001, m02=0.003, p1=0.93, p2=0.37, p3=
     ("pend", "harmonics", "within"), [(TWO, 18, 1e-11), (TWO, 10, 2e-8), (THREE, 8, 2e-9)]
 )
 def test_lines_of_a_long_run_from_rest(pend, harmonics, within):
-    """Transients are gone after t = 1000 (exp(-0.05 t)); 40 lines a coordinate."""
+    """Transients have decayed at t = 1000 (exp(-0.05 t)); 40 lines per coordinate."""
     r = vv.forced_response(pend, harmonics=harmonics, stability=True)
     assert r.outcome[0] == "converged"
     assert r.stable[0]
@@ -47,7 +47,7 @@ def test_lines_of_a_long_run_from_rest(pend, harmonics, within):
 
 @pytest.mark.parametrize("equations", ["exact", "cubic", "printed"])
 def test_motion_solves_the_equations(equations):
-    """The sum of lines, with its own velocity and acceleration, at random times."""
+    """The Fourier sum with its velocity and acceleration, at random times."""
     pend = replace(TWO, equations=equations, m01=0.002)
     r = vv.forced_response(pend)
     assert r.truncation[0] <= 1e-10
@@ -59,7 +59,7 @@ def test_motion_solves_the_equations(equations):
 
 
 def test_two_axes_of_one_frequency_give_the_periodic_motion():
-    """Frequencies 1 : 2, taken for incommensurate, then together."""
+    """Frequencies 1 : 2, first treated as incommensurate, then as periodic."""
     pend = replace(TWO, p1=0.74)
     apart = vv.forced_response(pend, p1=0.74, harmonics=14, stability=True)
     together = vv.forced_response(pend, harmonics=30, stability=True)
@@ -101,7 +101,7 @@ def test_growth_of_a_periodic_motion_taken_for_a_quasi_periodic_one():
 
 
 def test_parametric_resonance_of_a_quasi_periodic_motion():
-    """f0 makes a small swing at p2 unstable; a run from it leaves at the rate found."""
+    """f0 makes a small swing at p2 unstable; a perturbed run grows with the computed rate."""
     pend = vv.Pendulum(
         e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.02, c2=0.02, c3=0.02, f0=0.1, p1=0.72,
         m01=1e-5, p2=0.2517,
@@ -123,7 +123,7 @@ def test_what_symmetry_leaves_out_is_zero():
     assert np.abs(orders.coefficients[0, 0, odd]).max() == 0
     assert np.abs(orders.coefficients[0, 1:, ~odd]).max() == 0
     assert np.abs(orders.coefficients[0, 1:, odd]).max() > 1e-3
-    # Loads of one frequency on z and on phi have no such symmetry.
+    # Loads of one frequency on z and on phi do not have this symmetry.
     free = vv.forced_response(replace(TWO, p1=0.37), harmonics=5)
     assert np.abs(free.coefficients[0]).min(axis=1).max() > 0
 
@@ -190,7 +190,7 @@ def test_frequencies_are_sorted(loads, axes, base, drives):
 
 
 def test_lattices_are_complete():
-    """Half of the points of a cross polytope, shell by shell, 0 first; as many as there is room."""
+    """Half of the points of a cross polytope, shell by shell, 0 first, up to the capacity."""
     for n_axes in (1, 2, 3):
         torus = Torus(("nu",) * n_axes, np.ones(n_axes), np.eye(3, n_axes, dtype=int), (1, 1))
         for bound in (1, 2, 5):
@@ -233,7 +233,7 @@ def test_too_much_is_refused():
 
 
 def test_long_work_hears_an_interrupt(start):
-    """Work of minutes ends after little time of its own, whatever else this machine does."""
+    """Work of minutes ends after little processor time."""
     program = (
         "import numpy as np, viscovib as vv\n"
         "p = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, c1=0.1, c2=0.1, c3=0.1, f0=0.01, m01=0.001, "
@@ -259,7 +259,7 @@ def test_long_work_hears_an_interrupt(start):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("duration", [1, 10, 100, 1000])
 def test_quasi_periodic_verdicts_are_those_of_multipliers_or_unknown(duration):
-    # A second load as small as nothing: a periodic motion, judged by means over a duration.
+    # The second load is negligible: a periodic motion, with means over a duration.
     rng = np.random.default_rng(5)
     found, decided = 0, 0
     for index in range(10):

@@ -1,4 +1,4 @@
-"""Orders of the pendulum's steady motions, chosen row by row, and what leaving out others costs."""
+"""Automatic harmonics of steady motions of the pendulum, and the truncation error."""
 
 import os
 import signal
@@ -23,7 +23,7 @@ LIGHT = vv.Pendulum(
 
 
 def size(pend, r, row=0):
-    """Largest error of a row against many orders, relative to the largest of them."""
+    """Largest error of a row against many harmonics, relative to the largest coefficient."""
     many = {1: 45, 2: 28, 3: 14}[len(r.axes)]
     fine = vv.forced_response(pend, harmonics=many, tolerance=1e-13, stability=False)
     errors = fine.coefficients[0].copy()
@@ -63,7 +63,7 @@ def test_orders_come_and_go_along_a_row():
     assert r.highest[peak] > r.highest[-1]
     for row in (0, peak, 35):
         assert size(replace(LIGHT, p2=p2[row]), r, row) < 3e-8
-        # What a row does without stands as 0.
+        # Omitted harmonics of a row are 0.
         beyond = r.orders[:, 0] > r.highest[row]
         assert np.abs(r.coefficients[row][:, beyond]).max(initial=0) == 0
     assert "each with as many harmonics as it needs" in str(r.plan)
@@ -72,7 +72,7 @@ def test_orders_come_and_go_along_a_row():
 
 
 def test_two_levels_of_orders_and_a_run_in_time():
-    """Three resonances at once, 1249 unknowns, against integration: the motion is at rest in it."""
+    """Three resonances, 1249 unknowns, against integration: the motion repeats in it."""
     light = replace(
         THREE, c1=0.03, c2=0.03, c3=0.03, f0=0.003, m01=1.5e-4, m02=1.5e-4,
         p1=1.05, p2=0.4103, p3=0.8701,
@@ -87,7 +87,7 @@ def test_two_levels_of_orders_and_a_run_in_time():
 
 
 def test_strong_motions_need_more_than_few_orders_inside():
-    """Z to 0.9 of where the spring reaches the pivot: inner orders are added until all follow."""
+    """The amplitude of z is up to 0.9 of the pivot distance: inner harmonics are added."""
     strong = replace(TWO, f0=0.2, m01=0.01, p1=1.02, p2=0.41)
     r = vv.forced_response(strong, harmonics=14, stability=False)
     assert r.converged[0]
@@ -108,7 +108,7 @@ def test_more_unknowns_than_a_matrix_may_have():
 
 
 def test_plans_made_by_many_threads():
-    """Grids of new shapes in eight threads at once give what one thread gets."""
+    """Grids of new shapes in eight threads equal those of one thread."""
     jobs = [(pend, bound) for bound in (16, 17, 19, 21, 23) for pend in (TWO, ONE)]
     with ThreadPoolExecutor(8) as pool:
         found = list(
@@ -120,7 +120,7 @@ def test_plans_made_by_many_threads():
 
 
 def test_branches_choose_their_orders():
-    """Folds as with many more; the estimate is that of the worst point."""
+    """Folds against many more harmonics; the estimate is that of the worst point."""
     job = {"p2": (0.25, 0.6), "stability": False}
     strong = replace(LIGHT, m01=0.005)
     fine = vv.trace_response(strong, **job, harmonics=41, tolerance=1e-12)
@@ -191,7 +191,7 @@ def test_loads_of_no_size_or_frequency():
 
 
 def test_equal_and_nearly_equal_frequencies():
-    """Equal ones are one axis; 12 : 11 is too, 14 : 13 is not unless asked for; all agree."""
+    """Equal frequencies are one axis; 12 : 11 too, 14 : 13 only if requested; all agree."""
     same = vv.forced_response(replace(TWO, p1=0.37), stability=False)
     assert same.axes == ("nu",)
     close = vv.forced_response(replace(TWO, p1=0.37 * 12 / 11), stability=False)
@@ -207,7 +207,7 @@ def test_equal_and_nearly_equal_frequencies():
 
 
 def test_loads_must_fit_in_their_orders():
-    """Loads of 12 and 11 times a base frequency are nothing to a balance of five orders."""
+    """Loads at 12 and 11 times a base frequency do not appear with five harmonics."""
     close = replace(TWO, p1=0.37 * 12 / 11)
     with pytest.raises(vv.InputError, match=r"harmonics = 11: must be 12 to 399"):
         vv.forced_response(close, harmonics=11)
@@ -223,7 +223,7 @@ def test_loads_must_fit_in_their_orders():
 
 
 def test_a_small_common_base_is_no_axis_of_three_loads():
-    """12 : 11 and 11 : 12 of one make 144 and 121 of their base: two axes, unless asked for."""
+    """12 : 11 and 11 : 12 give 144 and 121 times their base: two axes, unless requested."""
     three = replace(THREE, p1=0.4, p2=0.4 * 12 / 11, p3=0.4 * 11 / 12)
     torus = make_torus(three, None, 1, 12)
     assert torus.names == ("nu", "p3")

@@ -1,4 +1,4 @@
-"""Stability of motions with too few harmonics: unknown where the ones left out decide it."""
+"""Stability of motions with too few harmonics: unknown if the truncation may decide it."""
 
 import warnings
 
@@ -31,7 +31,7 @@ def _motion(system, nu, load, orders):
 
 
 def test_verdicts_of_few_harmonics_are_those_of_many():
-    """Random chains: without a look beside, five of them are judged wrongly."""
+    """Random chains: without perturbed harmonics five of them would be wrong."""
     rng = np.random.default_rng(41)
     judged = unknown = unstable = caught = 0
     for _ in range(160):
@@ -45,7 +45,7 @@ def test_verdicts_of_few_harmonics_are_those_of_many():
         if not many.converged[0] or many.stable[0] is None:
             continue
         if np.abs(few.coefficients[0] - kept).max() > 10 * few.truncation[0] * size:
-            continue  # Another motion.
+            continue  # A different motion.
         if few.stable[0] is None:
             unknown += 1
             caught += (abs(few.multipliers[0, 0]) < 1) != many.stable[0]
@@ -60,7 +60,7 @@ def test_verdicts_of_few_harmonics_are_those_of_many():
 
 
 def test_a_branch_beside_a_gap_with_few_harmonics():
-    """NLvib's example 03 with 21 orders: between two folds all is unstable, or said unknown."""
+    """Example 03 of NLvib with 21 harmonics: unstable between two folds, or unknown."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.Structure(
         mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
@@ -87,10 +87,10 @@ def test_stability_is_not_doubted_where_harmonics_are_enough():
 
 
 def test_a_multiplier_that_jumps_from_one_side_of_the_circle_to_the_other():
-    """The same on the upper branch: motions beside have 1.8 and -2.3, the whole one is stable.
+    """On the upper branch perturbed motions have 1.8 and -2.3; the exact motion is stable.
 
     Event-accurate shooting finds it stable from its period doubling at .73875 down to its
-    Neimark-Sacker point at .61861; ten points were told unstable.
+    Neimark-Sacker point at .61861. Regression: ten points reported as unstable.
     """
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.PolynomialSystem(
@@ -102,6 +102,6 @@ def test_a_multiplier_that_jumps_from_one_side_of_the_circle_to_the_other():
     there = upper & (branch.nu < 0.7387) & (branch.nu > 0.6187)
     assert there.sum() > 10
     assert not any(one is False for one in branch.stable[there])
-    # Where all that is beside is unstable alike, that is told.
+    # If all perturbed motions are unstable, the verdict is unstable.
     lower = ~upper & (np.arange(branch.nu.size) > 32) & (branch.nu < 0.656)
     assert all(one is False for one in branch.stable[lower])

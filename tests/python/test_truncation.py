@@ -1,4 +1,4 @@
-"""What orders left out change: the estimates against three times as many orders, and warnings."""
+"""Truncation estimates, against three times as many harmonics, and warnings."""
 
 import warnings
 
@@ -41,7 +41,7 @@ def size(mass, x):
 
 @pytest.mark.parametrize("method", ["newton", "successive"])
 def test_estimates_are_true_errors(method):
-    """Of 60 random systems with a few orders: not below 0.4 of the true error, rarely above 3."""
+    """60 random systems with few harmonics: at least 0.4 of the true error, rarely above 3."""
     rng = np.random.default_rng(14)
     ratios = []
     for _ in range(60):
@@ -69,7 +69,7 @@ def test_estimates_are_true_errors(method):
 
 
 def test_two_orders_that_vanish_tell_nothing():
-    """A load of order 3 moves orders 3, 9, 15: the two highest of 13 are 0, and 15 is missing."""
+    """A load of harmonic 3 drives 3, 9, 15: the two highest of 13 are 0, and 15 is missing."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     options = {"nu": 0.15, "load": {3: 0.3}}
     for method in ("newton", "successive"):
@@ -81,7 +81,7 @@ def test_two_orders_that_vanish_tell_nothing():
 
 
 def test_orders_are_chosen_by_default():
-    """Folds of a motion that 9 orders miss by half a percent, against 149 orders."""
+    """Folds of a motion with an error of half a percent for 9 harmonics, against 149."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
     chosen = vv.trace_response(system, (0.25, 0.29), load=1, stability=False)
     with warnings.catch_warnings():
@@ -97,7 +97,7 @@ def test_orders_are_chosen_by_default():
 
 
 def test_the_waveform_of_a_slow_load_holds_against_integration():
-    """Newton's method at 0.15 of the resonance, where 9 orders are wrong by 11 percent."""
+    """Newton's method at 0.15 of the resonance, where 9 harmonics have an error of 11 percent."""
     from scipy.integrate import solve_ivp
 
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
@@ -117,7 +117,7 @@ def test_the_waveform_of_a_slow_load_holds_against_integration():
 
 @pytest.mark.parametrize("nu", [0.2, 0.05])
 def test_a_branch_that_begins_with_too_few_orders_begins_with_more(nu):
-    """Nine orders have a motion here, more have none nearby: that ended the process."""
+    """A solution with nine harmonics exists here, but none with more nearby."""
     if nu == 0.2:
         system, load = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3"), 20
     else:
@@ -168,10 +168,10 @@ def kinked_system(rng, index):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_estimates_beside_kinks():
-    """Of 24 systems, 5 to 31 orders: waveforms against thrice as many are off by no more.
+    """24 systems, 5 to 31 harmonics: waveforms against three times as many harmonics.
 
-    That is few orders, of which none tells how they fall off, and sliders in parallel, whose orders
-    beat: the next one may be zero where those after it are not.
+    Includes few harmonics, which do not show the decay, and sliders in parallel, whose harmonics
+    beat: the next harmonic may be zero where later ones are not.
     """
     rng = np.random.default_rng(2)
     phase = np.linspace(0, 2 * np.pi, 999)
@@ -192,13 +192,13 @@ def test_estimates_beside_kinks():
         ratios.append(np.linalg.norm(x - y) / np.linalg.norm(y) / (a.truncation[0] + 1e-9))
     assert len(ratios) > 20
     assert max(ratios) < 1.1
-    # And not by far less: an estimate that is ten times the error is of no use.
+    # Nor far smaller: an estimate of ten times the error is of no use.
     assert np.median(ratios) > 0.15
 
 
 @pytest.mark.parametrize("highest", [31, 61, 101])
 def test_estimates_of_steep_smooth_laws(highest):
-    """Harmonics fall slowly, so that those beyond the larger set count."""
+    """Harmonics decay slowly, so those beyond the larger set count."""
     system = vv.PolynomialSystem(mass=1, damping=0.05, stiffness=1, forces="0.3*tanh(x_dot/0.05)")
 
     def run(harmonics):
@@ -211,7 +211,7 @@ def test_estimates_of_steep_smooth_laws(highest):
     change = true.copy()
     change[: kept.size] -= kept
     error = np.linalg.norm(change) / np.linalg.norm(true)
-    # A fifth of it was told when only the next orders were counted.
+    # Regression: a fifth of the error, if only the next harmonics are counted.
     assert 0.8 * error < short.truncation[0] < 4 * error
 
 
@@ -224,7 +224,7 @@ LAWS = (
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_successive_approximations_tell_what_orders_and_samples_leave():
-    """Forces of rates, of jumps and kinks: against Newton's method with far more orders."""
+    """Forces with rates, jumps and kinks: against Newton's method with many more harmonics."""
     rng = np.random.default_rng(12)
     ratios = []
     for k in range(36):
@@ -249,7 +249,7 @@ def test_successive_approximations_tell_what_orders_and_samples_leave():
 
 
 def test_errors_are_told_of_the_motion_that_a_base_leaves_at_rest_nearly():
-    """Far above its resonance a body hardly moves, while its springs follow the whole base."""
+    """Far above resonance a body hardly moves, while its springs follow the base."""
     rng = np.random.default_rng(11)
     for _ in range(20):
         c, swing = rng.uniform(0.3, 1), rng.uniform(0.4, 0.8)
@@ -275,7 +275,7 @@ def test_errors_are_told_of_the_motion_that_a_base_leaves_at_rest_nearly():
 
 
 def duffing_defect(nu, c, k3, load, x):
-    """Equations of a forced Duffing oscillator in odd orders' sines and cosines, derivatives."""
+    """Equations of a forced Duffing oscillator in odd sine and cosine terms; derivatives."""
     k = np.arange(1, x.size, 2)
     theta = 2 * np.pi * np.arange(128) / 128
     waves = np.stack([np.sin(np.outer(theta, k)), np.cos(np.outer(theta, k))], -1).reshape(128, -1)
@@ -294,7 +294,7 @@ def duffing_defect(nu, c, k3, load, x):
 
 
 def settled(nu, numbers, x):
-    """Newton's method at a frequency."""
+    """Newton's method at a given frequency."""
     for _ in range(20):
         r, slope = duffing_defect(nu, *numbers, x)
         x = x - np.linalg.solve(slope, r)
@@ -302,7 +302,7 @@ def settled(nu, numbers, x):
 
 
 def fold_near(nu, numbers, x):
-    """Where the determinant along the curve of twenty orders vanishes, from a motion there."""
+    """Zero of the determinant along the curve with twenty harmonics, near a motion."""
     for _ in range(15):
         # Bordered by the null vector: g = 0 where the derivatives are singular.
         def together(nu, x):
@@ -333,7 +333,7 @@ def fold_near(nu, numbers, x):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
-    """No less than what twenty orders say; where a fold may pass a point, 1. Folds tell how far."""
+    """At least the error from twenty harmonics; 1 if a fold may lie near; errors of folds."""
     rng = np.random.default_rng(seed)
     numbers = rng.uniform(0.01, 0.04), rng.uniform(0.3, 1.2), rng.uniform(0.1, 0.4)
     system = vv.PolynomialSystem(
@@ -360,13 +360,13 @@ def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
         nearest = int(np.abs(branch.nu - fold).argmin())
         for i in range(max(nearest - 5, 0), min(nearest + 6, branch.nu.size)):
             if abs(branch.nu[i] - fold) < 8 * error:
-                continue  # the other motion behind the fold is as near
+                continue  # the other motion beyond the fold is equally near
             x = whole(branch.coefficients[i, 0])
             true = settled(branch.nu[i], numbers, x)
             assert true is not None
             off = np.linalg.norm(true - x) / np.linalg.norm(x)
             assert off < 2 * branch.truncation[i], i
-    # Of the motions at such a frequency those of the fold itself.
+    # Of the motions at such a frequency, the motion at the fold.
     off = np.abs(branch.coefficients[:, None] - branch.fold_coefficients).max(axis=(2, 3))
     beside = (np.abs(branch.nu[:, None] - branch.folds) <= branch.fold_errors) & (off < 0.02)
     assert beside.any()
@@ -375,7 +375,7 @@ def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_orders_left_out_do_to_folds_is_summed_with_its_signs(seed):
-    """Of folds of superharmonic resonances too, where orders next to those kept nearly cancel."""
+    """Also for superharmonic resonances, where the next harmonics nearly cancel."""
     rng = np.random.default_rng(seed)
     cubic, square = rng.uniform(0.3, 0.7), rng.uniform(0.15, 0.3)
     system = vv.PolynomialSystem(

@@ -1,4 +1,4 @@
-"""Bodies under finite rotations, in time and periodic, beside programs that share no code."""
+"""Bodies with finite rotations, in time and periodic, against independent programs."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ LOAD = np.array([1.2, 0.3, -0.8, 0.4, 0.6, -0.5])
 
 
 def some_body(seed=3, *, kernel=None, damping=0.15, laws=True, **options):
-    """A body on three mounts at random places, nonlinear and with rotational springs."""
+    """A body on three mounts at random positions, nonlinear and with rotational springs."""
     rng = np.random.default_rng(seed)
     mounts = [
         vv.MountPoint(
@@ -31,9 +31,9 @@ def some_body(seed=3, *, kernel=None, damping=0.15, laws=True, **options):
 
 
 def with_quaternions(body, state, t_end, force, torque):
-    """State at the end: R by a quaternion, momentum in space, loads f(t) and t(t) by SciPy."""
+    """Final state by SciPy: R by a quaternion, momentum in space, loads f(t) and t(t)."""
     inertia = body.inertia
-    # SciPy turns no vectors that are read-only.
+    # SciPy cannot rotate read-only vectors.
     arms = [(mount, np.array(mount.position)) for mount in body.mounts]
 
     def rates(t, y):
@@ -55,7 +55,7 @@ def with_quaternions(body, state, t_end, force, torque):
             pull = mount.rotation @ (-mount.stiffness * d - np.array(laws) - mount.damping * d_rate)
             push = push + pull
             moment = moment + np.cross(moved, pull)
-            # What holds the rotation vector: T^-T along the body, d by its closed form.
+            # Force on the rotation vector: T^-T in body axes, d by its closed form.
             own = mount.rotation @ (mount.rotational_stiffness * (mount.rotation.T @ vector))
             share = (1 - angle / 2 / np.tan(angle / 2)) / angle**2 if angle > 1e-3 else 1 / 12
             across = np.cross(vector, own)
@@ -77,7 +77,7 @@ def with_quaternions(body, state, t_end, force, torque):
 
 @pytest.mark.parametrize("axes", ["body", "space"])
 def test_motion_under_loads(axes):
-    """Large rotations, laws, dampers, inertia and loads: another program with quaternions."""
+    """Large rotations, laws, dampers, inertia and loads, against a program with quaternions."""
     body = some_body(load_axes=axes)
     start = np.zeros(12)
     start[[1, 7, 9, 11]] = 0.5, 2.0, -1.5, 1.0
@@ -97,7 +97,7 @@ def test_motion_under_loads(axes):
 
 
 def test_tumble():
-    """Free flight about the middle axis: momentum, energy, and the rotation by quaternions."""
+    """Free flight about the intermediate axis: momentum, energy, rotation by quaternions."""
     foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1e-12, 0, 0))
     body = vv.Body(mass=3, inertia=(1.0, 2.0, 2.6), mounts=[foot], geometry="exact")
     start = np.zeros(12)
@@ -115,7 +115,7 @@ def test_tumble():
 
 
 def test_energy_on_mounts():
-    """Without losses the energy stays, springs and finite rotations together."""
+    """Without losses the energy is constant, with springs and finite rotations."""
     body = some_body(damping=0.0)
     start = np.zeros(12)
     start[[1, 7, 9, 11]] = 0.5, 2.0, -1.5, 1.0
@@ -125,7 +125,7 @@ def test_energy_on_mounts():
 
 @pytest.mark.parametrize("kernel", [None, RUBBER])
 def test_the_mount_of_the_plane(kernel):
-    """Its exact geometry is a special case, in time and periodic, to rounding."""
+    """Exact geometry of the plane mount as a special case, in time and periodic."""
     plane = vv.Mount(
         mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, geometry="exact",
         kernel=kernel, damping=[[0.4, 0], [0, 0]],
@@ -134,7 +134,7 @@ def test_the_mount_of_the_plane(kernel):
         name="arm", position=(0, 0.5, 0), stiffness=(10, 0, 0), rotational_stiffness=(0, 0, 2),
         kernel=kernel,
     )  # fmt: skip
-    # In pairs, so that a motion in the plane stays there.
+    # In pairs, so that a plane motion stays in the plane.
     rest = [
         vv.MountPoint(
             name=f"rest{i}", position=(0, 0, z), stiffness=(0, 3, 3), damping=0.2,
@@ -154,7 +154,7 @@ def test_the_mount_of_the_plane(kernel):
     assert not np.delete(other.state, both, axis=1).any()
 
     given = {"method": "newton", "harmonics": 9, "tolerance": 1e-5, "stability": True}
-    # Of motions with memory some exponents that decay may lack.
+    # For motions with memory some decaying exponents may be missing.
     nu = np.array([5.0] if kernel else [2.6, 5.0])
     found = vv.forced_response(plane, nu, load=[0.3, 0.1], **given)
     whole_found = vv.forced_response(body, nu, load=[0.3, 0, 0, 0, 0, 0.1], **given)
@@ -169,7 +169,7 @@ def test_the_mount_of_the_plane(kernel):
 
 
 def test_the_cubic_mount_agrees_to_third_order():
-    """Halving a small motion divides the difference by about 2^5 (geometry) beside the motion."""
+    """Halving a small motion divides the difference by about 2^5 (geometry)."""
     errors = []
     for size in (0.2, 0.1):
         runs = []
@@ -185,7 +185,7 @@ def test_the_cubic_mount_agrees_to_third_order():
 
 @pytest.mark.parametrize("axes", ["body", "space"])
 def test_periodic_motions_and_multipliers(axes):
-    """A response closes in time, and its multipliers are those of motions beside it."""
+    """A response is periodic in time; multipliers agree with neighbouring motions."""
     body, load = some_body(load_axes=axes), 0.6 * LOAD
     nu = 3.0
     found = vv.forced_response(
@@ -214,7 +214,7 @@ def test_periodic_motions_and_multipliers(axes):
 
 
 def test_branch_with_memory():
-    """A branch is made of responses, and a motion with memory tends to one of its points."""
+    """A branch consists of responses, and a motion with memory tends to one of its points."""
     body = some_body(kernel=RUBBER, damping=0.0)
     load = 0.3 * LOAD
     branch = vv.trace_response(
@@ -233,7 +233,7 @@ def test_branch_with_memory():
 
 
 def test_derivatives_of_the_branch():
-    """Slopes by frequency and load: steps of a long branch stay few."""
+    """Derivatives by frequency and load: a long branch needs few steps."""
     body = some_body()
     along = vv.trace_response(
         body, (1.0, 2.0), load=0.1 * LOAD, harmonics=7, tolerance=1e-2, stability=False
@@ -271,13 +271,13 @@ def test_derivatives_of_the_branch():
     ],
 )
 def test_what_is_refused(call, told):
-    """One line that names it."""
+    """One line that names the argument."""
     with pytest.raises(vv.InputError, match=told):
         call(some_body())
 
 
 def test_forces_at_mounts_balance_the_body():
-    """Forces of mounts along directions of the floor, turned by nothing, move its mass."""
+    """Mount forces in floor directions, without rotation, accelerate its mass."""
     body = some_body(load_axes="space")
     load, nu = 0.3 * LOAD, 3.0
     found = vv.forced_response(body, [nu], load=load, method="newton", harmonics=14, tolerance=1e-8)
@@ -295,7 +295,7 @@ def test_forces_at_mounts_balance_the_body():
 
 
 def test_ten_turns():
-    """A tumble over ten turns: the other vector of a rotation before 2 pi; and about one axis."""
+    """A tumble of ten turns: the equivalent vector is used before 2 pi; and about one axis."""
     foot = vv.MountPoint(name="foot", position=(0, 0, 0), stiffness=(1e-12, 0, 0))
     body = vv.Body(mass=3, inertia=(1.0, 2.0, 2.6), mounts=[foot], geometry="exact")
     start = np.zeros(12)
@@ -319,7 +319,7 @@ def test_ten_turns():
 
 @pytest.mark.filterwarnings("ignore:stiffness:viscovib.StabilityWarning")
 def test_what_holds_rotations_beside_two_pi():
-    """A rotational spring keeps its vector, which turns round before 2 pi: steps agree, energy."""
+    """A rotational spring keeps its vector below 2 pi: step sizes agree, and energy."""
     foot = vv.MountPoint(
         name="foot", position=(0, 0, 0), stiffness=(1, 1, 1), rotational_stiffness=(1e-3, 0, 0)
     )
@@ -334,7 +334,7 @@ def test_what_holds_rotations_beside_two_pi():
 
 
 def test_springs_with_memory_on_a_body_that_turns_over():
-    """What is remembered does not see which vector a rotation has: steps of two lengths agree."""
+    """Memory does not depend on the choice of the rotation vector: step sizes agree."""
     mounts = [
         vv.MountPoint(
             name=f"m{i}", position=p, stiffness=(0.2, 0.3, 0.4), kernel=RUBBER, law="0.1*d^3"
@@ -372,7 +372,7 @@ def heavy_body(*, rotational=(0.5, 0, 0.3)):
 
 @pytest.mark.parametrize("rotational", [(0.5, 0, 0.3), (0, 0, 0)])
 def test_sag_of_finite_rotations(rotational):
-    """The gradient of the whole potential is 0 where the body rests, turned by half a radian."""
+    """The gradient of the potential is 0 at the equilibrium, rotated by half a radian."""
     body = heavy_body(rotational=rotational)
     at = body.sag().displacement
     assert np.linalg.norm(at[3:]) > 0.5
@@ -396,7 +396,7 @@ def test_sag_of_finite_rotations(rotational):
     for e in h * np.eye(6):
         near, far = (potential(at + k * e) - potential(at - k * e) for k in (1, 2))
         assert abs(8 * near - far) / (12 * h) < 1e-10
-    # Modes are those of this potential: its second derivatives in the axes of the loaded body.
+    # Modes of this potential: its second derivatives in the axes of the loaded body.
     start = np.zeros(12)
     start[1::2] = 0.3, 0.1, -0.2, 0.8, -0.6, 0.5
     energy = body.energy(vv.simulate(body, 3.0, initial=start, dt=0.02).state)
@@ -413,7 +413,7 @@ def test_sag_of_finite_rotations(rotational):
 
 
 def test_motion_about_the_loaded_position():
-    """Another program with the weight itself, from where the body rests."""
+    """An independent program with the weight as a load, from the equilibrium."""
     body = heavy_body(rotational=(0, 0, 0))
     at = body.sag().displacement
     loaded = Rotation.from_rotvec(at[3:])

@@ -1,4 +1,4 @@
-"""Stability of bodies that turn far: monodromy by SciPy of equations in body rates."""
+"""Stability of bodies with large rotations: monodromy by SciPy in body rates."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ def test_verdict_is_that_of_the_monodromy(damping, spin, least, stable):
         return np.concatenate([speed, pull, times(back, w), moment / inertia]).ravel()
 
     def after(y):
-        """States of shape (12, m) one period later, all in the same steps."""
+        """States of shape (12, m) after a period, all with the same steps."""
         options = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10}
         return solve_ivp(rates, (0, 2 * np.pi / nu), y.ravel(), **options).y[:, -1].reshape(12, -1)
 
@@ -90,7 +90,7 @@ def test_verdict_is_that_of_the_monodromy(damping, spin, least, stable):
     ends = after(start + step * np.hstack([np.eye(12), -np.eye(12)]))
     largest = np.abs(np.linalg.eigvals((ends[:, :12] - ends[:, 12:]) / (2 * step))).max()
     assert (largest < 1) == stable
-    # Differences know it to 1e-4, as the last line asserts: the verdict is far from that.
+    # Differences are accurate to 1e-4, as the last line asserts: sufficient for the verdict.
     assert abs(largest - 1) > 5e-3
     assert found.stable[0] == stable
     assert np.nanmax(np.abs(found.multipliers[0])) == pytest.approx(largest, abs=1e-4)

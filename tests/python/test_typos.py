@@ -1,4 +1,4 @@
-"""Typical mistakes of a newcomer, in Python and in scenes, and their messages of one line."""
+"""Typical mistakes of a new user, in Python and in scenes, and their one-line messages."""
 
 import pytest
 import viscovib as vv

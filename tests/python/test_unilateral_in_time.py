@@ -1,4 +1,4 @@
-"""NLvib's example 03 (Krack and Gross): bifurcations by the event-accurate map of a period."""
+"""Example 03 of NLvib (Krack and Gross): bifurcations by an event-accurate period map."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ MASSES = vv.PolynomialSystem(
 
 
 def after(state, nu, steps):
-    """The state a period later."""
+    """The state after a period."""
     period = 2 * np.pi / nu
     run = vv.simulate(
         MASSES, period, dt=period / steps, initial=state, load=[0, 0.1], nu=nu, keep="last"
@@ -29,7 +29,7 @@ def monodromy(state, nu, steps, h=1e-5):
 
 
 def periodic(state, nu, steps):
-    """The motion that repeats, from one nearby, and its monodromy matrix."""
+    """The periodic motion near a given state, and its monodromy matrix."""
     matrix = monodromy(state, nu, steps)
     for _ in range(8):
         step = np.linalg.solve(matrix - np.eye(4), after(state, nu, steps) - state)
@@ -40,12 +40,12 @@ def periodic(state, nu, steps):
 
 
 def flips(matrix):
-    """0 where a multiplier is -1."""
+    """0 if a multiplier is -1."""
     return np.linalg.det(matrix + np.eye(4))
 
 
 def turns(matrix):
-    """0 where the largest pair is on the unit circle."""
+    """0 if the largest pair is on the unit circle."""
     return np.abs(np.linalg.eigvals(matrix)).max() - 1
 
 
@@ -57,7 +57,7 @@ def turns(matrix):
     ],
 )
 def test_bifurcations(found, test, between, start):
-    """Period doubling and Neimark-Sacker point: the published digits, the same by other steps."""
+    """Period doubling and Neimark-Sacker point: the published digits, also with other steps."""
     places = []
     for steps in (90, 110):
         nu = [between[1], between[1] + 0.25 * (between[0] - between[1])]

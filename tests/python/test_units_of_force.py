@@ -1,4 +1,4 @@
-"""What is told of a motion does not depend on the unit in which forces are measured."""
+"""Results do not depend on the unit of force."""
 
 import re
 
@@ -34,8 +34,8 @@ def _chain(rng, n):
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_errors_are_the_same_in_any_unit_of_force(n):
-    # The mean has no equation for its real part. Told to round as the forces do, it was an error
-    # that grew with their numbers.
+    # The mean has no equation for its real part: its rounding error must not count, because it
+    # grows with the numbers of the forces.
     rng = np.random.default_rng(n)
     for _ in range(3):
         system, nu = _chain(rng, n), np.sort(rng.uniform(0.3, 2.5, 5))
@@ -46,7 +46,7 @@ def test_errors_are_the_same_in_any_unit_of_force(n):
                 other = vv.forced_response(system(scale), nu, load=scale * load, method=method)
                 for name in ("coefficients", "truncation", "error"):
                     np.testing.assert_array_equal(getattr(other, name), getattr(own, name), name)
-        # Steps along branches differ a little: pivots do.
+        # Steps along branches differ slightly, because pivots do.
         own, other = (
             vv.trace_response(system(scale), (0.4, 2.2), load=scale * load).error
             for scale in (1.0, SCALES[0])
@@ -65,7 +65,7 @@ def scaled(force, length, kernel=None):
 
 @pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.1], rates=[1.0])])
 def test_units_change_no_motion_or_are_out_of_range(kernel):
-    """A system that is not refused moves as the system of ordinary units."""
+    """A system that is not refused moves as in ordinary units."""
     system, given = scaled(1.0, 1.0, kernel)
     true = vv.simulate(system, 5, rtol=1e-8, **given).state[-1]
     for force in (1e-307, 1e-290, 1e-279, 1e-200, 1e-100, 1e100, 1e200):

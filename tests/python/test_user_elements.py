@@ -1,4 +1,4 @@
-"""An element of a user, `examples/ratchet.f90`, which the build of the tests has."""
+"""A user-defined element, `examples/ratchet.f90`, which is built for the tests."""
 
 import os
 import pickle
@@ -28,8 +28,8 @@ def single(element):
 
 
 def moved(t_end, k=2.0, ahead=0.4, back=0.15):
-    """Return x, v and z at the end, by SciPy from yield to turn."""
-    # What ends a state: 0 sticks, 1 slides ahead, -1 slides back.
+    """Return x, v and z at the end, by SciPy between yield and reversal."""
+    # Mode: 0 sticks, 1 slides ahead, -1 slides back.
     ends = {
         0: [(lambda _, y: y[2] - ahead, 1, 1), (lambda _, y: y[2] + back, -1, -1)],
         1: [(lambda _, y: y[1], -1, 0)],
@@ -67,7 +67,7 @@ def test_its_class():
 
 
 def test_its_loop():
-    """Beside a `Jenkins` of the same limits bit for bit, else by its area."""
+    """Bitwise equal to a `Jenkins` with equal limits; otherwise compared by its area."""
     d = np.random.default_rng(3).normal(size=40)
     alike, slider = ratchet(back=0.4), vv.Jenkins(on="x1", stiffness=2.0, limit=0.4)
     assert np.array_equal(alike.loop(d), slider.loop(d))
@@ -77,7 +77,7 @@ def test_its_loop():
 
 
 def test_its_motions():
-    """In time and steady, by SciPy; even orders are there, since it is not odd."""
+    """In time and steady, by SciPy; with even harmonics, because it is not odd."""
     system = single(ratchet())
     run = vv.simulate(system, 30 * PERIOD, load=[1.0], nu=NU, tolerance=1e-9)
     end = moved(30 * PERIOD)
@@ -88,13 +88,13 @@ def test_its_motions():
     assert 2 in steady.harmonics
     assert steady.stable[0] == 1
     x = steady.coefficients[0, 0]
-    # What is left of the start after 30 periods, and its offset, which sliding resets.
+    # The remaining transient after 30 periods, and its offset, which sliding resets.
     assert x.imag.sum() == pytest.approx(end[0], abs=2e-4)
 
 
 @pytest.mark.parametrize(("name", "ends"), [("back", (0.15, 0.3)), ("stiffness", (2.0, 2.5))])
 def test_its_numbers_vary(name, ends):
-    """A branch ends where the element with that number is."""
+    """The end of a branch equals the element with that value."""
     options = {"load": [1.0], "harmonics": 9, "tolerance": 1e-3}
     vary = f"elements[0].{name}"
     branch = vv.trace_response(single(ratchet()), vary=vary, vary_range=ends, nu=NU, **options)
@@ -116,7 +116,7 @@ def listed(folder, name, text):
 
 
 def test_the_commands_of_the_page(tmp_path):
-    """Its copy under another name, listed and compiled, as the build does it."""
+    """A copy under another name, listed and compiled as in the build."""
     copy, rename, build = re.search(r"```sh\n(cp.*\n)(sed.*\n)(pip.*\n)```", PAGE).groups()
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     subprocess.run(["sh", "-ec", copy + rename], cwd=tmp_path, check=True)

@@ -1,11 +1,11 @@
-"""Branches along a number of the system: against others that reach the same motions elsewhere."""
+"""Branches along a parameter of the system, against other ways to the same motions."""
 
 import numpy as np
 import pytest
 import viscovib as vv
 from test_branch import KERNEL, STIFFNESS, _duffing, damped
 
-# Orders are few here on purpose; test_truncation.py tests the warning.
+# Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
 
 
@@ -18,7 +18,7 @@ def places(branch):
 
 
 def test_a_cubic_coefficient_is_the_square_of_a_load():
-    """Of x'' + d x' + x + c x^3 = F cos nu t only c F^2 counts."""
+    """x'' + d x' + x + c x^3 = F cos nu t depends on c F^2 only."""
     options = {"nu": 1.0, "load": 1.0, "harmonics": 31}
     by_load = vv.trace_response(_duffing(), load_range=(0.1, 30.0), **options)
     by_force = vv.trace_response(
@@ -32,12 +32,12 @@ def test_a_cubic_coefficient_is_the_square_of_a_load():
     assert by_force.folds == pytest.approx(by_load.folds**2, rel=1e-12)
     for mine, other in zip(by_force.crossings, by_load.crossings, strict=True):
         scaled = mine.coefficients * np.sqrt(mine.parameter)
-        # Near a fold as good as the root of rounding.
+        # Near a fold the accuracy is the root of the rounding error.
         assert scaled == pytest.approx(other.coefficients, rel=1e-6, abs=1e-6)
 
 
 def test_a_period_doubles_along_a_quadratic_coefficient():
-    """Of x'' + d x' + x - b x^2 = F cos nu t only b F counts."""
+    """x'' + d x' + x - b x^2 = F cos nu t depends on b F only."""
     escape = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-x^2")
     options = {"nu": 0.85, "load": 1.0, "harmonics": 24}
     by_load = vv.trace_response(escape, load_range=(0.01, 0.2), **options)
@@ -57,7 +57,7 @@ def test_a_period_doubles_along_a_quadratic_coefficient():
     ],
 )
 def test_changes_along_a_mounts_parameter_lie_where_those_in_frequency_do(kernel, damping, kind):
-    """Where stability changes in frequency, it does at 1 along any factor that is 1."""
+    """Bifurcations in frequency are bifurcations at 1 along any factor that is 1."""
     body = damped(kernel=kernel, damping=damping * STIFFNESS)
     swept = vv.trace_response(body, (0.45, 2.7), load=2.5, harmonics=15, max_points=3000)
     found = [c for c in swept.crossings if c.kind == kind][-1]
@@ -149,7 +149,7 @@ def entry(matrix, places, value):
     ],
 )  # fmt: skip
 def test_every_name_means_the_number_it_says(name, ends, made):
-    """Both ends are motions of systems built there, with their stability."""
+    """Both ends are motions of systems with these values, with their stability."""
     branch = vv.trace_response(two(), nu=1.1, vary=name, vary_range=ends, load=[0.2, 0.1])
     assert branch.outcome == "completed"
     assert (branch.nu == 1.1).all()
@@ -170,7 +170,7 @@ def test_every_name_means_the_number_it_says(name, ends, made):
 
 
 def test_a_coefficient_may_pass_zero():
-    """From softening over none at all to hardening: a point at 0 is the linear response."""
+    """From softening through linear to hardening: the point at 0 is the linear response."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.3, forces="0.1*x^3")
     branch = vv.trace_response(
         system, nu=0.9, vary="forces[x^3]", vary_range=(-0.1, 0.3), load=0.3, at=[0.0]
@@ -264,7 +264,7 @@ def test_parameters_that_move_the_stiffness_or_damping_at_rest(law, name, ends, 
 
 
 def test_a_power_that_has_no_value_below_0():
-    """At whole numbers it is a polynomial, which the numbers between must not be taken for."""
+    """At integers it is a polynomial, which must not be used in between."""
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces="0.5*x^n", parameters={"n": 3.0}
     )
@@ -278,7 +278,7 @@ def test_a_power_that_has_no_value_below_0():
 )
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_stiffness_is_the_one_that_is_given(forces, beside):
-    """As of a system made with it, whatever is linear in its forces."""
+    """As for a system with this stiffness, whatever is linear in its forces."""
 
     def made(k):
         own = {"stiffness": k, "forces": forces}

@@ -1,6 +1,6 @@
-"""Multipliers many orders apart: under a slow load the smallest are below rounding of the largest.
+"""Multipliers of very different size: slow loads, the smallest below rounding of the largest.
 
-Under a load that bends nothing the exponents are those of the linear part, whatever the period.
+For a linear response the exponents are those of the linear part, for any period.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def test_exponents_of_saddles_under_slow_loads(symmetric):
         damping = 0.1 * rng.uniform() * b @ b.T + 1e-3 * np.eye(n)
         mass = rng.uniform(0.5, 2, n)
         true = linear_exponents(mass, stiffness, damping)
-        # The largest multiplier is far beyond 1/epsilon, but a number.
+        # The largest multiplier is far above 1/epsilon, but finite.
         nu = max(2 * np.pi * np.abs(true).max() / rng.uniform(5, 600), 0.005)
         system = vv.PolynomialSystem(
             mass=mass.tolist(), stiffness=stiffness.tolist(), damping=damping.tolist(),

@@ -1,4 +1,4 @@
-"""What is written to tables says how sure it is: as much as the results themselves do."""
+"""Tables contain the errors of the results."""
 
 import re
 import warnings
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: Its branch turns back, and a motion leaves the range of its law.
+#: Its branch has folds, and a motion leaves the domain of its law.
 SYSTEM = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.5*x^3")
 
 

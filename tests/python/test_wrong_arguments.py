@@ -1,4 +1,4 @@
-"""Wrong arguments of every kind: an error of ours, in one line, at once."""
+"""Wrong arguments of every kind: an InputError in one line, immediately."""
 
 from pathlib import Path
 
@@ -72,7 +72,7 @@ def two_masses(mass):
 
 
 def named(unread, **options):
-    """Of a system with a parameter that stands in no force."""
+    """A system with a parameter that occurs in no force."""
     given = {"k": 1.0, unread: 1.0}
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="k*x^3", parameters=given)
     if "parameters" in options:
@@ -81,7 +81,7 @@ def named(unread, **options):
 
 
 def joined(**options):
-    """Of a structure whose joint has a parameter that its law does not name."""
+    """A structure whose joint has a parameter that does not occur in its law."""
     joint = vv.Spring(on="x1", law="k*d^3", parameters={"k": 1.0, "c": 1.0})
     chain = vv.Structure(mass=[1, 1], stiffness=np.diag([1.0, 2.0]), elements=[joint])
     return vv.trace_response(chain, nu=0.5, vary_range=(0, 1), load={"x1": 0.1}, **options)
@@ -90,7 +90,7 @@ def joined(**options):
 @pytest.mark.parametrize(
     ("work", "text"),
     [
-        # Arrays where a word, a number or a yes is wanted.
+        # Arrays where a word, a number or a truth value is expected.
         (lambda: respond(harmonics=EMPTY), "harmonics = array"),
         (lambda: respond(relaxation=EMPTY), "relaxation = array"),
         (lambda: respond(method=CUBE), "method = array"),
@@ -106,7 +106,7 @@ def joined(**options):
         (lambda: vv.sweep(lambda x: x, {"x": [1]}, vectorized=EMPTY), "vectorized = array"),
         (lambda: vv.sweep(lambda x: x, {"x": [1]}, chunk=EMPTY), "chunk = array"),
         (lambda: vv.PolynomialSystem(mass=1, stiffness=1, springs=None), "springs: must be"),
-        # What a number or an array may be, and which numbers.
+        # Types and values of numbers and arrays.
         (lambda: swing(dt="Auto"), "dt = 'Auto': must be a real number or 'auto'"),
         (lambda: many(dt="Auto"), "dt = 'Auto': must be a real number or 'auto'"),
         (lambda: many(lyapunov="largest"), "lyapunov = 'largest': must be True, False or 'all'"),
@@ -140,14 +140,14 @@ def joined(**options):
         (lambda: vv.PolynomialSystem(mass=-1), "positive definite, has too small a diagonal -1 in"),
         (lambda: two_masses([[1, 2], [3, 4]]), "has 2 in row 1, column 2 and 3 in row 2, column 1"),
         (lambda: two_masses([[1, 2], [2, 1]]), "has too small a diagonal 1 in row 2"),
-        # Numbers that nothing reads.
+        # Numbers that are not used.
         (
             lambda: named("gap", vary="gap", vary_range=(0, 1), nu=1.0),
             "a parameter of its forces, k$",
         ),
         (lambda: named("c", parameters={"c": [1, 2]}), "'c' does not vary .*memory_scale, k$"),
         (lambda: joined(vary="elements[0].c"), "must be one of stiffness, k of this element"),
-        # Other things than results, mappings or pairs.
+        # Objects other than results, mappings or pairs.
         (lambda: vv.plot_trajectory("x"), "trajectory = 'x': must be a Trajectory"),
         (lambda: vv.plot_trajectory([None]), r"trajectory\[0\] = None: must be a Trajectory"),
         (lambda: vv.plot_trajectory([]), "trajectory: must not be empty"),
@@ -170,11 +170,11 @@ def joined(**options):
         (lambda: respond().amplitude("x", []), r"harmonic = \[\]: must be one of those kept"),
         (lambda: respond().amplitude("x", "a\nb"), "harmonic = .*: must be one of those kept"),
         (lambda: pendulum().rhs([], START), "t: must be one number or have shape"),
-        # Values whose text takes several lines.
+        # Values whose text has several lines.
         (lambda: body(mass=CUBE), "mass = array.*must be a real number"),
         (lambda: body(kernel=body()), "kernel = Mount.*must be a Kernel or None"),
         (lambda: vv.PolynomialSystem(mass=1, stiffness=1, forces=CUBE), "forces = array"),
-        # Runs that nobody's memory holds, or that never end.
+        # Runs that exceed any memory, or never end.
         (lambda: swing(1e9, dt=0.25), "would keep 4000000000 states, must be at most"),
         (lambda: swing(1e300), "t_end = 1e[+]300: takes .* steps.*, must be at most"),
         (lambda: swing(5, dt=1e-320), "must be at most 1e[+]12"),
@@ -185,7 +185,7 @@ def joined(**options):
             lambda: vv.simulate(body(kernel=KERNEL), 1e308, load=0.1, nu=1),
             "t_end = 1e[+]308: takes",
         ),
-        # Arguments by name, of functions that have several forms too.
+        # Keyword arguments, also of functions with several forms.
         (
             lambda: vv.backbone(CUBIC, mode=0, energy_range=(0.1, 1)),
             "backbone: energy_range: is not an argument for a mount, a polynomial system or a str",
@@ -232,7 +232,7 @@ def joined(**options):
         ),
         (lambda: vv.spectrum([1, 2], 1, names=5), "names = 5: must be a list or tuple"),
         (lambda: vv.sweep(lambda x: x, {"x": [1]}, progress=CUBE), "progress = array"),
-        # A mask hides values: they are none.
+        # Masked values do not count as values.
         (lambda: respond(load=MASKED), r"load: 1 of 2 masked, must be without a mask"),
         (lambda: vv.forced_response(body(), MASKED, load=1), "nu: 1 of 2 masked"),
         (lambda: vv.spectrum([[MASKED, MASKED]], 1), r"signal\[0\]\[0\]: 1 of 2 masked"),
@@ -244,10 +244,10 @@ def joined(**options):
             lambda: KERNEL.sum_of_exponentials(t_min=1e-3, t_max=1e300),
             "t_max = 1e[+]300: must be in",
         ),
-        # A range takes no memory, the array it stands for does.
+        # A range needs no memory, but the array would.
         (lambda: vv.spectrum(range(10**30), 1), "signal: has 10{30} entries, must have at most"),
         (lambda: pendulum().rhs(0, np.zeros((0, 6))), r"state: has no states, its shape is \(0, 6"),
-        # Values that are not a finite number.
+        # Values that are not finite numbers.
         (
             lambda: vv.PronyKernel(weights=[1], rates=[2]).laplace([0, -2]),
             r"s\[1\] = -2.*not a finite",

@@ -1,1 +1,1 @@
-"""A referee: random systems, loads and settings, every answer judged by something of no shared code."""
+"""The referee: random systems, loads and settings, checked by references that share no code."""

@@ -1,12 +1,13 @@
-"""Judge random systems, loads and settings over every public method.
+"""Check random systems, loads and settings over every public method.
 
     python -m referee [--minutes N] [--systems N] [--seed S] [--only FAMILY ...]
                       [--self-test] [--out DIR]
 
-A line a family: systems, claims, refusals, failures, the worst ratio of the true error to the
-stated error, with the limit of this ratio. Every failure is printed as the Python call that shows it again, and written to
-out/referee/failures.py, when its family ends. --systems ends each family after so many, so that the same are judged
-whatever the machine's speed, as long as --minutes suffice. --self-test injects an error into every claim and asks that it is found.
+One line per family: systems, claims, refusals, failures, the largest ratio of the true error to the
+stated error, and the limit of this ratio. Each failure is printed as a Python call that reproduces
+it, and written to out/referee/failures.py when its family ends. --systems limits the systems per
+family, so that the same systems are checked at any speed of the machine if --minutes suffices.
+--self-test injects an error into every claim and requires that it is found.
 """
 
 import argparse
@@ -20,12 +21,12 @@ from referee.coverage import FAMILIES
 from referee.session import Verdict, run_family
 from referee.table import FAILURES, line, write
 
-#: Systems a family at least, unless the time is short.
+#: Minimum number of systems per family, unless the time is short.
 LEAST = 200
 
 
 def main() -> int:
-    """Run what is asked for; status 1 if anything is wrong."""
+    """Run the selected families; return 1 if there is a failure."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -49,7 +50,7 @@ def main() -> int:
     def one(family: str) -> Verdict:
         verdict = run_family(family, seed, share, least, given.systems)
         print(line(verdict), flush=True)
-        # At once: a run that is killed loses none.
+        # Written immediately, so that a killed run loses no failure.
         with FAILURES.open("a", encoding="utf-8") as file:
             for failure in verdict.failures:
                 file.write(f"{failure.script()}\n")

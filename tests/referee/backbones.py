@@ -1,4 +1,4 @@
-"""Free motions integrated over a period by SciPy, which must bring them back; energies; Floquet."""
+"""Backbones: periodicity of free motions by SciPy over a period, energies, Floquet multipliers."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
     draw = np.random.default_rng(index)
 
     def judge(names, told):
-        # In internal resonance a curve may turn back and end as a motion of a higher mode.
+        # At an internal resonance a curve may turn back and end as a motion of a higher mode.
         ended = names["outcome"] if names["folds"].size else "completed"
         yield Claim(
             "completed", names["outcome"], "returned" if ended == "returned" else "completed"
@@ -49,7 +49,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
         yield Claim("start", names["start"], own, 1e-14 * np.abs(own).max())
         n = len(names["nu"])
         i = n - 1 if ended == "returned" else int(draw.integers(n))
-        # A motion of far too few orders, which is told, may be anywhere.
+        # With a large stated truncation (far too few harmonics) the motion may be arbitrary.
         if names["truncation"][i] < 0.01:
             yield _periodic(model, names, i)
         if index % 4 == 0:
@@ -68,9 +68,10 @@ coefficients, orders = curve.coefficients, curve.harmonics
 
 
 def _periodic(model, names, i):
-    """Whether the true motion from a start comes back; where no integrator can tell, its defect.
+    """Claim that the true motion returns after a period, or that the residual is small.
 
-    An error of the start, and every rounding, grows by the largest multiplier in a period.
+    Errors of the start and rounding errors grow by the largest multiplier. If this factor is too
+    large for an integrator, the residual of the equations is checked instead.
     """
     nu, k, x = names["nu"][i], names["orders"], names["coefficients"][i]
     estimate, period = names["truncation"][i], 2 * np.pi / names["nu"][i]
@@ -90,15 +91,15 @@ def _periodic(model, names, i):
         pull = ((np.exp(1j * nu * np.outer(t, k)) * (k * nu) ** 2) @ x.T).imag @ model.mass.T
         force = sum(g.force(motion(t)) for g in model.groups)
         off = np.abs(force - pull).max() / np.abs(pull).max()
-        # Orders that are left out are felt by their accelerations.
+        # Omitted harmonics contribute to the acceleration with the square of their order.
         admitted, what = (100 * estimate + 1e-12) * k.max() ** 2, "defect of an unstable motion"
     return Claim(what, 1 + off, 1.0, admitted, damage=max(1e-6, 100 * admitted))
 
 
 def _of_both(names, mass):
-    """Judge the truncation where the curve of more orders is the same and knows better.
+    """Check the truncation against the curve with more harmonics, if both are the same curve.
 
-    A curve of far too few orders may pass a resonance of high ones on another side.
+    A curve with far too few harmonics may pass a resonance of high harmonics on the other side.
     """
     both = names["outcome"] == names["fine_outcome"] == "completed"
     right = max(names["truncation"].max(), names["fine_truncation"].max()) < 1e-3
@@ -107,7 +108,7 @@ def _of_both(names, mass):
 
 
 def _against_finer(names, mass):
-    """Judge the truncation by the motion of twice the orders at the same amplitude."""
+    """Check the truncation by the motion with twice the harmonics at the same amplitude."""
     fine = names["fine"][-1].imag
     own = np.zeros_like(fine)
     own[:, np.searchsorted(names["fine_orders"], names["orders"])] = names["coefficients"][-1].imag
@@ -167,7 +168,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
 
         own = np.linalg.eigvals(magnus(matrices, period, 400))
         sizes = np.sort(np.abs(own))[::-1]
-        # An error in the start grows by the largest multiplier.
+        # An error of the start grows by the largest multiplier.
         admitted = (100 * names["truncation"][i] + 1e-8) * max(1.0, sizes[0])
         yield Claim(
             "periodic from rest",

@@ -1,4 +1,4 @@
-"""A harmonic balance and Floquet multipliers of the referee's own, in plain NumPy."""
+"""Independent harmonic balance and Floquet multipliers in plain NumPy."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from referee.models import Array, Model
 
 
 class Balance:
-    """Orders 0 to ``highest`` of a model: u = sum_k s_k sin(k theta) + c_k cos(k theta).
+    """Harmonics 0 to ``highest`` of a model: u = sum_k s_k sin(k theta) + c_k cos(k theta).
 
     Unknowns are c_0, s_1, c_1, s_2, ... of each coordinate, shape (2 highest + 1, n).
     """
@@ -28,7 +28,7 @@ class Balance:
         self.project = self.waves.T * weights[:, None]
 
     def real(self, coefficients: Array, orders: Array) -> Array:
-        """Unknowns from X_k, shape (n, m), at orders."""
+        """Unknowns from X_k, shape (n, m), at the given harmonics."""
         a = np.zeros((2 * self.highest + 1, self.model.n))
         for j, k in enumerate(orders):
             if k > self.highest:
@@ -47,7 +47,7 @@ class Balance:
         return out
 
     def _turn(self, factors: Array) -> Array:
-        """Real matrix of multiplying X_k by factors[k]."""
+        """Real matrix of the multiplication of X_k by factors[k]."""
         m = np.zeros((2 * self.highest + 1,) * 2)
         m[0, 0] = factors[0].real
         for k in range(1, self.highest + 1):
@@ -57,7 +57,7 @@ class Balance:
         return m
 
     def operators(self, nu: float) -> tuple[Array, Array, list[Array]]:
-        """Matrices of u'', u' and of memory on each group."""
+        """Matrices of u'' and u', and the memory matrix of each group."""
         k = np.arange(self.highest + 1)
         kept = []
         for g in self.model.groups:
@@ -70,7 +70,7 @@ class Balance:
     def residual(
         self, a: Array, nu: float, load: Array, slopes: bool = True
     ) -> tuple[Array, Array]:
-        """Residual, and its derivatives by the unknowns (flattened row by row)."""
+        """Residual, and its derivatives with respect to the unknowns (flattened row by row)."""
         second, first, kept = self.operators(nu)
         m = self.model
         u = self.waves @ a
@@ -100,7 +100,7 @@ class Balance:
         return a if np.abs(change).max() <= 1e-9 * np.abs(a).max() else None
 
     def raised(self, nu: float, load: Array, steps: int = 1500) -> Array | None:
-        """Motion where the load of a curve from rest is first the whole: short steps along it."""
+        """Motion at the full load, by continuation in the load from rest in short steps."""
         size = load.size
         z, tangent, length = np.zeros(size + 1), np.eye(size + 1)[-1], 0.02
         unit = 0.0
@@ -131,8 +131,8 @@ class Balance:
         return None
 
     def fold(self, a: Array, nu: float, load: Array) -> tuple[float, Array] | None:
-        """Where d nu vanishes along the curve, near a motion, and the motion there."""
-        # Newton on F = 0, F_a v = 0, l.v = 1 with second derivatives by differences.
+        """Fold near a motion: the frequency at which d nu = 0 along the curve, and the motion."""
+        # Newton's method for F = 0, F_a v = 0, l.v = 1 with second derivatives by differences.
         r, jac = self.residual(a, nu, load)
         v = np.linalg.svd(jac)[2][-1]
         x, place = a.ravel().copy(), int(np.abs(v).argmax())
@@ -182,7 +182,7 @@ def load_rows(balance: Balance, load: Mapping[int, Array]) -> Array:
 
 
 def magnus(matrices: Any, period: float, n: int) -> Array:
-    """Monodromy matrix by Magnus' expansion of sixth order; ``matrices``(t) gives A(t) (m, N, N)."""
+    """Monodromy matrix by a sixth-order Magnus expansion; ``matrices``(t) gives A(t) (m, N, N)."""
     h = period / n
     t = h * np.arange(n)
     nodes = 0.5 + np.array([-1, 0, 1]) * np.sqrt(15) / 10
@@ -206,7 +206,7 @@ def magnus(matrices: Any, period: float, n: int) -> Array:
 
 
 def exponential(m: Array) -> Array:
-    """Exp of a stack of matrices: Taylor's series after scaling."""
+    """Exponential of a stack of matrices: Taylor series after scaling."""
     size = float(np.abs(m).sum(-1).max())
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
     m = m / 2.0**halvings
@@ -220,9 +220,9 @@ def exponential(m: Array) -> Array:
 
 
 def multipliers(model: Model, coefficients: Array, nu: float, n: int = 256) -> tuple[Array, Array]:
-    """Floquet multipliers of a motion X_k, k = 0, 1, ..., largest first, and what each is off by.
+    """Floquet multipliers of a motion X_k, k = 0, 1, ..., largest first, and their errors.
 
-    Memory must be sums of exponentials.
+    Kernels must be sums of exponentials.
     """
     k = np.arange(coefficients.shape[1])
 
@@ -234,10 +234,10 @@ def multipliers(model: Model, coefficients: Array, nu: float, n: int = 256) -> t
 
 
 def multipliers_of(matrices: Any, period: float, n: int) -> tuple[Array, Array]:
-    """Floquet multipliers of x' = A(t) x, largest first, and what the size of each is off by.
+    """Floquet multipliers of x' = A(t) x, largest first, and the error of each magnitude.
 
-    Each error is its own: where one multiplier is 1e6, what that one is off by would hide those
-    beside 1. Only rounding, here of the largest, is common to all.
+    Errors are estimated separately: the error of a multiplier of 1e6 would hide the errors of
+    multipliers near 1. Only the rounding error, of the largest multiplier, is common to all.
     """
     found = []
     for count in (n, 2 * n):
@@ -250,8 +250,8 @@ def multipliers_of(matrices: Any, period: float, n: int) -> tuple[Array, Array]:
 def growing(got: Array, sizes: Array, off: Array, share: float, close: float) -> Claim | None:
     """Claim that all growing multipliers were found, and no others; None if none grows.
 
-    ``got``: the sizes found; ``sizes``, largest first, with the errors ``off``: those of the
-    reference. As many must have been found as surely grow, at most as many as may grow.
+    ``got``: magnitudes found. ``sizes``, largest first, and their errors ``off``: the reference. The
+    number found is at least the number that certainly grows, at most the number that may grow.
     """
     found = np.sort(got[got > 1 + close])[::-1]
     surely = sizes > 1 + close + 10 * off

@@ -25,7 +25,7 @@ hz, energy, decoupling = modes.hz, modes.energy, modes.decoupling
 
 
 class _Model:
-    """A body of the referee's own: forces of its mounts as vectors."""
+    """Independent model of a body: forces of its mounts as vectors."""
 
     def __init__(self, rng):
         box = np.array([few(rng, 0.1, 2) for _ in range(3)])
@@ -65,7 +65,7 @@ class _Model:
 
     @staticmethod
     def axes(m):
-        """Local axes, a column each, by turning about x, then y, then z."""
+        """Local axes as columns: rotations about x, then y, then z."""
         axes = np.eye(3)
         for k, angle in enumerate(m["angles"]):
             e = np.eye(3)[k]
@@ -82,7 +82,7 @@ class _Model:
         return m["position"] - self.center
 
     def forces(self, u, stiffness=1.0, damping=0.0, cubic=0.0):
-        """Force and moment about the centre that hold the body at u (linear parts by factors)."""
+        """Force and moment about the centre that hold the body at u (linear parts with factors)."""
         total = np.zeros(6, dtype=np.result_type(u, stiffness, damping))
         for m in self.mounts:
             axes, arm = self.axes(m), self.arm(m)
@@ -151,7 +151,7 @@ own = body.modes()
             yield Claim("roll_share", names["share"][clear], parts[clear], 1e-6, damage=1e-3)
             yield Claim("roll_share", names["share"].sum(), 100.0, 1e-8)
         for which, center in enumerate(names["centers"]):
-            # Seen from there the coupling block of the matrix, or of its inverse, is symmetric.
+            # Relative to this point the coupling block of the matrix, or its inverse, is symmetric.
             away = center - model.center
             view = np.eye(6)
             view[:3, 3:] = np.array([np.cross(e, -away) for e in np.eye(3)]).T
@@ -181,9 +181,9 @@ def _with_memory(model):
 
 
 def _power(model, along, hz):
-    """Mean square of what a floor of density 1, 2, ... at hz and straight between them shakes.
+    """Mean square response to a floor density that is linear between 1, 2, ... at hz.
 
-    Gauss's rule on intervals that shrink towards the roots, found with the memory as states.
+    Gauss quadrature on intervals that shrink towards the roots of the equations with memory states.
     """
     k, c, m = model.matrix(), model.matrix(0.0, 1.0), model.masses
     roots = np.linalg.eigvals(_with_memory(model)) / 2 / np.pi
@@ -230,7 +230,7 @@ track = vv.FluidTrack(mass={size}, damping=3.0, stiffness=2e4).dynamic_stiffness
         arm, place = at - model.center, point - model.center
         load = np.concatenate([force, torque + np.cross(arm, force)])
         yield Claim("load", names["load"].real, load, 1e-13 * np.abs(load).max())
-        # A quarter turn apart, of one size, across the axis, the torque that of the force.
+        # Two forces of equal size, a quarter period apart, normal to the axis, with their torques.
         push = names["turning"]
         along = np.eye(3)["xyz".index(axis)]
         strength = size * nu[0] ** 2
@@ -271,7 +271,7 @@ track = vv.FluidTrack(mass={size}, damping=3.0, stiffness=2e4).dynamic_stiffness
             total = model.forces(u, model.kept(x), 1j * x)[:3]
             size_of = np.abs(total).max() + x**2 * model.mass * np.abs(u).max() + 1
             yield Claim("force_transmissibility", names["floor"][i], total, size_of * (c + 1e-12))
-            # Springs see what is relative to the floor.
+            # Springs deflect by the motion relative to the floor.
             u = np.linalg.solve(d, load + x**2 * m @ b * 1e-3)
             scale = np.abs(u).max() + 1e-3
             yield Claim(
@@ -345,7 +345,7 @@ stiffness = body.dynamic_stiffness(1e3)
             f[2] -= kept * mount["cubic"] * d[2] ** 3
             slope = kept * (mount["stiffness"].max() + 3 * mount["cubic"] * d[2] ** 2)
             yield Claim("forces", names["forces"][j], f, reach * slope)
-            # The work of a force of the body's own point, to second order in the rotation.
+            # Work of a force at a point fixed to the body, to second order in the rotation.
             p, force = arm, axes @ f
             for a in range(3):
                 for b in range(3):
@@ -399,7 +399,7 @@ found, orders, forces = r.coefficients, r.harmonics, body.mount_forces(r).force
                 true[j, :, place] = model.kept(k * nu) * elastic + damped
             size += mount["stiffness"].max() * np.abs(d).max() + np.abs(bent).max()
         yield Claim("mount_forces", names["forces"][0], true, 1e-11 * size)
-        # And together they move the body.
+        # All mounts together move the body.
         for place, k in enumerate(orders):
             total = -((k * nu) ** 2) * (model.masses @ x[:, place]) - load * (k == 1)
             scale = np.abs(load).max() + (k * nu) ** 2 * np.abs(model.masses @ x).max()
@@ -414,7 +414,7 @@ found, orders, forces = r.coefficients, r.harmonics, body.mount_forces(r).force
 
 
 def _turning(rng, index):
-    """Finite rotations without losses: Newton and Euler in axes of space, by a rotation matrix."""
+    """Finite rotations without losses: Newton-Euler equations with a rotation matrix."""
     model = _Model(rng)
     model.memory = None
     stiff, heavy = model.mounts[0]["stiffness"].max(), model.mass
@@ -448,7 +448,7 @@ state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_moment
                 pull[2] += m["cubic"] * d[2] ** 3
                 force -= axes @ pull
                 moment -= np.cross(arm, axes @ pull)
-            # w along the body, so that nothing is inverted but its own inertia.
+            # w in body axes, so that only the inertia of the body is inverted.
             own = turn.T @ moment - np.cross(w, model.inertia @ w + inside)
             spin = np.linalg.solve(model.inertia, own)
             return np.concatenate([v, force / model.mass, np.cross(turn, w).ravel(), spin])
@@ -474,7 +474,7 @@ state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_moment
 
 
 def _scene(rng, index):
-    """A body as a scene: the driver's own building of it beside the forces as vectors."""
+    """A body in a scene: the driver against the forces as vectors."""
     model = _Model(rng)
     load = (rng.normal(size=6) * model.mass).round(3)
     nu = few(rng, 20, 200)
@@ -521,5 +521,5 @@ masses = [[m.stiffness, m.rotation @ np.ones(3)] for m in vv.Scene.read(path).bo
 
 
 def case(rng, index):
-    """Draw a body: its modes, answers to loads, sag, mount forces, a motion, or as a scene."""
+    """Draw a body and a question: modes, response to loads, sag, mount forces, motion, or scene."""
     return (_modes, _loads, _sag, _laws, _turning, _scene)[index % 6](rng, index // 6)

@@ -1,4 +1,4 @@
-"""Points and folds solved again with twice the orders; folds against the turns of the branch."""
+"""Points and folds solved again with twice the harmonics; number of folds against turning points."""
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def _judge_points(model, names, load, tolerance, rng):
     seen = int((np.diff(turns) != 0).sum())
     between = len(branch.folds) - seen
     if between > 0 and between % 2 == 0 and branch.varies == "nu":
-        # Two within a step turn nothing that its ends show: there the equations are singular.
+        # Two folds within a step give no turning point: check that the equations are singular there.
         highest = Balance(model, int(orders.max()))
         for nu, x in zip(branch.folds, branch.fold_coefficients, strict=True):
             _r, jac = highest.residual(highest.real(x, orders), nu, load_rows(highest, load))
@@ -45,7 +45,7 @@ def _judge_points(model, names, load, tolerance, rng):
             continue
         off = difference(model, branch.coefficients[i], orders, true)
         if off > 0.5:
-            continue  # Another motion: beyond a fold of the larger balance.
+            continue  # A different motion, beyond a fold of the larger balance.
         admitted = max(estimate[i], 0.1 * tolerance) + 10 * tolerance
         if warned and branch.truncation is None:
             continue
@@ -53,7 +53,7 @@ def _judge_points(model, names, load, tolerance, rng):
     if branch.varies != "nu" or not len(branch.folds) or model.n > 2:
         return
     i = int(rng.integers(len(branch.folds)))
-    # One of as many orders or fewer would be the less exact of both.
+    # A reference with as many harmonics or fewer would be less accurate.
     if orders.max() > 24:
         return
     balance = Balance(model, min(2 * int(orders.max()) + 4, 31))
@@ -61,7 +61,7 @@ def _judge_points(model, names, load, tolerance, rng):
     found = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
     if found is not None and abs(found[0] / branch.folds[i] - 1) < 0.1:
         own, motion = found
-        # Newton's method of the judge, by differences, knows the place to some 1e-11.
+        # Newton's method of the reference, by differences, finds the location to about 1e-11.
         admitted = 3 * branch.fold_errors[i] + 1e-10 * own
         yield Claim(
             "place of a fold", branch.folds[i], own, admitted, damage=max(1e-6, 10 * admitted / own)
@@ -105,7 +105,7 @@ amplitude = branch.amplitude({model.names[0]!r})
         names["told"] = told
         branch = names["branch"]
         if names["outcome"] == "returned":
-            # The peak of a resonance lies behind the beginning: one fold of two is met.
+            # The resonance peak lies behind the start, so only one of two folds is passed.
             yield Claim("back at its beginning", names["last"], names["first"], 1e-12)
             yield Claim("an odd number of folds", branch.folds.size % 2, 1)
         else:
@@ -118,7 +118,7 @@ amplitude = branch.amplitude({model.names[0]!r})
 
 
 def _light(rng, index):
-    """One resonance, damping down to 1e-8: two folds and no more."""
+    """One resonance, damping down to 1e-8: exactly two folds."""
     c = few(rng, 1e-8 if index % 4 == 0 else 1e-6, 1e-2, 2)
     k3 = even(rng, 0.2, 1, 2)
     amplitude = even(rng, 0.6, 1.2, 2)
@@ -135,7 +135,7 @@ outcome, folds, peak = branch.outcome, len(branch.folds), branch.amplitude("x").
         for _ in range(50):
             a = amplitude / np.sqrt(1 + 0.75 * k3 * a * a)
         yield Claim("completed", names["outcome"], "completed")
-        # Bent by more than its width, by far: the response has exactly two folds.
+        # The peak shifts by much more than its width: the response has exactly two folds.
         if 0.375 * k3 * a * a > 20 * c:
             yield Claim("two folds", names["folds"], 2)
         yield Claim("amplitude at the peak", names["peak"], a, 0.02 * a, damage=0.1)
@@ -144,7 +144,7 @@ outcome, folds, peak = branch.outcome, len(branch.folds), branch.amplitude("x").
 
 
 def _begin(rng, index):
-    """Anything as a beginning, with as many orders as needed: an answer or a refusal, no crash."""
+    """Any starting point, with automatic harmonics: a result or a refusal, no crash."""
     model = chain(rng, int(rng.integers(1, 3)), few(rng, 0.01, 0.1, 2)).model()
     low = few(rng, 0.05, 0.5, 3)
     size = few(rng, 1, 40, 2)
@@ -172,7 +172,7 @@ branch = vv.trace_response(
 
 
 def _leave(rng, index):
-    """Where the symmetry breaks another branch leaves: its motions lack the symmetry."""
+    """Branches that bifurcate at symmetry-breaking points: their motions lack the symmetry."""
     c, k3, nu = even(rng, 0.05, 0.15, 2), even(rng, 0.5, 1.5, 2), even(rng, 0.9, 1.2, 3)
     model = Draft([1.0], [[c]], [[1.0]], [Term(k3, (3,), 0)]).model()
     call = f"""system = {model.source}
@@ -192,7 +192,7 @@ mirrored = [vv.trace_response(system, **same, leave=p, opposite=True, max_points
             yield Claim("the symmetry stays broken", int((sizes < 1e-8).sum()), 0)
             known = min(side.nu.size, other.nu.size)
             if known < 6:
-                continue  # the value ends beside where it leaves
+                continue  # the side branch ends near its start
             i = int(draw.integers(5, known))
             yield Claim("symmetry is broken", bool(abs(side.coefficients[i, 0, 0]) > 1e-6), True)
             x = _solve(

@@ -1,4 +1,4 @@
-"""What a family hands to the referee: a call, and what its answer is judged by."""
+"""The interface of a family: a call, and the claims about its result."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -10,12 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Claim:
-    """A number or a verdict of an answer, beside what it should be.
+    """A result (number, text or truth value) and its reference value.
 
-    ``claimed``: the error that the answer admits (estimate, tolerance, rounding), with what the
-    reference is uncertain by; None: ``got`` must equal ``true`` (a verdict, a count, a word).
-    ``limit``: the ratio of true to claimed error from which it counts as wrong. ``damage``: the
-    relative error that the self-test injects, which must be found.
+    ``claimed``: the stated error (estimate, tolerance, rounding) plus the uncertainty of the
+    reference. None: ``got`` must equal ``true``, such as a count or a word. ``limit``: the ratio of
+    true to claimed error above which the result is wrong. ``damage``: the relative error that the
+    self-test injects, which must be found.
     """
 
     what: str
@@ -26,7 +26,7 @@ class Claim:
     damage: float = 1e-6
 
     def ratio(self) -> float:
-        """True error over claimed error; inf: a wrong verdict, a wrong shape or no number."""
+        """True error divided by claimed error; inf for a wrong value, a wrong shape or a NaN."""
         got, true = np.asarray(self.got), np.asarray(self.true)
         if got.shape != true.shape:
             return math.inf
@@ -43,7 +43,7 @@ class Claim:
         return float(ratios.max())
 
     def damaged(self) -> "Claim":
-        """Return the same with an error injected into the answer."""
+        """Return the claim with an error injected into the result."""
         got = np.asarray(self.got)
         if self.claimed is None:
             wrong = (
@@ -57,7 +57,7 @@ class Claim:
         return replace(self, got=got * (1 + self.damage))
 
     def __str__(self) -> str:
-        """Say where the worst error is."""
+        """Describe the location of the largest error."""
         got, true = np.asarray(self.got), np.asarray(self.true)
         if got.shape != true.shape:
             return f"{self.what}: {_short(got)}, should be {_short(true)}"
@@ -82,10 +82,10 @@ def _short(value: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """A self-contained call and its judge.
+    """A self-contained call and the function that checks it.
 
-    ``call`` is Python run with np and vv; ``judge`` gets its names and the warnings it gave.
-    ``may_refuse``: an InputError is an answer too (it is counted).
+    ``call`` is Python code run with np and vv. ``judge`` receives its names and warnings.
+    ``may_refuse``: an InputError is allowed (it is counted).
     """
 
     call: str
@@ -95,7 +95,7 @@ class Case:
 
 
 def number(x: float) -> str:
-    """Write a number so that it is read back as it is."""
+    """Write a number so that it can be read back exactly."""
     return repr(float(x))
 
 
@@ -105,7 +105,7 @@ def numbers(values: Any) -> str:
 
 
 def few(rng: np.random.Generator, low: float, high: float, digits: int = 4) -> float:
-    """Draw a number of few digits, evenly over the logarithm."""
+    """Draw a number with few digits, uniformly in the logarithm."""
     x = math.exp(rng.uniform(math.log(low), math.log(high)))
     return float(f"{x:.{digits - 1}e}")
 

@@ -1,4 +1,4 @@
-"""Which family judges which public name: a name without one fails the lint."""
+"""The family that checks each public name: a name without a family fails the lint."""
 
 import ast
 import functools
@@ -15,7 +15,7 @@ FAMILIES = (
     "scenes",
     "invariances", "structure_motions", "structure_stability", "structures", "sweeps", "tables",
 )  # fmt: skip
-#: Public names that have nothing to judge, and why.
+#: Public names without a result to check, and the reason.
 _ARRAYS = "its own arrays, which test_results compares"
 _PICTURE = "a picture: numbers are those of the result it is given"
 _WHOLE = "tests/python/test_structure.py compares it with the whole system"
@@ -162,7 +162,7 @@ def _tree(family: str) -> ast.Module:
 
 @functools.cache
 def _text(family: str) -> str:
-    """What a family does, without its JUDGES."""
+    """Source of a family without its JUDGES."""
     kept = [
         node
         for node in _tree(family).body
@@ -172,7 +172,7 @@ def _text(family: str) -> str:
 
 
 def _constants(family: str) -> dict[str, object]:
-    """Docstring and JUDGES of a family, read without running it."""
+    """Docstring and JUDGES of a family, read without importing it."""
     tree = _tree(family)
     found: dict[str, object] = {"description": ast.get_docstring(tree) or ""}
     for node in tree.body:
@@ -184,16 +184,16 @@ def _constants(family: str) -> dict[str, object]:
 
 
 def description(family: str) -> str:
-    """By what a family judges."""
+    """Reference method of a family: the first line of its docstring."""
     return str(_constants(family)["description"]).splitlines()[0].rstrip(".")
 
 
 def public_names() -> list[str]:
-    """Everything in ``viscovib.__all__``, and what its classes make public themselves."""
+    """Names in ``viscovib.__all__``, and public members of the classes."""
     import viscovib as vv
 
     names = []
-    # What a class says anew of its base is judged, or not, as that of the base.
+    # An overridden member counts as the member of its base class.
     same = {name.partition(".")[2] for name in NOTHING_TO_JUDGE if name.startswith("Result.")}
     same.add("complete")
     for name in vv.__all__:
@@ -210,7 +210,7 @@ def public_names() -> list[str]:
 
 
 def _members(name: str, thing: type) -> list[tuple[str, str]]:
-    """Public methods and properties, by the public class that defines them (else this one)."""
+    """Public methods and properties with the public class that defines them (else this class)."""
     import viscovib as vv
 
     found = []
@@ -228,7 +228,7 @@ def _members(name: str, thing: type) -> list[tuple[str, str]]:
 
 
 def _used(member: str, family: str) -> bool:
-    """Whether calls of a family, or of the systems it draws, have this word; classes are made."""
+    """True if the source of a family contains the word; constructors count as used."""
     if member == "__call__" or member[0].isupper():
         return True
     return re.search(rf"\b{member}\b", _text(family)) is not None
@@ -244,7 +244,7 @@ def judged() -> dict[str, list[str]]:
 
 
 def complaints() -> list[str]:
-    """Public names without a family, and names of families that are not public."""
+    """Public names without a family, and names listed by families that are not public."""
     public, known = public_names(), judged()
     lines = [
         f"{name}: no family of tests/referee judges it; name it in its JUDGES, or in "
@@ -274,7 +274,7 @@ def complaints() -> list[str]:
 
 
 def main() -> int:
-    """Print what is not covered; status 1 if anything is."""
+    """Print what is not covered; return 1 if there is anything."""
     found = complaints()
     for text in found:
         print(f"referee: {text}")

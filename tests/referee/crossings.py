@@ -1,4 +1,4 @@
-"""Floquet multipliers along branches; crossings against them and against the neighbouring counts."""
+"""Floquet multipliers along branches; bifurcations against them and against neighbouring counts."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def _own(model, coefficients, orders, nu, load, highest=None):
 
 
 def told_by_crossings(branch):
-    """Crossings explain each change of the count, all have a place, and each fold has one."""
+    """Bifurcations explain each change of the count, have a location, and include each fold."""
     g = branch.growing
     by = {i: [c for c in branch.crossings if c.before == i] for i in range(g.size - 1)}
     unexplained = 0
@@ -38,7 +38,7 @@ def told_by_crossings(branch):
 
 
 def places_of_more(branch, more):
-    """Places that more orders have next to them are as far off as told."""
+    """The error of each location covers the difference to the same branch with more harmonics."""
     for found, true in (
         (branch.crossings, more.crossings),
         (branch.branch_points, more.branch_points),
@@ -68,13 +68,13 @@ def places_of_more(branch, more):
 
 
 def case(rng, index):
-    """Draw a branch whose stability is judged."""
+    """Draw a branch and check its stability."""
     memory = some_prony(rng) if index % 3 == 2 else None
     symmetric = index % 2 == 0
     if index % 5 == 0:
         model = mount(rng, damped=few(rng, 0.01, 0.03, 2), memory=memory)
     elif index % 5 == 1:
-        # Parametric resonance and period doubling: a load of order 2 at half its frequency.
+        # Parametric resonance and period doubling: a load of harmonic 2 at half its frequency.
         model = Draft([1.0], [[few(rng, 0.02, 0.1, 2)]], [[1.0]], [Term(even(rng, 0.2, 1, 2), (2,), 0), Term(even(rng, 0.3, 1, 2), (3,), 0)], memory).model()  # fmt: skip
     elif index % 10 == 4:
         memory = some_prony(rng)
@@ -97,7 +97,7 @@ def case(rng, index):
     else:
         where = f"{ends}"
     same = f"{where}, load={{{order}: {load[order].tolist()}}}, harmonics=13, symmetric={symmetric}"
-    # Many small steps with memory take long.
+    # Small steps with memory are slow.
     refined = f"vv.trace_response(system, {same}, max_points=4000, max_step=0.02)"
     more = f"vv.trace_response(system, {same.replace('harmonics=13', 'harmonics=33')})"
     call = f"""system = {model.source}
@@ -114,7 +114,7 @@ more = {more if memory is None or index % 12 == 5 else None}
         orders = branch.harmonics
         for i in draw.integers(0, branch.nu.size, 2):
             scaled = {k: p * branch.load_factor[i] for k, p in load.items()}
-            # The same orders: it is the stability of this motion, a balance of which it solves.
+            # With the same harmonics, so that the solution of this balance is the motion checked.
             x = _own(model, branch.coefficients[i], orders, branch.nu[i], scaled)
             if x is None or branch.growing[i] < 0:
                 continue
@@ -136,7 +136,7 @@ more = {more if memory is None or index % 12 == 5 else None}
         if names["more"] is not None:
             yield from places_of_more(branch, names["more"])
         refined = names["refined"]
-        # Smaller steps see the same; few orders let places of folds and exponents part.
+        # Small steps find the same; with few harmonics the locations of folds and multipliers differ.
         if refined is not None and refined.growing is not None:
             whole = branch.outcome == refined.outcome == "completed"
             if whole and max(branch.truncation.max(), refined.truncation.max()) < 1e-3:
@@ -169,8 +169,8 @@ more = {more if memory is None or index % 12 == 5 else None}
                 away = float(away.min(initial=9.0))
             else:
                 away = float(np.abs(mu - target).min())
-            # A multiplier leaves 1 as the root of the distance where the branch turns, and of
-            # what the orders left out change.
+            # At a fold a multiplier leaves 1 like the square root of the distance. Omitted harmonics have
+            # the same effect.
             sizes = np.abs(whole)
             left_out = float(sizes[:, -2:].max() / sizes.max())
             near = 3e-4 + 30 * np.sqrt(left_out)

@@ -1,4 +1,4 @@
-"""Elements with states in time, by every method and start: SciPy from switch to switch."""
+"""Motions of elements with internal states, by every method and start: SciPy from switch to switch."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from referee.switched import Automaton, Contact, Sliders, Turning, state_of
 
 JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen")
 METHODS = ("auto", "gauss8", "gauss16", "gauss2", "gauss3", "rk4", "dop8", "verner8", "verner9")
-#: Those of more coordinates.
+#: Methods for more coordinates.
 _OF_MANY = ("auto", "gauss8", "gauss2", "gauss3")
-#: Powers of Dahl's law, and of Bouc's and Wen's, broken ones among them.
+#: Exponents of the Dahl and Bouc-Wen laws, including non-integer values.
 _DAHL, _BOUC_WEN = (0, 0.5, 1, 1.5, 2), (1, 1.5, 2, 2.3, 3)
-#: A disturbance by which the growth of errors is known, and growth beyond which nothing is.
+#: Perturbation for the growth of errors, and the growth above which nothing is checked.
 _MOVED, _MOST = 1e-8, 1e3
 
 
 class Smooth:
-    """A law of the deflection and its rate without corners."""
+    """A smooth law of the deflection and its rate."""
 
     size = 0
 
@@ -34,7 +34,7 @@ class Smooth:
 
 
 class Quadratic(Smooth):
-    """c v |v|, one law on each side of v = 0."""
+    """c v |v|, with one smooth law on each side of v = 0."""
 
     def __init__(self, direction, c):
         super().__init__(direction, lambda d, v: c * v * v * self.way)
@@ -51,14 +51,14 @@ class Quadratic(Smooth):
 
 
 class Driven(Automaton):
-    """The same with smooth laws, under loads with corners and jumps."""
+    """The automaton with smooth laws, under loads with corners and jumps."""
 
     def __init__(self, corners, *given):
         super().__init__(*given)
         self.corners = np.concatenate([[-np.inf], corners, [np.inf]])
 
     def settle(self, t, y):
-        # At a jump of the load that of the piece to come counts, until the piece ends.
+        # At a jump of the load the value of the following piece applies until this piece ends.
         i = np.searchsorted(self.corners, t, side="right") - 1
         self.piece = self.corners[i] + 1e-12, self.corners[i + 1] - 1e-12
         super().settle(t, y)
@@ -79,7 +79,7 @@ class Driven(Automaton):
 
 
 def _direction(rng, n):
-    """Where an element stands: its source, and its vector."""
+    """Attachment of an element: its source, and its vector."""
     if n == 1 or rng.random() < 0.5:
         weights = np.eye(n)[rng.integers(n)]
     elif rng.random() < 0.7:
@@ -91,7 +91,7 @@ def _direction(rng, n):
 
 
 def _hysteresis(rng, n):
-    """An element with states: its source, and its automaton."""
+    """An element with internal states: its source, and its automaton."""
     on, e = _direction(rng, n)
     k, limit, kind = few(rng, 0.5, 20), few(rng, 0.02, 0.8), int(rng.integers(4))
     if kind == 0:
@@ -101,7 +101,7 @@ def _hysteresis(rng, n):
         ks = [few(rng, 0.5, 8) for _ in range(m)]
         limits = [few(rng, 0.02, 0.8) for _ in range(m)]
         if rng.random() < 0.3:
-            # All slip at once.
+            # All sliders yield at the same time.
             ks, limits = ks[:1] * m, limits[:1] * m
         return f"vv.Iwan(on={on}, stiffness={ks}, limit={limits})", Sliders(e, ks, limits)
     if kind == 2:
@@ -124,7 +124,7 @@ def _hysteresis(rng, n):
 
 
 def _beside(rng, n):
-    """What stands beside it: gaps, polynomials, dampers."""
+    """Additional elements: gaps, polynomials, dampers."""
     on, e = _direction(rng, n)
     k, gap, c = few(rng, 2, 100), few(rng, 0.05, 0.6), few(rng, 0.05, 1)
     return [
@@ -137,7 +137,7 @@ def _beside(rng, n):
 
 
 def _load(rng, n, mass, end):
-    """What acts: its source, its function, and the times of its corners."""
+    """Load: its source, its function, and the times of its corners."""
     kind = int(rng.integers(4))
     if kind == 0:
         return "", lambda t: np.zeros(n), []
@@ -166,7 +166,7 @@ def _load(rng, n, mass, end):
 
 
 def _call(rng, index, method, end, initial, load, times):
-    """How the motion is asked for; names ``state``, ``error`` and ``outcome``."""
+    """The call; its results are ``state``, ``error`` and ``outcome``."""
     given = f"initial={initial}, method={method!r}{load}"
     tolerance = 10.0 ** -int(rng.integers(5, 11))
     how = index % 5
@@ -179,7 +179,7 @@ def _call(rng, index, method, end, initial, load, times):
     elif how == 2:
         run += f"dt={float(rng.choice([0.02, 0.1, 0.3]))}, estimate_error=True)"
     elif how == 3 or "force" in load:
-        # In two parts.
+        # In two runs, the second resumed.
         half = times[len(times) // 2 :].tolist()
         run = f"""first = vv.simulate(system, {end / 2}, {given}, tolerance={tolerance})
 run = vv.simulate(system, {end}, resume=first, times={half}, estimate_error=True)"""
@@ -193,9 +193,9 @@ state, error, outcome = run.state[-1:], run.error, str(run.outcome[-1])
 
 
 def case(rng, index):
-    """Masses with such elements, others beside them, dry friction, rigid stops.
+    """Masses with such elements, other elements, dry friction, rigid stops.
 
-    One to three, and of every sixth draw more than explicit methods take.
+    One to three masses; in every sixth case more than explicit methods accept.
     """
     many = index % 6 == 5
     n = int(rng.integers(7, 13) if many else rng.integers(1, 4))

@@ -1,4 +1,4 @@
-"""Lanes against SciPy and against the same lane alone; statistics by quadrature; tangents by Magnus."""
+"""Ensemble members against SciPy and single runs; statistics by quadrature; tangents by Magnus."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -75,7 +75,7 @@ names_told = many.dof_names
         since = h * np.ceil(discard / h - 1e-9)
         tangent = np.zeros(6)
         tangent[::2] = 1 / np.sqrt(3)
-        # What a disturbance has become until it counts, and what it grows by from there on.
+        # Perturbation at the start of the averaging, and its growth from there.
         tangent = _carried(q, states[lane], np.linspace(0, since, 1001), tangent)
         grown = _carried(q, states[lane], np.linspace(since, end, 2001), tangent)
         rate = np.log(np.linalg.norm(grown) / np.linalg.norm(tangent)) / (end - since)
@@ -85,7 +85,7 @@ names_told = many.dof_names
 
 
 def _carried(q, state, times, tangent):
-    """A disturbance of a motion from the first time to the last."""
+    """Propagate a perturbation of a motion from the first time to the last."""
     if times[-1] <= times[0]:
         return tangent
     along = q.motion(state, times)
@@ -96,7 +96,7 @@ def _carried(q, state, times, tangent):
 
 
 def _along(motion, start, end):
-    """Peak, mean and rms of a motion from `start` on: Gauss's rule, parabolas at the tops."""
+    """Peak, mean and rms of a motion from `start`: Gauss quadrature, parabolas at the maxima."""
     x, w = np.polynomial.legendre.leggauss(12)
     edges = np.linspace(start, end, 121)
     half = np.diff(edges)[:, np.newaxis] / 2
@@ -117,7 +117,7 @@ def _along(motion, start, end):
 
 
 def _failed(rng, index):
-    """A lane that leaves the range holds no number that it did not gather, and disturbs no other."""
+    """A member that fails contains only collected values and does not affect other members."""
     p = pendulum(rng, (0.01, 0.05))
     states = np.zeros((4, 6))
     states[:, 2] = [0.1, 0.2, 0.3, -0.2]
@@ -137,7 +137,7 @@ alone = vv.simulate_ensemble(system, initial={states[(bad + 1) % 4].tolist()}, *
         yield Claim("others go on", bool((names["outcome"][good] == "completed").all()), True)
         for what in ("lyapunov", "mean", "peak"):
             known = np.isfinite(names[what][bad]).any()
-            # It stopped before anything was gathered.
+            # It stopped before anything was collected.
             yield Claim(f"{what} of a lane that stopped before", bool(known), False)
         yield Claim("states are numbers", bool(np.isfinite(names["state"]).all()), True)
         yield Claim(
@@ -148,7 +148,7 @@ alone = vv.simulate_ensemble(system, initial={states[(bad + 1) % 4].tolist()}, *
 
 
 def _gathered(rng, index):
-    """Sections and amplitudes of motions that are known: linear, far from rest in z alone."""
+    """Sections and amplitudes of known motions: linear, with a large motion in z alone."""
     w2, c1, f0, p1 = (
         even(rng, 0.3, 0.6, 3),
         even(rng, 0.3, 0.8, 2),
@@ -191,7 +191,7 @@ section_error = many.section_error
 
 
 def _systems(rng, index):
-    """Lanes of an oscillator with a law: the motions by SciPy, and the sum of all exponents."""
+    """Members of an oscillator with a law: motions by SciPy, sum of all exponents."""
     c, k, load = even(rng, 0.05, 0.4, 3), even(rng, -1, 2, 3), even(rng, 0.1, 0.6, 3)
     law, force = (
         ("x^3", lambda x, v: x**3),
@@ -201,7 +201,7 @@ def _systems(rng, index):
     nus = [even(rng, 0.5, 2, 3) for _ in range(5)]
     start = [[even(rng, -1, 1, 3), even(rng, -1, 1, 3)] for _ in range(5)]
     method = (*METHODS, *SERIES)[index // 3 % (len(METHODS) + len(SERIES))]
-    # Power series give no exponents.
+    # Power series do not compute exponents.
     series = method in SERIES
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
 many = vv.simulate_ensemble(system, initial={start}, parameters={{"nu": {nus}}}, load={load},
@@ -225,7 +225,7 @@ state, total = many.state, {"None" if series else "many.spectrum.sum(axis=1)"}
 
 
 def _numbers(rng, index):
-    """Lanes that differ in numbers of a law, some of them 0 or a power of 2, by SciPy."""
+    """Members with different parameters of a law, some 0 or a power of 2, by SciPy."""
     c, k = even(rng, 0.05, 0.4, 3), even(rng, 0.5, 2, 3)
     text, force = (
         ("A*tanh(x_dot/B) + x^3", lambda x, v, a, b: a * np.tanh(v / b) + x**3),
@@ -238,7 +238,7 @@ def _numbers(rng, index):
     a = [float(rng.choice([0.0, even(rng, 0.1, 1, 3)], p=[0.2, 0.8])) for _ in range(n)]
     b = [float(rng.choice([2.0, even(rng, 0.1, 2, 3)], p=[0.2, 0.8])) for _ in range(n)]
     start = [even(rng, -2, 2, 3), even(rng, -2, 2, 3)]
-    # The last two laws have a function or a power that is no series.
+    # The last two laws have a function or a power without a series.
     series = SERIES[index // 4 % len(SERIES)]
     method = (*METHODS, series)[index % (3 if index % 5 in (1, 4) else 4)]
     step = ", dt=0.02" if method == series else ""
@@ -261,7 +261,7 @@ state, error = many.state, many.error or 0.0
 
 
 def _beside(rng, index):
-    """Exponents by motions beside a motion: the sum is the mean trace along SciPy's motion."""
+    """Exponents from neighbouring motions: their sum is the mean trace along the motion of SciPy."""
     k, c = few(rng, 0.3, 30, 3), few(rng, 0.01, (1, 60)[index % 2], 3)
     law, force, slope = (
         ("0.5*abs(x)", lambda x, v: 0.5 * abs(x), lambda x, v: 0.0),
@@ -271,7 +271,7 @@ def _beside(rng, index):
     )[index % 4]
     load, nu = even(rng, 0.2, 2, 2), round(float(rng.uniform(0.3, 2) * np.sqrt(k)), 3)
     start = [even(rng, 0.1, 1, 3), even(rng, -1, -0.1, 3)]
-    # Steps are given: coarse ones beside the damping would be judged too.
+    # With a given step size the error of coarse steps would be checked as well.
     step = round(min(0.3 / np.sqrt(k), 2 / (c + 20)), 4)
     n, before = int(rng.integers(80, 200)), int(rng.choice([0, 40]))
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness={k}, damping={c}, forces={law!r})
@@ -283,7 +283,7 @@ total, h, outcome = many.spectrum.sum(), many.step[0], many.outcome[0]
     def judge(names, told):
         yield Claim("completed", names["outcome"] == "completed", True)
         begin, end = before * names["h"], n * step
-        # Neighbours pass a corner before or after: that tells where it is only grazed.
+        # A neighbouring motion passes a corner earlier or later, which matters at grazing.
         off = 3e-7 * np.sqrt(k) * max(1.0, load / k)
 
         def rates(t, y):
@@ -305,7 +305,7 @@ total, h, outcome = many.spectrum.sum(), many.step[0], many.outcome[0]
 
 
 def _settled(rng, index):
-    """Two wells: SciPy settles where the grid says."""
+    """Two potential wells: the attractor of each start by SciPy."""
     c, k = even(rng, 0.2, 0.6, 3), even(rng, 0.5, 1.5, 3)
     grid = [even(rng, -1.5, 1.5, 3) for _ in range(3)]
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness=-{k}, damping={c}, forces="x^3")
@@ -329,6 +329,6 @@ same = bool((b.to_dataset()["label"].values == b.labels).all())
 
 
 def case(rng, index):
-    """Draw lanes."""
+    """Draw an ensemble."""
     families = (_lanes, _failed, _systems, _gathered, _settled, _beside, _numbers)
     return families[index % 7](rng, index // 7)

@@ -1,4 +1,4 @@
-"""Events of motions in time, also through kinks and jumps of laws: by SciPy's steps."""
+"""Events of motions in time, also across kinks and jumps of laws: by the steps of SciPy."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -8,7 +8,7 @@ from referee.case import Case, Claim, even, number
 
 JUDGES = ("Event", "Trajectory.__call__")
 
-#: Texts in x with numbers A (height) and B (place), and the same for NumPy.
+#: Texts in x with numbers A (height) and B (position), and the same for NumPy.
 LAWS = {
     "A*x^3": lambda x, a, b: a * x**3,
     "9*A*max(x - B, 0)": lambda x, a, b: 9 * a * np.maximum(x - b, 0),
@@ -20,15 +20,15 @@ LAWS = {
     "0.1*A*(abs(x - B) - B)": lambda x, a, b: 0.1 * a * (abs(x - b) - b),
     "A*heaviside(x - B)*(x - B)^2": lambda x, a, b: a * (x > b) * (x - b) ** 2,
 }
-#: Functions watched with a number L.
+#: Event functions with a number L.
 FUNCTIONS = {
     "x - L": lambda t, y, level: y[0] - level,
     "x_dot - L": lambda t, y, level: y[1] - level,
     "x*x_dot + L": lambda t, y, level: y[0] * y[1] + level,
     "sin(x + t) - L": lambda t, y, level: np.sin(y[0] + t) - level,
 }
-#: Functions of what is watched, U, that change within a width W, with the places where they pass 0
-#: in widths, and the sign of their slope there.
+#: Thin functions of an event function U with a width W: their zeros in widths, and the sign of the
+#: slope there.
 THIN = {
     "exp(-((U)/W)^2) - 0.5": ((-np.sqrt(np.log(2)), 1), (np.sqrt(np.log(2)), -1)),
     "1/(1 + ((U)/W)^2) - 0.5": ((-1.0, 1), (1.0, -1)),
@@ -42,14 +42,14 @@ _END = 12.0
 
 
 def _levels(text, width):
-    """Places of passages of a thin function, and signs; those that only touch 0 are none."""
+    """Locations of the events of a thin function, and signs; touching 0 is not an event."""
     return [(place * width, sign) for place, sign in THIN[text] if sign]
 
 
 def case(rng, index):
-    """Draw an oscillator and a function of its state; ask for passages and the last state.
+    """Draw an oscillator and an event function; compare events and the final state.
 
-    Every fourth asks how sure passages are.
+    In every fourth case the event errors are compared.
     """
     if index % 4 == 3:
         return sure_events.case(rng)

@@ -1,4 +1,4 @@
-"""Fits of random materials: parameters given back, factors, terms and tables; closed forms of NumPy alone."""
+"""Fits of random materials: recovered parameters, factors, terms and tables; closed forms of NumPy alone."""
 
 import numpy as np
 from scipy.stats import chi2
@@ -31,7 +31,7 @@ JUDGES = (
 
 
 def _material(rng, index):
-    """A kernel whose change lies within 1e-2 to 1e4 rad/s: source, formula of its transform."""
+    """A kernel that relaxes within 1e-2 to 1e4 rad/s: source, formula of its transform."""
     kind = ("rabotnov", "rzhanitsyn", "abel")[index % 3]
     alpha, tau, p = even(rng, 0.2, 0.85, 2), few(rng, 1e-2, 1, 2), even(rng, 0.3, 0.8, 2)
     slow = tau**-alpha
@@ -84,7 +84,7 @@ symmetric = abs(fit.correlation - fit.correlation.T).max()
             if name in loose:
                 continue
             low, high = interval[name]
-            # Five standard errors, and what rounding leaves.
+            # Five standard errors plus rounding error.
             allowed = 5 / 2 * (high - low) / 1.96 + 1e-7 * value
             yield Claim(f"{kind} {name}", found[name], value, allowed, damage=10)
             yield Claim(
@@ -153,7 +153,7 @@ sets = len(step.sets()) + len(crept.measured.data.sets())
                 if np.isfinite(names[which][name]):
                     beta = which == "second" and name == "beta"
                     exact = lost + a if beta else value
-                    # The difference of beta and amplitude was rounded to six digits.
+                    # The difference of beta and amplitude is rounded to six digits.
                     yield Claim(
                         f"{which} {name}", names[which][name], exact, 2e-5 * value, damage=1e-2
                     )
@@ -336,7 +336,7 @@ static = np.array([law.stiffness, law.parameters["k3"]])
 
 
 def case(rng: np.random.Generator, index: int) -> Case:
-    """One of the questions, by turns."""
+    """The kinds of fits in turn."""
     kinds = (_parametric, _parametric, _in_time, _terms, _sets, _table, _amplitudes)
     make = kinds[index % 7]
     return make(rng, int(rng.integers(1000)))

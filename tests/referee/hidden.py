@@ -1,4 +1,4 @@
-"""Systems of 4 to 7 coordinates of which few have forces or memory: the library condenses them."""
+"""Systems of 4 to 7 coordinates with few forces or memory, which the library condenses."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from referee.models import Draft, Memory, Model, Term
 
 
 def hidden(rng: np.random.Generator, damping: float, memory: Memory | None) -> Model:
-    """Draw a chain or full matrices, damped in proportion or not; memory on a part or none."""
+    """Draw a chain or full matrices, with or without proportional damping; memory on a part or none."""
     n = int(rng.integers(4, 8))
     places = sorted(rng.choice(n, int(rng.integers(1, n // 2 + 1)), replace=False))
     mass = np.round(rng.uniform(0.6, 2, n), 3)

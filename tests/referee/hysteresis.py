@@ -1,4 +1,4 @@
-"""Elements with hysteresis and gaps: their loops by SciPy's steps, cycle after cycle."""
+"""Elements with hysteresis and gaps: their loops by the steps of SciPy, cycle after cycle."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -105,7 +105,7 @@ stop = vv.Stop(on="x1", stiffness={k}, gap={gap}).force({d})
 
 
 def _fed(rng, index):
-    """What the load feeds is what elements and the structure's own damping lose."""
+    """The work of the load equals the energy loss of the elements and of the structural damping."""
     element = _draw(rng, int(rng.integers(3)))[0].replace("'x1'", "('x1', 'x2')")
     c, own = few(rng, 0.05, 0.5), even(rng, 0.02, 0.1, 3)
     load, nu = few(rng, 0.5, 20), few(rng, 0.3, 3)
@@ -129,7 +129,7 @@ x, k, ok, lost = r.coefficients[0], r.harmonics, r.converged[0], r.dissipation()
 
 
 def _parts(rng, index):
-    """What load and base feed is what dampers, laws of rates and kernels of a system lose."""
+    """The work of load and base equals the loss of dampers, laws of rates and kernels of a system."""
     laws = {
         "x1": f"{few(rng, 0.05, 1)}*x1_dot*abs(x1_dot) + {few(rng, 0.1, 2)}*x1^3",
         "x2": f"{few(rng, 0.05, 0.5)}*tanh(x2_dot/{few(rng, 0.2, 2)}) + 0.2*sin(x2 - x1)",
@@ -157,14 +157,14 @@ y, kept, factor, told = b.coefficients[-1], b.harmonics, b.load_factor[-1], b.di
             fed = float(np.pi * (k * (push * (x - moved).conj()).imag.sum(axis=0)).sum())
             size = float(np.pi * (np.abs(push).sum(axis=1) * np.abs(x - moved).sum(axis=1)).sum())
             yield Claim(f"{name}.dissipation", float(np.sum(lost)), fed, 1e-5 * size, damage=1)
-            # Of forces on one coordinate alone, and behind kernels, nothing says that they take any.
+            # Forces on a single coordinate and forces behind kernels need not dissipate energy.
             yield Claim(f"{name} losses", bool(lost[0] >= 0), True)
 
     return Case(call, judge)
 
 
 def _sampled(rng, index):
-    """Errors by samples: the same orders with 2^15 samples by NumPy are no further away."""
+    """Errors of sampling: the same harmonics with 2^15 samples by NumPy are not further away."""
     a, b, c = few(rng, 0.02, 0.3), few(rng, 0.05, 1), few(rng, 0.05, 0.5)
     power, load, nu = even(rng, 0.6, 1.4, 1), few(rng, 0.1, 1), few(rng, 0.4, 2)
     most = int(rng.integers(3, 14))

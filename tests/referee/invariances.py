@@ -1,4 +1,4 @@
-"""The same system in other units, order, signs and phases: answers must be the same, transformed."""
+"""The same system in other units, order, signs and phases: results must agree after transformation."""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ _KINDS = ("units", "order", "signs", "phase", "mixed units")
 
 @dataclass(frozen=True)
 class Drawn:
-    """A system as numbers: u_i = units_i times what it is in units of the first."""
+    """A system as numbers: u_i = units_i times its value in the first units."""
 
     mass: np.ndarray
     damping: np.ndarray
@@ -48,11 +48,11 @@ class Drawn:
         return ["x"] if self.n == 1 and not self.structure else [f"x{i + 1}" for i in range(self.n)]
 
     def in_other(self, **numbers_):
-        """Return the same system with other units, order or phase."""
+        """Return the same system in other units, order or phase."""
         return replace(self, **numbers_)
 
     def place(self, i):
-        """Where coordinate i stands."""
+        """Position of coordinate i."""
         return int(np.flatnonzero(self.order == i)[0])
 
     def vector(self, values):
@@ -60,12 +60,12 @@ class Drawn:
         return (np.asarray(values) * self.units * self.force)[self.order]
 
     def state(self, values):
-        """A state of this one, values of shape (n, 2)."""
+        """A state of this system, values of shape (n, 2)."""
         scaled = np.asarray(values) / np.c_[self.units, self.units / self.time]
         return scaled[self.order].ravel()
 
     def back(self, values):
-        """Displacements, coordinates last, in the first units."""
+        """Displacements in the first units, coordinates last."""
         values = np.asarray(values)
         return values[..., np.argsort(self.order)] * self.units
 
@@ -76,7 +76,7 @@ class Drawn:
         return states * np.c_[self.units, self.units / self.time]
 
     def load(self):
-        """Write the load."""
+        """Source of the load."""
         turned = {
             k: self.vector(p) * (np.exp(1j * k * self.phase) if k else 1.0)
             for k, p in self.loads.items()
@@ -85,7 +85,7 @@ class Drawn:
         return "{" + ", ".join(texts) + "}"
 
     def source(self):
-        """Write the system."""
+        """Source of the system."""
         both = np.outer(self.units, self.units) * self.force
         pick = np.ix_(self.order, self.order)
         mass, damping = (
@@ -108,7 +108,7 @@ class Drawn:
         return f"vv.Structure({matrices}, elements=[{springs}])"
 
     def memory(self):
-        """Write the kernel."""
+        """Source of the kernel."""
         if self.kernel is None:
             return "None"
         a, b = self.kernel[1] * self.time, self.kernel[2] * self.time
@@ -119,7 +119,7 @@ class Drawn:
         return f"vv.RzhanitsynKernel(amplitude={a}, alpha={alpha!r}, beta={number(b)})"
 
     def forces(self):
-        """Texts of forces by coordinate."""
+        """Texts of the forces by coordinate."""
         parts: dict[str, list[str]] = {}
         names = [self.names[self.place(i)] for i in range(self.n)]
         for row, powers, c in self.monomials:
@@ -147,7 +147,7 @@ class Drawn:
 
 
 def numbers_of(values):
-    """Write complex numbers."""
+    """Source of complex numbers."""
     return "[" + ", ".join(repr(complex(z)) for z in values) + "]"
 
 
@@ -182,7 +182,7 @@ def some_system(rng, memory, laws, structure):
 
 
 def other(rng, system, kind):
-    """Return the same in other units, order, signs or phase."""
+    """Return the same system in other units, order, signs or phase."""
     n = system.n
     if kind == "units":
         return system.in_other(
@@ -199,7 +199,7 @@ def other(rng, system, kind):
 
 
 def case(rng, index):
-    """Draw a system, what it becomes and a method."""
+    """Draw a system, its transformation and a method."""
     makers = (_response, _motion, _branch, _free, _scales, _many)
     method = makers[index % len(makers)]
     polynomial = method in (_free, _scales, _branch)
@@ -218,12 +218,12 @@ def case(rng, index):
 
 
 def _pair(first, second, body):
-    """Write the same call of both."""
+    """Source of the same call for both systems."""
     return f"a = {first.source()}\nb = {second.source()}\n" + body
 
 
 def _close(what, got, true, part, axis=None):
-    """Equal within a part of the largest, along an axis."""
+    """Equal within a fraction of the largest value along an axis."""
     got, true = np.asarray(got), np.asarray(true)
     size = np.abs(true).max(axis=axis, keepdims=True) if true.size else 1.0
     return Claim(what, got, true, part * np.maximum(size, 1e-300) + 0 * np.abs(true))
@@ -347,7 +347,7 @@ def _scales(rng, one, two):
 
     def judge(names, told):
         p, q = names["p"], names["q"]
-        # A motion at the edge of what is kept may be told by one only.
+        # A motion at the limit of the range may be reported for one system only.
         if p.index.size != q.index.size or p.n_beats.any() or q.n_beats.any():
             return
         sizes = [np.abs(d.back(r.harmonics)) for r, d in ((p, one), (q, two))]
@@ -355,7 +355,7 @@ def _scales(rng, one, two):
         yield Claim("harmonics", sizes[1], sizes[0], 1e-6 * sizes[0].max(), damage=1e-3)
         for i in range(len(p.index)):
             pair = float(q.growth_error[i] / two.time), float(p.growth_error[i])
-            # A difference of growths of two orders, each of them rounded.
+            # A difference of growth rates of two orders, each with a rounding error.
             yield Claim("growth_error", *pair, 1e-3 * pair[1] + 1e-11, damage=1.0)
         for i in np.flatnonzero(p.decided & q.decided & p.in_range & q.in_range):
             yield Claim("stable", bool(q.stable[i]), bool(p.stable[i]))

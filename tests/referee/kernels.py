@@ -11,7 +11,7 @@ JUDGES = (
     "Kernel.transform", "Kernel.cosine", "Kernel.sine", "Kernel.laplace", "Kernel.relaxation",
     "Kernel.integral", "Kernel.sum_of_exponentials",
 )  # fmt: skip
-#: Rounding allowed, relative: some units in the last place of what passes through a logarithm.
+#: Allowed relative rounding error: some units in the last place, as after a logarithm.
 ROUNDING = 2e-14
 
 
@@ -59,18 +59,18 @@ def _power(rng, index):
 
 
 def _rabotnov(a, al, be, t, integrals):
-    """The kernel, or its integral, as that over its rates: trapezoidal rule over their logarithm."""
+    """The kernel, or its integral, as an integral over rates: trapezoidal rule in their logarithm."""
     a, al, be, t = map(float, (a, al, be, t))
     if al == 1:
         return a * np.exp(-be * t) if not integrals else -a / be * np.expm1(-be * t)
-    # Poles lie pi (1 - alpha)/alpha off the axis: the rule errs by exp(-2 pi that / step).
+    # Poles lie pi (1 - alpha)/alpha off the axis: the error is exp(-2 pi times this / step).
     step = min(0.05, np.pi * (1 - al) / al / 7)
     middle, fast = np.log(be) / al, -np.log(t)
     low = min(middle, fast) - 40 / (1 + al)
     high = max(middle + (40 / al if integrals else 0), fast) + (40 / al if integrals else 5)
-    # np.arange takes its step from two places, which loses digits where they are far from 0.
+    # np.arange computes its step from two values, which loses digits if they are large.
     x = low + step * np.arange(int((high - low) / step))
-    # p = x^alpha / beta, in whichever of p and 1/p is small.
+    # p = x^alpha / beta, expressed in p or 1/p, whichever is small.
     p = np.exp(-al * np.abs(x - middle))
     spectrum = p / (1 + 2 * p * np.cos(np.pi * al) + p * p) / be
     rate = np.exp(np.minimum(x, fast + 8))
@@ -123,7 +123,7 @@ def _sum(rng, index):
     tolerance = float(f"{10 ** -rng.uniform(2, 13.9):.1e}")
     t_min = few(rng, 1e-4, 1e-1, 2)
     t_max = float(f"{t_min * 10 ** rng.uniform(1, 6):.2g}")
-    # What has decayed to nothing has no relative error.
+    # Values that have decayed completely have no relative error.
     rate = float(source.rpartition("beta=")[2].rstrip(")")) if "Rzhanitsyn" in source else 0.0
     t_max = min(t_max, float(f"{max(60 / rate, 2 * t_min):.2g}")) if rate else t_max
     t = np.geomspace(t_min, t_max, 42)[:-1] * rng.uniform(1, 1.01)
@@ -139,11 +139,11 @@ hats = fit.transform({numbers(mu)})
     def judge(names, told):
         with mp.workdps(25):
             true = np.array([float(value(mp.mpf(x))) for x in t])
-        # Where it is larger than the tolerance the answer must admit that.
-        # What decays far has lost digits in its exponent.
+        # If the error is larger than the tolerance, the result must state it.
+        # Strong decay loses digits in the exponent.
         lost = 4e-15 - 1e-15 * np.log(np.clip(true / true.max(), 1e-300, 1))
         if "Rabotnov" in source:
-            # The rule of the reference itself, in ordinary numbers.
+            # The quadrature of the reference itself, in double precision.
             lost = lost + 2e-13
         yield Claim("error of the sum", names["at"], true, (1.1 * names["error"] + lost) * true + 1e-300,
                     limit=1.5, damage=max(1e-6, 20 * tolerance))  # fmt: skip
@@ -183,13 +183,13 @@ hats, value, integral = kernel.transform({mu}), kernel({at.tolist()}), kernel.in
             total = float(_hat(kind, pieces, mp.mpf(0)).real)
         true = np.interp(at, t, v if kind == "linear" else np.log(v))
         true = true if kind == "linear" else np.exp(true)
-        # Angles mu t are known to rounding of their own size; the jump at the end of a linear table
-        # is v/mu there, and may be larger than what is left of it all.
+        # Angles mu t have a rounding error of their own size. The jump at the end of a linear table
+        # contributes v/mu, which may exceed the whole transform.
         blur = 1e-13 + 4e-16 * np.array(mu) * t[-1]
         blur = blur * np.abs(hats) + (2e-16 * t[-1] * v[-1] if kind == "linear" else 0)
         yield Claim("transform of a table", names["hats"], hats, blur)
         yield Claim("value of a table", names["value"], true, 1e-13 * true)
-        if np.isinf(total):  # The last two values are the same: it never ends.
+        if np.isinf(total):  # If the last two values are equal, the extrapolation does not decay.
             yield Claim("integral without end", bool(np.isposinf(names["integral"])), True)
         else:
             yield Claim("integral of a table", names["integral"], total, 1e-13 * total)
@@ -198,7 +198,7 @@ hats, value, integral = kernel.transform({mu}), kernel({at.tolist()}), kernel.in
 
 
 def _piece(kind, t, v, i, first=False):
-    """Value at 0 and slope (linear), or size at 0 and rate (exponential), of a piece."""
+    """Value at 0 and slope (linear), or factor at 0 and rate (exponential), of a piece."""
     a, b, x, y = (mp.mpf(float(q)) for q in (t[i], t[i + 1], v[i], v[i + 1]))
     if kind == "linear":
         slope = mp.mpf(0) if first else (y - x) / (b - a)
@@ -227,7 +227,7 @@ def _ramp(x, y, s, q):
 
 
 def _singular_table(rng, index):
-    """A table cannot know what lies before its first point: it is told or well extrapolated."""
+    """Values before the first point of a table are unknown: a warning or an accurate extrapolation."""
     alpha, beta = even(rng, 0.08, 0.5, 2), few(rng, 0.05, 0.5, 2)
     amplitude = float(f"{0.7 * beta**alpha / float(mp.gamma(alpha)):.4g}")
     first = few(rng, 1e-4, 1e-2, 2)
@@ -246,7 +246,7 @@ integral = kernel.integral
 
 
 def case(rng, index):
-    """Draw a kernel and what is asked of it."""
+    """Draw a kernel and a question."""
     if index % 8 in (0, 1, 2, 3):
         return _closed(rng, index)
     if index % 8 in (4, 5):

@@ -1,4 +1,4 @@
-"""Force laws with functions: by NumPy's functions, SciPy's steps and the waveform's equation."""
+"""Force laws with functions: by functions of NumPy, steps of SciPy and the residual of the waveform."""
 
 import re
 
@@ -25,7 +25,7 @@ LAWS = {
 }
 
 
-#: The same with the rate v.
+#: Texts with the rate v.
 RATES = {
     "A*tanh(x_dot/B)": lambda x, v, a, b: a * np.tanh(v / b),
     "A*x_dot*(x^2 + B)": lambda x, v, a, b: a * v * (x**2 + b),
@@ -74,7 +74,7 @@ x, orders, truncation, ok = r.coefficients[0, 0], r.harmonics, r.truncation[0], 
         u, v = (x @ waves).imag, ((1j * orders * nu * x) @ waves).imag
         left = (((-((orders * nu) ** 2) + 1j * orders * nu * c + k) * x) @ waves).imag
         left = left + force(u, v) - load * np.sin(theta)
-        # The equation's residual, answered by the linear system alone.
+        # The residual of the equation, converted to a displacement by the linear system.
         size = np.abs(u).max() * k + load
         allowed = (1e-8 + 100 * max(names["truncation"], 0.0)) * size
         limit = allowed * max(1.0, (orders.max() * nu) ** 2)
@@ -105,7 +105,7 @@ state, outcome = m.state[-1], str(m.outcome)
     return Case(call, judge)
 
 
-#: How NumPy calls functions of texts that take complex numbers.
+#: NumPy names of functions that accept complex arguments.
 _OF_NUMPY = {
     "tanh": "np.tanh", "asinh": "np.arcsinh", "sin": "np.sin", "sqrt": "np.sqrt", "exp": "np.exp",
     "^": "**",
@@ -113,7 +113,7 @@ _OF_NUMPY = {
 
 
 def _called(rng, index):
-    """The same laws as functions of Python; not atan2, which takes no complex numbers."""
+    """The same laws as Python functions; without atan2, which accepts no complex numbers."""
     found = (_steady, _motion, _multipliers)[index % 3](rng, index // 3)
 
     def function(law):
@@ -126,7 +126,7 @@ def _called(rng, index):
 
 
 def _contact(rng, index):
-    """Roots and powers that begin where contact does; SciPy's runs end and begin there."""
+    """Roots and powers that begin at contact; runs of SciPy end and begin there."""
     power, (a, gap) = (
         [0.5, 1.5, 2.5, 0.75][index % 4],
         (even(rng, 0.2, 20, 3), even(rng, -0.3, 0.3, 3)),
@@ -156,15 +156,15 @@ state, outcome, error = m.state[-1], str(m.outcome), m.error
                 run = solve_ivp(rates, (t, min(8.0, t + 1e-9)), y, **how)
                 t, y = run.t[-1], run.y[:, -1]
         yield Claim("outcome", names["outcome"], "completed")
-        # SciPy's polynomials inside steps tell the place of contact to about 1e-9 where the force
-        # begins with a root.
+        # The interpolation of SciPy locates the contact to about 1e-9 if the force begins with a
+        # root.
         yield Claim("state beside contact", names["state"], y, names["error"] + 1e-8)
 
     return Case(call, judge)
 
 
 def _layer(rng, index):
-    """A thin layer somewhere in the way; SciPy's steps are short within it."""
+    """A thin layer somewhere in the motion; the steps of SciPy are short within it."""
     texts = ("tanh({z})", "exp(-({z})^2)/{e}/5", "1/(1 + ({z})^2)/{e}/10", "atan({z})")
     forces = (
         np.tanh, lambda z: np.exp(-min(z * z, 700.0)) / e / 5, lambda z: 1 / (1 + z * z) / e / 10,
@@ -177,7 +177,7 @@ def _layer(rng, index):
     start = [even(rng, -1, 1, 3), even(rng, -1, 1, 3)]
     kind, weight, rate = index // 8 % 3, few(rng, 0.05, 0.5, 2), few(rng, 0.5, 2, 2)
     law = text.format(z=f"({'d' if kind else 'x'} - {place})/{e}", e=e)
-    # A spring of stiffness 1/2 that remembers, or none.
+    # A spring of stiffness 1/2 with memory, or none.
     own = 0.5 if kind == 2 else 0.0
     spring = f"vv.Spring(on='x1', law='{a}*{law}')"
     if own:
@@ -254,7 +254,7 @@ multipliers, stable = r.multipliers[0], r.stable[0]
             waves = np.exp(1j * orders * nu * t)
             at, rate = (x @ waves).imag, (1j * orders * nu * x @ waves).imag
             h = 1e-5
-            # Richardson's differences of the law, of each argument.
+            # Derivatives of the law with respect to each argument by Richardson differences.
             by = [
                 (8 * (force(at + h * p, rate + h * q) - force(at - h * p, rate - h * q))
                  - force(at + 2 * h * p, rate + 2 * h * q)
@@ -272,7 +272,7 @@ multipliers, stable = r.multipliers[0], r.stable[0]
         expected = np.linalg.eigvals(matrix)
         known = names["multipliers"]
         size = max(1.0, np.abs(expected).max())
-        # A pair that is nearly equal moves by the root of an error.
+        # Nearly equal multipliers change like the square root of an error.
         gap = max(abs(expected[0] - expected[1]), 1e-4)
         limit = 1e-6 * size * max(1.0, size / gap)
         worst = min(np.abs(known - expected).max(), np.abs(known[::-1] - expected).max())
@@ -321,7 +321,7 @@ loop, lost = slider.loop(d), float(slider.energy(d))
 
 
 def _friction(rng, index):
-    """Dry friction without stops: pieces between turns are linear, and so is what joins them."""
+    """Dry friction without sticking: the motion is linear between turning points, which give equations."""
     size, nu = few(rng, 0.02, 0.3), few(rng, 0.4, 2.5, 4)
     if abs(nu - 1) < 0.05:
         nu += 0.1
@@ -348,7 +348,7 @@ heights = [one.peak_to_peak("x")[0] / 2 for one in (r[2], best)]
 
 
 def _without_stops(nu, size):
-    """X of x'' + x + size sign x' = sin(nu t + a), or None if it stops on the way."""
+    """X of x'' + x + size sign x' = sin(nu t + a), or None if the motion sticks."""
     # From X at t = 0 down to -X: x = size + A cos t + B sin t + (p cos nu t + q sin nu t)/(1 - nu^2).
     half, g = np.pi / nu, 1 / (1 - nu**2)
     c, s = np.cos(half), np.sin(half)
@@ -372,7 +372,7 @@ def _without_stops(nu, size):
 
 
 def case(rng, index):
-    """Draw a law, and ask for its steady motion, stability, motion in time, or a structure's."""
+    """Draw a law and a question: steady motion, stability, motion in time, or a structure."""
     kinds = (_steady, _motion, _element, _multipliers, _slider, _friction, _contact, _layer,
              _called)  # fmt: skip
     return kinds[index % len(kinds)](rng, index // len(kinds))

@@ -88,17 +88,17 @@ converged = r.converged
                 p = p + x**2 * growing.get(int(k), 0.0)
                 if based and k == 1:
                     direction = np.asarray(model.base)
-                    # The springs and dampers act on what is relative to the base.
+                    # Springs and dampers act on the motion relative to the base.
                     p = p + model.dynamic_stiffness(at, inertia=False) @ direction * base
                 true[i, :, j] = np.linalg.solve(d, p)
         size = np.abs(true).max(axis=(1, 2), keepdims=True)
         conditions = np.array([
             max(_condition(model, k * x if k else 1e-200) for k in orders_kept) for x in nu
         ])[:, None, None]  # fmt: skip
-        # A part of the load that rounding of its digits left 0 has no harmonic.
+        # A load component that is 0 after rounding of its digits has no harmonic.
         acting = {k for k, p in load.items() if np.any(p)} | ({1} if based else set())
         yield Claim("orders", orders_kept, np.array(sorted(acting)))
-        # Under a base the core works on what is relative to it.
+        # With a base the core computes the relative motion.
         size = size + (abs(base) if based else 0.0)
         yield Claim("linear response", names["coefficients"], true, 1e-14 * conditions * size, 5)
         j = int(np.flatnonzero(orders_kept == orders[0])[0])
@@ -115,7 +115,7 @@ converged = r.converged
 
 
 def _condition(model, at):
-    """How much rounding of stiffness and inertia grows: beside a resonance they cancel."""
+    """Amplification of rounding errors: near a resonance stiffness and inertia cancel."""
     whole, springs = model.dynamic_stiffness(at), model.dynamic_stiffness(at, inertia=False)
     size = np.linalg.norm(springs, 2) + np.linalg.norm(whole - springs, 2)
     return size * np.linalg.norm(np.linalg.inv(whole), 2)
@@ -138,7 +138,7 @@ def _fourier(rng, index):
 
 
 def _held(rng, index):
-    """Coordinates held by huge numbers on the diagonal of K or M: the rest by dense algebra."""
+    """Coordinates fixed by huge diagonal entries of K or M: the others by dense algebra."""
     n = int(rng.integers(3, 7))
     a, b = rng.normal(size=(2, n, n)).round(3)
     stiffness, mass = 100 * (a @ a.T + 0.3 * np.eye(n)), b @ b.T / n + np.eye(n)
@@ -171,7 +171,7 @@ amplitudes, supports = r.amplitude({name!r}), list(system.supports)
 
 
 def case(rng, index):
-    """Draw a system, and ask for its modes or its response."""
+    """Draw a system and a question: modes or response."""
     if index % 12 == 11:
         return _held(rng, index // 12)
     return (_modes, _response, _response, _fourier)[index % 4](rng, index // 4)

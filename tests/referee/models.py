@@ -1,4 +1,4 @@
-"""Systems of the referee's own: forces, ordinary equations with Prony memory, Python to build them."""
+"""Independent systems: forces, ordinary differential equations with Prony memory, Python source."""
 
 import functools
 import math
@@ -45,10 +45,10 @@ def rzhanitsyn(amplitude: float, alpha: float, beta: float) -> Memory:
 
 
 def spread(memory: Memory, amplitude: float, alpha: float, beta: float, omega: float) -> Memory:
-    """Return the kernel A exp(-beta t) t^(alpha-1) as a sum of exponentials, about a frequency.
+    """Return the kernel A exp(-beta t) t^(alpha-1) as a sum of exponentials near a frequency.
 
-    t^(alpha-1) Gamma(1-alpha) is the integral of exp(-x t) x^-alpha over x > 0; the trapezoidal rule
-    in log x, 0.95 apart, is right to some 1e-4, and what relaxes faster than 40 omega is one term.
+    t^(alpha-1) Gamma(1-alpha) is the integral of exp(-x t) x^-alpha over x > 0. The trapezoidal rule
+    in log x with step 0.95 has an error of about 1e-4. Rates above 40 omega are one term.
     """
     apart = 0.95
     y = np.arange(np.log(omega) - 11 / (1 - alpha), np.log(40 * omega), apart)
@@ -61,7 +61,7 @@ def spread(memory: Memory, amplitude: float, alpha: float, beta: float, omega: f
 
 
 def rabotnov(amplitude: float, alpha: float, beta: float) -> Memory:
-    """Return the kernel of transform A / (s^alpha + beta)."""
+    """Return the kernel with the transform A / (s^alpha + beta)."""
     return Memory(
         f"vv.RabotnovKernel(amplitude={amplitude!r}, alpha={alpha!r}, beta={beta!r})",
         lambda s: amplitude / (np.asarray(s, complex) ** alpha + beta),
@@ -69,7 +69,7 @@ def rabotnov(amplitude: float, alpha: float, beta: float) -> Memory:
 
 
 def some_prony(rng: np.random.Generator, most: float = 0.3) -> Memory:
-    """Return one or two exponentials that take up to ``most`` of the stiffness."""
+    """Return one or two exponentials with an integral of at most ``most``."""
     n = int(rng.integers(1, 3))
     rates = [few(rng, 0.02, 3, 3) for _ in range(n)]
     weights = [float(f"{r * rng.uniform(0.02, most) / n:.3g}") for r in rates]
@@ -106,12 +106,12 @@ class Model:
     damping: Array
     groups: tuple[Group, ...]
     names: tuple[str, ...]
-    #: Which way coordinates move with a base.
+    #: Direction of each coordinate in a base motion.
     base: Array = None
 
     @property
     def n(self) -> int:
-        """Coordinates."""
+        """Number of coordinates."""
         return len(self.names)
 
     @property
@@ -134,7 +134,7 @@ class Model:
         return total
 
     def remembered(self) -> tuple[tuple[int, Array, Array], ...]:
-        """Place, weight and rate of each exponential: which group it belongs to."""
+        """Index, weight and rate of each exponential; the index is that of its group."""
         return tuple(
             (i, w, r)
             for i, g in enumerate(self.groups)
@@ -143,7 +143,7 @@ class Model:
         )
 
     def equations(self, load: Callable[[float], Array] | None) -> Callable[[float, Array], Array]:
-        """Right side of the ordinary equations: u, u', then one vector an exponential.
+        """Right side of the ordinary equations: u, u', then one vector per exponential.
 
         h' = -r h + g(u), and the force is g(u) - sum w h.
         """
@@ -167,7 +167,7 @@ class Model:
         return right
 
     def start(self, state: Array, held: Array | None = None) -> Array:
-        """State of the ordinary equations from (u1, u1', ...), after being held for ever."""
+        """State of the ordinary equations from (u1, u1', ...), after a constant past ``held``."""
         n, terms = self.n, self.remembered()
         y = np.zeros((2 + len(terms)) * n)
         y[:n], y[n : 2 * n] = np.asarray(state)[::2], np.asarray(state)[1::2]
@@ -186,13 +186,13 @@ class Model:
         rtol: float = 1e-12,
         events: Any = None,
     ) -> Array:
-        """States (u1, u1', ...) at times, integrated by SciPy from break to break."""
+        """States (u1, u1', ...) at times, integrated by SciPy between breaks."""
         return integrate(self.equations(load), y, times, breaks, begin, rtol)[
             :, interleaved(self.n)
         ]
 
     def linearised(self, u: Array) -> Array:
-        """Matrices of disturbances of the ordinary equations at displacements (m, n)."""
+        """Matrices of the linearized ordinary equations at displacements (m, n)."""
         n, terms = self.n, self.remembered()
         size = (2 + len(terms)) * n
         out = np.zeros((u.shape[0], size, size))
@@ -210,11 +210,11 @@ class Model:
 
 
 def interleaved(n: int) -> Array:
-    """Places of (u1, u1', u2, ...) in (u, u', ...)."""
+    """Indices of (u1, u1', u2, ...) in (u, u', ...)."""
     return np.arange(2 * n).reshape(2, n).T.ravel()
 
 
-#: Times so few that steps end at each.
+#: Number of times up to which steps end at each time.
 _FEW_TIMES = 40
 
 
@@ -226,10 +226,10 @@ def integrate(
     begin: float = 0.0,
     rtol: float = 1e-12,
 ) -> Array:
-    """States at ascending times by DOP853, begun anew at each break.
+    """States at ascending times by DOP853, restarted at each break.
 
-    Between its steps DOP853 interpolates with order 7, which may leave 1e-10: they end at times, or
-    are no longer than what lies between these in the piece from break to break.
+    The interpolation of DOP853 has order 7 and errors of up to 1e-10. So steps end at the times, or
+    the step size is limited to the median spacing of the times between two breaks.
     """
     times = np.asarray(times, float)
     out = np.full((times.size, y.size), np.nan)
@@ -243,7 +243,7 @@ def integrate(
         longest = float(np.median(np.diff(at, prepend=begin))) if many else np.inf
         size = max(1e-300, float(np.abs(y).max()))
         found = solve_ivp(
-            # A load may jump at the ends of the piece: it is taken from inside.
+            # A load may jump at the ends of the piece: it is evaluated inside the piece.
             lambda t, x, a=begin, b=end: right(min(max(t, a + 1e-13 * (b - a)), b - 1e-13 * (b - a)), x),
             (begin, end), y, method="DOP853", t_eval=at, rtol=max(rtol, 2.3e-14),
             atol=1e-3 * rtol * max(size, 1e-3), max_step=longest,
@@ -262,7 +262,7 @@ def escape(
     end: float,
     breaks: Sequence[float] = (),
 ) -> float | None:
-    """When one of n coordinates, the first of a state, passes 1e5; None: not before the end."""
+    """Time when one of n coordinates, the first of a state, exceeds 1e5; None: never."""
 
     def far(t: float, x: Array) -> float:
         return float(np.abs(x[:n]).max()) - 1e5
@@ -301,7 +301,7 @@ def polynomial_group(stiffness: Array, terms: Sequence[Term], memory: Memory | N
 
     def force(u: Array) -> Array:
         if u.ndim == 1 and n < 4:
-            # One state: plain numbers are quicker.
+            # Scalar arithmetic is faster for a single state.
             x = u.tolist()
             plain = [sum(a * b for a, b in zip(row, x, strict=True)) for row in rows]
             for coefficient, on, factors in each:
@@ -338,7 +338,7 @@ def polynomial_group(stiffness: Array, terms: Sequence[Term], memory: Memory | N
 
 @dataclass
 class Draft:
-    """A polynomial system being drawn."""
+    """A polynomial system under construction."""
 
     mass: Array
     damping: Array
@@ -350,7 +350,7 @@ class Draft:
     base: Array = None
 
     def model(self) -> Model:
-        """Return the system and the Python that builds it."""
+        """Return the system and its Python source."""
         n = len(self.mass)
         names = ("x",) if n == 1 else tuple(f"x{d + 1}" for d in range(n))
 
@@ -423,7 +423,7 @@ def mount(
     geometry: str = "cubic",
     memory_phi: "Memory | bool | None" = None,
 ) -> Model:
-    """A mount, its forces written from the equations of its theory page."""
+    """A mount, with forces from the equations of its theory page."""
     m, inertia, arm = even(rng, 0.5, 2, 3), even(rng, 0.05, 0.3, 3), even(rng, 0.2, 0.8, 3)
     c_x, c_phi = even(rng, 5, 15, 3), even(rng, 1, 4, 3)
     at_rest = np.array([[c_x, -c_x * arm], [-c_x * arm, c_x * arm**2]])
@@ -469,7 +469,7 @@ def _elongation(alpha: float, w2: float) -> float:
 
 @dataclass(frozen=True)
 class Swinging:
-    """The pendulum, written from the equations of its theory page."""
+    """The pendulum, from the equations of its theory page."""
 
     e: float
     w2: float
@@ -487,14 +487,14 @@ class Swinging:
 
     @classmethod
     def of(cls, body: Any) -> "Swinging":
-        """The same as a pendulum of the package."""
+        """Return the model of a pendulum of the package."""
         if body.equations != "exact":
             raise ValueError(f"equations are {body.equations}, not exact")
         return cls(**{name: getattr(body, name) for name in cls.__dataclass_fields__})
 
     @property
     def source(self) -> str:
-        """Python that builds it."""
+        """Python source."""
         given = {k: v for k, v in vars(self).items() if v or k in ("e", "w2", "w3")}
         return f"vv.Pendulum({', '.join(f'{k}={number(v)}' for k, v in given.items())})"
 
@@ -504,9 +504,9 @@ class Swinging:
         return _elongation(self.alpha, self.w2)
 
     def right(self, t: float, y: Array) -> Array:
-        """d/dt of (z, z', phi, phi', psi, psi'); any shape behind the first axis, complex too."""
+        """d/dt of (z, z', phi, phi', psi, psi'); any shape after the first axis, also complex."""
         if y.ndim == 1 and y.dtype == float:
-            # One state: plain numbers are ten times as quick.
+            # Scalar arithmetic is ten times faster for a single state.
             return np.array(self._slopes(t, y.tolist(), math.sin, math.cos))
         return np.array(self._slopes(t, y, np.sin, np.cos))
 
@@ -545,7 +545,7 @@ class Swinging:
         return [zd, zdd, fd, fdd, sd, sdd]
 
     def jacobian(self, t: Array, y: Array) -> Array:
-        """Derivatives of the right side by a complex step, at states (m, 6): (m, 6, 6)."""
+        """Derivatives of the right side by complex step, at states (m, 6): (m, 6, 6)."""
         h = 1e-150
         columns = []
         for j in range(6):

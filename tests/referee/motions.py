@@ -1,4 +1,4 @@
-"""Motions in time against SciPy's DOP853 at 1e-12, memory as ordinary equations, breaks known."""
+"""Motions in time against DOP853 of SciPy at 1e-12, memory as ordinary equations, known breaks."""
 
 import math
 
@@ -23,23 +23,23 @@ JUDGES = (
     "simulate", "Trajectory", "Trajectory.coordinate", "LoadTable", "LoadTable.__call__", "Past",
     "Pendulum",
 )  # fmt: skip
-#: A step found by halving errs by less than the change of the last halving; that is an estimate.
+#: Limit for a step found by halving: the change of the last halving is only an estimate.
 ESTIMATE = 10.0
 METHODS = ("auto", "gauss8", "gauss16", "gauss2", "gauss3", "rk4", "dop8", "verner8", "verner9")
 WITH_MEMORY = ("auto", "gauss8", "gauss2", "gauss3", "gauss4", "gauss6")
 
 
 def error_of(got, true):
-    """Largest difference; NaN counts."""
+    """Largest difference; inf for wrong shapes and non-finite numbers."""
     if got.shape != true.shape or not np.isfinite(got).all():
         return math.inf
     return float(np.abs(got - true).max())
 
 
 def ending(names, when):
-    """How the run ends; ``when``: computes when the true motion runs away, None: never.
+    """Check the end of the run. ``when`` computes the escape time of the true motion, None: never.
 
-    Asked only where the run says so: one that says it is completed is judged by its states.
+    Only for runs that do not complete; completed runs are checked by their states.
     """
     escaped = when() if names["outcome"] != "completed" else None
     yield Claim("completed", names["outcome"], "completed" if escaped is None else "diverged")
@@ -49,11 +49,11 @@ def ending(names, when):
 
 
 def never():
-    """Return None: the motion stays."""
+    """Return None: the motion does not escape."""
 
 
 def claims(names, true, asked, *, scale=1.0, when=never):
-    """States against the truth, by what the run says of its error."""
+    """Check states against the reference, within the stated error of the run."""
     got = names["state"]
     yield from ending(names, when)
     told = names["error"]
@@ -71,7 +71,7 @@ def claims(names, true, asked, *, scale=1.0, when=never):
 
 
 def _smooth_pendulum(rng, index):
-    """Step found or given with an estimate, all methods."""
+    """Automatic step size, or a given one with an error estimate; all methods."""
     p = pendulum(
         rng,
         f0=few(rng, 1e-3, 0.02, 2),
@@ -124,7 +124,7 @@ def _load_of(load, nu, n):
 
 
 def _system(rng, index):
-    """Oscillators with memory or without; what goes the way of the pendulum, and what does not."""
+    """Oscillators with or without memory; integrated by the methods of the pendulum or not."""
     memory = some_prony(rng) if index % 2 else None
     if index % 3 == 0:
         return mount(rng, damped=few(rng, 1e-3, 0.05, 2), memory=memory), memory
@@ -135,7 +135,7 @@ def _system(rng, index):
 
 
 def _smooth(rng, index):
-    """Periodic loads with a mean and high orders."""
+    """Periodic loads with a mean and high harmonics."""
     model, memory = _system(rng, index)
     nu = even(rng, 0.3, 2, 3)
     load = {1: np.array([few(rng, 0.05, 0.5, 2)] + [0.0] * (model.n - 1))}
@@ -156,7 +156,7 @@ def _smooth(rng, index):
     elif rng.random() < 0.5:
         state = rng.normal(size=2 * model.n).round(2) * 0.3
     given = f"held={held.tolist()}" if held is not None else f"initial={state.tolist()}"
-    # A part of the largest value of each coordinate and velocity, instead of one number for all.
+    # A fraction of the largest value of each coordinate and velocity, instead of one tolerance.
     relative = index % 3 == 0
     asked = f"rtol={tolerance}" if relative else f"tolerance={tolerance}"
     resume = rng.random() < 0.25
@@ -190,7 +190,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
         else:
             scale = max(float(sizes.max()), 1.0)
             yield from claims(names, true, tolerance, scale=scale, when=when)
-            # Of a motion that runs away a part of its largest value is allowed.
+            # For a motion that escapes, a fraction of its largest value is allowed.
             most = tolerance if stays else tolerance * max(scale, names["run"].t_reached)
             yield Claim("tolerance met", bool(names["error"] <= most), True)
         if resume and stays and names["ended"] == "completed":
@@ -204,7 +204,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
 
 
 def _table(rng, index):
-    """Pulses, boxes, records: short against the motion, at any time."""
+    """Pulses, boxes, records: shorter than the motion, at any time."""
     model, _memory = _system(rng, index)
     kind = index % 4
     end = even(rng, 10, 14, 3)
@@ -272,7 +272,7 @@ at = table({[float(t[0] + t[1]) / 2, float(t[-1]) + 1.0]})
 
 
 def _past(rng, index):
-    """A known past with corners, remembered by exponentials."""
+    """A known past with corners, with memory of exponentials."""
     memory = some_prony(rng, 0.4)
     model = chain(rng, int(rng.integers(1, 3)), few(rng, 0.01, 0.05, 2), memory=memory).model()
     n = model.n
@@ -307,7 +307,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
 
 
 def _base(rng, index):
-    """The supports move, in periodic motion."""
+    """The supports have a periodic motion."""
     memory = some_prony(rng) if index % 2 else None
     model = mount(rng, damped=few(rng, 1e-3, 0.05, 2), memory=memory)
     nu, size, end = even(rng, 0.5, 3, 3), few(rng, 0.01, 0.2, 2), even(rng, 5, 20, 3)
@@ -330,7 +330,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
 
 
 def _base_table(rng, index):
-    """The supports move along a table with corners, then under another load the run goes on."""
+    """The supports follow a table with corners; then the run is resumed under another load."""
     memory = some_prony(rng) if index % 2 else None
     model = mount(rng, damped=few(rng, 1e-3, 0.05, 2), memory=memory)
     times = np.cumsum(rng.uniform(0.3, 1.5, 4)).round(3)
@@ -376,7 +376,7 @@ t_more, state_more = more.t, more.state
 
 
 def _escape(rng, index):
-    """A softening spring lets go: "diverged", and when."""
+    """A softening spring: outcome "diverged", and the time."""
     memory = some_prony(rng, 0.1) if index % 2 else None
     k3 = even(rng, 0.2, 1, 2)
     model = Draft([1.0], [[0.02]], [[1.0]], [Term(-k3, (3,), 0)], memory).model()
@@ -402,7 +402,7 @@ t, state, outcome, reached, error = run.t, run.state, run.outcome, run.t_reached
 
 
 def _resumed(rng, index):
-    """Going on with another system or load: it counts, or is refused; a part equals the whole."""
+    """Resumed with another system or load: effective or refused; parts equal the whole run."""
     p = pendulum(rng)
     state = [0.05, 0.0, even(rng, -0.3, 0.3, 2), 0.0, 0.1, 0.0]
     other = p.__class__(**(vars(p) | {"w2": float(f"{p.w2 * 1.3:.4g}"), "e": p.e / 2}))
@@ -446,7 +446,7 @@ at = vv.simulate(system, 20, dt=0.25, initial={state}, times={times.tolist()}).s
 
 
 def _long(rng, index):
-    """Many periods without damping against Jacobi's elliptic function, in 40 digits."""
+    """Many periods without damping against Jacobi's elliptic function, with 40 digits."""
     cubic, size = even(rng, 0.2, 1.0, 3), even(rng, 0.5, 1.2, 3)
     end = even(rng, 2e4, 1e5, 3)
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, forces="{cubic}*x^3")

@@ -1,4 +1,4 @@
-"""Peaks: the largest amplitude of the motion itself, by a balance solved at the peak and near it."""
+"""Peaks: the largest amplitude of the motion, by a balance solved at the peak and near it."""
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -9,16 +9,16 @@ from referee.models import chain, mount
 from referee.responses import refined
 
 JUDGES = ("Peak", "Response.peak", "Branch.peak", "DrivenBranch.peak")
-#: A peak that says it is enclosed is refined by solving.
+#: Relative tolerance of a peak with `enclosed`, which is refined by solving.
 EXACT = 1e-6
-#: Turn of the phase a step, and most steps.
+#: Change of the phase per step, and maximum number of steps.
 _TURN, _STEPS = 0.04, 120
 
 
 def _turned(balance, a, nu, load, phase):
-    """Motion near another whose first coordinate has a phase in order 1; its nu is unknown.
+    """Motion near ``a`` with a given phase of harmonic 1 of the first coordinate; nu is unknown.
 
-    The phase is single-valued along a branch where nu is not: at folds and at the summit.
+    Along a branch the phase is single-valued where nu is not: at folds and at the maximum.
     """
     size = a.size
     for _ in range(12):
@@ -48,7 +48,7 @@ def _turned(balance, a, nu, load, phase):
 
 
 def _summit(model, coefficients, orders, nu, load, highest):
-    """Return the next summit of the first coordinate's order 1 uphill from a motion; nu, size."""
+    """Return the next maximum of harmonic 1 of the first coordinate, uphill: nu, amplitude."""
     balance = Balance(model, highest)
     rows = load_rows(balance, load)
     a = balance.solve(balance.real(np.nan_to_num(coefficients), orders), nu, rows)
@@ -91,16 +91,16 @@ def _summit(model, coefficients, orders, nu, load, highest):
 
 
 def _of_summit(names, best, close):
-    """Claims of a peak, by the summit found."""
+    """Claims of a peak, by the maximum found."""
     if best is None:
         return
     yield Claim("peak is the summit", names["amplitude"], best[1], close * best[1], damage=1e-4)
-    # A summit is flat: its place is known by the root of its height.
+    # A maximum is flat: the error of its location is the root of that of its height.
     yield Claim("place of the summit", names["at"], best[0], 1e-4 * best[0], damage=1e-2)
 
 
 def _linear(rng, index):
-    """Sharp resonances on grids of any coarseness."""
+    """Narrow resonances on coarse and fine grids."""
     model = chain(rng, int(rng.integers(1, 4)), few(rng, 1e-3, 0.05, 2)).model()
     w = model.frequencies[0]
     low, high = float(f"{w * rng.uniform(0.5, 0.9):.4g}"), float(f"{w * rng.uniform(1.1, 1.4):.4g}")
@@ -137,14 +137,14 @@ at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
 
 
 def _beside(nu, found, at):
-    """Return the higher of the two samples that a place is between."""
+    """Return the higher of the two neighbouring samples of a frequency."""
     left = np.where(np.isfinite(found) & (nu <= at), nu, -np.inf).argmax()
     right = np.where(np.isfinite(found) & (nu >= at), nu, np.inf).argmin()
     return int(max((left, right), key=lambda i: np.nan_to_num(found[i], nan=-1.0)))
 
 
 def _nonlinear(rng, index):
-    """Sweeps that may jump."""
+    """Sweeps with possible jumps."""
     if index % 3 == 0:
         model = mount(rng, damped=few(rng, 0.01, 0.03, 2))
     else:
@@ -197,7 +197,7 @@ found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficient
 
 
 def _branch(rng, index):
-    """Peaks of branches: a balance beside them is lower."""
+    """Peaks of branches: neighbouring motions of the balance are lower."""
     model = chain(rng, 1, few(rng, 0.01, 0.06, 2), softening=bool(index % 2)).model()
     w, size = model.frequencies[0], few(rng, 0.005, 0.1, 2)
     low, high = float(f"{w * 0.5:.4g}"), float(f"{w * 1.8:.4g}")
@@ -232,7 +232,7 @@ near, orders, there, outcome = branch.coefficients[i], branch.harmonics, branch.
 
 
 def _driven(rng, index):
-    """Of a pendulum in z alone: one coordinate, its equation a polynomial."""
+    """A pendulum in z alone: one coordinate with a polynomial equation."""
     w2, alpha, c1 = even(rng, 0.3, 0.6, 3), even(rng, 0.2, 2, 3), few(rng, 0.02, 0.1, 2)
     f0 = few(rng, 0.002, 0.02, 2)
     call = f"""system = vv.Pendulum(e=0.1, w2={w2}, w3=0.7, alpha={alpha}, c1={c1}, c2=0.1, c3=0.1, f0={f0}, p1=1.0)
@@ -261,5 +261,5 @@ near, orders, there = branch.coefficients[i], branch.harmonics, float(branch.nu[
 
 
 def case(rng, index):
-    """Draw a resonance and how it is passed."""
+    """Draw a resonance, and a response or branch through it."""
     return (_linear, _nonlinear, _branch, _nonlinear, _driven)[index % 5](rng, index // 5)

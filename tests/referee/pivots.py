@@ -1,4 +1,4 @@
-"""Pendulums whose spring reaches its pivot, or does not, and when."""
+"""Pendulums whose spring may reach its pivot, and the time."""
 
 import math
 
@@ -8,16 +8,16 @@ from scipy.integrate import solve_ivp
 from referee.case import Case, Claim, even
 from referee.models import Array, Swinging, pendulum
 
-#: Length of the spring from which the motion is followed by an implicit method, and beyond which
-#: by an explicit one again: near the pivot damping over the square of the length is stiff.
+#: Spring length below which an implicit method is used, and above which an explicit one is used
+#: again: near the pivot, damping divided by the square of the length is stiff.
 _NEAR, _FAR = 0.02, 0.04
-#: Length at which the pivot is reached: the time that is left is of its size over the speed.
+#: Spring length that counts as the pivot: the remaining time is this length over the speed.
 _REACHED = 1e-7
 _PHASES = 100
 
 
 def reached(p: Swinging, state: Array, end: float) -> tuple[float, Array]:
-    """Return when the pivot is reached and the state there; (inf, last state): it is not."""
+    """Return the time at the pivot and the state there; (inf, last state) if it is not reached."""
     t, y, near = 0.0, np.array(state, float), False
     for _ in range(_PHASES):
         bounds = ((_REACHED, -1), (_FAR, 1)) if near else ((_NEAR, -1),)
@@ -38,7 +38,7 @@ def reached(p: Swinging, state: Array, end: float) -> tuple[float, Array]:
 
 
 def _length(bound: float, direction: int):
-    """Event: the spring is so long."""
+    """Event: the spring has this length."""
 
     def event(t, y):
         return y[0] + 1 - bound
@@ -53,12 +53,12 @@ def _slopes(p: Swinging, t: float, y: Array) -> Array:
 
 
 def case(rng: np.random.Generator, index: int) -> Case:
-    """A spring that reaches its pivot, or does not; where it does is told."""
+    """A spring that may reach its pivot; the outcome and the time are checked."""
     p = pendulum(rng, (1e-3, 0.02))
     p = p.__class__(**(vars(p) | {"f0": even(rng, 0.05, 0.5, 2), "p1": even(rng, 0.6, 1.2, 3)}))
     state = [0.0, 0.0, even(rng, -0.3, 0.3, 2), 0.0, 0.0, 0.0]
     if index % 4 >= 2:
-        state[2] /= 100  # it comes near the pivot, with little angular momentum
+        state[2] /= 100  # passes near the pivot, with little angular momentum
     end = even(rng, 20, 40, 3)
     step = "" if index % 2 else ", dt=0.25"
     call = f"""system = {p.source}
@@ -76,11 +76,11 @@ except vv.InputError as error:
         if math.isnan(when) or crossed != math.isfinite(other):
             return
         if (abs(other - when) if crossed else np.abs(end_state - last).max()) > 1e-5:
-            return  # chaotic: what is true is not known
+            return  # chaotic: the true motion is unknown
         if index % 2 == 0 and not crossed and names["outcome"] == "step too large":
-            return  # of a step that was given it is the right word
+            return  # correct for a given step size
         if names["outcome"].startswith("refused") and "step too large" not in names["outcome"]:
-            return  # chaotic, it says
+            return  # reported as chaotic
         yield Claim("outcome", names["outcome"], "unphysical" if crossed else "completed")
         yield Claim(
             "states kept are numbers",

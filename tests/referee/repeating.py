@@ -1,7 +1,7 @@
-"""Motions that repeat with their load, in time: SciPy from switch to switch over one period.
+"""Periodic motions in time: SciPy from switch to switch over one period.
 
-Newton's step of the judge's own map, its derivatives by differences, tells how far a start is from
-the one that comes back.
+A Newton step of the independent period map, with derivatives by differences, estimates the
+distance of a start from the periodic motion.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ JUDGES = (
     "SteadyMotion.period", "trace_motion", "MotionBranch", "MotionBranch.motion",
 )  # fmt: skip
 
-#: Distance of differences, and what SciPy leaves of a state.
+#: Step of the differences, and error of a state by SciPy.
 _APART, _LEFT = 1e-5, 2e-11
-#: How much of a derivative both sides may differ by.
+#: Allowed relative difference of one-sided derivatives.
 _ALIKE = 1e-2
 
 
@@ -85,7 +85,7 @@ top = m.extremes('x1')
             for a, b in zip(sides[::2], sides[1::2], strict=True)
         ]
         if max(apart) > _ALIKE * max(1.0, np.abs(by).max()):
-            # Something is grazed in between: this is the derivative of neither side.
+            # A contact is grazed in between: the derivative is one-sided.
             return
         inverse = np.linalg.pinv(np.eye(2 * n) - by)
         enlarged = max(1.0, float(np.abs(inverse).sum(axis=1).max()))

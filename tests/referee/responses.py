@@ -1,4 +1,4 @@
-"""Harmonic balance of twice the orders in NumPy, from the answer on."""
+"""Harmonic balance with twice the harmonics in NumPy, starting from the result."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ JUDGES = (
     "PeriodicMotions.velocity", "PeriodicMotions.acceleration", "PeriodicMotions.rms",
     "PeriodicMotions.peak_to_peak",
 )  # fmt: skip
-#: An estimate may be this much smaller than the error.
+#: Factor by which an estimate may be smaller than the error.
 ESTIMATE = 10.0
 
 
 def system_of(rng, index, *, damped=(0.01, 0.08), quadratic=True):
-    """Draw a nonlinear system of one to three coordinates, with memory or not."""
+    """Draw a nonlinear system of one to three coordinates, with or without memory."""
     memory = some_memory(rng) if index % 3 == 2 else None
     if index % 4 == 3:
         kernel = rzhanitsyn(0.048, 0.1, 0.05) if memory else None
@@ -33,7 +33,7 @@ def system_of(rng, index, *, damped=(0.01, 0.08), quadratic=True):
 
 
 def refined(model, coefficients, orders, nu, load, highest=None):
-    """Motion of twice the orders near an answer, X_k from 0 on; None if there is none."""
+    """Motion with twice the harmonics near a result, X_k from k = 0; None if there is none."""
     top = int(max(orders.max(), max(load)))
     balance = Balance(model, highest or min(2 * top + 6, 60))
     start = balance.real(np.nan_to_num(coefficients), orders)
@@ -59,7 +59,7 @@ def difference(model, coefficients, orders, true):
 
 
 def _of_the_waveform(names, nu):
-    """What follows from the harmonics: by samples of a period."""
+    """Quantities derived from the harmonics, against samples of a period."""
     orders, own = names["orders"], names["coefficients"][-1]
     t = 2 * np.pi / nu * np.arange(4096) / 4096
     waves = np.exp(1j * nu * np.outer(t, orders))
@@ -71,7 +71,7 @@ def _of_the_waveform(names, nu):
         yield Claim(name, names[name], true, 1e-12 * max(abs(true), np.abs(values).max()))
     yield Claim("rms", names["rms"], np.sqrt(np.mean(u**2)), 1e-12 * np.abs(u).max())
     wide = u.max() - u.min()
-    # Between samples the turning point may stand higher.
+    # The maximum may lie between samples.
     room = np.abs(a).max() * (t[1] - t[0]) ** 2
     yield Claim("peak to peak", names["extent"], wide, room + 1e-12 * wide, damage=1e-3)
 
@@ -108,10 +108,10 @@ coarse = vv.forced_response(
 
     def judge(names, told):
         if names["outcome"] != "converged":
-            # No answer, and it says so.
+            # No result, and the outcome states it.
             yield Claim("what is not found is told", bool(told), True)
             if method == "newton":
-                # Rounding is no reason to find nothing.
+                # Rounding errors do not justify a missing result.
                 yield Claim("found with a coarser tolerance", names["coarse"] == "converged", False)
             return
         kept = names["orders"]
@@ -120,7 +120,7 @@ coarse = vv.forced_response(
         same = refined(model, names["coefficients"], kept, nu, load, highest=int(kept.max()))
         true = refined(model, names["coefficients"], kept, nu, load)
         if true is None and names["truncation"] > 0.05 and told:
-            # With so few orders the answer is another motion's, and says so.
+            # With so few harmonics the result is another motion, and the truncation states it.
             return
         if true is None:
             yield Claim("a motion is near the answer", False, True)
@@ -138,7 +138,7 @@ coarse = vv.forced_response(
         )
         full = np.arange(int(kept.max()) + 1)
         if same is not None and set(full[1::2]) <= set(kept.tolist()):
-            # With the same orders the iteration alone errs; even orders may be absent by symmetry.
+            # With equal harmonics only the iteration has an error; even ones may be 0 by symmetry.
             own = difference(model, names["coefficients"], kept, same)
             yield Claim(
                 "solution of the balance",

@@ -1,4 +1,4 @@
-"""Eigenvalues of the ordinary equations (memory as exponentials), determinants of the others; free decay."""
+"""Eigenvalues of the ordinary equations with memory states, determinants otherwise; free decay."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def _system(rng, index, memory):
 def _roots(rng, index):
     memory = [None, some_prony(rng), some_prony(rng), some_memory(rng)][index % 4]
     if index % 8 == 2:
-        # More is forgotten than there is: the body creeps away.
+        # The kernel relaxes more than the stiffness: the body creeps away.
         rate = few(rng, 0.05, 1, 2)
         memory = prony([float(f"{rate * rng.uniform(1.02, 1.5):.3g}")], [rate])
     model = _system(rng, index // 2, memory)
@@ -104,7 +104,7 @@ frequency, decrement = decay.frequency, decay.logarithmic_decrement
         true = np.sort_complex(values[up])
         order = np.argsort(names["roots"].real)
         got = names["roots"][order]
-        # A mode that hardly moves is lost in rounding.
+        # The shape of a mode with hardly any motion is lost in rounding errors.
         moved = np.abs(vectors[:n, up] * shares[up]).max(axis=0)
         if moved.min() < 1e-3:
             return

@@ -1,4 +1,4 @@
-"""Rubber from measured data: sums of kernels, kernels at a temperature, shift laws, by mpmath."""
+"""Rubber from measured data: sums of kernels, temperature, shift laws, by mpmath."""
 
 import mpmath as mp
 import numpy as np
@@ -17,7 +17,7 @@ def _warm_sum(rng, index):
     made = [_power(rng, int(rng.integers(4))) for _ in range(int(rng.integers(1, 4)))]
     reference, warm = even(rng, -20, 40, 1), even(rng, 0, 60, 1)
     hot = reference + warm
-    # What is asked for is the number that the sum is rounded to.
+    # The reference uses the rounded numbers of the sum.
     warm = mp.mpf(hot) - mp.mpf(reference)
     if index % 2:
         c1, c2 = few(rng, 2, 30, 3), even(rng, 40, 200, 1)
@@ -47,13 +47,13 @@ hats, value, relaxation = warm.transform({mu}), warm({t}), warm.relaxation({t})
             passed = [sum(one[3](mp.mpf(x) / slow) for one in made) for x in t]
         hats = np.array([complex(x) for x in hats])
         at, passed = (np.array([float(x) for x in one]) for one in (at, passed))
-        # The decades are numbers of size 10, and so are known to 1e-15: their power to 1e-14.
+        # Decades of size 10 have an error of 1e-15, so their powers have an error of 1e-14.
         lost = 1e-14 * (1 + abs(decades))
         yield Claim("decades", float(names["decades"]), decades, 1e-13 * (1 + abs(decades)))
         yield Claim("slowness", float(names["slowness"]), float(slow), lost * float(slow))
         yield Claim("factor", float(names["factor"]), float(slow), lost * float(slow))
         yield Claim("transform", names["hats"], hats, (ROUNDING + lost) * np.abs(hats))
-        # Rates of up to 50 lose digits in their exponents.
+        # Rates of up to 50 lose digits in the exponent.
         yield Claim("value", names["value"], at, (1e-12 + 60 * lost) * np.abs(at))
         yield Claim("relaxation", names["relaxation"], 1 - passed, (1e-12 + lost) * (1 + passed))
 
@@ -61,5 +61,5 @@ hats, value, relaxation = warm.transform({mu}), warm({t}), warm.relaxation({t})
 
 
 def case(rng: np.random.Generator, index: int) -> Case:
-    """One of the questions, by turns."""
+    """The kinds of questions in turn."""
     return _warm_sum(rng, index)

@@ -1,4 +1,4 @@
-"""Steady motions against harmonic balance and Floquet multipliers; motions against SciPy; periods by quadrature."""
+"""Steady motions by harmonic balance and Floquet multipliers; motions by SciPy; periods by quadrature."""
 
 from itertools import product
 
@@ -23,12 +23,12 @@ JUDGES = (
     "BeatingMotion.orders", "BeatingMotion.mean", "BeatingMotion.rms", "BeatingMotion.largest",
     "BeatingMotion.lines", "BeatingMotion.at", "BeatingMotion.stable",
 )  # fmt: skip
-#: An estimate may be this much smaller than the error.
+#: Factor by which an estimate may be smaller than the error.
 ESTIMATE = 4.0
 
 
 def _oscillator(rng, index):
-    """A load anywhere: near a mode, at a third of it, at twice it."""
+    """A load at any frequency: near a mode, at a third of it, at twice it."""
     memory = some_prony(rng, 0.1) if index % 4 == 3 else None
     n = int(rng.integers(1, 3))
     model = chain(
@@ -84,7 +84,7 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
                 )
             if not names["in_range"][i]:
                 continue
-            # The balance has multiples of the load's frequency only.
+            # The balance contains multiples of the load frequency only.
             moving = names["s"].frequencies[i][np.abs(names["s"].amplitudes[i]) > 0] / nu
             if (np.abs(moving - moving.round()) > 1e-6).any():
                 continue
@@ -96,10 +96,10 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
             error = np.abs(true[:, 1] / 1j - x).max()
             estimate = names["estimate"][i].max()
             if error > 0.5 * np.abs(true).max() + 10 * estimate:
-                continue  # Newton's method went to another motion,
+                continue  # Newton's method converged to another motion,
             apart = np.abs(names["harmonics"] - true[:, 1] / 1j).max(axis=1)
             if apart.argmin() != i:
-                continue  # one of those that are told too.
+                continue  # which is also a result.
             solved += 1
             yield Claim(
                 "harmonics",
@@ -118,7 +118,7 @@ tables = [s.routh_hurwitz(i) for i in range(len(stable))]
 
 
 def _parametric(rng, index):
-    """The pendulum under f0 alone: whether phi = psi = 0 stays."""
+    """The pendulum under f0 alone: stability of phi = psi = 0."""
     p = pendulum(rng, (0.002, 0.01), f0=few(rng, 0.02, 0.08, 2), p1=1.0)
     own = Swinging(p.e, p.w2, p.w3, p.alpha)
     a = own.jacobian(np.zeros(1), np.zeros((1, 6)))[0]
@@ -135,7 +135,7 @@ harmonics, in_range, stable, amplitudes = s.harmonics, s.in_range, s.stable, s.a
 
     def judge(names, told):
         zr = p.z_r
-        # z alone has this frequency, which is not always the highest.
+        # The frequency of z alone, which is not always the highest.
         alone = np.sqrt(1 + 3 * zr**2 * p.alpha - p.c1**2 / 4)
         swinging = np.argsort(np.abs(names["ms"].frequencies - alone))[1:]
         upright = np.abs(names["amplitudes"][:, swinging]).max(axis=1)
@@ -161,7 +161,7 @@ harmonics, in_range, stable, amplitudes = s.harmonics, s.in_range, s.stable, s.a
 
         turn = np.exp(1j * np.outer(np.linspace(0, 2 * np.pi, 400), k))
         if (turn @ z).imag.min() < -0.99:
-            return  # Newton's method went to a motion through the pivot.
+            return  # Newton's method converged to a motion through the pivot.
         mu = np.linalg.eigvals(magnus(matrices, 2 * np.pi / p1, 400))
         growth = np.log(np.abs(mu).max()) * p1 / (2 * np.pi)
         if abs(growth) < 2e-3:
@@ -175,7 +175,7 @@ harmonics, in_range, stable, amplitudes = s.harmonics, s.in_range, s.stable, s.a
 
 
 def _several(rng, index):
-    """Three loads near three modes: a motion in time by default."""
+    """Three loads near three modes, compared with a motion in time by default."""
     p = pendulum(rng, (0.005, 0.03))
     own = Swinging(p.e, p.w2, p.w3, p.alpha)
     a = own.jacobian(np.zeros(1), np.zeros((1, 6)))[0]
@@ -212,7 +212,7 @@ steady = ms.response("p1", [{p.p1}])
 
 
 def _beating(rng, index):
-    """Three loads near three modes, large enough for amplitudes to beat."""
+    """Three loads near three modes, large enough for beats."""
     p = pendulum(rng, (0.005, 0.03))
     own = Swinging(p.e, p.w2, p.w3, p.alpha)
     a = own.jacobian(np.zeros(1), np.zeros((1, 6)))[0]
@@ -248,11 +248,11 @@ told = [
         for q, errors, mean, rms, largest, f, x, orders, lines, stable in names["told"]:
             state = np.ravel(np.column_stack([x.sum(axis=0).real, ((1j * f) @ x).real]))
             true = p.motion(state, t)[:, ::2]
-            # Coordinates that are known at all.
+            # Coordinates with a known error.
             kept = np.flatnonzero(errors <= 0.2 * rms)
             if not kept.size or stable is False:
                 continue
-            # What the state lacks is felt as well, until it has decayed.
+            # The error of the initial state contributes until it has decayed.
             yield Claim(
                 "motion that beats",
                 q[:, kept],
@@ -363,7 +363,7 @@ best, admitted = fine.complex_amplitudes, modulation.error + fine.error
 
 
 def _bend(rng, index):
-    """Frequency against amplitude of one coordinate: the period by quadrature."""
+    """Frequency over amplitude of one coordinate: the period by quadrature."""
     k2, k3 = even(rng, 0, 0.5, 2), even(rng, 0.1, 1, 2)
     b = few(rng, 0.01, 0.15, 2)
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, forces="{k2}*x^2 + {k3}*x^3")
@@ -389,7 +389,7 @@ nu = vv.MultipleScales(system).backbone(0, [{b}])[0]
         for _ in range(30):
             period, half = period_of(top)
             top *= b / half
-        # The amplitude of the leading term differs from half the swing by orders above it.
+        # The amplitude of the leading term differs from half the peak-to-peak value by higher orders.
         yield Claim(
             "backbone",
             names["nu"],
@@ -425,7 +425,7 @@ first = [(r.coefficients, r.label, r.order, r.divisor, r.near) for r in listed]
             close.append(bool(divisor <= 0.03))
         yield Claim("divisor", np.array(got), np.array(true), 1e-12)
         yield Claim("near", np.array(near), np.array(close))
-        # Each mode against one load and against twice another mode must be among them.
+        # Each mode with one load, and with twice another mode, must be in the list.
         wanted = 0
         for w, q in product([k for k in known if k[0] == "w"], ["p1", "p2"]):
             wanted += any(
@@ -446,7 +446,7 @@ first = [(r.coefficients, r.label, r.order, r.divisor, r.near) for r in listed]
 
 
 def _static(rng, index):
-    """A constant load beside a harmonic one."""
+    """A constant load together with a harmonic load."""
     k2, k3, c = even(rng, -0.3, 0.3, 2), even(rng, 0.2, 1, 2), few(rng, 0.01, 0.05, 2)
     f0, f1 = few(rng, 0.01, 0.2, 2), few(rng, 1e-3, 0.02, 2)
     p = float(f"{rng.choice([0.5, 0.8, 1.0, 1.1, 2.0]) * rng.uniform(0.95, 1.05):.4g}")
@@ -483,10 +483,10 @@ harmonics, estimate, in_range = s.harmonics, s.harmonic_errors, s.in_range
 
 
 def _internal(rng, index):
-    """Free motion of a mode at twice whose frequency another one moves."""
+    """Free motion of a mode that drives another mode at twice its frequency."""
     w2 = float(f"{2 * rng.uniform(0.985, 1.015):.5g}")
     g, b = even(rng, 0.1, 0.5, 2), few(rng, 0.01, 0.06, 2)
-    # V = g q1^2 q2: both feel it.
+    # V = g q1^2 q2 couples both.
     model = Draft(
         [1.0, 1.0], np.zeros((2, 2)), np.diag([1.0, w2**2]),
         [Term(2 * g, (1, 1), 0), Term(g, (2, 0), 1)],
@@ -510,7 +510,7 @@ nu = vv.MultipleScales(system).backbone(0, [{b}])
                 by_nu = (balance.residual(a, nu + d, 0 * a)[0] - r).ravel() / d
                 m = np.zeros((a.size + 2, a.size + 1))
                 m[:-2, :-1], m[:-2, -1] = jac, by_nu
-                m[-2, 4], m[-1, 2] = 1, 1  # cosine and sine of the first order of q1
+                m[-2, 4], m[-1, 2] = 1, 1  # cosine and sine of the first harmonic of q1
                 right = np.concatenate([r.ravel(), [a[2, 0] - b, a[1, 0]]])
                 change = np.linalg.lstsq(m, right, rcond=None)[0]
                 a, nu = a - change[:-1].reshape(a.shape), nu - change[-1]
@@ -531,7 +531,7 @@ nu = vv.MultipleScales(system).backbone(0, [{b}])
 
 
 def _subharmonic(rng, index):
-    """Stable motions of three periods of a load, by harmonic balance from a grid of starts."""
+    """Stable motions with three periods of a load, by harmonic balance from a grid of starts."""
     p = even(rng, 3.03, 3.15, 4)
     damping, size, cubic = few(rng, 1e-3, 5e-3, 2), even(rng, 0.5, 1.2, 3), even(rng, 0.1, 0.4, 3)
     model = Draft([1.0], [[damping]], [[1.0]], [Term(cubic, (3,), 0)]).model()
@@ -557,7 +557,7 @@ complete = s.complete
                     continue
                 if abs(multipliers(model, x, nu, 128)[0][0]) < 1 - 1e-4:
                     found.append(x)
-        # Large motions are out of the range of the expansion.
+        # Large motions are outside the range of the expansion.
         near = [x for x in found if abs(x[0, 1]) < 0.8]
         enough = names["moving"] >= len(near) or not names["complete"]
         yield Claim("subharmonic motions are listed", bool(enough), True)
@@ -566,7 +566,7 @@ complete = s.complete
 
 
 def case(rng, index):
-    """Draw a system and what is expanded."""
+    """Draw a system and an expansion."""
     kinds = (
         _oscillator,
         _parametric,

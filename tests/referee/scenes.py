@@ -1,4 +1,4 @@
-"""The same job from Python, to the bit, and the standalone driver's table."""
+"""A scene by Python (bitwise equal) and the table of the standalone driver."""
 
 import numpy as np
 
@@ -197,13 +197,13 @@ for mass in grid:
 
 
 def _structure(rng, index):
-    """A chain with elements: the driver's own condensation against the whole equations."""
+    """A chain with elements: the condensation of the driver against the full equations."""
     n = 3 + index % 4
     mass = [even(rng, 0.5, 2, 2) for _ in range(n)]
     springs = [even(rng, 0.5, 2, 2) for _ in range(n + 1)]
     k = np.diag(springs[:-1]) + np.diag(springs[1:])
     k -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
-    # Dampers in some of the masses couple the modes.
+    # Dampers at some of the masses couple the modes.
     c = np.diag([few(rng, 0.02, 0.2, 2) for _ in range(n)]) if index % 3 else 0.02 * k
     kept, cubic, size = even(rng, 0.2, 2, 2), few(rng, 0.1, 2, 2), few(rng, 0.05, 0.5, 2)
     mean = few(rng, 0.02, 0.2, 1) if index % 2 else 0.0
@@ -293,7 +293,7 @@ shutil.rmtree(folder)
 
 
 def _cells(row):
-    """Words and numbers of a row; what is not a number counts as a word."""
+    """Words and numbers of a row; non-finite numbers count as words."""
     words, values = [], []
     for cell in row.split(","):
         try:

@@ -1,4 +1,4 @@
-"""A family's process, watched: what crashes or hangs is a failure of the case under way."""
+"""The process of a family under supervision: a crash or a hang is a failure of the current case."""
 
 import json
 import math
@@ -11,21 +11,21 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: Seconds of its processor that one case may take, and of the clock: on a busy machine a case that
-#: computes is not one that hangs.
+#: Limits of one case: processor time, and wall time, so that a slow case on a busy machine does
+#: not count as a hang.
 PATIENCE = 120.0
 LONGEST = 10 * PATIENCE
-#: Seconds between two looks at a process that gives no answer.
+#: Seconds between two checks of a process without output.
 LOOK = 1.0
-#: A family that crashes more often than this is given up.
+#: A family with more crashes is given up.
 MOST_CRASHES = 20
-#: Part of the claims of a name in which an injected error must be found.
+#: Fraction of the claims of a name in which an injected error must be found.
 FOUND = 0.5
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A wrong answer and the call that gives it."""
+    """A wrong result and the call that produces it."""
 
     family: str
     index: int
@@ -33,7 +33,7 @@ class Failure:
     call: str
 
     def script(self) -> str:
-        """Return Python that shows it again."""
+        """Return Python code that reproduces it."""
         comment = "\n".join(f"# {row}" for row in self.text.strip().splitlines())
         return (
             f"# {self.family}, case {self.index}\n{comment}\n"
@@ -43,23 +43,23 @@ class Failure:
 
 @dataclass
 class Verdict:
-    """What a family found."""
+    """The result of a family."""
 
     family: str
     systems: int = 0
     claims: int = 0
     refused: int = 0
     seconds: float = 0.0
-    #: The ratio of true to stated error that comes closest to its limit, and this limit.
+    #: The ratio of true to stated error that is closest to its limit, and this limit.
     worst: float = 0.0
     worst_limit: float = 1.0
     worst_claim: str = ""
     failures: list[Failure] = field(default_factory=list)
-    #: Of each claim that is right: how many there were, and in how many an error was found.
+    #: For each correct claim: the count, and the count of injected errors that were found.
     injected: dict[str, list[int]] = field(default_factory=dict)
 
     def unseen(self) -> list[str]:
-        """Claims in which an injected error is not found as a rule."""
+        """Claims in which an injected error is usually not found."""
         return [
             f"{what} ({found} of {n})"
             for what, (n, found) in self.injected.items()
@@ -88,7 +88,7 @@ class Verdict:
 
 
 def run_family(family: str, seed: int, seconds: float, least: int, most: int = 10**9) -> Verdict:
-    """Run a family for a time; a crash or a hang ends its process and the next case goes on."""
+    """Run a family for a time. After a crash or a hang the next case continues in a new process."""
     verdict = Verdict(family)
     begun, first, crashes = time.monotonic(), 0, 0
     while crashes <= MOST_CRASHES:
@@ -111,7 +111,7 @@ def run_family(family: str, seed: int, seconds: float, least: int, most: int = 1
 def _watch(
     verdict: Verdict, family: str, seed: int, first: int, seconds: float, least: int, most: int
 ) -> tuple[int, str, str]:
-    """Follow one process to its end; return the case under way and what ended it."""
+    """Follow one process to its end; return the current case and the cause of the end."""
     options = {"--seed": seed, "--first": first, "--seconds": seconds, "--least": least}
     arguments = [str(part) for pair in options.items() for part in pair]
     process = subprocess.Popen(
@@ -166,7 +166,7 @@ def _watch(
 
 
 def _awaited(lines: "queue.Queue[str | None]", pid: int) -> str | None:
-    """Return the next line of a process; queue.Empty if it takes too long."""
+    """Return the next line of a process; queue.Empty on timeout."""
     begun, used = time.monotonic(), _used(pid)
     while True:
         try:
@@ -178,7 +178,7 @@ def _awaited(lines: "queue.Queue[str | None]", pid: int) -> str | None:
 
 
 def _used(pid: int) -> float:
-    """Seconds of the processor that a process and its ended children have used."""
+    """Processor time of a process and its finished children."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     except OSError:

@@ -1,9 +1,9 @@
 """Switches with weakly singular kernels in time: graded collocation from switch to switch.
 
-Each kernel is a sum of its own: Gauss-Legendre panels over the logarithms of the rates r of its
-spectrum, from 1e-6 to 1e10; slower rates are one, faster ones pull at once. What is remembered is
-integrated exactly under a polynomial of degree 9 for the force, the rest by collocation at the
-same points, in steps that begin at 1e-9 behind each switch and double.
+Each kernel is an independent sum of exponentials: Gauss-Legendre panels over the logarithms of the
+rates r of its spectrum from 1e-6 to 1e10. Slower rates are one term, faster rates act at once.
+Memory is integrated exactly with a polynomial of degree 9 for the force, the other states by
+collocation at the same points. Steps begin at 1e-9 after each switch and double.
 """
 
 from math import gamma
@@ -16,15 +16,15 @@ from referee.switched import Automaton, Contact, Fading, Sliders, state_of
 
 JUDGES = ("RabotnovKernel", "RzhanitsynKernel", "AbelKernel", "Jenkins", "Gap")
 
-#: Points of a step, by parts of it, and polynomials through them.
+#: Collocation points as fractions of a step, and the polynomials through them.
 _N = 10
 _AT = (leggauss(_N)[0] + 1) / 2
 _ENDS = np.append(_AT, 1.0)
 _VALUES = np.linalg.inv(legvander(2 * _AT - 1, _N - 1))
-#: Where signals are looked at.
+#: Points at which switching functions are evaluated.
 _SEEN = np.linspace(0, 1, 17)[1:]
 _FIRST, _LONGEST = 1e-9, 0.04
-#: Switches that are followed.
+#: Maximum number of switches.
 _MOST = 300
 
 
@@ -39,7 +39,7 @@ _PLAIN = np.array([(c * _W) @ _basis(c * _U) for c in _ENDS])
 
 
 def _fading_integrals(z):
-    """Integrals of exp(-z (c - x)) times each polynomial from 0 to c, of each c and z."""
+    """Integrals of exp(-z (c - x)) times each polynomial from 0 to c, for each c and z."""
     found = np.empty((_ENDS.size, z.size, _N))
     for i, c in enumerate(_ENDS):
         length = np.minimum(c, 40 / np.maximum(z, 1e-300))[:, None]
@@ -57,10 +57,10 @@ def _panels(low, high, width, order=14):
 
 
 def spectrum(kind, amplitude, alpha, beta):
-    """Weights and rates of a sum, and the part of the force that goes at once."""
+    """Weights and rates of a sum of exponentials, and the fraction of the force that relaxes at once."""
     shift, beyond = 0.0, 1 / (1 - alpha)
     if kind == "rabotnov":
-        # Of the Mittag-Leffler function of order alpha (Gorenflo & Mainardi, 1997).
+        # Mittag-Leffler function of order alpha (Gorenflo & Mainardi, 1997).
         beyond = 1.0
 
         def density(x):
@@ -87,7 +87,7 @@ def spectrum(kind, amplitude, alpha, beta):
 
 
 class Remembering(Fading):
-    """A spring behind such a sum."""
+    """A spring with such a sum as kernel."""
 
     def __init__(self, direction, force, law, gap):
         weights, rates, self.at_once = spectrum(*law)
@@ -95,7 +95,7 @@ class Remembering(Fading):
 
 
 class Graded(Automaton):
-    """The same modes, with steps of its own; forces that remember have no signals but their gaps."""
+    """The same modes with graded steps. Forces with memory have switches at their gaps only."""
 
     def __init__(self, mass, stiffness, damping, force, elements):
         none = [None] * len(mass)
@@ -104,7 +104,7 @@ class Graded(Automaton):
         self.tables = {}
 
     def pulled(self, t, y, recalled):
-        """All forces, with what is remembered given."""
+        """All forces, for given memory states."""
         f = self.force(t) - self.k @ y[: self.n] - self.c @ y[self.n : 2 * self.n]
         left = iter(recalled)
         for e in self.elements:
@@ -116,7 +116,7 @@ class Graded(Automaton):
         return f
 
     def flows(self, t, y, recalled):
-        """Rates of all but what is remembered."""
+        """Rates of all states except memory states."""
         out = np.zeros_like(y)
         out[: self.n] = y[self.n : 2 * self.n]
         out[self.n : 2 * self.n] = self.pulled(t, y, recalled) / self.m
@@ -132,7 +132,7 @@ class Graded(Automaton):
         return out
 
     def table(self, h, keep):
-        """Of each force that remembers what its values in a step become, and what there was."""
+        """For each force with memory: the effect of its values in the step, and of the memory before."""
         if h in self.tables:
             return self.tables[h]
         made = []
@@ -147,7 +147,7 @@ class Graded(Automaton):
         return made
 
     def step(self, t, y, h, keep=True):
-        """States at the points and at the end; what is remembered at the end only."""
+        """States at the points and at the end; memory states at the end only."""
         table = self.table(h, keep)
         at = np.repeat(y[None], _N + 1, 0)
         from_before = [
@@ -177,14 +177,14 @@ class Graded(Automaton):
         return at
 
     def forces(self, at):
-        """Of each force that remembers its values at the points."""
+        """Values of each force with memory at the points."""
         return [
             np.array([e.force(self.deflection(e, y)[0], e.over) for y in at[:_N]])
             for e in self.fading
         ]
 
     def run(self, q, v, times):
-        """States at times, the first 0; None: more switches than are followed."""
+        """States at the times, the first of which is 0; None: too many switches."""
         y, t, h = self.start(np.array(q, float), np.array(v, float)), 0.0, _FIRST
         out, switches = [state_of(q, v)], 0
         for goal in times[1:]:
@@ -206,7 +206,7 @@ class Graded(Automaton):
         return np.array(out)
 
     def first_signal(self, t, y, h, at):
-        """Where in a step the first mode ends, the state there and what then happens."""
+        """Fraction of a step at which the mode ends, the state there, and the following action."""
         through = np.vstack([y[None], at])
         seen = _THROUGH @ through
         best = None
@@ -222,7 +222,7 @@ class Graded(Automaton):
         return best
 
     def located(self, t, y, a, b, g):
-        """A change of sign between two parts of a step, by bisection of secants."""
+        """A change of sign between two fractions of a step, by bracketed secants."""
         state = self.step(t, y, b, keep=False)[_N]
         ga, gb = g(t + a, self.step(t, y, a, keep=False)[_N] if a else y), g(t + b, state)
         if ga <= 0:
@@ -246,14 +246,14 @@ class Graded(Automaton):
         return b, state
 
 
-#: From the states at the beginning, at the points and at the end to those that are looked at.
+#: Interpolation from the states at the start, the points and the end to the checked points.
 _THROUGH = legvander(2 * _SEEN - 1, _N + 1) @ np.linalg.inv(
     legvander(2 * np.concatenate([[0.0], _AT, [1.0]]) - 1, _N + 1)
 )
 
 
 def _spring(rng, n):
-    """A spring that remembers, with a kink in its law or without; its source and its judge."""
+    """A spring with memory, with or without a kink in its law: its source and its model."""
     place = int(rng.integers(n))
     alpha, beta, share = even(rng, 0.1, 0.85, 2), few(rng, 0.2, 4), even(rng, 0.1, 0.5, 2)
     kind = ["rabotnov", "rzhanitsyn", "abel"][int(rng.integers(3))]
@@ -280,7 +280,7 @@ def _spring(rng, n):
 
 
 def _switch(rng, n):
-    """A slider or a gap; its source and its automaton."""
+    """A slider or a gap: its source and its automaton."""
     place = int(rng.integers(n))
     on, direction = f"x{place + 1}", np.eye(n)[place]
     if rng.random() < 0.5:
@@ -293,7 +293,7 @@ def _switch(rng, n):
 
 
 def case(rng, index):
-    """One or two masses with a spring that remembers, and a slider or a gap."""
+    """One or two masses with a spring with memory, and a slider or a gap."""
     n = 1 + index % 2
     mass = np.array([few(rng, 0.5, 3) for _ in range(n)])
     stiffness, c = np.diag([few(rng, 0.5, 3) for _ in range(n)]), few(rng, 0.02, 0.3)

@@ -1,4 +1,4 @@
-"""Signals made of known tones, decaying ones too; sums written out."""
+"""Signals of known tones, with or without decay; sums written out."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ JUDGES = (
 
 
 def _tones(rng, n, dt, m, apart=4.0):
-    """Frequencies so many bins apart, amplitudes and phases."""
+    """Frequencies at least ``apart`` bins apart, amplitudes and phases."""
     width = 2 * np.pi / (n * dt)
     while True:
         omega = rng.uniform(6 * width, 0.8 * np.pi / dt, m)
@@ -61,7 +61,7 @@ omega, amplitude, resolved, residual = lines.omega, lines.amplitude, lines.resol
     )
 
     def judge(names, told):
-        # Largest first; rounding decides between tones that are drawn equal.
+        # Largest first; rounding errors decide between tones of equal size.
         falling = np.argsort(-a, kind="stable")
         got = np.argsort(names["omega"])
         order = np.argsort(omega)
@@ -77,7 +77,7 @@ omega, amplitude, resolved, residual = lines.omega, lines.amplitude, lines.resol
 def _decaying(rng, index):
     n, dt, m = int(rng.integers(400, 1200)), few(rng, 0.05, 0.3, 2), int(rng.integers(1, 3))
     omega, a, phase = _tones(rng, n, dt, m, 60.0)
-    # Up to 18 bins, so that a tone lives in the first hundredth of the record; none is overdamped.
+    # Up to 18 bins: a tone decays in the first hundredth of the record; none is overdamped.
     decay = (rng.uniform(0.3, 6 if index % 2 else 110, m) / (n * dt)).round(6)
     decay = np.minimum(decay, (0.6 * omega).round(6))
     call = (
@@ -134,7 +134,7 @@ omega, amplitude, phase, mean = s.omega, s.amplitude, s.phase, s.amplitude[0]
 
 
 def _of_runs(rng, index):
-    """A motion's own spectrum has the frequency of its load, however many states were kept."""
+    """The spectrum of a motion contains the load frequency for any number of stored states."""
     p, c, every = even(rng, 0.5, 1.5, 3), even(rng, 0.5, 1, 2), int(rng.choice([1, 2, 5]))
     step = f"dt=0.1, save_every={every}" if index % 2 else 'dt="auto", tolerance=1e-8'
     call = f"""system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c})

@@ -1,4 +1,4 @@
-"""Floquet multipliers of the ordinary equations (memory as exponentials) by Magnus' expansion."""
+"""Floquet multipliers of the ordinary equations with memory states by a Magnus expansion."""
 
 from dataclasses import replace
 from math import gamma
@@ -12,7 +12,7 @@ from referee.models import chain, mount, prony, rzhanitsyn, some_prony, spread
 from referee.responses import refined
 
 JUDGES = ("forced_response", "StabilityWarning")
-#: Multipliers this near to 1 in size are too close to call.
+#: Multipliers with a magnitude this near to 1 are not decided.
 CLOSE = 3e-9
 
 
@@ -43,13 +43,13 @@ def case(rng, index):
     nu = float(
         f"{near * rng.choice([0.5, 0.9, 1.0, 1.02, 1.1, 2.0]) * rng.uniform(0.97, 1.03):.4g}"
     )
-    # Nearly linear, or a hundred times as much.
+    # Nearly linear, or a load a hundred times as large.
     size = few(rng, 3e-4, 1e-3, 2) if rng.random() < 0.5 else few(rng, 0.01, 0.5, 2)
     return _asked(model, nu, size, remembers, ', harmonics="auto"')
 
 
 def _singular(rng):
-    """Points of branches with a singular kernel, against it as a sum of exponentials."""
+    """Points of branches with a singular kernel, against a sum of exponentials."""
     alpha, beta = even(rng, 0.15, 0.75, 3), few(rng, 0.05, 1, 3)
     amplitude = float(f"{rng.uniform(0.02, 0.4) * beta**alpha / gamma(alpha):.3g}")
     memory = rzhanitsyn(amplitude, alpha, beta)
@@ -97,7 +97,7 @@ branch = vv.trace_response(system, ({0.6 * w:.4g}, {1.8 * w:.4g}), load={load}, 
 
 
 def _barely_damped(rng):
-    """Chains beside each resonance, nearly linear: as stable as they are at rest."""
+    """Nearly linear chains near each resonance: as stable as the equilibrium."""
     memory = prony([few(rng, 1e-5, 1e-2, 2)], [few(rng, 0.05, 2, 2)])
     model = chain(rng, 3, few(rng, 5e-5, 5e-4, 2), memory=memory, cubic=(0.099, 0.101)).model()
     nu = float(f"{0.9 * model.frequencies[int(rng.integers(3))]:.4g}")

@@ -1,4 +1,4 @@
-"""Steady motions of the pendulum, one and several base frequencies: integrated on by SciPy; Floquet."""
+"""Steady motions of the pendulum, periodic and quasi-periodic: integration by SciPy; Floquet theory."""
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def _monodromy(p, state, period, n=300):
 
 
 def _on(p, state, span, admitted):
-    """The motion from its start on, against itself; what it admits grows as disturbances do."""
+    """Integrate the motion from its start and compare; the stated error grows like perturbations."""
     t = np.linspace(0, span, 7)[1:]
     grown, growth = np.eye(6), 10.0
     for begin in t - t[0]:
@@ -85,7 +85,7 @@ same, fine_left = fine.coefficients[0], fine.error[0]
         apart = np.inf
         if same.shape == ours.shape:
             apart = np.abs(same - ours).max() / np.abs(ours).max()
-        # The same orders have other motions where a branch bends over.
+        # The same harmonics have other solutions where a branch has folds.
         if apart < 1e-3:
             told_error = 1.5 * (names["left"] + names["fine_left"])
             yield Claim("what is left of it", 1 + apart, 1.0, told_error + 4e-16, damage=1e-2)
@@ -145,7 +145,7 @@ axes = r.axes
 
         admitted = 10 * names["truncation"] + 1e-8
         yield from _on(p, state, 30.0, admitted)
-        # Rates add up to the mean divergence of the flow.
+        # The sum of the rates is the mean divergence of the flow.
         t = np.linspace(0, 300, 4001)
         mean = np.trace(p.jacobian(t, state(t)), axis1=1, axis2=2).mean()
         yield Claim("sum of the rates", names["growth"].sum(), mean, 1e-2 * abs(mean), damage=5e-2)
@@ -182,7 +182,7 @@ multipliers, outcome = branch.multipliers, branch.outcome
         seen = int((np.diff(turns[turns != 0]) != 0).sum())
         between = len(branch.folds) - seen
         if between > 0 and between % 2 == 0:
-            # Two within a step turn nothing that its ends show: there a multiplier is 1.
+            # Two folds within a step give no turning point: check for a multiplier of 1.
             for nu, x in zip(branch.folds, branch.fold_coefficients, strict=True):
                 q = p.__class__(**(vars(p) | {"p2": float(nu)}))
                 n = max(300, 4 * int(names["orders"].max()))

@@ -1,4 +1,4 @@
-"""Structures in time against SciPy's DOP853 at its finest, every coordinate and every memory a state."""
+"""Structures in time against DOP853 of SciPy at its finest tolerance, with memory states."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ METHODS = ("auto", "gauss8", "gauss6", "gauss4")
 
 
 class _Draft:
-    """A random structure of few coordinates, its elements and its memory as matrices."""
+    """A random structure of few coordinates: elements and memory as matrices."""
 
     def __init__(self, rng, index):
         n = self.n = int(rng.integers(2, 9))
@@ -83,7 +83,7 @@ class _Draft:
         return own * d + square * d**2 + cube * d**3
 
     def right(self, push):
-        """Equations of (u, v, what each element remembers of its force by each exponential)."""
+        """Equations of (u, v, memory states of each element and exponential)."""
         n, terms = self.n, 0 if self.memory is None else self.memory.rates.size
 
         def right(t, y):
@@ -178,7 +178,7 @@ t_more, state_more = more.t, more.state
         true[:, 1::2] += np.outer(base * nu * np.cos(nu * at), draft.base)
         first = np.isin(at, names["t"])
         if np.abs(true).max() > 50:
-            # The base of a laboratory: beyond it cubic springs are no polynomials on a step.
+            # Larger motions: the steps do not resolve the cubic springs.
             return
         size = float(np.abs(true).max())
         yield from claims(names, true[first], tolerance, scale=size)

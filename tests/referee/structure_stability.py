@@ -1,4 +1,4 @@
-"""Stability of structures, condensed: multipliers of all their ordinary equations by Magnus' expansion."""
+"""Stability of condensed structures: multipliers of the full ordinary equations by Magnus expansion."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from referee.case import Case, Claim, few, numbers
 from referee.models import some_prony
 
 JUDGES = ("forced_response", "Structure", "StabilityWarning")
-#: Multipliers this near to 1 in size are too close to call.
+#: Multipliers with a magnitude this near to 1 are not decided.
 CLOSE = 3e-9
 KINDS = ("light", "gyroscopic", "negative", "rigid", "layered", "near-equal")
 
@@ -45,7 +45,7 @@ class _Draft:
                 e[0] -= 1.0
             if not e.any():
                 continue
-            # Buckled springs are held by steep ones.
+            # Steep springs stabilize the springs with negative stiffness.
             own, square, cube = few(rng, 0.05, 0.5, 2), few(rng, 0.01, 0.4, 2), few(rng, 0.3, 3, 2)
             kernel = ""
             remembers = self.memory is not None and kind != "layered"
@@ -80,12 +80,12 @@ class _Draft:
         )
 
     def matrices(self, u):
-        """The equations about places u at instants, shape (instants, n): x' = A x."""
+        """Linearized equations x' = A x at displacements u, shape (instants, n)."""
         n, count = self.n, u.shape[0]
         w = np.zeros(0) if self.memory is None else self.memory.weights
         r = np.zeros(0) if self.memory is None else self.memory.rates
         layered = self.kind == "layered"
-        # Of each exponential what an element, or what all coordinates of a layer, remember.
+        # Memory states: for each exponential of an element, or of all coordinates of a layer.
         held = len(self.states) if not layered else n
         total = 2 * n + w.size * held
         a = np.zeros((count, total, total))
@@ -115,7 +115,7 @@ class _Draft:
 
 
 def _multipliers(draft, x, orders, nu):
-    """Largest first, and what the size of each is off by."""
+    """Largest first, with the error of each magnitude."""
     period = 2 * np.pi / nu
 
     def matrices(t):
@@ -144,7 +144,7 @@ r = vv.forced_response(system, {sorted(set(nu))}, load={{"x{int(rng.integers(n))
         for i in np.flatnonzero(r.converged & (r.truncation < 1e-9)):
             own, off = _multipliers(draft, r.coefficients[i], r.harmonics, r.nu[i])
             sizes = np.abs(own)
-            # Other orders would move each by about as much of it.
+            # Omitted harmonics would change each multiplier by about this fraction.
             off = off + 1e3 * r.truncation[i] * sizes
             if abs(sizes[0] - 1) < 10 * off[0] + CLOSE:
                 continue

@@ -1,4 +1,4 @@
-"""Full equations of sparse structures solved directly at the motions found; roots by eigenvalues of the ordinary equations."""
+"""Sparse structures: direct solution of the full equations at the motions; eigenvalues of the ordinary equations."""
 
 import numpy as np
 import scipy.linalg
@@ -13,7 +13,7 @@ JUDGES = (
 
 
 class _Chain:
-    """A chain of n masses, some tied to the ground or across, with its matrices."""
+    """A chain of n masses with additional springs to the ground or between masses, with its matrices."""
 
     def __init__(self, rng):
         n = self.n = int(rng.integers(40, 120))
@@ -35,13 +35,13 @@ class _Chain:
         self.c = np.zeros((n, n))
         if self.dashpot:
             self.c[self.dashpot[0], self.dashpot[0]] = self.dashpot[1]
-        # Coordinates without mass, which nothing damps.
+        # Coordinates without mass and damping.
         if rng.integers(3) == 0 and not self.dashpot:
             self.mass[rng.choice(n, 3, replace=False)] = 0.0
         self.ratio = 0.0
 
     def modal(self, stiffness, count):
-        """Matrix of the damping ratio: of ``count`` modes, above them in proportion to K."""
+        """Matrix of modal damping for ``count`` modes; proportional to K above them."""
         mass = np.diag(self.mass)
         squares, shapes = (part[..., :count] for part in scipy.linalg.eigh(stiffness, mass))
         slope = 2 * self.ratio / squares[-1] ** 0.5
@@ -125,7 +125,7 @@ omega = s.natural_frequencies()
                 p = p + size * (np.arange(n) == pushed)
             full = k * (1 + b * s) + np.diag(chain.mass * (s**2 + a * s)) + s * damping
             exact[:, column] = np.linalg.solve(full, p)
-        # Of the largest motion; the norm of strain energy and this one differ by a little.
+        # Relative to the largest motion; the strain energy norm differs slightly from this norm.
         scale = np.abs(u).max()
         yield Claim("displacements", u, exact, 30 * tolerance * scale, damage=0.1)
 
@@ -164,7 +164,7 @@ def _roots(rng, index):
         nearest = np.array([values[np.argmin(np.abs(values - s))] for s in found])
         yield Claim("roots", found, nearest, 1e-9 * np.abs(nearest).max())
         up = np.sort(values.imag[values.imag > 1e-6])[:count]
-        # By rising frequency of the modes they belong to; memory may exchange close ones.
+        # Sorted by the frequency of the modes; memory may exchange close roots.
         yield Claim("frequencies", np.sort(found.imag), up, 1e-6 * up, damage=1e-3)
 
     return Case(call, judge)

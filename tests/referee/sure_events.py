@@ -1,6 +1,6 @@
-"""What passages of events tell of their errors: with memory, bursts of loads, beside grazing.
+"""Stated errors of events: with memory, bursts of the load, near grazing.
 
-Kernels of exponentials make ordinary equations, which SciPy solves piece by piece of the load.
+Kernels of exponentials give ordinary equations. SciPy solves them between corners of the load.
 """
 
 import numpy as np
@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from referee.case import Case, Claim, even, few, number, numbers
 
 _END = 10.0
-#: What the judge's states are off by, and how far told errors may be exceeded.
+#: Error of the reference, and the factor by which stated errors may be exceeded.
 _JUDGE, _BY = 4e-13, 1.5
-#: Passages this near to grazing, in errors of states, may be there or not.
+#: Events this near to grazing, in errors of the state, may be missing.
 _NEAR = 1e3
 
 
@@ -39,12 +39,12 @@ class _Motion:
 
 
 def _passages(motion, fine, times, level, row):
-    """Times at which a row of a state passes a level, turning points looked at."""
+    """Times at which a component of the state crosses a level; turning points are checked."""
     g = fine[row] - level
     turns = np.flatnonzero(fine[1, :-1] * fine[1, 1:] < 0) if row == 0 else []
     places = list(times)
     for i in turns:
-        # What rounding makes of a turning point between two times.
+        # Rounding error of a turning point between two times.
         places.append(brentq(lambda t: motion(t)[1], times[i], times[i + 1], xtol=1e-14))
     places = np.unique(places)
     at = np.interp(places, times, g)
@@ -59,7 +59,7 @@ def _passages(motion, fine, times, level, row):
 
 
 def _late(slack, rate, bend):
-    """By how much a passage moves where its function is off by the slack."""
+    """Change of the event time for an error ``slack`` of the event function."""
     rest = rate**2 - 2 * abs(bend) * slack
     if rest > 0:
         return 2 * slack / (abs(rate) + np.sqrt(rest))
@@ -67,7 +67,7 @@ def _late(slack, rate, bend):
 
 
 def case(rng):
-    """Draw an oscillator, its load, and levels of which one is grazed."""
+    """Draw an oscillator, its load, and levels, one of which is grazed."""
     m = int(rng.integers(0, 3))
     rates = np.array([few(rng, 0.1, 10, 3) for _ in range(m)])
     weights = np.array([even(rng, 0.05, 0.3, 3) for _ in range(m)])
@@ -79,7 +79,7 @@ def case(rng):
     corners, forces = np.empty(0), np.empty(0)
     load = f"load={size}, nu={nu}"
     if rng.integers(2):
-        # A burst, which may be far shorter than a step.
+        # A burst, which may be much shorter than a step.
         begin, length = even(rng, 1, 6, 4), few(rng, 0.01, 1, 3)
         inner = np.sort(np.round(begin + length * rng.random(int(rng.integers(3, 10))), 6))
         corners = np.unique(np.r_[0.0, begin, inner, begin + 1.1 * length, 9.5])

@@ -1,4 +1,4 @@
-"""Every point computed alone; units of scenes' keys from the guide."""
+"""Sweeps: each point computed alone; units of scene keys from the guide."""
 
 import numpy as np
 
@@ -57,7 +57,7 @@ _TWO = (
     "damping = 0.1, 0, 0, 0.1 /\n"
 )
 _UNITS = (
-    # System, what is computed, key, its values, its unit.
+    # System, analysis, key, values of the key, unit.
     (_MOUNT, "&transient t_end = 5, dt = 0.5, nu = 1.5 /", "transient.t_end", [4, 5], "s"),
     (_MOUNT, "&transient t_end = 5, dt = 0.5, nu = 1.5 /", "transient.dt", [0.25, 0.5], "s"),
     (_MOUNT, "&response nu = 1, 2, method = 'linear' /", "mount.mass", [1, 2], "kg"),
@@ -104,7 +104,7 @@ shutil.rmtree(folder)
         expected = unit
         if key == "load.amplitude" and on == "b":
             expected = "N m"
-        # A moment on an angle and a force on a length; what has no known unit has none.
+        # A moment acts on an angle, a force on a length; otherwise the unit is unknown.
         allowed = {expected, ""} if key == "load.amplitude" and "system" in system else {expected}
         told = names["unit"]
         yield Claim("unit of a key", told, told if told in allowed else expected)

@@ -1,4 +1,4 @@
-"""Motions in time that switch: SciPy from switch to switch, each mode with equations of its own."""
+"""Motions in time with switches: SciPy from switch to switch, with the equations of each mode."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -6,14 +6,14 @@ from scipy.integrate import solve_ivp
 from referee.case import Case, Claim, even, few
 
 JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen", "Gap", "Stop", "Spring")
-#: A passage that has begun; a bounce that ends in contact.
+#: Tolerance of an event that has begun; velocity of a bounce that ends in contact.
 _NEAR, _SLOW = 1e-10, 3e-7
-#: Switches that are followed.
+#: Maximum number of switches.
 _MOST = 2000
 
 
 class Automaton:
-    """Masses on the coordinates, each with dry friction and a rigid stop, and elements."""
+    """Masses at the coordinates, each with dry friction and a rigid stop, and elements."""
 
     def __init__(self, mass, stiffness, damping, force, elements, friction, stops):
         self.m, self.k, self.c, self.force = mass, stiffness, damping, force
@@ -28,7 +28,7 @@ class Automaton:
             e.at = slice(first, first + e.size)
             first += e.size
             y[e.at] = e.begin(*self.deflection(e, y))
-        # Of each mass the way it goes, 0: held; and the side of the stop it rests on.
+        # For each mass: the sign of its velocity (0: sticking) and the side of the stop in contact.
         self.way = [int(np.sign(x)) or 1 for x in v]
         self.rests = [0] * self.n
         return y
@@ -37,7 +37,7 @@ class Automaton:
         return e.direction @ y[: self.n], e.direction @ y[self.n : 2 * self.n]
 
     def push(self, t, y):
-        """All forces but those of dry friction and rigid stops."""
+        """All forces except dry friction and rigid stops."""
         q, v = y[: self.n], y[self.n : 2 * self.n]
         f = self.force(t) - self.k @ q - self.c @ v
         for e in self.elements:
@@ -57,7 +57,7 @@ class Automaton:
         return out
 
     def signals(self):
-        """Functions that are positive until the mode ends, and what then happens."""
+        """Functions that are positive until the mode ends, each with the following action."""
         found = []
         for e in self.elements:
             for g, then in e.signals():
@@ -87,7 +87,7 @@ class Automaton:
         self.way[j], self.rests[j] = way, 0
 
     def turn(self, t, y, j):
-        """The velocity is 0: held, or back."""
+        """At zero velocity the mass sticks or reverses."""
         y[self.n + j] = 0.0
         p = self.push(t, y)[j]
         self.way[j] = 0 if abs(p) <= self.friction[j] else int(np.sign(p))
@@ -101,14 +101,14 @@ class Automaton:
         p, limit = self.push(t, y)[j], self.friction[j] or 0.0
         if abs(y[self.n + j]) < _SLOW and p > -limit:
             y[j], y[self.n + j] = gap, 0.0
-            # Pushed by less than friction it stays there by that alone.
+            # Pushed with less than the friction force it sticks by friction alone.
             self.way[j], self.rests[j] = 0, 1
         else:
-            # Before it by as much as rounding, or it would be hit at once again.
+            # In front of the stop by a rounding error, or it would be hit again immediately.
             y[j], self.way[j] = gap - 1e-14, -1
 
     def run(self, q, v, times):
-        """States at times, the first 0; None: more switches than are followed."""
+        """States at the times, the first of which is 0; None: too many switches."""
         y, t = self.start(np.array(q, float), np.array(v, float)), 0.0
         out, left = [state_of(q, v)], list(times[1:])
         for _ in range(_MOST):
@@ -138,7 +138,7 @@ class Automaton:
         return None
 
     def stretch(self, y, t, end):
-        """Where a motion is at the end of a time within which forces are smooth."""
+        """State at the end of an interval with smooth forces."""
         while t < end:
             self.settle(t, y)
             signals = [g for g, _ in self.signals()]
@@ -157,7 +157,7 @@ class Automaton:
         return y
 
     def corrected(self, signal, run):
-        """Time and state of a passage, by Newton with integrations from the step before."""
+        """Time and state of an event, by Newton's method with integrations from the previous step."""
         now, y = run.t[-1], run.y[:, -1]
         before, state = run.t[-2], run.y[:, -2]
         for _ in range(3):
@@ -174,7 +174,7 @@ class Automaton:
         return now, y
 
     def settle(self, t, y):
-        """Modes that end at once."""
+        """Apply modes that end immediately."""
         for _ in range(50):
             for g, then in self.signals():
                 a = g(t, y)
@@ -191,7 +191,7 @@ def limit_of(automaton, j):
 
 
 def out_of(y, rates, n):
-    """States with the velocities that masses that are held have."""
+    """States with zero velocity for sticking masses."""
     moved = y.copy()
     moved[n : 2 * n] = rates[:n]
     return moved
@@ -209,7 +209,7 @@ class Sliders:
         self.size = len(stiffness)
 
     def begin(self, d, v):
-        # As if it had been led here from 0, where nothing is stretched.
+        # As after a monotonic path from 0, where all springs are undeflected.
         force = np.clip(self.k * d, -self.limit, self.limit)
         self.slips = [
             int(np.sign(f)) * (abs(f) == b) for f, b in zip(force, self.limit, strict=True)
@@ -238,7 +238,7 @@ class Sliders:
 
 
 class Turning:
-    """A law z' = slope(z, sign of v) v that turns where v does."""
+    """A law z' = slope(z, sign of v) v that reverses with v."""
 
     size = 1
 
@@ -262,7 +262,7 @@ class Turning:
 
     def signals(self):
         yield (lambda d, v, z: self.way * v), (lambda t, y: self.turn())
-        # Its slope has a corner where its force passes 0: steps end there.
+        # The slope has a corner where the force crosses 0: steps end there.
         yield (lambda d, v, z: self.side * z[0]), (lambda t, y: self.cross())
 
     def turn(self):
@@ -273,7 +273,7 @@ class Turning:
 
 
 class Contact:
-    """A spring behind a gap, on one side or both."""
+    """A spring behind a gap, one-sided or two-sided."""
 
     size = 0
 
@@ -304,7 +304,7 @@ class Contact:
 
 
 class Fading:
-    """A spring behind a kernel of exponentials: what each remembers follows its force."""
+    """A spring with a kernel of exponentials: each memory state follows the force."""
 
     def __init__(self, direction, force, weights, rates, gap):
         self.direction, self.force, self.gap = direction, force, gap
@@ -331,7 +331,7 @@ class Fading:
 
 
 def _fading(rng, n):
-    """A spring that remembers, with a kink in its law or without; its source and its judge."""
+    """A spring with memory, with or without a kink in its law: its source and its model."""
     place = int(rng.integers(1, n + 1))
     rates = [few(rng, 0.1, 2), few(rng, 2, 60)]
     shares = [even(rng, 0.1, 0.4, 2), even(rng, 0.1, 0.4, 2)]
@@ -393,9 +393,9 @@ def _element(rng, n):
 
 
 def case(rng, index):
-    """One or two masses with elements, dry friction and rigid stops; every third one remembers.
+    """One or two masses with elements, dry friction and rigid stops; every third case has memory.
 
-    Every eighth is part of a structure of 70 coordinates.
+    In every eighth case they are part of a structure of 70 coordinates.
     """
     n = 1 + index % 2
     twins = n == 2 and rng.random() < 0.25
@@ -417,12 +417,12 @@ def case(rng, index):
             np.array_equal(e.direction, np.eye(n)[j]) and isinstance(e, (Sliders, Turning))
             for _, e in drawn
         ):
-            # Both on one deflection are refused beside memory.
+            # Both on one deflection are refused with memory.
             friction[j] = None
         if rng.random() < 0.3:
             stops[j] = (few(rng, 0.1, 0.6), even(rng, 0, 0.9, 1))
     if twins:
-        # Two masses that move as one: all their switches coincide.
+        # Two masses with the same motion: all their switches coincide.
         mass[1], k[1], friction[1], stops[1], drawn = mass[0], k[0], friction[0], stops[0], []
         sources = []
     for j in range(n):
@@ -446,7 +446,7 @@ def case(rng, index):
     if n == 2:
         stiffness = stiffness + between * np.array([[1, -1], [-1, 1]])
     times = np.linspace(0, end, 13)
-    # Beside a chain that nothing joins to them they move as they do alone.
+    # A chain without connection to the masses does not change their motion.
     more = 68 if index % 8 == 7 else 0
     call = f"""k = np.zeros(({n + more}, {n + more}))
 k[{n}:, {n}:] = 2 * np.eye({more}) - np.eye({more}, k=1) - np.eye({more}, k=-1)
@@ -476,7 +476,7 @@ state, error, outcome = run.state, run.error, run.outcome
         moved = found.run(q + 1e-8, v - 1e-8, times)
         if true is None or moved is None:
             return
-        # How much a small error grows until its end, and what the judge is uncertain by.
+        # Growth of a small error until the end, and the uncertainty of the reference.
         grows = max(1.0, np.abs(moved - true).max() / 1e-8)
         if grows > 1e3:
             return

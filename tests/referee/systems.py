@@ -1,4 +1,4 @@
-"""Equations of the pendulum and energies written anew; derivatives by a complex step."""
+"""Equations of the pendulum and energies written independently; derivatives by complex step."""
 
 import math
 
@@ -107,7 +107,7 @@ outcome, reached = run.outcome, run.t_reached
 """
 
     def judge(names, told):
-        # The work of the forces along a straight line from rest, by Gauss' rule.
+        # Work of the forces along a straight line from rest, by Gauss quadrature.
         x, w = np.polynomial.legendre.leggauss(8)
         x, w = (x + 1) / 2, w / 2
         u, v = state[:, ::2], state[:, 1::2]
@@ -117,7 +117,7 @@ outcome, reached = run.outcome, run.t_reached
             "energy of a polynomial system", names["energy"], true, 1e-13 * (1 + np.abs(true))
         )
         if names["outcome"] == "diverged":
-            # A spring that lets go: energies of what runs away are differences of large numbers.
+            # A spring of negative stiffness: energies of a divergent motion are differences of large numbers.
             gone = escape(model.equations(None), model.start(state[0] * 0.3), n, 12.0)
             yield Claim("it runs away", gone is not None, True)
             if gone is not None:

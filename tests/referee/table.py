@@ -1,4 +1,4 @@
-"""The referee's tables."""
+"""The result tables of the referee."""
 
 import csv
 import platform
@@ -8,7 +8,7 @@ from pathlib import Path
 from referee.coverage import description
 from referee.session import Verdict
 
-#: Where every failing call is written, whatever place the table has.
+#: File with all failing calls, independent of the folder of the table.
 FAILURES = Path("out/referee/failures.py")
 _HEAD = (
     "family", "systems", "claims", "refused", "failures", "worst ratio", "limit", "of what",
@@ -24,7 +24,7 @@ that names its argument instead of a result.
 
 
 def line(verdict: Verdict) -> str:
-    """One family on the terminal."""
+    """Return the line of a family for the terminal."""
     return (
         f"{verdict.family:14s} {verdict.systems:6d} systems {verdict.claims:6d} claims "
         f"{verdict.refused:4d} refused {len(verdict.failures):4d} failures, worst "

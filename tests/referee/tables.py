@@ -1,4 +1,4 @@
-"""Tables and Datasets against attributes of the result; matrices in files, whole or damaged."""
+"""Tables and Datasets against attributes of the result; matrix files, intact or damaged."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ JUDGES = (
 )  # fmt: skip
 _DUFFING = 'system = vv.PolynomialSystem(mass=1, stiffness=1, damping={c}, forces="0.5*x^3")\n'
 _PENDULUM = "system = vv.Pendulum(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1={c}, c2={c}, c3={c}, m01={p}, p2=0.37)\n"
-#: What is made, and pairs of a column of the table and what it should hold.
+#: Results, and pairs of a table column and its expected values.
 _KINDS = (
     (_DUFFING, 'r = vv.forced_response(system, np.linspace(0.5, 1.5, 9), load={p}, method="newton", stability=True)',
      {"nu": "r.nu", "x_1_re": "r.coefficient('x', 1).real", "x_3_im": "r.coefficient('x', 3).imag", "truncation": "r.truncation", "error": "r.error"},
@@ -44,7 +44,7 @@ _KINDS = (
 
 
 def _matrices(rng):
-    """A chain in Matrix Market files: declared and stored alike, doubly or by half."""
+    """A chain in Matrix Market files: storage as declared, both triangles or one."""
     n = int(rng.integers(2, 7))
     springs = [few(rng, 0.5, 2, 3) for _ in range(n + 1)]
     full = np.diag(springs[:-1]) + np.diag(springs[1:])

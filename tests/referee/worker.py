@@ -1,4 +1,4 @@
-"""One family in a process of its own: a line of JSON a case, so that a crash costs that case only."""
+"""One family in a separate process: one JSON line per case, so that a crash affects one case only."""
 
 import argparse
 import importlib
@@ -14,12 +14,12 @@ import viscovib as vv
 
 from referee.case import Case, Claim
 
-#: A fault of the judge itself.
+#: A fault in the reference itself.
 BROKEN = "the referee itself failed"
 
 
 def generator(seed: int, family: str, index: int) -> np.random.Generator:
-    """Random numbers of a case, the same whatever ran before it."""
+    """Random numbers of a case, independent of the cases before it."""
     return np.random.default_rng([seed, index, *family.encode()])
 
 
@@ -42,7 +42,7 @@ def answer(case: Case) -> tuple[list[Claim], str, str]:
 
 
 def main() -> int:
-    """Run cases until the time is over and there are enough systems."""
+    """Run cases until the time is over and enough systems were checked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("family")
     parser.add_argument("--seed", type=int, required=True)
@@ -68,7 +68,7 @@ def main() -> int:
         record["seconds"] = time.monotonic() - start
         for claim in claims:
             ratio = claim.ratio()
-            # NaN is no ratio: what is not finite is wrong.
+            # NaN is no ratio: a non-finite result is wrong.
             wrong = not ratio <= claim.limit
             found = not claim.damaged().ratio() <= claim.limit
             record["claims"].append(
