@@ -38,7 +38,7 @@ program viscovib_solve
 
   call ignore_file_limit()
   call read_command_line(command, status)
-  if (status%failed()) call tell(status)
+  if (status%failed()) call print_status(status)
   if (status%failed()) stop status%category, quiet=.true.
   if (command%text /= '') then
     call put(command%text)
@@ -73,7 +73,7 @@ contains
     if (.not. status%failed()) call plan_scene(scene, plan, status)
     status_of = status%category
     if (status%failed()) then
-      call tell(status)
+      call print_status(status)
       return
     end if
     call warn(scene%subject%warnings())
@@ -86,12 +86,12 @@ contains
     call run_scene(scene, command%folder, version, report, status)
     status_of = status%category
     if (status%failed()) then
-      call tell(status)
+      call print_status(status)
       return
     end if
     if (cut_short()) report%complete = .false.
     if (.not. report%complete) status_of = 1
-    line = one_line(report%path//': '//told_stop(report)//report%summary)
+    line = one_line(report%path//': '//stop_text(report)//report%summary)
     if (.not. command%quiet) then
       call put(line)
     else if (.not. report%complete) then
@@ -99,20 +99,20 @@ contains
     end if
   end function status_of
 
-  subroutine tell(status)
+  subroutine print_status(status)
     type(status_type), intent(in) :: status
     write (error_unit, '(2a)') 'viscovib-solve: ', one_line(status%message)
-  end subroutine tell
+  end subroutine print_status
 
   !> Text about a limit that was reached.
-  function told_stop(report)
+  function stop_text(report)
     type(scene_report), intent(in) :: report
-    character(len=:), allocatable :: told_stop
-    told_stop = ''
+    character(len=:), allocatable :: stop_text
+    stop_text = ''
     if (stop_wanted() .and. .not. report%complete) then
-      told_stop = 'stopped: the time limit is reached (--max-seconds); '
+      stop_text = 'stopped: the time limit is reached (--max-seconds); '
     end if
-  end function told_stop
+  end function stop_text
 
   subroutine say_counts()
     character(len=80) :: line
@@ -129,7 +129,7 @@ contains
     type(status_type) :: failed
     if (printed%failed()) return
     call print_line(line, failed)
-    if (failed%failed()) call tell(failed)
+    if (failed%failed()) call print_status(failed)
     printed = failed
   end subroutine put
 

@@ -371,17 +371,17 @@ contains
     end do
   end subroutine find_steady
 
-  !> Increase the capacity to `room` points; existing points are kept.
-  pure subroutine reserve(points, n_modes, n_dof, room)
+  !> Increase the capacity to `work` points; existing points are kept.
+  pure subroutine reserve(points, n_modes, n_dof, work)
     type(steady_points_type), intent(inout) :: points
-    integer, intent(in) :: n_modes, n_dof, room
+    integer, intent(in) :: n_modes, n_dof, work
     type(steady_points_type) :: more
     integer :: m
-    allocate (more%value(room), more%a(n_modes, room), more%eigenvalues(2*n_modes, room), &
-              more%harmonic(n_dof, room), more%frame(n_modes, room), more%sizes(n_sizes, room), &
-              more%left_out(room), more%resting(room), &
-              more%harmonic_errors(n_dof, room), more%motion_errors(n_dof, room), &
-              more%growth_errors(room), more%beats(room))
+    allocate (more%value(work), more%a(n_modes, work), more%eigenvalues(2*n_modes, work), &
+              more%harmonic(n_dof, work), more%frame(n_modes, work), more%sizes(n_sizes, work), &
+              more%left_out(work), more%resting(work), &
+              more%harmonic_errors(n_dof, work), more%motion_errors(n_dof, work), &
+              more%growth_errors(work), more%beats(work))
     more%n = points%n
     more%may_lack = points%may_lack
     if (points%n > 0) call copy_points(points, more, [(m, m=1, points%n)], [(m, m=1, points%n)])

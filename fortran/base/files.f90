@@ -24,17 +24,17 @@ module viscovib_files
       character(kind=c_char), intent(in) :: path(*)
     end function c_remove
 
-    integer(c_int) function c_reason(code, text, room) bind(c, name='viscovib_reason')
+    integer(c_int) function c_reason(code, text, work) bind(c, name='viscovib_reason')
       import :: c_char, c_int
-      integer(c_int), value :: code, room
+      integer(c_int), value :: code, work
       character(kind=c_char), intent(out) :: text(*)
     end function c_reason
 
-    integer(c_int) function c_real_path(path, text, room) bind(c, name='viscovib_real_path')
+    integer(c_int) function c_real_path(path, text, work) bind(c, name='viscovib_real_path')
       import :: c_char, c_int
       character(kind=c_char), intent(in) :: path(*)
       character(kind=c_char), intent(out) :: text(*)
-      integer(c_int), value :: room
+      integer(c_int), value :: work
     end function c_real_path
 
     integer(c_int) function c_print(text, n) bind(c, name='viscovib_print')

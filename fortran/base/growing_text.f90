@@ -8,7 +8,7 @@ module viscovib_growing_text
 
   type :: growing_text
     private
-    character(len=:), allocatable :: room
+    character(len=:), allocatable :: work
     integer :: n = 0
   contains
     procedure :: add
@@ -24,13 +24,13 @@ contains
     character(len=*), intent(in) :: piece
     character(len=:), allocatable :: larger
 
-    if (.not. allocated(self%room)) allocate (character(len=max(len(piece), 256)) :: self%room)
-    if (self%n + len(piece) > len(self%room)) then
+    if (.not. allocated(self%work)) allocate (character(len=max(len(piece), 256)) :: self%work)
+    if (self%n + len(piece) > len(self%work)) then
       allocate (character(len=2*(self%n + len(piece))) :: larger)
-      larger(:self%n) = self%room(:self%n)
-      call move_alloc(larger, self%room)
+      larger(:self%n) = self%work(:self%n)
+      call move_alloc(larger, self%work)
     end if
-    self%room(self%n + 1:self%n + len(piece)) = piece
+    self%work(self%n + 1:self%n + len(piece)) = piece
     self%n = self%n + len(piece)
   end subroutine add
 
@@ -39,7 +39,7 @@ contains
     class(growing_text), intent(in) :: self
     character(len=:), allocatable :: text
     text = ''
-    if (self%n > 0) text = self%room(:self%n)
+    if (self%n > 0) text = self%work(:self%n)
   end function text
 
   pure integer function length(self)

@@ -139,7 +139,7 @@ contains
     character(len=*), intent(in) :: name
     real(wp), intent(in) :: value
     call self%declare(name, real_value, [integer ::])
-    call make_room(self)
+    call allocate_arrays(self)
     self%numbers(self%n_numbers) = value
   end subroutine put_real
 
@@ -148,7 +148,7 @@ contains
     character(len=*), intent(in) :: name
     integer(i8), intent(in) :: value
     call self%declare(name, integer_value, [integer ::])
-    call make_room(self)
+    call allocate_arrays(self)
     self%integers(self%n_integers) = value
   end subroutine put_integer
 
@@ -159,7 +159,7 @@ contains
     integer, intent(in) :: extents(:)
     real(wp), intent(in) :: values(product(extents))
     call self%declare(name, real_value, extents)
-    call make_room(self)
+    call allocate_arrays(self)
     self%numbers(self%n_numbers - size(values) + 1:self%n_numbers) = values
   end subroutine put_reals
 
@@ -171,7 +171,7 @@ contains
     complex(wp), pointer, contiguous :: there(:)
     call self%declare(name, complex_value, extents)
     if (size(values) == 0) return
-    call make_room(self)
+    call allocate_arrays(self)
     there => self%complexes_at(self%n)
     there = values
   end subroutine put_complexes
@@ -183,7 +183,7 @@ contains
     integer, intent(in) :: n
     complex(wp), pointer, contiguous :: there(:)
     call self%declare(name, complex_value, [n])
-    call make_room(self)
+    call allocate_arrays(self)
     there => self%complexes_at(self%n)
   end function new_complexes
 
@@ -201,7 +201,7 @@ contains
     integer, intent(in) :: extents(:)
     integer(i8), intent(in) :: values(product(extents))
     call self%declare(name, integer_value, extents)
-    call make_room(self)
+    call allocate_arrays(self)
     self%integers(self%n_integers - size(values) + 1:self%n_integers) = values
   end subroutine put_longs
 
@@ -214,7 +214,7 @@ contains
   end subroutine put_text
 
   !> Extend the arrays to all declared values, keeping their content.
-  subroutine make_room(self)
+  subroutine allocate_arrays(self)
     type(named_values), intent(inout) :: self
     real(wp), allocatable :: numbers(:)
     integer(i8), allocatable :: integers(:)
@@ -234,6 +234,6 @@ contains
       if (old > 0) integers(:old) = self%integers
       call move_alloc(integers, self%integers)
     end if
-  end subroutine make_room
+  end subroutine allocate_arrays
 
 end module viscovib_named_values

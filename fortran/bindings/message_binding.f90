@@ -20,9 +20,9 @@ subroutine last_message(text, n)
   integer(c_int), intent(in) :: n
   character(len=1), intent(out) :: text(n)
   interface
-    subroutine take_message(room) bind(c, name='viscovib_take_message')
+    subroutine take_message(work) bind(c, name='viscovib_take_message')
       import :: c_char
-      character(kind=c_char), intent(out) :: room(*)
+      character(kind=c_char), intent(out) :: work(*)
     end subroutine take_message
   end interface
   call take_message(text)

@@ -201,7 +201,7 @@ contains
     complex(wp), intent(out) :: eta
     real(wp), intent(out) :: growth
     logical, intent(out) :: made
-    complex(wp) :: all(spectrum%n), beside(spectrum%n)
+    complex(wp) :: all(spectrum%n), nearby(spectrum%n)
     integer :: n_growing, i
 
     eta = near
@@ -209,8 +209,8 @@ contains
     made = .false.
     if (.not. spectrum%complete) call spectrum%follow(curve, p, x, near, eta, made)
     if (made) return
-    beside = near
-    call spectrum%look(curve, p, x, beside, all, n_growing)
+    nearby = near
+    call spectrum%look(curve, p, x, nearby, all, n_growing)
     made = n_growing >= 0
     if (.not. made) return
     i = minloc(abs(all - near), 1, ieee_is_finite(real(all)))

@@ -31,7 +31,7 @@ module viscovib_crossing_search
 
   integer, parameter :: max_depth = 12, max_looks = 8
   !> Distances on both sides of a location at which exponents are counted, in sigma, in order.
-  real(wp), parameter :: beside(4) = [1.0e-3_wp, 1.0e-4_wp, 1.0e-2_wp, 5.0e-2_wp]
+  real(wp), parameter :: nearby(4) = [1.0e-3_wp, 1.0e-4_wp, 1.0e-2_wp, 5.0e-2_wp]
   !> Largest distance between a fold and its change: in points, otherwise relative to p and x.
   integer, parameter :: furthest = 1
   real(wp), parameter :: displaced = 0.02_wp, turned = 0.3_wp
@@ -145,7 +145,7 @@ contains
     real(wp), intent(in) :: dip
     integer, intent(inout), optional :: cancel
     type(node_type) :: left, lower, upper
-    logical :: told
+    logical :: description
     integer :: k
 
     call gather(s)
@@ -155,8 +155,8 @@ contains
     end if
     left = s%first
     do k = 1, size(s%places)
-      call look_around(s, k, left, lower, upper, told)
-      if (.not. told) cycle
+      call look_around(s, k, left, lower, upper, description)
+      if (.not. description) cycle
       call explain_part(left, lower)
       call append(s, s%place_kinds(k), s%place_p(k), s%place_x(:, k), s%place_errors(k), 0.0_wp)
       left = upper
@@ -294,26 +294,26 @@ contains
   end subroutine put
 
   !> Nodes on both sides of the located point k, between which one exponent crosses.
-  subroutine look_around(s, k, left, lower, upper, told)
+  subroutine look_around(s, k, left, lower, upper, description)
     type(search_type), intent(inout) :: s
     integer, intent(in) :: k
     type(node_type), intent(in) :: left
     type(node_type), intent(out) :: lower, upper
-    logical, intent(out) :: told
+    logical, intent(out) :: description
     real(wp) :: end
     integer :: j
 
     end = s%last%at%sigma
     if (k < size(s%places)) end = 0.5_wp*(s%places(k) + s%places(k + 1))
-    told = .false.
-    do j = 1, size(beside)
-      call look_at(s%curve, s%spectrum, s%chord, max(left%at%sigma, s%places(k) - beside(j)), &
+    description = .false.
+    do j = 1, size(nearby)
+      call look_at(s%curve, s%spectrum, s%chord, max(left%at%sigma, s%places(k) - nearby(j)), &
                    left, s%last, lower)
       call look_at(s%curve, s%spectrum, s%chord, &
-                   min(max(end, left%at%sigma), s%places(k) + beside(j)), left, s%last, upper)
+                   min(max(end, left%at%sigma), s%places(k) + nearby(j)), left, s%last, upper)
       if (min(lower%n_growing, upper%n_growing) < 0) cycle
-      told = abs(lower%n_growing - upper%n_growing) == 1
-      if (told) return
+      description = abs(lower%n_growing - upper%n_growing) == 1
+      if (description) return
     end do
   end subroutine look_around
 
@@ -339,7 +339,7 @@ contains
     kind = kind_of(s%spectrum%half_wave, root%eta(1), root%at%slope, a, b)
     width = merge(2, 1, kind == crossing_pair)
     if (abs(hi%n_growing - lo%n_growing) /= width .or. .not. s%spectrum%complete) then
-      call look_beside(s, a, b, root%at%sigma, lo, hi)
+      call search_nearby(s, a, b, root%at%sigma, lo, hi)
     end if
     if (min(lo%n_growing, hi%n_growing) < 0) then
       call report(s, a, b)
@@ -355,20 +355,20 @@ contains
   end subroutine explain
 
   !> Nodes close to a location on both sides.
-  subroutine look_beside(s, a, b, sigma, lo, hi)
+  subroutine search_nearby(s, a, b, sigma, lo, hi)
     type(search_type), intent(inout) :: s
     type(node_type), intent(in) :: a, b
     real(wp), intent(in) :: sigma
     type(node_type), intent(out) :: lo, hi
     real(wp) :: off
     integer :: j
-    do j = 1, size(beside)
-      off = beside(j)*(b%at%sigma - a%at%sigma)
+    do j = 1, size(nearby)
+      off = nearby(j)*(b%at%sigma - a%at%sigma)
       call look_at(s%curve, s%spectrum, s%chord, sigma - off, a, b, lo)
       call look_at(s%curve, s%spectrum, s%chord, sigma + off, a, b, hi)
       if (min(lo%n_growing, hi%n_growing) >= 0 .and. lo%n_growing /= hi%n_growing) return
     end do
-  end subroutine look_beside
+  end subroutine search_nearby
 
   !> Add changes without a location: types by the exponents on the side where they grow.
   subroutine report(s, a, b)

@@ -91,7 +91,7 @@ contains
 
     call prepare(f, curve, options, x)
     if (present(p)) f%here%p = p
-    call branch%make_room(options%max_points, curve%n, f%sized)
+    call branch%allocate_arrays(options%max_points, curve%n, f%sized)
     if (present(along)) then
       f%leaves = .true.
       f%here%slope_x(:) = along(:curve%n)

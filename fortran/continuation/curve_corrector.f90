@@ -27,7 +27,7 @@ module viscovib_curve_corrector
   real(wp), parameter :: doubtful = 40.0_wp
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
   !> Relative distance to a nearby point.
-  real(wp), parameter :: beside = 1.0e-9_wp
+  real(wp), parameter :: nearby = 1.0e-9_wp
   !> A last correction below this changes determinant and tangent by rounding error only.
   real(wp), parameter :: nearly_rounding = 1.0e-13_wp
   !> With kept factors: target for the remaining error, relative to the tolerance.
@@ -458,7 +458,7 @@ contains
     call metric(c, here, weight_x, weight_p)
     ! If the matrix is exactly singular, use one of a nearby point.
     do k = 0, 2
-      call curve%equations(point%x*(1.0_wp + k*beside), point%p + k*beside*c%p_scale, c%r, &
+      call curve%equations(point%x*(1.0_wp + k*nearby), point%p + k*nearby*c%p_scale, c%r, &
                            c%factors%matrix, c%slope_p, inside)
       singular = .not. inside
       if (inside) call decompose(c, here, point, weight_x, weight_p, singular)

@@ -24,7 +24,7 @@ module viscovib_curve_record
   !> Largest displacement of a fold, in units of its estimated error.
   real(wp), parameter :: past_fold = 2.0_wp
   !> Distance from a fold, relative to x, within which the curve is a parabola.
-  real(wp), parameter :: beside_fold = 0.2_wp
+  real(wp), parameter :: near_fold = 0.2_wp
 
   type :: curve_branch_type
     integer :: n_points = 0, outcome = curve_completed
@@ -52,8 +52,8 @@ module viscovib_curve_record
     procedure :: end_with_numbers
     procedure :: end_before
     procedure :: end_resolved
-    procedure :: doubt_beside_folds
-    procedure :: make_room
+    procedure :: doubt_near_folds
+    procedure :: allocate_arrays
     procedure :: add
   end type curve_branch_type
 
@@ -61,7 +61,7 @@ contains
 
   !> Allocate arrays for `max_points` points of n unknowns, or of the largest number if it is
   !! adapted.
-  subroutine make_room(self, max_points, n, sized)
+  subroutine allocate_arrays(self, max_points, n, sized)
     class(curve_branch_type), intent(inout) :: self
     integer, intent(in) :: max_points, n
     !> The curve, if the number of unknowns is adapted.
@@ -78,7 +78,7 @@ contains
               self%x(most, max_points), self%stops(0))
     call empty(self%folds, most, self%blocks)
     call empty(self%branch_points, most, self%blocks)
-  end subroutine make_room
+  end subroutine allocate_arrays
 
   !> Add a point.
   subroutine add(self, point, stop)
@@ -115,7 +115,7 @@ contains
   !> Near a fold, p - p_fold = a s^2 with the distance s of x from it. After a displacement of the
   !! fold by e, the solution at the same p is at s sqrt(1 - e/|p - p_fold|). If the fold may move
   !! past a point, there may be no solution at its p.
-  subroutine doubt_beside_folds(self, weights)
+  subroutine doubt_near_folds(self, weights)
     class(curve_branch_type), intent(inout) :: self
     !> Weight of each block.
     real(wp), intent(in) :: weights(:)
@@ -136,7 +136,7 @@ contains
             off = sqrt(sum(w*(self%x(:, i) - self%folds%x(:, k))**2) &
                        /max(sum(w*self%x(:, i)**2), tiny(1.0_wp)))
             if (apart > past_fold*error) then
-              if (off > beside_fold .or. apart < last) exit
+              if (off > near_fold .or. apart < last) exit
               off = off*(1.0_wp - sqrt(1.0_wp - error/apart))
             else
               off = 1.0_wp
@@ -148,7 +148,7 @@ contains
         end do
       end associate
     end do
-  end subroutine doubt_beside_folds
+  end subroutine doubt_near_folds
 
   !> End the branch before the first point that is not finite.
   subroutine end_with_numbers(self)

@@ -151,7 +151,7 @@ contains
     real(wp), intent(out) :: moved
     !> Number of patterns, at most `all_patterns`.
     integer, intent(in), optional :: patterns
-    real(wp), dimension(curve%n) :: r, beside
+    real(wp), dimension(curve%n) :: r, nearby
     real(wp) :: one
     logical :: inside
     integer :: i, k, n_ways
@@ -163,9 +163,9 @@ contains
       call curve%residual(point%x, point%p, r, inside)
       if (.not. inside) return
       call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod((1 + k/3)*i + k, 3) - 1) &
-                                        *epsilon(1.0_wp)), i=1, curve%n)], point%p, beside, inside)
+                                        *epsilon(1.0_wp)), i=1, curve%n)], point%p, nearby, inside)
       if (.not. inside) return
-      call truncation_shift(c, point, beside - r, one)
+      call truncation_shift(c, point, nearby - r, one)
       moved = max(moved, one)
     end do
   end subroutine rounding_of

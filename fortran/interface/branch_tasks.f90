@@ -6,7 +6,7 @@ module viscovib_branch_tasks
   use viscovib_branch_job, only: plan_along
   use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_options, curve_outcomes, curve_table
-  use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, &
+  use viscovib_family_curve, only: check_systems, new_family_curve, new_plain_curve, &
     system_builder
   use viscovib_free_orders, only: first_chosen, highest_chosen
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -14,7 +14,7 @@ module viscovib_branch_tasks
   use viscovib_limits, only: corner_tolerance, max_harmonics, max_time_tolerance, max_tolerance, &
                              min_time_tolerance, min_tolerance, nearly_nothing, smooth_tolerance
   use viscovib_load, only: load_type
-  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
+  use viscovib_motion_stability, only: stability_checker, new_stability_checker, stability_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency, vary_load
   use viscovib_outcomes, only: outcome_converged
@@ -171,7 +171,7 @@ contains
     real(wp), pointer, contiguous :: begin(:), along(:)
     real(wp) :: nu
     integer :: parameter, found
-    logical :: judged
+    logical :: checked
 
     parameter = given_variation(task)
     options = given_curve(task)
@@ -189,7 +189,7 @@ contains
     wanted = given_options(task)
     wanted%keep_idle = .true.
     wanted%on_branch = .true.
-    judged = wanted%stability
+    checked = wanted%stability
     wanted%stability = .false.
     if (.not. task%failed()) then
       call new_response_plan(plan, system, load, [nu], method_newton, wanted, task%status)
@@ -216,7 +216,7 @@ contains
     end if
     if (found /= outcome_converged .or. branch%n_points == 0) return
     call put_branch(task, branch, set, size(planned_orders(plan, system, load)))
-    if (judged) call judge_branch(task, system, curve, branch, set, parameter, nu)
+    if (checked) call check_branch(task, system, curve, branch, set, parameter, nu)
   end subroutine follow_branch
 
   !> Points of a branch and its special points. Unknowns at branch points are for all `n_planned`
@@ -268,7 +268,7 @@ contains
   end subroutine put_motions
 
   !> Stability along a branch, and its changes.
-  subroutine judge_branch(task, system, curve, branch, set, parameter, nu)
+  subroutine check_branch(task, system, curve, branch, set, parameter, nu)
     type(task_type), intent(inout) :: task
     class(oscillator_type), intent(in), target :: system
     class(oscillator_curve_type), allocatable, intent(inout) :: curve
@@ -276,7 +276,7 @@ contains
     type(harmonic_set_type), intent(in) :: set
     integer, intent(in) :: parameter
     real(wp), intent(in) :: nu
-    type(judge_type) :: judge
+    type(stability_checker) :: checker
     type(stability_type) :: stability
     type(crossing_type), allocatable :: crossings(:)
     real(wp), allocatable :: motions(:, :, :), places(:, :)
@@ -284,18 +284,18 @@ contains
 
     n = branch%n_points
     m = size(branch%x, 1)
-    call new_judge(judge, system, set)
+    call new_stability_checker(checker, system, set)
     motions = reshape(branch%x(:, :n), [2*size(set%orders), system%n_dof(), n])
     associate (p => branch%parameter(:n))
       if (parameter > vary_load) then
-        call judge_systems(judge, curve, nu, p, motions, stability, task%cancel)
+        call check_systems(checker, curve, nu, p, motions, stability, task%cancel)
       else
-        call judge%judge(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n)], &
+        call checker%check(system, [(merge(p(i), nu, parameter == vary_frequency), i=1, n)], &
                          motions, stability, task%cancel)
       end if
-      call find_crossings(judge, curve, nu, p, branch%x(:, :n), stability, branch%folds, &
+      call find_crossings(checker, curve, nu, p, branch%x(:, :n), stability, branch%folds, &
                           branch%branch_points, crossings, task%cancel)
-      call doubt_curve(judge, curve, nu, p, motions, branch%missed(:n), branch%allowed, &
+      call doubt_curve(checker, curve, nu, p, motions, branch%missed(:n), branch%allowed, &
                        stability, task%cancel)
     end associate
     call put_stability(task, stability, system%n_dof())
@@ -305,6 +305,6 @@ contains
       if (crossings(i)%located) places(:, i) = crossings(i)%x
     end do
     call put_motions(task, 'crossing_coefficients', places, size(set%orders), system%n_dof())
-  end subroutine judge_branch
+  end subroutine check_branch
 
 end module viscovib_branch_tasks

@@ -5,8 +5,8 @@ module viscovib_c_analyses
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
   use viscovib_fourier, only: check_length
-  use viscovib_c_systems, only: c_system, numbers_text, read_call, room_of, &
-    system_of, text_of, told
+  use viscovib_c_systems, only: c_system, numbers_text, read_call, result_place, &
+    system_of, text_of, description
   use viscovib_job, only: job_report
   use viscovib_kept_result, only: kept_result, new_text
   use viscovib_kinds, only: wp
@@ -65,17 +65,17 @@ contains
   end subroutine compute
 
   !> Like `compute`, for a system and one more group.
-  integer(c_int) function computed(system_handle, group, room)
-    type(c_ptr), intent(in) :: system_handle, room
+  integer(c_int) function computed(system_handle, group, place)
+    type(c_ptr), intent(in) :: system_handle, place
     character(len=*), intent(in) :: group
     type(c_ptr), pointer :: handle
     type(c_system), pointer :: system
     type(status_type) :: status
 
-    call room_of(room, handle, status)
+    call result_place(place, handle, status)
     if (.not. status%failed()) call system_of(system_handle, system, status)
     if (.not. status%failed()) call compute(system%text//group//' /'//nl, handle, status)
-    computed = told(status)
+    computed = description(status)
   end function computed
 
   integer(c_int) function response(system, method, n, nu, keys, result) &
@@ -86,7 +86,7 @@ contains
     real(c_double), pointer :: values(:)
     type(status_type) :: status
 
-    call room_of(result, handle, status)
+    call result_place(result, handle, status)
     if (.not. status%failed()) then
       if (n < 1 .or. .not. c_associated(nu)) then
         call fail(status, status_input_error, 'nu', 'nu: must be one or more frequencies, n = ' &
@@ -97,7 +97,7 @@ contains
       end if
     end if
     if (status%failed()) then
-      response = told(status)
+      response = description(status)
       return
     end if
     call c_f_pointer(nu, values, [n])
@@ -123,10 +123,10 @@ contains
     real(c_double), pointer :: values(:)
     character(len=:), allocatable :: group
 
-    call room_of(result, handle, status)
+    call result_place(result, handle, status)
     if (.not. status%failed()) call system_of(system, moved, status)
     if (status%failed()) then
-      motion = told(status)
+      motion = description(status)
       return
     end if
     group = '&transient'//numbers_text('t_end', [t_end])
@@ -152,9 +152,9 @@ contains
     type(c_ptr), value :: scene, result
     type(c_ptr), pointer :: handle
     type(status_type) :: status
-    call room_of(result, handle, status)
+    call result_place(result, handle, status)
     if (.not. status%failed()) call compute(text_of(scene)//nl, handle, status)
-    run_text = told(status)
+    run_text = description(status)
   end function run_text
 
   integer(c_int) function spectrum(n, signal, window, real_part, imaginary_part) &
@@ -182,7 +182,7 @@ contains
         call check_length(int(n), status)
       end if
       if (status%failed()) then
-        spectrum = told(status)
+        spectrum = description(status)
         return
       end if
       call c_f_pointer(real_part, x, [n/2 + 1])
@@ -192,7 +192,7 @@ contains
       x = real(amplitudes)
       y = aimag(amplitudes)
     end if
-    spectrum = told(status)
+    spectrum = description(status)
   end function spectrum
 
   subroutine stop_loops(flag) bind(c, name='viscovib_stop_loops')

@@ -14,7 +14,7 @@ module viscovib_c_systems
   implicit none
   private
 
-  public :: c_system, told, text_of, numbers_text, read_call, room_of, system_of
+  public :: c_system, description, text_of, numbers_text, read_call, result_place, system_of
 
   character(len=*), parameter :: nl = new_line('a')
   !> Prefix of messages of calls, which is removed, since no file is read.
@@ -42,12 +42,12 @@ module viscovib_c_systems
 contains
 
   !> Convert a status for C and keep its message.
-  integer(c_int) function told(status)
+  integer(c_int) function description(status)
     type(status_type), intent(in) :: status
     character(len=:), allocatable :: text
     integer :: last
 
-    told = int(status%category, c_int)
+    description = int(status%category, c_int)
     if (.not. status%failed()) return
     text = one_line(status%message)
     if (index(text, call_path//':') == 1) then
@@ -60,7 +60,7 @@ contains
       text = trim(adjustl(text))
     end if
     call keep_message(text, int(len(text), c_int))
-  end function told
+  end function description
 
   !> Convert a C string; NULL gives an empty text.
   function text_of(place) result(text)
@@ -86,14 +86,14 @@ contains
     character(len=*), intent(in) :: name
     real(wp), intent(in) :: values(:)
     character(len=:), allocatable :: text
-    type(growing_text) :: room
+    type(growing_text) :: place
     integer :: i
 
-    call room%add(' '//name//' =')
+    call place%add(' '//name//' =')
     do i = 1, size(values)
-      call room%add(' '//trim(exact(values(i))))
+      call place%add(' '//trim(exact(values(i))))
     end do
-    text = room%text()//','
+    text = place%text()//','
   end function numbers_text
 
   !> System of a handle; fails if there is none.
@@ -112,22 +112,22 @@ contains
     end if
   end subroutine system_of
 
-  !> Pointer to the caller's handle, set to NULL; fails if `room` is NULL.
-  subroutine room_of(room, handle, status)
-    type(c_ptr), intent(in) :: room
+  !> Pointer to the caller's handle, set to NULL; fails if `place` is NULL.
+  subroutine result_place(place, handle, status)
+    type(c_ptr), intent(in) :: place
     type(c_ptr), pointer, intent(out) :: handle
     type(status_type), intent(out) :: status
 
     call set_ok(status)
     nullify (handle)
-    if (c_associated(room)) then
-      call c_f_pointer(room, handle)
+    if (c_associated(place)) then
+      call c_f_pointer(place, handle)
       handle = c_null_ptr
     else
       call fail(status, status_input_error, 'handle', 'the room for the handle: is NULL, must be' &
                 //' the address of one')
     end if
-  end subroutine room_of
+  end subroutine result_place
 
   !> Read groups as a scene. Files that they name may be anywhere, since a program requests them.
   subroutine read_call(groups, scene, status)
@@ -167,18 +167,18 @@ contains
     handle = c_loc(system)
   end subroutine make_handle
 
-  integer(c_int) function system_new(n, mass, damping, stiffness, room) &
+  integer(c_int) function system_new(n, mass, damping, stiffness, place) &
     bind(c, name='viscovib_system_new')
     integer(c_int), value :: n
-    type(c_ptr), value :: mass, damping, stiffness, room
+    type(c_ptr), value :: mass, damping, stiffness, place
     type(c_ptr), pointer :: handle
     type(status_type) :: status
     character(len=:), allocatable :: text
     integer :: i
 
-    call room_of(room, handle, status)
+    call result_place(place, handle, status)
     if (status%failed()) then
-      system_new = told(status)
+      system_new = description(status)
       return
     end if
     if (n < 1 .or. n > max_coordinates) then
@@ -196,7 +196,7 @@ contains
       if (c_associated(damping)) text = text//matrix_text('damping', damping, int(n))
       call make_handle(text//' /'//nl, handle, status)
     end if
-    system_new = told(status)
+    system_new = description(status)
   end function system_new
 
   !> A C matrix as a key.
@@ -211,14 +211,14 @@ contains
     text = numbers_text(name, values)
   end function matrix_text
 
-  integer(c_int) function system_read(groups, room) bind(c, name='viscovib_system_read')
-    type(c_ptr), value :: groups, room
+  integer(c_int) function system_read(groups, place) bind(c, name='viscovib_system_read')
+    type(c_ptr), value :: groups, place
     type(c_ptr), pointer :: handle
     type(status_type) :: status
 
-    call room_of(room, handle, status)
+    call result_place(place, handle, status)
     if (.not. status%failed()) call make_handle(text_of(groups)//nl, handle, status)
-    system_read = told(status)
+    system_read = description(status)
   end function system_read
 
   integer(c_int) function system_add(handle, group, keys) bind(c, name='viscovib_system_add')
@@ -226,7 +226,7 @@ contains
     type(status_type) :: status
 
     call add(handle, '&'//text_of(group)//' '//text_of(keys)//' /'//nl, status)
-    system_add = told(status)
+    system_add = description(status)
   end function system_add
 
   integer(c_int) function system_add_spring(handle, stiffness, kernel) &
@@ -245,7 +245,7 @@ contains
         call fail(status, status_input_error, 'stiffness', 'stiffness: must not be NULL')
       end if
     end if
-    system_add_spring = told(status)
+    system_add_spring = description(status)
   end function system_add_spring
 
   !> Add a group to a system if the result is valid.

@@ -12,7 +12,7 @@ module viscovib_drive_tasks
   use viscovib_orbit_errors, only: find_branch_errors, find_crossing_errors
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
-  use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
+  use viscovib_orbit_stability, only: find_orbit_crossings, check_orbits, orbit_circle
   use viscovib_order_rules, only: better_bound
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
@@ -173,11 +173,11 @@ contains
       call found%put_reals('error', error, [n])
     end associate
     if (duration > 0.0_wp) then
-      call judge_rows(task, ladder, p, x, outcome, maxval(highest), duration, size(drive%omega))
+      call check_rows(task, ladder, p, x, outcome, maxval(highest), duration, size(drive%omega))
     end if
   end subroutine solve_rows
 
-  subroutine judge_rows(task, ladder, p, x, outcome, top, duration, n_axes)
+  subroutine check_rows(task, ladder, p, x, outcome, top, duration, n_axes)
     type(task_type), intent(inout) :: task
     type(torus_ladder), intent(inout), target :: ladder
     real(wp), intent(in) :: p(:), x(:, :), duration
@@ -196,7 +196,7 @@ contains
       associate (balance => ladder%rungs(top)%balance)
         y = ladder%cropped(top, x(:, i))
         if (n_axes == 1) then
-          call judge_orbits(floquet, balance, p(i:i), reshape(y, [size(y), 1]), multipliers(:, i:i))
+          call check_orbits(floquet, balance, p(i:i), reshape(y, [size(y), 1]), multipliers(:, i:i))
           growing(i) = count_larger(multipliers(:, i), orbit_circle)
         else
           call balance%visit(y, p(i), .true., inside)
@@ -209,7 +209,7 @@ contains
     else
       call put_rates(task, rates, rates_off)
     end if
-  end subroutine judge_rows
+  end subroutine check_rows
 
   subroutine put_multipliers(task, multipliers, growing)
     type(task_type), intent(inout) :: task
@@ -352,7 +352,7 @@ contains
     if (found /= outcome_converged .or. branch%n_points == 0) return
     call put_branch(task, balance, branch)
     if (duration > 0.0_wp) then
-      call judge_branch(task, balance, branch, duration, size(torus%orders, 1))
+      call check_branch(task, balance, branch, duration, size(torus%orders, 1))
     end if
   end subroutine follow_branch
 
@@ -402,7 +402,7 @@ contains
 
   !> Stability along a branch, and its changes. Errors of folds are rounding errors, of other points
   !! -1; `turns` are the angles of the multipliers that cross.
-  subroutine judge_branch(task, balance, branch, duration, n_axes)
+  subroutine check_branch(task, balance, branch, duration, n_axes)
     type(task_type), intent(inout) :: task
     type(torus_balance_type), intent(inout), target :: balance
     type(curve_branch_type), intent(in) :: branch
@@ -428,7 +428,7 @@ contains
         return
       end if
       multipliers = (0.0_wp, 0.0_wp)
-      call judge_orbits(floquet, balance, p, x, multipliers, task%cancel)
+      call check_orbits(floquet, balance, p, x, multipliers, task%cancel)
       call put_multipliers(task, multipliers, [(count_larger(multipliers(:, i), orbit_circle), &
                                                 i=1, n)])
       call find_orbit_crossings(floquet, balance, p, x, multipliers, branch%folds, &
@@ -441,7 +441,7 @@ contains
       if (changes(i)%located) places(:, i) = changes(i)%x
     end do
     call put_points(task, 'crossing_', balance, places)
-  end subroutine judge_branch
+  end subroutine check_branch
 
   !> Peak of order `place` (from 1) of coordinate `dof` that follows on the branch from the solution
   !! `x` (m), with `p` between `low` and `high`.

@@ -1,7 +1,7 @@
 !> Tasks about ensembles of trajectories and basins of attraction.
 module viscovib_ensemble_tasks
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use viscovib_basin_rules, only: disturbances, find_orbits, judge_orbit
+  use viscovib_basin_rules, only: disturbances, find_orbits, check_orbit
   use viscovib_binding_tools, only: make_pendulum
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
     run_together
@@ -52,7 +52,7 @@ contains
     case ('disturbances')
       call find_disturbances(task)
     case ('judgement')
-      call judge(task)
+      call check_one_orbit(task)
     case default
       call task%refuse_kind()
     end select
@@ -296,7 +296,7 @@ contains
 
   !> Check whether an orbit is attracting, from the ends of solutions that start near it; `rest`:
   !! the remaining fraction of a perturbation.
-  subroutine judge(task)
+  subroutine check_one_orbit(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: ends(:, :), orbit(:, :), scale(:)
     integer, allocatable :: ended(:)
@@ -311,10 +311,10 @@ contains
     call task%check_extents('orbit', shape(orbit), [size(ends, 1)])
     call task%check_extents('scale', shape(scale), [size(ends, 1)])
     if (task%failed()) return
-    call judge_orbit(ends, ended /= 0, orbit, scale, task%get_real('near'), &
+    call check_orbit(ends, ended /= 0, orbit, scale, task%get_real('near'), &
                      task%get_flag('of_starts'), task%get_flag('has_kernels'), good, rest)
     call task%found%put_integer('attracts', merge(1_i8, 0_i8, good))
     call task%found%put_real('rest', rest)
-  end subroutine judge
+  end subroutine check_one_orbit
 
 end module viscovib_ensemble_tasks

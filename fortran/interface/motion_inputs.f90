@@ -10,7 +10,7 @@ module viscovib_motion_inputs
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
-  use viscovib_watch, only: n_told
+  use viscovib_watch, only: n_event_rows
   implicit none
   private
 
@@ -87,7 +87,8 @@ contains
     if (.not. allocated(piece%phased)) allocate (piece%phased(0))
     call task%found%put_reals('phased', piece%phased, shape(piece%phased))
     if (.not. piece%is_watched) return
-    allocate (found(n_told + 3*(size(piece%initial)/2), task%get_integer('most')), source=0.0_wp)
+    allocate (found(n_event_rows + 3*(size(piece%initial)/2), task%get_integer('most')), &
+              source=0.0_wp)
     n_found = 0
     if (allocated(piece%watch)) call piece%watch%hand_over(piece%sides, found, n_found)
     ! The events are followed by the gathered columns.

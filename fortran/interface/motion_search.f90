@@ -8,7 +8,7 @@ module viscovib_motion_search
   use viscovib_step_search, only: estimate_error, find_step, search_type, step_found
   use viscovib_task, only: task_type
   use viscovib_trajectory, only: trajectory_type
-  use viscovib_watch, only: n_told
+  use viscovib_watch, only: n_event_rows
   implicit none
   private
 
@@ -26,8 +26,8 @@ contains
   !! Output: `verdict` (0: step size found), `change`, `grown`, `error`; `t` (k) and `states`
   !! (m, k), all rows; `last`, `memory` and other final data of a piece; `step`, `factor`: ratio of
   !! the first step size to it, `per_step`: states per step; `found`, `n_found`, `sides` and
-  !! `passage_errors` of events. If no step size is found: `coarse_t`, `coarse_states`, ... of the
-  !! previous run, `looks`.
+  !! `event_point_errors` of events. If no step size is found: `coarse_t`, `coarse_states`, ... of
+  !! the previous run, `looks`.
   subroutine search_step(task, kind)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind
@@ -117,14 +117,15 @@ contains
     call task%found%put_real('represented', run%represented)
     if (.not. allocated(run%watch)) return
     n_found = run%watch%n_found
-    allocate (found(n_told + 3*(size(run%last)/2), n_found), source=0.0_wp)
+    allocate (found(n_event_rows + 3*(size(run%last)/2), n_found), source=0.0_wp)
     allocate (sides(3*size(run%watch%sides)), source=0)
     call run%watch%hand_over(sides, found, n_found)
     call task%found%put_reals('found', found, shape(found))
     call task%found%put_integer('n_found', int(n_found, i8))
     call task%found%put_integers('sides', sides, shape(sides))
-    if (.not. allocated(run%passage_errors)) return
-    call task%found%put_reals('passage_errors', run%passage_errors, shape(run%passage_errors))
+    if (.not. allocated(run%event_point_errors)) return
+    call task%found%put_reals('passage_errors', run%event_point_errors, &
+                              shape(run%event_point_errors))
   end subroutine put_run
 
 end module viscovib_motion_search

@@ -89,7 +89,7 @@ contains
       return
     end if
     call read_piece(task, piece)
-    call piece%make_room(task%get_integer('columns'))
+    call piece%allocate_arrays(task%get_integer('columns'))
     if (.not. task%failed()) call read_equations(task, kind, piece, equations)
     if (task%failed()) return
     call equations%run(piece, task%status)

@@ -18,9 +18,9 @@ module viscovib_response_tasks
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options, response_type
   use viscovib_response_plan, only: method_auto, method_names, new_response_plan, response_plan_type
-  use viscovib_rounding_error, only: rounding_judge
+  use viscovib_rounding_error, only: rounding_checker
   use viscovib_sampled_peak, only: peak_of_samples
-  use viscovib_sampling_error, only: sampling_judge
+  use viscovib_sampling_error, only: sampling_checker
   use viscovib_status, only: fail, status_input_error
   use viscovib_stopping, only: is_set
   use viscovib_task, only: task_type
@@ -400,7 +400,7 @@ contains
     class(oscillator_type), pointer :: system
     class(oscillator_type), allocatable, target :: own
     type(load_type) :: load
-    type(sampling_judge) :: judge
+    type(sampling_checker) :: checker
     type(vector_builder) :: builder
     real(wp), pointer, contiguous :: p(:)
     complex(wp), pointer, contiguous :: motions(:, :, :)
@@ -430,10 +430,10 @@ contains
         call builder%build(p(i), own, task%status)
         if (task%failed()) return
         system => own
-        call judge%forget()
+        call checker%forget()
       end if
       if (used(i) == 0) cycle
-      call judge%error_of(system, load, at, factor, kept(1) > 0, &
+      call checker%error_of(system, load, at, factor, kept(1) > 0, &
                           unknowns_of(motions(:used(i), :, i)), errors(i))
     end do
     call task%found%put_reals('errors', errors, shape(errors))
@@ -457,7 +457,7 @@ contains
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
     type(load_type) :: load
-    type(rounding_judge) :: judge
+    type(rounding_checker) :: checker
     real(wp), pointer, contiguous :: nu(:)
     complex(wp), pointer, contiguous :: motions(:, :, :)
     integer, allocatable :: kept(:), used(:)
@@ -474,7 +474,7 @@ contains
     do i = 1, size(nu)
       if (is_set(task%cancel)) exit
       if (used(i) == 0) cycle
-      call judge%error_of(system, load, nu(i), kept(1) > 0, linear, &
+      call checker%error_of(system, load, nu(i), kept(1) > 0, linear, &
                           unknowns_of(motions(:used(i), :, i)), errors(i))
     end do
     call task%found%put_reals('errors', errors, shape(errors))

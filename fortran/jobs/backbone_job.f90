@@ -71,7 +71,7 @@ contains
       call new_backbone_plan(plan, free%oscillator(), self%mode, dof, '', self%harmonics, &
                              self%choose_harmonics, self%options%tolerance, status)
       if (status%failed()) return
-      text = free%told()//plan%text(self%options%start, self%options%finish)
+      text = free%description()//plan%text(self%options%start, self%options%finish)
     end if
     text = text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_backbone

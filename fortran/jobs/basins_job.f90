@@ -2,7 +2,7 @@
 !! at t = 0 after rest. With memory it is not the whole state, so starts are perturbed, not
 !! states on orbits.
 module viscovib_basins_job
-  use viscovib_basin_rules, only: disturbances, find_orbits, has_left, judge_orbit, n_disturbed, &
+  use viscovib_basin_rules, only: disturbances, find_orbits, has_left, check_orbit, n_disturbed, &
     unsettled
   use viscovib_constants, only: pi
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
@@ -133,7 +133,7 @@ contains
     most = merge(self%max_period, 1, self%sections > 0)
     call find_orbits(largest, points, found%ended == run_completed, most, self%tolerance, fastest, &
                      scale, found%labels, periods, found%moved, shown, n_orbits)
-    call judge_all(self, subject, states, points, shown(:n_orbits), periods, scale, dt, found, &
+    call check_all(self, subject, states, points, shown(:n_orbits), periods, scale, dt, found, &
                    good, status)
     if (.not. status%failed()) call put_tables(self, subject, states, found, sink, status)
     if (status%failed()) return
@@ -186,7 +186,7 @@ contains
     runs%starts = states(:, ::max(1, size(states, 2)/n_probes))
     if (.not. subject%goes_side_by_side()) then
       call step_of_singles(subject, self%nu, runs%starts, span, probed, dt, status)
-      if (status%failed()) call tell_step(show(probed), status)
+      if (status%failed()) call report_step(show(probed), status)
       if (status%failed()) return
     else
       runs%subject => subject
@@ -197,7 +197,7 @@ contains
       call runs%refine(n, 0.0_wp, probed, many, change, met, status)
       if (status%failed()) return
       if (.not. met) then
-        call tell_step(show(probed)//' (with '//show(real(n, wp))//' steps)', status)
+        call report_step(show(probed)//' (with '//show(real(n, wp))//' steps)', status)
         return
       end if
       dt = span/n
@@ -206,12 +206,12 @@ contains
 
   contains
 
-    subroutine tell_step(how, status)
+    subroutine report_step(how, status)
       character(len=*), intent(in) :: how
       type(status_type), intent(out) :: status
       call fail(status, status_input_error, 'dt', 'dt: none follows the first periods of some of ' &
                 //'the motions to '//how//', must be given')
-    end subroutine tell_step
+    end subroutine report_step
 
   end subroutine find_step
 
@@ -332,7 +332,7 @@ contains
   end subroutine make_some
 
   !> Remove orbits that do not attract; motions that settle on them count as unsettled.
-  subroutine judge_all(self, subject, states, points, shown, periods, scale, dt, found, good, &
+  subroutine check_all(self, subject, states, points, shown, periods, scale, dt, found, good, &
                        status)
     class(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -344,13 +344,13 @@ contains
     type(status_type), intent(out) :: status
     type(many_motions) :: many
     real(wp) :: pushes(size(scale), n_disturbed), rest(size(shown)), place(size(scale))
-    real(wp), allocatable :: beside(:, :)
+    real(wp), allocatable :: nearby(:, :)
     logical :: by_starts
     integer :: new(has_left:size(shown) - 1), i, j, n
     integer(i8) :: n_steps
 
     call set_ok(status)
-    allocate (good(size(shown)), beside(size(scale), n_disturbed*size(shown)))
+    allocate (good(size(shown)), nearby(size(scale), n_disturbed*size(shown)))
     n = size(points, 2)
     call disturbances(self%tolerance, pushes)
     by_starts = subject%has_kernels()
@@ -358,11 +358,11 @@ contains
       place = points(:, n, shown(i))
       if (by_starts) place = states(:, shown(i))
       do j = 1, n_disturbed
-        beside(:, (i - 1)*n_disturbed + j) = place + pushes(:, j)*scale
+        nearby(:, (i - 1)*n_disturbed + j) = place + pushes(:, j)*scale
       end do
     end do
     if (size(shown) > 0) then
-      call make_some(self, subject, beside, self%t_end, dt, 1, many, n_steps, status)
+      call make_some(self, subject, nearby, self%t_end, dt, 1, many, n_steps, status)
       if (status%failed()) return
     end if
     new = unsettled
@@ -370,7 +370,7 @@ contains
     n = 0
     do i = 1, size(shown)
       j = (i - 1)*n_disturbed
-      call judge_orbit(many%state(:, j + 1:j + n_disturbed), &
+      call check_orbit(many%state(:, j + 1:j + n_disturbed), &
                        many%ended(j + 1:j + n_disturbed) == run_completed, &
                        points(:, size(points, 2) - periods(shown(i)) + 1:, shown(i)), scale, &
                        self%tolerance, by_starts, by_starts, good(i), rest(i))
@@ -389,7 +389,7 @@ contains
       found%points(:, n + 1:n + j) = points(:, size(points, 2) - j + 1:, shown(i))
       n = n + j
     end do
-  end subroutine judge_all
+  end subroutine check_all
 
   !> A row for each start; and one for each point of the attractors.
   subroutine put_tables(self, subject, states, found, sink, status)

@@ -6,12 +6,12 @@ module viscovib_branch_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
   use viscovib_curve_columns, only: add_stability, note_crossings, note_folds, stability_note
   use viscovib_extra_columns, only: extra_columns
-  use viscovib_family_curve, only: judge_systems, new_family_curve, new_plain_curve, system_builder
+  use viscovib_family_curve, only: check_systems, new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
+  use viscovib_motion_stability, only: stability_checker, new_stability_checker, stability_type
   use viscovib_mount, only: mount_type
   use viscovib_mount_builder, only: new_mount_builder
   use viscovib_oscillator, only: oscillator_type
@@ -93,7 +93,7 @@ contains
     if (status%failed()) return
     varies = self%varies
     if (varies == 'load_factor') varies = 'load factor'
-    text = subject%told()//plan_along(varies, self%curve%start, self%curve%finish, &
+    text = subject%description()//plan_along(varies, self%curve%start, self%curve%finish, &
                       merge(0, size(plan%set%orders), plan%chosen), &
                       most_along(subject%oscillator(), subject%load), self%stability)//plan%rest &
            //plan_unwanted('columns', subject, self%wanted)
@@ -218,7 +218,7 @@ contains
     type(status_type), intent(out) :: status
     class(oscillator_curve_type), allocatable :: curve
     class(system_builder), allocatable :: builder
-    type(judge_type) :: judge
+    type(stability_checker) :: checker
     type(harmonic_set_type) :: set
     real(wp), allocatable :: motions(:, :, :)
     character(len=:), allocatable :: word
@@ -254,17 +254,17 @@ contains
     if (job%stability) then
       associate (n => branch%n_points)
         motions = reshape(branch%x(:, :n), [shape_x, n])
-        call new_judge(judge, system, set)
+        call new_stability_checker(checker, system, set)
         if (job%number > 0) then
-          call judge_systems(judge, curve, job%nu, branch%parameter(:n), motions, stability)
+          call check_systems(checker, curve, job%nu, branch%parameter(:n), motions, stability)
         else
-          call judge%judge(system, merge(branch%parameter(:n), job%nu, job%varies == 'nu'), &
+          call checker%check(system, merge(branch%parameter(:n), job%nu, job%varies == 'nu'), &
                            motions, stability)
         end if
-        call find_crossings(judge, curve, job%nu, branch%parameter(:n), branch%x(:, :n), &
+        call find_crossings(checker, curve, job%nu, branch%parameter(:n), branch%x(:, :n), &
                             stability, branch%folds, branch%branch_points, crossings)
         ! Changes of stability were located with the multipliers of the computed motions.
-        call doubt_curve(judge, curve, job%nu, branch%parameter(:n), motions, &
+        call doubt_curve(checker, curve, job%nu, branch%parameter(:n), motions, &
                          branch%missed(:n), branch%allowed(:n), stability)
       end associate
     end if
@@ -332,7 +332,7 @@ contains
     call table%add_integers('highest', highest)
     call table%add_reals('truncation', branch%truncation(:n))
     call table%add_reals('error', branch%error(:n))
-    call extra%tell(table)
+    call extra%add_notes(table)
     call extra%add(table)
     i = 0
     do d = 1, size(names)

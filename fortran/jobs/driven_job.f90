@@ -5,15 +5,15 @@ module viscovib_driven_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
   use viscovib_curve_columns, only: add_stability, note_crossings, note_folds, stability_note
-  use viscovib_drive_torus, only: drive_torus_type, judging_shells, kept_by_symmetry, &
+  use viscovib_drive_torus, only: drive_torus_type, checking_shells, kept_by_symmetry, &
     largest_bound, lattice, max_unknowns, n_drives, varied_names, varies_nu
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
-  use viscovib_orbit_errors, only: find_branch_errors, find_crossing_errors, judging_twice
+  use viscovib_orbit_errors, only: find_branch_errors, find_crossing_errors, checking_twice
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
-  use viscovib_orbit_stability, only: find_orbit_crossings, judge_orbits, orbit_circle
+  use viscovib_orbit_stability, only: find_orbit_crossings, check_orbits, orbit_circle
   use viscovib_order_rules, only: better_bound, max_vain
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
@@ -88,9 +88,9 @@ module viscovib_driven_job
   contains
     procedure :: begin
     procedure :: follow_first
-    procedure :: judge
-    procedure :: new_judging_ladder
-    procedure :: judge_crossings
+    procedure :: check_truncation
+    procedure :: new_checking_ladder
+    procedure :: check_crossings
     procedure :: in_full
     procedure :: keep
   end type tracing_type
@@ -211,7 +211,7 @@ contains
                           points%p(n)*tracing%unit/tracing%unit, &
                           sign(1, job%switch(i))*points%across(:, n))
       end associate
-      call tracing%judge(job, other, truncation, status)
+      call tracing%check_truncation(job, other, truncation, status)
       if (.not. status%failed()) call tracing%keep(job, other, branches(i + 1), status)
       if (status%failed()) return
       branches(i + 1)%truncation = truncation
@@ -240,13 +240,13 @@ contains
     do
       last = truncation
       call tracing%follow_first(job, branch, status)
-      if (.not. status%failed()) call tracing%judge(job, branch, truncation, status)
+      if (.not. status%failed()) call tracing%check_truncation(job, branch, truncation, status)
       if (status%failed()) return
       if (truncation <= tracing%options%tolerance .or. tracing%bound >= most) return
       if (truncation > 0.5_wp*last) vain = vain + 1
       if (vain >= max_vain) return
       next = better_bound(tracing%bound, truncation, tracing%options%tolerance, &
-                          judging_shells(job%torus), most)
+                          checking_shells(job%torus), most)
       if (next <= tracing%bound) return
       tracing%bound = next
     end do
@@ -315,7 +315,7 @@ contains
   end function kept_of
 
   !> Largest change by more harmonics; errors of folds and branch points.
-  subroutine judge(self, job, branch, truncation, status)
+  subroutine check_truncation(self, job, branch, truncation, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
     type(curve_branch_type), intent(inout) :: branch
@@ -325,7 +325,7 @@ contains
     real(wp) :: moved(branch%folds%n)
 
     truncation = 0.0_wp
-    call self%new_judging_ladder(job, judging_shells(job%torus), ladder)
+    call self%new_checking_ladder(job, checking_shells(job%torus), ladder)
     associate (n => branch%n_points, folds => branch%folds)
       call branch_truncation(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                              self%options%tolerance, truncation, status)
@@ -336,16 +336,16 @@ contains
       folds%error(:folds%n) = folds%error(:folds%n) + moved
     end associate
     if (status%failed() .or. branch%branch_points%n == 0) return
-    call self%new_judging_ladder(job, shells_of_places(self%bound, job%torus), ladder)
+    call self%new_checking_ladder(job, shells_of_places(self%bound, job%torus), ladder)
     associate (n => branch%n_points, points => branch%branch_points)
       call find_branch_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                               points%p(:points%n), self%in_full(points%x(:, :points%n)), &
                               points%before(:points%n), points%error(:points%n), status)
     end associate
-  end subroutine judge
+  end subroutine check_truncation
 
   !> Orders up to the bound, and additional shells for the error estimate.
-  subroutine new_judging_ladder(self, job, shells, ladder)
+  subroutine new_checking_ladder(self, job, shells, ladder)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
     integer, intent(in) :: shells
@@ -356,18 +356,18 @@ contains
     call new_ladder(ladder, self%system, orders, job%kept_of(orders, self%load), &
                     job%torus%orders, job%torus%base, self%load, self%balance%vary, &
                     self%balance%which, self%bound, self%bound, shells)
-  end subroutine new_judging_ladder
+  end subroutine new_checking_ladder
 
   !> Number of additional shells for the errors of bifurcation points.
   pure integer function shells_of_places(bound, torus) result(shells)
     integer, intent(in) :: bound
     type(drive_torus_type), intent(in) :: torus
-    shells = judging_twice(torus%n_axes, judging_shells(torus), bound, &
+    shells = checking_twice(torus%n_axes, checking_shells(torus), bound, &
                            largest_bound(torus%n_axes, 1.0_wp, max_unknowns))
   end function shells_of_places
 
   !> Errors of the locations of changes of stability.
-  subroutine judge_crossings(self, job, branch, crossings, status)
+  subroutine check_crossings(self, job, branch, crossings, status)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
     type(curve_branch_type), intent(in) :: branch
@@ -384,14 +384,14 @@ contains
       x(:, i:i) = self%in_full(reshape(crossings(i)%x, [size(crossings(i)%x), 1]))
       errors(i) = crossings(i)%error
     end do
-    call self%new_judging_ladder(job, shells_of_places(self%bound, job%torus), ladder)
+    call self%new_checking_ladder(job, shells_of_places(self%bound, job%torus), ladder)
     associate (n => branch%n_points)
       call find_crossing_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                                 [crossings%p], x, [crossings%before], aimag(crossings%eta), &
                                 errors, status)
     end associate
     crossings%error = errors
-  end subroutine judge_crossings
+  end subroutine check_crossings
 
   !> Unknowns with omitted ones as 0, a column each.
   pure function in_full(self, x) result(whole)
@@ -432,11 +432,11 @@ contains
     if (.not. job%stability .or. job%torus%n_axes > 1) return
     allocate (to%multipliers(6, n))
     associate (p => from%parameter(:n), points => from%x(:, :n))
-      call judge_orbits(floquet, self%balance, p, points, to%multipliers)
+      call check_orbits(floquet, self%balance, p, points, to%multipliers)
       call find_orbit_crossings(floquet, self%balance, p, points, to%multipliers, from%folds, &
                                 from%branch_points, to%crossings)
     end associate
-    call self%judge_crossings(job, from, to%crossings, status)
+    call self%check_crossings(job, from, to%crossings, status)
     to%crossings%p = to%crossings%p*self%unit
     to%crossings%error = to%crossings%error*self%unit
   end subroutine keep

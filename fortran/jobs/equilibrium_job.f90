@@ -48,7 +48,8 @@ contains
                 //'(order = 0)')
       return
     end if
-    text = subject%told()//'computes: the static equilibrium under the constant loads, with ' &
+    text = subject%description() &
+           //'computes: the static equilibrium under the constant loads, with ' &
            //'relaxed memory'//new_line('a')//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_equilibrium
 

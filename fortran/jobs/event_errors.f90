@@ -1,13 +1,13 @@
 !> Errors of the events of a run whose step was searched, from the run before.
 module viscovib_event_errors
   use viscovib_kinds, only: wp
-  use viscovib_passage_errors, only: passage_errors
+  use viscovib_event_point_errors, only: event_point_errors
   use viscovib_simulate, only: run_completed, run_event
   use viscovib_trajectory, only: rounding_of, trajectory_type
   implicit none
   private
 
-  public :: differences_type, find_differences, tell_error
+  public :: differences_type, find_differences, set_error
 
   !> Relative error of the time of a stop inside a step.
   real(wp), parameter, public :: located = 1.0e-12_wp
@@ -66,7 +66,7 @@ contains
   end subroutine spread_rows
 
   !> Set the errors of a run, from its change, of its events, and of its stop.
-  subroutine tell_error(run, coarse, change, differences, watched)
+  subroutine set_error(run, coarse, change, differences, watched)
     type(trajectory_type), intent(inout) :: run
     type(trajectory_type), intent(in) :: coarse
     real(wp), intent(in) :: change
@@ -85,19 +85,19 @@ contains
       n = size(run%states, 1)/2
       if (allocated(run%rows)) n = size(run%whole, 1)/2
       associate (found => run%watch%n_found)
-        allocate (run%passage_errors(2, found))
-        call passage_errors(watched, run%watch%rows(n, found), &
+        allocate (run%event_point_errors(2, found))
+        call event_point_errors(watched, run%watch%rows(n, found), &
                             coarse%watch%rows(n, coarse%watch%n_found), differences%times, &
                             differences%apart, least, &
                             [0.0_wp, min(run%t_reached, coarse%t_reached)], differences%one_way, &
-                            run%passage_errors)
-        if (run%outcome == run_event) late = run%passage_errors(1, found)
+                            run%event_point_errors)
+        if (run%outcome == run_event) late = run%event_point_errors(1, found)
       end associate
     end if
     if (run%outcome == run_completed) return
     ! The same small steps locate the stop every time.
     if (.not. late >= 0.0_wp) late = located*max(1.0_wp, run%t_reached)
     run%error = max(run%error, late)
-  end subroutine tell_error
+  end subroutine set_error
 
 end module viscovib_event_errors

@@ -24,7 +24,7 @@ module viscovib_extra_columns
   contains
     procedure :: check
     procedure :: find
-    procedure :: tell
+    procedure :: add_notes
     procedure :: add
   end type extra_columns
 
@@ -121,12 +121,12 @@ contains
   end subroutine find_fed
 
   !> A line above the table.
-  subroutine tell(self, table)
+  subroutine add_notes(self, table)
     class(extra_columns), intent(in) :: self
     type(table_type), intent(inout) :: table
     if (self%sampling) call table%note(sampling_note)
     if (self%dissipation) call table%note(dissipation_note)
-  end subroutine tell
+  end subroutine add_notes
 
   subroutine add(self, table)
     class(extra_columns), intent(in), target :: self

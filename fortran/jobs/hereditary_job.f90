@@ -10,7 +10,7 @@ module viscovib_hereditary_job
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: memory_equations, oscillator_equations
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
+  use viscovib_plan_text, only: report_idle, report_laws, report_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_piece_runs, only: piece_runs
@@ -155,9 +155,9 @@ contains
       text = text//plan_forces(job, system, load)
     else
       call reduce(system, moved, reduced)
-      text = text//plan_forces(job, reduced, load)//tell_idle(moved)
+      text = text//plan_forces(job, reduced, load)//report_idle(moved)
     end if
-    text = text//tell_laws(system)//tell_zeros(system, load)
+    text = text//report_laws(system)//report_zeros(system, load)
   end function plan_hereditary
 
   !> Lines of the plan about forces and their memory.

@@ -11,7 +11,7 @@ module viscovib_job
   implicit none
   private
 
-  public :: job_type, job_report, table_sink, plan_unwanted, told_error
+  public :: job_type, job_report, table_sink, plan_unwanted, error_text
 
   type, abstract :: job_type
     !> Coordinates that the tables show.
@@ -103,11 +103,11 @@ contains
   end function plan_unwanted
 
   !> Text of an estimated error for the line above a table; empty if it is unknown (below 0).
-  function told_error(error) result(text)
+  function error_text(error) result(text)
     real(wp), intent(in) :: error
     character(len=:), allocatable :: text
     text = ''
     if (error >= 0.0_wp) text = ', estimated error '//trim(exact(error))
-  end function told_error
+  end function error_text
 
 end module viscovib_job

@@ -7,7 +7,7 @@ module viscovib_law_end
   implicit none
   private
 
-  public :: told_law_end
+  public :: law_end_text
 
   !> Number of sample points on the way, and of bisections.
   integer, parameter :: n_places = 41, halvings = 40
@@ -15,7 +15,7 @@ module viscovib_law_end
 contains
 
   !> "; the law 'log(1 + x)' has no value beyond x = -1", or empty if all laws have values.
-  function told_law_end(laws, names, state, reach) result(text)
+  function law_end_text(laws, names, state, reach) result(text)
     type(law_term), intent(in) :: laws(:)
     !> Names of the coordinates.
     character(len=*), intent(in) :: names(:)
@@ -54,7 +54,7 @@ contains
       end if
       return
     end do
-  end function told_law_end
+  end function law_end_text
 
   !> True at times on the way at which a law has no value.
   pure function beyond(law, state, part)

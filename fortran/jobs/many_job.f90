@@ -2,7 +2,7 @@
 !! number, eight at a time in lanes: last states, peaks, exponents and sections.
 module viscovib_many_job
   use viscovib_constants, only: pi
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, error_text
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
@@ -164,7 +164,7 @@ contains
     integer, allocatable :: whole(:)
     integer :: i, j, k, n
 
-    call table%note('last states, largest sizes and rms of each motion'//told_error(error))
+    call table%note('last states, largest sizes and rms of each motion'//error_text(error))
     call table%hold_reals(self%vary, self%values)
     call table%add_words('outcome', many%ended, run_names)
     call table%add_reals('t_reached', many%t_reached)

@@ -7,9 +7,9 @@ module viscovib_motion_job
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_free_decay, only: decay_type, find_free_decay
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, told_error
+  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, error_text
   use viscovib_kinds, only: wp
-  use viscovib_law_end, only: told_law_end
+  use viscovib_law_end, only: law_end_text
   use viscovib_motion_accelerations, only: find_accelerations
   use viscovib_number_text, only: exact
   use viscovib_pendulum_job, only: plan_pendulum
@@ -27,7 +27,7 @@ module viscovib_motion_job
   implicit none
   private
 
-  public :: decay_job, motion_job, spectrum_job, told_event
+  public :: decay_job, motion_job, spectrum_job, event_text
 
   !> Options of &spectrum.
   type :: spectrum_job
@@ -52,9 +52,9 @@ module viscovib_motion_job
   end type decay_job
 
   !> An event: its function, and "up", "down" or "any", and "terminal" if the run ends there.
-  type :: told_event
+  type :: event_text
     character(len=:), allocatable :: text
-  end type told_event
+  end type event_text
 
   type, extends(job_type) :: motion_job
     !> A `hereditary_job` for a system with memory.
@@ -64,7 +64,7 @@ module viscovib_motion_job
     type(spectrum_job) :: spectrum
     type(decay_job) :: decay
     !> Events as given, one per line; not allocated: none.
-    type(told_event), allocatable :: events(:)
+    type(event_text), allocatable :: events(:)
   contains
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_motion
@@ -90,7 +90,8 @@ contains
       select type (motion)
       type is (hereditary_job)
         if (subject%is_structure) then
-          text = subject%told()//plan_structure(motion, subject%structure, subject%model%load)
+          text = subject%description()//plan_structure(motion, subject%structure, &
+                                                       subject%model%load)
         else
           text = plan_hereditary(motion, subject%oscillator(), subject%load)
         end if
@@ -270,7 +271,7 @@ contains
         associate (element => subject%model%elements(i), places => trajectory%places)
           ! The arguments of an element must have been kept.
           if (abs(sum(abs(element%direction)) - sum(abs(element%direction(places)))) > 0.0_wp) cycle
-          text = told_law_end(element%laws, ['d'], [dot_product(element%direction(places), &
+          text = law_end_text(element%laws, ['d'], [dot_product(element%direction(places), &
                                                                 state(1::2)), &
                                                     dot_product(element%direction(places), &
                                                                 state(2::2))], further)
@@ -278,7 +279,7 @@ contains
         end associate
       end do
     else if (allocated(subject%polynomial%laws) .and. size(state) == n) then
-      text = told_law_end(subject%polynomial%laws, subject%coordinates, state, further)
+      text = law_end_text(subject%polynomial%laws, subject%coordinates, state, further)
     end if
   end function law_end
 
@@ -323,7 +324,7 @@ contains
 
     if (counting) call count_up(counted_columns, size(self%wanted))
     call table%note('method '//method//', step '//trim(exact(trajectory%h))//', ' &
-                    //trim(run_names(trajectory%outcome))//told_error(trajectory%error))
+                    //trim(run_names(trajectory%outcome))//error_text(trajectory%error))
     call table%note(units_of(self, subject))
     call table%add_reals('t', trajectory%t)
     do i = 1, size(self%wanted)
@@ -360,9 +361,9 @@ contains
       call table%note(units_of(self, subject))
       call table%hold_integers('event', watch%which(order))
       call table%hold_reals('t', watch%times(order))
-      if (allocated(trajectory%passage_errors)) then
-        call table%hold_reals('t_error', trajectory%passage_errors(1, order))
-        call table%hold_reals('state_error', trajectory%passage_errors(2, order))
+      if (allocated(trajectory%event_point_errors)) then
+        call table%hold_reals('t_error', trajectory%event_point_errors(1, order))
+        call table%hold_reals('state_error', trajectory%event_point_errors(2, order))
       end if
       do i = 1, size(self%wanted)
         name = trim(subject%coordinates(self%wanted(i)))

@@ -54,7 +54,7 @@ module viscovib_motion_piece
     integer, allocatable :: sides(:)
     type(watch_type), allocatable :: watch
   contains
-    procedure :: make_room
+    procedure :: allocate_arrays
     procedure :: begin_watch
     procedure :: mesh => mesh_of_piece
   end type piece_type
@@ -111,14 +111,14 @@ contains
   end subroutine look_at
 
   !> Allocate the results, for this number of states.
-  subroutine make_room(self, columns)
+  subroutine allocate_arrays(self, columns)
     class(piece_type), intent(inout) :: self
     integer, intent(in) :: columns
     integer :: n_rows
     n_rows = size(self%initial)
     allocate (self%states(n_rows, columns))
     allocate (self%at_times(n_rows, size(self%times)), self%last(n_rows), source=0.0_wp)
-  end subroutine make_room
+  end subroutine allocate_arrays
 
   !> Start the search for events, whose signals read only some of n coordinates.
   subroutine begin_watch(self, n)

@@ -7,7 +7,7 @@ module viscovib_pendulum_job
   use viscovib_pendulum_spring, only: swings
   use viscovib_piece_runs, only: piece_runs
   use viscovib_plain_pieces, only: part_of_numbers, pendulum_equations
-  use viscovib_plan_text, only: tell_idle
+  use viscovib_plan_text, only: report_idle
   use viscovib_status, only: status_type
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: run_motion, transient_job
@@ -47,7 +47,7 @@ contains
     character(len=:), allocatable :: text
     text = plan_transient(job)
     if (swings(pendulum, job%initial) .or. allocated(job%watched)) return
-    text = text//tell_idle(spring_only)
+    text = text//report_idle(spring_only)
   end function plan_pendulum
 
 end module viscovib_pendulum_job

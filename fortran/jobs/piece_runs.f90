@@ -225,7 +225,7 @@ contains
       course%piece%times => course%times
       ! The times belong to the last piece.
       if (course%piece%first + count < course%steps) course%piece%times => course%times(:0)
-      call course%piece%make_room(int(count/apart))
+      call course%piece%allocate_arrays(int(count/apart))
       call self%equations%run(course%piece, status)
       if (status%failed()) return
       if (course%piece%reason == begun) exit

@@ -2,12 +2,12 @@
 module viscovib_polynomial_job
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counting
-  use viscovib_fitted_memory, only: needs_fit, tell_fit
+  use viscovib_fitted_memory, only: needs_fit, fit_text
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
-  use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
+  use viscovib_plan_text, only: report_idle, report_laws, report_zeros
   use viscovib_piece_runs, only: piece_runs
   use viscovib_plain_pieces, only: polynomial_equations
   use viscovib_polynomial, only: polynomial_type
@@ -98,10 +98,10 @@ contains
     text = 'skips: memory (no kernels)'
     if (count_hidden(system) > 0) text = 'computes: memory by '//things(count_hidden(system), &
                                                                         'exponential')
-    if (needs_fit(system)) text = tell_fit(system, step, last)
+    if (needs_fit(system)) text = fit_text(system, step, last)
     text = plan_transient(job)//text//new_line('a') &
-           //tell_idle(moved_coordinates(system, driven(job, system, load))) &
-           //tell_laws(system)//tell_zeros(system, load)
+           //report_idle(moved_coordinates(system, driven(job, system, load))) &
+           //report_laws(system)//report_zeros(system, load)
   end function plan_polynomial
 
 end module viscovib_polynomial_job

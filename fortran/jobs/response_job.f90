@@ -57,7 +57,7 @@ contains
     text = ''
     call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
                            self%options, status)
-    if (.not. status%failed()) text = subject%told()//plan%text &
+    if (.not. status%failed()) text = subject%description()//plan%text &
                                        //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_response
 
@@ -171,7 +171,7 @@ contains
     call table%add_reals('truncation', response%truncation)
     call table%hold_reals('error', errors)
     if (present(extra)) then
-      call extra%tell(table)
+      call extra%add_notes(table)
       call extra%add(table)
     end if
     if (allocated(response%stability%stable)) then

@@ -72,7 +72,7 @@ contains
     call new_period_map(map, subject%polynomial, subject%load, self%nu, self%n_periods, &
                         self%method, status)
     if (status%failed()) return
-    text = subject%told()//'computes: the motion that repeats after ' &
+    text = subject%description()//'computes: the motion that repeats after ' &
            //things(self%n_periods, 'period')//' of the load, by shooting with ' &
            //trim(transient_methods(self%method))//' in '//show(real(map%first_steps(), wp)) &
            //' steps and more'//new_line('a')

@@ -5,7 +5,7 @@
 !! these two do not show: amplified rounding errors, by a system with numbers changed by 1e-12
 !! (`shaken`), and equal errors of both runs at kinks of laws, by another step length.
 module viscovib_step_search
-  use viscovib_event_errors, only: differences_type, find_differences, tell_error
+  use viscovib_event_errors, only: differences_type, find_differences, set_error
   use viscovib_kinds, only: i8, wp
   use viscovib_motion_request, only: transient_job
   use viscovib_piece_runs, only: piece_runs
@@ -115,7 +115,7 @@ contains
       if (fine%outcome == run_stopped) return
       call fine%thin(parts, ends)
       call runs%align(before, ends)
-      call judge(runs, job, n, search%factor, before, ends, lost, search%change, met, status)
+      call compare_runs(runs, job, n, search%factor, before, ends, lost, search%change, met, status)
       if (status%failed()) return
       call look_at_growth(runs, job, n, before, ends, growth, met, search, status)
       if (status%failed()) return
@@ -191,7 +191,7 @@ contains
   !> Difference of a run from a run with twice the step size, and whether both meet the tolerance.
   !! Both runs may have the same error from a kink next to an end of all their steps. A run with one
   !! more step for each first step has different ends of steps.
-  subroutine judge(runs, job, n, factor, coarse, fine, lost, change, met, status)
+  subroutine compare_runs(runs, job, n, factor, coarse, fine, lost, change, met, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
@@ -222,7 +222,7 @@ contains
       lost = max(lost, off_of(other, fine))
     end if
     call compare(coarse, fine, allowed, lost, change, met)
-  end subroutine judge
+  end subroutine compare_runs
 
   !> Include amplified rounding errors: computed once, roughly, and only if the present runs do
   !! not determine them.
@@ -381,7 +381,7 @@ contains
       end if
     end if
     call find_differences(before, ends, search%grown, .not. runs%renames(), differences)
-    call tell_error(search%run, before, search%change, differences, job%watched)
+    call set_error(search%run, before, search%change, differences, job%watched)
   end subroutine finish
 
   !> Accuracy of the states inside steps, by comparison with polynomials of twice the step length at
@@ -582,7 +582,7 @@ contains
       search%change = max(search%change, search%grown)
     end if
     call find_differences(half, search%run, search%grown, .not. runs%renames(), differences)
-    call tell_error(search%run, half, search%change, differences, job%watched)
+    call set_error(search%run, half, search%change, differences, job%watched)
   end subroutine estimate_error
 
 end module viscovib_step_search

@@ -9,7 +9,7 @@ module viscovib_structure_job
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: structure_equations
   use viscovib_modal_maps, only: sections_type
-  use viscovib_plan_text, only: tell_laws
+  use viscovib_plan_text, only: report_laws
   use viscovib_status, only: show, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_model, only: structure_model
@@ -254,7 +254,7 @@ contains
     text = 'computes: motion to t = '//show(job%t_end)//' by ' &
            //trim(hereditary_methods(job%method))//', forces of elements at ' &
            //show(nodes(job%method))//' nodes a step, modes exactly'//nl//plan_steps(job) &
-           //plan_forces(job, system%polynomial_type, load)//tell_laws(system)
+           //plan_forces(job, system%polynomial_type, load)//report_laws(system)
   end function plan_structure
 
 end module viscovib_structure_job

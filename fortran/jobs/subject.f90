@@ -61,7 +61,7 @@ module viscovib_subject
     procedure :: has_kernels
     procedure :: goes_side_by_side
     procedure :: warnings
-    procedure :: told
+    procedure :: description
     procedure :: show_motions
     procedure :: shown
     procedure :: n_modes
@@ -146,12 +146,12 @@ contains
   end function goes_side_by_side
 
   !> A line of a plan about condensation; empty without condensation.
-  function told(self) result(text)
+  function description(self) result(text)
     class(subject_type), intent(in) :: self
     character(len=:), allocatable :: text
     text = ''
-    if (self%is_structure) text = self%model%told()
-  end function told
+    if (self%is_structure) text = self%model%description()
+  end function description
 
   !> Harmonics of the requested coordinates, shape (n_orders, n_wanted, n), from those of the
   !! unknowns, shape (n_orders, n_dof, n).

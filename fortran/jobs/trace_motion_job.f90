@@ -70,7 +70,7 @@ contains
     text = ''
     call self%make_family(subject, family, status)
     if (status%failed()) return
-    text = subject%told()//'computes: motions that repeat after ' &
+    text = subject%description()//'computes: motions that repeat after ' &
            //things(self%n_periods, 'period')//' of the load, by shooting with ' &
            //trim(transient_methods(self%method))//', along '//self%varies()//' from ' &
            //show(self%options%start)//' to '//show(self%options%finish)//new_line('a') &

@@ -64,7 +64,7 @@ module viscovib_trajectory
     !> Events found, if any were requested; their states are those of the coordinates kept.
     type(watch_type), allocatable :: watch
     !> Estimated errors of their times and states, shape (2, n); not allocated: not estimated.
-    real(wp), allocatable :: passage_errors(:, :)
+    real(wp), allocatable :: event_point_errors(:, :)
     !> If `states` are only some rows of the computed states: their indices, and all rows.
     integer, allocatable :: rows(:)
     real(wp), allocatable :: whole(:, :)

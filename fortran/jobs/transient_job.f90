@@ -49,7 +49,7 @@ contains
     type(shared_type), target :: shared
     type(search_type) :: search
     !> The search compares only kept states, and does not require low peaks between them.
-    class(transient_job), allocatable :: judged
+    class(transient_job), allocatable :: checked
     real(wp) :: n
     integer :: i
 
@@ -64,9 +64,9 @@ contains
     runs%tail = job%tail
     runs%at_times = allocated(job%times)
     if (runs%at_times) runs%first%times => job%times
-    allocate (judged, source=job)
-    judged%last_only = job%last_only .or. runs%at_times .or. job%tail > 0.0_wp
-    runs%looks = judged%last_only .and. .not. job%dt > 0.0_wp
+    allocate (checked, source=job)
+    checked%last_only = job%last_only .or. runs%at_times .or. job%tail > 0.0_wp
+    runs%looks = checked%last_only .and. .not. job%dt > 0.0_wp
     runs%rows = [(i, i=1, size(job%initial))]
     n = first_steps(job, min(wanted, 2.0_wp*max_steps))
     call check_work(job, n, status)
@@ -77,7 +77,7 @@ contains
       call runs%make(job, int(n, i8), 1, 1, trajectory, status)
       return
     end if
-    call find_step(runs, judged, int(n, i8), search, status)
+    call find_step(runs, checked, int(n, i8), search, status)
     if (status%failed()) return
     if (search%verdict == step_found) then
       trajectory = search%run

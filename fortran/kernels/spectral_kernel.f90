@@ -94,8 +94,8 @@ contains
     real(wp), allocatable, intent(out) :: weights(:), rates(:)
     real(wp), allocatable :: place(:), masses(:)
     real(wp) :: h, fastest, last, here(most_slow), mass(most_slow)
-    real(wp) :: diagonal(most_slow), beside(most_slow), total, at_end
-    real(wp) :: best_diagonal(most_slow), best_beside(most_slow), best_mass
+    real(wp) :: diagonal(most_slow), nearby(most_slow), total, at_end
+    real(wp) :: best_diagonal(most_slow), best_nearby(most_slow), best_mass
     integer :: k, n, best, n_fast, n_slow, found, n_tail
 
     if (.not. self%tail_power > 0.0_wp) then
@@ -127,23 +127,23 @@ contains
     n_fast = most_fast
     n_slow = 1
     best_diagonal = 0.0_wp
-    best_beside = 0.0_wp
+    best_nearby = 0.0_wp
     best_mass = 0.0_wp
     do k = 0, ubound(place, 1) - n_tail
       if (k + 1 >= best) exit
       associate (at => place(k:k + n_tail - 1), held => masses(k:k + n_tail - 1))
         if (k == 0 .or. .not. self%self_similar) then
-          call tail_recurrence(self, h, at, held, diagonal, beside, found)
+          call tail_recurrence(self, h, at, held, diagonal, nearby, found)
         end if
         total = tail_mass(self, h, at, held)
       end associate
-      n = nodes_needed(beside, found, last*exp(self%centre + place(k)), total, at_end)
+      n = nodes_needed(nearby, found, last*exp(self%centre + place(k)), total, at_end)
       if (k + n < best) then
         best = k + n
         n_fast = k
         n_slow = n
         best_diagonal = diagonal
-        best_beside = beside
+        best_nearby = nearby
         best_mass = total
       end if
     end do
@@ -152,7 +152,7 @@ contains
       allocate (weights(0), rates(0))
       return
     end if
-    call nodes_of_recurrence(n_slow, best_diagonal(:n_slow), best_beside(:n_slow), &
+    call nodes_of_recurrence(n_slow, best_diagonal(:n_slow), best_nearby(:n_slow), &
                              here(:n_slow), mass(:n_slow))
     allocate (weights(n_slow + n_fast), rates(n_slow + n_fast))
     weights(:n_slow) = best_mass*mass(:n_slow)
@@ -278,26 +278,26 @@ contains
     total = sum(masses)
   end function tail_mass
 
-  subroutine tail_recurrence(self, h, place, held, diagonal, beside, found)
+  subroutine tail_recurrence(self, h, place, held, diagonal, nearby, found)
     class(spectral_kernel_type), intent(in) :: self
     real(wp), intent(in) :: h, place(:), held(:)
-    real(wp), intent(out) :: diagonal(most_slow), beside(most_slow)
+    real(wp), intent(out) :: diagonal(most_slow), nearby(most_slow)
     integer, intent(out) :: found
     real(wp), dimension(size(place)) :: rates, masses
 
     call tail_of(self, h, place, held, rates, masses)
-    call recurrence_of(rates, masses, most_slow, diagonal, beside, found)
+    call recurrence_of(rates, masses, most_slow, diagonal, nearby, found)
   end subroutine tail_recurrence
 
   !> Fewest Gauss nodes whose error for exp(-z y), y in [0, 1], is allowed.
-  pure integer function nodes_needed(beside, found, z, total, allowed) result(n)
-    real(wp), intent(in) :: beside(most_slow), z, total, allowed
+  pure integer function nodes_needed(nearby, found, z, total, allowed) result(n)
+    real(wp), intent(in) :: nearby(most_slow), z, total, allowed
     integer, intent(in) :: found
     real(wp) :: error
 
     error = total
     do n = 1, found
-      error = error*(z*beside(n))**2/real((2*n - 1)*(2*n), wp)
+      error = error*(z*nearby(n))**2/real((2*n - 1)*(2*n), wp)
       if (error <= allowed) return
       if (error > hopeless) exit
     end do

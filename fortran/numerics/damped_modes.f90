@@ -19,7 +19,7 @@ module viscovib_damped_modes
   public :: find_damped_modes
 
   !> Distance from a pole, in units of rounding, and number of corrections of it.
-  real(wp), parameter :: beside = 8.0_wp*epsilon(1.0_wp)
+  real(wp), parameter :: nearby = 8.0_wp*epsilon(1.0_wp)
   integer, parameter :: passes = 3
   !> Changes whose square is rounding, and number of refinements.
   real(wp), parameter :: small = 1.0e-8_wp
@@ -96,7 +96,7 @@ contains
     x = (0.0_wp, 0.0_wp)
     y = (0.0_wp, 0.0_wp)
     do pass = 1, passes
-      off = beside*max(abs(pole), epsilon(1.0_wp)*largest)
+      off = nearby*max(abs(pole), epsilon(1.0_wp)*largest)
       do
         s = pole + off
         q = mass*s**2 + damping*s + stiffness

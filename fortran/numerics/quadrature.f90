@@ -87,7 +87,7 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: alpha
     real(wp), intent(out) :: x(n), w(n)
-    real(wp) :: diagonal(n), beside(n), b, m
+    real(wp) :: diagonal(n), nearby(n), b, m
     integer :: k
 
     b = alpha - 1.0_wp
@@ -96,30 +96,30 @@ contains
     do k = 1, n - 1
       m = 2*k + b
       diagonal(k + 1) = 0.5_wp*(1.0_wp + b**2/(m*(m + 2.0_wp)))
-      beside(k) = 0.5_wp*sqrt(4.0_wp*k**2*(k + b)**2/(m**2*(m + 1.0_wp)*(m - 1.0_wp)))
+      nearby(k) = 0.5_wp*sqrt(4.0_wp*k**2*(k + b)**2/(m**2*(m + 1.0_wp)*(m - 1.0_wp)))
     end do
     ! m - 1 = alpha for k = 1 cancels one factor of (k + b)^2 = alpha^2.
-    if (n > 1) beside(1) = sqrt(alpha/(2.0_wp + alpha))/(1.0_wp + alpha)
-    call nodes_of_recurrence(n, diagonal, beside, x, w)
+    if (n > 1) nearby(1) = sqrt(alpha/(2.0_wp + alpha))/(1.0_wp + alpha)
+    call nodes_of_recurrence(n, diagonal, nearby, x, w)
     w = w/alpha
   end subroutine gauss_power_nodes
 
   !> Recurrence coefficients of the polynomials orthogonal with positive masses:
   !! Lanczos's method with full orthogonalisation (Gragg and Harrod, Numer. Math.
   !! 44, 1984, for the problem).
-  pure subroutine recurrence_of(points, masses, n, diagonal, beside, found)
+  pure subroutine recurrence_of(points, masses, n, diagonal, nearby, found)
     !> Shape (m); masses > 0.
     real(wp), intent(in) :: points(:), masses(:)
     integer, intent(in) :: n
-    !> Shape (n); `beside(k)` couples k and k + 1.
-    real(wp), intent(out) :: diagonal(n), beside(n)
+    !> Shape (n); `nearby(k)` couples k and k + 1.
+    real(wp), intent(out) :: diagonal(n), nearby(n)
     !> Number of polynomials, less than n if there are fewer points.
     integer, intent(out) :: found
     real(wp) :: basis(size(points), n), v(size(points))
     integer :: k, j
 
     diagonal = 0.0_wp
-    beside = 0.0_wp
+    nearby = 0.0_wp
     v = sqrt(masses/sum(masses))
     do k = 1, n
       found = k
@@ -129,26 +129,26 @@ contains
       do j = k, 1, -1
         v = v - dot_product(v, basis(:, j))*basis(:, j)
       end do
-      beside(k) = norm2(v)
+      nearby(k) = norm2(v)
       if (k == size(points)) return
-      if (.not. beside(k) > epsilon(1.0_wp)**2*maxval(abs(points))) return
-      v = v/beside(k)
+      if (.not. nearby(k) > epsilon(1.0_wp)**2*maxval(abs(points))) return
+      v = v/nearby(k)
     end do
   end subroutine recurrence_of
 
   !> Gauss nodes, ascending, and weights of mass 1 from recurrence coefficients:
   !! eigenvalues and first components of the eigenvectors of the tridiagonal
   !! matrix by implicit QL (Golub and Welsch, Math. Comp. 23, 1969).
-  pure subroutine nodes_of_recurrence(n, diagonal, beside, nodes, weights)
+  pure subroutine nodes_of_recurrence(n, diagonal, nearby, nodes, weights)
     integer, intent(in) :: n
-    real(wp), intent(in) :: diagonal(n), beside(n)
+    real(wp), intent(in) :: diagonal(n), nearby(n)
     real(wp), intent(out) :: nodes(n), weights(n)
     integer, parameter :: max_turns = 60
     real(wp) :: d(n), e(n), z(n), g, r, s, c, p, f, b
     integer :: i, k, m, turn
 
     d = diagonal
-    e = beside
+    e = nearby
     e(n) = 0.0_wp
     z = 0.0_wp
     z(1) = 1.0_wp

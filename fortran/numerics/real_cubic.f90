@@ -13,7 +13,7 @@ contains
     real(wp), intent(in) :: c(4)
     real(wp), intent(out) :: x(3)
     integer, intent(out) :: n
-    real(wp) :: unit, p(4), a, q, r, angle, root, value, slope, step, room
+    real(wp) :: unit, p(4), a, q, r, angle, root, value, slope, step, work
     real(wp), parameter :: third_turn = 2.0943951023931953_wp
     integer :: i, k, round
 
@@ -45,17 +45,17 @@ contains
     ! Small roots have the absolute error of large ones: Newton's method improves them while
     ! its steps decrease, and never beyond half the distance to another root.
     do i = 1, n
-      room = 1.0_wp
+      work = 1.0_wp
       do k = 1, n
-        if (k /= i) room = min(room, 0.5_wp*abs(x(i) - x(k)))
+        if (k /= i) work = min(work, 0.5_wp*abs(x(i) - x(k)))
       end do
       do round = 1, 8
         value = p(4) + x(i)*(p(3) + x(i)*(p(2) + x(i)))
         slope = p(3) + x(i)*(2.0_wp*p(2) + 3.0_wp*x(i))
         if (.not. abs(slope) > 0.0_wp) exit
         step = value/slope
-        if (.not. abs(step) <= room) exit
-        room = 0.5_wp*room
+        if (.not. abs(step) <= work) exit
+        work = 0.5_wp*work
         x(i) = x(i) - step
         if (abs(step) <= epsilon(step)*abs(x(i))) exit
       end do

@@ -74,7 +74,7 @@ contains
       call follow_with(plan, set, options, branch, cancel)
       call branch%end_with_numbers()
       orders = set%orders
-      call judge(plan, set, search, branch, again, cancel)
+      call check(plan, set, search, branch, again, cancel)
       if (.not. again) exit
       call new_harmonic_set(set, search%highest, plan%set%half_wave, plan%system%degree)
     end do
@@ -156,7 +156,7 @@ contains
   end function cosine_of_first
 
   !> Truncation error of each point, and whether to follow the branch again with more harmonics.
-  subroutine judge(plan, set, search, branch, again, cancel)
+  subroutine check(plan, set, search, branch, again, cancel)
     type(backbone_plan_type), intent(in), target :: plan
     type(harmonic_set_type), intent(in) :: set
     type(order_search), intent(inout) :: search
@@ -174,9 +174,9 @@ contains
       call search%look_at(set%orders, reshape(branch%x(:m, i), [size(set%orders), &
                                                                 size(plan%shape)]), inertia)
     end do
-    call new_harmonic_set(larger, search%judging_order(), set%half_wave, plan%system%degree)
+    call new_harmonic_set(larger, search%checking_order(), set%half_wave, plan%system%degree)
     call new_backbone_curve(curve, plan, larger)
-    call search%judge(curve, enlarged(branch%x(:, :branch%n_points)), &
+    call search%check(curve, enlarged(branch%x(:, :branch%n_points)), &
                       enlarged(branch%folds%x(:, :branch%folds%n)), branch, again, cancel)
 
   contains
@@ -192,7 +192,7 @@ contains
       end do
     end function enlarged
 
-  end subroutine judge
+  end subroutine check
 
   subroutine residual(self, x, p, r, inside)
     class(backbone_curve), intent(inout) :: self

@@ -10,7 +10,7 @@ module viscovib_balance_ladder
   implicit none
   private
 
-  public :: balance_ladder_type, rung_type, lowest_order, new_ladder, one_rung, judging_order
+  public :: balance_ladder_type, rung_type, lowest_order, new_ladder, one_rung, checking_order
 
   !> Largest relative truncation error of a motion that the absolute tolerance allows.
   real(wp), parameter :: most_allowed = 0.5_wp
@@ -20,9 +20,9 @@ module viscovib_balance_ladder
     !> Frequencies for which balance and compliance are valid, 0: none.
     real(wp) :: balance_nu = 0.0_wp, compliance_nu = 0.0_wp
     type(balance_type) :: balance
-    !> Inverse dynamic stiffness of the harmonics that the checked rung `judged` omits, shape
+    !> Inverse dynamic stiffness of the harmonics that the checked rung `checked` omits, shape
     !! (n_dof, n_dof, n omitted).
-    integer :: judged = 0
+    integer :: checked = 0
     complex(wp), allocatable :: compliance(:, :, :)
   end type rung_type
 
@@ -74,11 +74,11 @@ contains
   !! bands: the response to a load of order l alone, with order k, has the next harmonic k + 2 l for
   !! a cubic force; and a force of degree d directly excites d times the load's highest order. The
   !! number of harmonics is at most about doubled.
-  pure integer function judging_order(load, degree, highest) result(order)
+  pure integer function checking_order(load, degree, highest) result(order)
     type(load_type), intent(in) :: load
     integer, intent(in) :: degree, highest
     order = max(highest + 2*lowest_order(load), min(degree*lowest_order(load), 2*highest + 1))
-  end function judging_order
+  end function checking_order
 
   pure recursive integer function common_divisor(a, b) result(c)
     integer, intent(in) :: a, b
@@ -160,7 +160,7 @@ contains
     class(balance_ladder_type), intent(in) :: self
     integer, intent(in) :: rung
     integer :: beyond
-    beyond = judging_order(self%load, self%degree, self%highest(rung)) - self%highest(rung)
+    beyond = checking_order(self%load, self%degree, self%highest(rung)) - self%highest(rung)
     probe = rung + (beyond + self%step - 1)/self%step
   end function probe_of
 
@@ -201,7 +201,7 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
     call self%prepare(self%probe_of(rung), system, load, nu)
-    call make_judge(self, self%rungs(self%probe_of(rung)), rung, system, nu)
+    call make_checker(self, self%rungs(self%probe_of(rung)), rung, system, nu)
   end subroutine prepare_probe
 
   !> A rung with at least twice the orders that estimates the truncation error of this one. It is
@@ -214,7 +214,7 @@ contains
     real(wp), intent(in) :: nu
     type(rung_type), intent(out) :: probe
     call self%far_rung(rung, system, load, nu, probe)
-    call make_judge(self, probe, rung, system, nu)
+    call make_checker(self, probe, rung, system, nu)
   end subroutine far_probe
 
   !> The same rung, to solve with.
@@ -230,7 +230,7 @@ contains
     call make_ready(self, far, max(self%probe_of(rung), twice), system, load, nu)
   end subroutine far_rung
 
-  subroutine make_judge(self, here, rung, system, nu)
+  subroutine make_checker(self, here, rung, system, nu)
     class(balance_ladder_type), intent(in) :: self
     !> Prepared for the frequency.
     type(rung_type), intent(inout) :: here
@@ -240,14 +240,14 @@ contains
     integer :: k, d, n, first
     logical :: singular
 
-    if (.not. abs(here%compliance_nu - nu) > 0.0_wp .and. here%judged == rung) return
+    if (.not. abs(here%compliance_nu - nu) > 0.0_wp .and. here%checked == rung) return
     d = system%n_dof()
     first = self%n_orders(rung)
     n = size(here%balance%set%orders) - first
-    if (here%judged /= rung) then
+    if (here%checked /= rung) then
       if (allocated(here%compliance)) deallocate (here%compliance)
       allocate (here%compliance(d, d, n))
-      here%judged = rung
+      here%checked = rung
     end if
     do k = 1, n
       call invert(here%balance%stiffness(:, :, first + k), here%compliance(:, :, k), singular)
@@ -255,7 +255,7 @@ contains
       if (singular) here%compliance(:, :, k) = huge(1.0_wp)**0.25_wp
     end do
     here%compliance_nu = nu
-  end subroutine make_judge
+  end subroutine make_checker
 
   !> Invalidate all rungs after a change of the system.
   pure subroutine forget(self)

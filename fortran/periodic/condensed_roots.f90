@@ -51,7 +51,7 @@ module viscovib_condensed_roots
     complex(wp), allocatable, private :: slope(:)
     !> Of each pole, and of the other zero of a pair that has met on a line of symmetry and parted;
     !! amid the two, near the mean exponent, in d.
-    type(local_shape), allocatable, private :: shape_at(:), shape_beside(:)
+    type(local_shape), allocatable, private :: shape_at(:), nearby_shape(:)
     real(wp), allocatable, private :: amid(:)
   contains
     procedure :: approximate
@@ -61,7 +61,7 @@ module viscovib_condensed_roots
     procedure :: search
     procedure :: all_of
     procedure :: n_right
-    procedure, private :: find_beside
+    procedure, private :: find_nearby
     procedure, private :: put
   end type condensed_zeros
 
@@ -77,7 +77,7 @@ contains
     allocate (zeros%known(size(hill%poles%pole)), source=.false.)
     allocate (zeros%nu(size(hill%poles%pole)), source=0.0_wp)
     zeros%slope = (0.0_wp, 0.0_wp)
-    allocate (zeros%shape_at(size(zeros%slope)), zeros%shape_beside(size(zeros%slope)))
+    allocate (zeros%shape_at(size(zeros%slope)), zeros%nearby_shape(size(zeros%slope)))
     allocate (zeros%amid(size(zeros%slope)), source=0.0_wp)
   end subroutine new_zeros
 
@@ -290,7 +290,7 @@ contains
     class(structure_type), intent(in) :: system
     integer, intent(in) :: wanted
     logical :: tried(2*size(self%upper) + 2)
-    complex(wp) :: root, before, beside
+    complex(wp) :: root, before, nearby
     integer :: i, k
     logical :: made, paired
     logical, allocatable :: left(:)
@@ -310,51 +310,51 @@ contains
       self%upper(i) = folded(root, hill%period)
       self%sharp(i) = .true.
       associate (m => self%of_pole(i))
-        beside = place_of(self%mean(m), hill%period, hill%stride)
-        beside = (self%upper(i) - cmplx(real(beside), abs(aimag(beside)), wp))/hill%period
+        nearby = place_of(self%mean(m), hill%period, hill%stride)
+        nearby = (self%upper(i) - cmplx(real(nearby), abs(aimag(nearby)), wp))/hill%period
         self%slope(m) = (0.0_wp, 0.0_wp)
         if (abs(hill%nu - self%nu(m)) > near*hill%nu .and. self%nu(m) > 0.0_wp) then
-          self%slope(m) = (beside - self%offset(m))/(hill%nu - self%nu(m))
+          self%slope(m) = (nearby - self%offset(m))/(hill%nu - self%nu(m))
         end if
-        self%offset(m) = beside
+        self%offset(m) = nearby
         self%nu(m) = hill%nu
       end associate
       ! A pair may meet on the line and part.
       if (paired .and. .not. is_pair(self%upper(i), hill%period)) then
-        call self%find_beside(hill, system, i, before)
+        call self%find_nearby(hill, system, i, before)
       else
-        self%shape_beside(self%of_pole(i))%known = .false.
+        self%nearby_shape(self%of_pole(i))%known = .false.
       end if
     end do
     call drop_doubtful(self)
   end subroutine sharpen
 
   !> The other zero of a pair that has met on a line of symmetry and parted.
-  subroutine find_beside(self, hill, system, i, start)
+  subroutine find_nearby(self, hill, system, i, start)
     class(condensed_zeros), intent(inout) :: self
     type(condensed_hill), intent(inout) :: hill
     class(structure_type), intent(in) :: system
     integer, intent(in) :: i
     !> Where zero i was thought to be.
     complex(wp), intent(in) :: start
-    complex(wp) :: beside, root
+    complex(wp) :: nearby, root
     logical :: made
 
     associate (m => self%of_pole(i), d => hill%period)
-      if (self%shape_beside(m)%known) then
-        beside = cmplx(2.0_wp*(real(self%mean(m)) + d*self%amid(m)) - real(self%upper(i)), &
+      if (self%nearby_shape(m)%known) then
+        nearby = cmplx(2.0_wp*(real(self%mean(m)) + d*self%amid(m)) - real(self%upper(i)), &
                        aimag(self%upper(i)), wp)
       else
-        beside = cmplx(2.0_wp*real(start) - real(self%upper(i)), aimag(self%upper(i)), wp) &
+        nearby = cmplx(2.0_wp*real(start) - real(self%upper(i)), aimag(self%upper(i)), wp) &
                  + first_step*d*(0.3_wp, 0.2_wp)
       end if
-      call secant(hill, system, self%all_of(hill, .false., 0), beside, small_step, root, made, &
-                  self%shape_beside(m))
+      call secant(hill, system, self%all_of(hill, .false., 0), nearby, small_step, root, made, &
+                  self%nearby_shape(m))
       if (.not. made) return
       self%amid(m) = (0.5_wp*real(root + self%upper(i)) - real(self%mean(m)))/d
       call self%put(hill, root, .true., 0)
     end associate
-  end subroutine find_beside
+  end subroutine find_nearby
 
   !> Without those in doubt that could not be made sharp: with one on the wrong side of the axis
   !! divided out, nothing is seen of the zero.

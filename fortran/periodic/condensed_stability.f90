@@ -12,31 +12,31 @@ module viscovib_condensed_stability
   implicit none
   private
 
-  public :: condensed_judge, new_condensed_judge
+  public :: condensed_checker, new_condensed_checker
 
-  type :: condensed_judge
+  type :: condensed_checker
     type(condensed_hill), private :: hill
-    !> Zeros of the motion judged last.
+    !> Zeros of the motion checked last.
     type(condensed_zeros), private :: zeros
   contains
-    procedure :: judge
+    procedure :: check
     procedure :: follow
     procedure :: none_grows
-  end type condensed_judge
+  end type condensed_checker
 
 contains
 
-  subroutine new_condensed_judge(self, system, set)
-    type(condensed_judge), intent(out) :: self
+  subroutine new_condensed_checker(self, system, set)
+    type(condensed_checker), intent(out) :: self
     class(structure_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     call new_condensed_hill(self%hill, system, set)
     call new_zeros(self%zeros, self%hill)
-  end subroutine new_condensed_judge
+  end subroutine new_condensed_checker
 
   !> One motion.
-  subroutine judge(self, system, nu, x, decaying, exponents, n_growing, slowest)
-    class(condensed_judge), intent(inout) :: self
+  subroutine check(self, system, nu, x, decaying, exponents, n_growing, slowest)
+    class(condensed_checker), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu
     !> Harmonics, shape (2 n_orders, n_dof).
@@ -92,12 +92,12 @@ contains
     n_growing = count(real(all) > axis)
     exponents(:n) = all(:n)
     slowest = n_growing > 0 .or. decaying
-  end subroutine judge
+  end subroutine check
 
   !> True if it is certain that no disturbance of a motion grows. Only exponents that may be near
   !! the axis are sought.
   logical function none_grows(self, system, nu, x)
-    class(condensed_judge), intent(inout) :: self
+    class(condensed_checker), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
     type(condensed_path) :: path
@@ -119,7 +119,7 @@ contains
 
   !> One exponent of a motion from the place it had at a motion nearby.
   subroutine follow(self, system, nu, x, start, exponent, made)
-    class(condensed_judge), intent(inout) :: self
+    class(condensed_checker), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), intent(in) :: start

@@ -10,7 +10,8 @@ module viscovib_crossings
   use viscovib_jump_maps, only: may_jump
   use viscovib_kinds, only: wp
   use viscovib_kinked_motion, only: is_kinked
-  use viscovib_motion_stability, only: circle, judge_type, new_judge, stability_type
+  use viscovib_motion_stability, only: circle, new_stability_checker, stability_checker, &
+    stability_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency
   use viscovib_sized_curve, only: refitted
   use viscovib_stopping, only: given_up
@@ -29,11 +30,11 @@ module viscovib_crossings
   real(wp), parameter :: noise = 1.0e-11_wp
   !> Factors of the error estimate by twice the orders, for harmonics that decay as powers of their
   !! order: laws with kinks, and with jumps.
-  real(wp), parameter :: beside_kinks = 1.3_wp, beside_jumps = 2.0_wp
+  real(wp), parameter :: near_kinks = 1.3_wp, near_jumps = 2.0_wp
 
   !> Exponents of motions; of half a period for half-wave symmetry.
   type, extends(spectrum_type) :: motion_spectrum
-    type(judge_type), pointer :: judge => null()
+    type(stability_checker), pointer :: checker => null()
     !> The frequency if it does not vary (rad/s).
     real(wp) :: nu = 0.0_wp
   contains
@@ -45,9 +46,9 @@ module viscovib_crossings
 contains
 
   !> All changes of stability between adjacent points of known stability.
-  subroutine find_crossings(judge, curve, nu, p, x, stability, folds, branch_points, crossings, &
+  subroutine find_crossings(checker, curve, nu, p, x, stability, folds, branch_points, crossings, &
                             cancel)
-    type(judge_type), intent(inout), target :: judge
+    type(stability_checker), intent(inout), target :: checker
     !> The branch is a part of this curve; unchanged on return except for its frequency and system.
     class(oscillator_curve_type), intent(inout) :: curve
     !> The frequency if it does not vary (rad/s).
@@ -61,16 +62,16 @@ contains
     !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
     type(motion_spectrum) :: spectrum
-    complex(wp) :: eta(judge%n_slots, size(p))
+    complex(wp) :: eta(checker%n_slots, size(p))
     real(wp) :: load_factor
     integer :: i
 
-    spectrum%judge => judge
+    spectrum%checker => checker
     spectrum%nu = nu
-    spectrum%n = judge%n_slots
+    spectrum%n = checker%n_slots
     spectrum%half_wave = curve%balance%set%half_wave
-    spectrum%complete = judge%complete
-    if (judge%complete) then
+    spectrum%complete = checker%complete
+    if (checker%complete) then
       spectrum%threshold = log(1.0_wp + circle)*merge(0.5_wp, 1.0_wp, spectrum%half_wave)
       spectrum%noise = noise
     end if
@@ -92,7 +93,7 @@ contains
     real(wp), intent(in) :: p(:), x(:, :)
     type(crossing_type), intent(inout) :: crossings(:)
     integer, intent(inout), optional :: cancel
-    type(judge_type), target :: judge
+    type(stability_checker), target :: checker
     type(motion_spectrum) :: more
     real(wp), allocatable :: ends(:, :)
     real(wp) :: tail
@@ -100,12 +101,12 @@ contains
 
     if (.not. any(wanted(crossings))) return
     tail = 1.0_wp
-    if (is_kinked(curve%system)) tail = beside_kinks
-    if (may_jump(curve%system)) tail = beside_jumps
+    if (is_kinked(curve%system)) tail = near_kinks
+    if (may_jump(curve%system)) tail = near_jumps
     call curve%enlarge()
-    call new_judge(judge, curve%system, curve%balance%set)
+    call new_stability_checker(checker, curve%system, curve%balance%set)
     more = spectrum
-    more%judge => judge
+    more%checker => checker
     do i = 1, size(crossings)
       if (given_up(cancel)) exit
       associate (c => crossings(i))
@@ -156,8 +157,10 @@ contains
     select type (curve)
     class is (oscillator_curve_type)
       unit = self%unit(curve, p)
-      if (curve%changes_system) call new_judge(self%judge, curve%system, curve%balance%set)
-      call self%judge%judge(curve%system, [merge(p, self%nu, curve%vary == vary_frequency)], &
+      if (curve%changes_system) then
+        call new_stability_checker(self%checker, curve%system, curve%balance%set)
+      end if
+      call self%checker%check(curve%system, [merge(p, self%nu, curve%vary == vary_frequency)], &
                             reshape(x, [size(x)/curve%blocks, curve%blocks, 1]), stability, &
                             near=scaled(near, unit))
       eta = scaled(stability%exponents(:, 1), 1.0_wp/unit)
@@ -179,8 +182,10 @@ contains
     select type (curve)
     class is (oscillator_curve_type)
       unit = self%unit(curve, p)
-      if (curve%changes_system) call new_judge(self%judge, curve%system, curve%balance%set)
-      call self%judge%follow(curve%system, merge(p, self%nu, curve%vary == vary_frequency), &
+      if (curve%changes_system) then
+        call new_stability_checker(self%checker, curve%system, curve%balance%set)
+      end if
+      call self%checker%follow(curve%system, merge(p, self%nu, curve%vary == vary_frequency), &
                              reshape(x, [size(x)/curve%blocks, curve%blocks]), &
                              scaled(near, unit), eta, made)
       eta = scaled(eta, 1.0_wp/unit)

@@ -8,7 +8,7 @@ module viscovib_drive_torus
   private
 
   public :: drive_torus_type, sort_drives, lattice, largest_bound, lowest_bound, default_bound, &
-            judging_shells, kept_by_symmetry
+            checking_shells, kept_by_symmetry
 
   integer, parameter, public :: n_drives = 3
   character(len=*), parameter, public :: frequency_names(n_drives) = ['p1', 'p2', 'p3'], &
@@ -223,7 +223,7 @@ contains
   end function lowest_bound
 
   !> Number of additional shells that estimate the truncation error of a bound.
-  pure integer function judging_shells(torus) result(shells)
+  pure integer function checking_shells(torus) result(shells)
     type(drive_torus_type), intent(in) :: torus
     integer :: j
     shells = 2
@@ -233,7 +233,7 @@ contains
       shells = gcd(shells, abs(torus%orders(1, j)))
     end do
     shells = 2*max(shells, 1)
-  end function judging_shells
+  end function checking_shells
 
   !> Half of the orders with |k_1| + |k_2| + ... <= bound, shell by shell, 0 first, shape (n_axes,
   !! n).

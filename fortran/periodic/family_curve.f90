@@ -7,7 +7,7 @@ module viscovib_family_curve
   use viscovib_kinds, only: wp
   use viscovib_limits, only: nearly_nothing
   use viscovib_load, only: load_type
-  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
+  use viscovib_motion_stability, only: stability_checker, new_stability_checker, stability_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_load
   use viscovib_status, only: status_type
@@ -15,7 +15,7 @@ module viscovib_family_curve
   implicit none
   private
 
-  public :: system_builder, new_plain_curve, new_family_curve, judge_systems
+  public :: system_builder, new_plain_curve, new_family_curve, check_systems
 
   !> Step of a difference of fourth order, relative to the parameter; its nodes, in steps, and
   !! factors: central, forward and backward.
@@ -130,8 +130,8 @@ contains
   end subroutine set
 
   !> Stability of each motion, for the system at its p.
-  subroutine judge_systems(judge, curve, nu, p, x, stability, cancel)
-    type(judge_type), intent(inout) :: judge
+  subroutine check_systems(checker, curve, nu, p, x, stability, cancel)
+    type(stability_checker), intent(inout) :: checker
     class(oscillator_curve_type), intent(inout) :: curve
     !> The frequency (rad/s); points of the curve, shapes (n) and (2 n_orders, n_dof, n).
     real(wp), intent(in) :: nu, p(:), x(:, :, :)
@@ -145,7 +145,7 @@ contains
     n = size(p)
     allocate (stability%stable(n), stability%n_growing(n), source=-1)
     allocate (stability%slowest(n), source=.false.)
-    allocate (stability%exponents(judge%n_slots, n), stability%multipliers(judge%n_slots, n), &
+    allocate (stability%exponents(checker%n_slots, n), stability%multipliers(checker%n_slots, n), &
               source=cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp))
     do i = 1, n
       if (present(cancel)) then
@@ -153,8 +153,8 @@ contains
       end if
       call curve%set(p(i), inside)
       if (.not. inside) cycle
-      call new_judge(judge, curve%system, curve%balance%set)
-      call judge%judge(curve%system, [nu], x(:, :, i:i), one, cancel, &
+      call new_stability_checker(checker, curve%system, curve%balance%set)
+      call checker%check(curve%system, [nu], x(:, :, i:i), one, cancel, &
                        stability%exponents(:, max(i - 1, 1)))
       stability%stable(i) = one%stable(1)
       stability%n_growing(i) = one%n_growing(1)
@@ -162,7 +162,7 @@ contains
       stability%exponents(:, i) = one%exponents(:, 1)
       stability%multipliers(:, i) = one%multipliers(:, 1)
     end do
-  end subroutine judge_systems
+  end subroutine check_systems
 
   subroutine equations(self, x, p, r, jacobian, slope, inside)
     class(family_curve_type), intent(inout) :: self
@@ -171,7 +171,7 @@ contains
     real(wp), intent(inout) :: jacobian(:, :)
     real(wp), intent(out) :: slope(:)
     logical, intent(out) :: inside
-    real(wp) :: beside(size(r)), h
+    real(wp) :: nearby(size(r)), h
     integer :: k, side
     logical :: made
 
@@ -180,9 +180,9 @@ contains
     do side = 1, size(places, 2)
       slope = 0.0_wp
       do k = 1, size(places, 1)
-        call self%residual(x, p + places(k, side)*h, beside, made)
+        call self%residual(x, p + places(k, side)*h, nearby, made)
         if (.not. made) exit
-        slope = slope + factors(k, side)/h*beside
+        slope = slope + factors(k, side)/h*nearby
       end do
       if (made) exit
     end do

@@ -48,7 +48,7 @@ module viscovib_floquet
     !> From harmonics to samples at the nodes of all steps, shape (2 n_orders, n).
     real(wp), allocatable, private :: synthesis(:, :)
     type(along_type), private :: along
-    !> Harmonics, states, h D and room for the equations of a step, lane first.
+    !> Harmonics, states, h D and work for the equations of a step, lane first.
     real(wp), allocatable, private :: x(:, :, :), y(:, :, :), drag(:, :, :), g(:, :, :)
   contains
     procedure :: monodromies
@@ -81,7 +81,7 @@ contains
     floquet%n_dof = d
     call new_step_table(floquet%table)
     floquet%chunk = max(1, piece/(n_lanes*n_nodes*d**2))
-    call floquet%along%make_room(system, n_nodes*floquet%chunk)
+    call floquet%along%allocate_arrays(system, n_nodes*floquet%chunk)
     allocate (floquet%x(n_lanes, 2*size(set%orders), n), floquet%y(n_lanes, 2*d, 2*d), &
               floquet%drag(n_lanes, d, d), &
               floquet%g(n_lanes, n_nodes*d, (n_nodes + 2)*d), source=0.0_wp)

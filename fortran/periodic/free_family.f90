@@ -92,7 +92,7 @@ contains
       call follow_once(curve, options, x, branch, cancel, begin_nu, begin_p, direction)
       call end_with_numbers(curve, branch)
       family%highest = search%highest
-      call judge(curve, system, options, search, branch, again, status, cancel)
+      call check(curve, system, options, search, branch, again, status, cancel)
       if (status%failed()) return
       if (.not. again) exit
       n = (search%highest*options%order + 1)*system%n_dof
@@ -165,7 +165,7 @@ contains
   end subroutine end_with_numbers
 
   !> Truncation error of each point, and whether to follow the curve again with more harmonics.
-  subroutine judge(curve, system, options, search, branch, again, status, cancel)
+  subroutine check(curve, system, options, search, branch, again, status, cancel)
     type(free_curve_type), intent(in) :: curve
     class(differentiable_system_type), intent(in), target :: system
     type(free_options), intent(in) :: options
@@ -186,9 +186,9 @@ contains
                                           [size(orders), system%n_dof]), &
                           [(1.0_wp, k=1, system%n_dof)])
     end do
-    call new_curve_of(larger, system, options, search%judging_order()*options%order, status)
+    call new_curve_of(larger, system, options, search%checking_order()*options%order, status)
     if (status%failed()) return
-    call search%judge(larger, enlarged(branch%x(:, :branch%n_points)), &
+    call search%check(larger, enlarged(branch%x(:, :branch%n_points)), &
                       enlarged(branch%folds%x(:, :branch%folds%n)), branch, again, cancel)
 
   contains
@@ -205,7 +205,7 @@ contains
       end do
     end function enlarged
 
-  end subroutine judge
+  end subroutine check
 
   !> Store the points of the family, with Floquet multipliers.
   subroutine keep(family, curve, options, branch, n_cosines, cancel)

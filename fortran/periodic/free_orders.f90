@@ -38,8 +38,8 @@ module viscovib_free_orders
     integer, private :: main_order = 1
   contains
     procedure :: look_at
-    procedure :: judging_order
-    procedure :: judge
+    procedure :: checking_order
+    procedure :: check
     procedure, private :: more_wanted
   end type order_search
 
@@ -63,16 +63,16 @@ contains
   !> The highest order of the set that checks the present one. With kinks, harmonics decay as k^-4:
   !! harmonics above twice the highest order are less than 1 % of the omitted ones, and those next
   !! to the highest order may vanish between two beats.
-  pure integer function judging_order(self)
+  pure integer function checking_order(self)
     class(order_search), intent(in) :: self
-    judging_order = self%highest + max(fewest_beyond, 2*self%main_order, &
+    checking_order = self%highest + max(fewest_beyond, 2*self%main_order, &
                                        merge(self%highest + 1, 0, self%kinked))
-  end function judging_order
+  end function checking_order
 
   !> Truncation error of each point of a curve: of the motion relative to its size, in the norm of
   !! the curve's weights, or of the frequency, whichever is larger; and of the parameters at folds.
   !! Also decides whether to follow the curve again, with orders up to `highest`.
-  subroutine judge(self, curve, x, at_folds, branch, again, cancel)
+  subroutine check(self, curve, x, at_folds, branch, again, cancel)
     class(order_search), intent(inout) :: self
     !> Curve of the larger set; its last unknown is the frequency.
     class(curve_type), intent(inout) :: curve
@@ -145,7 +145,7 @@ contains
       if (last == first) way(curve%n + 1) = branch%parameter(first)
     end function chord
 
-  end subroutine judge
+  end subroutine check
 
   !> Decide whether to follow the curve again, from the largest truncation error of its points.
   subroutine more_wanted(self, truncation, again)

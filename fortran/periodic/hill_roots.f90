@@ -45,7 +45,7 @@ module viscovib_hill_roots
                                       1.0e-4_wp]
   integer, parameter :: grid_im = 4
   !> Imaginary parts, in d, from where exponents of memory are.
-  real(wp), parameter :: grid_beside(4) = [0.02_wp, 0.06_wp, 0.005_wp, 0.2_wp]
+  real(wp), parameter :: nearby_grid(4) = [0.02_wp, 0.06_wp, 0.005_wp, 0.2_wp]
 
 contains
 
@@ -90,7 +90,7 @@ contains
       if (n >= size(exponents) - 1) exit
       if (aimag(starts(i)) < 0.0_wp) cycle
       if (n >= 2*hill%n_dof .and. real(starts(i)) < far*hill%period) cycle
-      call try(hill, system, starts(i), exponents, n, beside=.true.)
+      call try(hill, system, starts(i), exponents, n, nearby=.true.)
     end do
     call sort_falling(exponents(:n), real(exponents(:n)))
   end subroutine find_exponents
@@ -190,20 +190,20 @@ contains
                            <= on_line*hill%period .or. aimag(exponents(:n)) >= 0.5_wp*hill%period)]
     do i = 1, size(starts)
       if (aimag(starts(i)) < 0.0_wp) cycle
-      if (.not. done()) call try(hill, system, starts(i), exponents, n, beside=.true.)
+      if (.not. done()) call try(hill, system, starts(i), exponents, n, nearby=.true.)
     end do
     ! Near the singularities of memory approximations are bad.
-    do i = 1, size(grid_beside)
+    do i = 1, size(nearby_grid)
       if (done()) exit
       call try(hill, system, cmplx(-0.5_wp*path%shift, &
-                                   abs(place - grid_beside(i))*hill%period, wp), exponents, n, &
-               beside=.true.)
+                                   abs(place - nearby_grid(i))*hill%period, wp), exponents, n, &
+               nearby=.true.)
     end do
     do i = 1, size(grid_re)
       do j = 0, grid_im
         if (done() .or. path%shift > 0.0_wp) exit
         call try(hill, system, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), exponents, n, &
-                 beside=.true.)
+                 nearby=.true.)
       end do
     end do
     call sort_falling(exponents(:n), real(exponents(:n)))
@@ -252,20 +252,20 @@ contains
   end function n_known
 
   !> One more exponent from a start, with its conjugate.
-  subroutine try(hill, system, start, exponents, n, beside)
+  subroutine try(hill, system, start, exponents, n, nearby)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: start
     complex(wp), intent(inout) :: exponents(:)
     integer, intent(inout) :: n
     !> Another than those known from the first: the start is none that is near one of its own.
-    logical, intent(in), optional :: beside
+    logical, intent(in), optional :: nearby
     complex(wp) :: root, rough
     logical :: made, again
 
     root = start
     again = is_known(twin)
-    if (present(beside)) again = again .or. (beside .and. n > 0)
+    if (present(nearby)) again = again .or. (nearby .and. n > 0)
     if (.not. again) then
       call zero_near(hill, system, exponents(:0), start, root, made)
       if (.not. made) return

@@ -29,7 +29,7 @@ module viscovib_jump_maps
 
   !> Distance of the evaluations on both sides of a jump, in radians; smallest jump, relative to the
   !! law's largest value.
-  real(wp), parameter :: beside = 1.0e-7_wp, least_jump = 1.0e-5_wp
+  real(wp), parameter :: nearby = 1.0e-7_wp, least_jump = 1.0e-5_wp
   !> A crossing is clear if the rates of its signal exceed this fraction of their jump.
   real(wp), parameter :: clear = 0.05_wp
 
@@ -93,7 +93,7 @@ contains
             call one_jump(system, i, set, y, mu, found%theta(j), signals(found%of(j)), &
                           maxval(abs(f)), one, rest)
             if (.not. allocated(one%s)) cycle
-            if (any(abs(maps%theta - one%theta) <= 10.0_wp*beside)) known = .false.
+            if (any(abs(maps%theta - one%theta) <= 10.0_wp*nearby)) known = .false.
             known = known .and. one%passed
             maps = [maps, one]
           end do
@@ -129,7 +129,7 @@ contains
     fast = turned(y, mu)
     do j = 1, size(y, 2)
       do k = 1, 3
-        arguments(k, j) = wave_sum(set, y(:, j), theta + (k - 2)*beside)
+        arguments(k, j) = wave_sum(set, y(:, j), theta + (k - 2)*nearby)
       end do
       rates(j) = wave_sum(set, fast(:, j), theta)
     end do

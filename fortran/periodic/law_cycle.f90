@@ -20,7 +20,7 @@ module viscovib_law_cycle
   public :: find_switches, law_parts, law_slopes, law_sums
 
   !> Shortest piece, in units of the longest one, and distance of evaluations from a jump.
-  real(wp), parameter :: shortest = 1.0e-5_wp, beside = 1.0e-8_wp
+  real(wp), parameter :: shortest = 1.0e-5_wp, nearby = 1.0e-8_wp
   !> Number of pieces after which all are accepted: points do not resolve rounding errors.
   integer, parameter :: most_pieces = 400
 
@@ -205,8 +205,8 @@ contains
     integer :: i, j, m
 
     do i = 1, found%n
-      call program%evaluate(arguments_at(set, y, found%theta(i) - beside), f(1:1))
-      call program%evaluate(arguments_at(set, y, found%theta(i) + beside), f(2:2))
+      call program%evaluate(arguments_at(set, y, found%theta(i) - nearby), f(1:1))
+      call program%evaluate(arguments_at(set, y, found%theta(i) + nearby), f(2:2))
       call signals(found%of(i))%differentiate(arguments_at(set, y, found%theta(i)), g, by)
       waves = waves_at(set, found%theta(i))
       turned(1::2) = set%orders*waves(2::2)

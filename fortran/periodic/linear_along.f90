@@ -45,7 +45,7 @@ module viscovib_linear_along
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
     real(wp), allocatable, private :: by_v(:, :, :), along(:)
   contains
-    procedure :: make_room
+    procedure :: allocate_arrays
     procedure :: fill
     procedure, private :: take_coordinates
     procedure, private :: take_modes
@@ -59,7 +59,7 @@ contains
   !! memory, or states of elements.
   integer function few_modes_of(system) result(n)
     class(structure_type), intent(in) :: system
-    integer :: room
+    integer :: work
 
     n = 0
     if (any(system%kernel_of > 0) .or. system%moving .or. has_states(system)) return
@@ -73,8 +73,8 @@ contains
         n = rest%n_modes
       end if
     end associate
-    room = min(few_modes + modes_a_deflection*(system%n_dof() - 1), most_modes)
-    if (n > room) n = 0
+    work = min(few_modes + modes_a_deflection*(system%n_dof() - 1), most_modes)
+    if (n > work) n = 0
   end function few_modes_of
 
   !> True if counting exponents is faster than integrating the modes of a structure: with one
@@ -154,7 +154,7 @@ contains
   end subroutine take_modes
 
   !> Allocate arrays for a number of nodes.
-  subroutine make_room(self, system, n_nodes)
+  subroutine allocate_arrays(self, system, n_nodes)
     class(along_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: n_nodes
@@ -170,7 +170,7 @@ contains
     if (.not. system%separable) then
       allocate (self%by_u(n, d, d), self%by_v(n, d, m), source=0.0_wp)
     end if
-  end subroutine make_room
+  end subroutine allocate_arrays
 
   !> Compute the matrices at some nodes of the steps h of each lane.
   subroutine fill(self, system, orders, x, synthesis, phase, h)

@@ -13,8 +13,8 @@ module viscovib_motion_checks
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_rounding_error, only: rounding_judge
-  use viscovib_sampling_error, only: sampling_judge
+  use viscovib_rounding_error, only: rounding_checker
+  use viscovib_sampling_error, only: sampling_checker
   implicit none
   private
 
@@ -59,7 +59,7 @@ contains
     !> Relative to the base, shape (n_orders, n_dof, n).
     complex(wp), intent(in) :: motions(:, :, :)
     real(wp), intent(out) :: errors(:)
-    type(rounding_judge) :: judge
+    type(rounding_checker) :: checker
     complex(wp), allocatable :: whole(:, :)
     integer, allocatable :: kept(:)
     integer :: i, k
@@ -79,7 +79,7 @@ contains
       do k = 1, count(orders <= highest(i))
         whole(findloc(kept, orders(k), 1), :) = motions(k, :, i)
       end do
-      call judge%error_of(system, load, nu(i), kept(1) > 0, linear, unknowns(whole), errors(i))
+      call checker%error_of(system, load, nu(i), kept(1) > 0, linear, unknowns(whole), errors(i))
       if (errors(i) < 0.0_wp) errors(i) = ieee_value(errors(i), ieee_quiet_nan)
       deallocate (whole)
     end do
@@ -96,7 +96,7 @@ contains
     !> Relative to the base, shape (n_orders, n_dof, n).
     complex(wp), intent(in) :: motions(:, :, :)
     real(wp), intent(out) :: errors(:)
-    type(sampling_judge) :: judge
+    type(sampling_checker) :: checker
     real(wp), allocatable :: x(:, :)
     integer :: i
 
@@ -104,7 +104,7 @@ contains
     do i = 1, size(nu)
       if (.not. is_known(motions(:, :, i), highest(i))) cycle
       x = unknowns(motions(:count(orders <= highest(i)), :, i))
-      call judge%error_of(system, load, nu(i), factor(i), orders(1) > 0, x, errors(i))
+      call checker%error_of(system, load, nu(i), factor(i), orders(1) > 0, x, errors(i))
       if (errors(i) < 0.0_wp) errors(i) = ieee_value(errors(i), ieee_quiet_nan)
     end do
   end subroutine sampling_of

@@ -2,7 +2,7 @@
 !! with memory by the exponents of Hill's determinant.
 module viscovib_motion_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
-  use viscovib_condensed_stability, only: condensed_judge, new_condensed_judge
+  use viscovib_condensed_stability, only: condensed_checker, new_condensed_checker
   use viscovib_constants, only: pi
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_floquet, only: floquet_type, new_floquet
@@ -19,7 +19,7 @@ module viscovib_motion_stability
   use viscovib_kinked_stability, only: kinked_multipliers
   use viscovib_lanes, only: n_lanes
   use viscovib_linear_along, only: counts_first, few_modes_of
-  use viscovib_orbit_multipliers, only: logarithm, told_apart
+  use viscovib_orbit_multipliers, only: logarithm, distinguished
   use viscovib_oscillator, only: oscillator_type
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
   use viscovib_stopping, only: given_up
@@ -27,7 +27,7 @@ module viscovib_motion_stability
   implicit none
   private
 
-  public :: judge_type, stability_type, new_judge
+  public :: stability_checker, stability_type, new_stability_checker
 
   !> Stability that hangs on the orders left out (`viscovib_truncated_stability`).
   integer, parameter, public :: unknown_by_truncation = -2
@@ -43,7 +43,7 @@ module viscovib_motion_stability
   !> How far left of the slowest exponent to count, of that and of d: for a neighbour, and for the
   !! motion itself; and how far memory must fade faster than it, in d.
   real(wp), parameter :: wide(2) = [0.2_wp, 5.0e-3_wp], narrow(2) = [0.05_wp, 1.0e-3_wp]
-  real(wp), parameter :: least_room = 1.0e-6_wp
+  real(wp), parameter :: least_size = 1.0e-6_wp
   !> Step along a curve, in the one before, up to which exponents are continued along lines.
   real(wp), parameter :: longest_step = 3.0_wp
 
@@ -62,13 +62,13 @@ module viscovib_motion_stability
     complex(wp), allocatable :: multipliers(:, :)
   end type stability_type
 
-  type :: judge_type
+  type :: stability_checker
     logical :: remembers = .false.
     !> Whether all exponents are always known, else some of those that decay may lack.
     logical :: complete = .true.
     integer :: n_slots = 0
     logical, private :: half_wave = .false.
-    !> Laws with kinks, or states: judged between these.
+    !> Laws with kinks, or states: checked between these.
     logical, private :: kinked = .false.
     !> Some law may jump, which Hill's determinant and monodromies do not see.
     logical, private :: jumps = .false.
@@ -77,17 +77,17 @@ module viscovib_motion_stability
     type(floquet_type), private :: floquet
     !> Of a condensed structure; its disturbances may be integrated where it has few modes, and are
     !! counted first where these are more than a few.
-    type(condensed_judge), allocatable, private :: condensed
+    type(condensed_checker), allocatable, private :: condensed
     logical, private :: modal = .false., counted = .false.
   contains
-    procedure :: judge
+    procedure :: check
     procedure :: follow
     procedure :: grows_alike
     procedure, private :: by_condensed
     procedure, private :: by_floquet
     procedure, private :: by_hill
     procedure, private :: by_pieces
-  end type judge_type
+  end type stability_checker
 
 contains
 
@@ -106,38 +106,38 @@ contains
   end function stability_slots
 
   !> For solutions with the harmonics of `set`.
-  subroutine new_judge(judge, system, set)
-    type(judge_type), intent(out) :: judge
+  subroutine new_stability_checker(checker, system, set)
+    type(stability_checker), intent(out) :: checker
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
 
     ! Where masses depend on the motion too.
-    judge%remembers = any(system%kernel_of > 0) .or. system%moving
-    judge%half_wave = set%half_wave
-    judge%n_slots = stability_slots(system)
-    judge%kinked = is_kinked(system)
-    judge%jumps = may_jump(system)
-    judge%set = set
-    judge%complete = .not. judge%remembers
+    checker%remembers = any(system%kernel_of > 0) .or. system%moving
+    checker%half_wave = set%half_wave
+    checker%n_slots = stability_slots(system)
+    checker%kinked = is_kinked(system)
+    checker%jumps = may_jump(system)
+    checker%set = set
+    checker%complete = .not. checker%remembers
     select type (system)
     class is (structure_type)
-      allocate (judge%condensed)
-      call new_condensed_judge(judge%condensed, system, set)
-      judge%modal = few_modes_of(system) > 0 .and. .not. judge%kinked
-      judge%counted = judge%modal .and. counts_first(system)
-      judge%complete = judge%modal .and. .not. judge%counted
-      if (judge%modal) call new_floquet(judge%floquet, system, set)
+      allocate (checker%condensed)
+      call new_condensed_checker(checker%condensed, system, set)
+      checker%modal = few_modes_of(system) > 0 .and. .not. checker%kinked
+      checker%counted = checker%modal .and. counts_first(system)
+      checker%complete = checker%modal .and. .not. checker%counted
+      if (checker%modal) call new_floquet(checker%floquet, system, set)
       return
     end select
-    if (judge%remembers) then
-      call new_hill(judge%hill, system, set)
+    if (checker%remembers) then
+      call new_hill(checker%hill, system, set)
     else
-      call new_floquet(judge%floquet, system, set)
+      call new_floquet(checker%floquet, system, set)
     end if
-  end subroutine new_judge
+  end subroutine new_stability_checker
 
-  subroutine judge(self, system, nu, x, stability, cancel, near)
-    class(judge_type), intent(inout) :: self
+  subroutine check(self, system, nu, x, stability, cancel, near)
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     !> Frequencies (rad/s), shape (n).
     real(wp), intent(in) :: nu(:)
@@ -169,11 +169,11 @@ contains
     end if
     where (jumps) stability%slowest = stability%n_growing >= 0
     where (stability%n_growing >= 0) stability%stable = merge(1, 0, stability%n_growing == 0)
-  end subroutine judge
+  end subroutine check
 
   !> Motions on whose way a law jumps.
   subroutine find_jumping(self, system, nu, x, jumps)
-    class(judge_type), intent(in) :: self
+    class(stability_checker), intent(in) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     logical, intent(out) :: jumps(:)
@@ -191,7 +191,7 @@ contains
 
   !> One exponent (1/s) near that of a neighbour.
   subroutine follow(self, system, nu, x, near, exponent, made)
-    class(judge_type), intent(inout) :: self
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), intent(in) :: near
@@ -217,7 +217,7 @@ contains
   !> True if it is certain, by a count alone, that as many perturbations of a solution grow as of
   !! its neighbour, and an odd or even number of them with its period: exponents are not sought.
   logical function grows_alike(self, system, nu, x, near, n_growing, n_above_one)
-    class(judge_type), intent(inout) :: self
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
     !> Exponents of the neighbour (1/s), NaN for none.
@@ -249,7 +249,7 @@ contains
 
   !> By the argument principle on the determinant of the elements.
   subroutine by_condensed(self, system, nu, x, stability, jumps, decaying, cancel)
-    class(judge_type), intent(inout) :: self
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
@@ -266,7 +266,7 @@ contains
         if (given_up(cancel)) return
         if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
         associate (exponents => stability%exponents(:, i))
-          call self%condensed%judge(system, nu(i), x(:, :, i), decaying, exponents, &
+          call self%condensed%check(system, nu(i), x(:, :, i), decaying, exponents, &
                                     stability%n_growing(i), stability%slowest(i))
           stability%multipliers(:, i) = multiplier(nu(i), exponents)
         end associate
@@ -274,9 +274,9 @@ contains
     end select
   end subroutine by_condensed
 
-  !> Of motions with kinked laws and states; those that it cannot judge stay unknown here.
+  !> Of motions with kinked laws and states; those that it cannot checker stay unknown here.
   subroutine by_pieces(self, system, nu, x, stability, jumps, cancel)
-    class(judge_type), intent(inout) :: self
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
@@ -316,7 +316,7 @@ contains
 
   !> Eigenvalues of monodromy matrices, of half a period under half-wave symmetry.
   subroutine by_floquet(self, system, nu, x, stability, jumps, cancel)
-    class(judge_type), intent(inout) :: self
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
@@ -341,7 +341,7 @@ contains
         i = known(first + k - 1)
         found = .not. ieee_is_nan(matrices(1, 1, k))
         if (found) call eigenvalues(matrices(:, :, k), roots, found)
-        if (found) found = told_apart(roots)
+        if (found) found = distinguished(roots)
         if (found) then
           logs = logarithm(roots)
         else
@@ -363,7 +363,7 @@ contains
   !> Logarithms of the same eigenvalues where those of the matrix are lost in the rounding error of
   !! its largest.
   subroutine logs_of_product(self, system, nu, x, logs, found, cancel)
-    class(judge_type), intent(inout) :: self
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), intent(out) :: logs(:)
@@ -381,15 +381,15 @@ contains
   end subroutine logs_of_product
 
   !> Exponents right of a line are counted by the argument principle and must all be found.
-  subroutine by_hill(self, system, nu, x, stability, jumps, cancel, beside)
-    class(judge_type), intent(inout) :: self
+  subroutine by_hill(self, system, nu, x, stability, jumps, cancel, nearby)
+    class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     type(stability_type), intent(inout) :: stability
     !> Motions that are left alone.
     logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
-    complex(wp), intent(in), optional :: beside(:)
+    complex(wp), intent(in), optional :: nearby(:)
     complex(wp), dimension(self%n_slots) :: near, before, starts
     real(wp) :: period
     integer :: i, at(2)
@@ -398,7 +398,7 @@ contains
     before = near
     at = 0
     period = -1.0_wp
-    if (present(beside)) near = beside
+    if (present(nearby)) near = nearby
     do i = 1, size(nu)
       if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
@@ -411,7 +411,7 @@ contains
       call self%hill%along(system, nu(i), x(:, :, i))
       period = self%hill%period
       associate (exponents => stability%exponents(:, i))
-        call judge_by_hill(self%hill, system, starts, exponents, stability%n_growing(i), &
+        call check_by_hill(self%hill, system, starts, exponents, stability%n_growing(i), &
                            stability%slowest(i))
         call sharpen_clusters(self%hill, system, exponents)
         before = near
@@ -458,7 +458,7 @@ contains
   end function distance_of
 
   !> One solution, that of `hill`.
-  subroutine judge_by_hill(hill, system, near, exponents, n_growing, slowest)
+  subroutine check_by_hill(hill, system, near, exponents, n_growing, slowest)
     type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Exponents of a neighbour, NaN for none.
@@ -500,7 +500,7 @@ contains
     call complete(hill, system, path, counted, exponents)
     slowest = counted > 0 .and. counted == n_right_of(shift, exponents)
     call hill%count_from(0.0_wp)
-  end subroutine judge_by_hill
+  end subroutine check_by_hill
 
   !> How far left of the axis to count, so that the slowest of the exponents is counted and memory
   !! does not fade more slowly; 0: nowhere, or not needed.
@@ -515,7 +515,7 @@ contains
     if (all(ieee_is_nan(real(exponents)))) return
     slowest = -maxval(merge(-huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents))))
     if (slowest <= 0.0_wp .or. slowest > -leftmost*period) return
-    if (.not. fading - slowest > least_room*period) return
+    if (.not. fading - slowest > least_size*period) return
     shift = slowest + min(part(1)*slowest + part(2)*period, 0.5_wp*(fading - slowest))
   end function line_beyond
 

@@ -6,7 +6,7 @@ module viscovib_newton_response
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_norm, only: newton_factors, share_of_motion, weighted_norm
-  use viscovib_motion_stability, only: judge_type, new_judge
+  use viscovib_motion_stability, only: stability_checker, new_stability_checker
   use viscovib_newton_point, only: newton_point, point_from_rest
   use viscovib_oscillator, only: oscillator_type
   use viscovib_outcomes, only: outcome_converged, outcome_singular, outcome_stopped
@@ -109,7 +109,7 @@ contains
       call walk%advance(nu(i))
     end do
     if (options%stability) then
-      call judge_all(system, ladder%rungs(ladder%rung_of(maxval(response%orders)))%balance%set, &
+      call check_all(system, ladder%rungs(ladder%rung_of(maxval(response%orders)))%balance%set, &
                      response, cancel)
     end if
   end subroutine newton_response
@@ -288,21 +288,21 @@ contains
   end subroutine keep
 
   !> Stability of the motions found, in coordinates relative to the base.
-  subroutine judge_all(system, set, response, cancel)
+  subroutine check_all(system, set, response, cancel)
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     type(response_type), intent(inout) :: response
     integer, intent(inout), optional :: cancel
-    type(judge_type) :: judge
+    type(stability_checker) :: checker
     real(wp), allocatable :: x(:, :, :)
 
     allocate (x(2*size(set%orders), system%n_dof(), size(response%nu)))
     x(1::2, :, :) = real(response%coefficients)
     x(2::2, :, :) = aimag(response%coefficients)
-    call new_judge(judge, system, set)
-    call judge%judge(system, response%nu, x, response%stability, cancel)
-    call doubt_motions(judge, system, response%nu, x, response%truncation, response%allowed, &
+    call new_stability_checker(checker, system, set)
+    call checker%check(system, response%nu, x, response%stability, cancel)
+    call doubt_motions(checker, system, response%nu, x, response%truncation, response%allowed, &
                        response%stability, cancel)
-  end subroutine judge_all
+  end subroutine check_all
 
 end module viscovib_newton_response

@@ -11,18 +11,18 @@ module viscovib_orbit_errors
   implicit none
   private
 
-  public :: find_branch_errors, find_crossing_errors, judging_twice
+  public :: find_branch_errors, find_crossing_errors, checking_twice
 
 contains
 
   !> Number of additional shells for the errors of locations: for one axis as many as the bound,
   !! since the next omitted orders may cancel each other.
-  pure integer function judging_twice(n_axes, shells, bound, most) result(step)
+  pure integer function checking_twice(n_axes, shells, bound, most) result(step)
     !> Number of shells that check motions, the bound, and its largest value.
     integer, intent(in) :: n_axes, shells, bound, most
     step = shells
     if (n_axes == 1) step = max(shells, min(bound, most - bound)/shells*shells)
-  end function judging_twice
+  end function checking_twice
 
   !> Errors of branch points.
   subroutine find_branch_errors(ladder, p, x, at_p, at_x, before, error, status, cancel)

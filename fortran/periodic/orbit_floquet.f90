@@ -11,7 +11,7 @@ module viscovib_orbit_floquet
   use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
-  use viscovib_orbit_multipliers, only: multipliers_of, told_apart
+  use viscovib_orbit_multipliers, only: multipliers_of, distinguished
   use viscovib_product_eigenvalues, only: largest_factor, product_eigenvalues, product_type
   use viscovib_stage_kernels, only: stage_states, stage_sums
   use viscovib_torus_balance, only: torus_balance_type
@@ -103,7 +103,7 @@ contains
 
     call self%monodromy(balance, x, matrix)
     call multipliers_of(matrix, values)
-    if (told_apart(values)) return
+    if (distinguished(values)) return
     call self%monodromy(balance, x, matrix, product)
     found = product%n_factors > 0
     if (found) call product_eigenvalues(product, logs, found)

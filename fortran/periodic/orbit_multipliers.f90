@@ -7,7 +7,7 @@ module viscovib_orbit_multipliers
   implicit none
   private
 
-  public :: multipliers_of, told_apart, count_larger, logarithm
+  public :: multipliers_of, distinguished, count_larger, logarithm
 
   !> A larger eigenvalue spoils the accuracy of those near the unit circle; one larger than the
   !! smallest by the second factor spoils the accuracy of the smallest.
@@ -40,12 +40,12 @@ contains
   end function logarithm
 
   !> True if all eigenvalues of a matrix are accurate despite its largest.
-  pure logical function told_apart(values)
+  pure logical function distinguished(values)
     complex(wp), intent(in) :: values(:)
-    told_apart = .not. any(ieee_is_nan(real(values)))
-    if (.not. told_apart) return
-    told_apart = maxval(abs(values)) <= min(largest_root, widest*minval(abs(values)))
-  end function told_apart
+    distinguished = .not. any(ieee_is_nan(real(values)))
+    if (.not. distinguished) return
+    distinguished = maxval(abs(values)) <= min(largest_root, widest*minval(abs(values)))
+  end function distinguished
 
   !> Number of multipliers outside a circle; -1: unknown.
   pure integer function count_larger(multipliers, circle) result(n)

@@ -12,7 +12,7 @@ module viscovib_orbit_stability
   implicit none
   private
 
-  public :: judge_orbits, find_orbit_crossings, orbit_spectrum
+  public :: check_orbits, find_orbit_crossings, orbit_spectrum
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: orbit_circle = 1.0_wp + 1.0e-9_wp
@@ -28,7 +28,7 @@ module viscovib_orbit_stability
 contains
 
   !> Multipliers of the solutions x of `balance`, which has one axis, at the parameters p.
-  subroutine judge_orbits(floquet, balance, p, x, multipliers, cancel)
+  subroutine check_orbits(floquet, balance, p, x, multipliers, cancel)
     type(orbit_floquet_type), intent(inout) :: floquet
     type(torus_balance_type), intent(inout) :: balance
     !> Shapes (n) and (balance%n, n).
@@ -48,7 +48,7 @@ contains
       call balance%visit(x(:, i), p(i), .true., inside)
       call floquet%multipliers(balance, x(:, i), multipliers(:, i))
     end do
-  end subroutine judge_orbits
+  end subroutine check_orbits
 
   !> All changes between adjacent points with known multipliers. The motion at each is given in the
   !! unknowns of `balance`.
@@ -86,7 +86,7 @@ contains
     n_growing = -1
     select type (curve)
     class is (torus_balance_type)
-      call judge_orbits(self%floquet, curve, [p], reshape(x, [size(x), 1]), multipliers)
+      call check_orbits(self%floquet, curve, [p], reshape(x, [size(x), 1]), multipliers)
       eta = logarithm(multipliers(:, 1))
       n_growing = count_larger(multipliers(:, 1), orbit_circle)
     end select

@@ -28,14 +28,14 @@ contains
     loud = abs(aimag(change)) > largest_turn .or. abs(real(change)) > largest_ratio
     allocate (marked(n), source=loud)
     if (n == 1) return
-    marked(2:) = marked(2:) .or. beside(width(2:), width(:n - 1), loud(:n - 1))
-    marked(:n - 1) = marked(:n - 1) .or. beside(width(:n - 1), width(2:), loud(2:))
+    marked(2:) = marked(2:) .or. nearby(width(2:), width(:n - 1), loud(:n - 1))
+    marked(:n - 1) = marked(:n - 1) .or. nearby(width(:n - 1), width(2:), loud(2:))
   end subroutine mark_intervals
 
-  elemental logical function beside(width, next, loud)
+  elemental logical function nearby(width, next, loud)
     real(wp), intent(in) :: width, next
     logical, intent(in) :: loud
-    beside = width > grading*next .or. (loud .and. grading*width > next)
-  end function beside
+    nearby = width > grading*next .or. (loud .and. grading*width > next)
+  end function nearby
 
 end module viscovib_path_marks

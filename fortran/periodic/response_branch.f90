@@ -110,7 +110,7 @@ contains
       end do
     end if
     call branch%end_with_numbers()
-    call branch%doubt_beside_folds([(curve%system%mass(i, i), i=1, curve%blocks)])
+    call branch%doubt_near_folds([(curve%system%mass(i, i), i=1, curve%blocks)])
     ! There is no branch if the first point could not be corrected.
     if (outcome == outcome_converged .and. branch%n_points == 0) outcome = outcome_stalled
     if (outcome == outcome_converged) then

@@ -11,7 +11,7 @@ module viscovib_response_plan
   use viscovib_limits, only: max_harmonics, max_tolerance, min_tolerance, most_harmonics_chosen
   use viscovib_load, only: load_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_plan_text, only: tell_idle, tell_laws, tell_zeros
+  use viscovib_plan_text, only: report_idle, report_laws, report_zeros
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: moved_coordinates, reduce
   use viscovib_response, only: response_options
@@ -88,7 +88,7 @@ contains
       call choose(plan, reduced, load, size(nu), method, status)
     end if
     if (status%failed()) return
-    zeros = tell_idle(plan%moved)//tell_zeros(system, load)
+    zeros = report_idle(plan%moved)//report_zeros(system, load)
     plan%text = plan%text//zeros
     plan%rest = plan%rest//zeros
   end subroutine new_response_plan
@@ -234,7 +234,7 @@ contains
       end if
       if (plan%set%half_wave) call plan%say('skips: even harmonics and half of each period ' &
                                             //'(odd forces, load of odd harmonics)')
-      plan%rest = plan%rest//tell_laws(system)
+      plan%rest = plan%rest//report_laws(system)
       if (has_kinks(system)) call plan%say('computes: to a relative error of ' &
                                            //show(plan%options%tolerance)//' (a law has corners)')
       if (system%separable) call plan%say('skips: hereditary variables in time ' &

@@ -19,7 +19,7 @@ module viscovib_rounding_error
   implicit none
   private
 
-  public :: rounding_judge
+  public :: rounding_checker
 
   !> Rounding error of an equation relative to its largest term, and number of sign patterns.
   real(wp), parameter :: usual = 2.0_wp*epsilon(1.0_wp)
@@ -34,7 +34,7 @@ module viscovib_rounding_error
 
   !> Data kept for the next motion of the same system: its balance, and the system without the
   !! coordinates that are not excited, if there are any.
-  type :: rounding_judge
+  type :: rounding_checker
     private
     type(kept_balance) :: kept
     logical, allocatable :: moved(:)
@@ -42,13 +42,13 @@ module viscovib_rounding_error
     type(load_type) :: part
   contains
     procedure :: error_of
-  end type rounding_judge
+  end type rounding_checker
 
 contains
 
   !> The relative error of a motion in the norm of `weighted_norm`; negative if unknown.
   subroutine error_of(self, system, load, nu, half_wave, linear, x, error)
-    class(rounding_judge), intent(inout) :: self
+    class(rounding_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequency (rad/s).

@@ -17,7 +17,7 @@ module viscovib_sampling_error
   implicit none
   private
 
-  public :: sampling_judge
+  public :: sampling_checker
 
   !> Factor of the number of samples between finer balances, and number of these; largest number of
   !! samples after the second one.
@@ -28,7 +28,7 @@ module viscovib_sampling_error
   real(wp), parameter :: settled = 0.25_wp, rounding = 1.0e-13_wp
 
   !> Balances of a set of orders, kept for the next motion.
-  type :: sampling_judge
+  type :: sampling_checker
     private
     integer :: highest = 0, n_samples = 0, n_made = 0
     logical :: half_wave = .false.
@@ -36,19 +36,19 @@ module viscovib_sampling_error
   contains
     procedure :: error_of
     procedure :: forget
-  end type sampling_judge
+  end type sampling_checker
 
 contains
 
   !> Reset before a motion of another system.
   subroutine forget(self)
-    class(sampling_judge), intent(inout) :: self
+    class(sampling_checker), intent(inout) :: self
     self%highest = 0
   end subroutine forget
 
   !> The relative error of a motion in the norm of `weighted_norm`; negative if unknown.
   subroutine error_of(self, system, load, nu, factor, half_wave, x, error)
-    class(sampling_judge), intent(inout) :: self
+    class(sampling_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     !> Circular frequency (rad/s), and load factor.
@@ -105,7 +105,7 @@ contains
 
   !> Create the finer balance i.
   subroutine make_finer(self, system, i)
-    type(sampling_judge), intent(inout) :: self
+    type(sampling_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: i
     type(harmonic_set_type) :: set

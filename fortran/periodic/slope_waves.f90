@@ -88,7 +88,7 @@ contains
     scan = matmul(u, transpose(law%seen))
     call law%program%differentiate(scan, f, sampled)
     call find_signals(law%program, none, signals)
-    if (size(signals) == 0 .and. tells_all(sampled)) return
+    if (size(signals) == 0 .and. is_complete(sampled)) return
     fast = matmul(x, transpose(law%rates))
     y = matmul(x, transpose(law%arguments))
     y(1::2, :) = y(1::2, :) - spread(mu, 2, size(y, 2))*fast(2::2, :)
@@ -107,14 +107,14 @@ contains
   end subroutine find_change
 
   !> True if the highest harmonics of samples are so small that aliasing is negligible.
-  pure logical function tells_all(sampled)
+  pure logical function is_complete(sampled)
     real(wp), intent(in) :: sampled(:, :)
     complex(wp) :: wave(size(sampled, 2))
     real(wp) :: phase
     integer :: i, k, n
 
     n = size(sampled, 1)
-    tells_all = .false.
+    is_complete = .false.
     do k = max(1, (n - 1)/2 - 3), (n - 1)/2
       wave = (0.0_wp, 0.0_wp)
       do i = 1, n
@@ -123,8 +123,8 @@ contains
       end do
       if (any(abs(wave) > silent*n*maxval(abs(sampled)))) return
     end do
-    tells_all = .true.
-  end function tells_all
+    is_complete = .true.
+  end function is_complete
 
   !> Mean values of the derivatives times the cosines and sines of the period.
   subroutine integrate(program, set, y, breaks, size_of, c, s)
@@ -140,7 +140,7 @@ contains
     real(wp) :: arguments(nodes, size(y, 2)), f(nodes), by(nodes, size(y, 2)), one(nodes)
     real(wp) :: from, to, ending, length, longest, largest
     integer :: i, m, tries, top
-    logical :: told
+    logical :: description
 
     top = max(1, maxval(set%orders))
     longest = longest_panel(set)*top/(top + merge(2, 1, set%half_wave)*ubound(c, 1))
@@ -161,12 +161,12 @@ contains
         call program%differentiate(arguments, f, by)
         tries = tries - 1
         if (length > shortest*longest .and. tries > 0) then
-          told = .true.
+          description = .true.
           do m = 1, size(y, 2)
             one = by(:, m)
-            told = told .and. is_resolved(one, largest)
+            description = description .and. is_resolved(one, largest)
           end do
-          if (.not. told) then
+          if (.not. description) then
             length = 0.5_wp*length
             cycle
           end if

@@ -12,7 +12,7 @@
 !! lane starts the next frequency at once.
 module viscovib_successive
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
-  use viscovib_balance_ladder, only: judging_order
+  use viscovib_balance_ladder, only: checking_order
   use viscovib_counters, only: count_unknowns, count_up, counted_corrections, counted_turns, &
     counting
   use viscovib_cycle_terms, only: has_kinks
@@ -65,11 +65,11 @@ contains
     type(response_type), intent(out) :: response
     !> May be set by another thread to cancel the computation.
     integer, intent(inout), optional :: cancel
-    type(block_type) :: work, judging
+    type(block_type) :: work, checking
     type(harmonic_set_type) :: more
     integer :: first, last
 
-    call new_harmonic_set(more, judging_order(load, system%degree, set%orders(size(set%orders))), &
+    call new_harmonic_set(more, checking_order(load, system%degree, set%orders(size(set%orders))), &
                           set%half_wave, merge(system%degree, finer*samples_of_laws - 1, &
                                                system%degree > 0))
     call response%allocate_for(nu, set%orders, system%n_dof(), &
@@ -80,17 +80,18 @@ contains
       response%iterates = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     end if
     call allocate_block(work, system, set)
-    call allocate_block(judging, system, more)
+    call allocate_block(checking, system, more)
     do first = 1, size(nu), chunk_size
       last = min(first + chunk_size - 1, size(nu))
-      call iterate_chunk(system, load, set, options, work, response, first, last, more, judging, &
+      call iterate_chunk(system, load, set, options, work, response, first, last, more, checking, &
                          cancel)
     end do
   end subroutine successive_response
 
   !> Finish the points first..last of the response, and estimate their truncation error with `more`
   !! orders.
-  subroutine iterate_chunk(system, load, set, options, work, response, first, last, more, judging, &
+  subroutine iterate_chunk(system, load, set, options, work, response, first, last, more, &
+                           checking, &
                            cancel)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -100,7 +101,7 @@ contains
     type(response_type), intent(inout) :: response
     integer, intent(in) :: first, last
     type(harmonic_set_type), intent(in) :: more
-    type(block_type), intent(inout) :: judging
+    type(block_type), intent(inout) :: checking
     integer, intent(inout), optional :: cancel
     complex(wp), allocatable :: fraction(:, :, :), compliance(:, :, :, :)
     logical :: singular(last - first + 1), stopped
@@ -138,7 +139,7 @@ contains
       end if
       call nonlinear_force(work, system, set)
       call solve_lanes(work)
-      call judge_lanes(work, system, load, set, options, response, first)
+      call check_lanes(work, system, load, set, options, response, first)
     end do
     call compliance_table(system, more%orders(m + 1:), response%nu(first:last), &
                           fraction(:, :, m + 1:), compliance(:, :, :, m + 1:), singular)
@@ -148,7 +149,7 @@ contains
         response%truncation(first + i - 1) = 1.0_wp
       end if
     end do
-    call judge_chunk(system, load, more, judging, response, first, last, fraction, compliance)
+    call check_chunk(system, load, more, checking, response, first, last, fraction, compliance)
 
   contains
 
@@ -167,19 +168,19 @@ contains
   end subroutine iterate_chunk
 
   !> True for a motion that was found and has no truncation error of 1 yet.
-  pure logical function to_be_judged(response, i)
+  pure logical function to_be_checked(response, i)
     type(response_type), intent(in) :: response
     integer, intent(in) :: i
-    to_be_judged = .false.
-    if (response%outcome(i) == outcome_converged) to_be_judged = response%truncation(i) < 1.0_wp
-  end function to_be_judged
+    to_be_checked = .false.
+    if (response%outcome(i) == outcome_converged) to_be_checked = response%truncation(i) < 1.0_wp
+  end function to_be_checked
 
   !> Truncation error: two iterations with `more` orders from the motion found. The first one
   !! computes the omitted orders, the second one their effect on the included orders, which then
   !! continues with the rate of the iteration. If the first is far below the allowed error, that
   !! rate replaces the second. With kinks, orders beyond `more` count too. For forces that are not
   !! polynomials the first also shows the sampling error of the included orders.
-  subroutine judge_chunk(system, load, more, work, response, first, last, fraction, compliance)
+  subroutine check_chunk(system, load, more, work, response, first, last, fraction, compliance)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     type(harmonic_set_type), intent(in) :: more
@@ -203,7 +204,7 @@ contains
       work%point = 0
       lane = 0
       do while (i <= last .and. lane < n_lanes)
-        if (to_be_judged(response, i)) then
+        if (to_be_checked(response, i)) then
           lane = lane + 1
           at = i - first + 1
           work%point(lane) = i
@@ -278,7 +279,7 @@ contains
                      <= far_below*allowed*whole
     end function is_far_below
 
-  end subroutine judge_chunk
+  end subroutine check_chunk
 
   !> Alternating real and imaginary parts, shape (2 n_orders, n_dof).
   pure function rows_of(x) result(rows)
@@ -293,7 +294,7 @@ contains
   !! Norm: the largest of sqrt(M_dd) (|Re X| + |Im X|), so that metres and radians are weighted by
   !! inertia. If corrections delta shrink by the factor q, the remaining error is about delta
   !! q/(1-q); this error and delta must both meet the tolerance.
-  subroutine judge_lanes(work, system, load, set, options, response, first)
+  subroutine check_lanes(work, system, load, set, options, response, first)
     type(block_type), intent(inout) :: work
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
@@ -392,7 +393,7 @@ contains
       seen = seen*share_of_motion(system, load, 1.0_wp, set%orders, x)
     end function seen
 
-  end subroutine judge_lanes
+  end subroutine check_lanes
 
   !> Geometric mean of the last one or two factors between corrections.
   pure real(wp) function shrinkage(recent)

@@ -27,7 +27,7 @@ module viscovib_torus_growth
   integer, parameter :: max_steps = 1000000
   !> Factor of the error estimate from means over the halves of T, and error of the steps, in units
   !! of the fastest frequency (sums of rates against the mean divergence: at most 2e-8).
-  real(wp), parameter :: halves_tell = 4.0_wp, of_steps = 2.0e-8_wp
+  real(wp), parameter :: halves_decide = 4.0_wp, of_steps = 2.0e-8_wp
   !> Orders below this fraction of the largest are ignored here; orders below the second fraction do
   !! not limit the step.
   real(wp), parameter :: smallest_part = 1.0e-10_wp, smallest_fast = 1.0e-6_wp
@@ -123,7 +123,7 @@ contains
       sums(:, half) = sums(:, half)/total(half)
     end do
     rates = sums(:, 3)
-    off = halves_tell*max(abs(sums(:, 1) - rates), abs(sums(:, 2) - rates)) &
+    off = halves_decide*max(abs(sums(:, 1) - rates), abs(sums(:, 2) - rates)) &
           + of_steps*needed/duration
     ! Within a few periods the means over the halves agree: lengths still vary as at the start.
     off = off + swings*exp(-needed*phase_a_step/(2.0_wp*pi))

@@ -23,9 +23,9 @@ module viscovib_torus_orders
   public :: torus_ladder, new_ladder, torus_responses, branch_truncation, fold_truncation
 
   !> Largest number of points of a branch that are checked.
-  integer, parameter :: max_judged = 5
+  integer, parameter :: max_checked = 5
   !> Relative accuracy of a change that serves as an estimate.
-  real(wp), parameter :: judged = 0.1_wp
+  real(wp), parameter :: checked = 0.1_wp
 
   type :: torus_rung
     logical :: ready = .false.
@@ -58,7 +58,7 @@ module viscovib_torus_orders
     procedure :: cropped
     procedure :: padded
     procedure :: lifted
-    procedure, private :: judge
+    procedure, private :: check_truncation
     procedure, private :: enough
     procedure, private :: next_bound
   end type torus_ladder
@@ -251,7 +251,7 @@ contains
     previous = huge(1.0_wp)
     vain = 0
     do
-      call self%judge(p, tolerance, bound, x, y, truncation, status, cancel)
+      call self%check_truncation(p, tolerance, bound, x, y, truncation, status, cancel)
       if (status%failed() .or. truncation <= tolerance .or. bound == self%last) return
       if (truncation > 0.5_wp*previous) vain = vain + 1
       if (vain >= max_vain) return
@@ -271,7 +271,7 @@ contains
   end subroutine enough
 
   !> Change of the solution x by the next shells; y has the length of the largest unknowns.
-  subroutine judge(self, p, tolerance, bound, x, y, truncation, status, cancel)
+  subroutine check_truncation(self, p, tolerance, bound, x, y, truncation, status, cancel)
     class(torus_ladder), intent(inout) :: self
     real(wp), intent(in) :: p, tolerance, x(:)
     integer, intent(in) :: bound
@@ -296,7 +296,7 @@ contains
       largest = maxval(abs(new))
       rung%near%most = max(rung%near%most, self%rungs(bound)%near%most)
       call solve_near(rung%balance, rung%near, p, tolerance, new, outcome, iterations, cancel, &
-                      judged)
+                      checked)
       if (outcome /= outcome_converged) then
         ! If the orders cannot be added: use the size of the outermost ones.
         truncation = outer_part(self, bound, y)
@@ -306,7 +306,7 @@ contains
                        /max(largest, tiny(1.0_wp)))
       y = self%padded(bound + self%step, new, n)
     end associate
-  end subroutine judge
+  end subroutine check_truncation
 
   !> Largest truncation error of points of a branch with the orders of the last rung, among the
   !! points with the largest outermost shells.
@@ -324,14 +324,15 @@ contains
     truncation = 0.0_wp
     call ladder%prepare(ladder%last, status)
     outer = [(outer_part(ladder, ladder%last, x(:, i)), i=1, size(p))]
-    do j = 1, min(max_judged, size(p))
+    do j = 1, min(max_checked, size(p))
       if (status%failed()) return
       if (present(cancel)) then
         if (is_set(cancel)) return
       end if
       i = maxloc(outer, 1)
       outer(i) = -1.0_wp
-      call ladder%judge(p(i), tolerance, ladder%last, ladder%cropped(ladder%last, x(:, i)), y, &
+      call ladder%check_truncation(p(i), tolerance, ladder%last, ladder%cropped(ladder%last, &
+                                                                                x(:, i)), y, &
                         one, status, cancel)
       truncation = max(truncation, one)
     end do

@@ -4,7 +4,7 @@
 !! verdict must be the same for nearby motions, three truncations away: larger and smaller ones,
 !! and ones with more and less of the higher half of the orders; and as many disturbances must grow
 !! and an odd or even number of them with the period of the motion, the sign of det(M - 1): from a
-!! multiplier above 1 to one below -1 the way is through the circle. Where one of them is judged
+!! multiplier above 1 to one below -1 the way is through the circle. Where one of them is checked
 !! otherwise, or the logarithm of the largest multiplier is below the truncation itself, stability
 !! is unknown. Multipliers change by less than 10^4 times the truncation, so that motions far from
 !! the circle are not looked at, nor are those whose truncation is allowed.
@@ -14,7 +14,8 @@ module viscovib_truncated_stability
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_motion_norm, only: weighted_norm
-  use viscovib_motion_stability, only: judge_type, new_judge, stability_type, unknown_by_truncation
+  use viscovib_motion_stability, only: new_stability_checker, stability_checker, stability_type, &
+    unknown_by_truncation
   use viscovib_oscillator, only: oscillator_type
   use viscovib_oscillator_curve, only: oscillator_curve_type, vary_frequency
   use viscovib_stopping, only: given_up
@@ -27,7 +28,7 @@ module viscovib_truncated_stability
   real(wp), parameter :: steepest = 1.0e4_wp
   !> Distance of the nearby motions, in truncations.
   real(wp), parameter :: as_far = 3.0_wp
-  integer, parameter :: n_beside = 4
+  integer, parameter :: n_nearby = 4
   !> Frequency below which a disturbance has the period of the motion, of that of the load.
   real(wp), parameter :: on_the_line = 1.0e-6_wp
   !> The verdict is certain, it is not, or nearby motions decide.
@@ -36,8 +37,8 @@ module viscovib_truncated_stability
 contains
 
   !> Set to unknown what nearby motions contradict.
-  subroutine doubt_motions(judge, system, nu, x, truncation, allowed, stability, cancel)
-    type(judge_type), intent(inout) :: judge
+  subroutine doubt_motions(checker, system, nu, x, truncation, allowed, stability, cancel)
+    type(stability_checker), intent(inout) :: checker
     class(oscillator_type), intent(in) :: system
     !> Frequencies (rad/s); harmonics, shape (2 n_orders, n_dof, n); truncation of each, and what
     !! was allowed (relative): where that is met, nothing is doubted.
@@ -46,7 +47,7 @@ contains
     !> May be set from elsewhere to give up.
     integer, intent(inout), optional :: cancel
     type(stability_type) :: others
-    real(wp) :: beside(size(x, 1), size(x, 2), n_beside)
+    real(wp) :: nearby(size(x, 1), size(x, 2), n_nearby)
     integer :: i, k, look
 
     do i = 1, size(nu)
@@ -54,10 +55,10 @@ contains
       look = first_look(stability, i, nu(i), truncation(i), allowed(i))
       if (look == lost) call set_unknown(stability, i)
       if (look /= doubtful) cycle
-      call motions_beside(system, x(:, :, i), as_far*truncation(i), beside)
-      do k = 1, n_beside, 2
+      call nearby_motions(system, x(:, :, i), as_far*truncation(i), nearby)
+      do k = 1, n_nearby, 2
         if (by_count(k) .and. by_count(k + 1)) cycle
-        call judge%judge(system, [nu(i), nu(i)], beside(:, :, k:k + 1), others, cancel, &
+        call checker%check(system, [nu(i), nu(i)], nearby(:, :, k:k + 1), others, cancel, &
                          stability%exponents(:, i))
         if (given_up(cancel)) return
         if (alike(stability, i, others, 1, nu(i)) .and. alike(stability, i, others, 2, nu(i))) cycle
@@ -74,7 +75,7 @@ contains
       associate (exponents => stability%exponents(:, i))
         by_count = stability%n_growing(i) == 0
         if (.not. by_count) by_count = .not. ieee_is_nan(real(exponents(1)))
-        if (by_count) by_count = judge%grows_alike(system, nu(i), beside(:, :, k), exponents, &
+        if (by_count) by_count = checker%grows_alike(system, nu(i), nearby(:, :, k), exponents, &
                                                    stability%n_growing(i), &
                                                    n_above_one(exponents, nu(i)))
       end associate
@@ -83,8 +84,8 @@ contains
   end subroutine doubt_motions
 
   !> The same along a curve, whose system may change.
-  subroutine doubt_curve(judge, curve, nu, p, x, truncation, allowed, stability, cancel)
-    type(judge_type), intent(inout) :: judge
+  subroutine doubt_curve(checker, curve, nu, p, x, truncation, allowed, stability, cancel)
+    type(stability_checker), intent(inout) :: checker
     class(oscillator_curve_type), intent(inout) :: curve
     !> The frequency (rad/s) unless it varies; points, shapes (n) and (2 n_orders, n_dof, n).
     real(wp), intent(in) :: nu, p(:), x(:, :, :), truncation(:), allowed(:)
@@ -95,7 +96,7 @@ contains
     logical :: inside
 
     if (.not. curve%changes_system) then
-      call doubt_motions(judge, curve%system, merge(p, spread(nu, 1, size(p)), &
+      call doubt_motions(checker, curve%system, merge(p, spread(nu, 1, size(p)), &
                                                     curve%vary == vary_frequency), &
                          x, truncation, allowed, stability, cancel)
       return
@@ -104,9 +105,9 @@ contains
       if (first_look(stability, i, nu, truncation(i), allowed(i)) == sure) cycle
       call curve%set(p(i), inside)
       if (.not. inside) cycle
-      call new_judge(judge, curve%system, curve%balance%set)
+      call new_stability_checker(checker, curve%system, curve%balance%set)
       call take(stability, i, one)
-      call doubt_motions(judge, curve%system, [nu], x(:, :, i:i), truncation(i:i), &
+      call doubt_motions(checker, curve%system, [nu], x(:, :, i:i), truncation(i:i), &
                         allowed(i:i), one, cancel)
       stability%stable(i) = one%stable(1)
       stability%n_growing(i) = one%n_growing(1)
@@ -160,7 +161,7 @@ contains
     one%multipliers = stability%multipliers(:, i:i)
   end subroutine take
 
-  !> What is certain of one motion before others are judged: `sure`, `lost` or `doubtful`.
+  !> What is certain of one motion before others are checked: `sure`, `lost` or `doubtful`.
   pure integer function first_look(stability, i, nu, truncation, allowed)
     type(stability_type), intent(in) :: stability
     integer, intent(in) :: i
@@ -183,13 +184,13 @@ contains
   end function first_look
 
   !> Larger, smaller, with more and with less of the higher half of the orders.
-  subroutine motions_beside(system, x, away, beside)
+  subroutine nearby_motions(system, x, away, nearby)
     class(oscillator_type), intent(in) :: system
     !> Shape (2 n_orders, n_dof).
     real(wp), intent(in) :: x(:, :)
     !> Relative to the motion.
     real(wp), intent(in) :: away
-    real(wp), intent(out) :: beside(:, :, :)
+    real(wp), intent(out) :: nearby(:, :, :)
     real(wp) :: upper(size(x, 1), size(x, 2)), part, size_of
     integer :: n
 
@@ -203,10 +204,10 @@ contains
     part = 0.0_wp
     size_of = weighted_norm(system, upper)
     if (size_of > 0.0_wp) part = min(1.0_wp, away*weighted_norm(system, x)/size_of)
-    beside(:, :, 1) = x + away*x
-    beside(:, :, 2) = x - away*x
-    beside(:, :, 3) = x + part*upper
-    beside(:, :, 4) = x - part*upper
-  end subroutine motions_beside
+    nearby(:, :, 1) = x + away*x
+    nearby(:, :, 2) = x - away*x
+    nearby(:, :, 3) = x + part*upper
+    nearby(:, :, 4) = x - part*upper
+  end subroutine nearby_motions
 
 end module viscovib_truncated_stability

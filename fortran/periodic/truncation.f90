@@ -34,7 +34,7 @@ module viscovib_truncation
   integer, parameter :: most_turns = 6
   !> Smallest powers of the decay of harmonics with jumps and kinks of the force; above the third
   !! value the decay counts as geometric.
-  real(wp), parameter :: beside_jumps = 3.0_wp, beside_kinks = 4.0_wp, fastest_fall = 12.0_wp
+  real(wp), parameter :: near_jumps = 3.0_wp, near_kinks = 4.0_wp, fastest_fall = 12.0_wp
   !> Safety factor for the decay.
   real(wp), parameter :: safety = 2.0_wp
   !> Largest correction for orders that vanish between two beats.
@@ -143,7 +143,7 @@ contains
     n = size(x, 1)/2
     reach = 1.0_wp
     jumps = may_jump(system)
-    fall = merge(beside_jumps, beside_kinks, jumps)
+    fall = merge(near_jumps, near_kinks, jumps)
     if (n >= enough) then
       low = weighted_norm(system, x(2*(n/4) + 1:2*(n/2), :))
       high = weighted_norm(system, x(2*(n/2) + 1:, :))
@@ -156,7 +156,7 @@ contains
     reach = safety*sqrt(1.0_wp + orders(n)/((2.0_wp*fall - 1.0_wp)*apart))
     power = merge(fall - 1.0_wp, fall, jumps)
     ! Sliders with many limits decay more slowly at first.
-    if (n < enough) power = beside_jumps - 1.0_wp
+    if (n < enough) power = near_jumps - 1.0_wp
     short = short*safety/(1.0_wp - (real(orders(n), wp)/orders(size(orders)))**(power - 1.0_wp))
     if (n < enough .or. .not. first > 0.0_wp) return
     ! Two kinks make orders beat: if the next ones vanish, the included orders show the size of

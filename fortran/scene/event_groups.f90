@@ -8,7 +8,7 @@ module viscovib_event_groups
   use viscovib_law_functions, only: put_argument
   use viscovib_law_program, only: law_program
   use viscovib_law_text, only: compile_law
-  use viscovib_motion_job, only: motion_job, told_event
+  use viscovib_motion_job, only: motion_job, event_text
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_near_words, only: listed
   use viscovib_scene_groups, only: place_of
@@ -35,7 +35,7 @@ contains
     type(group_reader) :: reader
     character(len=name_length + 4) :: arguments(2*size(coordinates) + 1)
     real(wp), allocatable :: numbers(:)
-    type(told_event), allocatable :: told(:)
+    type(event_text), allocatable :: description(:)
     integer :: i, n
 
     n = count([(file%groups(i)%name == 'event', i=1, size(file%groups))])
@@ -45,7 +45,7 @@ contains
       arguments(2*i) = trim(coordinates(i))//'_dot'
     end do
     arguments(size(arguments)) = 't'
-    allocate (told(n))
+    allocate (description(n))
     numbers = [real(n, wp)]
     n = 0
     do i = 1, size(file%groups)
@@ -55,21 +55,21 @@ contains
       if (n > most_events) then
         call reader%complain('event', '&event: must be at most '//show(most_events)//' of them')
       end if
-      call read_event(reader, arguments, numbers, told(n))
+      call read_event(reader, arguments, numbers, description(n))
       call reader%close(canonical, status)
       if (status%failed()) return
     end do
     call check_parameters(file, arguments, status)
     if (status%failed()) return
     job%motion%watched = numbers
-    call move_alloc(told, job%events)
+    call move_alloc(description, job%events)
   end subroutine read_events
 
-  subroutine read_event(reader, arguments, numbers, told)
+  subroutine read_event(reader, arguments, numbers, description)
     type(group_reader), intent(inout) :: reader
     character(len=*), intent(in) :: arguments(:)
     real(wp), allocatable, intent(inout) :: numbers(:)
-    type(told_event), intent(out) :: told
+    type(event_text), intent(out) :: description
     type(law_program) :: program
     character(len=:), allocatable :: text, word, fault
     character(len=len(arguments)) :: none(0)
@@ -79,9 +79,9 @@ contains
 
     text = reader%read_text('function')
     word = reader%read_text('direction', choice=direction)
-    told%text = reader%group%written('function', text)//', '//word
+    description%text = reader%group%written('function', text)//', '//word
     terminal = reader%read_yes('terminal')
-    if (terminal) told%text = told%text//', terminal'
+    if (terminal) description%text = description%text//', terminal'
     if (reader%status%failed()) return
     call compile_law(lower(text), arguments, none, no_values, program, parity, degree, fault)
     if (fault == '') then

@@ -1,4 +1,4 @@
-!> Keys of &response and &branch for what their tables tell besides.
+!> Keys of &response and &branch for what their tables report_to besides.
 module viscovib_extra_groups
   use viscovib_extra_columns, only: extra_columns
   use viscovib_group_reader, only: group_reader

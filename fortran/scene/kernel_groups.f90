@@ -155,7 +155,7 @@ contains
     p = [real(code - 1, wp), times, values]
   end subroutine read_tabulated
 
-  !> The flat form of a kernel cannot tell 3 and 1 numbers from 2 and 2.
+  !> The flat form of a kernel cannot report_to 3 and 1 numbers from 2 and 2.
   subroutine check_pairs(reader, first, second, n_first, n_second)
     type(group_reader), intent(inout) :: reader
     character(len=*), intent(in) :: first, second

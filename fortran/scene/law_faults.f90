@@ -9,7 +9,7 @@ module viscovib_law_faults
   implicit none
   private
 
-  public :: complain_of_law, told_sign
+  public :: complain_of_law, sign_text
 
 contains
 
@@ -20,32 +20,32 @@ contains
     character(len=*), intent(in) :: key, text, fault
     !> What it may depend on; without: the fault is no matter of names.
     character(len=*), intent(in), optional :: arguments(:)
-    character(len=:), allocatable :: written, told, other
+    character(len=:), allocatable :: written, description, other
     type(law_program) :: program
     integer :: parity, degree
 
     written = reader%group%written(key, text)
-    told = fault
+    description = fault
     if (present(arguments) .and. allocated(reader%group%names)) then
       call compile_law(lower(written), arguments, reader%group%names, reader%group%values, &
                        program, parity, degree, other)
-      if (other /= '') told = other
+      if (other /= '') description = other
     end if
-    call reader%complain(key, key//" = '"//clipped(written)//"': "//told)
+    call reader%complain(key, key//" = '"//clipped(written)//"': "//description)
   end subroutine complain_of_law
 
   !> How to say a sign that is written as a quotient, if one may be.
-  pure function told_sign(text) result(told)
+  pure function sign_text(text) result(description)
     character(len=*), intent(in) :: text
-    character(len=:), allocatable :: told, packed
+    character(len=:), allocatable :: description, packed
     integer :: i
 
     packed = ''
     do i = 1, len(text)
       if (text(i:i) /= ' ') packed = packed//lower(text(i:i))
     end do
-    told = ''
-    if (index(packed, '/abs(') > 0) told = ' (u/abs(u) is sign(u) but for u = 0: write sign)'
-  end function told_sign
+    description = ''
+    if (index(packed, '/abs(') > 0) description = ' (u/abs(u) is sign(u) but for u = 0: write sign)'
+  end function sign_text
 
 end module viscovib_law_faults

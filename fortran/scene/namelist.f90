@@ -376,7 +376,7 @@ contains
     character(len=:), allocatable, intent(out) :: text
     type(status_type), intent(out) :: status
     character(len=1) :: quote, letter
-    character(len=max_text) :: room
+    character(len=max_text) :: work
     integer :: n, at
 
     quote = peek(cursor)
@@ -388,9 +388,9 @@ contains
       if (index(line_ends, letter) > 0) exit
       if (letter == quote) then
         if (at == len(cursor%text)) then
-          text = room(:n)
+          text = work(:n)
         else if (cursor%text(at + 1:at + 1) /= quote) then
-          text = room(:n)
+          text = work(:n)
         else
           at = at + 1
         end if
@@ -406,7 +406,7 @@ contains
                      //' characters', status)
         return
       end if
-      room(n:n) = letter
+      work(n:n) = letter
     end do
     call fail_at(path, cursor%line, key//': the quoted text is not ended', status)
   end subroutine read_quoted

@@ -8,7 +8,7 @@ module viscovib_structure_groups
   use viscovib_kinds, only: wp
   use viscovib_limits, only: least_mass
   use viscovib_layer_groups, only: finish_layer
-  use viscovib_law_faults, only: complain_of_law, told_sign
+  use viscovib_law_faults, only: complain_of_law, sign_text
   use viscovib_law_functions, only: wall
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
@@ -157,7 +157,7 @@ contains
     end if
   end subroutine read_body
 
-  !> How many coordinates there are, where numbers alone do not tell; 0: they do.
+  !> How many coordinates there are, where numbers alone do not report_to; 0: they do.
   subroutine read_size(reader, n)
     type(group_reader), intent(inout) :: reader
     integer, intent(out) :: n
@@ -343,13 +343,13 @@ contains
   end subroutine read_shapes
 
   !> Those of the file, or x1, x2, ...
-  subroutine default_names(told, names)
-    character(len=*), intent(in) :: told
+  subroutine default_names(description, names)
+    character(len=*), intent(in) :: description
     character(len=name_length), intent(out) :: names(:)
     character(len=:), allocatable :: left
     integer :: i, n
 
-    left = trim(adjustl(told))
+    left = trim(adjustl(description))
     do i = 1, size(names)
       n = index(left//' ', ' ') - 1
       names(i) = left(:n)
@@ -475,7 +475,7 @@ contains
     end associate
     fault = ''
     if (.not. defined) then
-      fault = 'must be defined around rest, where d is 0'//told_sign(text)
+      fault = 'must be defined around rest, where d is 0'//sign_text(text)
     else if (any(abs(slopes) >= wall)) then
       fault = 'must have a finite derivative at rest, where d is 0'
     end if

@@ -6,7 +6,7 @@ module viscovib_system_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: complain_of_law, told_sign
+  use viscovib_law_faults, only: complain_of_law, sign_text
   use viscovib_law_functions, only: wall
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
@@ -113,7 +113,7 @@ contains
   subroutine read_force(reader, p, n, coordinates, n_kernels, effort)
     type(group_reader), intent(inout) :: reader
     type(polynomial_parameters), intent(inout) :: p
-    !> Monomials in use, of those there is room for.
+    !> Monomials in use, of those there is work for.
     integer, intent(inout) :: n
     integer, intent(in) :: n_kernels
     !> Steps of expanding that are left.
@@ -241,7 +241,7 @@ contains
     call about_rest(law, slopes, defined)
     fault = ''
     if (.not. defined) then
-      fault = 'must be defined around rest, where what it depends on is 0'//told_sign(text)
+      fault = 'must be defined around rest, where what it depends on is 0'//sign_text(text)
       return
     end if
     if (any(abs(slopes) >= wall)) then

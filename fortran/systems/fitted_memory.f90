@@ -21,7 +21,7 @@ module viscovib_fitted_memory
   implicit none
   private
 
-  public :: bound_hidden, copy_system, fit_memory, needs_fit, tell_fit
+  public :: bound_hidden, copy_system, fit_memory, needs_fit, fit_text
 
   !> Shortest lag of a sum, as a fraction of the step size.
   real(wp), parameter :: shortest_lag = 1.0e-3_wp
@@ -96,7 +96,7 @@ contains
   end subroutine fit_memory
 
   !> Line of a plan: number of exponentials and accuracy of the fit.
-  function tell_fit(system, step, reach) result(text)
+  function fit_text(system, step, reach) result(text)
     type(polynomial_type), intent(in) :: system
     !> 0: not known yet.
     real(wp), intent(in) :: step, reach
@@ -120,7 +120,7 @@ contains
       text = text//'about '//show(most)//' in a thousand steps, within ' &
              //show(maxval(errors))//' of R(t) from '//show(shortest_lag)//' of the step on'
     end if
-  end function tell_fit
+  end function fit_text
 
   !> The extra exponential for the part of the kernel before the shortest lag.
   subroutine find_rest(kernel, step, reach, weights, rates, weight, rate)

@@ -21,7 +21,7 @@ module viscovib_hidden_memory
   implicit none
   private
 
-  public :: count_hidden, fades_by_exponentials, list_hidden, tell_hidden, unfold_memory
+  public :: count_hidden, fades_by_exponentials, list_hidden, hidden_text, unfold_memory
 
   !> One exponential of the force in a hereditary variable.
   type :: dragged_mass
@@ -60,12 +60,12 @@ contains
   end subroutine list_hidden
 
   !> Text of a plan: number of memory coordinates.
-  pure function tell_hidden(n_hidden) result(text)
+  pure function hidden_text(n_hidden) result(text)
     integer, intent(in) :: n_hidden
     character(len=:), allocatable :: text
     text = ''
     if (n_hidden > 0) text = ', '//show(n_hidden)//' of them exponentials of forces that remember'
-  end function tell_hidden
+  end function hidden_text
 
   !> True if a kernel is exactly a sum of exponentials.
   recursive pure logical function fades_by_exponentials(kernel) result(does)

@@ -47,7 +47,7 @@ module viscovib_law_layers
 
   !> Resolved change of an operand in a step, as a fraction of the distance to singularities off the
   !! real axis (r = 4.9) and on it (r = 5.8), and for functions without singularities.
-  real(wp), parameter :: beside = 0.85_wp, ahead = 1.0_wp, none = 6.0_wp
+  real(wp), parameter :: nearby = 0.85_wp, ahead = 1.0_wp, none = 6.0_wp
   !> For operands beyond these, tanh is 1 and exp is 0 to rounding.
   real(wp), parameter :: flat = 20.0_wp, nothing = -50.0_wp
   !> Possible excess of an operand over its sampled range (interpolation error), relative to the
@@ -239,16 +239,16 @@ contains
     select case (code)
     case (f_tanh)
       if (low - more > flat .or. high + more < -flat) return
-      distance = beside*half_pi
+      distance = nearby*half_pi
     case (f_atan, f_asinh)
-      distance = beside*hypot(1.0_wp, max(0.0_wp, low, -high))
+      distance = nearby*hypot(1.0_wp, max(0.0_wp, low, -high))
     case (f_exp)
       if (high + more < nothing) return
       distance = none
     case (f_sin, f_cos, f_sinh, f_cosh)
       distance = none
     case (f_tan)
-      distance = beside*half_pi
+      distance = nearby*half_pi
     case (f_asin, f_acos, f_atanh)
       seen = 1.0_wp - max(-z(1), z(2))
       distance = ahead*(1.0_wp - max(high, -low))

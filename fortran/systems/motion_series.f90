@@ -31,11 +31,11 @@ module viscovib_motion_series
     integer, allocatable, private :: orders(:)
     integer, private :: before_loads = 0
     !> Terms of the accelerations: equation d uses the registers from ends(d - 1) + 1 to ends(d).
-    !! `room` contains their weights in all blocks, shape (n_wide, n_terms), from `first` on,
+    !! `work` contains their weights in all blocks, shape (n_wide, n_terms), from `first` on,
     !! aligned to a cache line.
     integer, allocatable, private :: ends(:), registers(:)
     integer, private :: first = 1
-    real(wp), allocatable, private :: room(:)
+    real(wp), allocatable, private :: work(:)
   contains
     procedure :: expand
     procedure, private :: start_loads
@@ -105,9 +105,9 @@ contains
       end do
       series%ends(d) = size(series%registers)
     end do
-    allocate (series%room(size(kept) + alignment_slack), source=0.0_wp)
-    series%first = first_aligned(series%room)
-    series%room(series%first:series%first + size(kept) - 1) = [kept]
+    allocate (series%work(size(kept) + alignment_slack), source=0.0_wp)
+    series%first = first_aligned(series%work)
+    series%work(series%first:series%first + size(kept) - 1) = [kept]
   end subroutine take_terms
 
   !> Constants of law i in every vector lane. Idle blocks repeat the first block.
@@ -178,7 +178,7 @@ contains
       do d = 1, self%n_dof
         n_terms = self%ends(d) - self%ends(d - 1)
         call next_terms(self%n_dof, n_terms, self%registers(self%ends(d - 1) + 1:self%ends(d)), &
-                        order, k, d, h, self%room(self%first + n_wide*self%ends(d - 1)), s)
+                        order, k, d, h, self%work(self%first + n_wide*self%ends(d - 1)), s)
       end do
       if (size(self%orders) > 0) call self%turn_loads(order, k, turning, s)
     end do

@@ -9,14 +9,14 @@ module viscovib_plan_text
   implicit none
   private
 
-  public :: tell_idle, tell_laws, tell_zeros
+  public :: report_idle, report_laws, report_zeros
 
   character(len=*), parameter :: nl = new_line('a')
 
 contains
 
   !> Terms, kernels and loads with coefficient 0.
-  function tell_zeros(system, load) result(text)
+  function report_zeros(system, load) result(text)
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     character(len=:), allocatable :: text
@@ -31,19 +31,19 @@ contains
     else if (load%n_zero > 0) then
       text = text//'skips: '//things(load%n_zero, 'order')//' of the load (amplitude 0)'//nl
     end if
-  end function tell_zeros
+  end function report_zeros
 
   !> Coordinates that stay at rest.
-  function tell_idle(moved) result(text)
+  function report_idle(moved) result(text)
     logical, intent(in) :: moved(:)
     character(len=:), allocatable :: text
     text = ''
     if (.not. all(moved)) text = 'skips: '//things(count(.not. moved), 'coordinate')//' at rest ' &
                                  //'(neither moved by load or start nor coupled to one that is)'//nl
-  end function tell_idle
+  end function report_idle
 
   !> Laws evaluated in Python, and laws with a nonzero force at rest.
-  function tell_laws(system) result(text)
+  function report_laws(system) result(text)
     class(oscillator_type), intent(in) :: system
     character(len=:), allocatable :: text
     text = ''
@@ -55,7 +55,7 @@ contains
       text = text//'computes: the static preload of laws that are not 0 at rest (up to ' &
              //show(force_at_rest(system))//')'//nl
     end if
-  end function tell_laws
+  end function report_laws
 
   !> Number of laws that call functions outside of the core.
   integer function n_outside(system)

@@ -21,7 +21,7 @@ module viscovib_polynomial_condensation
   !! per remaining coordinate (measured with 1 to 4 of them). For fewer coordinates monodromy
   !! matrices are faster and give all multipliers. With memory the full determinant takes 10 to 200
   !! times as long.
-  integer, parameter :: smallest_judged = 8, judged_each = 3
+  integer, parameter :: smallest_checked = 8, checked_each = 3
   !> Ratio of damping rate to natural frequency above which integration in time uses modes. The full
   !! equations need steps as short as the decay (equal times measured at ratios of 20 to 70).
   real(wp), parameter :: much_faster = 50.0_wp
@@ -41,7 +41,7 @@ contains
     condenses = n >= smallest .and. q > 0 .and. 2*q <= n &
                 .and. .not. allocated(system%space_damping)
     if (.not. (condenses .and. stability) .or. any(system%kernel_of > 0)) return
-    condenses = n >= max(smallest_judged, judged_each*q + 2)
+    condenses = n >= max(smallest_checked, checked_each*q + 2)
   end function condenses
 
   !> True if integration by modes, with exact fast decay, is faster: damping rates far exceed the

@@ -10,7 +10,7 @@ module viscovib_polynomial_motion
   use viscovib_driven_system, only: driven_system_type, range_of_degree
   use viscovib_elements_at_start, only: begin_elements
   use viscovib_frozen_surfaces, only: frozen, jump_over, turn_over
-  use viscovib_hidden_memory, only: count_hidden, tell_hidden, unfold_memory
+  use viscovib_hidden_memory, only: count_hidden, hidden_text, unfold_memory
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes
   use viscovib_law_branches, only: slides
@@ -82,7 +82,7 @@ contains
     if (most > max_dof) n_hidden = max(count_hidden(system), 0)
     if (system%n_dof() + n_hidden > most) then
       call fail(status, status_input_error, 'system', 'system: has ' &
-                //show(system%n_dof() + n_hidden)//' coordinates'//tell_hidden(n_hidden) &
+                //show(system%n_dof() + n_hidden)//' coordinates'//hidden_text(n_hidden) &
                 //', motion in time takes at most '//show(most))
     else if (any(system%kernel_of > 0) .and. n_hidden == 0) then
       call fail(status, status_input_error, 'system', 'system: has memory, motion in time is ' &

@@ -57,7 +57,7 @@ contains
       found = abs(real(sum(real(shapes(:, m), wide) &
                            *matmul(real(stiffness, wide), real(shapes(:, m), wide))), wp))
       part = lost(m)/max(found, tiny(found)/epsilon(found))
-      softest = softest_beside(shapes(:, m), mass, stiffness)
+      softest = softest_nearby(shapes(:, m), mass, stiffness)
       if (part <= max(least, worst)) cycle
       if (part >= free .and. lost(m) <= least*softest) cycle
       worst = part
@@ -65,7 +65,7 @@ contains
       is_free = part >= free .or. .not. abs(squares(m)) > 0.0_wp
       frequency = sqrt(merge(max(found, lost(m)), found, is_free))
     end do
-    if (at > 0) text = told('mode '//show(at), frequency, worst, is_free)
+    if (at > 0) text = description('mode '//show(at), frequency, worst, is_free)
   end function hidden_modes
 
   !> Warning about complex modes, by (1) with left and right vectors and twice the relative error.
@@ -85,7 +85,7 @@ contains
       lost = 0.0_wp
     end where
     at = maxloc(lost, 1)
-    if (lost(at) > least) text = told('a mode', abs(poles(at)), lost(at), .false.)
+    if (lost(at) > least) text = description('a mode', abs(poles(at)), lost(at), .false.)
   end function hidden_poles
 
   !> Warning about a polynomial system, which is solved in its coordinates, without damping.
@@ -122,7 +122,7 @@ contains
   end function spread_of
 
   !> Smallest k_ii/m_ii of the coordinates that participate in the mode or are connected to one.
-  pure real(wp) function softest_beside(shape, mass, stiffness) result(softest)
+  pure real(wp) function softest_nearby(shape, mass, stiffness) result(softest)
     real(wp), intent(in) :: shape(:), mass(:, :), stiffness(:, :)
     logical :: takes(size(shape))
     real(wp) :: largest
@@ -140,9 +140,9 @@ contains
         softest = min(softest, abs(stiffness(i, i))/mass(i, i))
       end if
     end do
-  end function softest_beside
+  end function softest_nearby
 
-  function told(name, frequency, lost, is_free) result(text)
+  function description(name, frequency, lost, is_free) result(text)
     character(len=*), intent(in) :: name
     real(wp), intent(in) :: frequency, lost
     logical, intent(in) :: is_free
@@ -156,6 +156,6 @@ contains
     end if
     text = 'stiffness: springs are so different that rounding hides the soft ones: '//text &
            //'; stiffer parts may be made rigid, or softer'//new_line('a')
-  end function told
+  end function description
 
 end module viscovib_stiffness_ratio

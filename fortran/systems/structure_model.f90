@@ -46,7 +46,7 @@ module viscovib_structure_model
     !! in terms of the modes of zero frequency.
     real(wp), allocatable, private :: held(:, :), turn(:, :)
   contains
-    procedure :: told
+    procedure :: description
     procedure :: all_damping
     procedure, private :: at_rest
   end type structure_model
@@ -493,7 +493,7 @@ contains
   end function forces
 
   !> Line of a plan: the condensation.
-  function told(self) result(text)
+  function description(self) result(text)
     class(structure_model), intent(in) :: self
     character(len=:), allocatable :: text
     integer :: rigid, below, q
@@ -512,6 +512,6 @@ contains
       text = 'computes: '//things(size(self%mass, 1), 'coordinate')//' condensed to ' &
              //things(q, 'deflection')//' by '//text//new_line('a')
     end associate
-  end function told
+  end function description
 
 end module viscovib_structure_model

@@ -333,16 +333,16 @@ contains
   !> True if symmetric within rounding errors of the entry, diagonal and largest entry.
   pure logical function is_symmetric(matrix)
     real(wp), intent(in) :: matrix(:, :)
-    real(wp) :: beside, least
+    real(wp) :: nearby, least
     integer :: i, j
 
     is_symmetric = .true.
     least = 4.0_wp*epsilon(1.0_wp)*maxval(abs(matrix))
     do j = 1, size(matrix, 1)
       do i = 1, j - 1
-        beside = max(abs(matrix(i, j)), abs(matrix(j, i)), &
+        nearby = max(abs(matrix(i, j)), abs(matrix(j, i)), &
                      sqrt(abs(matrix(i, i)))*sqrt(abs(matrix(j, j))))
-        if (abs(matrix(i, j) - matrix(j, i)) > rounding*beside + least) is_symmetric = .false.
+        if (abs(matrix(i, j) - matrix(j, i)) > rounding*nearby + least) is_symmetric = .false.
       end do
     end do
   end function is_symmetric

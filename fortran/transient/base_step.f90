@@ -1,6 +1,6 @@
 !> Growth of small perturbations in a step of a repeated length, with linear derivatives.
 !!
-!! Perturbations Y of n coordinates obey Y'' = A_q(t) Y + A_v(t) Y' (viscovib_motion_beside). If
+!! Perturbations Y of n coordinates obey Y'' = A_q(t) Y + A_v(t) Y' (viscovib_nearby_motion). If
 !! only a few local laws vary, the slopes at node i of a step are those of a base and a low-rank
 !! sum,
 !!
@@ -169,24 +169,24 @@ contains
     real(wp), intent(in) :: by_q(:, :, :), by_v(:, :, :)
     type(products), intent(out) :: found
     logical, intent(out) :: done
-    integer :: i, n, s, room
+    integer :: i, n, s, work
 
     n = size(by_q, 1)
     s = size(by_q, 3)
-    room = max(1, n/part)
-    allocate (found%u(n, 2*room*s), found%w(n, 2*room*s), found%node(2*room*s), &
-              found%by_rate(2*room*s))
+    work = max(1, n/part)
+    allocate (found%u(n, 2*work*s), found%w(n, 2*work*s), found%node(2*work*s), &
+              found%by_rate(2*work*s))
     done = .true.
     do i = 1, s
-      call eliminate(by_q(:, :, i), self%by_q, self%h**2, i, .false., room, found, done)
-      if (done) call eliminate(by_v(:, :, i), self%by_v, self%h, i, .true., room, found, done)
+      call eliminate(by_q(:, :, i), self%by_q, self%h**2, i, .false., work, found, done)
+      if (done) call eliminate(by_v(:, :, i), self%by_v, self%h, i, .true., work, found, done)
       if (.not. done) return
     end do
   end subroutine find_products
 
-  subroutine eliminate(here, base, unit, node, by_rate, room, found, done)
+  subroutine eliminate(here, base, unit, node, by_rate, work, found, done)
     real(wp), intent(in) :: here(:, :), base(:, :), unit
-    integer, intent(in) :: node, room
+    integer, intent(in) :: node, work
     logical, intent(in) :: by_rate
     type(products), intent(inout) :: found
     logical, intent(out) :: done
@@ -196,9 +196,9 @@ contains
     allocate (left(size(here, 1), size(here, 1)), terms(size(here, 1), size(here, 1)))
     left(:, :) = here - base
     terms(:, :) = abs(here) + abs(base)
-    do taken = 0, room
+    do taken = 0, work
       done = all(abs(left) <= rounding*terms)
-      if (done .or. taken == room) return
+      if (done .or. taken == work) return
       pivot = 1
       do i = 2, size(left, 1)
         if (abs(left(i, i)) > abs(left(pivot, pivot))) pivot = i

@@ -13,7 +13,7 @@ module viscovib_basin_rules
   implicit none
   private
 
-  public :: find_orbits, disturbances, judge_orbit
+  public :: find_orbits, disturbances, check_orbit
 
   !> Labels of motions that have not settled, and of motions that did not reach their end.
   integer, parameter, public :: unsettled = -1, has_left = -2
@@ -181,7 +181,7 @@ contains
   !! neighbours stay where they are. If the state has memory, a start that settles there is
   !! perturbed instead: most motions must return, as the start may be near a basin boundary, and
   !! with kernels the returning ones must have come nearer, since some perturbations decay fast.
-  subroutine judge_orbit(ends, ended, orbit, scale, near, of_starts, has_kernels, attracts, rest)
+  subroutine check_orbit(ends, ended, orbit, scale, near, of_starts, has_kernels, attracts, rest)
     !> Shapes (width, n_disturbed), (n_disturbed) and (width, period).
     real(wp), intent(in) :: ends(:, :), orbit(:, :), scale(:), near
     logical, intent(in) :: ended(:)
@@ -217,6 +217,6 @@ contains
     else
       attracts = all(back) .and. away(1) <= 2.0_wp*near .and. (all(come) .or. away(1) <= stands)
     end if
-  end subroutine judge_orbit
+  end subroutine check_orbit
 
 end module viscovib_basin_rules

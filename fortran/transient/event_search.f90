@@ -11,7 +11,7 @@ module viscovib_event_search
   implicit none
   private
 
-  public :: first_passage, place_of_change, signal_along
+  public :: first_event_point, place_of_change, signal_along
 
   !> Parts in which an interval is searched where an extremum may be beyond 0, and iterations that
   !! find the extremum.
@@ -19,7 +19,7 @@ module viscovib_event_search
   real(wp), parameter :: golden = 0.6180339887498949_wp
 
   !> Distance from a known point, as a part of an interval, at which the slope is checked.
-  real(wp), parameter :: beside = 1.0e-6_wp
+  real(wp), parameter :: nearby = 1.0e-6_wp
   !> Largest part of the change in an interval that may occur within that distance.
   real(wp), parameter :: smooth = 1.0e-3_wp
   !> Largest factor of cancellation in differences of large numbers.
@@ -39,7 +39,7 @@ contains
   end subroutine signal_along
 
   !> The first position after `from` at which a signal changes its sign.
-  subroutine first_passage(signal, path, from, side, fresh, found, place)
+  subroutine first_event_point(signal, path, from, side, fresh, found, place)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: from
@@ -85,7 +85,7 @@ contains
       if (found) exit
     end do
     if (found) place = place_of_change(signal, path, side, low, high)
-  end subroutine first_passage
+  end subroutine first_event_point
 
   !> Change of a signal in a step due to rounding of the states.
   real(wp) function rounding_of(signal, path)
@@ -157,7 +157,7 @@ contains
       ! The extremum may be near a known node if the signal falls from there.
       ! At a start or end on 0 rounding makes it fall.
       if (k == 0 .and. fresh .or. g(k) <= lost(signal, path)) return
-      at = [a, b] + [beside, -beside]*(b - a)
+      at = [a, b] + [nearby, -nearby]*(b - a)
       call signal_along(signal, path, at, value)
       value = side*value
       i = merge(1, 2, k == 0)

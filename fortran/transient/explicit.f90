@@ -7,9 +7,9 @@ module viscovib_explicit
   use viscovib_driven_system, only: driven_system_type
   use viscovib_explicit_tables, only: explicit_table_type, new_explicit_table
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, judge_sweep, &
+  use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, check_sweep, &
     max_sweeps, start_lanes
-  use viscovib_lane_room, only: furnish, new_room_plan, room_plan
+  use viscovib_lane_arrays, only: furnish, new_work_plan, work_plan
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_phases, only: split_phase, step_phase, turn_phase
   use viscovib_stage_kernels, only: end_of_step, stage_states, stage_sums, turn_drives
@@ -32,8 +32,8 @@ module viscovib_explicit
     logical, private :: fresh(n_lanes) = .true.
     !> Load phases and their growth in a step, in two parts, shape (n_lanes, n).
     real(wp), allocatable, private :: high(:, :), low(:, :), step_high(:, :), step_low(:, :)
-    type(room_plan), private :: plan
-    real(wp), allocatable, private :: room(:)
+    type(work_plan), private :: plan
+    real(wp), allocatable, private :: work(:)
     !> Index of its first column.
     integer, private :: first = 1
   contains
@@ -51,12 +51,12 @@ module viscovib_explicit
     procedure :: load_lane
     procedure :: stop_lane
     procedure :: margin_at_nodes
-    procedure, private :: step_in_room
+    procedure, private :: step_in_arrays
     procedure, private :: stage
     procedure, private :: solve
     procedure, private :: predict
     procedure, private :: iterate
-    procedure, private :: margin_in_room
+    procedure, private :: margin_in_arrays
     procedure, private :: accelerate
     procedure, private :: place
   end type explicit_type
@@ -80,9 +80,9 @@ contains
     method%n_dof = n_dof
     n = size(frequencies, 2)
     method%n_drives = n
-    method%plan = new_room_plan(n, method%table%n_stages, method%table%implicit)
-    allocate (method%room(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
-    method%first = first_aligned(method%room)
+    method%plan = new_work_plan(n, method%table%n_stages, method%table%implicit)
+    allocate (method%work(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
+    method%first = first_aligned(method%work)
     allocate (method%high(n_lanes, n), method%low(n_lanes, n))
     allocate (method%step_high(n_lanes, n), method%step_low(n_lanes, n))
     call method%begin_again(frequencies, q, v, start, h)
@@ -107,11 +107,11 @@ contains
   subroutine change_steps(self, frequencies, h)
     class(explicit_type), intent(inout) :: self
     real(wp), intent(in) :: frequencies(:, :), h(n_lanes)
-    call settle(self%room, self%first)
+    call settle(self%work, self%first)
     self%fresh = .true.
     call split_phase(frequencies, spread(h, 2, size(frequencies, 2)), self%step_high, &
                      self%step_low)
-    call furnish(self%table, self%plan, frequencies, h, self%room(self%first))
+    call furnish(self%table, self%plan, frequencies, h, self%work(self%first))
   end subroutine change_steps
 
   !> Advance the phase of each load by some quarter turns.
@@ -126,35 +126,35 @@ contains
   subroutine step(self, system)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    call self%step_in_room(system, self%room(self%first))
+    call self%step_in_arrays(system, self%work(self%first))
     call step_phase(self%high, self%low, self%step_high, self%step_low)
   end subroutine step
 
-  subroutine step_in_room(self, system, room)
+  subroutine step_in_arrays(self, system, work)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     integer :: i, n
 
     n = self%n_dof
     associate (p => self%plan, t => self%table)
-      call phase_cosines(self%n_drives, self%high, self%low, room(1, p%cosine), room(1, p%sine))
+      call phase_cosines(self%n_drives, self%high, self%low, work(1, p%cosine), work(1, p%sine))
       if (t%implicit) then
-        call self%solve(system, room)
+        call self%solve(system, work)
       else
         do i = 1, t%n_stages
-          call self%stage(system, i, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room, &
-                          room(1, p%f + max_dof*(i - 1)))
+          call self%stage(system, i, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), work, &
+                          work(1, p%f + max_dof*(i - 1)))
         end do
         call count_stages(self, t%n_stages)
       end if
       i = t%n_stages + 1
-      call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room(1, p%f), &
-                      room(1, p%in_q), room(1, p%in_v))
-      call end_of_step(n, room(1, p%h), room(1, p%in_q), room(1, p%in_v), room(1, p%q), &
-                       room(1, p%v), room(1, p%q_rest), room(1, p%v_rest))
+      call stage_sums(n, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), work(1, p%f), &
+                      work(1, p%in_q), work(1, p%in_v))
+      call end_of_step(n, work(1, p%h), work(1, p%in_q), work(1, p%in_v), work(1, p%q), &
+                       work(1, p%v), work(1, p%q_rest), work(1, p%v_rest))
     end associate
-  end subroutine step_in_room
+  end subroutine step_in_arrays
 
   subroutine count_stages(self, n)
     class(explicit_type), intent(inout) :: self
@@ -164,88 +164,88 @@ contains
   end subroutine count_stages
 
   !> Accelerations of stage i, from the accelerations of other stages and their weights.
-  subroutine stage(self, system, i, n_terms, from, weights, room, f)
+  subroutine stage(self, system, i, n_terms, from, weights, work, f)
     class(explicit_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: i, n_terms, from(n_terms)
     real(wp), intent(in) :: weights(2, n_terms)
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), f(n_lanes, max_dof)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns), f(n_lanes, max_dof)
     integer :: m, n
 
     n = self%n_dof
     m = self%n_drives
     associate (p => self%plan, t => self%table)
-      call stage_sums(n, n_terms, from, weights, room(1, p%f), room(1, p%in_q), room(1, p%in_v))
-      call stage_states(n, t%c(i), room(1, p%h), room(1, p%q), room(1, p%v), room(1, p%in_q), &
-                        room(1, p%in_v), room(1, p%stage_q), room(1, p%stage_v))
-      call turn_drives(m, room(1, p%cosine), room(1, p%sine), &
-                       room(1, p%stage_cosine + m*(i - 1)), room(1, p%stage_sine + m*(i - 1)), &
-                       room(1, p%drive))
-      if (system%timed) room(:, p%drive + m - 1) = self%since + t%c(i)*room(:, p%h)
-      call system%acceleration(room(1, p%stage_q), room(1, p%stage_v), room(1, p%drive), f)
+      call stage_sums(n, n_terms, from, weights, work(1, p%f), work(1, p%in_q), work(1, p%in_v))
+      call stage_states(n, t%c(i), work(1, p%h), work(1, p%q), work(1, p%v), work(1, p%in_q), &
+                        work(1, p%in_v), work(1, p%stage_q), work(1, p%stage_v))
+      call turn_drives(m, work(1, p%cosine), work(1, p%sine), &
+                       work(1, p%stage_cosine + m*(i - 1)), work(1, p%stage_sine + m*(i - 1)), &
+                       work(1, p%drive))
+      if (system%timed) work(:, p%drive + m - 1) = self%since + t%c(i)*work(:, p%h)
+      call system%acceleration(work(1, p%stage_q), work(1, p%stage_v), work(1, p%drive), f)
     end associate
   end subroutine stage
 
   !> Accelerations at the nodes of a collocation, predicted by those of the step before; in lanes
   !! where that fails, the iteration starts from those at the start of the step.
-  subroutine solve(self, system, room)
+  subroutine solve(self, system, work)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     real(wp) :: state(n_lanes)
     logical :: constant(n_lanes), again(n_lanes)
 
     associate (p => self%plan)
-      room(:, p%f_old:p%f_new - 1) = room(:, p%f:p%f_old - 1)
+      work(:, p%f_old:p%f_new - 1) = work(:, p%f:p%f_old - 1)
     end associate
     state = merge(is_solved, at_work, self%fresh)
-    if (.not. all(self%fresh)) call self%predict(system, room, state)
+    if (.not. all(self%fresh)) call self%predict(system, work, state)
     constant = state < at_work
-    if (any(constant)) call start_again(self, system, constant, room)
+    if (any(constant)) call start_again(self, system, constant, work)
     state = at_work
-    call self%iterate(system, room, state)
+    call self%iterate(system, work, state)
     again = .not. (abs(state - is_solved) <= 0.0_wp .or. constant)
     if (any(again)) then
-      call start_again(self, system, again, room)
+      call start_again(self, system, again, work)
       state = merge(at_work, state, again)
-      call self%iterate(system, room, state)
+      call self%iterate(system, work, state)
     end if
     self%made = abs(state - is_solved) <= 0.0_wp
     self%fresh = .not. self%made
   end subroutine solve
 
   !> Start some lanes from the accelerations at the start of the step.
-  subroutine start_again(self, system, lanes, room)
+  subroutine start_again(self, system, lanes, work)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     logical, intent(in) :: lanes(n_lanes)
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     associate (p => self%plan)
-      call self%accelerate(system, room, room(1, p%f_new))
-      call start_lanes(self%table%n_stages, self%n_dof, lanes, room(1, p%f_new), room(1, p%f))
+      call self%accelerate(system, work, work(1, p%f_new))
+      call start_lanes(self%table%n_stages, self%n_dof, lanes, work(1, p%f_new), work(1, p%f))
     end associate
   end subroutine start_again
 
   !> Accelerations at the start of a step, whose load phases are in the workspace.
-  subroutine accelerate(self, system, room, a)
+  subroutine accelerate(self, system, work, a)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), a(n_lanes, max_dof)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns), a(n_lanes, max_dof)
     associate (p => self%plan)
-      call turn_drives(self%n_drives, room(1, p%cosine), room(1, p%sine), &
-                       0.0_wp*room(:, p%sine:p%stage_cosine - 1) + 1.0_wp, &
-                       0.0_wp*room(:, p%sine:p%stage_cosine - 1), room(1, p%drive))
-      if (system%timed) room(:, p%drive + self%n_drives - 1) = self%since
-      call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive), a)
+      call turn_drives(self%n_drives, work(1, p%cosine), work(1, p%sine), &
+                       0.0_wp*work(:, p%sine:p%stage_cosine - 1) + 1.0_wp, &
+                       0.0_wp*work(:, p%sine:p%stage_cosine - 1), work(1, p%drive))
+      if (system%timed) work(:, p%drive + self%n_drives - 1) = self%since
+      call system%acceleration(work(1, p%q), work(1, p%v), work(1, p%drive), a)
       call count_stages(self, 1)
     end associate
   end subroutine accelerate
 
   !> The first sweep over the nodes, for active lanes.
-  subroutine predict(self, system, room, state)
+  subroutine predict(self, system, work, state)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), state(n_lanes)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns), state(n_lanes)
     real(wp), dimension(n_lanes) :: change, total
     integer :: i
 
@@ -253,42 +253,42 @@ contains
     total = 0.0_wp
     associate (p => self%plan, t => self%table)
       do i = 1, t%n_stages
-        call self%stage(system, i, t%n_first, t%first_from(1, i), t%first_weights(1, 1, i), room, &
-                        room(1, p%f_new))
-        call exchange_lanes(self%n_dof, system%range%push, room(1, p%f_new), &
-                            room(1, p%f + max_dof*(i - 1)), state, change, total)
+        call self%stage(system, i, t%n_first, t%first_from(1, i), t%first_weights(1, 1, i), work, &
+                        work(1, p%f_new))
+        call exchange_lanes(self%n_dof, system%range%push, work(1, p%f_new), &
+                            work(1, p%f + max_dof*(i - 1)), state, change, total)
       end do
       call count_stages(self, t%n_stages)
     end associate
   end subroutine predict
 
   !> Sweep over the nodes until every active lane has converged or diverged.
-  subroutine iterate(self, system, room, state)
+  subroutine iterate(self, system, work, state)
     class(explicit_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns), state(n_lanes)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns), state(n_lanes)
     real(wp), dimension(n_lanes) :: change, before, total, scale
     integer :: d, i, k
 
     scale = 0.0_wp
     associate (p => self%plan, t => self%table)
       do d = 0, self%n_dof - 1
-        scale = scale + abs(room(:, p%q + d)) + abs(room(:, p%h)*room(:, p%v + d))
+        scale = scale + abs(work(:, p%q + d)) + abs(work(:, p%h)*work(:, p%v + d))
       end do
       before = 0.0_wp
       do k = 1, max_sweeps
         change = 0.0_wp
         total = 0.0_wp
         do i = 1, t%n_stages
-          call self%stage(system, i, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), room, &
-                          room(1, p%f_new))
-          room(:, p%node_q + max_dof*(i - 1):p%node_q + max_dof*(i - 1) + self%n_dof - 1) = &
-            room(:, p%stage_q:p%stage_q + self%n_dof - 1)
-          call exchange_lanes(self%n_dof, system%range%push, room(1, p%f_new), &
-                              room(1, p%f + max_dof*(i - 1)), state, change, total)
+          call self%stage(system, i, t%n_terms(i), t%from(1, i), t%weights(1, 1, i), work, &
+                          work(1, p%f_new))
+          work(:, p%node_q + max_dof*(i - 1):p%node_q + max_dof*(i - 1) + self%n_dof - 1) = &
+            work(:, p%stage_q:p%stage_q + self%n_dof - 1)
+          call exchange_lanes(self%n_dof, system%range%push, work(1, p%f_new), &
+                              work(1, p%f + max_dof*(i - 1)), state, change, total)
         end do
         call count_stages(self, t%n_stages)
-        call judge_sweep(k, t%n_stages, room(1, p%h), scale, change, before, total, state)
+        call check_sweep(k, t%n_stages, work(1, p%h), scale, change, before, total, state)
         if (.not. any(state >= at_work)) exit
         before = change
       end do
@@ -300,22 +300,22 @@ contains
     class(explicit_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
     real(wp) :: least(n_lanes)
-    least = self%margin_in_room(system, self%room(self%first))
+    least = self%margin_in_arrays(system, self%work(self%first))
   end function margin_at_nodes
 
-  function margin_in_room(self, system, room) result(least)
+  function margin_in_arrays(self, system, work) result(least)
     class(explicit_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(in) :: work(n_lanes, self%plan%n_columns)
     real(wp) :: least(n_lanes)
     integer :: first, i
 
     least = huge(1.0_wp)
     do i = 1, self%table%n_stages
       first = self%plan%node_q + max_dof*(i - 1)
-      least = min(least, system%margin(room(:, first:first + self%n_dof - 1)))
+      least = min(least, system%margin(work(:, first:first + self%n_dof - 1)))
     end do
-  end function margin_in_room
+  end function margin_in_arrays
 
   !> cos and sin of phases in two parts.
   pure subroutine phase_cosines(n, high, low, cosine, sine)
@@ -338,9 +338,9 @@ contains
     integer :: d, at
     do d = 1, self%n_dof
       at = self%place(self%plan%q + d - 1)
-      q(:, d) = self%room(at + 1:at + n_lanes)
+      q(:, d) = self%work(at + 1:at + n_lanes)
       at = self%place(self%plan%v + d - 1)
-      v(:, d) = self%room(at + 1:at + n_lanes)
+      v(:, d) = self%work(at + 1:at + n_lanes)
     end do
   end subroutine get_state
 
@@ -351,9 +351,9 @@ contains
     real(wp), intent(inout) :: a(n_lanes, max_dof)
     associate (p => self%plan)
       call phase_cosines(self%n_drives, self%high, self%low, &
-                         self%room(self%place(p%cosine) + 1), self%room(self%place(p%sine) + 1))
+                         self%work(self%place(p%cosine) + 1), self%work(self%place(p%sine) + 1))
     end associate
-    call self%accelerate(system, self%room(self%first), a)
+    call self%accelerate(system, self%work(self%first), a)
   end subroutine get_accelerations
 
   !> Number of elements before a column of the workspace.
@@ -372,10 +372,10 @@ contains
     self%fresh(lane) = .true.
     associate (p => self%plan)
       do d = 1, size(q)
-        self%room(self%place(p%q + d - 1) + lane) = q(d)
-        self%room(self%place(p%v + d - 1) + lane) = v(d)
-        self%room(self%place(p%q_rest + d - 1) + lane) = 0.0_wp
-        self%room(self%place(p%v_rest + d - 1) + lane) = 0.0_wp
+        self%work(self%place(p%q + d - 1) + lane) = q(d)
+        self%work(self%place(p%v + d - 1) + lane) = v(d)
+        self%work(self%place(p%q_rest + d - 1) + lane) = 0.0_wp
+        self%work(self%place(p%v_rest + d - 1) + lane) = 0.0_wp
       end do
     end associate
   end subroutine set_lane
@@ -388,12 +388,12 @@ contains
     real(wp), intent(in) :: q(:, :), v(:, :)
     integer :: d
     self%fresh = .true.
-    associate (p => self%plan, room => self%room)
+    associate (p => self%plan, work => self%work)
       do d = first, self%n_dof
-        room(self%place(p%q + d - 1) + 1:self%place(p%q + d)) = q(:, d)
-        room(self%place(p%v + d - 1) + 1:self%place(p%v + d)) = v(:, d)
-        room(self%place(p%q_rest + d - 1) + 1:self%place(p%q_rest + d)) = 0.0_wp
-        room(self%place(p%v_rest + d - 1) + 1:self%place(p%v_rest + d)) = 0.0_wp
+        work(self%place(p%q + d - 1) + 1:self%place(p%q + d)) = q(:, d)
+        work(self%place(p%v + d - 1) + 1:self%place(p%v + d)) = v(:, d)
+        work(self%place(p%q_rest + d - 1) + 1:self%place(p%q_rest + d)) = 0.0_wp
+        work(self%place(p%v_rest + d - 1) + 1:self%place(p%v_rest + d)) = 0.0_wp
       end do
     end associate
   end subroutine set_from
@@ -408,12 +408,12 @@ contains
     do d = first, self%n_dof
       do i = 0, 3
         at = self%place(self%plan%q + max_dof*i + d - 1)
-        self%room(at + 1:at + n_lanes) = factors*self%room(at + 1:at + n_lanes)
+        self%work(at + 1:at + n_lanes) = factors*self%work(at + 1:at + n_lanes)
       end do
       ! Accelerations predict the next step: those of a perturbation are proportional to it.
       do i = 0, self%table%n_stages - 1
         at = self%place(self%plan%f + max_dof*i + d - 1)
-        self%room(at + 1:at + n_lanes) = factors*self%room(at + 1:at + n_lanes)
+        self%work(at + 1:at + n_lanes) = factors*self%work(at + 1:at + n_lanes)
       end do
     end do
   end subroutine scale_lanes
@@ -430,7 +430,7 @@ contains
     integer, intent(in) :: lane
     real(wp) :: memory(self%lane_memory_size())
     integer :: i
-    memory = [(self%room(self%place(self%plan%q + i) + lane), i=0, 4*max_dof - 1), &
+    memory = [(self%work(self%place(self%plan%q + i) + lane), i=0, 4*max_dof - 1), &
               self%high(lane, :), self%low(lane, :)]
   end function save_lane
 
@@ -440,7 +440,7 @@ contains
     real(wp), intent(in) :: memory(:)
     integer :: i
     do i = 0, 4*max_dof - 1
-      self%room(self%place(self%plan%q + i) + lane) = memory(i + 1)
+      self%work(self%place(self%plan%q + i) + lane) = memory(i + 1)
     end do
     i = 4*max_dof + self%n_drives
     self%high(lane, :) = memory(4*max_dof + 1:i)
@@ -451,7 +451,7 @@ contains
   pure subroutine stop_lane(self, lane)
     class(explicit_type), intent(inout) :: self
     integer, intent(in) :: lane
-    self%room(self%place(self%plan%h) + lane) = 0.0_wp
+    self%work(self%place(self%plan%h) + lane) = 0.0_wp
   end subroutine stop_lane
 
 end module viscovib_explicit

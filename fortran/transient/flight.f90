@@ -254,7 +254,7 @@ contains
     end if
     if (.not. any(doubtful)) return
     do l = 1, n_lanes
-      if (doubtful(l)) call judge_lane(f, job, system, motion, block, i, l, good(l))
+      if (doubtful(l)) call check_lane(f, job, system, motion, block, i, l, good(l))
     end do
   end subroutine find_stops
 
@@ -292,7 +292,7 @@ contains
   end subroutine measure_margin
 
   !> Test if the motion of a lane stops inside step i, and where.
-  subroutine judge_lane(f, job, system, motion, block, i, l, good)
+  subroutine check_lane(f, job, system, motion, block, i, l, good)
     type(flight_type), intent(inout) :: f
     type(ensemble_job), intent(in) :: job
     class(driven_system_type), intent(in) :: system
@@ -344,7 +344,7 @@ contains
         call f%others(k)%stop_lane(l)
       end do
     end if
-  end subroutine judge_lane
+  end subroutine check_lane
 
   !> Set the motion of a lane to the result of small steps; its perturbations remain.
   subroutine put_motion(f, l, q, v)

@@ -35,10 +35,10 @@ module viscovib_gauss
   integer, parameter :: prediction_degree = 5, newton_degree = 6
 
   !> Offsets of the arrays in the workspace of a method, in columns of lanes.
-  type :: room_plan
+  type :: work_plan
     integer :: sums = 0, prediction = 0, times = 0, drive = 0, f = 0, f_new = 0, q = 0, v = 0
     integer :: n_columns = 0
-  end type room_plan
+  end type work_plan
 
   type, extends(stepper_type) :: gauss_type
     type(gauss_table_type) :: table
@@ -51,9 +51,9 @@ module viscovib_gauss
     logical :: has_history = .false.
     !> Largest distance of two nodes, in steps.
     real(wp), private :: widest = 1.0_wp
-    type(room_plan), private :: plan
+    type(work_plan), private :: plan
     !> Tables, and accelerations and states at the nodes.
-    real(wp), allocatable, private :: room(:)
+    real(wp), allocatable, private :: work(:)
     !> Index of its first column.
     integer, private :: first = 1
   contains
@@ -66,7 +66,7 @@ module viscovib_gauss
     procedure :: load_memory
     procedure :: least_margin
     procedure :: trace
-    procedure, private :: step_in_room
+    procedure, private :: step_in_arrays
     procedure, private :: solve
     procedure, private :: iterate
     procedure, private :: margin_at_nodes
@@ -94,37 +94,37 @@ contains
     method%q = q
     method%v = v
     allocate (method%q_rest(size(q)), method%v_rest(size(q)), source=0.0_wp)
-    method%plan = new_room_plan(method%table%n_blocks)
-    allocate (method%room(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
-    method%first = first_aligned(method%room)
-    call furnish(method%table, h, method%plan, method%room(method%first))
+    method%plan = new_work_plan(method%table%n_blocks)
+    allocate (method%work(n_lanes*method%plan%n_columns + alignment_slack), source=0.0_wp)
+    method%first = first_aligned(method%work)
+    call furnish(method%table, h, method%plan, method%work(method%first))
     associate (c => pack(method%table%nodes, method%table%nodes > 0.0_wp))
       method%widest = max(maxval(c(2:) - c(:size(c) - 1)), c(1))
     end associate
   end subroutine new_gauss
 
   !> Store the tables, scaled by the step, in the workspace.
-  pure subroutine furnish(table, h, plan, room)
+  pure subroutine furnish(table, h, plan, work)
     type(gauss_table_type), intent(in) :: table
     real(wp), intent(in) :: h
-    type(room_plan), intent(in) :: plan
-    real(wp), intent(inout) :: room(n_lanes, plan%n_columns)
+    type(work_plan), intent(in) :: plan
+    real(wp), intent(inout) :: work(n_lanes, plan%n_columns)
     integer :: from, to, j, k
 
     do to = 1, table%n_blocks
-      room(:, plan%times + to - 1) = h*table%nodes(:, to)
+      work(:, plan%times + to - 1) = h*table%nodes(:, to)
       do from = 1, table%n_blocks
         do j = 1, n_lanes
           k = j - 1 + n_lanes*(from - 1 + table%n_blocks*(to - 1))
-          room(:, plan%sums + 2*k) = h**2*table%a_q(:, j, from, to)
-          room(:, plan%sums + 2*k + 1) = h*table%a(:, j, from, to)
-          room(:, plan%prediction + k) = table%extrapolation(:, j, from, to)
+          work(:, plan%sums + 2*k) = h**2*table%a_q(:, j, from, to)
+          work(:, plan%sums + 2*k + 1) = h*table%a(:, j, from, to)
+          work(:, plan%prediction + k) = table%extrapolation(:, j, from, to)
         end do
       end do
     end do
   end subroutine furnish
 
-  pure type(room_plan) function new_room_plan(n_blocks) result(plan)
+  pure type(work_plan) function new_work_plan(n_blocks) result(plan)
     integer, intent(in) :: n_blocks
     integer :: square
     square = n_lanes*n_blocks**2
@@ -137,7 +137,7 @@ contains
     plan%q = plan%f_new + max_dof*n_blocks
     plan%v = plan%q + max_dof*n_blocks
     plan%n_columns = plan%v + max_dof*n_blocks - 1
-  end function new_room_plan
+  end function new_work_plan
 
   subroutine change_step(self, system, h)
     class(gauss_type), intent(inout) :: self
@@ -145,9 +145,9 @@ contains
     real(wp), intent(in) :: h
     self%h = h
     self%has_history = .false.
-    call settle(self%room, self%first)
+    call settle(self%work, self%first)
     call self%phases%set_step(system%drives, h, self%table%nodes(:, :self%table%n_blocks))
-    call furnish(self%table, h, self%plan, self%room(self%first))
+    call furnish(self%table, h, self%plan, self%work(self%first))
   end subroutine change_step
 
   subroutine put(self, q, v)
@@ -165,7 +165,7 @@ contains
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     logical, intent(out) :: made
-    call self%step_in_room(system, self%room(self%first), made)
+    call self%step_in_arrays(system, self%work(self%first), made)
   end subroutine step
 
   !> Set the state at the end of a step that another method made.
@@ -180,10 +180,10 @@ contains
     call self%phases%advance()
   end subroutine arrive
 
-  subroutine step_in_room(self, system, room, converged)
+  subroutine step_in_arrays(self, system, work, converged)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     logical, intent(out) :: converged
     integer :: b, blocks, dofs
 
@@ -192,33 +192,33 @@ contains
     if (counting) call count_up(counted_loads, size(self%phases%high))
     associate (p => self%plan)
       do b = 1, blocks
-        call self%phases%drives(b, room(1, p%drive + max_dof*(b - 1)))
+        call self%phases%drives(b, work(1, p%drive + max_dof*(b - 1)))
         if (system%timed) then
-          room(:, p%drive + max_dof*(b - 1) + size(self%phases%high) - 1) = &
-            self%since + room(:, p%times + b - 1)
+          work(:, p%drive + max_dof*(b - 1) + size(self%phases%high) - 1) = &
+            self%since + work(:, p%times + b - 1)
         end if
       end do
       converged = .false.
       if (self%has_history) then
         do b = 1, blocks
-          call predict(blocks, dofs, room(1, p%prediction + n_lanes*blocks*(b - 1)), &
-                       room(1, p%f), room(1, p%f_new + max_dof*(b - 1)))
+          call predict(blocks, dofs, work(1, p%prediction + n_lanes*blocks*(b - 1)), &
+                       work(1, p%f), work(1, p%f_new + max_dof*(b - 1)))
         end do
-        room(:, p%f:p%f_new - 1) = room(:, p%f_new:p%f_new + max_dof*blocks - 1)
-        call self%solve(system, room, converged)
+        work(:, p%f:p%f_new - 1) = work(:, p%f_new:p%f_new + max_dof*blocks - 1)
+        call self%solve(system, work, converged)
       end if
       if (.not. converged) then
-        call constant_start(self, system, room)
-        call self%solve(system, room, converged)
+        call constant_start(self, system, work)
+        call self%solve(system, work, converged)
       end if
       if (.not. converged .and. system%sloped) then
-        call constant_start(self, system, room)
-        call self%iterate(system, room, converged)
+        call constant_start(self, system, work)
+        call self%iterate(system, work, converged)
       end if
       if (.not. converged) return
-      call advance(self, blocks, room(1, p%f))
+      call advance(self, blocks, work(1, p%f))
     end associate
-  end subroutine step_in_room
+  end subroutine step_in_arrays
 
   !> Advance to the end of the step, from the accelerations at its nodes.
   subroutine advance(self, blocks, f)
@@ -243,22 +243,22 @@ contains
   end subroutine advance
 
   !> Use the accelerations at the start of the step at every node.
-  subroutine constant_start(self, system, room)
+  subroutine constant_start(self, system, work)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     integer :: b, d
 
     associate (p => self%plan)
       do d = 1, size(self%q)
-        room(:, p%q + d - 1) = self%q(d)
-        room(:, p%v + d - 1) = self%v(d)
+        work(:, p%q + d - 1) = self%q(d)
+        work(:, p%v + d - 1) = self%v(d)
       end do
-      call system%acceleration(room(1, p%q), room(1, p%v), room(1, p%drive), room(1, p%f_new))
+      call system%acceleration(work(1, p%q), work(1, p%v), work(1, p%drive), work(1, p%f_new))
       self%n_evaluations = self%n_evaluations + 1
       do b = 0, self%table%n_blocks - 1
         do d = 0, size(self%q) - 1
-          room(:, p%f + b*max_dof + d) = room(1, p%f_new + d)
+          work(:, p%f + b*max_dof + d) = work(1, p%f_new + d)
         end do
       end do
     end associate
@@ -266,16 +266,16 @@ contains
 
   !> Solve for the accelerations at the nodes, from the present ones: by Newton's method if the
   !! system has derivatives.
-  subroutine solve(self, system, room, converged)
+  subroutine solve(self, system, work, converged)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     logical, intent(out) :: converged
     real(wp) :: q_0(max_dof), v_0(max_dof), total, lost
     integer :: n, blocks
 
     if (.not. system%sloped) then
-      call self%iterate(system, room, converged)
+      call self%iterate(system, work, converged)
       return
     end if
     n = size(self%q)
@@ -286,21 +286,21 @@ contains
     v_0(:n) = self%v
     lost = blocks*n_lanes*rounding*(sum(abs(q_0)) + abs(self%h)*sum(abs(v_0)))
     associate (p => self%plan)
-      total = size_of(n, blocks, room(1, p%f))
-      call newton_nodes(system, n, blocks, room(1, p%times), room(1, p%sums), room(1, p%drive), &
+      total = size_of(n, blocks, work(1, p%f))
+      call newton_nodes(system, n, blocks, work(1, p%times), work(1, p%sums), work(1, p%drive), &
                         q_0, v_0, total, max(self%tolerance*total, negligible), lost, &
-                        self%h**2, room(1, p%f), room(1, p%f_new), room(1, p%q), room(1, p%v), &
+                        self%h**2, work(1, p%f), work(1, p%f_new), work(1, p%q), work(1, p%v), &
                         self%n_evaluations, converged)
       if (.not. converged) return
-      converged = all(abs(room(1, p%q:p%q + n - 1)) <= system%range%coordinate)
+      converged = all(abs(work(1, p%q:p%q + n - 1)) <= system%range%coordinate)
     end associate
   end subroutine solve
 
   !> Fixed-point iteration for the accelerations.
-  subroutine iterate(self, system, room, converged)
+  subroutine iterate(self, system, work, converged)
     class(gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(inout) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     logical, intent(out) :: converged
     real(wp) :: q_0(max_dof), v_0(max_dof), change, before, expected, wanted, lost
     integer :: k, b, n, blocks
@@ -315,15 +315,15 @@ contains
     converged = .false.
     before = 0.0_wp
     associate (p => self%plan)
-      wanted = max(self%tolerance*size_of(n, blocks, room(1, p%f)), negligible)
+      wanted = max(self%tolerance*size_of(n, blocks, work(1, p%f)), negligible)
       lost = blocks*n_lanes*rounding*(sum(abs(q_0)) + abs(self%h)*sum(abs(v_0)))
       do k = 1, max_iterations
         do b = 0, blocks - 1
-          call node_states(blocks, n, room(1, p%times + b), room(1, p%sums + 2*n_lanes*blocks*b), &
-                           room(1, p%f), q_0, v_0, room(1, p%q + max_dof*b), &
-                           room(1, p%v + max_dof*b))
-          call system%acceleration(room(1, p%q + max_dof*b), room(1, p%v + max_dof*b), &
-                                   room(1, p%drive + max_dof*b), room(1, p%f_new + max_dof*b))
+          call node_states(blocks, n, work(1, p%times + b), work(1, p%sums + 2*n_lanes*blocks*b), &
+                           work(1, p%f), q_0, v_0, work(1, p%q + max_dof*b), &
+                           work(1, p%v + max_dof*b))
+          call system%acceleration(work(1, p%q + max_dof*b), work(1, p%v + max_dof*b), &
+                                   work(1, p%drive + max_dof*b), work(1, p%f_new + max_dof*b))
         end do
         self%n_evaluations = self%n_evaluations + blocks
         if (counting) call count_up(counted_turns, 1)
@@ -331,7 +331,7 @@ contains
         if (counting) call count_up(counted_coordinates, n*blocks)
         change = 0.0_wp
         do b = 0, blocks - 1
-          call exchange(n, room(1, p%f_new + max_dof*b), room(1, p%f + max_dof*b), change)
+          call exchange(n, work(1, p%f_new + max_dof*b), work(1, p%f + max_dof*b), change)
         end do
         ! A diverging iteration is stopped before it overflows.
         if (.not. change <= system%range%push) return
@@ -344,7 +344,7 @@ contains
         before = change
       end do
       converged = k <= max_iterations &
-                  .and. all(abs(room(1, p%q:p%q + n - 1)) <= system%range%coordinate)
+                  .and. all(abs(work(1, p%q:p%q + n - 1)) <= system%range%coordinate)
     end associate
   end subroutine iterate
 
@@ -363,22 +363,22 @@ contains
     ! The last position before the first node follows from the motion at the start.
     least = min(margins(1), margins(2) + min(0.0_wp, margins(3) - margins(2)))
     do b = 0, self%table%n_blocks - 1
-      least = min(least, self%margin_at_nodes(system, self%room(self%first), b))
+      least = min(least, self%margin_at_nodes(system, self%work(self%first), b))
     end do
   end function least_margin
 
   !> Lower bound of the margin from the hull of cubics between the nodes of a block.
-  real(wp) function margin_at_nodes(self, system, room, b) result(least)
+  real(wp) function margin_at_nodes(self, system, work, b) result(least)
     class(gauss_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: room(n_lanes, self%plan%n_columns)
+    real(wp), intent(in) :: work(n_lanes, self%plan%n_columns)
     integer, intent(in) :: b
     real(wp), dimension(n_lanes) :: here, moved
     integer :: n
 
     n = size(self%q)
-    associate (q => room(:, self%plan%q + max_dof*b:self%plan%q + max_dof*b + n - 1), &
-               v => room(:, self%plan%v + max_dof*b:self%plan%v + max_dof*b + n - 1))
+    associate (q => work(:, self%plan%q + max_dof*b:self%plan%q + max_dof*b + n - 1), &
+               v => work(:, self%plan%v + max_dof*b:self%plan%v + max_dof*b + n - 1))
       here = system%margin(q)
       moved = system%margin(q + self%widest/3.0_wp*self%h*v)
     end associate
@@ -407,8 +407,8 @@ contains
     do i = 1, s
       first = self%first - 1 + n_lanes*(max_dof*((i - 1)/n_lanes) - 1) + mod(i - 1, n_lanes) + 1
       do d = 1, n
-        path%q(i + 1, d) = self%room(first + n_lanes*(self%plan%q + d - 1))
-        path%v(i + 1, d) = self%room(first + n_lanes*(self%plan%v + d - 1))
+        path%q(i + 1, d) = self%work(first + n_lanes*(self%plan%q + d - 1))
+        path%v(i + 1, d) = self%work(first + n_lanes*(self%plan%v + d - 1))
       end do
     end do
     path%q(s + 2, :) = self%q
@@ -448,7 +448,7 @@ contains
     integer :: first
     first = self%first + n_lanes*(self%plan%f - 1)
     memory = [self%q, self%v, self%q_rest, self%v_rest, self%phases%high, self%phases%low, &
-              self%room(first:first + n_nodes_values(self) - 1), &
+              self%work(first:first + n_nodes_values(self) - 1), &
               merge(1.0_wp, 0.0_wp, self%has_history)]
   end function save_memory
 
@@ -465,7 +465,7 @@ contains
     self%phases%high = memory(4*n + 1:4*n + m)
     self%phases%low = memory(4*n + m + 1:4*n + 2*m)
     first = self%first + n_lanes*(self%plan%f - 1)
-    self%room(first:first + n_nodes_values(self) - 1) = &
+    self%work(first:first + n_nodes_values(self) - 1) = &
       memory(4*n + 2*m + 1:4*n + 2*m + n_nodes_values(self))
     self%has_history = memory(self%memory_size()) > 0.5_wp
   end subroutine load_memory

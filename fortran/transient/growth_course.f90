@@ -68,14 +68,14 @@ contains
   pure function unsure(self) result(off)
     class(growth_course), intent(in) :: self
     real(wp) :: off(size(self%growth, 1), size(self%growth, 2))
-    real(wp), dimension(size(off, 1), size(off, 2)) :: least, most, beside
+    real(wp), dimension(size(off, 1), size(off, 2)) :: least, most, nearby
     integer :: k
     least = 0.0_wp
     most = 0.0_wp
     do k = 1, self%n
-      beside = self%growth(:, :, k) - self%at(k)*self%growth(:, :, self%n)
-      least = min(least, beside)
-      most = max(most, beside)
+      nearby = self%growth(:, :, k) - self%at(k)*self%growth(:, :, self%n)
+      least = min(least, nearby)
+      most = max(most, nearby)
     end do
     off = in_ranges*(most - least)
   end function unsure

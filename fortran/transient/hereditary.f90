@@ -10,7 +10,8 @@ module viscovib_hereditary
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
   use viscovib_graded_march, only: graded_march_type, n_common, pull, push
-  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, judge, &
+  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, &
+    check_resolution, &
     runs_away
   use viscovib_hereditary_maps, only: find_map, new_step_map, step_map_type
   use viscovib_hereditary_start, only: direct_panels, march_start, start_type
@@ -248,7 +249,8 @@ contains
       do d = 1, n
         self%points(0, d) = self%u(d)
         self%points(1:, d) = self%u(d) + x((d - 1)*(s + 1) + 1:d*(s + 1))
-        call judge(s + 2, self%points(:, d), self%table%last_coefficient, self%roughness(d), &
+        call check_resolution(s + 2, self%points(:, d), self%table%last_coefficient, &
+                              self%roughness(d), &
                    self%largest(d))
         call add_up(self%u(d), self%u_rest(d), x(d*(s + 1)))
         call add_up(self%v(d), self%v_rest(d), x(map%velocity_row + d - 1))

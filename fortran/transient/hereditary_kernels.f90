@@ -6,7 +6,7 @@ module viscovib_hereditary_kernels
   private
 
   public :: add_any, add_columns, add_held, add_up, carry_on, compare, copy
-  public :: gather_channels, judge, runs_away
+  public :: gather_channels, check_resolution, runs_away
   public :: product_of
 
   !> Largest last Legendre coefficient of a resolved step, relative to the
@@ -46,13 +46,13 @@ contains
   end subroutine gather_channels
 
   !> Update the largest last coefficient and displacement of all steps.
-  pure subroutine judge(n, points, last_coefficient, roughness, largest)
+  pure subroutine check_resolution(n, points, last_coefficient, roughness, largest)
     integer, intent(in) :: n
     real(wp), intent(in) :: points(n), last_coefficient(n)
     real(wp), intent(inout) :: roughness, largest
     roughness = max(roughness, abs(sum(last_coefficient*points)))
     largest = max(largest, abs(points(n)))
-  end subroutine judge
+  end subroutine check_resolution
 
   !> Compensated sum.
   elemental subroutine add_up(total, rest, increment)

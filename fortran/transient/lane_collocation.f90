@@ -10,7 +10,7 @@ module viscovib_lane_collocation
   implicit none
   private
 
-  public :: exchange_lanes, judge_sweep, start_lanes
+  public :: exchange_lanes, check_sweep, start_lanes
 
   !> Sweeps over all nodes before a step counts as too large.
   integer, parameter, public :: max_sweeps = 40
@@ -64,7 +64,7 @@ contains
   end subroutine exchange_lanes
 
   !> Mark the lanes that have converged after sweep `sweep`.
-  pure subroutine judge_sweep(sweep, n_nodes, h, size_of_state, change, before, total, state)
+  pure subroutine check_sweep(sweep, n_nodes, h, size_of_state, change, before, total, state)
     integer, intent(in) :: sweep, n_nodes
     !> Steps; sum of the sizes of coordinates, and of velocities times the step; changes of this
     !! sweep and of the one before, 0 before the first; sum of the sizes of accelerations.
@@ -83,6 +83,6 @@ contains
       if (sweep > 2 .and. change(l) >= 0.5_wp*before(l) &
           .and. h(l)**2*change(l) <= n_nodes*rounding*size_of_state(l)) state(l) = is_solved
     end do
-  end subroutine judge_sweep
+  end subroutine check_sweep
 
 end module viscovib_lane_collocation

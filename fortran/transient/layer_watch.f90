@@ -35,7 +35,7 @@ module viscovib_layer_watch
     procedure :: follow
     procedure :: jump
     procedure :: thinness
-    procedure, private :: room
+    procedure, private :: work
     procedure, private :: forget
     procedure, private :: note
   end type layer_watch
@@ -50,7 +50,7 @@ contains
     ! Steps that are made in parts check for layers themselves.
     self%on = system%layers%exist() .and. .not. (system%in_parts .or. allocated(system%signals))
     if (.not. self%on) return
-    call self%room(size(q))
+    call self%work(size(q))
     call self%note(t, q, v)
   end subroutine begin
 
@@ -95,7 +95,7 @@ contains
       end if
     end select
     if (.not. self%on) return
-    call self%room(size(q))
+    call self%work(size(q))
     call self%note(t, q, v)
   end subroutine begin_to_follow
 
@@ -131,12 +131,12 @@ contains
   end function thinness
 
   !> Allocate states of n_dof coordinates.
-  subroutine room(self, n_dof)
+  subroutine work(self, n_dof)
     class(layer_watch), intent(inout) :: self
     integer, intent(in) :: n_dof
     allocate (self%t(n_states), self%q(n_states, n_dof), self%v(n_states, n_dof))
     self%n = 0
-  end subroutine room
+  end subroutine work
 
   subroutine note(self, t, q, v)
     class(layer_watch), intent(inout) :: self

@@ -16,7 +16,7 @@ module viscovib_march_events
   use viscovib_quadrature, only: gauss_nodes, legendre
   use viscovib_simulate, only: run_event
   use viscovib_step_path, only: new_path, step_path
-  use viscovib_watch, only: passage_type, watch_type
+  use viscovib_watch, only: event_point_type, watch_type
   implicit none
   private
 
@@ -47,7 +47,7 @@ contains
     real(wp) :: u(run%n_observed()), v(run%n_observed())
     real(wp) :: begin, width, place
     type(step_path) :: path
-    type(passage_type), allocatable :: found(:)
+    type(event_point_type), allocatable :: found(:)
     integer :: i
 
     if (watch%is_idle()) return
@@ -67,7 +67,7 @@ contains
         place = begin + width*found(i)%place
         call settle(run, base, watch, path, found(i), from, now, begin, width, place, u, v)
         t_reached = from + place*(now - from)
-        call watch%keep(found(i), t_reached, u, v, rate_beside(place))
+        call watch%keep(found(i), t_reached, u, v, nearby_rate(place))
         if (.not. watch%terminal(found(i)%which)) cycle
         outcome = run_event
         return
@@ -80,15 +80,15 @@ contains
   contains
 
     !> Accelerations at a position where velocities are v, by a difference quotient.
-    function rate_beside(place) result(a)
+    function nearby_rate(place) result(a)
       real(wp), intent(in) :: place
       real(wp), dimension(run%n_observed()) :: a, other, speed
-      real(wp) :: beside
-      beside = place - closely*width
-      if (beside < 0.0_wp) beside = place + closely*width
-      call body_at(run, base, from, now, beside, other, speed)
-      a = (v - speed)/((place - beside)*(now - from))
-    end function rate_beside
+      real(wp) :: nearby
+      nearby = place - closely*width
+      if (nearby < 0.0_wp) nearby = place + closely*width
+      call body_at(run, base, from, now, nearby, other, speed)
+      a = (v - speed)/((place - nearby)*(now - from))
+    end function nearby_rate
 
     !> Sample the motion of the present part.
     subroutine sample()
@@ -110,13 +110,13 @@ contains
 
   !> Position of a crossing of the motion itself, near that of the interpolant of a part, and
   !! the state there.
-  subroutine settle(run, base, watch, path, passage, from, now, begin, width, x, u, v)
+  subroutine settle(run, base, watch, path, event_point, from, now, begin, width, x, u, v)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(in) :: base
     type(watch_type), intent(in) :: watch
     !> The part, the crossing in it, ends of the step, the part in the step.
     type(step_path), intent(in) :: path
-    type(passage_type), intent(in) :: passage
+    type(event_point_type), intent(in) :: event_point
     real(wp), intent(in) :: from, now, begin, width
     real(wp), intent(inout) :: x
     real(wp), intent(out) :: u(:), v(:)
@@ -155,16 +155,16 @@ contains
     subroutine by_slope(x, settled)
       real(wp), intent(inout) :: x
       logical, intent(out) :: settled
-      real(wp) :: g(2), beside(2), off, before, ahead
+      real(wp) :: g(2), nearby(2), off, before, ahead
       integer :: k
 
       settled = .false.
       if (width <= 0.5_wp**most_halvings) return
-      associate (local => (x - begin)/width, signal => watch%signals(passage%which))
-        beside = min(max([local - closely, local + closely], 0.0_wp), 1.0_wp)
-        call signal_along(signal, path, beside, g)
-        if (.not. passage%side*(g(2) - g(1)) < 0.0_wp) return
-        ahead = (beside(2) - beside(1))*width/(g(2) - g(1))
+      associate (local => (x - begin)/width, signal => watch%signals(event_point%which))
+        nearby = min(max([local - closely, local + closely], 0.0_wp), 1.0_wp)
+        call signal_along(signal, path, nearby, g)
+        if (.not. event_point%side*(g(2) - g(1)) < 0.0_wp) return
+        ahead = (nearby(2) - nearby(1))*width/(g(2) - g(1))
       end associate
       before = nearly*width
       do k = 1, 4
@@ -185,7 +185,7 @@ contains
     !> True if the signal of the present crossing has passed 0 at a position.
     logical function beyond(x)
       real(wp), intent(in) :: x
-      beyond = passage%side*value_at(x) < 0.0_wp
+      beyond = event_point%side*value_at(x) < 0.0_wp
     end function beyond
 
     !> The signal of the present crossing at a position; the state there is (u, v).
@@ -193,7 +193,7 @@ contains
       real(wp), intent(in) :: x
       real(wp) :: g(1)
       call body_at(run, base, from, now, x, u, v)
-      associate (which => watch%reads, signal => watch%signals(passage%which))
+      associate (which => watch%reads, signal => watch%signals(event_point%which))
         call signal%at([from + x*(now - from)], reshape(u(which), [1, size(which)]), &
                        reshape(v(which), [1, size(which)]), g)
       end associate

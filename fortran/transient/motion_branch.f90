@@ -8,7 +8,7 @@ module viscovib_motion_branch
   use viscovib_outcomes, only: outcome_converged
   use viscovib_period_map, only: period_map
   use viscovib_shooting, only: accuracy_type, check_repeating, find_shortest_period, &
-    judge_repeating, steady_from_rest, steady_type
+    check_periodic, steady_from_rest, steady_type
   use viscovib_stopping, only: begin_piece, given_up
   implicit none
   private
@@ -101,8 +101,8 @@ contains
     end if
     if (given_up()) branch%outcome = branch_stopped
     if (branch%outcome == branch_stuck) branch%reason = path%switches_ahead(points(size(points)))
-    call judge_points(path, options%accuracy, points, branch)
-    call judge_events(path, points, branch)
+    call check_points(path, options%accuracy, points, branch)
+    call check_events(path, points, branch)
   end subroutine trace_motion
 
   !> Trace the points from the beginning of the range to its end.
@@ -240,7 +240,7 @@ contains
   end function cosine_of
 
   !> Errors of each point by another number of steps, its shortest period and its extremes.
-  subroutine judge_points(path, accuracy, points, branch)
+  subroutine check_points(path, accuracy, points, branch)
     type(motion_path), intent(in) :: path
     type(accuracy_type), intent(in) :: accuracy
     type(motion_point), intent(in) :: points(:)
@@ -259,7 +259,7 @@ contains
       associate (z => points(i)%z)
         branch%p(i) = path%parameter_of(z)
         call path%family%map_at(branch%p(i), map, made)
-        call judge_repeating(map, path%state_of(z), path%n_steps, points(i)%correction*path%size, &
+        call check_periodic(map, path%state_of(z), path%n_steps, points(i)%correction*path%size, &
                              branch%motions(i))
         branch%repeats_after(i) = find_shortest_period(map, branch%motions(i))
         branch%allowed(i) = accuracy%allowed(map, path%state_of(z))
@@ -273,10 +273,10 @@ contains
       branch%high(:, i) = high
       if (.not. given_up()) branch%n_points = i
     end do
-  end subroutine judge_points
+  end subroutine check_points
 
   !> Events between the points.
-  subroutine judge_events(path, points, branch)
+  subroutine check_events(path, points, branch)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: points(:)
     type(motion_branch), intent(inout) :: branch
@@ -314,6 +314,6 @@ contains
         deallocate (high)
       end do
     end do
-  end subroutine judge_events
+  end subroutine check_events
 
 end module viscovib_motion_branch

@@ -2,7 +2,7 @@
 !!
 !! A state consists of coordinates and velocities alternately, then the rates of hidden states of
 !! memory by exponentials. Steps end where laws switch. The derivative is that of the collocation
-!! times the jump of perturbations at each switch (viscovib_motion_beside).
+!! times the jump of perturbations at each switch (viscovib_nearby_motion).
 module viscovib_period_map
   use viscovib_constants, only: pi
   use viscovib_fitted_memory, only: bound_hidden, needs_fit
@@ -12,7 +12,7 @@ module viscovib_period_map
   use viscovib_load, only: load_type
   use viscovib_method_catalogue, only: new_stepper
   use viscovib_modal_frame, only: most_in_frame
-  use viscovib_motion_beside, only: motion_beside
+  use viscovib_nearby_motion, only: nearby_motion
   use viscovib_motion_slopes, only: has_slopes
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: polynomial_motion_type
@@ -179,7 +179,7 @@ contains
     logical, intent(in), optional :: derivatives
     type(polynomial_motion_type) :: motion
     class(stepper_type), allocatable :: stepper
-    type(motion_beside) :: along
+    type(nearby_motion) :: along
     type(status_type) :: status
     real(wp), allocatable :: hidden(:), none(:, :), wanted(:)
     real(wp) :: h
@@ -208,7 +208,7 @@ contains
     if (followed) then
       call along%begin(motion%n_dof)
       call simulate(stepper, motion, 0_i8, n_steps, 1_i8, wanted, none, ran%at_times, n_done, &
-                    ran%n_reached, ran%reached, ran%outcome, beside=along)
+                    ran%n_reached, ran%reached, ran%outcome, nearby=along)
       call take_derivatives(along, n, motion%n_dof, ran)
     else
       call simulate(stepper, motion, 0_i8, n_steps, 1_i8, wanted, none, ran%at_times, n_done, &
@@ -220,7 +220,7 @@ contains
   end subroutine run
 
   subroutine take_derivatives(along, n, n_all, ran)
-    type(motion_beside), intent(in) :: along
+    type(nearby_motion), intent(in) :: along
     !> Number of coordinates, without and with hidden ones.
     integer, intent(in) :: n, n_all
     type(period_run), intent(inout) :: ran

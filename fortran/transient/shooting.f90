@@ -13,7 +13,7 @@ module viscovib_shooting
   implicit none
   private
 
-  public :: check_repeating, find_repeating, find_shortest_period, judge_repeating, &
+  public :: check_repeating, find_repeating, find_shortest_period, check_periodic, &
     multipliers_of, show_repeating, steady_from_rest
   public :: accuracy_type, repeating_type, steady_type
 
@@ -331,7 +331,7 @@ contains
   end function error_of_multipliers
 
   !> Errors of a periodic state by comparison with twice as many steps and one.
-  subroutine judge_repeating(map, state, n_steps, correction, steady)
+  subroutine check_periodic(map, state, n_steps, correction, steady)
     type(period_map), intent(in) :: map
     real(wp), intent(in) :: state(:)
     integer(i8), intent(in) :: n_steps
@@ -357,7 +357,7 @@ contains
     ! The last correction may have been found on the other side of grazing.
     call map%step_back(one%by_start, one%last - state, step, enlarged)
     steady%error = steady%error + max(correction, map%size_of(step))
-  end subroutine judge_repeating
+  end subroutine check_periodic
 
   !> The smallest number of load periods after which a motion repeats within its error.
   !!

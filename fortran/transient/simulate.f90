@@ -6,7 +6,7 @@ module viscovib_simulate
   use viscovib_lanes, only: n_lanes
   use viscovib_layer_watch, only: layer_watch
   use viscovib_mesh, only: equal_steps, mesh_type
-  use viscovib_motion_beside, only: motion_beside
+  use viscovib_nearby_motion, only: nearby_motion
   use viscovib_run_history, only: run_history
   use viscovib_small_steps, only: note_small_steps
   use viscovib_stepper, only: stepper_type
@@ -33,7 +33,7 @@ contains
   !> Make steps first+1 ... first+n_steps, storing every save_every-th state and
   !! the states at requested times. Subnormal numbers are flushed to zero.
   subroutine simulate(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                      n_reached, t_reached, outcome, mesh, watch, beside, accelerations)
+                      n_reached, t_reached, outcome, mesh, watch, nearby, accelerations)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
     integer(i8), intent(in) :: first, n_steps, save_every
@@ -54,7 +54,7 @@ contains
     !> Events to look for.
     type(watch_type), intent(inout), optional :: watch
     !> Evolution of small perturbations, for a collocation.
-    type(motion_beside), intent(inout), optional :: beside
+    type(nearby_motion), intent(inout), optional :: nearby
     !> At the wanted times accelerations relative to the base, then forces of laws, shape
     !! (n_dof - n_hidden + n_laws, size(times)).
     real(wp), intent(inout), optional :: accelerations(:, :)
@@ -68,19 +68,19 @@ contains
       if (present(watch)) before = watch
     end if
     call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                     n_reached, t_reached, outcome, missed, mesh, watch, beside, accelerations)
+                     n_reached, t_reached, outcome, missed, mesh, watch, nearby, accelerations)
     if (.not. missed) return
     system%in_parts = .true.
     call method%load_memory(memory)
     call method%change_step(system, h)
     if (present(watch)) watch = before
     call run_through(method, system, first, n_steps, save_every, times, states, at_times, n_done, &
-                     n_reached, t_reached, outcome, missed, mesh, watch, beside, accelerations)
+                     n_reached, t_reached, outcome, missed, mesh, watch, nearby, accelerations)
   end subroutine simulate
 
   !> The same, but interrupted if whole steps may have missed a thin layer of a force.
   subroutine run_through(method, system, first, n_steps, save_every, times, states, at_times, &
-                         n_done, n_reached, t_reached, outcome, missed, mesh, watch, beside, &
+                         n_done, n_reached, t_reached, outcome, missed, mesh, watch, nearby, &
                          accelerations)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
@@ -94,7 +94,7 @@ contains
     logical, intent(out) :: missed
     type(mesh_type), intent(in), optional :: mesh
     type(watch_type), intent(inout), optional :: watch
-    type(motion_beside), intent(inout), optional :: beside
+    type(nearby_motion), intent(inout), optional :: nearby
     real(wp), intent(inout), optional :: accelerations(:, :)
     type(mesh_type) :: ends
     type(wanted_states) :: wanted
@@ -121,7 +121,7 @@ contains
     if (.not. present(watch)) call new_watch(unwatched, [real(wp) ::])
     system%step_length = method%h
     call find_sides(at, method, system, now)
-    if (present(beside)) at%beside = beside
+    if (present(nearby)) at%nearby = nearby
     call begin_graded(at, system, method%q, method%v, ends%begins(piece, first))
     if (turns) call turn(method, system, now, speed, at%sides)
     call layers%begin(system, now, method%q, method%v)
@@ -141,7 +141,7 @@ contains
       at%until = ends%time(piece, first + i)
       if (present(watch)) then
         call make_parts(method, system, at, past, wanted, watch, ends, piece, t_reached, outcome)
-      else if (allocated(system%signals) .or. system%in_parts .or. present(beside)) then
+      else if (allocated(system%signals) .or. system%in_parts .or. present(nearby)) then
         call make_parts(method, system, at, past, wanted, unwatched, ends, piece, t_reached, &
                         outcome)
       else
@@ -172,7 +172,7 @@ contains
       system%fresh = at%fresh
     end if
     system%grade = at%grade
-    if (present(beside)) beside = at%beside
+    if (present(nearby)) nearby = at%nearby
     n_reached = wanted%n_reached
     at_times(:, :n_reached) = wanted%states(:size(at_times, 1), :n_reached)
     if (present(accelerations)) accelerations = wanted%accelerations
@@ -238,7 +238,7 @@ contains
                                    method%least_margin(system, at%q, at%v))
     end if
     if (doubtful) then
-      call judge_step(method, system, at, past, wanted, n_before, unwatched, t_reached, outcome)
+      call check_step(method, system, at, past, wanted, n_before, unwatched, t_reached, outcome)
       if (outcome /= run_completed) return
     end if
     if (wanted%lost) call give_up(method, at, t_reached, outcome)
@@ -312,8 +312,8 @@ contains
       if (at%n_passed > 0) call past%forget()
       if (.not. at%made .or. at%near_edge) then
         call system%take_sides(0*at%sides)
-        if (allocated(at%beside)) at%beside%known = .false.
-        call judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
+        if (allocated(at%nearby)) at%nearby%known = .false.
+        call check_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
         call system%take_sides(at%sides)
         if (outcome /= run_completed) return
       end if
@@ -393,7 +393,7 @@ contains
   !> Handle a failed step, or one near the edge of the physical range. If the motion stops in it,
   !! the state in `method` becomes that at the stop. Otherwise small steps replace it near the edge,
   !! where the motion is stiff or fast and a step that seems to succeed may be wrong.
-  subroutine judge_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
+  subroutine check_step(method, system, at, past, wanted, n_before, watch, t_reached, outcome)
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in) :: system
     type(watched_step_type), intent(in) :: at
@@ -452,6 +452,6 @@ contains
     t_reached = at%from + stop%ahead
     method%q = stop%q
     method%v = stop%v
-  end subroutine judge_step
+  end subroutine check_step
 
 end module viscovib_simulate

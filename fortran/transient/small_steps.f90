@@ -7,7 +7,7 @@ module viscovib_small_steps
   use viscovib_step_path, only: step_path
   use viscovib_stops, only: find_stop, run_event, step_visitor, stop_type
   use viscovib_wanted_states, only: wanted_states
-  use viscovib_watch, only: passage_type, watch_type
+  use viscovib_watch, only: event_point_type, watch_type
   implicit none
   private
 
@@ -54,7 +54,7 @@ contains
   subroutine visit(self, path)
     class(note_taker), intent(inout) :: self
     type(step_path), intent(in) :: path
-    type(passage_type), allocatable :: found(:)
+    type(event_point_type), allocatable :: found(:)
     real(wp) :: t(1), q(1, size(path%q, 2)), v(1, size(path%q, 2)), until
     integer :: i
 

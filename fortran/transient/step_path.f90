@@ -49,9 +49,9 @@ contains
     class(step_path), intent(in) :: self
     real(wp), intent(in) :: x
     real(wp) :: a(size(self%v, 2))
-    real(wp), parameter :: beside = 1.0e-4_wp
+    real(wp), parameter :: nearby = 1.0e-4_wp
     real(wp) :: places(2)
-    places = min(max([x - beside, x + beside], 0.0_wp), 1.0_wp)
+    places = min(max([x - nearby, x + nearby], 0.0_wp), 1.0_wp)
     a = matmul(lagrange(self%points, self%factors, places(2)) &
                - lagrange(self%points, self%factors, places(1)), self%v) &
         /((places(2) - places(1))*self%h)

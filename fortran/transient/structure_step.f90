@@ -2,7 +2,8 @@
 module viscovib_structure_step
   use viscovib_collocation, only: collocation_type
   use viscovib_condensed_maps, only: condensed_map_type, new_condensed_map
-  use viscovib_hereditary_kernels, only: add_held, gather_channels, judge, product_of, runs_away
+  use viscovib_hereditary_kernels, only: add_held, check_resolution, gather_channels, product_of, &
+    runs_away
   use viscovib_hereditary_start, only: panel_maker
   use viscovib_kinds, only: wp
   use viscovib_memory_channels, only: channels_type
@@ -163,7 +164,7 @@ contains
       call product_of(size(forces), size(z), maps%condensed%by_input, z, forces, linear)
       call product_of(size(forces), size(equations%y), maps%condensed%by_bend, equations%y, &
                       linear, forces)
-      call make_room(part, s, size(sections%pushed, 2))
+      call allocate_arrays(part, s, size(sections%pushed, 2))
       part%s = s
       part%length = maps%h
       part%q = state%q
@@ -186,14 +187,15 @@ contains
       return
     end if
     do j = 1, r
-      call judge(s + 2, points(:, j), table%last_coefficient, state%roughness(j), state%largest(j))
+      call check_resolution(s + 2, points(:, j), table%last_coefficient, state%roughness(j), &
+                            state%largest(j))
       state%w(j) = points(s + 1, j)
       if (size(equations%y) > 0) state%w_rate(j) = rate_of(state, sections, j)
     end do
   end subroutine make_step
 
   !> Allocate the forces of a step with s nodes.
-  pure subroutine make_room(part, s, n_pushed)
+  pure subroutine allocate_arrays(part, s, n_pushed)
     type(part_type), intent(inout) :: part
     integer, intent(in) :: s, n_pushed
     if (allocated(part%forces)) then
@@ -201,7 +203,7 @@ contains
       deallocate (part%forces)
     end if
     allocate (part%forces(s, n_pushed))
-  end subroutine make_room
+  end subroutine allocate_arrays
 
   !> Solve a panel, with maps for its own length.
   subroutine make_panel(self, system, channels, load, table, local, now, length, remembered, &

@@ -33,7 +33,7 @@ module viscovib_taylor
     real(wp), dimension(n_wide), private :: high = 0.0_wp, low = 0.0_wp
     real(wp), dimension(n_wide), private :: step_high = 0.0_wp, step_low = 0.0_wp
     !> Coefficients, and the index where they begin.
-    real(wp), allocatable, private :: room(:)
+    real(wp), allocatable, private :: work(:)
     integer, private :: first = 1
   contains
     procedure :: step
@@ -41,9 +41,9 @@ module viscovib_taylor
     procedure :: get_block
     procedure :: get_accelerations
     procedure :: stop_lane
-    procedure, private :: step_in_room
-    procedure, private :: expand_in_room
-    procedure, private :: accelerations_in_room
+    procedure, private :: step_in_arrays
+    procedure, private :: expand_in_arrays
+    procedure, private :: accelerations_in_arrays
   end type taylor_type
 
 contains
@@ -67,19 +67,19 @@ contains
     method%h = h
     method%turning = frequencies*h
     call split_phase(frequencies, h, method%step_high, method%step_low)
-    allocate (method%room(n_wide*(order + 1)*method%series%program%n_registers + alignment_slack), &
+    allocate (method%work(n_wide*(order + 1)*method%series%program%n_registers + alignment_slack), &
               source=0.0_wp)
-    method%first = first_aligned(method%room)
+    method%first = first_aligned(method%work)
   end subroutine new_taylor
 
   !> One step of every lane.
   subroutine step(self)
     class(taylor_type), intent(inout) :: self
-    call self%step_in_room(self%room(self%first))
+    call self%step_in_arrays(self%work(self%first))
     call step_phases(n_wide, self%high, self%low, self%step_high, self%step_low)
   end subroutine step
 
-  subroutine step_in_room(self, s)
+  subroutine step_in_arrays(self, s)
     class(taylor_type), intent(inout) :: self
     real(wp), intent(inout) :: s(n_wide, 0:self%order, self%series%program%n_registers)
     real(wp), dimension(n_wide) :: left, size_of
@@ -87,7 +87,7 @@ contains
     integer :: d, n
 
     n = self%series%n_dof
-    call self%expand_in_room(s, lost)
+    call self%expand_in_arrays(s, lost)
     left = 0.0_wp
     size_of = 0.0_wp
     do d = 1, n
@@ -97,17 +97,17 @@ contains
                      self%h, .true.)
     end do
     self%made = .not. lost .and. left <= most_left*size_of
-  end subroutine step_in_room
+  end subroutine step_in_arrays
 
   !> The series of the first step, for the accelerations at its start only.
   subroutine expand_first(self)
     class(taylor_type), intent(inout) :: self
     logical :: lost(n_wide)
-    call self%expand_in_room(self%room(self%first), lost)
+    call self%expand_in_arrays(self%work(self%first), lost)
   end subroutine expand_first
 
   !> Expand the series at the present state.
-  subroutine expand_in_room(self, s, lost)
+  subroutine expand_in_arrays(self, s, lost)
     class(taylor_type), intent(inout) :: self
     real(wp), intent(inout) :: s(n_wide, 0:self%order, self%series%program%n_registers)
     logical, intent(out) :: lost(n_wide)
@@ -119,7 +119,7 @@ contains
     s(:, 0, n + 1:2*n) = self%v
     call cosines(self%high, self%low, cosine, sine)
     call self%series%expand(self%order, self%h, self%turning, cosine, sine, s, lost)
-  end subroutine expand_in_room
+  end subroutine expand_in_arrays
 
   !> Accelerations of a block at the end of the step with the present series, or at its start: the
   !! terms of a velocity are v_k = v^(k) h^k/k!, so that h v' = sum_k k v_k.
@@ -129,10 +129,10 @@ contains
     logical, intent(in) :: at_end
     !> Shape (n_lanes, n_dof or more).
     real(wp), intent(inout) :: a(:, :)
-    call self%accelerations_in_room(self%room(self%first), n_lanes*(block - 1), at_end, a)
+    call self%accelerations_in_arrays(self%work(self%first), n_lanes*(block - 1), at_end, a)
   end subroutine get_accelerations
 
-  pure subroutine accelerations_in_room(self, s, before, at_end, a)
+  pure subroutine accelerations_in_arrays(self, s, before, at_end, a)
     class(taylor_type), intent(in) :: self
     real(wp), intent(in) :: s(n_wide, 0:self%order, self%series%program%n_registers)
     !> Number of lanes in previous blocks.
@@ -153,7 +153,7 @@ contains
         if (self%h(before + l) > 0.0_wp) a(l, d) = total(l)/self%h(before + l)
       end do
     end do
-  end subroutine accelerations_in_room
+  end subroutine accelerations_in_arrays
 
   !> cos and sin of phases in two parts.
   pure subroutine cosines(high, low, cosine, sine)

@@ -1,6 +1,6 @@
 !> Requested events of a run: zero crossings of functions of the state.
 module viscovib_watch
-  use viscovib_all_passages, only: passage_search
+  use viscovib_all_event_points, only: event_point_search
   use viscovib_extremes, only: extremes_type
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: signal_type
@@ -9,7 +9,7 @@ module viscovib_watch
   implicit none
   private
 
-  public :: watch_type, new_watch, passage_type, coordinates_read, renumbered
+  public :: watch_type, new_watch, event_point_type, coordinates_read, renumbered
 
   !> Part of its largest value so far below which a signal counts as 0 while the motion sticks.
   real(wp), parameter :: at_rest = 1.0e-11_wp
@@ -17,14 +17,14 @@ module viscovib_watch
   real(wp), parameter :: valued = 2.0_wp**(-1000)
 
   !> One crossing: the index of its signal, the sign before it, its position in the step, and the
-  !! change of the signal there, as in `passage_search`.
-  type :: passage_type
+  !! change of the signal there, as in `event_point_search`.
+  type :: event_point_type
     integer :: which = 0, side = 1
     real(wp) :: place = 0.0_wp, rate = 0.0_wp, bend = 0.0_wp
-  end type passage_type
+  end type event_point_type
 
   !> Rows of a crossing in addition to the state: signal, time, rate and bend.
-  integer, parameter, public :: n_told = 4
+  integer, parameter, public :: n_event_rows = 4
 
   type :: watch_type
     type(signal_type), allocatable :: signals(:)
@@ -46,7 +46,7 @@ module viscovib_watch
     !> Signals may change anywhere between points, so the search uses interval bounds. For each
     !! signal: number of steps in which crossings may be missing.
     integer, allocatable :: lost(:)
-    type(passage_search) :: search
+    type(event_point_search) :: search
     !> Peaks and means along the motion, if they are requested.
     type(extremes_type) :: extremes
     !> Crossings found: signal and time; states, including hidden coordinates, and
@@ -187,8 +187,8 @@ contains
     !> True if the motion sticks to a surface of the system, or reaches one at the end of the step:
     !! a signal that is 0 there, but for rounding, has not crossed 0.
     logical, intent(in) :: sticks
-    type(passage_type), allocatable, intent(out) :: found(:)
-    type(passage_type) :: next
+    type(event_point_type), allocatable, intent(out) :: found(:)
+    type(event_point_type) :: next
     real(wp) :: g(size(path%points))
     integer :: i, k
 
@@ -224,17 +224,17 @@ contains
   end subroutine look
 
   subroutine insert(found, next)
-    type(passage_type), allocatable, intent(inout) :: found(:)
-    type(passage_type), intent(in) :: next
+    type(event_point_type), allocatable, intent(inout) :: found(:)
+    type(event_point_type), intent(in) :: next
     integer :: n
     n = count(found%place <= next%place)
     found = [found(:n), next, found(n + 1:)]
   end subroutine insert
 
   !> Store a crossing.
-  subroutine keep(self, passage, t, q, v, a)
+  subroutine keep(self, event_point, t, q, v, a)
     class(watch_type), intent(inout) :: self
-    type(passage_type), intent(in) :: passage
+    type(event_point_type), intent(in) :: event_point
     !> Time; coordinates, velocities and accelerations.
     real(wp), intent(in) :: t, q(:), v(:), a(:)
     integer, allocatable :: more_which(:)
@@ -260,8 +260,8 @@ contains
     end if
     n = n + 1
     self%n_found = n
-    self%which(n) = passage%which
-    self%changes(:, n) = [passage%rate, passage%bend]
+    self%which(n) = event_point%which
+    self%changes(:, n) = [event_point%rate, event_point%bend]
     self%accelerations(:, n) = a
     self%times(n) = t
     self%states(1::2, n) = q
@@ -278,11 +278,11 @@ contains
     end do
   end subroutine drop_after
 
-  !> Crossings in the form for `passage_errors`: one column each, of the first n coordinates.
+  !> Crossings in the form for `event_point_errors`: one column each, of the first n coordinates.
   pure function rows(self, n, n_found)
     class(watch_type), intent(in) :: self
     integer, intent(in) :: n, n_found
-    real(wp) :: rows(n_told + 3*n, n_found)
+    real(wp) :: rows(n_event_rows + 3*n, n_found)
     if (n_found == 0) return
     rows(1, :) = self%which(:n_found)
     rows(2, :) = self%times(:n_found)
@@ -300,8 +300,8 @@ contains
     real(wp), intent(inout) :: found(:, :)
     !> Number of crossings, even if fewer fit.
     integer, intent(out) :: n_found
-    integer :: n, told
-    told = 2*((size(found, 1) - n_told)/3)
+    integer :: n, description
+    description = 2*((size(found, 1) - n_event_rows)/3)
     n = size(self%sides)
     sides(:n) = self%sides
     sides(n + 1:2*n) = exponent(max(self%largest, tiny(1.0_wp))) - 1
@@ -309,11 +309,11 @@ contains
     n_found = self%n_found
     n = min(n_found, size(found, 2))
     if (allocated(self%extremes%peak) .and. n + 3 <= size(found, 2)) then
-      found(3:told + 2, n + 1) = self%extremes%peak(:told)
-      found(3:told + 2, n + 2) = self%extremes%total(:told)
-      found(3:told + 2, n + 3) = self%extremes%squares(:told)
+      found(3:description + 2, n + 1) = self%extremes%peak(:description)
+      found(3:description + 2, n + 2) = self%extremes%total(:description)
+      found(3:description + 2, n + 3) = self%extremes%squares(:description)
     end if
-    found(:, :n) = self%rows(told/2, n)
+    found(:, :n) = self%rows(description/2, n)
   end subroutine hand_over
 
 end module viscovib_watch

@@ -9,17 +9,17 @@
 module viscovib_watched_step
   use viscovib_body_states, only: body_function, put_on_base
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_event_search, only: first_passage, signal_along
+  use viscovib_event_search, only: first_event_point, signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
-  use viscovib_motion_beside, only: motion_beside
+  use viscovib_nearby_motion, only: nearby_motion
   use viscovib_part_lengths, only: look_for_layers, look_for_stiff
   use viscovib_step_path, only: step_path
-  use viscovib_passage_time, only: settle_thin
+  use viscovib_event_time, only: settle_thin
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range, needs_small_steps
   use viscovib_wanted_states, only: wanted_states
-  use viscovib_watch, only: passage_type, watch_type
+  use viscovib_watch, only: event_point_type, watch_type
   implicit none
   private
 
@@ -27,7 +27,7 @@ module viscovib_watched_step
 
   !> Crossings in one step above which the motion counts as sticking to surfaces, and corrections of
   !! the time of a crossing by separate steps.
-  integer, parameter :: most_passages = 1000, most_corrections = 60
+  integer, parameter :: most_event_points = 1000, most_corrections = 60
   !> Largest number of halvings of the parts of a step, and the shortest part relative to the
   !! remainder of the step.
   integer, parameter :: most_halvings = 200
@@ -73,7 +73,7 @@ module viscovib_watched_step
     real(wp), allocatable :: memory(:)
     type(step_path) :: path
     !> Small perturbations; not allocated if not requested.
-    type(motion_beside), allocatable :: beside
+    type(nearby_motion), allocatable :: nearby
   end type watched_step_type
 
 contains
@@ -166,7 +166,7 @@ contains
       call method%step(system, at%made)
       if (.not. at%made) return
     end if
-    if (allocated(at%beside)) call at%beside%follow(system, at%path)
+    if (allocated(at%nearby)) call at%nearby%follow(system, at%path)
     if (wanted%within(at%from, method%h)) call keep_before(at, method, system, wanted)
     call note_events(at, method, system, watch, any(at%sides == slides))
     at%fresh = .false.
@@ -320,7 +320,7 @@ contains
 
     more = .false.
     at%n_passed = at%n_passed + 1
-    at%stuck = at%n_passed > most_passages
+    at%stuck = at%n_passed > most_event_points
     if (at%stuck) return
     if (length > 4.0_wp*spacing(at%from)) then
       call method%change_step(system, length)
@@ -328,7 +328,7 @@ contains
       call method%step(system, at%made)
       if (.not. at%made) return
       call trace(at, method, system)
-      if (allocated(at%beside)) call at%beside%follow(system, at%path)
+      if (allocated(at%nearby)) call at%nearby%follow(system, at%path)
       call note_events(at, method, system, watch, .true.)
       if (at%ended) return
       at%from = at%from + length
@@ -350,10 +350,10 @@ contains
     integer, intent(in) :: which
     real(wp) :: v(size(method%v))
     v = method%v
-    if (allocated(at%beside)) call at%beside%arrive(system, which, at%sides(which), at%from, &
+    if (allocated(at%nearby)) call at%nearby%arrive(system, which, at%sides(which), at%from, &
                                                     method%q, v)
     call system%meet(which, at%from, method%q, v, at%sides, at%fresh)
-    if (allocated(at%beside)) call at%beside%depart(system, at%from, method%q, v)
+    if (allocated(at%nearby)) call at%nearby%depart(system, at%from, method%q, v)
     if (any(abs(v - method%v) > 0.0_wp)) call method%put(method%q, v)
   end subroutine meet
 
@@ -374,7 +374,8 @@ contains
     surface%system => system
     do i = 1, size(system%signals)
       surface%which = i
-      call first_passage(surface, at%path, 0.0_wp, sign_of(at%sides(i)), at%fresh(i), found, here)
+      call first_event_point(surface, at%path, 0.0_wp, sign_of(at%sides(i)), at%fresh(i), found, &
+                             here)
       if (.not. found .or. (which > 0 .and. here >= place)) cycle
       which = i
       place = here
@@ -454,7 +455,7 @@ contains
     type(watch_type), intent(inout), target :: watch
     !> As in `look`.
     logical, intent(in) :: sticks
-    type(passage_type), allocatable :: found(:)
+    type(event_point_type), allocatable :: found(:)
     class(stepper_type), allocatable :: start
     type(body_function) :: signal
     type(step_path) :: body

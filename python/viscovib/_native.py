@@ -255,8 +255,8 @@ def letters(name: str, text: str) -> bytes:
 def call(routine: Callable[..., tuple[Any, ...]], *arguments: object) -> tuple[Any, ...]:
     """Call a routine of the core and turn its status into an exception."""
     found = routine(*arguments)
-    if _unheard.error is not None:
-        raise_unheard()
+    if _pending.error is not None:
+        raise_pending()
     # A routine with one result returns no tuple.
     *results, status = found if type(found) is tuple else (found,)
     if status != 0:
@@ -378,10 +378,10 @@ def _begin(
         text, layout, numbers,
         _NO_CANCEL if _listening.flag is None else _listening.flag,
     )  # fmt: skip
-    if status == _INTERRUPTED and _unheard.error is None:
+    if status == _INTERRUPTED and _pending.error is None:
         # Python has handled Ctrl-C by now. If nothing was raised, repeat the work.
         return _begin(task, parents, values)
-    if status != 0 or _unheard.error is not None:
+    if status != 0 or _pending.error is not None:
         call(lambda: status)
     return handle, sizes
 
@@ -458,25 +458,25 @@ def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
     return found
 
 
-class _Unheard(threading.local):
+class _Pending(threading.local):
     """Exception of a Python function called by the core, by thread: it cannot pass through it."""
 
     error: BaseException | None = None
 
 
-_unheard = _Unheard()
+_pending = _Pending()
 #: The procedure that the core calls; a reference keeps it alive.
 _heard: list[Any] = []
 
 
-def raise_unheard() -> None:
+def raise_pending() -> None:
     """Raise the exception of a Python function that the core called in this thread."""
-    error, _unheard.error = _unheard.error, None
+    error, _pending.error = _pending.error, None
     if error is not None:
         raise error
 
 
-def hear_of_functions(
+def register_functions(
     answer: Callable[[int, FloatArray, bool], tuple[FloatArray, FloatArray | None]],
 ) -> None:
     """Let the core call functions by number: values and derivatives at operands, shape (m, n)."""
@@ -486,7 +486,7 @@ def hear_of_functions(
 
     def outside(which: int, n: int, m: int, wanted: int, x: Any, value: Any, by: Any) -> None:
         # Ignore all calls after an error.
-        if _unheard.error is not None:
+        if _pending.error is not None:
             return
         try:
             values, slopes = answer(which, np.ctypeslib.as_array(x, (m, n)), bool(wanted))
@@ -494,7 +494,7 @@ def hear_of_functions(
             if slopes is not None:
                 np.ctypeslib.as_array(by, (m, n))[:] = slopes
         except BaseException as error:
-            _unheard.error = error
+            _pending.error = error
 
     kind = ctypes.CFUNCTYPE(
         None, ctypes.c_int64, ctypes.c_int, ctypes.c_int, ctypes.c_int, real, real, real

@@ -11,7 +11,7 @@ module test_condensed
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
+  use viscovib_motion_stability, only: stability_checker, new_stability_checker, stability_type
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   use viscovib_structure, only: structure_type
@@ -26,7 +26,7 @@ module test_condensed
   real(wp) :: seed = 12345.0_wp
 
   type :: tally_type
-    integer :: judged = 0, unstable = 0, unknown = 0, wrong = 0, compared = 0
+    integer :: checked = 0, unstable = 0, unknown = 0, wrong = 0, compared = 0
     real(wp) :: error = 0.0_wp
   end type tally_type
 
@@ -205,7 +205,7 @@ contains
     type(polynomial_type) :: whole
     type(structure_type) :: structure
     type(harmonic_set_type) :: set
-    type(judge_type) :: of_whole, of_elements
+    type(stability_checker) :: of_whole, of_elements
     type(stability_type) :: expected, found
     type(tally_type) :: tally
     real(wp), allocatable :: x(:, :, :)
@@ -230,10 +230,10 @@ contains
         nu(k) = nu(1)*(1.0_wp + 0.03_wp*k)
         x(:, :, k) = x(:, :, 1)*(1.0_wp + 0.05_wp*k)
       end do
-      call new_judge(of_whole, whole, set)
-      call new_judge(of_elements, structure, set)
-      call of_whole%judge(whole, nu, x, expected)
-      call of_elements%judge(structure, nu, x(:, :r, :), found)
+      call new_stability_checker(of_whole, whole, set)
+      call new_stability_checker(of_elements, structure, set)
+      call of_whole%check(whole, nu, x, expected)
+      call of_elements%check(structure, nu, x(:, :r, :), found)
       do k = 1, n_motions
         period = merge(2.0_wp, 1.0_wp, set%half_wave)*nu(k)
         if (expected%n_growing(k) < 0) cycle
@@ -243,7 +243,7 @@ contains
           if (maxval(real(known)) > 2.0_wp*nu(k)) cycle
           if (minval(abs(real(known))) < 1.0e-7_wp*nu(k)) cycle
         end if
-        tally%judged = tally%judged + 1
+        tally%checked = tally%checked + 1
         if (expected%n_growing(k) > 0) tally%unstable = tally%unstable + 1
         if (found%n_growing(k) < 0) then
           tally%unknown = tally%unknown + 1
@@ -262,8 +262,8 @@ contains
       end do
     end do
     call check(tally%wrong == 0, 'as many grow')
-    call check(tally%unknown <= tally%judged/50, 'few are unknown')
-    call check(tally%unstable > tally%judged/10, 'some grow')
+    call check(tally%unknown <= tally%checked/50, 'few are unknown')
+    call check(tally%unstable > tally%checked/10, 'some grow')
     ! With memory the exponents of the full system are less accurate.
     if (.not. remembers) call check_close(tally%error, 0.0_wp, 1.0e-6_wp, 'their rates', 1.0_wp)
   end subroutine random_systems

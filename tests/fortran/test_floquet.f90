@@ -6,7 +6,7 @@ module test_floquet
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_motion_stability, only: judge_type, new_judge, stability_type
+  use viscovib_motion_stability, only: stability_checker, new_stability_checker, stability_type
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
   implicit none
@@ -138,7 +138,7 @@ contains
     logical, intent(in) :: half_wave
     type(polynomial_type) :: system
     type(harmonic_set_type) :: set
-    type(judge_type) :: judge
+    type(stability_checker) :: checker
     type(stability_type) :: stability
     real(wp), allocatable :: x(:, :, :), flow(:, :)
     complex(wp), allocatable :: lambda(:), expected(:)
@@ -152,8 +152,8 @@ contains
       call new_harmonic_set(set, 7, half_wave, 3)
       allocate (x(2*size(set%orders), n, 9), flow(2*n, 2*n), lambda(2*n), expected(2*n))
       x = 0.0_wp
-      call new_judge(judge, system, set)
-      call judge%judge(system, nu, x, stability)
+      call new_stability_checker(checker, system, set)
+      call checker%check(system, nu, x, stability)
       call check(all(stability%stable == 1), 'stable')
       flow = 0.0_wp
       do i = 1, n
@@ -180,7 +180,7 @@ contains
   subroutine mathieu()
     type(polynomial_type) :: system
     type(harmonic_set_type) :: set
-    type(judge_type) :: judge
+    type(stability_checker) :: checker
     type(stability_type) :: stability
     real(wp) :: x(2, 1, 1), q, a
 
@@ -192,8 +192,8 @@ contains
     q = 0.009_wp
     a = 1.0_wp + q - q**2/8.0_wp - q**3/64.0_wp - q**4/1536.0_wp + 11.0_wp*q**5/36864.0_wp
     system%gather = a - 0.018_wp
-    call new_judge(judge, system, set)
-    call judge%judge(system, [1.0_wp], x, stability)
+    call new_stability_checker(checker, system, set)
+    call checker%check(system, [1.0_wp], x, stability)
     call check_close(real(sum(stability%multipliers(:, 1))), 2.0_wp, 1.0e-11_wp, 'both are 1')
   end subroutine mathieu
 

@@ -68,16 +68,16 @@ contains
 
   !> The rule has the moments of the measure up to degree 2n-1.
   subroutine discrete_measure()
-    real(wp) :: points(150), masses(150), diagonal(10), beside(10), x(10), w(10)
+    real(wp) :: points(150), masses(150), diagonal(10), nearby(10), x(10), w(10)
     integer :: k, found
     points = [(exp(-0.4_wp*k), k=0, 149)]
     masses = [(exp(-0.3_wp*k), k=0, 149)]
-    call recurrence_of(points, masses, 10, diagonal, beside, found)
-    call nodes_of_recurrence(found, diagonal, beside, x, w)
+    call recurrence_of(points, masses, 10, diagonal, nearby, found)
+    call nodes_of_recurrence(found, diagonal, nearby, x, w)
     do k = 0, 19
       call check_close(sum(w*x**k)*sum(masses), sum(masses*points**k), 1.0e-13_wp, 'moment')
     end do
-    call recurrence_of([1.0_wp, 2.0_wp], [1.0_wp, 1.0_wp], 10, diagonal, beside, found)
+    call recurrence_of([1.0_wp, 2.0_wp], [1.0_wp, 1.0_wp], 10, diagonal, nearby, found)
     call check(found == 2, 'two points have two polynomials')
   end subroutine discrete_measure
 

@@ -61,7 +61,7 @@ contains
     type(hill_type) :: hill
     type(hill_path_type) :: path
     real(wp) :: x(20)
-    complex(wp) :: exponents(8), near(8), value, beside
+    complex(wp) :: exponents(8), near(8), value, nearby
     integer :: i, n_growing, backwards, found, again, total
 
     call example(geometry, 0.05_wp, mount, load)
@@ -89,8 +89,8 @@ contains
       found = count(.not. ieee_is_nan(real(exponents)))
       call check(count(real(exponents(:found)) > 0.0_wp) == n_growing, 'and is found')
       call hill%determinant(mount, exponents(1), value)
-      call hill%determinant(mount, exponents(1) + 0.01_wp, beside)
-      call check_close(abs(value), 0.0_wp, 1.0e-6_wp, 'a zero', floor=abs(beside))
+      call hill%determinant(mount, exponents(1) + 0.01_wp, nearby)
+      call check_close(abs(value), 0.0_wp, 1.0e-6_wp, 'a zero', floor=abs(nearby))
       backwards = backwards + n_growing
       near = exponents
     end do

@@ -46,10 +46,10 @@ contains
     type(law_program) :: law
     type(range_type) :: box(n_arguments), range
     real(wp) :: width
-    integer :: i, n_told, n_rates, n_nowhere
+    integer :: i, n_event_rows, n_rates, n_nowhere
 
     seed = 20
-    n_told = 0
+    n_event_rows = 0
     n_rates = 0
     n_nowhere = 0
     do i = 1, n_programs
@@ -58,12 +58,14 @@ contains
       call draw_box(width, box)
       call bounds_of(law, box, range)
       call look_at_points_of(law, box, range)
-      if (range%outside == inside .and. .not. any(abs(range%value) >= wall)) n_told = n_told + 1
-      if (tells_rates(range)) n_rates = n_rates + 1
+      if (range%outside == inside .and. .not. any(abs(range%value) >= wall)) then
+        n_event_rows = n_event_rows + 1
+      end if
+      if (has_rates_text(range)) n_rates = n_rates + 1
       if (range%outside == nowhere) n_nowhere = n_nowhere + 1
     end do
     ! An infinite range would contain every value.
-    call check(n_told > n_programs/3, 'ranges that tell something')
+    call check(n_event_rows > n_programs/3, 'ranges that tell something')
     call check(n_rates > n_programs/4, 'ranges that tell rates')
     call check(n_nowhere > n_programs/100, 'boxes without values')
   end subroutine look_into_boxes
@@ -81,17 +83,17 @@ contains
       call bounds_of(law, box, range)
       call look_at_points_of(law, box, range)
       if (range%outside /= inside .or. range%jumps .or. any(abs(range%value) >= wall)) cycle
-      call tell(range%value(2) - range%value(1) <= rounding*maxval(abs(range%value)) &
+      call report_to(range%value(2) - range%value(1) <= rounding*maxval(abs(range%value)) &
                 + 16.0_wp*range%noise, 'width of a point', law)
     end do
   end subroutine look_at_points
 
   !> True if the range of rates is valid: finite, and the function has no jumps.
-  logical function tells_rates(range)
+  logical function has_rates_text(range)
     type(range_type), intent(in) :: range
-    tells_rates = range%outside == inside .and. .not. range%jumps &
+    has_rates_text = range%outside == inside .and. .not. range%jumps &
                   .and. all(abs(range%value) < wall) .and. all(abs(range%rate) < wall)
-  end function tells_rates
+  end function has_rates_text
 
   !> Check values and rates at random points of a box.
   subroutine look_at_points_of(law, box, range)
@@ -110,18 +112,18 @@ contains
       call evaluate_plainly(law, at(1, :), true, defined, known, edge)
       if (.not. known) cycle
       if (.not. defined) then
-        call tell(range%outside /= inside .or. range%jumps, 'no value', law)
+        call report_to(range%outside /= inside .or. range%jumps, 'no value', law)
         cycle
       end if
-      call tell(range%outside /= nowhere, 'a value where there is none', law)
+      call report_to(range%outside /= nowhere, 'a value where there is none', law)
       slack = rounding*max(maxval(abs(range%value)), abs(true)) + 4.0_wp*range%noise
-      call tell(true >= range%value(1) - slack .and. true <= range%value(2) + slack, 'value', &
+      call report_to(true >= range%value(1) - slack .and. true <= range%value(2) + slack, 'value', &
                 law)
-      if (edge .or. .not. tells_rates(range)) cycle
+      if (edge .or. .not. has_rates_text(range)) cycle
       call law%differentiate(at, value, slopes)
       rate = sum(slopes(1, :)*moves)
       slack = (1.0e-9_wp + 1.0e3_wp*range%noise)*(1.0_wp + sum(abs(slopes(1, :)*moves)))
-      call tell(rate >= range%rate(1) - slack .and. rate <= range%rate(2) + slack, 'rate', law)
+      call report_to(rate >= range%rate(1) - slack .and. rate <= range%rate(2) + slack, 'rate', law)
     end do
   end subroutine look_at_points_of
 
@@ -381,7 +383,7 @@ contains
   end subroutine draw_part
 
   !> Check a property of a law; on failure print its instructions.
-  subroutine tell(holds, what, law)
+  subroutine report_to(holds, what, law)
     logical, intent(in) :: holds
     character(len=*), intent(in) :: what
     type(law_program), intent(in) :: law
@@ -396,6 +398,6 @@ contains
       text = text//' '//trim(one)
     end do
     call check(.false., text)
-  end subroutine tell
+  end subroutine report_to
 
 end module test_law_bounds

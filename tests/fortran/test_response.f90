@@ -31,7 +31,7 @@ contains
     integer :: geometry
 
     if (begin('a branch that is stopped before its first point has nothing to doubt')) then
-      call branch%doubt_beside_folds([1.0_wp])
+      call branch%doubt_near_folds([1.0_wp])
       call check(branch%n_points == 0, 'points')
     end if
 

@@ -400,7 +400,7 @@ def test_what_a_structure_keeps_is_where_the_mask_of_its_state_says():
             elements=[vv.Spring(on={"x1": 1.0}, law="d^3")],
         )  # fmt: skip
         run = vv.simulate(system, 2.0, dt=0.1, initial=[0.3, 0.0, 0.1, 0.2])
-        kept = run._resume.memory[run._resume.told_by_state()]
+        kept = run._resume.memory[run._resume.state_columns()]
         assert np.allclose(kept, [run.deflections[-1, 0], run.rates[-1, 0]], atol=1e-13)
 
 

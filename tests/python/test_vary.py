@@ -18,7 +18,7 @@ def places(branch):
 
 
 def test_a_cubic_coefficient_is_the_square_of_a_load():
-    """x'' + d x' + x + c x^3 = F cos nu t depends on c F^2 only."""
+    """X'' + d x' + x + c x^3 = F cos nu t depends on c F^2 only."""
     options = {"nu": 1.0, "load": 1.0, "harmonics": 31}
     by_load = vv.trace_response(_duffing(), load_range=(0.1, 30.0), **options)
     by_force = vv.trace_response(
@@ -37,7 +37,7 @@ def test_a_cubic_coefficient_is_the_square_of_a_load():
 
 
 def test_a_period_doubles_along_a_quadratic_coefficient():
-    """x'' + d x' + x - b x^2 = F cos nu t depends on b F only."""
+    """X'' + d x' + x - b x^2 = F cos nu t depends on b F only."""
     escape = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-x^2")
     options = {"nu": 0.85, "load": 1.0, "harmonics": 24}
     by_load = vv.trace_response(escape, load_range=(0.01, 0.2), **options)

@@ -9,7 +9,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import RTOL, TIME_TOLERANCE
 from viscovib.errors import InputError
-from viscovib.systems.law_ends import told_edges
+from viscovib.systems.law_ends import edges_text
 
 if TYPE_CHECKING:
     from viscovib.results.trajectory import Trajectory
@@ -105,7 +105,7 @@ def reason(coarse: "Trajectory", fine: "Trajectory", want: Accuracy) -> str:
             pole = run._pole_passed() or run._pole_after(run.t.size - 1)
             law = f": {run.reason}"
             if run._law_end is None and pole is None:
-                law = told_edges(run.system) if run.outcome == "diverged" else ""
+                law = edges_text(run.system) if run.outcome == "diverged" else ""
             return (
                 f"the run is {run.outcome!r} at t = {run.t_reached:.6g}, in steps of "
                 f"{run.step:.3g} (largest value {np.abs(run.state).max():.3g}){law}"

@@ -23,14 +23,14 @@ from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import (
     OUTCOMES,
-    allowed_beside,
+    allowed_nearby,
     fold_notes,
     largest_panels,
-    told_rounding,
+    rounding_text,
     warn_of_rounding,
 )
 from viscovib.results.structure_view import View
-from viscovib.systems.law_ends import told_edges
+from viscovib.systems.law_ends import edges_text
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.structure import Structure
 
@@ -170,7 +170,7 @@ class Backbone(PeriodicMotions, Result):
             "" if self.energy is None else f", {things(len(self.branch_points), 'branch point')}"
         )
         short = f", {things(self._short, 'point')} with too few harmonics" if self._short else ""
-        short += told_rounding(self._off, self._allowed)
+        short += rounding_text(self._off, self._allowed)
         found = f"{things(self.nu.size, 'point')}, {things(self.folds.size, 'fold')}"
         return f"{self.outcome}, {found}{points}{short}"
 
@@ -322,9 +322,9 @@ def oscillator_backbone(
     if not nu.size:
         raise InputError(
             f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way "
-            f"up to it from rest, where this mode ends before: begin lower{told_edges(system)}"
+            f"up to it from rest, where this mode ends before: begin lower{edges_text(system)}"
         )
-    edges = told_edges(system) if ended == "stuck" else ""
+    edges = edges_text(system) if ended == "stuck" else ""
     if edges:
         warnings.warn(
             f"the backbone ends at nu = {nu[-1]:.6g}{edges}",
@@ -332,13 +332,13 @@ def oscillator_backbone(
             stacklevel=caller(),
         )
     own = imaginary(found["cosines"].T)
-    allowed = allowed_beside(own, wanted, curve.values["atol"])
+    allowed = allowed_nearby(own, wanted, curve.values["atol"])
     warn_of_doubts(found["truncation"], off, (wanted, allowed), int(orders[-1]))
     text, units = found["text"], system.dof_units
     if view is not None:
         own = view.expand(nu, orders, own)
         names, units = view.names, view.units
-        text = f"computes: {view.loaded.told}\n{text}"
+        text = f"computes: {view.loaded.note}\n{text}"
     return Backbone(
         nu=nu,
         harmonics=orders,

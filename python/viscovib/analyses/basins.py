@@ -334,7 +334,7 @@ def _stable(
     ends = run.state.reshape(len(orbits), _DISTURBED, scale.size)
     ended = (run.outcome == "completed").reshape(len(orbits), _DISTURBED)
     by_starts, kernels = starts is not None, starts is not None and _has_kernels(system)
-    judged = [
+    assessed = [
         _native.run(
             "ensemble judgement",
             ends=one.T,
@@ -347,8 +347,8 @@ def _stable(
         )
         for one, its, orbit in zip(ends, ended, orbits, strict=True)
     ]
-    good = np.array([bool(one["attracts"]) for one in judged])
-    return good, np.array([one["rest"] for one in judged])
+    good = np.array([bool(one["attracts"]) for one in assessed])
+    return good, np.array([one["rest"] for one in assessed])
 
 
 def _come_to_rest(

@@ -21,7 +21,7 @@ _STEPS, _COUNTS = 30, 1e-3
 #: of the growth (also over half of it).
 _SETTLING, _AVERAGED = 14.0, 20.0
 #: Relative initial distance of a neighbour and its averaging time: above rounding at the end.
-_BESIDE, _BESIDE_AVERAGED = 1e-4, 12.0
+_NEARBY, _NEARBY_AVERAGED = 1e-4, 12.0
 #: Largest number of steps of a run.
 _MOST_STEPS = 1_000_000
 #: A run has left the motion if it ends beyond this multiple of the estimated errors.
@@ -62,16 +62,16 @@ def growth_of_neighbours(
     if (_SETTLING + _AVERAGED) / slowest / step > _MOST_STEPS:
         return unknown
 
-    def told(t: float) -> FloatArray:
+    def note(t: float) -> FloatArray:
         waves = np.exp(1j * frequencies * t)[:, None] * harmonics
         rates = 1j * frequencies @ waves
         return np.ravel(np.column_stack([waves.sum(axis=0).real, rates.real]))
 
     try:
         if isinstance(system, Pendulum):
-            found = _of_pendulum(system, varied, told(0.0), step, slowest)
+            found = _of_pendulum(system, varied, note(0.0), step, slowest)
         elif isinstance(system, CubicSystem):
-            found = _of_cubic(system, varied, told(0.0), step, slowest)
+            found = _of_cubic(system, varied, note(0.0), step, slowest)
         else:
             return unknown
     except InputError:
@@ -79,7 +79,7 @@ def growth_of_neighbours(
     if found is None or not np.isfinite([found.half, found.whole]).all():
         return unknown
     allowed = _STAYS * np.ravel(np.column_stack([errors, fastest * errors]))
-    if (np.abs(found.state - told(found.t)) > allowed + 1e-9 * np.abs(found.state).max()).any():
+    if (np.abs(found.state - note(found.t)) > allowed + 1e-9 * np.abs(found.state).max()).any():
         return unknown
     return found.whole, 2 * abs(found.whole - found.half) + 1 / found.span
 
@@ -146,11 +146,11 @@ def _of_cubic(
         damping=grown(system.damping, np.zeros((loads, loads))),
         forces=terms,
     )
-    settled, span = _SETTLING / slowest, _BESIDE_AVERAGED / slowest
+    settled, span = _SETTLING / slowest, _NEARBY_AVERAGED / slowest
     state = np.concatenate([start, np.tile([1.0, 0.0], loads)])
     state = simulate_ensemble(full, initial=state, t_end=settled, dt=step, n_threads=1).state[0]
     both = np.tile(state, (2, 1))
-    both[1, : 2 * n] += _BESIDE * np.abs(state[: 2 * n]).max() * np.resize([1.0, 0.7, -0.8], 2 * n)
+    both[1, : 2 * n] += _NEARBY * np.abs(state[: 2 * n]).max() * np.resize([1.0, 0.7, -0.8], 2 * n)
     apart = [np.linalg.norm(both[1] - both[0])]
     for _ in range(2):
         both = simulate_ensemble(full, initial=both, t_end=span / 2, dt=step, n_threads=1).state

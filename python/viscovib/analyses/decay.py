@@ -8,7 +8,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.analyses.signals import tell_aliases
+from viscovib.analyses.signals import warn_of_aliases
 from viscovib.common.values import Value
 from viscovib.results.trajectory import Trajectory
 
@@ -111,5 +111,5 @@ def free_decay(trajectory: Trajectory, *, count: int = 2, start: float = 0.0) ->
     step = float(np.diff(t).mean())
     for i, name in enumerate(trajectory.dof_names):
         if q[:, i].any():
-            tell_aliases(name, q[:, i], trajectory.state[keep][:, 2 * i + 1], step)
+            warn_of_aliases(name, q[:, i], trajectory.state[keep][:, 2 * i + 1], step)
     return FreeDecay(found["roots"], found["amplitudes"], found["residual"])

@@ -32,7 +32,7 @@ from viscovib.common.motion_stability import three_valued, whole_or_codes
 from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
-from viscovib.common.stability import told_by_rates, warn_of_unknown
+from viscovib.common.stability import stability_by_rates, warn_of_unknown
 from viscovib.common.tables import Table
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.systems.pendulum import Pendulum
@@ -382,7 +382,7 @@ def _solve(
     elif "rates" in solved:
         growth = np.where(found, solved["rates"], np.nan).T
         growth_error = np.where(found, solved["rates_off"], np.nan).T
-        stable = told_by_rates(growth, growth_error, found)
+        stable = stability_by_rates(growth, growth_error, found)
     return DrivenResponse(
         varies=varies,
         parameter=rows if varies else base[:, 0],

@@ -48,7 +48,7 @@ from viscovib.common.parameters import (
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Panel
-from viscovib.common.stability import told_by_rates, warn_of_unknown
+from viscovib.common.stability import stability_by_rates, warn_of_unknown
 from viscovib.common.tables import Table, listed
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import (
@@ -64,7 +64,7 @@ from viscovib.results.curves import (
     located_branch_points,
     located_crossings,
     range_of,
-    told_rounding,
+    rounding_text,
     warn_of_rounding,
 )
 from viscovib.systems.pendulum import Pendulum
@@ -197,7 +197,7 @@ class DrivenBranch(PeriodicMotions, Curve):
         return self.nu, self.harmonics, self.coefficients
 
     def _lacking(self) -> str:
-        words = told_rounding(self._off, self._tolerance)
+        words = rounding_text(self._off, self._tolerance)
         if self._worst <= self._tolerance:
             return words
         return f", too few harmonics (estimated error {self._worst:.1e}){words}"
@@ -266,12 +266,12 @@ class DrivenBranch(PeriodicMotions, Curve):
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         notes = branch_notes(self)
         places = listed(point.parameter for point in self.branch_points)
-        told = [f"branch points at {self.varies} ={places}"]
+        message = [f"branch points at {self.varies} ={places}"]
         if self.branch_points:
             off = listed(point.error for point in self.branch_points)
-            told.append(f"estimated errors of these branch points:{off}")
+            message.append(f"estimated errors of these branch points:{off}")
         first = 2 if self.folds.size else 1
-        notes[first:first] = told
+        notes[first:first] = message
         table = Table(notes, {self.varies: self.parameter})
         table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
         note = "q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)"
@@ -358,13 +358,13 @@ class _Way:
                 f"{self.varies}: no solution was found at its beginning {self.start:g}: begin "
                 "elsewhere"
             )
-        judged = self._job(torus.lattice(bound + torus.shells)).run_apart(
+        assessed = self._job(torus.lattice(bound + torus.shells)).run_apart(
             "drive truncation", p=found["p"], x=found["x"], fold_p=found["folds"],
             fold_x=found["fold_x"], fold_before=found["fold_before"], tolerance=curve.tolerance,
             bound=bound, step=torus.shells, most=torus.largest(_FEWER) if auto else bound,
         )  # fmt: skip
         return _Pass(
-            orders, bound, job, found, judged["truncation"], judged["moved"], judged["next"]
+            orders, bound, job, found, assessed["truncation"], assessed["moved"], assessed["next"]
         )
 
     def place_errors(self, last: _Pass) -> tuple[FloatArray, FloatArray]:
@@ -486,13 +486,13 @@ def trace_pendulum(
             stacklevel=caller(),
         )
     warn_of_rounding(last.found["off"], curve.tolerance)
-    judged = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
+    assessed = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
         "not asked for" if torus.n_axes == 1 or not stability
         else "of quasi-periodic motions: only over a duration"
     )  # fmt: skip
     plan = torus_plan(
         f"computes: the branch from {varies} = {start:g} to {finish:g}",
-        pend, torus, last.job.given["kept"], varies, judged,
+        pend, torus, last.job.given["kept"], varies, assessed,
     )  # fmt: skip
     return _branch(way, last, plan)
 
@@ -505,7 +505,7 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
     multipliers, stable, growing, growth, growth_error = None, None, None, None, None
     if "rates" in found:
         growth, growth_error = found["rates"].T, found["rates_off"].T
-        stable = told_by_rates(growth, growth_error, np.ones(n, dtype=bool))
+        stable = stability_by_rates(growth, growth_error, np.ones(n, dtype=bool))
     elif "multipliers" in found:
         multipliers, growing = found["multipliers"].T, found["growing"]
         stable = three_valued(growing == 0, growing < 0)

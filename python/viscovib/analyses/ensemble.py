@@ -15,7 +15,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.accuracy import Accuracy, rounding_of
-from viscovib.analyses.ensemble_errors import Beside, errors_beside, sections_of
+from viscovib.analyses.ensemble_errors import Neighbour, errors_by_neighbours, sections_of
 from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
@@ -201,10 +201,10 @@ def simulate_ensemble(
     if job.statistics:
         members.gathered_since = members.discarded
     members.step_is_sought = _native.is_auto(dt)
-    n, error, beside = length.steps(dt, members), None, Beside()
+    n, error, nearby = length.steps(dt, members), None, Neighbour()
     raw = job.run(n, progress)
     if _native.is_auto(dt):
-        raw, n, error, beside = _refine(job, raw, n, wanted, progress)
+        raw, n, error, nearby = _refine(job, raw, n, wanted, progress)
     h = length.span / n
     apart = every * float(np.max(h))
     if lines.size and lines.max() * apart >= np.pi:
@@ -228,8 +228,8 @@ def simulate_ensemble(
         sections=points,
         **_exponents_of(raw),
         error=error,
-        section_error=beside.sections,
-        amplitude_error=beside.amplitudes,
+        section_error=nearby.sections,
+        amplitude_error=nearby.amplitudes,
         method=members.method_name,
         parameters=members.varied,
         system=members.system,
@@ -525,7 +525,7 @@ class _Job:
         return *found, sections, lyapunov, unsure
 
 
-def _with_steps_told(coarse: _Raw, fine: _Raw) -> _Raw:
+def _with_step_counts(coarse: _Raw, fine: _Raw) -> _Raw:
     """Increase the errors of exponents to their change with a different step size."""
     if fine.lyapunov is None or coarse.lyapunov is None or fine.lyapunov_error is None:
         return fine
@@ -544,7 +544,7 @@ def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> Flo
 
 def _refine(
     job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
-) -> tuple[_Raw, int, float, Beside]:
+) -> tuple[_Raw, int, float, Neighbour]:
     """Halve the step size until the final states no longer change."""
     change, worst, factor = math.inf, 0, 1
     before = sections_of(job.members, coarse)
@@ -585,12 +585,12 @@ def _refine(
                 factor, coarse, before = _SAMPLED, fine, after
                 fine = job.run(n * factor, progress)
                 after = sections_of(job.members, fine)
-            beside = errors_beside(coarse, fine, before, after, both)
-            return _with_steps_told(coarse, fine), n * factor, error, beside
+            nearby = errors_by_neighbours(coarse, fine, before, after, both)
+            return _with_step_counts(coarse, fine), n * factor, error, nearby
         changes_so_far.append(change)
         coarse, before = fine, after
-    told = f"still changes by {change:.1e}" if math.isfinite(change) else "fails"
+    note = f"still changes by {change:.1e}" if math.isfinite(change) else "fails"
     raise InputError(
-        f"{wanted}: not met with {n * factor} steps (run {worst} {told}); that motion may be "
+        f"{wanted}: not met with {n * factor} steps (run {worst} {note}); that motion may be "
         "chaotic: give dt, or take a shorter run or a larger tolerance"
     )

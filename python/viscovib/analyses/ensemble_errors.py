@@ -28,7 +28,7 @@ class Raw(Protocol):
 
 
 @dataclass(frozen=True)
-class Beside:
+class Neighbour:
     """Errors of results except the final states; None: no result, or a given step size."""
 
     sections: float | None = None
@@ -46,9 +46,9 @@ def sections_of(members: Members, raw: Raw) -> Sections:
     return raw.sections, None
 
 
-def errors_beside(
+def errors_by_neighbours(
     coarse: Raw, fine: Raw, before: Sections, after: Sections, runs: npt.NDArray[np.bool_]
-) -> Beside:
+) -> Neighbour:
     """Changes of sections and amplitudes by halved steps, with their rounding errors."""
     sections, amplitudes = None, None
     if before[0] is not None and after[0] is not None:
@@ -68,4 +68,4 @@ def errors_beside(
             float(np.abs(lines - coarse.amplitudes[runs]).max(initial=0.0)),
             rounding_of(np.abs(lines)) if lines.size else 0.0,
         )
-    return Beside(sections, amplitudes)
+    return Neighbour(sections, amplitudes)

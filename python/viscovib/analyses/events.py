@@ -17,7 +17,7 @@ from viscovib.results.trajectory import Passages
 from viscovib.systems.laws import Law, compile_law
 
 #: Largest numbers of events of a native call and of a run.
-ROOM, _MOST = 50_000, 5_000_000
+LIMIT, _MOST = 50_000, 5_000_000
 #: Columns for peaks and means along the motion.
 _GATHERED = 3
 #: Exponent of the size of a signal that never had a value (`watch_type` of the core).
@@ -147,16 +147,16 @@ class Watch:
 
     @classmethod
     def checked(
-        cls, events: object, names: Sequence[str], told: str = "", system: Any = None
+        cls, events: object, names: Sequence[str], note: str = "", system: Any = None
     ) -> Watch:
-        """Compile events of a motion with these coordinates; ``told`` is the name in messages."""
+        """Compile events of a motion with these coordinates; ``note`` is the name in messages."""
         if isinstance(events, (str, Event)):
             events = [events]
         if not isinstance(events, (list, tuple)) or not 0 < len(events) <= _MOST_EVENTS:
             raise InputError(
                 f"events = {_native.shown(events)}: must be 1 to {_MOST_EVENTS} texts or Event"
             )
-        called = [told or f"events[{i}]" for i in range(len(events))]
+        called = [note or f"events[{i}]" for i in range(len(events))]
         own = []
         for i, event in enumerate(events):
             if isinstance(event, str):
@@ -205,7 +205,7 @@ class Watch:
     @property
     def room(self) -> int:
         """Number of columns for the events of a native call."""
-        return ROOM if self.events else _GATHERED
+        return LIMIT if self.events else _GATHERED
 
     def going_on(self) -> Watch:
         """Return the events for a continued run, with new results only."""
@@ -229,7 +229,7 @@ class Watch:
         """Store the events of a native call; return the mask of valid events."""
         if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:
             raise InputError(
-                f"events: more than {ROOM} in a piece of the run, or {_MOST} in all: take a "
+                f"events: more than {LIMIT} in a piece of the run, or {_MOST} in all: take a "
                 "shorter run, or count fewer of them"
             )
         rows = np.array(found[:, :count].T)
@@ -246,7 +246,7 @@ class Watch:
         """Add the peaks and integrals of a native call that found ``count`` events."""
         if found.shape[1] < count + _GATHERED:
             raise InputError(
-                f"sections: more than {ROOM - _GATHERED} in a piece of the run: take a shorter run"
+                f"sections: more than {LIMIT - _GATHERED} in a piece of the run: take a shorter run"
             )
         states = found[2 : 2 + n_states(found.shape[0])]
         peak, *integrals = states[:, count : count + _GATHERED].T

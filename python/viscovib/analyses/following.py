@@ -35,7 +35,7 @@ from viscovib.results.curves import (
 from viscovib.results.dissipation import Parts
 from viscovib.results.structure_results import StructureBranch
 from viscovib.results.structure_view import View
-from viscovib.systems.law_ends import told_edges
+from viscovib.systems.law_ends import edges_text
 from viscovib.systems.load import Job, LoadLike, base_shifts
 from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -177,7 +177,7 @@ def trace_mount(
     way = _Way.checked(system, ranges, nu, vary, load, base)
     system = way.system
     stops = checked_stops(at, way.varies, way.start, way.finish)
-    judged = STABILITY.check(stability)
+    assessed = STABILITY.check(stability)
     keeps = symmetric is None or SYMMETRIC.check(symmetric)
     begun: Start | None = None
     if start is not None:
@@ -188,7 +188,7 @@ def trace_mount(
     curve = CurveOptions.checked(options)
     job, nu_fixed, prepared, loaded = prepare(
         system, [way.fixed], load, base, "newton", harmonics,
-        (curve.tolerance, curve.values["atol"]), 100, 1.0, judged,
+        (curve.tolerance, curve.values["atol"]), 100, 1.0, assessed,
         flat=None if way.numbers is None else way.numbers.at(way.start),
         whole=way.numbers is not None,
     )  # fmt: skip
@@ -204,7 +204,7 @@ def trace_mount(
     along = way.along(job)
     found = along.run_long(
         "branch follow", **curve.along(way.start, way.finish, stops=stops),
-        harmonics=prepared["harmonics"], symmetric=keeps, stability=judged, **begin,
+        harmonics=prepared["harmonics"], symmetric=keeps, stability=assessed, **begin,
     )  # fmt: skip
     if not found and begun is not None:
         raise InputError(
@@ -219,16 +219,16 @@ def trace_mount(
     first = _native.run(
         "branch plan", name=way.varies.replace("load_factor", "load factor"), start=way.start,
         finish=way.finish, n_orders=orders.size if prepared["harmonics"] else 0,
-        most=int(orders[-1]), stability=judged,
+        most=int(orders[-1]), stability=assessed,
     )["text"]  # fmt: skip
     plan = Plan(f"{first.strip()}\n{condensed_line(loaded)}{planned['rest'].strip()}")
     shown = _Shown(system, way, job, found["harmonics"], view)
-    return _branch(found, shown, curve.tolerance, judged, plan, along)
+    return _branch(found, shown, curve.tolerance, assessed, plan, along)
 
 
 def _advice(system: Steady) -> str:
     """Return possible reasons why a branch does not begin or continue, with advice."""
-    advice = told_edges(system) + advice_on_sticking(system)
+    advice = edges_text(system) + advice_on_sticking(system)
     if isinstance(system, PolynomialSystem):
         advice += advice_on_springs(system._mass_matrix, system._stiffness_at_rest)
     return advice
@@ -272,7 +272,7 @@ def _branch(
     found: dict[str, Any],
     shown: _Shown,
     tolerance: float,
-    judged_too: bool,
+    assessed_too: bool,
     plan: Plan,
     job: Job,
 ) -> Branch:
@@ -280,7 +280,7 @@ def _branch(
     system, way, view = shown.system, shown.way, shown.view
     stability: Stability | None = None
     crossings: tuple[Crossing, ...] = ()
-    if judged_too:
+    if assessed_too:
         codes = found["stable"]
         stability = Stability.of(codes, found["multipliers"], found["exponents"])
         if (codes == -1).all() and not system._active_kernels:
@@ -372,14 +372,14 @@ def _warn_above(
     tolerance: float,
     varies: str,
     p: FloatArray,
-    told: str,
+    note: str,
     more: str = "",
 ) -> None:
     """Warn of points whose error is above the tolerance."""
     above = errors > allowed
     if above.any():
         warnings.warn(
-            f"at {above.sum()} of {errors.size} points {told} {tolerance:.1e}; worst at {varies} = "
+            f"at {above.sum()} of {errors.size} points {note} {tolerance:.1e}; worst at {varies} = "
             f"{p[errors.argmax()]:.6g}, with an estimated relative error of {errors.max():.1e}"
             f"{more}",
             ConvergenceWarning,

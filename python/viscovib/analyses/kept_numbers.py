@@ -26,8 +26,8 @@ def of_mount(size: int, n_dof: int, n_phases: int) -> npt.NDArray[np.bool_]:
     """
     belongs = np.ones(size, dtype=bool)
     belongs[:_COMMON] = False
-    judged = _COMMON + 4 * n_dof
-    belongs[judged : judged + 2 * n_dof] = False
+    assessed = _COMMON + 4 * n_dof
+    belongs[assessed : assessed + 2 * n_dof] = False
     belongs[size - 2 * n_phases :] = False
     return belongs
 
@@ -51,8 +51,8 @@ def of_structure(
     belongs = np.ones(size, dtype=bool)
     belongs[: _COMMON + 1] = False
     seen = _COMMON + 1 + 4 * (n + n_poles)
-    judged = seen + 2 * n_seen
-    belongs[judged : judged + 2 * n_seen] = False
+    assessed = seen + 2 * n_seen
+    belongs[assessed : assessed + 2 * n_seen] = False
     end = size - 3 * at_once
     belongs[end - 2 * n_phases : end] = False
-    return belongs, slice(seen, judged)
+    return belongs, slice(seen, assessed)

@@ -117,7 +117,7 @@ def goes_as_pendulum(
         return False
     if not (isinstance(memory, str) and memory in AS_COORDINATES):
         return False
-    if system._active_kernels and not _fades_beside_switches(system, method):
+    if system._active_kernels and not _fades_near_switches(system, method):
         return False
     orders: list[Any] = []
     for given in (load, base):
@@ -148,7 +148,7 @@ def goes_in_sections(system: object, method: str, memory: str) -> TypeGuard[Poly
         return False
     if not (isinstance(method, str) and method in ("auto", *IN_SECTIONS)):
         return False
-    return not system._active_kernels or _fades_beside_switches(system, method)
+    return not system._active_kernels or _fades_near_switches(system, method)
 
 
 def switches_by_itself(system: PolynomialSystem) -> bool:
@@ -164,7 +164,7 @@ def reads_rates(system: PolynomialSystem) -> bool:
     )
 
 
-def _fades_beside_switches(system: PolynomialSystem, method: str) -> bool:
+def _fades_near_switches(system: PolynomialSystem, method: str) -> bool:
     """True if steps may end at switches in spite of memory: it has few exponentials."""
     if method not in ("auto", *REMEMBERING) or not switches_by_itself(system):
         return False

@@ -351,7 +351,7 @@ class MultipleScales:
             _lines=(found["line_of"] - 1, found["line_frequencies"], found["lines"].T),
             _loads={f"p{k + 1}": float(self._form.drives[k]) for k in acting},
             _varied=f"p{load}" if vary == 1 else "",
-            _beside=partial(self._growth_beside, parameter),
+            _perturbed=partial(self._growth_nearby, parameter),
             _units=self._units / sizes[:, 3:],
             dof_names=self._names,
             _errors=partial(self._steady_errors, load, vary, where),
@@ -361,7 +361,7 @@ class MultipleScales:
             ),
         )
 
-    def _growth_beside(
+    def _growth_nearby(
         self,
         parameter: str,
         value: float,

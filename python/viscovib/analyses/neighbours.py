@@ -75,12 +75,12 @@ def exponents_of(
     coordinates and velocities but remains in the past.
     """
     try:
-        beside = _Beside(partial(make, finer=1), widths, count, quarter)
-        return beside.rates(n_steps, n_discard)
+        nearby = _Neighbour(partial(make, finer=1), widths, count, quarter)
+        return nearby.rates(n_steps, n_discard)
     except _TooFarError:
-        beside = _Beside(partial(make, finer=_FINER), widths, count, _FINER * quarter)
-        beside.last_try = True
-        return beside.rates(_FINER * n_steps, _FINER * n_discard)
+        nearby = _Neighbour(partial(make, finer=_FINER), widths, count, _FINER * quarter)
+        nearby.last_try = True
+        return nearby.rates(_FINER * n_steps, _FINER * n_discard)
 
 
 @dataclass
@@ -92,7 +92,7 @@ class _Renewal:
     lengths: FloatArray
 
 
-class _Beside:
+class _Neighbour:
     """A motion and its neighbours."""
 
     def __init__(
@@ -109,7 +109,7 @@ class _Beside:
         #: Sums of the logarithms of growth.
         self.grown = np.zeros(count)
         #: Undetermined exponents: the history and its rounding errors hide the present state.
-        self.untold = np.zeros(count, dtype=bool)
+        self.unset = np.zeros(count, dtype=bool)
         #: Reduction of the distance of each neighbour, so that its past is near too.
         self.nearer = np.ones(count)
 
@@ -150,14 +150,14 @@ class _Beside:
                 since = done
                 self.grown[np.isfinite(self.grown)] = 0.0
                 course = [(done, self.grown.copy())]
-                self.untold[:] = False
+                self.unset[:] = False
             if least > math.sqrt(_LEFT):
                 look = min(self.quarter, 2 * look)
         if since < 0 or renewed <= since:
             return missing
         span = self.runs[0].h * (renewed - since)
         off = np.where(np.isfinite(self.grown), _unsure(course) / span, 0.0)
-        rates, off = (np.where(self.untold, math.nan, x) for x in (self.grown / span, off))
+        rates, off = (np.where(self.unset, math.nan, x) for x in (self.grown / span, off))
         return rates, off
 
     def _begin(self, n_steps: int) -> bool:
@@ -205,9 +205,9 @@ class _Beside:
             whole = its - own
             whole[n:] = np.where(belongs & ~_marks(own[n:], its[n:]), whole[n:], 0.0)
             whole /= self.nearer[j]
-            told = whole[n:][self.runs[0].told_by_state()]
+            note = whole[n:][self.runs[0].state_columns()]
             # Reorder alternating values: first all coordinates, then all velocities.
-            told[:] = whole[n - told.size : n].reshape(-1, 2).T.ravel()
+            note[:] = whole[n - note.size : n].reshape(-1, 2).T.ravel()
             for _ in range(2):
                 for part in parts:
                     along = (part[:width] / self.scale) @ (whole[:width] / self.scale)
@@ -229,7 +229,7 @@ class _Beside:
             length = found.lengths[j]
             self.grown[j] += math.log(length) if length > _ONE else -math.inf
             hidden = _hidden(part, found.parts[0], n)
-            self.untold[j:] |= hidden > _HIDDEN
+            self.unset[j:] |= hidden > _HIDDEN
             if hidden > _LOST:
                 self.grown[j:] = math.nan
             self.nearer[j] = 1 / max(1.0, hidden)
@@ -251,8 +251,8 @@ def _unsure(course: list[tuple[int, FloatArray]]) -> FloatArray:
     done, grown = np.array([n for n, _ in course]), np.array([g for _, g in course])
     part = ((done - done[0]) / (done[-1] - done[0]))[:, None]
     with np.errstate(invalid="ignore"):
-        beside = grown - grown[0] - part * (grown[-1] - grown[0])
-    return np.asarray(_IN_RANGES * (beside.max(axis=0) - beside.min(axis=0)))
+        nearby = grown - grown[0] - part * (grown[-1] - grown[0])
+    return np.asarray(_IN_RANGES * (nearby.max(axis=0) - nearby.min(axis=0)))
 
 
 def _hidden(part: FloatArray, first: FloatArray, n: int) -> float:

@@ -26,7 +26,7 @@ from viscovib.common.parameters import (
 from viscovib.common.plan import Plan
 from viscovib.common.stability import warn_of_unknown
 from viscovib.errors import InputError
-from viscovib.results.curves import OUTCOMES, allowed_beside
+from viscovib.results.curves import OUTCOMES, allowed_nearby
 from viscovib.systems.pendulum import Pendulum
 
 
@@ -98,7 +98,7 @@ def pendulum_backbone(
     n_most = 3 * (multiple * orders.most + 1)
     check_size("max_points", curve.max_points, n_most)
     given = checked((SYMMETRIC, OPPOSITE), locals())
-    judged = stability is None or STABILITY.check(stability)
+    assessed = stability is None or STABILITY.check(stability)
     kept = _kept(system, j, highest, multiple, given["symmetric"])
     pattern = _kept(system, j, 2 * multiple - 1, multiple, given["symmetric"])
     unit = float(free.natural_frequencies()[j]) / multiple
@@ -112,7 +112,7 @@ def pendulum_backbone(
         lambda: _native.run(
             "backbone pendulum", free._handle, pattern=pattern, unit=unit,
             dof=place + 1 if varies == "amplitude" else 0, order=multiple,
-            harmonics=orders.first, most=orders.most, stability=judged, begin=begin.ravel(),
+            harmonics=orders.first, most=orders.most, stability=assessed, begin=begin.ravel(),
             **curve.along(start, finish), **departure,
         )
     )  # fmt: skip
@@ -125,10 +125,10 @@ def pendulum_backbone(
         f"{_kept_text(orders.auto, orders.first, int(kept.sum()))}\n"
         "skips: damping and loads (free motions of the system without losses)\n"
         "skips: sines (motions that begin at rest are even in time)\n"
-        + ("computes: Floquet multipliers" if judged else "skips: stability (not asked for)")
+        + ("computes: Floquet multipliers" if assessed else "skips: stability (not asked for)")
     )
     tolerances = curve.tolerance, curve.values["atol"]
-    return _backbone(found, j, varies, multiple, tolerances, judged, plan)
+    return _backbone(found, j, varies, multiple, tolerances, assessed, plan)
 
 
 def _backbone(
@@ -137,14 +137,14 @@ def _backbone(
     varies: str,
     multiple: int,
     tolerances: tuple[float, float],
-    judged: bool,
+    assessed: bool,
     plan: Plan,
 ) -> Backbone:
     """Create the result with names and units; ``tolerances``: relative and absolute."""
     coefficients, order = imaginary(found["cosines"].T), found["highest"]
-    allowed = allowed_beside(coefficients, *tolerances)
+    allowed = allowed_nearby(coefficients, *tolerances)
     warn_of_doubts(found["truncation"], found["off"], (tolerances[0], allowed), order)
-    growing = found["growing"] if judged else None
+    growing = found["growing"] if assessed else None
     if growing is not None:
         warn_of_unknown(growing < 0)
     motions = imaginary(found["branch_cosines"].T)
@@ -170,7 +170,7 @@ def _backbone(
             )
             for i, p in enumerate(found["branch_p"])
         ),
-        multipliers=found["multipliers"].T if judged else None,
+        multipliers=found["multipliers"].T if assessed else None,
         stable=None if growing is None else growing == 0,
         growing=growing,
         plan=plan,

@@ -117,11 +117,11 @@ def check_resumed(
 ) -> None:
     """Refuse arguments that a continued run takes from the earlier run."""
     _native.check_instance("resume", run, Trajectory)
-    told = [name for name, value in given.items() if value is not None]
-    told += [name for name, value in choices.items() if not _native.is_auto(value)]
-    if told:
+    note = [name for name, value in given.items() if value is not None]
+    note += [name for name, value in choices.items() if not _native.is_auto(value)]
+    if note:
         raise InputError(
-            f"{', '.join(told)}: taken from the run that is resumed, must not be given with resume"
+            f"{', '.join(note)}: taken from the run that is resumed, must not be given with resume"
         )
     if run.outcome != "completed":
         raise InputError(f"resume: that run ended {run.outcome!r}, must be 'completed'")

@@ -25,7 +25,7 @@ from viscovib.analyses.acting import (
 from viscovib.analyses.events import Watch
 from viscovib.analyses.forces_in_time import element_forces, mount_forces
 from viscovib.bodies.body import Body
-from viscovib.bodies.turning import told_like
+from viscovib.bodies.turning import renamed_like
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import check_start
@@ -139,7 +139,7 @@ def has_outrun(start: FloatArray, end: FloatArray, one: float, other: float, h: 
 def difference(coarse: Trajectory, fine: Trajectory) -> float:
     """Largest difference of the states of two runs, and of the times at which they stop."""
     n, m = coarse.t.size, fine.t.size
-    coarse = told_in_one_way(coarse, fine)
+    coarse = renamed_alike(coarse, fine)
     if coarse.outcome == "completed" == fine.outcome and n == m:
         return float(np.abs(fine.state - coarse.state).max())
     if coarse.outcome != fine.outcome or coarse.outcome == "step too large" or abs(n - m) > 1:
@@ -151,12 +151,12 @@ def difference(coarse: Trajectory, fine: Trajectory) -> float:
     return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
 
 
-def told_in_one_way(run: Trajectory, like: Trajectory) -> Trajectory:
+def renamed_alike(run: Trajectory, like: Trajectory) -> Trajectory:
     """The run, for a body with large rotations with comparable rotation vectors."""
     turns = isinstance(run.system, Body) and run.system._winds
     if not turns or run.state.shape != like.state.shape:
         return run
-    return replace(run, state=told_like(run.state, like.state))
+    return replace(run, state=renamed_like(run.state, like.state))
 
 
 class Piece(NamedTuple):
@@ -402,7 +402,7 @@ class Run(ABC):
         assert self.memory is not None
         return np.ones(self.memory.size, dtype=bool)
 
-    def told_by_state(self) -> slice:
+    def state_columns(self) -> slice:
         """Slice of the memory that follows from the modes; also the end of the state."""
         return slice(0, 0)
 
@@ -430,7 +430,7 @@ class Run(ABC):
         if want.keep == "tail":
             skipped = max(0, n - math.ceil(min(want.tail / self.h, n))) // want.every * want.every
         if want.times is None and want.keep != "last":
-            self._check_room((n - skipped) // want.every)
+            self._check_capacity((n - skipped) // want.every)
         counts = {self.counts: 0}
         states: list[FloatArray] = []
         ended = 0
@@ -477,7 +477,7 @@ class Run(ABC):
         return run
 
     @property
-    def _judged(self) -> npt.NDArray[np.intp]:
+    def _compared(self) -> npt.NDArray[np.intp]:
         """Indices of the state components that determine the error."""
         return np.arange(self.state.size)
 
@@ -628,7 +628,7 @@ class Run(ABC):
             latest = part
         return np.concatenate(found)
 
-    def _check_room(self, n_kept: int) -> None:
+    def _check_capacity(self, n_kept: int) -> None:
         most = MAX_KEPT // max(self.state.size, 1)
         if n_kept > most:
             raise InputError(

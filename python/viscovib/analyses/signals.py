@@ -95,12 +95,12 @@ def _of_trajectory(
         raise InputError("signal: values beyond 1e150 leave the range of numbers")
     aliased = []
     for name in dict.fromkeys(one.removesuffix("_dot") for one in names):
-        if tell_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step):
+        if warn_of_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step):
             aliased.append(name)
     return Signal(columns, step, float(run.t[0]), names, tuple(aliased))
 
 
-def tell_aliases(name: str, u: FloatArray, v: FloatArray, step: float) -> bool:
+def warn_of_aliases(name: str, u: FloatArray, v: FloatArray, step: float) -> bool:
     """Warn of a coordinate that oscillates too fast for its states, based on its velocity."""
     share, is_large = aliased_part(u, v, step)
     if is_large:

@@ -115,14 +115,14 @@ class SingleMembers(Members):
         elif type(system) is PolynomialSystem:
             allowed = (*_OF_LOADS, *_SCALED, *system._named_parameters)
         if name not in allowed:
-            told = list(allowed)
+            note = list(allowed)
             if isinstance(system, Body):
                 # List the names of one mount only.
                 first = f"mounts[{system.mounts[0].name}]"
-                told = [one for one in told if one.startswith(first) or "mounts[" not in one]
+                note = [one for one in note if one.startswith(first) or "mounts[" not in one]
             raise InputError(
                 f"parameters: {name!r} does not vary in an ensemble of this system, must be one of "
-                f"{', '.join(told)}"
+                f"{', '.join(note)}"
             )
 
     def _one(self, i: int) -> Any:
@@ -194,7 +194,7 @@ class SingleMembers(Members):
         """Compute a part of the runs, one after another."""
         h, _, n_steps, n_discard, _, every, section_every, _, exponents, lines, *rest = given
         cancel, sections = rest
-        asked = _Asked(n_steps, n_discard, every, section_every, exponents, lines)
+        asked = _Requested(n_steps, n_discard, every, section_every, exponents, lines)
         found: list[_Gathered] = []
         for k, i in enumerate(range(part.start, part.stop)):
             if cancel[0]:
@@ -211,7 +211,7 @@ class SingleMembers(Members):
         )  # fmt: skip
         return tuple(np.stack([getattr(one, x) for one in found], axis=-1) for x in names)
 
-    def _gather(self, i: int, h: float, asked: _Asked) -> _Gathered:
+    def _gather(self, i: int, h: float, asked: _Requested) -> _Gathered:
         """Compute run i."""
         run = self._begin(i, h * asked.n_steps, h)
         track = _Track(h, asked)
@@ -251,7 +251,7 @@ class SingleMembers(Members):
             found.exponents, found.exponent_errors = self._exponents(i, h, asked)
         return found
 
-    def _exponents(self, i: int, h: float, asked: _Asked) -> tuple[FloatArray, FloatArray]:
+    def _exponents(self, i: int, h: float, asked: _Requested) -> tuple[FloatArray, FloatArray]:
         end = h * asked.n_steps
         quarter = max(1, round(asked.n_steps / self._steps(i, end)))
         return exponents_of(
@@ -274,7 +274,7 @@ class SingleMembers(Members):
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Requested:
     """Requested results, in steps."""
 
     n_steps: int
@@ -299,7 +299,7 @@ class _Asked:
 class _Track:
     """Accumulated results of a run."""
 
-    def __init__(self, h: float, asked: _Asked) -> None:
+    def __init__(self, h: float, asked: _Requested) -> None:
         self.h, self.asked = h, asked
         self.steps = 0
         self.n = 0
@@ -335,14 +335,14 @@ class _Track:
 
     def result(self, width: int, stopped: bool) -> _Gathered:
         """The results; amplitudes of a motion that ended early are NaN."""
-        missing, untold = np.full(width, math.nan), np.full(self.asked.exponents, math.nan)
+        missing, unset = np.full(width, math.nan), np.full(self.asked.exponents, math.nan)
         lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)
         if self.n and lines.size and not stopped:
             own = self.mean / self.weight
             lines = 2 * (self.sums - np.outer(own, self.empty)) / self.weight
         points = np.concatenate(self.parts) if self.parts else np.empty((0, width))
         return _Gathered(
-            missing, 0, 0.0, missing, missing, missing, lines, untold, untold, points, np.empty(0),
+            missing, 0, 0.0, missing, missing, missing, lines, unset, unset, points, np.empty(0),
         )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from viscovib.results.response import Response
 from viscovib.results.structure_results import StructureResponse
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
-from viscovib.systems.law_ends import told_edges
+from viscovib.systems.law_ends import edges_text
 from viscovib.systems.load import Job, LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -109,8 +109,8 @@ def mount_response(
     if stability:
         # Newton's method computes all frequencies in one call.
         (part,) = parts
-        judged = part["stable"], part["multipliers"], part["exponents"]
-        given |= Stability.of(*judged, codes == 0)._asdict()
+        assessed = part["stable"], part["multipliers"], part["exponents"]
+        given |= Stability.of(*assessed, codes == 0)._asdict()
     response: Response
     if loaded is not None:
         view = View.of(system, loaded.linear_part() if ran == "linear" else loaded, coordinates)
@@ -233,7 +233,7 @@ class _Work:
 
 def condensed_line(loaded: LoadedStructure | None) -> str:
     """Return the line of a plan about the condensation."""
-    return "" if loaded is None else f"computes: {loaded.told}\n"
+    return "" if loaded is None else f"computes: {loaded.note}\n"
 
 
 def prepare(
@@ -332,7 +332,7 @@ def _warn_of_gaps(response: Response, system: Steady) -> None:
         remedy = "amplitudes are limited to 1e40, or less with high powers: choose other units"
     warnings.warn(
         f"{found} at {lost.sum()} of {asked} ({kinds}), between nu = {low:.6g} and {high:.6g}, NaN "
-        f"there: {remedy}{told_edges(system)}{advice_on_sticking(system)}",
+        f"there: {remedy}{edges_text(system)}{advice_on_sticking(system)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib.analyses.accuracy import Accuracy, reason
-from viscovib.analyses.runs import NotMetError, Run, Wanted, nothing, told_in_one_way
+from viscovib.analyses.runs import NotMetError, Run, Wanted, nothing, renamed_alike
 from viscovib.common.plan import Plan
 from viscovib.common.progress import counted_pieces
 from viscovib.results.trajectory import OUTCOMES, Trajectory
@@ -69,7 +69,7 @@ def _search(
     if want.times is not None:
         run._check_times(times, n if run.mesh is None else run.mesh.count)
     elif want.keep == "all":
-        run._check_room(n // want.every)
+        run._check_capacity(n // want.every)
     task, objects, values = run._values(n, want.every, times)
     allowed = accuracy or Accuracy(0.0)
     values |= {
@@ -79,7 +79,7 @@ def _search(
         "last_only": want.keep == "last", "tail": float(want.tail),
         "looks": asked.keep != "all" or asked.times is not None,
         "fills": accuracy is not None and want.no_choice,
-        "rows": run._judged + 1, **run._search_values(),
+        "rows": run._compared + 1, **run._search_values(),
     }  # fmt: skip
     long = n > _FEW or run._takes_long(n)
     with counted_pieces(progress):
@@ -121,7 +121,7 @@ def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -
 
 def _cut(events: tuple[Any, ...], run: Run) -> tuple[Any, ...]:
     """The events with the state components that are kept."""
-    return tuple(replace(one, state=one.state[:, run._judged]) for one in events)
+    return tuple(replace(one, state=one.state[:, run._compared]) for one in events)
 
 
 def _trajectory(run: Run, found: dict[str, Any], prefix: str) -> Trajectory:
@@ -184,7 +184,7 @@ def _why(run: Run, found: dict[str, Any], n: int, accuracy: Accuracy) -> str:
     if found["verdict"] == _IN_LAYER:
         layer = last._layer()
         why = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
-        why = last._pole_passed() or (why if layer is None else layer.told())
+        why = last._pole_passed() or (why if layer is None else layer.note())
         return f"not met with {steps} steps: {why}"
     if found["verdict"] == _TOO_MANY or "coarse_t" not in found:
         return f"not met: {steps} steps, and twice as many, are too many: give dt"
@@ -194,7 +194,7 @@ def _why(run: Run, found: dict[str, Any], n: int, accuracy: Accuracy) -> str:
     changed = "runs with different step sizes end differently"
     if change < 1e300:
         changed = f"states still change by {change:.1e}"
-    why = reason(told_in_one_way(before, last), last, accuracy)
+    why = reason(renamed_alike(before, last), last, accuracy)
     return f"not met with {steps} steps ({changed}): {why}"
 
 

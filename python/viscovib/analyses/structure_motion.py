@@ -371,9 +371,9 @@ class StructureMotion:
         system = self.mount
         if isinstance(system, PolynomialSystem):
             return system
-        told = lacks_wholeness(system)
-        if told is not None:
-            raise InputError(f"acceleration: {told}")
+        note = lacks_wholeness(system)
+        if note is not None:
+            raise InputError(f"acceleration: {note}")
         return whole_system(system)
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
@@ -396,7 +396,7 @@ class StructureRun(MountRun):
             self.state = self.state if found["reason"] else found["last"]
 
     @property
-    def _judged(self) -> npt.NDArray[np.intp]:
+    def _compared(self) -> npt.NDArray[np.intp]:
         """Indices of the coordinates, without deflections."""
         return np.arange(2 * self.motion.places.size)
 
@@ -463,7 +463,7 @@ class StructureRun(MountRun):
         """Mask of modes, deflections, their rounding errors, forces and past."""
         return self._parts[0]
 
-    def told_by_state(self) -> slice:
+    def state_columns(self) -> slice:
         """Slice of deflections and rates: steps add to them, so an error would remain."""
         return self._parts[1]
 
@@ -491,7 +491,7 @@ class StructureRun(MountRun):
             f"computes: motion to t = {end:g} by {self.method}, forces of elements at "
             f"{things(nodes, 'node')} per step, modes exactly"
         )
-        lines.insert(1, f"computes: {motion.loaded.told}")
+        lines.insert(1, f"computes: {motion.loaded.note}")
         return "\n".join(lines)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:

@@ -56,39 +56,39 @@ def goes_whole(
     """True for a small structure with kinks or element states, and memory by exponentials."""
     if not isinstance(system, Structure) or not switches(system):
         return False
-    told, n = lacks_wholeness(system), len(system.dof_names)
+    note, n = lacks_wholeness(system), len(system.dof_names)
     sections = n > MAX_DOF or bool(system._all_kernels)
     methods = ("auto", *(IN_SECTIONS if sections else METHODS))
     if system._all_kernels:
         methods = ("auto", *REMEMBERING)
-    if told is not None:
+    if note is not None:
         pass
     elif not (isinstance(method, str) and method in methods):
-        told = f"has the methods {', '.join(methods)}, got method = {shown(method)}"
+        note = f"has the methods {', '.join(methods)}, got method = {shown(method)}"
     elif not (isinstance(memory, str) and memory in AS_COORDINATES):
-        told = f"has memory {' or '.join(map(repr, AS_COORDINATES))}, got memory = {shown(memory)}"
+        note = f"has memory {' or '.join(map(repr, AS_COORDINATES))}, got memory = {shown(memory)}"
     elif (lacks := _lacks_exponentials(system)) is not None:
-        told = lacks
+        note = lacks
     elif sections and shares_switches(system):
-        told = (
+        note = (
             f"of more than {MAX_DOF} coordinates, or with kernels, takes no law that switches with "
             "the rate, as sign(v), on the deflection of an element with a state"
         )
-    if told is None:
+    if note is None:
         return True
     if any(element.law is not None and element.law.state for element in system._all_elements):
-        raise InputError(f"elements: a motion in time with hysteresis or restitution {told}")
+        raise InputError(f"elements: a motion in time with hysteresis or restitution {note}")
     return False
 
 
 def check_whole(system: Structure) -> None:
     """Refuse a structure that does not go by its whole equations, in a motion that repeats."""
-    told = lacks_wholeness(system) or _lacks_exponentials(system)
-    if told is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
+    note = lacks_wholeness(system) or _lacks_exponentials(system)
+    if note is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
                             for one in system._all_elements):  # fmt: skip
-        told = "takes no hysteresis elements (see forced_response)"
-    if told is not None:
-        raise InputError(f"system: a steady motion in time {told}")
+        note = "takes no hysteresis elements (see forced_response)"
+    if note is not None:
+        raise InputError(f"system: a steady motion in time {note}")
 
 
 @once_each
@@ -217,7 +217,7 @@ class WholeRun(PolynomialRun):
         self.places = None
 
     @property
-    def _judged(self) -> npt.NDArray[np.intp]:
+    def _compared(self) -> npt.NDArray[np.intp]:
         """Indices of the coordinates that are kept."""
         structure: Any = self.system
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
@@ -240,7 +240,7 @@ class WholeRun(PolynomialRun):
         directions = structure._element_directions
         given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
-        columns = self._judged
+        columns = self._compared
         given["state"] = run.state[:, columns]
         given["events"] = tuple(replace(one, state=one.state[:, columns]) for one in run.events)
         relative = run.state

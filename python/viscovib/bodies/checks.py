@@ -24,12 +24,12 @@ def checked_inertia(value: npt.ArrayLike) -> FloatArray:
     if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
         raise InputError("inertia: must be symmetric")
     moments = np.linalg.eigvalsh(tensor)
-    told = ", ".join(f"{moment:.6g}" for moment in moments)
+    note = ", ".join(f"{moment:.6g}" for moment in moments)
     if not moments[0] > 0:
-        raise InputError(f"inertia: has the principal moments {told}, must be greater than 0")
+        raise InputError(f"inertia: has the principal moments {note}, must be greater than 0")
     if moments[2] > (moments[0] + moments[1]) * (1 + _ROUNDING):
         raise InputError(
-            f"inertia: has the principal moments {told}; no body has one that is larger than the "
+            f"inertia: has the principal moments {note}; no body has one that is larger than the "
             "sum of the other two"
         )
     return np.asarray(tensor)

@@ -80,10 +80,10 @@ class BodyModes(Result):
 
     def _headline(self) -> str:
         rigid = int(np.sum(self.omega == 0))
-        told = f", {rigid} of them motions that nothing resists" if rigid else ""
+        note = f", {rigid} of them motions that nothing resists" if rigid else ""
         kind = "damped mode" if np.iscomplexobj(self.shapes) else "mode"
         return (
-            f"{things(self.omega.size, kind)} from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{told}"
+            f"{things(self.omega.size, kind)} from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{note}"
         )
 
     def _scope(self) -> list[str]:

@@ -103,7 +103,7 @@ def unspin_transposed(theta: FloatArray, vector: FloatArray) -> FloatArray:
     return np.asarray(vector - across / 2 + d * np.cross(theta, across))
 
 
-def told_like(states: FloatArray, like: FloatArray) -> FloatArray:
+def renamed_like(states: FloatArray, like: FloatArray) -> FloatArray:
     """States with the equivalent rotation vectors that are nearest to those of ``like``.
 
     The equivalent vector is theta (1 - 2 pi/|theta|), with the same spin. Shapes (..., 2 n).

@@ -207,14 +207,14 @@ def _run(options: argparse.Namespace) -> int:
     pictures = _picture(options, result)
     status = 0 if value.complete and not wanting else _UNSOLVED
     if options.json:
-        _print_json(options, status, **_told(result), tables=tables, pictures=pictures)
+        _print_json(options, status, **_summary_values(result), tables=tables, pictures=pictures)
     elif not options.quiet:
         print(f"{one_line(str(table))}: " + value.summary().replace("\n", "\n  "))
         if wanting and result.spectrum is not None:
             print("spectrum: " + result.spectrum.summary().replace("\n", "\n  "))
     elif status:
-        told = result.spectrum if value.complete and result.spectrum is not None else value
-        summary = told.summary().splitlines()[0]
+        shown_text = result.spectrum if value.complete and result.spectrum is not None else value
+        summary = shown_text.summary().splitlines()[0]
         print(f"warning: {one_line(str(table))}: {summary}", file=sys.stderr)
     return status
 
@@ -223,7 +223,7 @@ def _value(result: SceneResult) -> Result:
     return result._single("run: must be a single result, not a sweep")
 
 
-def _told(result: SceneResult) -> dict[str, Any]:
+def _summary_values(result: SceneResult) -> dict[str, Any]:
     """Return the JSON form of a result."""
     value = _value(result)
     try:

@@ -88,10 +88,10 @@ def run_sweep(options: argparse.Namespace) -> int:
         lines += [f"{table}", f"{picture}" if drawn else "", note]
     status = 1 if failed else 0
     if options.json:
-        told = {"scene": options.scene, "status": status, "kind": "sweep", "checkpoint": checkpoint,
+        info = {"scene": options.scene, "status": status, "kind": "sweep", "checkpoint": checkpoint,
                 "sizes": dict(data.sizes), "failed": failed}  # fmt: skip
         files = {} if keep_all else {"tables": [table], "pictures": [picture] * drawn}
-        print(as_json(told | files))
+        print(as_json(info | files))
     elif not options.quiet:
         print(*map(one_line, filter(None, lines)), sep="\n")
     return status

@@ -78,10 +78,10 @@ def _fish(commands: dict[str, tuple[str, list[str]]]) -> str:
 def _commands(parser: argparse.ArgumentParser) -> dict[str, tuple[str, list[str]]]:
     """Return the description and the long options of each subcommand."""
     action = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    told = {choice.dest: choice.help or "" for choice in action._choices_actions}
+    shown_text = {choice.dest: choice.help or "" for choice in action._choices_actions}
     return {
         name: (
-            told[name],
+            shown_text[name],
             [o for a in command._actions for o in a.option_strings if o.startswith("--")],
         )
         for name, command in action.choices.items()

@@ -16,7 +16,7 @@ from viscovib.errors import InputError
 #: for hours or kill a program.
 _SHARE = 0.75
 #: Bytes that a command needs in addition to Python.
-_ROOM = 1 << 26
+_CAPACITY = 1 << 26
 
 
 class StoppedError(Exception):
@@ -37,7 +37,7 @@ def limit_memory(gigabytes: float | None) -> float:
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = min([int(bound), *(n for n in (soft, hard) if n != resource.RLIM_INFINITY)])
     # Without memory for a thread its start would fail or block.
-    if most < _used() + _ROOM:
+    if most < _used() + _CAPACITY:
         raise StoppedError(f"more than {most / 1e9:.3g} GB of memory are needed (--max-memory)")
     resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
     return most / 1e9

@@ -112,12 +112,12 @@ class Stability(NamedTuple):
                 StabilityWarning,
                 stacklevel=caller(),
             )
-        told = ~np.isnan(multipliers)
-        columns = int(told.sum(axis=0).max(initial=0))
+        note = ~np.isnan(multipliers)
+        columns = int(note.sum(axis=0).max(initial=0))
         return cls(
             stable,
             np.ascontiguousarray(multipliers[:columns].T),
             np.ascontiguousarray(exponents[:columns].T),
             # Growing exponents were counted, but may not have been found.
-            ((codes == 0) & told.any(axis=0)) | (codes == 1),
+            ((codes == 0) & note.any(axis=0)) | (codes == 1),
         )

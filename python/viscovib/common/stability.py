@@ -26,7 +26,7 @@ def warn_of_unknown(unknown: npt.NDArray[np.bool_]) -> None:
         )
 
 
-def told_by_rates(
+def stability_by_rates(
     growth: FloatArray, off: FloatArray, found: npt.NDArray[np.bool_]
 ) -> npt.NDArray[Any]:
     """Stability of motions from growth rates and their errors, shape (n, 6); may warn.

@@ -24,7 +24,7 @@ from bokeh.models import (
 from viscovib.errors import ViscovibError
 from viscovib.explorer.drawn import Curve, curves_of, motion_of
 from viscovib.explorer.measured import read_measured
-from viscovib.explorer.pictures import FREQUENCIES, SCALES, Beside, CurvePicture, MotionPicture
+from viscovib.explorer.pictures import FREQUENCIES, SCALES, CurvePicture, MotionPicture, Neighbour
 from viscovib.explorer.state import State
 from viscovib.explorer.widgets import HANDLE, NumberRow, Saver, alert, card, flow, player, words
 from viscovib.explorer.words import legend, peaks
@@ -66,8 +66,8 @@ class Page:
 
     def __init__(self, state: State, folder: Path | None = None, document: Any = None) -> None:
         self.state, self._folder, self._document = state, folder, document
-        self._frozen: Beside = {}
-        self._measured: Beside = {}
+        self._frozen: Neighbour = {}
+        self._measured: Neighbour = {}
         self._waiting: Any = None
         self._telling: Any = None
         self._point: int | None = None
@@ -210,7 +210,7 @@ class Page:
 
     def _late(self, key: str, value: float) -> None:
         self._waiting = None
-        self.rows[key].tell(self._change(partial(self.state.set, key, value)))
+        self.rows[key].show_message(self._change(partial(self.state.set, key, value)))
 
     def _typed(self, key: str, text: str) -> str:
         return self._change(partial(self.state.set_exactly, key, text))
@@ -271,9 +271,9 @@ class Page:
 
     def _on_compare(self, _name: str, _old: object, new: Any) -> None:
         if new:
-            self._soon(self._lay_beside)
+            self._soon(self._draw_overlay)
 
-    def _lay_beside(self) -> None:
+    def _draw_overlay(self) -> None:
         """Show the uploaded measured curve."""
         name, content = _handed_over(self.compare)
         names = [curve.name for curve in self.curves]
@@ -284,15 +284,15 @@ class Page:
             self.compare_error.text = alert(f"{name}: {error}")
             return
         self.compare_error.text = ""
-        self._show_beside()
+        self._show_overlay()
 
     def _freeze(self) -> None:
         self._frozen = {curve.name: (curve.x, curve.y) for curve in self.curves}
-        self._show_beside()
+        self._show_overlay()
 
     def _thaw(self) -> None:
         self._frozen, self._measured = {}, {}
-        self._show_beside()
+        self._show_overlay()
 
     # The display.
 
@@ -320,7 +320,7 @@ class Page:
         self._filling = False
         self.pictures = []
         self._refresh()
-        self._tell()
+        self._update_text()
 
     def _redraw(self) -> None:
         """Make new figures for other axes."""
@@ -332,7 +332,7 @@ class Page:
         for picture in self.pictures[:-1]:
             picture.figure.xaxis.axis_label = None
         self.curve_column.children = [picture.figure for picture in self.pictures]
-        self._show_beside()
+        self._show_overlay()
         self._mark()
 
     def _refresh(self) -> None:
@@ -346,14 +346,14 @@ class Page:
             picture.draw(curve)
         self._show_motion()
         if self._document is None:
-            self._tell()
+            self._update_text()
             return
         # First the curves; peaks, which need a solution, and texts follow when the slider rests.
         if self._telling is not None:
             self._document.remove_timeout_callback(self._telling)
-        self._telling = self._document.add_timeout_callback(self._tell, _WORDS)
+        self._telling = self._document.add_timeout_callback(self._update_text, _WORDS)
 
-    def _tell(self) -> None:
+    def _update_text(self) -> None:
         """Update all texts."""
         self._telling = None
         state = self.state
@@ -369,10 +369,10 @@ class Page:
         self.reset.disabled = not state.now.changed
         self.editor.value = state.scene_text()
         self.python.text = f"<pre style='overflow-x:auto'>{html.escape(state.python_lines())}</pre>"
-        self._tell_legend()
+        self._update_legend()
         self.address.data = {"query": [self._query()]}
 
-    def _tell_legend(self) -> None:
+    def _update_legend(self) -> None:
         value = self.state.result.value
         known = getattr(value, "stable", None) is not None
         self.legend.text = legend(self.curves, known, bool(self._frozen), bool(self._measured))
@@ -383,11 +383,11 @@ class Page:
             query = f"?{urlencode({'scene': moment.scene.path.name})}" + query.replace("?", "&", 1)
         return query
 
-    def _show_beside(self) -> None:
+    def _show_overlay(self) -> None:
         for picture, curve in zip(self.pictures, self.curves, strict=True):
-            picture.beside("frozen", self._frozen.get(curve.name))
-            picture.beside("measured", self._measured.get(curve.name))
-        self._tell_legend()
+            picture.overlay("frozen", self._frozen.get(curve.name))
+            picture.overlay("measured", self._measured.get(curve.name))
+        self._update_legend()
 
     # The motion.
 

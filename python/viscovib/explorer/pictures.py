@@ -35,7 +35,7 @@ SCALES = ("linear", "logarithmic", "decibels")
 FREQUENCIES = ("rad/s", "Hz")
 
 #: x and y of additional curves, by coordinate.
-Beside = Mapping[str, tuple[FloatArray, FloatArray]]
+Neighbour = Mapping[str, tuple[FloatArray, FloatArray]]
 
 
 class CurvePicture:
@@ -108,7 +108,7 @@ class CurvePicture:
         for kind in _MARKS:
             self._put(kind, *curve.marks.get(kind, (np.empty(0), np.empty(0))))
 
-    def beside(self, name: str, curve: tuple[FloatArray, FloatArray] | None) -> None:
+    def overlay(self, name: str, curve: tuple[FloatArray, FloatArray] | None) -> None:
         """Show a frozen or measured curve; None removes it."""
         self._put(name, *(curve or (np.empty(0), np.empty(0))))
 

@@ -147,13 +147,13 @@ def serve(
     *,
     port: int = 0,
     browser: bool = True,
-    tell: Callable[[str], None] = print,
+    show_message: Callable[[str], None] = print,
 ) -> None:
     """Serve the explorer until it is interrupted. ``port`` 0: any free port."""
     # Errors of the computation are raised here, before a server starts.
     page_of(scene, keys)
     server, address = start(scene, keys, port)
-    tell(f"{address}\nend with Ctrl+C")
+    show_message(f"{address}\nend with Ctrl+C")
 
     def end(*_: object) -> None:
         # Code that ignores exceptions, such as a finalizer, would suppress this one.

@@ -97,8 +97,8 @@ class State:
             try:
                 scene = Scene.read(path)
             except InputError as error:
-                told = re.sub(r"^(\d+): ", r"line \1: ", f"{error}".removeprefix(f"{path}:"))
-                raise InputError(told.strip()) from None
+                note = re.sub(r"^(\d+): ", r"line \1: ", f"{error}".removeprefix(f"{path}:"))
+                raise InputError(note.strip()) from None
         named = replace(scene, path=Path(path.name))
         self._take(Moment(named.override({}), {}, on_disk=False))
 

@@ -162,7 +162,7 @@ class NumberRow:
         self.range = words()
         self.error = words()
         self.error.visible = False
-        self._tell_range()
+        self._update_range()
         self.slider.on_change("value", self._on_slide)
         self.slider.on_change("value_throttled", lambda _attr, _old, _new: rested())
         self.field.on_change("value", self._on_type)
@@ -179,13 +179,13 @@ class NumberRow:
         if not self.slider.start <= value <= self.slider.end:
             low, high = self.number.ends(value)
             self.slider.update(start=low, end=high, step=self._step(low, high))
-            self._tell_range()
+            self._update_range()
         self.slider.value = value
         self.field.value = _text(value)
         self._filling = False
-        self.tell("")
+        self.show_message("")
 
-    def tell(self, message: str) -> None:
+    def show_message(self, message: str) -> None:
         """Show the error of the field next to it, or remove it."""
         if bool(message) == self.error.visible and not message:
             return
@@ -196,7 +196,7 @@ class NumberRow:
     def _step(self, low: float, high: float) -> float:
         return 1.0 if self.number.whole else (high - low) / 400
 
-    def _tell_range(self) -> None:
+    def _update_range(self) -> None:
         unit = f" {html.escape(self.number.unit)}" if self.number.unit else ""
         low, high = _text(self.slider.start), _text(self.slider.end)
         self.range.text = f"<small style='color:#555'>slider: {low} to {high}{unit}</small>"
@@ -208,14 +208,14 @@ class NumberRow:
         self._filling = True
         self.field.value = _text(float(f"{new:.6g}"))
         self._filling = False
-        self.tell(message)
+        self.show_message(message)
 
     def _on_type(self, _name: str, _old: str, new: str) -> None:
         if self._filling:
             return
         message = self._typed(self.number.key, new)
         if message:
-            self.tell(message)
+            self.show_message(message)
         else:
             self.fill(float(new))
 

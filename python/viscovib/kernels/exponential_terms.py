@@ -43,7 +43,7 @@ def _gauss_rule(places: FloatArray, masses: FloatArray) -> tuple[FloatArray, Flo
     """Nodes and weights of the Gauss rule of a discrete measure, by Lanczos and Golub-Welsch."""
     total = masses.sum()
     basis = [np.sqrt(masses / total)]
-    diagonal, beside = [], []
+    diagonal, nearby = [], []
     for _ in range(_FAST):
         image = places * basis[-1]
         diagonal.append(basis[-1] @ image)
@@ -52,9 +52,9 @@ def _gauss_rule(places: FloatArray, masses: FloatArray) -> tuple[FloatArray, Flo
         size = np.linalg.norm(image)
         if size <= np.finfo(float).eps * diagonal[0]:
             break
-        beside.append(size)
+        nearby.append(size)
         basis.append(image / size)
     n = len(diagonal)
-    off = np.diag(beside[: n - 1], 1)
+    off = np.diag(nearby[: n - 1], 1)
     nodes, vectors = np.linalg.eigh(np.diag(diagonal) + off + off.T)
     return nodes, total * vectors[0] ** 2

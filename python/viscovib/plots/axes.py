@@ -118,10 +118,10 @@ def jumps_of(coefficients: ComplexArray) -> npt.NDArray[np.bool_]:
     found = np.zeros(steps.shape, dtype=bool)
     if steps.size < 3 or not np.isfinite(sizes).any():
         return found
-    beside = np.maximum(steps[:-2], steps[2:])
+    nearby = np.maximum(steps[:-2], steps[2:])
     inner = steps[1:-1]
     with np.errstate(invalid="ignore"):
-        found[1:-1] = (inner > _LONGER * beside) & (inner > _PART * np.nanmax(sizes))
+        found[1:-1] = (inner > _LONGER * nearby) & (inner > _PART * np.nanmax(sizes))
     return found
 
 

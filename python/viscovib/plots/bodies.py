@@ -86,9 +86,9 @@ def plot_body(
         moved = moved_by(corners, body.center, shape)
         swing = SWING * size / max(np.abs(moved - corners).max(), 1e-300)
         _draw_box(axis, moved_by(corners, body.center, swing * shape), COLOURS[2], (0, (4, 1.5)))
-        told = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
+        note = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
         axis.set_title(
-            f"{told}, {modes.decoupling[number - 1]:.0f} % {main_coordinate(modes, number)}"
+            f"{note}, {modes.decoupling[number - 1]:.0f} % {main_coordinate(modes, number)}"
         )
     if torque_about is not None:
         along = 0.6 * size * body.torque_roll_axis(torque_about)

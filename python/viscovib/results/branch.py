@@ -27,7 +27,7 @@ from viscovib.results.curves import (
 )
 from viscovib.results.dissipation import Parts
 from viscovib.results.response import MAX_SEARCH, find_peak
-from viscovib.results.sampling import add_asked, lost_energy, sampling_errors, told_sampling
+from viscovib.results.sampling import add_requested, lost_energy, sampling_errors, sampling_text
 from viscovib.systems.load import Job
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ class Branch(PeriodicMotions, Curve):
         worst = np.nanmax(self._missed, initial=0.0)
         return [
             *lines,
-            f"{last}; estimated error of those left out {worst:.1e}{told_sampling(self)}",
+            f"{last}; estimated error of those left out {worst:.1e}{sampling_text(self)}",
         ]
 
     def _lacking(self) -> str:
@@ -333,6 +333,6 @@ class Branch(PeriodicMotions, Curve):
         )
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
         table.columns["error"] = self.error
-        add_asked(table, self)
+        add_requested(table, self)
         table.add_harmonics(names, map(str, self.harmonics), self.coefficients)
         return table

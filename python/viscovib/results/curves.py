@@ -295,7 +295,7 @@ def fold_notes(kind: str, curve: Any) -> list[str]:
     return lines
 
 
-def told_rounding(off: FloatArray, allowed: FloatArray | float) -> str:
+def rounding_text(off: FloatArray, allowed: FloatArray | float) -> str:
     """Return a text about points whose rounding error exceeds the tolerance, or an empty text."""
     blurred = int((off > allowed).sum())
     if not blurred:
@@ -303,7 +303,7 @@ def told_rounding(off: FloatArray, allowed: FloatArray | float) -> str:
     return f", {things(blurred, 'point')} of which rounding leaves more than the tolerance"
 
 
-def allowed_beside(coefficients: ComplexArray, tolerance: float, absolute: float) -> FloatArray:
+def allowed_nearby(coefficients: ComplexArray, tolerance: float, absolute: float) -> FloatArray:
     """Return the allowed relative error of motions (n, ...) from an absolute error."""
     sizes = np.abs(coefficients).reshape(coefficients.shape[0], -1).max(axis=1, initial=0.0)
     return np.asarray(tolerance + absolute / np.maximum(sizes, np.finfo(float).tiny))

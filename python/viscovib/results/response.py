@@ -22,11 +22,11 @@ from viscovib.errors import InputError
 from viscovib.results.dissipation import Parts
 from viscovib.results.extrapolation import check_orders, extrapolated
 from viscovib.results.sampling import (
-    add_asked,
+    add_requested,
     lost_energy,
     rounding_errors,
     sampling_errors,
-    told_sampling,
+    sampling_text,
 )
 from viscovib.systems.load import Job
 
@@ -463,7 +463,7 @@ class Response(PeriodicMotions, Result):
         return [
             f"nu: {span(self.nu, 'rad/s')}; {named(self.dof_names, self.dof_units)}",
             f"method {self.method}, orders up to {self.highest.max(initial=0)}, estimated error "
-            f"of those left out {worst:.1e}{told_sampling(self)}",
+            f"of those left out {worst:.1e}{sampling_text(self)}",
         ]
 
     def _details(self) -> list[str]:
@@ -518,9 +518,9 @@ class Response(PeriodicMotions, Result):
                 "harmonic": ("harmonic", self.harmonics),
             },
             attrs={"method": self.method, "plan": str(self.plan)},
-        ).assign(self._judged())
+        ).assign(self._compared())
 
-    def _judged(self) -> dict[str, Any]:
+    def _compared(self) -> dict[str, Any]:
         """Stability for a Dataset; stable: 1, 0, or -1 if unknown."""
         if self.stable is None:
             return {}
@@ -556,7 +556,7 @@ class Response(PeriodicMotions, Result):
                 "error": self.error,
             },
         )
-        add_asked(table, self)
+        add_requested(table, self)
         if self.stable is not None:
             table.notes.append("stable: 1: stable, 0: not, -1: unknown")
             table.columns["stable"] = codes_of(self.stable)
@@ -632,11 +632,11 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
         rough = np.ones(low.size, dtype=bool)
         with np.errstate(all="ignore"):
             for form in (squares, 1 / squares):
-                told = _PARABOLA @ form[::2]
-                rough &= (np.abs(told - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
+                note = _PARABOLA @ form[::2]
+                rough &= (np.abs(note - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
         # A change with the last digits of the frequency is a rounding error of other components.
-        beside = sizes((at[:, rough] * (1 + _ULPS)).ravel()).reshape(5, -1) ** 2
-        rough[rough] = (np.abs(beside - squares[:, rough]) > 0.1 * beside).sum(axis=0) < 3
+        nearby = sizes((at[:, rough] * (1 + _ULPS)).ravel()).reshape(5, -1) ** 2
+        rough[rough] = (np.abs(nearby - squares[:, rough]) > 0.1 * nearby).sum(axis=0) < 3
         if not rough.any():
             break
         middle = at[2, rough]

@@ -72,14 +72,14 @@ NOTES = {
 }
 
 
-def add_asked(table: Table, result: Any) -> None:
+def add_requested(table: Table, result: Any) -> None:
     """Add the columns that a scene requests."""
     table.notes += [NOTES[name] for name in result._asked]
     values = {"sampling": lambda: result.sampling, "dissipation": result._lost}
     table.columns |= {name: values[name]() for name in result._asked}
 
 
-def told_sampling(result: Any) -> str:
+def sampling_text(result: Any) -> str:
     """Text of a summary on sampling errors; empty if they are 0 or would take long."""
     n, d = result.highest.size, len(result.dof_names)
     if (

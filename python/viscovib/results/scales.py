@@ -205,8 +205,8 @@ class ScalesResponse(Result):
     #: Frequencies of the loads.
     _loads: dict[str, float] = field(repr=False)
     #: Function for the growth of neighbours of a motion by the full equations, and its error.
-    _beside: Callable[[float, FloatArray, ComplexArray, FloatArray], tuple[float, float]] = field(
-        repr=False
+    _perturbed: Callable[[float, FloatArray, ComplexArray, FloatArray], tuple[float, float]] = (
+        field(repr=False)
     )
     _varied: str = field(repr=False)
 
@@ -262,7 +262,7 @@ class ScalesResponse(Result):
         waves = np.ascontiguousarray(lines[which])
         growth, growth_error = float(self._growth[i]), float(self.growth_error[i])
         if abs(growth) <= growth_error:
-            exact = self._beside(value, frequencies[which], waves, errors)
+            exact = self._perturbed(value, frequencies[which], waves, errors)
             if exact[1] < growth_error:
                 growth, growth_error = exact
         return BeatingMotion(

@@ -30,14 +30,14 @@ from viscovib.results.motion_forces import (
     PointMotion,
 )
 from viscovib.systems.base_acceleration import BaseMotion
-from viscovib.systems.law_ends import law_end as end_of_law, told_edges
+from viscovib.systems.law_ends import edges_text, law_end as end_of_law
 from viscovib.systems.law_poles import (
     Layer,
     has_laws,
     law_pole,
     layer_between,
     pole_between,
-    told_pole,
+    pole_text,
 )
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
@@ -102,7 +102,7 @@ class Passages(Value):
         """Iterate over times and states."""
         return iter((self.t, self.state))
 
-    def told(self) -> str:
+    def note(self) -> str:
         """Return the number of events and their errors in one line."""
         text = things(self.t.size, "passage")
         if self.error is None or self.state_error is None:
@@ -277,10 +277,10 @@ class Trajectory(Result):
             return pole
         if ended is None and self.outcome == "step too large":
             layer = self._layer_passed(slice(-3, None)) if self.t.size else None
-            told = "" if layer is None else f": {layer}"
-            return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}{told}"
+            note = "" if layer is None else f": {layer}"
+            return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}{note}"
         if ended is None:
-            return f"the motion runs away {when}{told_edges(self.system)}"
+            return f"the motion runs away {when}{edges_text(self.system)}"
         text, reads = ended
         where = ", ".join(f"{name} = {value:.6g}" for name, value in reads.items())
         if self.t_reached <= 1e-12 * self.step:
@@ -309,7 +309,7 @@ class Trajectory(Result):
         reach = float(max(until - self.t[row], 0.0)) + self.step
         rows = slice(max(row - 1, 0), row + 2)
         found = law_pole(self.system, self._read_by_laws(rows), self.t[rows], 2 * reach)
-        return None if found is None else told_pole(*found)
+        return None if found is None else pole_text(*found)
 
     def _pole_passed(self) -> str | None:
         """Sentence about the first pole between two kept states."""
@@ -317,12 +317,12 @@ class Trajectory(Result):
             return None
         at = self._read_by_laws(slice(None))
         found = pole_between(self.system, at, self.t, self.step)
-        return None if found is None else told_pole(*found)
+        return None if found is None else pole_text(*found)
 
     def _layer_passed(self, rows: slice = slice(None)) -> str | None:
         """Sentence about the largest change of a law between kept states."""
         found = self._layer(rows)
-        return None if found is None else found.told()
+        return None if found is None else found.note()
 
     def _layer(self, rows: slice = slice(None)) -> Layer | None:
         """The layer of the largest change of a law between kept states."""
@@ -346,13 +346,13 @@ class Trajectory(Result):
         ]
 
     def _details(self) -> list[str]:
-        told = [] if self.reason is None else [self.reason]
+        note = [] if self.reason is None else [self.reason]
         if self.relative_to_base:
-            told.append("coordinates are relative to the base, whose acceleration is given")
+            note.append("coordinates are relative to the base, whose acceleration is given")
         sure = "error not estimated" if self.error is None else f"estimated error {self.error:.1e}"
-        return [*told, f"step {self.step:.6g}, {sure}", *self._told_events()]
+        return [*note, f"step {self.step:.6g}, {sure}", *self._event_lines()]
 
-    def _told_events(self) -> list[str]:
+    def _event_lines(self) -> list[str]:
         """One line for each event function."""
         watch = None if self._resume is None else self._resume.watch
         texts = [] if watch is None else [event.function for event in watch.events]
@@ -360,7 +360,7 @@ class Trajectory(Result):
             texts = [""] * len(self.events)
         shown = self.events[:_LISTED]
         return [
-            f"events[{i}] {text}: {one.told()}".replace(" :", ":")
+            f"events[{i}] {text}: {one.note()}".replace(" :", ":")
             for i, (text, one) in enumerate(zip(texts, shown, strict=False))
         ]
 

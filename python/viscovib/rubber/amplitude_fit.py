@@ -38,7 +38,7 @@ _ALPHAS, _TIMES, _BEST = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.93), 12, 3
 #: Smallest part of a start relative to the largest stiffness.
 _LEAST = 1e-6
 #: A slip is neither above nor below an amplitude within this distance (logarithm).
-_BESIDE = 0.02
+_NEARBY = 0.02
 #: Squared relative residual that is a rounding error.
 _EXACT = 1e-28
 
@@ -333,9 +333,9 @@ def _amplitude_result(
 
 def _unconstrained(slips: FloatArray, levels: FloatArray) -> tuple[str, ...]:
     """Names of undetermined parameters, from logarithms of slips and of amplitudes."""
-    loose = (slips < levels[0] + _BESIDE) | (slips > levels[-1] - _BESIDE)
+    loose = (slips < levels[0] + _NEARBY) | (slips > levels[-1] - _NEARBY)
     for i in range(slips.size - 1):
-        between = (levels > slips[i] + _BESIDE) & (levels < slips[i + 1] - _BESIDE)
+        between = (levels > slips[i] + _NEARBY) & (levels < slips[i + 1] - _NEARBY)
         if not between.any():
             loose[i : i + 2] = True
     places = (np.flatnonzero(loose) + 1).tolist()

@@ -83,7 +83,7 @@ def read_kernel(path: str | os.PathLike[str]) -> Kernel:
     AbelKernel(amplitude=0.02, alpha=0.1)
     """
     name, content = _read(path)
-    return _told(name, lambda: _kernel_of(content))
+    return _note(name, lambda: _kernel_of(content))
 
 
 def write_fit(fit: KernelFit, path: str | os.PathLike[str]) -> None:
@@ -131,7 +131,7 @@ def read_fit(path: str | os.PathLike[str]) -> KernelFit:
     True
     """
     name, content = _read(path)
-    return _told(name, lambda: _fit_of(content))
+    return _note(name, lambda: _fit_of(content))
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -287,7 +287,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[str, dict[str, Any]]:
     return name, content
 
 
-def _told(name: str, make: Callable[[], _Made]) -> _Made:
+def _note(name: str, make: Callable[[], _Made]) -> _Made:
     try:
         return make()
     except InputError as error:

@@ -377,13 +377,13 @@ def _result(
         optima=tuple(optima),
     )  # fmt: skip
     if fit.unconstrained:
-        told = "; ".join(
+        note = "; ".join(
             f"{name}: {low:.3g} to {high:.3g}"
             for name, (low, high) in fit.interval.items()
             if name in fit.unconstrained
         )
         warnings.warn(
-            f"the data do not constrain {', '.join(fit.unconstrained)} (95 %: {told})",
+            f"the data do not constrain {', '.join(fit.unconstrained)} (95 %: {note})",
             ConvergenceWarning,
             stacklevel=caller(),
         )

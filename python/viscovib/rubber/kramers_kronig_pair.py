@@ -242,8 +242,8 @@ def _smooth_spectrum(rows: FloatArray, best: float, storage: FloatArray) -> Floa
 
 def _ranges(nu: FloatArray, ratio: FloatArray) -> tuple[tuple[float, float, float, float], ...]:
     decades = np.log10(nu)
-    judged = (decades > decades[0] + _END) & (decades < decades[-1] - _END)
-    off = judged & ((ratio > _TELLING) | (ratio < 1 / _TELLING))
+    assessed = (decades > decades[0] + _END) & (decades < decades[-1] - _END)
+    off = assessed & ((ratio > _TELLING) | (ratio < 1 / _TELLING))
     side = np.where(off, np.sign(np.log(ratio)), 0)
     found = []
     first = 0

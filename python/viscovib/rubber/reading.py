@@ -137,7 +137,7 @@ def _read_dynamic(
         loss < 0,
         "that of a loss that is not negative",
     )
-    return _told(
+    return _note(
         table,
         lambda: ModulusData(
             frequencies=nu, storage=storage, loss=loss, quantity=measured, **_common(table)
@@ -172,7 +172,7 @@ def read_relaxation(
     _refuse(table, "time", times <= 0, "greater than 0")
     _refuse(table, "modulus", modulus <= 0, "greater than 0")
     measured = _asked(quantity) or _quantity(table, ["modulus"])
-    return _told(
+    return _note(
         table,
         lambda: RelaxationData(
             times=times, modulus=modulus, ramp=ramp, quantity=measured, **_common(table)
@@ -211,7 +211,7 @@ def read_creep(
     measured = _asked(quantity) or letters.get(table.named["compliance"].strip()[:1].upper())
     if measured is None:
         raise InputError(f"{table.path}: quantity: must be given, 'E' or 'G'")
-    return _told(
+    return _note(
         table,
         lambda: CreepData(times=times, compliance=compliance, quantity=measured, **_common(table)),
     )
@@ -254,7 +254,7 @@ def _common(table: Table) -> dict[str, Any]:
     return {role: table[role] for role in ("temperature", "set", "amplitude") if role in table}
 
 
-def _told(table: Table, make: Callable[[], _Data]) -> _Data:
+def _note(table: Table, make: Callable[[], _Data]) -> _Data:
     """Create the data; add the file to error messages."""
     try:
         return make()

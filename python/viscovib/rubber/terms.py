@@ -89,7 +89,7 @@ class PronyTerms(Value):
         if program == "ls-dyna":
             return self._ls_dyna(nu, rho)
         write = self._abaqus if program == "abaqus" else self._ansys
-        return write(self._told(self.error), nu, rho)
+        return write(self._note(self.error), nu, rho)
 
     def write(
         self,
@@ -104,7 +104,7 @@ class PronyTerms(Value):
         with whole_file(path) as file:
             file.write(text)
 
-    def _told(self, error: float) -> str:
+    def _note(self, error: float) -> str:
         return (
             f"{self.times.size} Prony terms by viscovib: error of the modulus {error:.2g} "
             f"from {1 / self.t_max / (2 * np.pi):.3g} to {1 / self.t_min / (2 * np.pi):.3g} Hz"
@@ -113,9 +113,9 @@ class PronyTerms(Value):
     def _young(self, nu: float) -> float:
         return self.modulus * (2 * (1 + nu) if self.quantity == "G" else 1.0)
 
-    def _abaqus(self, told: str, nu: float, rho: float) -> str:
+    def _abaqus(self, note: str, nu: float, rho: float) -> str:
         lines = [
-            f"** {told}",
+            f"** {note}",
             "*MATERIAL, NAME=RUBBER",
             "*DENSITY",
             f"{rho:.9g}",
@@ -127,9 +127,9 @@ class PronyTerms(Value):
         rows = zip(shares, self.times, strict=True)
         return "\n".join([*lines, *(f"{g:.9e}, 0.0, {tau:.9e}" for g, tau in rows)]) + "\n"
 
-    def _ansys(self, told: str, nu: float, rho: float) -> str:
+    def _ansys(self, note: str, nu: float, rho: float) -> str:
         lines = [
-            f"! {told}",
+            f"! {note}",
             f"MP,EX,1,{self._young(nu):.9e}",
             f"MP,PRXY,1,{nu:.6g}",
             f"MP,DENS,1,{rho:.9g}",
@@ -158,7 +158,7 @@ class PronyTerms(Value):
         meant = (g * s / (s + decay)).sum(axis=1)
         rounded = np.abs((kept[:, 0] * s / (s + kept[:, 1])).sum(axis=1) / meant - 1).max()
         lines = [
-            f"$ {self._told(self.error + float(rounded))}",
+            f"$ {self._note(self.error + float(rounded))}",
             "*MAT_GENERAL_VISCOELASTIC",
             f"{1:>10d}{_field(rho)}{_field(bulk)}{0:>10d}{0:>10d}{0:>10d}{0:>10d}{0:>10d}",
             f"{0:>10d}" * 6,

@@ -17,7 +17,7 @@ from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.forced import forced_response
 from viscovib.analyses.periodic import trace_response
-from viscovib.analyses.signals import tell_aliases
+from viscovib.analyses.signals import warn_of_aliases
 from viscovib.analyses.spectral import Spectrum, spectrum
 from viscovib.analyses.transient import simulate
 from viscovib.common.counts import things
@@ -191,8 +191,8 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         return SceneResult(scene, run, _spectrum(scene, run), _events(scene, run))
     if "backbone" in scene.groups:
         free, families = scene._backbones()
-        told = tuple(replace(family, plan=planned) for family in families)
-        return SceneResult(scene, replace(free, plan=planned), switched=told)
+        note = tuple(replace(family, plan=planned) for family in families)
+        return SceneResult(scene, replace(free, plan=planned), switched=note)
     if "branch" in scene.groups and scene.is_pendulum:
         first, others = scene._driven()
         return SceneResult(scene, first, switched=others)
@@ -241,8 +241,8 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
     notes = []
     for i, (group, found) in enumerate(zip(groups, run.events, strict=True), start=1):
         ends = ", terminal" if group["terminal"] == "yes" else ""
-        told = f"{group['function']}, {group['direction']}{ends}"
-        notes.append(f"event {i}: {told}, {things(found.t.size, 'passage')}")
+        note = f"{group['function']}, {group['direction']}{ends}"
+        notes.append(f"event {i}: {note}, {things(found.t.size, 'passage')}")
     which = [np.full(found.t.size, i, dtype=int) for i, found in enumerate(run.events, start=1)]
     state = np.concatenate([found.state for found in run.events])
     columns = {
@@ -257,9 +257,9 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
     for name in [one for one in list(table.columns)[1:] if not one.endswith("_ddot")]:
         place = 2 * run.dof_names.index(name.removesuffix("_dot")) + name.endswith("_dot")
         columns[name] = state[:, place]
-    told = f"{things(state.shape[0], 'passage')} of {things(len(groups), 'event')}"
+    note = f"{things(state.shape[0], 'passage')} of {things(len(groups), 'event')}"
     notes.append(table.notes[-1])
-    return TableResult("event", columns, tuple(notes), run.plan, run.complete, told)
+    return TableResult("event", columns, tuple(notes), run.plan, run.complete, note)
 
 
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
@@ -287,7 +287,7 @@ def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
     aliased = []
     for d in wanted:
         name, moved, rate = run.dof_names[d], run.state[kept, 2 * d], run.state[kept, 2 * d + 1]
-        if tell_aliases(name, moved, rate, step):
+        if warn_of_aliases(name, moved, rate, step):
             aliased.append(name)
     return replace(found, plan=run.plan, aliased=tuple(aliased))
 

@@ -53,7 +53,7 @@ class TableResult(Result):
     notes: tuple[str, ...]
     plan: Plan
     complete: bool
-    _told: str = field(repr=False, default="")
+    _note: str = field(repr=False, default="")
 
     @property
     def stable(self) -> npt.NDArray[Any] | None:
@@ -61,7 +61,7 @@ class TableResult(Result):
         return self.columns.get("stable")
 
     def _headline(self) -> str:
-        return self._told
+        return self._note
 
     def _scope(self) -> list[str]:
         return list(self.notes)
@@ -99,7 +99,7 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
     """
     given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
     found = _native.interruptible(lambda: _native.run("scene run", **given))
-    complete, told = bool(found["complete"]), found["summary"]
+    complete, note = bool(found["complete"]), found["summary"]
     tables = {found[f"name_{i}"]: i for i in range(1, found["n_tables"] + 1)}
     return [
         TableResult(
@@ -108,7 +108,7 @@ def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResu
             notes=tuple(found[f"notes_{tables[kind]}"].splitlines()),
             plan=plan,
             complete=complete,
-            _told=told,
+            _note=note,
         )
         for kind in kinds
         if complete or kind in tables

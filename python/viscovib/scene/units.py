@@ -172,7 +172,7 @@ def _coordinates(groups: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     if groups.get("body"):
         units = [*3 * ["m"], *3 * ["rad"], *(len(names) - 6) * ["m"]]
         return units, [f"{unit}/s" for unit in units]
-    told = (groups.get("system") or groups.get("structure") or {}).get("units", "m")
-    listed = list(told) if isinstance(told, list) else [told] * len(names)
+    note = (groups.get("system") or groups.get("structure") or {}).get("units", "m")
+    listed = list(note) if isinstance(note, list) else [note] * len(names)
     listed += [""] * (len(names) - len(listed))
     return listed, [f"{unit}/s" if unit else "" for unit in listed]

@@ -12,7 +12,7 @@ from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
 from viscovib.systems.load import Job
-from viscovib.systems.penalty_supports import told_supports
+from viscovib.systems.penalty_supports import supports_text
 from viscovib.systems.resonant_forces import compliance, refine, with_modes
 from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
 from viscovib.systems.structure_rest import Rest, Static, static_form
@@ -288,7 +288,7 @@ class LoadedStructure:
         return np.asarray(force if self._masses is None else force + self._masses[:, j])
 
     @property
-    def told(self) -> str:
+    def note(self) -> str:
         """Line of a plan about the condensation."""
         c = self.condensation
         n = c.laws.directions.shape[0]
@@ -305,9 +305,9 @@ class LoadedStructure:
         more = f", {rigid} of rigid bodies" if rigid else ""
         more += f", {below} unstable without the elements" if below else ""
         if c.reduced is not None:
-            more += c.reduced.told
+            more += c.reduced.note
         if c.supports:
-            more += f"\n{told_supports(c.supports)}"
+            more += f"\n{supports_text(c.supports)}"
         return (
             f"{things(n, 'coordinate')} condensed to {things(c.q, 'deflection')} by "
             f"{' and '.join(kinds)}{more}"

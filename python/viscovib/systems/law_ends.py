@@ -18,7 +18,7 @@ _WALL = 1e60
 _PARTS = np.concatenate([[0.0], np.logspace(-9, 0, 73)])
 _BISECTIONS = 60
 #: Largest distance from rest of the search for edges, fractions of it, and edges reported.
-_FARTHEST, _MOST_TOLD = 1e6, 4
+_FARTHEST, _MOST_SHOWN = 1e6, 4
 _FAR_PARTS = np.concatenate([[0.0], np.logspace(-15, 0, 301)])
 
 
@@ -52,13 +52,13 @@ def law_end(
     return law.text, _read(law, there)
 
 
-def told_edges(system: object) -> str:
+def edges_text(system: object) -> str:
     """Return a text on the edges of the force laws, such as "; the law 'log(1 + x)' ...".
 
     A search for steady motions that fails at an edge does not locate it. Each argument is varied
     alone, with all other arguments at 0.
     """
-    told = []
+    note = []
     for law in laws_of(system):
         if law.state:
             continue
@@ -72,8 +72,8 @@ def told_edges(system: object) -> str:
                     others = {law.arguments[j]: 0.0 for j in law.places if j != place}
                     reads = {law.arguments[place]: part * side} | others
                     where = ", ".join(f"{name} = {value:.6g}" for name, value in reads.items())
-                    told.append(f"; the law {law.text!r} has no value beyond {where}")
-    return "".join(told[:_MOST_TOLD])
+                    note.append(f"; the law {law.text!r} has no value beyond {where}")
+    return "".join(note[:_MOST_SHOWN])
 
 
 def force_at_rest(system: object) -> float:

@@ -34,7 +34,7 @@ _DOUBLINGS = 40
 _CANCELLED = 1e-13
 #: Distance on both sides of a zero, as a fraction of the path; size of an operand at this distance,
 #: relative to the ends, from which on it jumps over 0.
-_BESIDE, _JUMPED = 1e-9, 1e-3
+_NEARBY, _JUMPED = 1e-9, 1e-3
 #: Fractions of a straight path at which zeros are searched.
 _GRID = np.linspace(0.0, 1.0, 41)
 #: Half widths of layers, and the largest one, as fractions of the path between two states.
@@ -61,7 +61,7 @@ class Layer:
     #: Time that the motion spends in the layer (s).
     takes: float
 
-    def told(self) -> str:
+    def note(self) -> str:
         """Sentence for a message."""
         return (
             f"the law '{self.text}' changes by {self.change:.3g} within {self.width:.3g} about "
@@ -151,7 +151,7 @@ def has_laws(system: object) -> bool:
     return isinstance(system, Structure) and bool(system._condensation.laws.programs)
 
 
-def told_pole(text: str, reads: dict[str, float], when: float) -> str:
+def pole_text(text: str, reads: dict[str, float], when: float) -> str:
     """Sentence about a pole for a message."""
     return (
         f"the law '{text}' has a pole at {_named(reads)}, where the motion comes about "
@@ -219,7 +219,7 @@ def _jumps(operand: Law, there: FloatArray, way: FloatArray, begin: FloatArray) 
     """True if an operand that changes its sign at a point jumps over 0."""
     if not operand.branches:
         return False
-    near = operand(there + np.array([[-_BESIDE], [_BESIDE]]) * way)[0]
+    near = operand(there + np.array([[-_NEARBY], [_NEARBY]]) * way)[0]
     ends = operand(begin + np.array([[0.0], [1.0]]) * way)[0]
     return bool(np.abs(near).max() > _JUMPED * np.abs(ends).max())
 

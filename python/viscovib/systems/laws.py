@@ -209,8 +209,8 @@ def compile_law(
             values=np.array([parameters[name] for name in names], dtype=float),
         )  # fmt: skip
     except InputError as error:
-        told = _told_of_name(str(error), arguments, named=named)
-        raise InputError(f"{where} = {shown}: {told}") from None
+        note = _name_text(str(error), arguments, named=named)
+        raise InputError(f"{where} = {shown}: {note}") from None
     steps = tuple(found["code"].tolist()), tuple(found["number"].tolist())
     return Law(text, tuple(arguments), *steps, found["parity"], found["degree"], n_rates)
 
@@ -312,7 +312,7 @@ def _is_text(
     return bool(valid.any() and (off <= _SAME * np.abs(wanted[valid]) + _NONE).all())
 
 
-def _told_sign(text: str) -> str:
+def _sign_text(text: str) -> str:
     """Hint to write ``sign`` instead of u/abs(u); empty if the text has no such quotient."""
     if "/abs(" not in text.replace(" ", ""):
         return ""
@@ -337,7 +337,7 @@ def _refuse_edge(where: str, law: Law) -> None:
     if (np.abs(values) >= _WALL).any() or split:
         raise InputError(
             f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
-            + _told_sign(law.text)
+            + _sign_text(law.text)
         ) from None
     if (np.abs(slopes[0]) >= _WALL).any():
         raise InputError(
@@ -390,11 +390,11 @@ def read_law(
     return result
 
 
-def _told_of_name(told: str, variables: Sequence[str], *, named: bool) -> str:
+def _name_text(note: str, variables: Sequence[str], *, named: bool) -> str:
     """Message of an error; for an unknown name also the known names and the use of parameters."""
-    parts = re.fullmatch(r"'(\w+)' is neither a variable nor a parameter(.*)", told)
+    parts = re.fullmatch(r"'(\w+)' is neither a variable nor a parameter(.*)", note)
     if parts is None:
-        return told
+        return note
     name, near = parts.groups()
     listed = ", ".join(variables[:_LISTED]) + ", ..." * (len(variables) > _LISTED)
     hint = f"; to make it one, give parameters={{{name!r}: its value}}" if named else ""

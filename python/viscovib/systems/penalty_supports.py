@@ -41,9 +41,9 @@ def penalty_supports(
         off += k * e * (e.sum() - e)
     own = np.abs(mass.diagonal())
     of_mass = own, np.asarray(abs(mass).sum(axis=1)).ravel() - own
-    for what, (large, beside) in (("stiffness", (diagonal, off)), ("mass", of_mass)):
+    for what, (large, nearby) in (("stiffness", (diagonal, off)), ("mass", of_mass)):
         places = _beyond_a_gap(large)
-        coupled = [i for i in places if beside[i] > large[i] / _HUGE]
+        coupled = [i for i in places if nearby[i] > large[i] / _HUGE]
         if coupled:
             raise InputError(
                 f"{what}: {_shown(names, coupled)} are coupled by entries more than {_HUGE:g} "
@@ -111,7 +111,7 @@ def fixed_elements(
     return tuple(found)
 
 
-def told_supports(names: Sequence[str]) -> str:
+def supports_text(names: Sequence[str]) -> str:
     """Line of a plan about the supports."""
     return (
         f"skips: {_shown(names, range(len(names)))} (fixed by a huge mass or stiffness: supports)"

@@ -21,7 +21,7 @@ _SMALLEST = 4
 #: in general, and per condensed coordinate (measured with 1 to 4). For fewer coordinates monodromy
 #: matrices are faster and give all multipliers. With memory the determinant of the full equations
 #: takes 10 to 200 times as long.
-_SMALLEST_JUDGED, _JUDGED_EACH = 8, 3
+_SMALLEST_CHECKED, _CHECKED_EACH = 8, 3
 
 
 #: Ratio of the rates of dampers and springs from which on steps in time use modes (as in the
@@ -69,9 +69,9 @@ def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> La
     return Laws(np.eye(n)[:, places], *found)
 
 
-def judged_condensed(n: int, q: int, remembers: bool) -> bool:
+def checked_condensed(n: int, q: int, remembers: bool) -> bool:
     """True if stability is faster with the q condensed coordinates than with all n."""
-    return remembers or n >= max(_SMALLEST_JUDGED, _JUDGED_EACH * q + 2)
+    return remembers or n >= max(_SMALLEST_CHECKED, _CHECKED_EACH * q + 2)
 
 
 def condensation_of(

@@ -221,8 +221,8 @@ class PolynomialSystem:
         """The system condensed to coordinates with forces or memory; None: these are too many."""
         from viscovib.systems.polynomial_laws import condensation_of
 
-        told = len(self.dof_names) <= _MAX_WHOLE
-        return condensation_of(self._mass_matrix, self._damping, self.groups, quiet=told)
+        note = len(self.dof_names) <= _MAX_WHOLE
+        return condensation_of(self._mass_matrix, self._damping, self.groups, quiet=note)
 
     @cached_property
     def _strong_damping(self) -> float:
@@ -247,12 +247,12 @@ class PolynomialSystem:
 
     def _condenses(self, stability: bool) -> bool:
         """True if motions (and their stability, if computed) are faster when condensed."""
-        from viscovib.systems.polynomial_laws import judged_condensed
+        from viscovib.systems.polynomial_laws import checked_condensed
 
         n = len(self.dof_names)
         if self._condensation is None or not stability or n > _MAX_WHOLE:
             return self._condensation is not None
-        return judged_condensed(n, self._condensation.q, bool(self._active_kernels))
+        return checked_condensed(n, self._condensation.q, bool(self._active_kernels))
 
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         """The condensed system under a load."""

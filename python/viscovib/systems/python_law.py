@@ -168,7 +168,7 @@ class CalledLaw:
     def _register(self, number: int) -> None:
         object.__setattr__(self, "number", number)
         _called[number] = self
-        _native.hear_of_functions(_answer)
+        _native.register_functions(_answer)
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = (self.law, self.names, self.of_variables, self.keywords)
@@ -292,13 +292,13 @@ class CalledLaw:
         for place in np.flatnonzero(self.of_variables):
             near, nearer = (self._differences(rows, int(place), part) for part in _PARTS)
             size = np.maximum(np.abs(near), np.abs(slopes[place]))
-            told = np.abs(near - nearer) <= _AGREE * np.maximum(np.abs(near), np.abs(nearer))
+            note = np.abs(near - nearer) <= _AGREE * np.maximum(np.abs(near), np.abs(nearer))
             # Rounding errors of the values limit the accuracy of differences, also inside the law:
             # sqrt(1 + x^2) - 1 has errors of numbers near 1. Small slopes are not checked.
             steps = min(_PARTS) * np.abs(rows[place])
             drowned = (near == 0) & (np.abs(slopes[place]) * steps < _OF_PARTS * parts)
             doubt = _ROUNDING * np.abs(values) / steps
-            wrong = told & ~drowned & (np.abs(slopes[place] - near) > _WRONG * size + doubt)
+            wrong = note & ~drowned & (np.abs(slopes[place] - near) > _WRONG * size + doubt)
             if np.count_nonzero(wrong) > _MOST_WRONG:
                 i = int(wrong.argmax())
                 at = ", ".join(

@@ -53,7 +53,7 @@ class ReducedRest:
     tolerance: float
 
     @property
-    def told(self) -> str:
+    def note(self) -> str:
         """Text for a plan."""
         found = self.reduction
         more = found.squares.size - found.n_modes

@@ -216,8 +216,8 @@ def reduce_model(
     margin = _MARGIN
     for _ in range(_WIDER):
         found = pencil.lowest_modes((margin * top) ** 2, most)
-        judged = model if boundary is not None else with_ratios(model, found)
-        basis = _Basis(judged, pencil)
+        assessed = model if boundary is not None else with_ratios(model, found)
+        basis = _Basis(assessed, pencil)
         if boundary is not None:
             basis.add(pencil.constraint_modes())
         basis.add(_massless(model, loads))

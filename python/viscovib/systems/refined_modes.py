@@ -29,7 +29,7 @@ _ROUNDING = 4 * float(np.finfo(float).eps)
 _SKEW = 1e4
 _PASSES = 6
 #: A pole is too close to a rate of a layer within this fraction of the rate.
-_BESIDE = 1e-10
+_NEARBY = 1e-10
 #: Bits of numbers and of products with a mass, and largest number of additional bits.
 _BITS, _MASS_BITS, _MOST_MORE = 53, 64, 60
 
@@ -132,8 +132,8 @@ def refined_poles(
         sides = [layer._replace(matrix=layer.matrix.T) for layer in layers]
         turned = _Pencil(mass.T, damping.T, stiffness.T, sides, bits)
     rates = np.concatenate([np.zeros(0), *(layer.rates for layer in layers)])
-    beside = np.abs(poles[:, np.newaxis] + rates) <= _BESIDE * rates
-    kept = np.flatnonzero((poles.imag >= 0) & ~beside.any(axis=1))
+    nearby = np.abs(poles[:, np.newaxis] + rates) <= _NEARBY * rates
+    kept = np.flatnonzero((poles.imag >= 0) & ~nearby.any(axis=1))
     if not kept.size:
         return poles, left, right
     real = poles[kept].imag == 0

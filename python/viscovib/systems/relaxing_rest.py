@@ -46,7 +46,7 @@ _RANK, _RIGID, _OFF_DIAGONAL = 1e-12, 1e-13, 1e-12
 _LOST, _PROBES = 1e-7, (0.05, 0.7, 1.9, 11.0)
 
 #: Bits of products with layers; relative distance from a rate within which a pole has no motion.
-_BITS, _BESIDE = 64.0, 1e-10
+_BITS, _NEARBY = 64.0, 1e-10
 #: Rates above this multiple of the fastest mode act as springs and dampers.
 _FAST = 1e5
 
@@ -249,13 +249,13 @@ def relaxing_modes(
     for i, (matrix, weights, rates) in enumerate(layers):
         for a, b in zip(weights, rates, strict=True):
             # right^T/(pole + b), except for poles that do not move u.
-            beside = poles + b
-            moving = np.abs(beside) > _BESIDE * b
+            nearby = poles + b
+            moving = np.abs(nearby) > _NEARBY * b
             pushed = np.zeros((poles.size, n), dtype=complex)
             if places and places[-1][:2] == (i, b):
                 *_, acts, first = places.pop()
                 pushed = rows[:, first : first + acts.shape[1]] @ np.linalg.pinv(acts)
-            pushed[moving] = right.T[moving] / beside[moving, np.newaxis]
+            pushed[moving] = right.T[moving] / nearby[moving, np.newaxis]
             remembered.append(Remembered(float(a), float(b), None, matrix, pushed))
     found = RelaxingModes(poles, left, right, flexibility, tuple(remembered), bodies, relaxing)
     _check(found, mass, damping, stiffness, layers, system.middle)

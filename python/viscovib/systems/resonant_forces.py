@@ -18,7 +18,7 @@ from viscovib.systems.resting_forces import products, solved
 
 #: A mode is near a resonance if its dynamic stiffness is at most this part of its stiffness. This
 #: limits the loss of accuracy of the other modes.
-_BESIDE = 1e-2
+_NEARBY = 1e-2
 #: Motions treated together, with few modes near resonances.
 _TOGETHER = 64
 
@@ -73,7 +73,7 @@ def refine(
     apart, t, w = fractions
     modes, poles, rigid = loads
     g, amplitudes = found
-    near = np.abs(apart) < _BESIDE * np.abs(c.rest.squares)
+    near = np.abs(apart) < _NEARBY * np.abs(c.rest.squares)
     rows = np.flatnonzero(near.any(axis=1))
     rows = rows[np.argsort(np.abs(s[rows]), kind="stable")]
     for first in range(0, rows.size, _TOGETHER):

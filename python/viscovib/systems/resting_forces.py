@@ -12,7 +12,7 @@ from viscovib.systems.law_forces import are_smooth, forces_on_rest
 _CANCELLED, _NOTHING = 100.0, 1e-10
 #: Relative rounding error of a motion from which on forces are computed from the laws; relative
 #: difference of motions for derivatives of laws; tolerance of iterations.
-_WORTH, _BESIDE, _ENDED = 3e-14, 1e-6, 1e-8
+_WORTH, _NEARBY, _ENDED = 3e-14, 1e-6, 1e-8
 _TINY = np.finfo(float).tiny
 
 
@@ -91,8 +91,8 @@ def forces_of_laws(
     nu, orders, own = motions.nu[found], motions.orders, np.nan_to_num(motions.y[found])
     order = int(orders[motions.k])
     at = forces_on_rest(c.laws, nu, orders, own, order)
-    beside = forces_on_rest(c.laws, nu, orders, own * (1 + _BESIDE), order)
-    bend = np.abs(beside - at).max(axis=1) / _BESIDE
+    nearby = forces_on_rest(c.laws, nu, orders, own * (1 + _NEARBY), order)
+    bend = np.abs(nearby - at).max(axis=1) / _NEARBY
     own_size = np.abs(own).max(axis=(1, 2))
     of_law = eps * bend * size[doubtful].max(axis=1) / np.maximum(own_size, _TINY)
     lost = lost[doubtful]

@@ -152,7 +152,7 @@ class Pencil:
         return Modes(squares[order], shapes[:, order])
 
     def _rayleigh(self, shape: FloatArray) -> float:
-        """phi' K phi, or 0 if it is a rounding error (a rigid-body mode)."""
+        """Phi' K phi, or 0 if it is a rounding error (a rigid-body mode)."""
         value = float(shape @ (self.stiffness @ shape))
         size = float(np.abs(shape) @ (abs(self.stiffness) @ np.abs(shape)))
         return 0.0 if abs(value) < _ROUNDING * np.finfo(float).eps * size else value

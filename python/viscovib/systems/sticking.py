@@ -15,7 +15,7 @@ from viscovib.systems.structure import Structure
 #: which on the law jumps.
 _NEAR, _ENDLESS, _JUMPS = (1e-20, 1e-40), 10.0, 1e19
 #: Positions at which a law is tested (some stops are open at 0), and a velocity close to 0.
-_POSITIONS, _BESIDE = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
+_POSITIONS, _NEARBY = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
 
 def advice_on_sticking(system: Any) -> str:
@@ -57,7 +57,7 @@ def _sticks(law: Law) -> bool:
         if rate not in law.places:
             continue
         at[:, :, n - law.n_rates :] = 0.0
-        at[0, :, rate], at[1, :, rate] = -_BESIDE, _BESIDE
+        at[0, :, rate], at[1, :, rate] = -_NEARBY, _NEARBY
         before, after = law(at.reshape(2 * m, n))[0].reshape(2, m)
         if (after - before > 1e-12 * (np.abs(after) + np.abs(before))).any():
             return True

@@ -39,10 +39,10 @@ _TINY = float(np.finfo(float).tiny)
 _PART, _NOTHING = 1e-3, 1e-30
 
 
-def warn_of_hidden(told: str) -> None:
+def warn_of_hidden(note: str) -> None:
     """Warn of springs hidden by rounding errors, with the accuracy of the mode."""
     warnings.warn(
-        f"stiffness: springs are so different that rounding hides the soft ones: {told}; stiffer "
+        f"stiffness: springs are so different that rounding hides the soft ones: {note}; stiffer "
         "parts may be made rigid, or softer",
         RangeWarning,
         stacklevel=caller(),
@@ -91,7 +91,7 @@ def warn_of_lost_modes(
     worst = int(np.where(doubtful, part, 0).argmax())
     free = squares[soft[worst]] == 0 or part[worst] >= _FREE
     square = max(found[worst], lost[worst]) if free else found[worst]
-    warn_of_hidden(_told(int(soft[worst]), float(square), float(part[worst]), bool(free)))
+    warn_of_hidden(_note(int(soft[worst]), float(square), float(part[worst]), bool(free)))
 
 
 def warn_of_lost_poles(
@@ -108,7 +108,7 @@ def warn_of_lost_poles(
     lost[moving] = 2 * moved[moving] / np.abs(poles[moving])
     worst = int(lost.argmax())
     if lost[worst] > _LOST:
-        warn_of_hidden(_told(None, float(np.abs(poles[worst])) ** 2, float(lost[worst])))
+        warn_of_hidden(_note(None, float(np.abs(poles[worst])) ** 2, float(lost[worst])))
 
 
 def advice_on_springs(mass: FloatArray, stiffness: FloatArray) -> str:
@@ -169,7 +169,7 @@ def _warn_of_lost_values(reduced: FloatArray, root: FloatArray, stiffness: Float
     doubtful = (lost > _LOST) & (lost < _FREE)
     if doubtful.any():
         worst = int(np.where(doubtful, lost, 0).argmax())
-        warn_of_hidden(_told(None, float(sizes[worst]), float(lost[worst])))
+        warn_of_hidden(_note(None, float(sizes[worst]), float(lost[worst])))
 
 
 def _spread(left: FloatArray, stiffness: Any, right: FloatArray | None = None) -> FloatArray:
@@ -186,7 +186,7 @@ def _spread(left: FloatArray, stiffness: Any, right: FloatArray | None = None) -
     return np.asarray(largest * spread * sizes[0] * sizes[1])
 
 
-def _told(mode: int | None, square: float, lost: float, free: bool = False) -> str:
+def _note(mode: int | None, square: float, lost: float, free: bool = False) -> str:
     name = "a mode" if mode is None else f"mode {mode}"
     if free:
         return f"{name} may be free, or have up to about {square**0.5:.2g} rad/s"

@@ -44,8 +44,8 @@ from viscovib.systems.structure_matrices import (
     linear_model,
     matrix_of,
     modal_damping_of,
+    note,
     stiffness_parts,
-    told,
     warn_of_triangle,
     with_elements,
 )
@@ -183,7 +183,7 @@ class Structure:
         warn_of_creep([kernel.integral for kernel in self._all_kernels])
 
     def __repr__(self) -> str:
-        return told(self)
+        return note(self)
 
     def _eliminate_penalties(self) -> None:
         """Replace coordinates with a huge number on a diagonal by supports."""

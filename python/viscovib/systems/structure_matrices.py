@@ -77,7 +77,7 @@ def warn_of_triangle(name: str, matrix: Any) -> None:
         )
 
 
-def told(structure: Any) -> str:
+def note(structure: Any) -> str:
     """Description of a structure in one line."""
     form = "sparse" if is_sparse(structure.mass) else "dense"
     count = len(structure.elements)

@@ -24,27 +24,27 @@ from viscovib.systems.spring_groups import is_definite
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 
-_Told = TypeVar("_Told")
+_Note = TypeVar("_Note")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
 MOST_IN_FRAME = 512
 #: Products of coordinates that a power of deflections may become; beyond them it is a law of these.
 _MOST_PRODUCTS = 500
 
 
-def once_each(function: Callable[[Structure], _Told]) -> Callable[[Structure], _Told]:
+def once_each(function: Callable[[Structure], _Note]) -> Callable[[Structure], _Note]:
     """Cache the result of a function for each structure during its lifetime.
 
     Runs of an ensemble differ in starts and loads, but share the structure.
     """
-    known: WeakKeyDictionary[Structure, _Told] = WeakKeyDictionary()
+    known: WeakKeyDictionary[Structure, _Note] = WeakKeyDictionary()
 
     @wraps(function)
-    def told(structure: Structure) -> _Told:
+    def note(structure: Structure) -> _Note:
         if structure not in known:
             known[structure] = function(structure)
         return known[structure]
 
-    return told
+    return note
 
 
 @once_each

@@ -3,17 +3,17 @@
 !!
 !! A function g of the state with error d crosses 0 later or earlier by d/|g'|, near grazing by
 !! up to the square root of 2 d/|g''|: there it may not cross 0 at all.
-module viscovib_passage_errors
+module viscovib_event_point_errors
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
   use viscovib_law_bounds, only: bounds_of, range_type
   use viscovib_law_functions, only: put_argument, wall
   use viscovib_law_program, only: law_program
-  use viscovib_watch, only: n_told, new_watch, watch_type
+  use viscovib_watch, only: n_event_rows, new_watch, watch_type
   implicit none
   private
 
-  public :: passage_errors
+  public :: event_point_errors
 
   !> Relative rounding error of the arguments of a function.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
@@ -25,7 +25,7 @@ contains
 
   !> Errors of the time of each event, and the largest error of its state; NaN if the other run
   !! has no such event although the errors of states do not explain this.
-  subroutine passage_errors(vector, own, other, times, apart, least, span, compared, errors)
+  subroutine event_point_errors(vector, own, other, times, apart, least, span, compared, errors)
     !> Functions, as in `new_watch`.
     real(wp), intent(in) :: vector(:)
     !> Events of this run and of the other, a column each: index of the function, time, state (2 n),
@@ -41,7 +41,7 @@ contains
     real(wp), intent(out) :: errors(:, :)
     type(watch_type) :: watch
     integer :: partner(size(own, 2)), i, n, next, seen
-    real(wp) :: off(2*((size(own, 1) - n_told)/3)), pace(size(off)), slack, late
+    real(wp) :: off(2*((size(own, 1) - n_event_rows)/3)), pace(size(off)), slack, late
     logical :: may_vanish, known
 
     call new_watch(watch, vector)
@@ -87,7 +87,7 @@ contains
         errors(2, i) = maxval(off + abs(pace)*errors(1, i))
       end associate
     end do
-  end subroutine passage_errors
+  end subroutine event_point_errors
 
   !> True if a function crosses 0 and returns according to its curvature, on either side of an
   !! extremum.
@@ -213,4 +213,4 @@ contains
     end if
   end subroutine time_error
 
-end module viscovib_passage_errors
+end module viscovib_event_point_errors

@@ -11,7 +11,7 @@
 !!
 !! Where the motion stays on its surface, as in sticking friction, perturbations off the surface
 !! vanish: the rank falls by one, and a multiplier is exactly 0.
-module viscovib_motion_beside
+module viscovib_nearby_motion
   use viscovib_base_step, only: base_step
   use viscovib_dense, only: factorize, solve_columns
   use viscovib_driven_system, only: driven_system_type
@@ -24,14 +24,14 @@ module viscovib_motion_beside
   implicit none
   private
 
-  public :: motion_beside
+  public :: nearby_motion
 
   !> Change of an acceleration, relative to its terms, that counts as rounding.
   real(wp), parameter :: same = 1.0e-10_wp
   !> Number of coordinates from which on steps of a repeated length share their linear part.
   integer, parameter :: many = 8
 
-  type :: motion_beside
+  type :: nearby_motion
     !> Derivatives of coordinates and velocities, a column each, shape (n_dof, n_columns).
     real(wp), allocatable :: q(:, :), v(:, :)
     !> True if these are known; number of surfaces crossed.
@@ -57,13 +57,13 @@ module viscovib_motion_beside
     procedure :: depart
     procedure, private :: take_table
     procedure, private :: share
-  end type motion_beside
+  end type nearby_motion
 
 contains
 
   !> Start with unit perturbations of each coordinate, then of each velocity.
   subroutine begin(self, n)
-    class(motion_beside), intent(out) :: self
+    class(nearby_motion), intent(out) :: self
     integer, intent(in) :: n
     integer :: i
     allocate (self%q(n, 2*n), self%v(n, 2*n), source=0.0_wp)
@@ -74,7 +74,7 @@ contains
   end subroutine begin
 
   subroutine take_table(self, s)
-    class(motion_beside), intent(inout) :: self
+    class(nearby_motion), intent(inout) :: self
     integer, intent(in) :: s
     type(gauss_table_type) :: table
     integer :: i, j
@@ -98,7 +98,7 @@ contains
 
   !> Advance along the last part of a step; `path` has the states at the Gauss nodes.
   subroutine follow(self, system, path)
-    class(motion_beside), intent(inout) :: self
+    class(nearby_motion), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     type(step_path), intent(in) :: path
     real(wp), allocatable :: by_q(:, :, :), by_v(:, :, :), g(:, :), x(:, :)
@@ -149,7 +149,7 @@ contains
 
   !> Factorize shared data for steps of length h, if one of the last steps had this length.
   subroutine share(self, h, by_q, by_v)
-    class(motion_beside), intent(inout) :: self
+    class(nearby_motion), intent(inout) :: self
     real(wp), intent(in) :: h, by_q(:, :), by_v(:, :)
     logical :: singular
 
@@ -183,7 +183,7 @@ contains
 
   !> Store the state at a surface, before the crossing; the motion may slide on the surface.
   subroutine arrive(self, system, which, side, t, q, v)
-    class(motion_beside), intent(inout) :: self
+    class(nearby_motion), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: which, side
     real(wp), intent(in) :: t, q(:), v(:)
@@ -201,7 +201,7 @@ contains
 
   !> Update the perturbations after the crossing.
   subroutine depart(self, system, t, q, v)
-    class(motion_beside), intent(inout) :: self
+    class(nearby_motion), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t, q(:), v(:)
     real(wp) :: early(size(self%q, 2)), jump(size(v)), change(size(v)), along
@@ -287,4 +287,4 @@ contains
     end do
   end subroutine find_gradient
 
-end module viscovib_motion_beside
+end module viscovib_nearby_motion

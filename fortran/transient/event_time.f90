@@ -1,6 +1,6 @@
 !> The time of an event by separate steps from the start of a step, for functions that may be
 !! thin: their slope at one position does not predict the next.
-module viscovib_passage_time
+module viscovib_event_time
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
@@ -103,16 +103,16 @@ contains
     logical, intent(out) :: found
     !> Distance of the samples that determine an extremum, relative to the step, its largest
     !! shift, number of refinements, and number of search steps for the other side.
-    real(wp), parameter :: beside = 1.0e-4_wp, widest = 0.1_wp
+    real(wp), parameter :: nearby = 1.0e-4_wp, widest = 0.1_wp
     integer, parameter :: n_takes = 3, n_looks = 8
     real(wp) :: s(3), centre, wide, move, reach, there
     integer :: k
 
     found = .false.
-    centre = min(max(place, beside), 1.0_wp - beside)
-    call signal_along(along%signal, along%path, centre + [-beside, 0.0_wp, beside], s)
+    centre = min(max(place, nearby), 1.0_wp - nearby)
+    call signal_along(along%signal, along%path, centre + [-nearby, 0.0_wp, nearby], s)
     s = along%side*s
-    wide = beside
+    wide = nearby
     do k = 1, n_takes
       if (.not. abs(s(1) - 2.0_wp*s(2) + s(3)) > 0.0_wp) return
       move = -0.5_wp*wide*(s(3) - s(1))/(s(1) - 2.0_wp*s(2) + s(3))
@@ -190,4 +190,4 @@ contains
     value = self%side*g(1)
   end function value
 
-end module viscovib_passage_time
+end module viscovib_event_time

@@ -6,7 +6,7 @@
 !! These give ranges of the function and of its rate (`viscovib_law_bounds`). A part in which the
 !! function keeps its sign has no crossing. If it is monotonic there, the values at the ends
 !! decide. Any other part is bisected.
-module viscovib_all_passages
+module viscovib_all_event_points
   use viscovib_event_search, only: place_of_change
   use viscovib_kinds, only: wp
   use viscovib_law_bounds, only: bounds_of, inside, nowhere, range_type
@@ -18,7 +18,7 @@ module viscovib_all_passages
   implicit none
   private
 
-  public :: passage_search
+  public :: event_point_search
 
   real(wp), parameter :: pi = 3.141592653589793_wp
   !> The shortest part, relative to the step; largest number of parts in a step.
@@ -34,7 +34,7 @@ module viscovib_all_passages
   !! decided.
   integer, parameter :: no_value = 1, above = 2, below = 3, nothing = 4, one_way = 5, unclear = 6
 
-  type :: passage_search
+  type :: event_point_search
     !> Crossings of the last step that was searched, ascending, and the side after each.
     integer :: n = 0
     real(wp), allocatable :: places(:)
@@ -56,13 +56,13 @@ module viscovib_all_passages
     procedure, private :: stays_zero
     procedure, private :: arguments_at
     procedure, private :: note
-  end type passage_search
+  end type event_point_search
 
 contains
 
   !> Find the crossings of a step.
   subroutine find(self, signal, path, floor, largest, side)
-    class(passage_search), intent(inout) :: self
+    class(event_point_search), intent(inout) :: self
     type(signal_type), intent(in) :: signal
     type(step_path), intent(in) :: path
     !> Values that count as 0; the largest value so far.
@@ -98,7 +98,7 @@ contains
       range = self%bounds(signal%program, from, to)
       scale = max(largest, range%size)
       zero = max(floor, certain*range%noise)
-      select case (told_by(range, zero, max(floor, matters*scale)))
+      select case (reported_by(range, zero, max(floor, matters*scale)))
       case (no_value)
         side = 0
       case (above)
@@ -164,7 +164,7 @@ contains
   !> True if a function is small in a part, and 0 at all sample points: its terms cancel,
   !! as in x - abs(x).
   logical function stays_zero(self, signal, path, range, from, to, scale)
-    class(passage_search), intent(in) :: self
+    class(event_point_search), intent(in) :: self
     type(signal_type), intent(in) :: signal
     type(step_path), intent(in) :: path
     type(range_type), intent(in) :: range
@@ -180,7 +180,7 @@ contains
 
   !> The signal at a position; at the ends of the step it is that of the neighbouring steps.
   real(wp) function value_at(self, signal, path, x)
-    class(passage_search), intent(in) :: self
+    class(event_point_search), intent(in) :: self
     type(signal_type), intent(in) :: signal
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: x
@@ -198,23 +198,23 @@ contains
   end function value_at
 
   !> Conclusion from a range about the crossings in it.
-  pure integer function told_by(range, zero, small)
+  pure integer function reported_by(range, zero, small)
     type(range_type), intent(in) :: range
     !> Values that count as 0; largest such bound that is conclusive.
     real(wp), intent(in) :: zero, small
-    told_by = unclear
-    if (range%outside == nowhere) told_by = no_value
+    reported_by = unclear
+    if (range%outside == nowhere) reported_by = no_value
     if (range%outside /= inside) return
     if (range%value(1) > zero) then
-      told_by = above
+      reported_by = above
     else if (range%value(2) < -zero) then
-      told_by = below
+      reported_by = below
     else if (maxval(abs(range%value)) <= zero .and. zero <= small) then
-      told_by = nothing
+      reported_by = nothing
     else if (.not. range%jumps .and. (range%rate(1) > 0.0_wp .or. range%rate(2) < 0.0_wp)) then
-      told_by = one_way
+      reported_by = one_way
     end if
-  end function told_by
+  end function reported_by
 
   !> Change of a signal at a crossing of the step that was searched last: its rate, and the size of
   !! its second derivative, by time.
@@ -222,13 +222,13 @@ contains
   !! At a jump the bend is -1, and the rate bounds the shift of the crossing: if all arguments
   !! change by some amount, the crossing moves by at most this amount divided by the rate.
   subroutine change_at(self, law, path, x, rate, bend)
-    class(passage_search), intent(in) :: self
+    class(event_point_search), intent(in) :: self
     type(law_program), intent(in) :: law
     type(step_path), intent(in) :: path
     real(wp), intent(in) :: x
     real(wp), intent(out) :: rate, bend
     !> Distance of a jump from its computed position, and of compared rates, in parts of the step.
-    real(wp), parameter :: there = 1.0e-9_wp, beside = 1.0e-6_wp
+    real(wp), parameter :: there = 1.0e-9_wp, nearby = 1.0e-6_wp
     !> Perturbation of the arguments, relative to their rounding errors.
     real(wp), parameter :: other = 2.0_wp**20
     type(range_type) :: here, one, two
@@ -236,8 +236,8 @@ contains
 
     associate (m => size(self%noise), from => max(x - there, 0.0_wp), to => min(x + there, 1.0_wp))
       here = self%bounds(law, from, to)
-      low = max(x - beside, 0.0_wp)
-      high = min(x + beside, 1.0_wp)
+      low = max(x - nearby, 0.0_wp)
+      high = min(x + nearby, 1.0_wp)
       one = self%bounds(law, low, low)
       two = self%bounds(law, high, high)
       rate = 0.0_wp
@@ -278,7 +278,7 @@ contains
 
   !> Store a crossing.
   subroutine note(self, place, to)
-    class(passage_search), intent(inout) :: self
+    class(event_point_search), intent(inout) :: self
     real(wp), intent(in) :: place
     integer, intent(in) :: to
     real(wp), allocatable :: places(:)
@@ -300,7 +300,7 @@ contains
   !> The matrix for the points of a path: interpolation at the zeros of a Chebyshev polynomial, then
   !! their cosine transform.
   subroutine prepare(self, path)
-    class(passage_search), intent(inout) :: self
+    class(event_point_search), intent(inout) :: self
     type(step_path), intent(in) :: path
     real(wp) :: angle(size(path%points)), factors(size(path%points))
     real(wp) :: basis(size(path%points), size(path%points))
@@ -327,7 +327,7 @@ contains
 
   !> Series of the arguments of a function.
   subroutine take_path(self, law, path)
-    class(passage_search), intent(inout) :: self
+    class(event_point_search), intent(inout) :: self
     type(law_program), intent(in) :: law
     type(step_path), intent(in) :: path
     real(wp) :: order(size(path%points))
@@ -361,7 +361,7 @@ contains
 
   !> Values of all arguments at a position.
   function arguments_at(self, x) result(values)
-    class(passage_search), intent(in) :: self
+    class(event_point_search), intent(in) :: self
     real(wp), intent(in) :: x
     real(wp) :: values(1, size(self%series, 2)), t(size(self%series, 1))
     integer :: k
@@ -377,7 +377,7 @@ contains
 
   !> The range of a function in a part of the step, and of its rate.
   type(range_type) function bounds(self, law, from, to, wide) result(range)
-    class(passage_search), intent(in) :: self
+    class(event_point_search), intent(in) :: self
     type(law_program), intent(in) :: law
     real(wp), intent(in) :: from, to
     !> Perturbation of all arguments, except the time.
@@ -437,4 +437,4 @@ contains
     end do
   end subroutine polynomials
 
-end module viscovib_all_passages
+end module viscovib_all_event_points
