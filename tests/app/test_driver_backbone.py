@@ -69,7 +69,7 @@ BAD_BACKBONES = {
     ),
     "subharmonic": (SWING.replace("from", "subharmonic=21, from"), 2, "must be 1 to 20"),
     "points": (FREE.replace("from", "max_points=1, from"), 2, "max_points = 1: must be 2 to"),
-    "step": (FREE.replace("from", "max_step=2, from"), 2, "max_step = 2: must be in [0.0001, 1]"),
+    "step": (FREE.replace("from", "max_step=2, from"), 2, "max_step = 2: must be in [1e-4, 1]"),
     "tolerance": (FREE.replace("from", "tolerance=1, from"), 2, "tolerance = 1: must be in"),
     "switch": (SWING.replace("from", "switch=0, from"), 2, "switch = 0: must be the number"),
     "linear": (FREE.replace("mass=1", "mass=1, cubic_scale=0"), 2, "nothing is nonlinear"),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import SCENES
-from tables import equal_to_rounding
 from viscovib.bodies.varying_body import _changed, rebuilt
 
 MASSES = (
@@ -35,7 +34,7 @@ def body(options="", loads=LOADS):
 
 
 def run_both(solve, folder, text, kind):
-    """The tables of driver and Python, equal to rounding if both use one build."""
+    """The tables of driver and Python, equal byte by byte if both use one build."""
     path = folder / "body.nml"
     path.write_text(text)
     done = solve(path, "--out", folder / "out")
@@ -45,7 +44,7 @@ def run_both(solve, folder, text, kind):
     if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
         return result
     table = (folder / "out" / f"body_{kind}.csv").read_bytes()
-    assert equal_to_rounding((folder / "same.csv").read_bytes(), table)
+    assert table == (folder / "same.csv").read_bytes()
     return result
 
 

@@ -53,9 +53,9 @@ class SceneResult:
 
     ``value`` is the result that the Python function of the analysis returns: a `Response`, a
     `Branch`, a `Backbone`, a `Trajectory` with its ``spectrum`` and ``events``, or a
-    `ScalesResponse`; `switched` are the branches that bifurcate from it. Analyses without a result
-    class of their own, motions with &free_decay, and reduced structures (``shapes``) have a
-    `TableResult`, and a scene with &sweep has a Dataset.
+    `ScalesResponse`; `switched` are the branches that bifurcate from it. Structures and bodies,
+    motions with &free_decay, and analyses without a result class have a `TableResult` (see
+    `Scene.structure` and `Scene.body`); a scene with &sweep has a Dataset.
 
     Examples
     --------
@@ -179,7 +179,7 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute a scene without &sweep."""
     planned = plan(scene)
-    if "free_decay" in scene.groups or scene._shapes() is not None:
+    if not scene.groups.keys().isdisjoint(("structure", "body", "free_decay")):
         return _by_core(scene, planned)
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))

@@ -42,7 +42,7 @@ from viscovib.scene.body import body_of, coordinates_of
 from viscovib.scene.keys import groups_of, named_in, namelist_text, with_key, with_numbers
 from viscovib.systems.elements import Spring
 from viscovib.systems.mount import Mount
-from viscovib.systems.oscillators import Steady
+from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Monomial, Springs
@@ -153,12 +153,10 @@ class Scene:
         """Build the pendulum."""
         return Pendulum(**self._group("pendulum"))
 
-    def oscillator(self) -> Steady:
-        """Build the mount, the polynomial system, the structure or the body."""
+    def oscillator(self) -> Oscillator:
+        """Build the mount, the polynomial system or the body."""
         if "body" in self.groups:
             return self.body()
-        if "structure" in self.groups:
-            return self.structure()
         return self.polynomial_system() if "system" in self.groups else self.mount()
 
     def polynomial_system(self) -> PolynomialSystem:
@@ -379,7 +377,6 @@ class Scene:
         return {
             "system": self.pendulum() if self.is_pendulum else self.oscillator(),
             **more,
-            **self._wanted(group),
             "t_end": group["t_end"],
             "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
@@ -447,7 +444,6 @@ class Scene:
         same = {
             **{key: group[key] for key in ("mode", "harmonics")},
             **{key: group[key] for key in (*CURVE_DEFAULTS, "dof") if key in group},
-            **self._wanted(group),
         }
         if not self.is_pendulum:
             return backbone(self.oscillator(), amplitude_range=ends, **same), ()
@@ -491,7 +487,6 @@ class Scene:
             **self.loads(),
             **{key: group[key] for key in ("harmonics", *CURVE_DEFAULTS)},
             "stability": group["stability"] == "yes",
-            **self._wanted(group),
         }
 
     def _job(self) -> dict[str, Any]:
@@ -507,14 +502,7 @@ class Scene:
             },
             "relaxation": relaxation if relaxation > 0 else "auto",
             "stability": group["stability"] == "yes",
-            **self._wanted(group),
         }
-
-    def _wanted(self, group: Mapping[str, Any]) -> dict[str, Any]:
-        """Coordinates of a structure in the result; the error of a motion refers to them."""
-        if "structure" not in self.groups:
-            return {}
-        return {"coordinates": texts(group["coordinates"])}
 
 
 def _band(group: Mapping[str, Any]) -> float | None:
