@@ -97,7 +97,10 @@ PYTHON = [
         lambda: vv.forced_response(system(), [1], load={"X": 1}),
         "load: 'X' must be one of the 1 coordinates x",
     ),
-    (lambda: respond(load="1 N"), "load = '1 N': must be numbers, got text"),
+    (
+        lambda: respond(load="1 N"),
+        "load = '1 N': must be numbers, got text (a text must depend on nu, as '0.002*nu^2')",
+    ),
     (lambda: respond(tolerance=1), "tolerance = 1: must be in [1e-14, 0.1]"),
     (lambda: respond(harmonics="9"), "harmonics = '9': must be an integer or 'auto'"),
     (

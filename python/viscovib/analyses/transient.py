@@ -240,8 +240,10 @@ def simulate(
     # Scenes represent a base at rest by an empty mapping.
     if base is not None and isinstance(base, Mapping) and not base:
         base = None
-    given = base_acceleration, base, load, nu, force
-    load, force, floor = _on_moving_base(system, *given)
+    floor = None
+    if base_acceleration is not None:
+        given = base_acceleration, base, load, nu, force
+        load, force, floor = _on_moving_base(system, *given)
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
@@ -299,9 +301,7 @@ def simulate(
 def _on_moving_base(
     system: object, acceleration: object, base: object, load: Any, nu: Any, force: Any
 ) -> tuple[LoadLike | None, LoadTable | None, BaseMotion | None]:
-    """Return the loads on coordinates relative to a base of an acceleration, if one is given."""
-    if acceleration is None:
-        return load, force, None
+    """Return the loads on coordinates relative to a base with an acceleration."""
     if base is not None:
         raise InputError("base and base_acceleration are both given: must be one of them")
     if isinstance(system, Pendulum):
@@ -379,7 +379,9 @@ def runs_of(
 
     ``sharper``: factor of the tolerance of memory equations.
     """
-    load, nu = at_frequency(given.load, given.nu), given.nu
+    load, nu = given.load, given.nu
+    if load is not None and type(load) is not float:
+        load = at_frequency(load, nu)
     base, force, held = given.base, given.force, given.held
     # The step alone decides the error: its equations are solved to rounding, which costs little.
     wanted = None if auto or accuracy is None else accuracy.absolute

@@ -55,7 +55,7 @@ class ElementForces(Result):
     >>> pair = vv.Structure(mass=[[1, 0], [0, 1]], stiffness=[[2, 0], [0, 2]], elements=[spring])
     >>> run = vv.simulate(pair, 5, initial=[1, 0, 0, 0])
     >>> forces = run.element_forces()
-    >>> forces.names, float(forces.force[0, 0])
+    >>> forces.names, round(float(forces.force[0, 0]), 9)
     (('x1 - x2',), 3.0)
     """
 
@@ -284,6 +284,15 @@ class FloorForce(Result):
         Moment on the floor about ``about`` (N m).
     about : ndarray, shape (3,)
         The point (m).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> spring = vv.MountPoint(name="a", position=(0, 0, 0), stiffness=(1e4, 1e4, 2e4))
+    >>> body = vv.Body(mass=10, inertia=(0.3, 0.2, 0.4), mounts=[spring])
+    >>> run = vv.simulate(body, 0.1, initial=[0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 0, 0, 0])
+    >>> round(float(run.floor_force().force[0, 2]), 6)
+    20.0
     """
 
     t: FloatArray
