@@ -242,8 +242,7 @@ def simulate(
         base = None
     floor = None
     if base_acceleration is not None:
-        given = base_acceleration, base, load, nu, force
-        load, force, floor = _on_moving_base(system, *given)
+        load, force, floor = _on_moving_base(system, base_acceleration, base, load, nu, force)
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
