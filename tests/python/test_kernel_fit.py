@@ -400,6 +400,8 @@ class TestPropagate:
         assert band.low[1] == band.high[1] == 2.0
         with pytest.raises(vv.InputError, match="must be one shape"):
             vv.propagate(fit, lambda s: np.zeros(2 if s.modulus > fit.modulus else 3), samples=50)
+        with pytest.raises(vv.InputError, match="function = <built-in function len>: object of"):
+            vv.propagate(fit, len, samples=50)
         with pytest.raises(vv.InputError, match="function: gave None, must give real numbers"):
             vv.propagate(fit, lambda s: None, samples=5)
         assert "at most nan % wide" in repr(vv.propagate(fit, lambda s: np.nan, samples=5))

@@ -187,7 +187,13 @@ def _warn(fit: KernelFit, count: int, effective: float) -> None:
 def _answer(
     function: Callable[[Sample], Any], sample: Sample, shape: tuple[int, ...] | None
 ) -> FloatArray:
-    given = function(sample)
+    try:
+        given = function(sample)
+    except TypeError as error:
+        # Errors inside a function of Python are those of its author.
+        if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
+            raise
+        raise InputError(f"function = {_native.shown(function)}: {error}") from None
     try:
         answer = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
