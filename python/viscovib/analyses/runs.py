@@ -587,7 +587,13 @@ class Run(ABC):
         states: Callable[[FloatArray], tuple[FloatArray, ...]],
     ) -> Panels:
         """The whole motion on panels, made once."""
-        until = max(kept.t_reached, 1e-3 * self.h)
+        # A run that failed has no states inside its last step.
+        ended = kept.outcome in ("completed", "event", "stopped")
+        if not ended and kept.t.size < 2:
+            raise InputError(
+                f"acceleration: the run ended ({kept.outcome}), and keeps one state; keep all"
+            )
+        until = max(kept.t_reached if ended else kept.t[-1], 1e-3 * self.h)
         if self.on_panels is None or self.on_panels[0] != until:
             ends = panel_ends(self.mesh, self.h, until)
             self.on_panels = until, Panels.of(ends, past, states)
