@@ -76,12 +76,12 @@ def _four_way(ax: Axes) -> None:
         for power in range(math.ceil(levels.min()), math.floor(levels.max()) + 1):
             level = 10.0**power
             ax.plot(ends, level * turned if rises else level / turned, **style)
-            # The line enters at the left or leaves at the top.
-            f = left if rises else max(left, level / (2 * math.pi * high))
+            # Labels are near the left end, of rising lines further inside than of falling ones.
+            f = 1.6 * left if rises else max(1.1 * left, 1.3 * level / (2 * math.pi * high))
             v = 2 * math.pi * f * level if rises else level / (2 * math.pi * f)
             if rises and v < low:
                 f, v = low / (2 * math.pi * level), low
-            if left <= f <= right * 0.7 and low <= v <= high:
+            if left <= f <= right * 0.6 and low <= v <= 0.8 * high:
                 ax.annotate(
                     f"{level:g} {unit}",
                     (f, v),

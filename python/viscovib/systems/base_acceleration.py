@@ -116,7 +116,7 @@ def _direction(system: Any, where: str, name: str | None) -> FloatArray:
     elif direction is None:
         raise InputError(
             f"{where}: this system has no base_direction: give it one, or the acceleration of a "
-            "coordinate, as {'z': ...}"
+            f"coordinate, as {{{system.dof_names[-1]!r}: ...}}"
         )
     return np.asarray(direction, dtype=float)
 
