@@ -11,13 +11,15 @@ module viscovib_body_vector
   use viscovib_catalogue, only: new_kernel
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_law_term, only: new_law_term
+  use viscovib_law_program, only: put_argument
+  use viscovib_law_term, only: law_term, new_law_term
+  use viscovib_mounted_body, only: mounted_body
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
   use viscovib_turning_body, only: body_spring, new_turning_body, turning_body
   implicit none
   private
 
-  public :: body_from_vector
+  public :: body_from_vector, mounted_from_vector
 
 contains
 
@@ -28,6 +30,57 @@ contains
     type(body_spring), allocatable :: springs(:)
     type(kernel_holder), allocatable :: kernels(:)
     real(wp), allocatable :: mass(:, :), damping(:, :), direction(:)
+
+    call read_body(vector, mass, damping, direction, springs, kernels, status)
+    if (status%failed()) return
+    call new_turning_body(body, mass, damping, direction, springs, kernels)
+    body%loads_turn = nint(vector(4)) == 1
+    body%spin_inside = vector(5:7)
+  end subroutine body_from_vector
+
+  !> A body as given, before it rests; its laws depend on d and its rate, and its stiffnesses do not
+  !! contain their slopes.
+  subroutine mounted_from_vector(body, kernels, vector, status)
+    type(mounted_body), intent(out) :: body
+    type(kernel_holder), allocatable, intent(out) :: kernels(:)
+    real(wp), intent(in) :: vector(:)
+    type(status_type), intent(out) :: status
+    real(wp), allocatable :: mass(:, :), damping(:, :)
+    integer :: i, j
+
+    call read_body(vector, mass, damping, body%base_direction, body%springs, kernels, status)
+    if (status%failed()) return
+    body%mass = mass(1, 1)
+    body%inertia = mass(4:6, 4:6)
+    body%track_mass = [(mass(i, i), i=7, size(mass, 1))]
+    body%track_damping = [(damping(i, i), i=7, size(mass, 1))]
+    do j = 1, size(body%springs)
+      do i = 1, size(body%springs(j)%laws)
+        call read_both(body%springs(j)%laws(i))
+      end do
+    end do
+  end subroutine mounted_from_vector
+
+  !> Let the program of a law of one coordinate read d and its rate, used or not.
+  subroutine read_both(law)
+    type(law_term), intent(inout) :: law
+    integer :: k
+    do k = 1, size(law%program%code)
+      if (law%program%code(k) /= put_argument) cycle
+      associate (place => law%program%number(k))
+        place = merge(1.0_wp, 2.0_wp, abs(law%arguments(nint(place), 1)) > 0.0_wp)
+      end associate
+    end do
+    law%program%n_arguments = 2
+    call law%program%measure()
+  end subroutine read_both
+
+  subroutine read_body(vector, mass, damping, direction, springs, kernels, status)
+    real(wp), intent(in) :: vector(:)
+    real(wp), allocatable, intent(out) :: mass(:, :), damping(:, :), direction(:)
+    type(body_spring), allocatable, intent(out) :: springs(:)
+    type(kernel_holder), allocatable, intent(out) :: kernels(:)
+    type(status_type), intent(out) :: status
     integer :: at, i, kind, n, n_data
 
     call set_ok(status)
@@ -51,9 +104,6 @@ contains
       call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
       if (status%failed()) return
     end do
-    call new_turning_body(body, mass, damping, direction, springs, kernels)
-    body%loads_turn = nint(vector(4)) == 1
-    body%spin_inside = vector(5:7)
 
   contains
 
@@ -87,6 +137,6 @@ contains
       end do
     end subroutine next_spring
 
-  end subroutine body_from_vector
+  end subroutine read_body
 
 end module viscovib_body_vector

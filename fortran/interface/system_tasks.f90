@@ -1,18 +1,33 @@
 !> Objects that are systems, and their properties.
 module viscovib_system_tasks
   use viscovib_binding_tools, only: make_pendulum, make_system
+  use viscovib_body_checks, only: check_inertia, doubt_units
+  use viscovib_body_vector, only: mounted_from_vector
   use viscovib_characteristic_matrix, only: characteristic_matrix, oscillator_matrix
   use viscovib_characteristic_roots, only: find_characteristic_roots, roots_type
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
+  use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_mount, only: mount_type
+  use viscovib_mounted_body, only: mounted_body, preload_stiffness, rest_type, spring_turned
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_rotation, only: new_rotation
+  use viscovib_spring_about, only: force_of
+  use viscovib_status, only: fail, status_input_error
+  use viscovib_stiffness_ratio, only: entries_of, entries_type, hidden_modes, hidden_poles, &
+    hidden_springs, least_hidden
   use viscovib_task, only: built_pendulum, built_system, task_type
+  use viscovib_turning_body, only: row_of
   implicit none
   private
 
   public :: system_task
+
+  !> Length of the names of mounts in a text.
+  integer, parameter :: longest_name = 64
 
 contains
 
@@ -24,6 +39,14 @@ contains
       call build_system(task)
     case ('pendulum')
       call build_pendulum(task)
+    case ('body')
+      call place_body(task)
+    case ('lost modes')
+      call find_lost_modes(task)
+    case ('lost poles')
+      call find_lost_poles(task)
+    case ('lost springs')
+      call find_lost_springs(task)
     case ('modes')
       call find_mount_modes(task)
     case ('dynamic_stiffness')
@@ -75,6 +98,134 @@ contains
     call make_pendulum(own%it, flat, task%status)
     if (.not. task%failed()) call move_alloc(own, task%built)
   end subroutine build_pendulum
+
+  !> Where a body rests: `flat` (n) as of `mounted_from_vector`, `gravity` (3), `exact` (finite
+  !! rotations); of its mounts `names`, the `first` spring of each, and `angles` (3, n_mounts).
+  !!
+  !! Returns lines about numbers that are probably in other units, `doubts`; coordinates `q`,
+  !! deflections `d` of the springs and their forces `carried`, and `residual`. `preloads` tells if
+  !! springs have forces at d = 0. In axes parallel to the floor: the `axes` of the body (3, 3),
+  !! `rows` (n_springs, n_dof) and `arms` (n_springs, 3) of the springs, and the stiffness against
+  !! rotations by their forces, `bend` (3, 3).
+  subroutine place_body(task)
+    type(task_type), intent(inout) :: task
+    type(mounted_body) :: body
+    type(kernel_holder), allocatable :: kernels(:)
+    type(rest_type) :: rest
+    character(len=longest_name), allocatable :: names(:)
+    character(len=:), allocatable :: text
+    real(wp), pointer, contiguous :: gravity(:), angles(:, :)
+    real(wp), allocatable :: rows(:, :), arms(:, :)
+    real(wp) :: force, slope, axes(3, 3)
+    logical :: preloads
+    integer :: j
+
+    call task%take_text('names', text)
+    gravity => task%get_reals('gravity')
+    angles => task%get_matrix('angles')
+    call task%check_extents('gravity', shape(gravity), [3])
+    if (task%failed()) return
+    call mounted_from_vector(body, kernels, task%get_reals('flat'), task%status)
+    if (.not. task%failed()) call check_inertia(body%inertia, task%status)
+    if (task%failed()) return
+    body%gravity = gravity
+    body%exact = task%get_flag('exact')
+    names = [(text(longest_name*(j - 1) + 1:longest_name*j), j=1, len(text)/longest_name)]
+    call lock_texts()
+    call task%found%put_text('doubts', doubt_units(body, task%get_integers('first'), names, angles))
+    call unlock_texts()
+    call body%find_rest(kernels, rest, task%status)
+    if (task%failed()) return
+    preloads = .false.
+    allocate (rows(size(body%springs), body%n_dof()), arms(size(body%springs), 3))
+    do j = 1, size(body%springs)
+      call force_of(body%springs(j), 0.0_wp, force, slope)
+      preloads = preloads .or. abs(force) > 0.0_wp
+      if (body%exact) then
+        body%springs(j) = spring_turned(body%springs(j), &
+                                        new_rotation(cmplx(rest%q(4:6), 0.0_wp, wp)))
+      end if
+      rows(j, :) = row_of(body%springs(j), body%n_dof())
+      arms(j, :) = body%springs(j)%arm
+    end do
+    axes = rest%axes(body%exact)
+    call task%found%put_integer('preloads', merge(1_i8, 0_i8, preloads))
+    call task%found%put_reals('q', rest%q, shape(rest%q))
+    call task%found%put_reals('d', rest%d, shape(rest%d))
+    call task%found%put_reals('carried', rest%carried, shape(rest%carried))
+    call task%found%put_real('residual', rest%residual)
+    call task%found%put_reals('axes', axes, shape(axes))
+    call task%found%put_reals('rows', rows, shape(rows))
+    call task%found%put_reals('arms', arms, shape(arms))
+    call task%found%put_reals('bend', preload_stiffness(body%springs, rest%carried), [3, 3])
+  end subroutine place_body
+
+  !> A line about the mode that rounding errors of the stiffness hide most, `note`, or nothing:
+  !! `squares` (m), `shapes` (n, m) and the diagonal of the mass, `mass` (n), with the `stiffness`
+  !! (n, n) or its entries `values` (k) in `rows` and `columns` from 1; `least`: see `hidden_modes`.
+  !! The first mode is mode 0.
+  subroutine find_lost_modes(task)
+    type(task_type), intent(inout) :: task
+    type(entries_type) :: entries
+    real(wp), pointer, contiguous :: squares(:), shapes(:, :), mass(:)
+    integer :: n
+
+    squares => task%get_reals('squares')
+    shapes => task%get_matrix('shapes')
+    mass => task%get_reals('mass')
+    n = size(mass)
+    call task%check_extents('shapes', shape(shapes), [n, size(squares)])
+    if (task%has('values')) then
+      entries = entries_type(task%get_integers('rows'), task%get_integers('columns'), &
+                             task%get_reals('values'))
+      if (any(entries%row < 1 .or. entries%row > n) .or. &
+          any(entries%column < 1 .or. entries%column > n)) then
+        call fail(task%status, status_input_error, 'rows', 'rows: must be those of the matrix')
+      end if
+    else
+      entries = entries_of(task%get_matrix('stiffness'))
+    end if
+    if (task%failed()) return
+    call lock_texts()
+    call task%found%put_text('note', hidden_modes(squares, shapes, mass, entries, &
+                                                  task%get_real('least', least_hidden), 0))
+    call unlock_texts()
+  end subroutine find_lost_modes
+
+  !> The same about complex modes: `poles` (p), `left` and `right` (n, p), `stiffness` (n, n).
+  subroutine find_lost_poles(task)
+    type(task_type), intent(inout) :: task
+    complex(wp), pointer, contiguous :: poles(:), left(:, :), right(:, :)
+    real(wp), pointer, contiguous :: stiffness(:, :)
+
+    poles => task%get_complexes('poles')
+    left => task%get_complex_matrix('left')
+    right => task%get_complex_matrix('right')
+    stiffness => task%get_matrix('stiffness')
+    call task%check_extents('left', shape(left), [size(stiffness, 1), size(poles)])
+    call task%check_extents('right', shape(right), [size(stiffness, 1), size(poles)])
+    if (task%failed()) return
+    call lock_texts()
+    call task%found%put_text('note', hidden_poles(poles, left, right, stiffness))
+    call unlock_texts()
+  end subroutine find_lost_poles
+
+  !> The same about a polynomial system in its coordinates.
+  subroutine find_lost_springs(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+
+    system => task%system()
+    if (task%failed()) return
+    call lock_texts()
+    select type (system)
+    type is (polynomial_type)
+      call task%found%put_text('note', hidden_springs(system, 0))
+    class default
+      call task%refuse_kind()
+    end select
+    call unlock_texts()
+  end subroutine find_lost_springs
 
   !> Natural frequencies `omega` (2) and mode `shapes` (2, 2) of a mount.
   subroutine find_mount_modes(task)

@@ -1,5 +1,6 @@
 !> The groups of a scene that make up a body in space: &body, &mount_point.
 module viscovib_body_groups
+  use viscovib_body_checks, only: check_inertia, doubt_units
   use viscovib_coordinate_names, only: read_kernel_place
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
@@ -19,7 +20,6 @@ module viscovib_body_groups
   use viscovib_spring_products, only: n_products
   use viscovib_status, only: clipped, show, status_type
   use viscovib_subject, only: name_length, subject_type
-  use viscovib_symmetric_modes, only: find_symmetric_modes
   use viscovib_turning_body, only: body_spring
   implicit none
   private
@@ -28,9 +28,7 @@ module viscovib_body_groups
 
   !> Most mounts; longest name of one; most products of coordinates of one power of a law.
   integer, parameter :: max_mounts = 100, mount_name = 14
-  real(wp), parameter :: max_products = 10000.0_wp, no_inertia = 1.0e-9_wp
-  !> So many radii of gyration away a mount looks like millimetres given as metres.
-  real(wp), parameter :: far_away = 50.0_wp
+  real(wp), parameter :: max_products = 10000.0_wp
 
 contains
 
@@ -47,6 +45,7 @@ contains
     type(group_reader) :: reader
     type(status_type) :: built
     real(wp) :: center(3)
+    real(wp), allocatable :: angles(:, :)
     character(len=name_length), allocatable :: names(:)
     integer :: i, n
 
@@ -58,7 +57,7 @@ contains
     if (status%failed()) return
     n = count([(file%groups(i)%name == 'mount_point', i=1, size(file%groups))])
     allocate (body%springs(0), body%track_mass(0), body%track_damping(0), names(0))
-    allocate (body%mount_of(0), body%axis_of(0))
+    allocate (body%mount_of(0), body%axis_of(0), angles(3, n))
     subject%coordinates = [character(len=name_length) :: 'x', 'y', 'z', 'rx', 'ry', 'rz']
     subject%units = [character(len=name_length) :: 'm', 'm', 'm', 'rad', 'rad', 'rad']
     do i = 1, size(file%groups)
@@ -66,7 +65,8 @@ contains
       call reader%start(file%path, file%groups(i))
       if (n > max_mounts) call reader%complain('name', '&mount_point: '//show(n)//' of them, ' &
                                                //'must be at most '//show(max_mounts))
-      call read_mount_point(reader, body, center, names, subject, size(kernels))
+      call read_mount_point(reader, body, center, names, angles(:, size(names) + 1), subject, &
+                            size(kernels))
       call reader%close(echo, status)
       if (status%failed()) return
     end do
@@ -96,6 +96,8 @@ contains
     body%names = names
     subject%body = body
     call copy_kernels(kernels, subject%body_kernels)
+    subject%warned = doubt_units(body, pack([(i, i=1, size(body%axis_of))], body%axis_of == 1), &
+                                 names, angles)
     subject%center = center
     subject%axes = rest%axes(body%exact)
     status = reader%status
@@ -107,6 +109,7 @@ contains
     type(mounted_body), intent(inout) :: body
     real(wp), intent(out) :: center(3)
     real(wp), allocatable :: inertia(:)
+    type(status_type) :: checked
     integer :: i
 
     body%mass = reader%read_real('mass')
@@ -129,7 +132,9 @@ contains
       call reader%complain('inertia', 'inertia has '//show(size(inertia))//' values: must be 3 ' &
                            //'(a diagonal) or 9 (row by row)')
     end if
-    if (.not. reader%status%failed()) call check_inertia(reader, body%inertia)
+    if (reader%status%failed()) return
+    call check_inertia(body%inertia, checked)
+    call reader%place(checked)
     if (.not. body%exact .or. reader%status%failed()) return
     if (any(abs(body%base_direction(4:6)) > 0.0_wp)) then
       call reader%complain('base_direction', 'base_direction: must not turn the floor with ' &
@@ -140,44 +145,19 @@ contains
     end if
   end subroutine read_masses
 
-  !> Symmetric, its principal moments those of a body.
-  subroutine check_inertia(reader, inertia)
-    type(group_reader), intent(inout) :: reader
-    real(wp), intent(in) :: inertia(3, 3)
-    real(wp) :: unit(3, 3), moments(3), axes(3, 3)
-    integer :: i
-
-    if (maxval(abs(inertia - transpose(inertia))) > no_inertia*maxval(abs(inertia))) then
-      call reader%complain('inertia', 'inertia: must be symmetric')
-      return
-    end if
-    unit = 0.0_wp
-    do i = 1, 3
-      unit(i, i) = 1.0_wp
-    end do
-    call find_symmetric_modes(unit, inertia, moments, axes)
-    if (.not. moments(1) > 0.0_wp) then
-      call reader%complain('inertia', 'inertia: has the principal moment '//show(moments(1)) &
-                           //', must be greater than 0')
-    else if (moments(3) > (moments(1) + moments(2))*(1.0_wp + no_inertia)) then
-      call reader%complain('inertia', 'inertia: has the principal moments '//show(moments(1)) &
-                           //', '//show(moments(2))//', '//show(moments(3))//'; no body has one ' &
-                           //'that is larger than the sum of the other two')
-    end if
-  end subroutine check_inertia
-
   !> One &mount_point: springs along its axes, about them, and the track of a fluid mount.
-  subroutine read_mount_point(reader, body, center, names, subject, n_kernels)
+  subroutine read_mount_point(reader, body, center, names, angles, subject, n_kernels)
     type(group_reader), intent(inout) :: reader
     type(mounted_body), intent(inout) :: body
     real(wp), intent(in) :: center(3)
     !> Of the mounts so far; gets this one.
     character(len=name_length), allocatable, intent(inout) :: names(:)
-    !> Gets the coordinate of a track, and warnings.
+    real(wp), intent(out) :: angles(3)
+    !> Gets the coordinate of a track.
     type(subject_type), intent(inout) :: subject
     integer, intent(in) :: n_kernels
     type(body_spring) :: springs(3), turning(3)
-    real(wp) :: arm(3), axes(3, 3), angles(3), stiffness(3), damping(3), held(3), radius
+    real(wp) :: arm(3), axes(3, 3), stiffness(3), damping(3), held(3)
     real(wp), allocatable :: track(:)
     character(len=:), allocatable :: name, word
     integer :: kernel_of(3), along, i, j
@@ -236,13 +216,6 @@ contains
     end if
     body%axis_of = [body%axis_of, (0, i=size(body%axis_of) + 1, size(body%springs))]
     body%mount_of = [body%mount_of, (size(names), i=size(body%mount_of) + 1, size(body%springs))]
-    radius = sqrt((body%inertia(1, 1) + body%inertia(2, 2) + body%inertia(3, 3)) &
-                  /(2.0_wp*body%mass))
-    if (norm2(arm) > far_away*radius .and. subject%warned == '') then
-      subject%warned = name//': is '//show(norm2(arm))//' m from the centre of mass of a body ' &
-                       //'whose radius of gyration is '//show(radius)//' m: positions are in m' &
-                       //new_line('a')
-    end if
   end subroutine read_mount_point
 
   !> The name is a new one.

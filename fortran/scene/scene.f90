@@ -132,7 +132,7 @@ contains
     if (subject%is_structure) then
       subject%warned = subject%warned//subject%model%rest%hidden
     else if (subject%is_polynomial .and. .not. subject%is_turning) then
-      subject%warned = subject%warned//hidden_springs(subject%polynomial)
+      subject%warned = subject%warned//hidden_springs(subject%polynomial, 1)
     end if
     call read_loads(file, subject, load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then

@@ -21,7 +21,7 @@ module viscovib_mounted_body
   implicit none
   private
 
-  public :: build_small, build_turning, mounted_body, rest_type
+  public :: build_small, build_turning, mounted_body, preload_stiffness, rest_type, spring_turned
 
   !> Springs are as defined by the user; laws depend on d and its rate, including linear parts.
   type :: mounted_body
@@ -45,9 +45,11 @@ module viscovib_mounted_body
     procedure, private :: balance
   end type mounted_body
 
-  !> Static equilibrium: coordinates, deflections of springs, and their forces.
+  !> Static equilibrium: coordinates, deflections of springs, their forces, and the residual
+  !! relative to weight and preloads.
   type :: rest_type
     real(wp), allocatable :: q(:), d(:), carried(:)
+    real(wp) :: residual = 0.0_wp
   contains
     procedure :: axes
   end type rest_type
@@ -131,8 +133,8 @@ contains
     do while (done < 1.0_wp)
       part = min(done + step, 1.0_wp)
       q = rest%q
-      call self%settle(kept, part*weight, (1.0_wp - part)*preload, size_of, q, rest%d, &
-                       rest%carried, found, status)
+      call self%settle(kept, part*weight, (1.0_wp - part)*preload, size_of, q, rest, found, &
+                       status)
       if (status%failed()) return
       if (found) then
         rest%q = q
@@ -177,13 +179,14 @@ contains
 
   !> Newton's method for one load increment. `found` is false if it diverges or the equilibrium is
   !! unstable.
-  subroutine settle(self, kept, weight, waiting, size_of, q, d, carried, found, status)
+  subroutine settle(self, kept, weight, waiting, size_of, q, rest, found, status)
     class(mounted_body), intent(in) :: self
     real(wp), intent(in) :: kept(:), weight(:)
     !> Part of each spring's force that is not applied yet; magnitude of all loads.
     real(wp), intent(in) :: waiting(:), size_of
     real(wp), intent(inout) :: q(:)
-    real(wp), intent(out) :: d(:), carried(:)
+    !> Gets deflections, forces and residual.
+    type(rest_type), intent(inout) :: rest
     logical, intent(out) :: found
     type(status_type), intent(out) :: status
     real(wp) :: left(size(q)), tangent(size(q), size(q)), squares(size(q))
@@ -193,7 +196,7 @@ contains
     call set_ok(status)
     mass = self%masses()
     do turn = 1, max_steps
-      call self%balance(kept, weight, waiting, q, d, carried, left, tangent)
+      call self%balance(kept, weight, waiting, q, rest%d, rest%carried, left, tangent)
       found = all(abs(tangent) < huge(1.0_wp)) .and. all(abs(left) < huge(1.0_wp))
       if (.not. found) return
       call find_symmetric_modes(mass, tangent, squares, shapes)
@@ -210,7 +213,7 @@ contains
       if (.not. found) return
       if (maxval(abs(step)) <= settled*maxval(abs(q))) exit
     end do
-    call self%balance(kept, weight, waiting, q, d, carried, left, tangent)
+    call self%balance(kept, weight, waiting, q, rest%d, rest%carried, left, tangent)
     call find_symmetric_modes(mass, tangent, squares, shapes)
     push = matmul(left, shapes)
     where (abs(squares) > no_stiffness*maxval(abs(squares))) push = 0.0_wp
@@ -219,8 +222,8 @@ contains
                 //'direction left free by mounts')
       return
     end if
-    found = squares(1) >= -no_stiffness*maxval(abs(squares)) &
-            .and. maxval(abs(left)) < accurate*size_of
+    rest%residual = maxval(abs(left))/size_of
+    found = squares(1) >= -no_stiffness*maxval(abs(squares)) .and. rest%residual < accurate
   end subroutine settle
 
   !> Residual of the equilibrium at q, and the tangent stiffness.
@@ -299,7 +302,7 @@ contains
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
     type(body_spring) :: seen(size(self%springs))
-    real(wp) :: rows(size(self%springs), self%n_dof()), force(3)
+    real(wp) :: rows(size(self%springs), self%n_dof())
     integer :: b, i, j, n
 
     n = self%n_dof()
@@ -326,12 +329,9 @@ contains
         p%damping(:, b) = p%damping(:, b) + (seen(j)%damping*rows(j, b))*rows(j, :)
         p%stiffness(:, b, i) = p%stiffness(:, b, i) + (seen(j)%stiffness*rows(j, b))*rows(j, :)
       end do
-      if (.not. seen(j)%turning) then
-        force = -rest%carried(j)*seen(j)%direction
-        p%stiffness(4:6, 4:6, 1) = p%stiffness(4:6, 4:6, 1) + stiffness_of(seen(j)%arm, force)
-      end if
       call add_laws_of(seen(j), rows(j, :), p%laws)
     end do
+    p%stiffness(4:6, 4:6, 1) = p%stiffness(4:6, 4:6, 1) + preload_stiffness(seen, rest%carried)
     call add_products(seen, rows, size(kernels), p)
     call new_polynomial(system, p, kernels, status)
   end subroutine build_small
@@ -345,17 +345,44 @@ contains
     matrix(:, 3) = [-h(2), h(1), 0.0_wp]
   end function gyroscopic
 
-  !> Geometric stiffness of a force F at a body point p, to second order in theta: the work is F .
-  !! (theta x p + theta x (theta x p)/2).
-  pure function stiffness_of(p, force) result(bend)
-    real(wp), intent(in) :: p(3), force(3)
-    real(wp) :: bend(3, 3)
-    integer :: b
-    do b = 1, 3
-      bend(:, b) = -(p*force(b) + force*p(b))/2.0_wp
-      bend(b, b) = bend(b, b) + sum(p*force)
+  !> Stiffness against rotations by forces of constant size and direction, which has no memory: a
+  !! force F at a body point p does the work F . (theta x p + theta x (theta x p)/2).
+  pure function preload_stiffness(springs, carried) result(bend)
+    type(body_spring), intent(in) :: springs(:)
+    real(wp), intent(in) :: carried(:)
+    real(wp) :: bend(3, 3), force(3)
+    integer :: b, j
+    bend = 0.0_wp
+    do j = 1, size(springs)
+      if (springs(j)%turning) cycle
+      force = -carried(j)*springs(j)%direction
+      associate (p => springs(j)%arm)
+        do b = 1, 3
+          bend(:, b) = bend(:, b) - (p*force(b) + force*p(b))/2.0_wp
+          bend(b, b) = bend(b, b) + sum(p*force)
+        end do
+      end associate
     end do
-  end function stiffness_of
+  end function preload_stiffness
+
+  !> The spring of a turned body in axes parallel to the floor: its arm is R p, and the deflection
+  !! of a rotational mount is along R T^-T e.
+  function spring_turned(spring, turn) result(seen)
+    type(body_spring), intent(in) :: spring
+    type(rotation_type), intent(in) :: turn
+    type(body_spring) :: seen
+    complex(wp) :: v(3)
+
+    seen = spring
+    if (spring%turning) then
+      v = spring%direction
+      v = turn%unspin_transposed(v)
+      seen%direction = real(turn%turned(v))
+    else
+      v = spring%arm
+      seen%arm = real(turn%turned(v))
+    end if
+  end function spring_turned
 
   !> Add nonpolynomial laws to all equations on which the spring acts.
   subroutine add_laws_of(spring, row, laws)
@@ -385,8 +412,7 @@ contains
     end do
   end subroutine add_laws_of
 
-  !> System for finite rotations about static equilibrium, in axes parallel to the floor: arms are R
-  !! p, and the deflection of rotational mounts is along R T^-T e.
+  !> System for finite rotations about static equilibrium, in axes parallel to the floor.
   subroutine build_turning(self, kernels, rest, system)
     type(mounted_body), intent(in) :: self
     type(kernel_holder), intent(in) :: kernels(:)
@@ -396,7 +422,6 @@ contains
     type(rotation_type) :: turn
     real(wp) :: mass(self%n_dof(), self%n_dof()), damping(self%n_dof(), self%n_dof())
     real(wp) :: axes(3, 3), row(self%n_dof())
-    complex(wp) :: v(3)
     integer :: b, j
 
     turn = new_rotation(cmplx(rest%q(4:6), 0.0_wp, wp))
@@ -415,11 +440,7 @@ contains
         call seen(j)%laws(b)%drop_unread()
       end do
       seen(j)%preload = rest%carried(j)
-      v = seen(j)%direction
-      v = turn%unspin_transposed(v)
-      if (seen(j)%turning) seen(j)%direction = real(turn%turned(v))
-      v = seen(j)%arm
-      if (.not. seen(j)%turning) seen(j)%arm = real(turn%turned(v))
+      seen(j) = spring_turned(seen(j), turn)
       row = row_of(seen(j), size(row))
       do b = 1, size(row)
         damping(:, b) = damping(:, b) + (seen(j)%damping*row(b))*row

@@ -9,7 +9,7 @@ module viscovib_structure_rest
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_stiffness_ratio, only: hidden_modes, hidden_poles
+  use viscovib_stiffness_ratio, only: entries_of, hidden_modes, hidden_poles, least_hidden
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private
@@ -261,7 +261,8 @@ contains
       ! Set squares within rounding errors to 0: rigid-body modes.
       pulled = matmul(abs(stiffness), abs(shapes))
       where (abs(squares) <= rounding*sum(abs(shapes)*pulled, 1)) squares = 0.0_wp
-      rest%hidden = hidden_modes(squares, shapes, mass, stiffness)
+      rest%hidden = hidden_modes(squares, shapes, [(mass(i, i), i=1, n)], entries_of(stiffness), &
+                                 least_hidden, 1)
       seen = matmul(transpose(shapes), matmul(damping, shapes))
       ! Compare each product with its own terms, so that a strong damper does not hide weak ones.
       lost = rounding*matmul(transpose(abs(shapes)), matmul(abs(damping), abs(shapes)))

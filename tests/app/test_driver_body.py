@@ -318,7 +318,7 @@ WANTED = "&modes /\n"
     [
         (f"&body {MASSES} / {WANTED}", "needs &mount_point"),
         (f"&body mass=1 inertia=1 1 3 / {MOUNTS} {WANTED}", "larger than the sum of the other two"),
-        (f"&body mass=1 inertia=1 1 -1 / {MOUNTS} {WANTED}", "principal moment -1"),
+        (f"&body mass=1 inertia=1 1 -1 / {MOUNTS} {WANTED}", "principal moments -1"),
         (f"&body mass=0 inertia=1 1 1 / {MOUNTS} {WANTED}", "mass = 0: must be greater than 0"),
         (f"&body {MASSES} / {KERNELS} {MOUNTS} {MOUNTS} {WANTED}", "'Left': is given twice"),
         (

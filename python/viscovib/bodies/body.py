@@ -28,17 +28,14 @@ from viscovib.bodies.springs import (
     mount_springs,
     spring_groups,
 )
-from viscovib.bodies.statics import Sag, find_sag, geometric_stiffness
+from viscovib.bodies.statics import Sag, settled
 from viscovib.bodies.turning import (
     BODY_IN_VECTOR,
-    about_turned,
     angular_momentum,
     further_moved,
-    turned,
     turning_energy,
     turning_vector,
 )
-from viscovib.bodies.unit_doubts import warn_of_units
 from viscovib.common.counts import things
 from viscovib.common.values import own
 from viscovib.errors import InputError, StabilityWarning, caller
@@ -151,24 +148,14 @@ class Body(LinearBody):
             )
         keep(self, "spin", own(checked_vector("spin", spin)))
         springs = mount_springs(self.mounts, self.center)
-        warn_of_units(self.body_mass, self.inertia, self.center, self.mounts, springs)
         matrix = springs.mass_of_tracks
         matrix[:3, :3] = self.body_mass * np.eye(3)
         matrix[3:6, 3:6] = self.inertia
         n = matrix.shape[0]
         preload = np.zeros((n, n))
-        sag = None
-        if self.gravity is not None or any(mount._preloads for mount in self.mounts):
-            weight = np.zeros(n)
-            if self.gravity is not None:
-                weight[:3] = self.body_mass * self.gravity
-            sag = find_sag(springs, weight, turns=self._turns)
-            springs = springs.about(sag._deflection)
-            if self._turns:
-                springs = about_turned(springs, sag.displacement, sag._carried)
-                turn = turned(sag.displacement[3:6], np.eye(3)).T
-                matrix[3:6, 3:6] = turn @ self.inertia @ turn.T
-            preload = geometric_stiffness(springs, sag._carried)
+        sag, springs, preload[3:6, 3:6], matrix[3:6, 3:6] = settled(
+            springs, matrix, self.mounts, self.gravity, turns=self._turns
+        )
         keep(self, "_sag", sag)
         keep(self, "_mount_springs", springs)
         direction = None if base_direction is None else checked_direction(base_direction, n)

@@ -294,12 +294,6 @@ class MountPoint:
         return {p: c for (p,), c in terms.items() if p > 1}, terms.get((1,), 0.0)
 
     @property
-    def _preloads(self) -> bool:
-        """True if a law is not 0 at zero deflection."""
-        laws = [law for law in self.laws if isinstance(law, Law)]
-        return any(float(law(np.zeros((1, 2)))[0][0]) != 0 for law in laws)
-
-    @property
     def _named_parameters(self) -> tuple[str, ...]:
         """The parameters that occur in the laws."""
         return named_in(self.parameters or (), self.law)

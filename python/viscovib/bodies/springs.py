@@ -48,12 +48,6 @@ class MountSprings:
         """C, shape (n_dof, n_dof)."""
         return np.asarray((self.rows.T * self.damping) @ self.rows + self.damping_of_tracks)
 
-    @property
-    def at_rest(self) -> FloatArray:
-        """Forces of laws at zero deflection, without memory, shape (n_springs,)."""
-        laws = [law(np.zeros((1, 2)))[0][0] if isinstance(law, Law) else 0.0 for law in self.laws]
-        return np.array(laws, dtype=float)
-
     def about(self, deflections: FloatArray) -> MountSprings:
         """Return the springs about deflected positions, with k d + g(d) expanded there."""
         stiffness = self.stiffness.copy()

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
-from viscovib.bodies.turning import place_along
+from viscovib.bodies.turning import turning_vector
 from viscovib.common.values import Value
-from viscovib.errors import InputError
-from viscovib.systems.laws import Law
-
-_Place = Callable[[MountSprings, FloatArray], tuple[FloatArray, FloatArray, Any]]
-
-_MAX_STEPS = 30
-#: Newton's method ends if a step is below this part of the displacement; largest residual of an
-#: equilibrium relative to weight and preloads.
-_SETTLED, _ACCURATE = 1e-15, 1e-9
-#: Smallest increment of weight and preloads.
-_SMALLEST_PART = 1e-4
+from viscovib.errors import StabilityWarning, caller
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,139 +48,49 @@ class Sag(Value):
     deflections: FloatArray
     forces: FloatArray
     residual: float
-    #: Deflections and forces of all springs, including rotations and tracks.
-    _deflection: FloatArray = field(repr=False)
-    _carried: FloatArray = field(repr=False)
 
 
-def find_sag(springs: MountSprings, weight: FloatArray, *, turns: bool = False) -> Sag:
-    """Solve sum_j dd_j/dq (1 - I_j) [k_j d_j + g_j(d_j)] = weight, I_j the integral of R_j.
-
-    Weight and preloads g_j(0) are applied in increments with Newton's method, so that the result is
-    the equilibrium that the body reaches and no other solution of the equations. ``turns``:
-    rotations are finite, else small.
-    """
-    kept = np.array([1.0 - _integral(kernel) for kernel in springs.kernels])
-    preload = kept * springs.at_rest
-    q = np.zeros(springs.rows.shape[1])
-    place = place_along if turns else _place_nearby
-    done, step = 0.0, 1.0
-    while done < 1.0:
-        part = min(done + step, 1.0)
-        settled, residual = _settle(springs, kept, part * weight, (1.0 - part) * preload, q, place)
-        if settled is None:
-            step /= 2
-            if step < _SMALLEST_PART:
-                loads = "the weight" + " and of preloads" * bool(preload.any())
-                raise InputError(
-                    f"gravity: the mounts give way under {100 * done:.4g} % of {loads}, no "
-                    "position at rest is known beyond"
-                )
-            continue
-        q, done = settled, part
-    d = place(springs, q)[0]
-    force = kept * _forces(springs, d)[0]
-    places = np.array(springs.first)[:, None] + np.arange(3)
-    return Sag(q, d[places], -force[places], residual, d, force)
-
-
-def _place_nearby(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, FloatArray, Any]:
-    """Deflections for small rotations: the linear part of `place_along`."""
-    n = q.size
-    return springs.rows @ q, springs.rows, lambda _: np.zeros((n, n))
-
-
-def _forces(springs: MountSprings, d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces of springs without relaxation, and their derivatives."""
-    force, slope = springs.stiffness * d, springs.stiffness.copy()
-    for j, law in enumerate(springs.laws):
-        if isinstance(law, Law):
-            value, by = law(np.array([[d[j], 0.0]]))
-            force[j] += value[0]
-            slope[j] += by[0, 0]
-            continue
-        for power, c in law.items():
-            force[j] += c * d[j] ** power
-            slope[j] += power * c * d[j] ** (power - 1)
-    return force, slope
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def _settle(
+def settled(
     springs: MountSprings,
-    kept: FloatArray,
-    weight: FloatArray,
-    waiting: FloatArray,
-    q: FloatArray,
-    place: _Place,
-) -> tuple[FloatArray | None, float]:
-    """Equilibrium near a position, and its residual; None if it is unstable or not found.
+    mass: FloatArray,
+    mounts: Sequence[MountPoint],
+    gravity: FloatArray | None,
+    *,
+    turns: bool,
+) -> tuple[Sag | None, MountSprings, FloatArray, FloatArray]:
+    """Let the core place a body on its springs.
 
-    ``waiting``: part of the force of each spring that is not applied yet.
+    Returns its static equilibrium (None: without weight and preloads), the springs about it, the
+    stiffness of their forces against rotations, shape (3, 3), and the inertia in axes of the floor.
+
+    Warns
+    -----
+    StabilityWarning
+        For numbers that are probably not in SI units.
     """
-    pushed = springs.rows.T @ (kept * springs.at_rest)
-    size = max(float(np.abs(weight).max()), float(np.abs(pushed).max())) or 1.0
-
-    def balance(q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        d, slopes, bends = place(springs, q)
-        force, slope = _forces(springs, d)
-        tangent = (slopes.T * (kept * slope)) @ slopes
-        if not (np.isfinite(force).all() and np.isfinite(tangent).all()):
-            return np.full(q.size, np.inf), tangent
-        carried = kept * force - waiting
-        return weight - slopes.T @ carried, tangent + bends(carried)
-
-    for _ in range(_MAX_STEPS):
-        left, tangent = balance(q)
-        if not (np.isfinite(left).all() and np.isfinite(tangent).all()):
-            return None, math.inf
-        step = _solve(tangent, left, size)
-        q = q + step
-        if np.linalg.norm(q[3:6]) > math.pi and place is place_along:
-            return None, math.inf
-        if np.abs(step).max() <= _SETTLED * np.abs(q).max():
-            break
-    left, tangent = balance(q)
-    if not (np.isfinite(left).all() and np.isfinite(tangent).all()):
-        return None, math.inf
-    residual = float(np.abs(left).max()) / size
-    squares = np.linalg.eigvalsh(tangent)
-    held = squares[0] >= -1e-12 * np.abs(squares).max()
-    return (q if held and residual < _ACCURATE else None), residual
-
-
-def geometric_stiffness(springs: MountSprings, carried: FloatArray) -> FloatArray:
-    """Rotational stiffness by forces of constant size and direction, shape (n, n).
-
-    A force F on a body at p does the work F . [theta x p + theta x (theta x p)/2] to second order.
-    So it adds (p . F) 1 - (p F^T + F p^T)/2 to the stiffness against theta. This geometric
-    stiffness is not a material property and has no memory.
-    """
-    n = springs.rows.shape[1]
-    matrix = np.zeros((n, n))
-    for row, p, size in zip(springs.rows, springs.arms, carried, strict=True):
-        f = -size * row[:3]
-        matrix[3:6, 3:6] += (p @ f) * np.eye(3) - (np.outer(p, f) + np.outer(f, p)) / 2
-    return matrix
-
-
-def _integral(kernel: object) -> float:
-    integral = 0.0 if kernel is None else float(kernel.integral)  # type: ignore[attr-defined]
-    if not math.isfinite(integral):
-        raise InputError("gravity: a kernel has no integral, its mount never comes to rest")
-    if integral >= 1:
-        raise InputError(
-            f"gravity: the integral of a kernel is {integral:.6g}, must be below 1: its mount "
-            "carries no load in the end"
-        )
-    return integral
-
-
-def _solve(matrix: FloatArray, right: FloatArray, size: float) -> FloatArray:
-    """Solve; free rigid-body motions without a load stay 0."""
-    if not np.isfinite(matrix).all():
-        raise InputError("mounts: stiffnesses and positions give numbers that are too large")
-    found = np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
-    if np.abs(matrix @ found - right).max() > 1e-6 * size:
-        raise InputError("gravity: nothing carries the weight in a direction left free by mounts")
-    return np.asarray(found)
+    kernels = list(dict.fromkeys(kernel for kernel in springs.kernels if kernel is not None))
+    none = np.zeros_like(mass)
+    found = _native.run(
+        "system body",
+        flat=turning_vector(
+            mass, none, None, springs, kernels, np.zeros(3), loads_turn=False, placed=False
+        ),
+        names=b"".join(mount.name.encode().ljust(64) for mount in mounts),
+        first=np.array(springs.first, dtype=int) + 1,
+        angles=np.array([mount.angles for mount in mounts], dtype=float).reshape(-1, 3).T,
+        gravity=np.zeros(3) if gravity is None else gravity,
+        exact=turns,
+    )
+    for line in found["doubts"].splitlines():
+        warnings.warn(line, StabilityWarning, stacklevel=caller())
+    inertia = mass[3:6, 3:6]
+    if gravity is None and not found["preloads"]:
+        return None, springs, np.zeros((3, 3)), inertia
+    d, force = found["d"], found["carried"]
+    places = np.array(springs.first)[:, None] + np.arange(3)
+    sag = Sag(found["q"], d[places], -force[places], found["residual"])
+    springs = springs.about(d)
+    if turns:
+        springs = replace(springs, rows=found["rows"], arms=found["arms"], preload=force)
+        inertia = found["axes"] @ inertia @ found["axes"].T
+    return sag, springs, found["bend"], inertia

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,16 @@ def turning_vector(
     damping: FloatArray,
     base_direction: FloatArray | None,
     springs: MountSprings,
-    kernels: tuple[Kernel, ...],
+    kernels: Sequence[Kernel],
     spin_inside: FloatArray,
     *,
     loads_turn: bool,
+    placed: bool = True,
 ) -> FloatArray:
-    """The body as a vector in the order of `viscovib_body_vector`."""
+    """The body as a vector in the order of `viscovib_body_vector`.
+
+    ``placed``: laws without their linear parts, which are in the stiffness; else as given.
+    """
     n = mass.shape[0]
     direction = np.zeros(n) if base_direction is None else base_direction
     parts: list[Any] = [
@@ -44,8 +48,9 @@ def turning_vector(
         own = np.flatnonzero(row[6:])
         stiffness, powers, programs = springs.stiffness[j], np.zeros(0), []
         if isinstance(law, Law):
-            stiffness = stiffness + law.slopes_at_rest[0]
-            programs = law.remainder().numbers(np.eye(1), {0: 1.0}, 0)
+            if placed:
+                stiffness, law = stiffness + law.slopes_at_rest[0], law.remainder()
+            programs = law.numbers(np.eye(1), {0: 1.0}, 0)
         elif law:
             powers = np.zeros(max(law) - 1)
             for power, c in law.items():
@@ -162,60 +167,6 @@ def _versine(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     b = np.where(near, 0.5 - square / 24 + square**2 / 720, (1 - np.cos(safe)) / safe**2)
     series = 1 / 6 - square / 120 + square**2 / 5040
     return b, np.where(near, series, (safe - np.sin(safe)) / safe**3)
-
-
-def place_along(springs: MountSprings, q: FloatArray) -> tuple[FloatArray, FloatArray, Any]:
-    """Deflections of the springs of a body at q, with first and second derivatives.
-
-    d = e . (u + R p - p) and e . theta, dd/dtheta = T^T (p x R^T e) and e. The derivatives of the
-    former are computed by complex steps.
-
-    Returns
-    -------
-    d : ndarray, shape (n_springs,)
-    slopes : ndarray, shape (n_springs, n_dof)
-    bends : function of forces, shape (n_springs,)
-        sum_j f_j d^2 d_j/(dq dq), shape (n_dof, n_dof).
-    """
-    points = springs.rows[:, :3].any(axis=1)
-    e, arms = springs.rows[:, :3], springs.arms
-
-    def by_turning(theta: Any) -> Any:
-        back = turned(-theta, e)
-        pull = np.cross(arms, back)
-        b, c = _versine(theta)
-        across = np.cross(theta, pull)
-        return pull + b * across + c * np.cross(theta, across)
-
-    theta = q[3:6]
-    moved = turned(theta, arms) - arms - np.cross(theta, arms)
-    d = springs.rows @ q + (e * moved).sum(axis=1)
-    slopes = springs.rows.copy()
-    slopes[points, 3:6] = by_turning(theta)[points]
-
-    def bends(force: FloatArray) -> FloatArray:
-        matrix = np.zeros((q.size, q.size))
-        for b in range(3):
-            along = theta + 1e-100j * np.eye(3)[b]
-            matrix[3:6, 3 + b] = (force * points) @ (by_turning(along).imag / 1e-100)
-        return matrix
-
-    return d, slopes, bends
-
-
-def about_turned(springs: MountSprings, q: FloatArray, preload: FloatArray) -> MountSprings:
-    """Springs of a body at q, in axes parallel to those of the floor.
-
-    Arms are R p. Springs of rotations are deflected along R T^-T e. Each spring has the force
-    ``preload``.
-    """
-    theta = q[3:6]
-    arms = turned(theta, springs.arms)
-    rows = springs.rows.copy()
-    points = rows[:, :3].any(axis=1)
-    rows[points, 3:6] = np.cross(arms[points], rows[points, :3])
-    rows[~points, 3:6] = turned(theta, unspin_transposed(theta, rows[~points, 3:6]))
-    return replace(springs, rows=rows, arms=arms, preload=preload)
 
 
 def angular_momentum(

@@ -169,8 +169,9 @@ class PolynomialSystem:
             direction.setflags(write=False)
             self._set("base_direction", direction)
         if n <= _MAX_WHOLE:
-            _native.polynomial_object(self._vector)
-            warn_of_lost_springs(self._mass_matrix, self._stiffness_at_rest)
+            handle = _native.polynomial_object(self._vector)
+            if n > 1:
+                warn_of_lost_springs(handle)
         else:
             self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
