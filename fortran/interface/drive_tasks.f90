@@ -6,14 +6,14 @@
 module viscovib_drive_tasks
   use viscovib_branch_tasks, only: given_curve, put_crossings, put_curve
   use viscovib_crossings, only: crossing_type
-  use viscovib_curve_branch, only: curve_branch_type, curve_options, follow_curve
+  use viscovib_curve_branch, only: curve_branch_type
   use viscovib_curve_peak, only: climb, harmonic_measure
+  use viscovib_drive_torus, only: lattice, sort_drives
+  use viscovib_driven_job, only: driven_job, follow_with_enough, leaving_type, tracing_type
   use viscovib_kinds, only: i8, wp
-  use viscovib_orbit_errors, only: find_branch_errors, find_crossing_errors
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_orbit_multipliers, only: count_larger
-  use viscovib_orbit_stability, only: find_orbit_crossings, check_orbits, orbit_circle
-  use viscovib_order_rules, only: better_bound
+  use viscovib_orbit_stability, only: check_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
   use viscovib_stopping, only: is_set
@@ -21,9 +21,7 @@ module viscovib_drive_tasks
   use viscovib_torus, only: new_torus, torus_type
   use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
   use viscovib_torus_growth, only: growth_rates
-  use viscovib_torus_orders, only: branch_truncation, fold_truncation, new_ladder, torus_ladder, &
-    torus_responses
-  use viscovib_torus_response, only: solve_from_rest
+  use viscovib_torus_orders, only: new_ladder, torus_ladder, torus_responses
   implicit none
   private
 
@@ -45,10 +43,6 @@ contains
     select case (name)
     case ('solve')
       call solve_rows(task)
-    case ('truncation')
-      call find_truncation(task)
-    case ('errors')
-      call find_errors(task)
     case ('branch')
       call follow_branch(task)
     case ('peak')
@@ -226,134 +220,66 @@ contains
     call task%found%put_reals('rates_off', rates_off, shape(rates_off))
   end subroutine put_rates
 
-  !> Estimated `truncation`: largest error of the points `p` (n), `x` (m, n) of a branch computed
-  !! with orders up to `bound`; `next`: the bound (up to `most`) that would meet the tolerance;
-  !! errors of its folds `fold_p`, `fold_x` by omitted orders, with the points before them,
-  !! `fold_before`, from 1.
-  subroutine find_truncation(task)
-    type(task_type), intent(inout) :: task
-    type(drive_type) :: drive
-    type(torus_ladder) :: ladder
-    real(wp), pointer, contiguous :: p(:), x(:, :), fold_p(:), fold_x(:, :)
-    real(wp), allocatable :: moved(:)
-    integer, allocatable :: fold_before(:)
-    real(wp) :: tolerance, truncation
-    integer :: bound, most, next
-
-    bound = task%get_integer('bound')
-    call given_ladder(task, bound, bound, drive, ladder)
-    most = task%get_integer('most')
-    tolerance = task%get_real('tolerance')
-    p => task%get_reals('p')
-    x => task%get_matrix('x')
-    fold_p => task%get_reals('fold_p')
-    fold_x => task%get_matrix('fold_x')
-    allocate (fold_before, source=task%get_integers('fold_before'))
-    call task%check_extents('x', shape(x), [size(x, 1), size(p)])
-    call task%check_extents('fold_x', shape(fold_x), [size(x, 1), size(fold_p)])
-    call task%check_extents('fold_before', shape(fold_before), shape(fold_p))
-    if (task%failed()) return
-    call branch_truncation(ladder, p, x, tolerance, truncation, task%status, task%cancel)
-    next = bound
-    if (truncation > tolerance) next = better_bound(bound, truncation, tolerance, ladder%step, most)
-    if (task%failed()) return
-    allocate (moved(size(fold_p)), source=0.0_wp)
-    call fold_truncation(ladder, p, x, fold_p, fold_x, fold_before, moved, task%status, task%cancel)
-    if (task%failed()) return
-    call task%found%put_real('truncation', truncation)
-    call task%found%put_integer('next', int(next, i8))
-    call task%found%put_reals('moved', moved, shape(moved))
-  end subroutine find_truncation
-
-  !> Errors of branch points and crossings of a branch computed with orders up to `bound`, estimated
-  !! with `step` more shells; points before them from 1. `turns`: angles of the multipliers that
-  !! cross; `known`: errors if known, else -1.
-  subroutine find_errors(task)
-    type(task_type), intent(inout) :: task
-    type(drive_type) :: drive
-    type(torus_ladder) :: ladder
-    real(wp), pointer, contiguous :: p(:), x(:, :), branch_p(:), branch_x(:, :), crossing_p(:), &
-                                     crossing_x(:, :), turns(:), known(:)
-    real(wp), allocatable :: branch_errors(:), crossing_errors(:)
-    integer, allocatable :: branch_before(:), crossing_before(:)
-    integer :: bound
-
-    bound = task%get_integer('bound')
-    call given_ladder(task, bound, bound, drive, ladder)
-    p => task%get_reals('p')
-    x => task%get_matrix('x')
-    branch_p => task%get_reals('branch_p')
-    branch_x => task%get_matrix('branch_x')
-    allocate (branch_before, source=task%get_integers('branch_before'))
-    crossing_p => task%get_reals('crossing_p')
-    crossing_x => task%get_matrix('crossing_x')
-    allocate (crossing_before, source=task%get_integers('crossing_before'))
-    turns => task%get_reals('turns')
-    known => task%get_reals('known')
-    associate (m => size(x, 1))
-      call task%check_extents('x', shape(x), [m, size(p)])
-      call task%check_extents('branch_x', shape(branch_x), [m, size(branch_p)])
-      call task%check_extents('branch_before', shape(branch_before), shape(branch_p))
-      call task%check_extents('crossing_x', shape(crossing_x), [m, size(crossing_p)])
-      call task%check_extents('crossing_before', shape(crossing_before), shape(crossing_p))
-      call task%check_extents('turns', shape(turns), shape(crossing_p))
-      call task%check_extents('known', shape(known), shape(crossing_p))
-    end associate
-    if (task%failed()) return
-    allocate (branch_errors(size(branch_p)), source=0.0_wp)
-    crossing_errors = known
-    call find_branch_errors(ladder, p, x, branch_p, branch_x, branch_before, branch_errors, &
-                            task%status, task%cancel)
-    if (task%failed()) return
-    call find_crossing_errors(ladder, p, x, crossing_p, crossing_x, crossing_before, turns, &
-                              crossing_errors, task%status, task%cancel)
-    if (task%failed()) return
-    call task%found%put_reals('branch_errors', branch_errors, shape(branch_errors))
-    call task%found%put_reals('crossing_errors', crossing_errors, shape(crossing_errors))
-  end subroutine find_errors
-
-  !> Branch in the parameter. It starts at the point `begin` (m), `begin_p` in the direction `along`
-  !! (m + 1), or at a solution found at `start`; without a start it has no points. Stability as
-  !! above.
+  !> Branch in the parameter `varies` (from 1, see `varied_names`), with orders up to `harmonics`,
+  !! or more if they are to `choose`, of loads as of `sort_drives` with `subharmonic` and
+  !! `max_denominator`; `symmetric`: only motions with the symmetry of system and loads. It starts
+  !! at a motion found at `start`, or leaves another branch at `begin` (m) and `begin_p` in the
+  !! direction `along` (m + 1). Stability over a `duration` > 0 as above.
+  !!
+  !! Also returns the highest order, `bound`, the estimated `truncation`, `base` frequencies
+  !! (n_axes, n), the `orders` (n_axes, k) and which of them are `kept` (k, 3), and the `unit` of
+  !! the parameter.
   subroutine follow_branch(task)
     type(task_type), intent(inout) :: task
-    type(torus_type) :: torus
-    type(torus_balance_type) :: balance
-    type(curve_options) :: options
+    type(driven_job) :: job
+    type(tracing_type), target :: tracing
     type(curve_branch_type) :: branch
-    real(wp), pointer, contiguous :: begin(:), along(:)
-    real(wp), allocatable :: at(:)
-    real(wp) :: duration
-    integer :: found, made, m
+    type(leaving_type), allocatable :: leave
+    type(pendulum_type), pointer :: system
+    real(wp), allocatable :: base(:, :)
+    real(wp) :: duration, truncation
+    integer :: n
 
-    options = given_curve(task)
+    system => task%pendulum()
+    job%options = given_curve(task)
+    job%parameter = task%get_integer('varies')
+    job%harmonics = task%get_integer('harmonics')
+    job%choose_harmonics = task%get_flag('choose')
+    job%symmetric = task%get_flag('symmetric')
     duration = task%get_real('duration', 0.0_wp)
-    call given_balance(task, torus, balance)
-    if (task%failed()) return
-    found = outcome_converged
     if (task%has('begin')) then
-      begin => task%get_reals('begin')
-      along => task%get_reals('along')
-      m = size(begin)
-      call task%check_extents('begin', [m], [3*torus%n])
-      call task%check_extents('along', shape(along), [m + 1])
-      if (task%failed()) return
-      call follow_curve(balance, options, balance%reduced(begin), branch, &
-                        task%get_real('begin_p'), [balance%reduced(along(:m)), along(m + 1)], &
-                        task%cancel)
-    else
-      made = 0
-      allocate (at(balance%n))
-      call solve_from_rest(balance, options%start, options%tolerance, at, found, made, task%cancel)
-      if (found == outcome_converged) then
-        call follow_curve(balance, options, at, branch, cancel=task%cancel)
-      end if
+      allocate (leave)
+      allocate (leave%begin, source=task%get_reals('begin'))
+      allocate (leave%along, source=task%get_reals('along'))
+      leave%parameter = task%get_real('begin_p')
+      call task%check_extents('along', shape(leave%along), [size(leave%begin) + 1])
     end if
-    if (found /= outcome_converged .or. branch%n_points == 0) return
-    call put_branch(task, balance, branch)
-    if (duration > 0.0_wp) then
-      call check_branch(task, balance, branch, duration, size(torus%orders, 1))
-    end if
+    if (task%failed()) return
+    call sort_drives(job%torus, system%parameters%frequency, system%parameters%load, &
+                     job%parameter, task%get_integer('subharmonic'), &
+                     task%get_integer('max_denominator'), task%status)
+    if (task%failed()) return
+    if (allocated(leave)) call task%check_extents('begin', shape(leave%begin), &
+                               [3*(2*size(lattice(job%torus%n_axes, job%harmonics), 2) - 1)])
+    if (.not. task%failed()) call follow_with_enough(job, system, tracing, branch, truncation, &
+                                                     task%status, leave, task%cancel)
+    if (task%failed()) return
+    n = branch%n_points
+    if (duration > 0.0_wp) call check_branch(task, job, tracing, branch, duration)
+    if (task%failed()) return
+    allocate (base, source=spread(job%torus%base, 2, n))
+    if (tracing%balance%vary == vary_frequency) base(tracing%balance%which, :) = &
+      branch%parameter(:n)
+    associate (found => task%found, orders => tracing%torus%orders)
+      call found%put_reals('base', base, shape(base))
+      call found%put_integer('bound', int(tracing%bound, i8))
+      call found%put_real('truncation', truncation)
+      call found%put_real('unit', tracing%unit)
+      call found%put_integers('orders', orders, shape(orders))
+      call found%put_integers('kept', merge(1, 0, job%kept_of(orders, tracing%load)), &
+                              [size(orders, 2), 3])
+    end associate
+    call put_branch(task, tracing%balance, branch)
   end subroutine follow_branch
 
   subroutine put_branch(task, balance, branch)
@@ -400,15 +326,13 @@ contains
     end do
   end function expanded
 
-  !> Stability along a branch, and its changes. Errors of folds are rounding errors, of other points
-  !! -1; `turns` are the angles of the multipliers that cross.
-  subroutine check_branch(task, balance, branch, duration, n_axes)
+  !> Stability along a branch, and its changes.
+  subroutine check_branch(task, job, tracing, branch, duration)
     type(task_type), intent(inout) :: task
-    type(torus_balance_type), intent(inout), target :: balance
+    type(driven_job), intent(in) :: job
+    type(tracing_type), target, intent(inout) :: tracing
     type(curve_branch_type), intent(in) :: branch
     real(wp), intent(in) :: duration
-    integer, intent(in) :: n_axes
-    type(orbit_floquet_type) :: floquet
     type(crossing_type), allocatable :: changes(:)
     complex(wp) :: multipliers(6, branch%n_points)
     real(wp), allocatable :: rates(:, :), rates_off(:, :), places(:, :)
@@ -416,31 +340,29 @@ contains
     logical :: inside
 
     n = branch%n_points
-    associate (p => branch%parameter(:n), x => branch%x(:, :n))
-      if (n_axes > 1) then
-        allocate (rates(6, n), rates_off(6, n), source=0.0_wp)
+    if (job%torus%n_axes > 1) then
+      allocate (rates(6, n), rates_off(6, n), source=0.0_wp)
+      associate (p => branch%parameter, x => branch%x, balance => tracing%balance)
         do i = 1, n
           if (is_set(task%cancel)) exit
           call balance%visit(x(:, i), p(i), .true., inside)
           call growth_rates(balance, x(:, i), duration, rates(:, i), rates_off(:, i), task%cancel)
         end do
-        call put_rates(task, rates, rates_off)
-        return
-      end if
-      multipliers = (0.0_wp, 0.0_wp)
-      call check_orbits(floquet, balance, p, x, multipliers, task%cancel)
-      call put_multipliers(task, multipliers, [(count_larger(multipliers(:, i), orbit_circle), &
-                                                i=1, n)])
-      call find_orbit_crossings(floquet, balance, p, x, multipliers, branch%folds, &
-                                branch%branch_points, changes, task%cancel)
-    end associate
+      end associate
+      call put_rates(task, rates, rates_off)
+      return
+    end if
+    multipliers = (0.0_wp, 0.0_wp)
+    call tracing%find_stability(job, branch, multipliers, changes, task%status, task%cancel)
+    if (task%failed()) return
+    call put_multipliers(task, multipliers, [(count_larger(multipliers(:, i), orbit_circle), &
+                                              i=1, n)])
     call put_crossings(task, changes)
-    call task%found%put_reals('turns', aimag(changes%eta), shape(changes))
-    allocate (places(balance%n, size(changes)), source=0.0_wp)
+    allocate (places(tracing%balance%n, size(changes)), source=0.0_wp)
     do i = 1, size(changes)
       if (changes(i)%located) places(:, i) = changes(i)%x
     end do
-    call put_points(task, 'crossing_', balance, places)
+    call put_points(task, 'crossing_', tracing%balance, places)
   end subroutine check_branch
 
   !> Peak of order `place` (from 1) of coordinate `dof` that follows on the branch from the solution

@@ -31,7 +31,7 @@ module viscovib_driven_job
   !> Largest number of unknowns with added harmonics, relative to the allowed number.
   real(wp), parameter :: fewer = 2.0_wp
 
-  public :: driven_job
+  public :: driven_job, follow_with_enough, leaving_type, tracing_type
 
   type, extends(job_type) :: driven_job
     !> Index in `varied_names`.
@@ -51,7 +51,7 @@ module viscovib_driven_job
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_driven
     procedure :: run
-    procedure, private :: kept_of
+    procedure :: kept_of
   end type driven_job
 
   !> A branch, its values in units of the parameter.
@@ -74,6 +74,13 @@ module viscovib_driven_job
     type(crossing_type), allocatable :: crossings(:)
   end type driven_branch
 
+  !> A point at which a branch leaves another one: all unknowns, the parameter, and the direction in
+  !! both, with orders up to the bound of the job.
+  type :: leaving_type
+    real(wp), allocatable :: begin(:), along(:)
+    real(wp) :: parameter = 0.0_wp
+  end type leaving_type
+
   !> Branches of one pendulum, with orders up to a bound.
   type :: tracing_type
     !> System with loads of size 1 and separate amplitudes, since one of them may be varied.
@@ -86,13 +93,16 @@ module viscovib_driven_job
     real(wp) :: unit = 1.0_wp
     integer :: bound = 0
   contains
-    procedure :: begin
-    procedure :: follow_first
-    procedure :: check_truncation
-    procedure :: new_checking_ladder
-    procedure :: check_crossings
     procedure :: in_full
-    procedure :: keep
+    procedure :: find_stability
+    procedure, private :: begin
+    procedure, private :: follow_first
+    procedure, private :: solve_first
+    procedure, private :: check_truncation
+    procedure, private :: check_branch_points
+    procedure, private :: new_checking_ladder
+    procedure, private :: check_crossings
+    procedure, private :: keep
   end type tracing_type
 
 contains
@@ -212,20 +222,25 @@ contains
                           sign(1, job%switch(i))*points%across(:, n))
       end associate
       call tracing%check_truncation(job, other, truncation, status)
+      if (.not. status%failed()) call tracing%check_branch_points(job, other, status)
       if (.not. status%failed()) call tracing%keep(job, other, branches(i + 1), status)
       if (status%failed()) return
       branches(i + 1)%truncation = truncation
     end do
   end subroutine trace
 
-  !> The branch from its beginning, with more orders until they suffice or bring no gain.
-  subroutine follow_with_enough(job, pendulum, tracing, branch, truncation, status)
+  !> The branch from its beginning, or where it leaves another one, with more orders until they
+  !! suffice or bring no gain; with errors of its folds and branch points.
+  subroutine follow_with_enough(job, pendulum, tracing, branch, truncation, status, leave, cancel)
     type(driven_job), intent(in) :: job
     type(pendulum_type), intent(in) :: pendulum
     type(tracing_type), target, intent(inout) :: tracing
     type(curve_branch_type), intent(inout) :: branch
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
+    type(leaving_type), intent(in), optional :: leave
+    !> May be set by another thread to cancel the computation.
+    integer, intent(inout), optional :: cancel
     real(wp) :: last
     integer :: next, vain, most
 
@@ -239,17 +254,19 @@ contains
     vain = 0
     do
       last = truncation
-      call tracing%follow_first(job, branch, status)
-      if (.not. status%failed()) call tracing%check_truncation(job, branch, truncation, status)
+      call tracing%follow_first(job, branch, status, leave, cancel)
+      if (.not. status%failed()) call tracing%check_truncation(job, branch, truncation, status, &
+                                                               cancel)
       if (status%failed()) return
-      if (truncation <= tracing%options%tolerance .or. tracing%bound >= most) return
+      if (truncation <= tracing%options%tolerance .or. tracing%bound >= most) exit
       if (truncation > 0.5_wp*last) vain = vain + 1
-      if (vain >= max_vain) return
+      if (vain >= max_vain) exit
       next = better_bound(tracing%bound, truncation, tracing%options%tolerance, &
                           checking_shells(job%torus), most)
-      if (next <= tracing%bound) return
+      if (next <= tracing%bound) exit
       tracing%bound = next
     end do
+    call tracing%check_branch_points(job, branch, status, cancel)
   end subroutine follow_with_enough
 
   subroutine begin(self, job, pendulum, status)
@@ -266,14 +283,16 @@ contains
     call new_pendulum(self%system, parameters, status)
   end subroutine begin
 
-  !> The branch from its beginning.
-  subroutine follow_first(self, job, branch, status)
+  !> The branch from its beginning, or where it leaves another one.
+  subroutine follow_first(self, job, branch, status, leave, cancel)
     class(tracing_type), intent(inout), target :: self
     type(driven_job), intent(in) :: job
     type(curve_branch_type), intent(inout) :: branch
     type(status_type), intent(out) :: status
-    real(wp), allocatable :: x(:)
-    integer :: outcome, iterations
+    type(leaving_type), intent(in), optional :: leave
+    integer, intent(inout), optional :: cancel
+    real(wp), allocatable :: x(:), along(:)
+    integer :: m
 
     call new_torus(self%torus, lattice(job%torus%n_axes, self%bound), status)
     if (status%failed()) return
@@ -292,17 +311,46 @@ contains
     self%options = job%options
     self%options%start = job%options%start/self%unit
     self%options%finish = job%options%finish/self%unit
-    allocate (x(self%balance%n))
+    if (allocated(job%options%stops)) self%options%stops = job%options%stops/self%unit
+    branch%n_points = 0
+    if (.not. present(leave)) then
+      call self%solve_first(job, branch, status, cancel)
+      return
+    end if
+    m = 3*self%torus%n
+    x = self%balance%reduced(leave%begin)
+    along = self%balance%reduced(leave%along(:m))
+    if (norm2(along) < (1.0_wp - 1.0e-6_wp)*norm2(leave%along(:m))) then
+      call fail(status, status_input_error, 'leave', 'leave: the motions that leave do not share ' &
+                //'the symmetry: give symmetric=False')
+      return
+    end if
+    call follow_curve(self%balance, self%options, x, branch, leave%parameter/self%unit, &
+                      [along, leave%along(m + 1)], cancel)
+  end subroutine follow_first
+
+  !> The branch from the motion at its beginning.
+  subroutine solve_first(self, job, branch, status, cancel)
+    class(tracing_type), intent(inout), target :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(inout) :: branch
+    type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
+    real(wp) :: x(self%balance%n)
+    integer :: outcome, iterations
+
+    call set_ok(status)
     iterations = 0
     call solve_from_rest(self%balance, self%options%start, self%options%tolerance, x, outcome, &
-                         iterations)
-    branch%n_points = 0
-    if (outcome == outcome_converged) call follow_curve(self%balance, self%options, x, branch)
+                         iterations, cancel)
+    if (outcome == outcome_converged) then
+      call follow_curve(self%balance, self%options, x, branch, cancel=cancel)
+    end if
     if (branch%n_points > 0) return
     call fail(status, status_input_error, 'from', trim(varied_names(job%parameter)) &
               //': no solution was found at its beginning '//show(job%options%start) &
               //': begin elsewhere')
-  end subroutine follow_first
+  end subroutine solve_first
 
   !> Orders and coordinates that are unknowns.
   function kept_of(self, orders, load) result(kept)
@@ -314,13 +362,14 @@ contains
     if (self%symmetric) kept = kept_by_symmetry(self%torus, orders, load, self%parameter)
   end function kept_of
 
-  !> Largest change by more harmonics; errors of folds and branch points.
-  subroutine check_truncation(self, job, branch, truncation, status)
+  !> Largest change by more harmonics; errors of folds.
+  subroutine check_truncation(self, job, branch, truncation, status, cancel)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
     type(curve_branch_type), intent(inout) :: branch
     real(wp), intent(out) :: truncation
     type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
     type(torus_ladder) :: ladder
     real(wp) :: moved(branch%folds%n)
 
@@ -328,21 +377,33 @@ contains
     call self%new_checking_ladder(job, checking_shells(job%torus), ladder)
     associate (n => branch%n_points, folds => branch%folds)
       call branch_truncation(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
-                             self%options%tolerance, truncation, status)
+                             self%options%tolerance, truncation, status, cancel)
       if (status%failed()) return
       call fold_truncation(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                            folds%p(:folds%n), self%in_full(folds%x(:, :folds%n)), &
-                           folds%before(:folds%n), moved, status)
+                           folds%before(:folds%n), moved, status, cancel)
       folds%error(:folds%n) = folds%error(:folds%n) + moved
     end associate
-    if (status%failed() .or. branch%branch_points%n == 0) return
+  end subroutine check_truncation
+
+  !> Errors of branch points.
+  subroutine check_branch_points(self, job, branch, status, cancel)
+    class(tracing_type), intent(in) :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(inout) :: branch
+    type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
+    type(torus_ladder) :: ladder
+
+    call set_ok(status)
+    if (branch%branch_points%n == 0) return
     call self%new_checking_ladder(job, shells_of_places(self%bound, job%torus), ladder)
     associate (n => branch%n_points, points => branch%branch_points)
       call find_branch_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                               points%p(:points%n), self%in_full(points%x(:, :points%n)), &
-                              points%before(:points%n), points%error(:points%n), status)
+                              points%before(:points%n), points%error(:points%n), status, cancel)
     end associate
-  end subroutine check_truncation
+  end subroutine check_branch_points
 
   !> Orders up to the bound, and additional shells for the error estimate.
   subroutine new_checking_ladder(self, job, shells, ladder)
@@ -367,12 +428,13 @@ contains
   end function shells_of_places
 
   !> Errors of the locations of changes of stability.
-  subroutine check_crossings(self, job, branch, crossings, status)
+  subroutine check_crossings(self, job, branch, crossings, status, cancel)
     class(tracing_type), intent(in) :: self
     type(driven_job), intent(in) :: job
     type(curve_branch_type), intent(in) :: branch
     type(crossing_type), intent(inout) :: crossings(:)
     type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
     type(torus_ladder) :: ladder
     real(wp) :: x(self%torus%n*3, size(crossings)), errors(size(crossings))
     integer :: i
@@ -388,7 +450,7 @@ contains
     associate (n => branch%n_points)
       call find_crossing_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
                                 [crossings%p], x, [crossings%before], aimag(crossings%eta), &
-                                errors, status)
+                                errors, status, cancel)
     end associate
     crossings%error = errors
   end subroutine check_crossings
@@ -404,6 +466,28 @@ contains
     end do
   end function in_full
 
+  !> Multipliers of each point, largest first, NaN if unknown, and changes of stability, for one
+  !! base frequency.
+  subroutine find_stability(self, job, branch, multipliers, crossings, status, cancel)
+    class(tracing_type), intent(inout), target :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(in) :: branch
+    !> Shape (6, n).
+    complex(wp), intent(out) :: multipliers(:, :)
+    type(crossing_type), allocatable, intent(out) :: crossings(:)
+    type(status_type), intent(out) :: status
+    integer, intent(inout), optional :: cancel
+    ! Its steps are those of the branch, independent of earlier computations.
+    type(orbit_floquet_type) :: floquet
+
+    associate (p => branch%parameter(:branch%n_points), x => branch%x(:, :branch%n_points))
+      call check_orbits(floquet, self%balance, p, x, multipliers, cancel)
+      call find_orbit_crossings(floquet, self%balance, p, x, multipliers, branch%folds, &
+                                branch%branch_points, crossings, cancel)
+    end associate
+    call self%check_crossings(job, branch, crossings, status, cancel)
+  end subroutine find_stability
+
   !> A branch in units of the parameter, with its stability.
   subroutine keep(self, job, from, to, status)
     class(tracing_type), intent(inout), target :: self
@@ -411,8 +495,6 @@ contains
     type(curve_branch_type), intent(in) :: from
     type(driven_branch), intent(out) :: to
     type(status_type), intent(out) :: status
-    ! Its steps are those of the branch, independent of earlier computations.
-    type(orbit_floquet_type) :: floquet
     integer :: n
 
     call set_ok(status)
@@ -431,12 +513,7 @@ contains
     to%branch_errors = from%branch_points%error*self%unit
     if (.not. job%stability .or. job%torus%n_axes > 1) return
     allocate (to%multipliers(6, n))
-    associate (p => from%parameter(:n), points => from%x(:, :n))
-      call check_orbits(floquet, self%balance, p, points, to%multipliers)
-      call find_orbit_crossings(floquet, self%balance, p, points, to%multipliers, from%folds, &
-                                from%branch_points, to%crossings)
-    end associate
-    call self%check_crossings(job, from, to%crossings, status)
+    call self%find_stability(job, from, to%multipliers, to%crossings, status)
     to%crossings%p = to%crossings%p*self%unit
     to%crossings%error = to%crossings%error*self%unit
   end subroutine keep

@@ -20,7 +20,7 @@ from viscovib.analyses.torus import (
     TorusJob,
     bound_of,
     chosen,
-    kept_by_symmetry,
+    code_of,
     make_torus,
     moved,
     order_name,
@@ -71,10 +71,6 @@ from viscovib.systems.pendulum import Pendulum
 
 if TYPE_CHECKING:
     import xarray as xr
-
-#: "auto" stops at half of the largest number of unknowns, or after this number of additions that
-#: did not halve the estimate.
-_FEWER, _MAX_VAIN = 2.0, 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -291,133 +287,12 @@ class DrivenBranch(PeriodicMotions, Curve):
         return table
 
 
-def _kept(
-    pend: Pendulum, torus: Torus, orders: IntArray, varies: str, *, symmetric: bool
-) -> IntArray:
-    """Mask of the orders that are kept: all, or those allowed by the symmetry."""
-    if symmetric:
-        return kept_by_symmetry(pend, torus, orders, varies)
-    return np.ones((len(orders), 3), dtype=np.intc)
-
-
 def _bound_left(torus: Torus, leave: BranchPoint) -> int:
     """Highest order of the branch that contains ``leave``."""
     bound = torus.lowest
-    while 3 * (2 * len(torus.lattice(bound)) - 1) < leave._unknowns.size:
+    while 3 * (2 * torus.count(bound) - 1) < leave._unknowns.size:
         bound += 1
     return bound
-
-
-@dataclass(frozen=True)
-class _Pass:
-    """One computation of a branch: orders, job, results of the core, error estimates."""
-
-    orders: IntArray
-    bound: int
-    job: TorusJob
-    found: dict[str, Any]
-    worst: float
-    #: Estimated shift of the folds by neglected orders, in the units of the core.
-    moved: FloatArray
-    next_bound: int
-
-
-@dataclass(frozen=True)
-class _Way:
-    """The request: varied parameter, options of the continuation, and start of the branch."""
-
-    system: Pendulum
-    torus: Torus
-    varies: str
-    start: float
-    finish: float
-    stops: FloatArray
-    curve: CurveOptions
-    #: Averaging time of stability, in periods if there is a single base frequency; 0: no
-    #: stability.
-    span: float
-    symmetric: bool
-    leave: BranchPoint | None
-    opposite: bool
-
-    def along(self, bound: int, auto: bool) -> _Pass:
-        """Follow the branch with orders up to a bound; raise an error without a first motion."""
-        torus, curve = self.torus, self.curve
-        orders = torus.lattice(bound)
-        n = 3 * (2 * len(orders) - 1)
-        check_size("max_points", curve.max_points, n)
-        job = self._job(orders)
-        found = job.run_apart(
-            "drive branch", duration=self.span, **self._begin(n, job),
-            **curve.along(
-                self.start / job.unit, self.finish / job.unit, stops=self.stops / job.unit
-            ),
-        )  # fmt: skip
-        if not found:
-            raise InputError(
-                f"{self.varies}: no solution was found at its beginning {self.start:g}: begin "
-                "elsewhere"
-            )
-        assessed = self._job(torus.lattice(bound + torus.shells)).run_apart(
-            "drive truncation", p=found["p"], x=found["x"], fold_p=found["folds"],
-            fold_x=found["fold_x"], fold_before=found["fold_before"], tolerance=curve.tolerance,
-            bound=bound, step=torus.shells, most=torus.largest(_FEWER) if auto else bound,
-        )  # fmt: skip
-        return _Pass(
-            orders, bound, job, found, assessed["truncation"], assessed["moved"], assessed["next"]
-        )
-
-    def place_errors(self, last: _Pass) -> tuple[FloatArray, FloatArray]:
-        """Estimated errors of branch points and crossings, in the units of the core."""
-        torus, found = self.torus, last.found
-        where, known = (found.get(name, np.zeros(0)) for name in ("crossings", "crossing_errors"))
-        crossed = {
-            name: found.get(name, none)
-            for name, none in (
-                ("turns", np.zeros(0)), ("crossing_x", np.zeros((len(found["x"]), 0))),
-                ("before", np.zeros(0, dtype=int)),
-            )
-        }  # fmt: skip
-        lost, step = np.isnan(where), torus.shells
-        if torus.n_axes == 1:
-            # Effects of neglected orders have signs: those of the next orders may cancel.
-            step = max(step, min(last.bound, torus.largest() - last.bound) // step * step)
-        errors = self._job(torus.lattice(last.bound + step)).run_apart(
-            "drive errors", p=found["p"], x=found["x"], branch_p=found["branch_points"],
-            branch_x=found["branch_x"], branch_before=found["branch_before"],
-            crossing_p=np.where(lost, 0.0, where), crossing_x=crossed["crossing_x"],
-            crossing_before=crossed["before"], turns=crossed["turns"],
-            known=np.where(lost, 0.0, known), bound=last.bound, step=step,
-        )  # fmt: skip
-        of_points, of_crossings = errors["branch_errors"], errors["crossing_errors"]
-        # Crossings that the continuation has located have the errors of its points.
-        located = (
-            (found["folds"], found["fold_x"], found["fold_errors"] + last.moved),
-            (found["branch_points"], found["branch_x"], of_points),
-        )
-        for i in np.flatnonzero(known >= 0):
-            for places, motions, off in located:
-                same = (places == where[i]) & (motions == crossed["crossing_x"][:, [i]]).all(axis=0)
-                if same.any():
-                    of_crossings[i] = off[same.argmax()]
-        return of_points, of_crossings
-
-    def _job(self, orders: IntArray) -> TorusJob:
-        """The job for the core with these orders."""
-        kept = _kept(self.system, self.torus, orders, self.varies, symmetric=self.symmetric)
-        return TorusJob.of(self.system, self.torus, orders, self.varies, kept)
-
-    def _begin(self, n: int, job: TorusJob) -> dict[str, Any]:
-        """Unknowns, parameter and direction of the first point."""
-        if self.leave is None:
-            return {}
-        begin, along = self.leave.departure(n, self.opposite)
-        lost = np.where(job.given["kept"].T == 1, 0.0, np.abs(self.leave.across)).max()
-        if lost > 1e-6 * np.abs(self.leave.across).max():
-            raise InputError(
-                "leave: the motions that leave do not share the symmetry: give symmetric=False"
-            )
-        return {"begin": begin, "begin_p": self.leave.parameter / job.unit, "along": along}
 
 
 def trace_pendulum(
@@ -468,40 +343,50 @@ def trace_pendulum(
     if averaged is not None and torus.n_axes > 1:
         span = averaged
     stops = checked_stops(at, varies, start, finish)
-    way = _Way(
-        pend, torus, varies, start, finish, stops, curve, span, keeps, leave, opposite
+    n = 3 * (2 * torus.count(bound) - 1)
+    check_size("max_points", curve.max_points, n)
+    begin: dict[str, Any] = {}
+    if leave is not None:
+        unknowns, along = leave.departure(n, opposite)
+        begin = {"begin": unknowns, "begin_p": leave.parameter, "along": along}
+    found = _native.apart(
+        lambda: _native.run(
+            "drive branch", pend._handle, varies=code_of(varies), harmonics=bound, choose=auto,
+            symmetric=keeps, duration=span, subharmonic=subharmonic, max_denominator=denominator,
+            **begin, **curve.along(start, finish, stops=stops),
+        )
     )  # fmt: skip
-    vain, worst = 0, np.inf
-    while True:
-        last = way.along(bound, auto)
-        vain += last.worst > 0.5 * worst
-        if last.next_bound <= bound or vain >= _MAX_VAIN:
-            break
-        bound, worst = last.next_bound, last.worst
-    if last.worst > curve.tolerance:
+    worst = found["truncation"]
+    if worst > curve.tolerance:
         warnings.warn(
-            f"{bound} orders leave an estimated relative error of {last.worst:.1e}, more than "
+            f"{found['bound']} orders leave an estimated relative error of {worst:.1e}, more than "
             f"the tolerance {curve.tolerance:.1e}",
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    warn_of_rounding(last.found["off"], curve.tolerance)
+    warn_of_rounding(found["off"], curve.tolerance)
     assessed = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
         "not asked for" if torus.n_axes == 1 or not stability
         else "of quasi-periodic motions: only over a duration"
     )  # fmt: skip
     plan = torus_plan(
         f"computes: the branch from {varies} = {start:g} to {finish:g}",
-        pend, torus, last.job.given["kept"], varies, assessed,
+        pend, torus, found["kept"], varies, assessed,
     )  # fmt: skip
-    return _branch(way, last, plan)
+    orders = np.ascontiguousarray(found["orders"].T, dtype=np.int32)
+    job = TorusJob.of(pend, torus, orders, varies, found["kept"])
+    return _branch(varies, torus, job, curve.tolerance, found, plan)
 
 
-def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
+def _branch(
+    varies: str, torus: Torus, job: TorusJob, tolerance: float, found: dict[str, Any], plan: Plan
+) -> DrivenBranch:
     """Create the result with names and units."""
-    branch_errors, crossing_errors = way.place_errors(last)
-    torus, unit, found = way.torus, last.job.unit, last.found
-    n = found["p"].size
+    unit, n = found["unit"], found["p"].size
+    places = (
+        "folds", "fold_errors", "branch_points", "branch_errors", "crossings", "crossing_errors",
+    )  # fmt: skip
+    found |= {name: found[name] * unit for name in places if name in found}
     multipliers, stable, growing, growth, growth_error = None, None, None, None, None
     if "rates" in found:
         growth, growth_error = found["rates"].T, found["rates_off"].T
@@ -512,28 +397,24 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         warn_of_unknown(growing < 0)
     crossings: tuple[Crossing, ...] = ()
     if growing is not None:
-        places = {"crossings": found["crossings"] * unit, "crossing_errors": crossing_errors * unit}
-        crossings = located_crossings(found | places, found["crossing_coefficients"].T, growing < 0)
-    points = {
-        "branch_points": found["branch_points"] * unit, "branch_errors": branch_errors * unit
-    }  # fmt: skip
+        crossings = located_crossings(found, found["crossing_coefficients"].T, growing < 0)
     return DrivenBranch(
-        varies=way.varies,
+        varies=varies,
         parameter=found["p"] * unit,
         axes=torus.names,
-        base=last.job.base(torus, found["p"]),
-        orders=last.orders,
+        base=found["base"].T,
+        orders=job.given["orders"].T,
         coefficients=found["coefficients"].T,
         stable=stable,
         multipliers=multipliers,
         growing=growing,
         growth=growth,
         growth_error=growth_error,
-        folds=found["folds"] * unit,
-        fold_errors=(found["fold_errors"] + last.moved) * unit,
+        folds=found["folds"],
+        fold_errors=found["fold_errors"],
         fold_coefficients=found["fold_coefficients"].T,
         branch_points=located_branch_points(
-            found | points, found["branch_coefficients"].T, found["branch_directions"].T
+            found, found["branch_coefficients"].T, found["branch_directions"].T
         ),
         crossings=crossings,
         stops=found["stops"] - 1,
@@ -541,8 +422,8 @@ def _branch(way: _Way, last: _Pass, plan: Plan) -> DrivenBranch:
         iterations=found["iterations"],
         error=found["error"],
         _off=found["off"],
-        _job=last.job,
-        _tolerance=way.curve.tolerance,
-        _worst=last.worst,
+        _job=job,
+        _tolerance=tolerance,
+        _worst=found["truncation"],
         plan=plan,
     )

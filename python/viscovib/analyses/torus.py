@@ -96,7 +96,7 @@ def make_torus(pend: Pendulum, varies: str | None, subharmonic: int, max_denomin
     """
     found = _native.run(
         "lattice sort", frequency=_numbers(pend, FREQUENCIES), amplitude=_numbers(pend, AMPLITUDES),
-        varies=_code(varies), subharmonic=subharmonic, max_denominator=max_denominator,
+        varies=code_of(varies), subharmonic=subharmonic, max_denominator=max_denominator,
     )  # fmt: skip
     return Torus(
         names=tuple("nu" if j == 0 else FREQUENCIES[j - 1] for j in found["named"].tolist()),
@@ -110,7 +110,7 @@ def _numbers(pend: Pendulum, names: tuple[str, ...]) -> FloatArray:
     return np.array([getattr(pend, name) for name in names])
 
 
-def _code(varies: str | None) -> int:
+def code_of(varies: str | None) -> int:
     """Number of the varied parameter in the core."""
     return 0 if varies is None else _VARIES.index(varies) + 1
 
@@ -166,7 +166,7 @@ def kept_by_symmetry(
     """
     kept = _native.run(
         "lattice kept", drive_orders=torus.drive_orders.T, orders=orders.T,
-        amplitude=_numbers(pend, AMPLITUDES), varies=_code(varies),
+        amplitude=_numbers(pend, AMPLITUDES), varies=code_of(varies),
     )["kept"]  # fmt: skip
     return np.asarray(kept, dtype=np.int32)
 
