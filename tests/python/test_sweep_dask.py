@@ -1,6 +1,7 @@
 """Sweeps on a cluster of processes: the same numbers, and workers that die."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -28,7 +29,7 @@ def slow(x):
     return x
 
 if __name__ == "__main__":
-    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=":0") as cluster:
         with Client(cluster) as client:
             try:
                 vv.sweep(slow, {"x": np.arange(100)}, client, sys.argv[1], progress=False, chunk=1)
@@ -41,7 +42,7 @@ if __name__ == "__main__":
 def client():
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
@@ -74,6 +75,28 @@ def test_processes_give_what_threads_give(client):
     here, there = sweep(PAPER, grid), sweep(PAPER, grid, client)
     assert np.array_equal(here.coefficients.values, there.coefficients.values, equal_nan=True)
     assert (here.outcome.values == there.outcome.values).all()
+
+
+def test_functions_are_sent_once_and_timed_in_a_warm_worker(client, monkeypatch):
+    numbers, submitted = np.arange(300_000.0), []
+    submit = client.submit
+
+    def counted(*given, **options):
+        submitted.append(len(pickle.dumps(given[1:])))
+        return submit(*given, **options)
+
+    def slow_at_first(x):
+        if not hasattr(os, "viscovib_was_here"):
+            os.viscovib_was_here = True
+            time.sleep(0.45)
+        return numbers[int(x)]
+
+    monkeypatch.setattr(client, "submit", counted)
+    data = sweep(slow_at_first, {"x": np.arange(200.0)}, client)
+    assert np.array_equal(data.result.values, np.arange(200.0))
+    # The time of the first call in a process would give one point per piece.
+    assert len(submitted) <= 20
+    assert max(submitted) < 20_000
 
 
 def test_a_function_that_the_workers_lack_is_told(client, monkeypatch):
@@ -153,6 +176,7 @@ def test_a_cluster_whose_workers_are_gone_does_not_let_one_wait_for_ever(monkeyp
     looks = iter([{"w": 1}] * 3)
     silent = types.SimpleNamespace(
         nthreads=lambda: next(looks, {}), status="running", scheduler_info=dict,
+        register_plugin=lambda *_: None, unregister_worker_plugin=lambda *_: None,
         submit=lambda *_, **__: types.SimpleNamespace(
             key=object(), add_done_callback=lambda _: None, release=lambda: None
         ),

@@ -7,9 +7,10 @@ arguments and returns plain arrays.
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -209,6 +210,8 @@ class Computed:
     arrays: dict[str, Array]
     #: The first exception, if it occurred in this process.
     cause: BaseException | None = field(default=None, compare=False)
+    #: Time of one point (s), after the first one; NaN: not measured.
+    seconds: float = field(default=math.nan, compare=False)
 
     @classmethod
     def none(cls, n: int, why: str) -> Computed:
@@ -250,6 +253,21 @@ def compute(
                 return Computed(failed, [_text(error)], None, {}, _cause(error, with_cause))
         # One of the points fails: compute each separately to find it.
     return _one_by_one(task, columns, n, template, stopped, with_cause)
+
+
+def timed(task: Task, columns: dict[str, Array], most: float) -> Computed:
+    """Compute one point and measure its time.
+
+    The first point of a worker includes imports and the start of libraries. If it takes less than
+    ``most`` seconds, it is computed again for the measurement.
+    """
+    for _ in range(2):
+        begun = time.perf_counter()
+        part = compute(task, columns)
+        seconds = time.perf_counter() - begun
+        if seconds > most:
+            break
+    return replace(part, seconds=seconds)
 
 
 def quiet() -> None:

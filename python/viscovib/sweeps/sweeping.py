@@ -6,7 +6,6 @@ import inspect
 import itertools
 import math
 import os
-import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
@@ -210,11 +209,10 @@ class _Sweep:
             wanted = min(-(-share // _LANES) * _LANES, _CHUNK_POINTS)
         elif wanted is None:
             origin = tuple(slice(0, 1) for _ in self.grid.shape)
-            begun = time.perf_counter()
-            self.workers.submit(0, self.grid.columns(origin), None)
-            _, self.first = self.workers.next()
-            taken = max(time.perf_counter() - begun, 1e-6)
+            self.first = self.workers.trial(self.grid.columns(origin), _CHUNK_SECONDS)
             self._check(self.first, self.grid.columns(origin))
+            seconds = self.first.seconds
+            taken = _CHUNK_SECONDS if math.isnan(seconds) else max(seconds, 1e-6)
             size = sum(array.nbytes for array in self.first.arrays.values())
             share = -(-self.grid.size // (2 * self.workers.capacity))
             wanted = min(

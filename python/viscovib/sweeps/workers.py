@@ -4,8 +4,10 @@ import math
 import pickle
 import threading
 import time
+import uuid
 import warnings
 from collections import Counter
+from dataclasses import replace
 from functools import lru_cache
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
@@ -14,12 +16,14 @@ import numpy as np
 
 from viscovib import _native
 from viscovib.errors import InputError, ViscovibError
-from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet
+from viscovib.sweeps.points import Array, Computed, Task, Template, compute, quiet, timed
 
 #: Largest number of repetitions of a finished piece whose result was lost with its worker.
 _MADE_AGAIN = 8
 #: Time between checks of a silent cluster, and longest time without workers (s).
-_LOOK, _ALONE = 1.0, 60.0
+_LOOK, _ALONE = 1.0, 180.0
+#: Functions that a worker of Dask has received, as bytes.
+_sent: dict[str, bytes] = {}
 
 
 class Workers(Protocol):
@@ -33,6 +37,9 @@ class Workers(Protocol):
 
     def next(self) -> tuple[int, Computed]:
         """Wait for a finished piece."""
+
+    def trial(self, columns: dict[str, Array], most: float) -> Computed:
+        """Compute a single point and measure its time; it may be repeated if shorter than most."""
 
     def close(self) -> None:
         """Abandon the present pieces without waiting for them."""
@@ -68,6 +75,13 @@ class Threads:
             raise done
         return i, done
 
+    def trial(self, columns: dict[str, Array], most: float) -> Computed:
+        """Compute a single point and measure its time."""
+        begun = time.perf_counter()
+        self.submit(0, columns, None)
+        _, part = self.next()
+        return replace(part, seconds=time.perf_counter() - begun)
+
     def close(self) -> None:
         """Stop the threads: native loops end early and their results are discarded."""
         self._stop.set()
@@ -89,6 +103,7 @@ class Threads:
 class DaskWorkers:
     """Workers of a Dask cluster.
 
+    The function is sent once to each worker, by a plugin, and to each worker that starts later.
     If a worker dies, Dask moves its piece to another worker, a few times. A piece that Dask then
     abandons is tried again alone.
     """
@@ -103,7 +118,11 @@ class DaskWorkers:
             raise InputError("client: is asynchronous, must be an ordinary one")
         if client.status != "running":
             raise InputError(f"client: is {client.status}, must be running")
-        self._task, self._client, self._retries = _pickled(task), client, retries
+        self._client, self._retries = client, retries
+        #: The longest first trial that is repeated; NaN: the piece is no trial.
+        self._most = math.nan
+        self._task = uuid.uuid4().hex
+        client.register_plugin(_carrier(self._task, _pickled(task)), self._task)
         self.capacity = max(2 * sum(client.nthreads().values()), 8)
         self._done: SimpleQueue[Any] = SimpleQueue()
         #: Last time at which workers were present; infinite before the first.
@@ -121,11 +140,21 @@ class DaskWorkers:
         self, i: int, columns: dict[str, Array], template: Template | None, tries: int
     ) -> None:
         try:
-            future = self._client.submit(_remote, self._task, columns, template, pure=False)
+            future = self._client.submit(
+                _remote, self._task, columns, template, self._most, pure=False
+            )
         except Exception as error:
             raise ViscovibError(f"client: {type(error).__name__}: {error}") from error
         self._pieces[future.key] = (i, columns, template, tries, future)
         future.add_done_callback(self._done.put)
+
+    def trial(self, columns: dict[str, Array], most: float) -> Computed:
+        """Compute a single point, and measure its time without that of the connection."""
+        self._most = most
+        self.submit(0, columns, None)
+        _, part = self.next()
+        self._most = math.nan
+        return part
 
     def next(self) -> tuple[int, Computed]:
         """Wait for a finished piece."""
@@ -179,6 +208,8 @@ class DaskWorkers:
         """Abandon the present pieces."""
         for *_, future in self._pieces.values():
             future.release()
+        if self._client.status == "running":
+            self._client.unregister_worker_plugin(self._task)
 
 
 class _LoadError(Exception):
@@ -209,8 +240,31 @@ def _loaded(data: bytes) -> Task:
     return task
 
 
-def _remote(data: bytes, columns: dict[str, Array], template: Template | None) -> Computed:
-    task = _loaded(data)
+def _carrier(name: str, data: bytes) -> Any:
+    """Plugin of Dask that gives a function to each worker."""
+    from distributed import WorkerPlugin
+
+    class Carrier(WorkerPlugin):
+        def setup(self, worker: Any) -> None:
+            # Dask sends this class by value, so the module of the worker must be named.
+            import viscovib.sweeps.workers as here
+
+            here._sent[name] = data
+
+        def teardown(self, worker: Any) -> None:
+            import viscovib.sweeps.workers as here
+
+            here._sent.pop(name, None)
+
+    return Carrier()
+
+
+def _remote(
+    name: str, columns: dict[str, Array], template: Template | None, most: float
+) -> Computed:
+    task = _loaded(_sent[name])
     with warnings.catch_warnings():
         quiet()
+        if not math.isnan(most):
+            return timed(task, columns, most)
         return compute(task, columns, template)
