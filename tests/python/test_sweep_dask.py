@@ -169,10 +169,10 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
 
 def test_a_cluster_whose_workers_are_gone_does_not_let_one_wait_for_ever(monkeypatch):
     """Dead workers are not replaced, as on a machine without free memory."""
-    from viscovib.sweeps import workers
+    from viscovib.common import cluster
 
-    monkeypatch.setattr(workers, "_LOOK", 0.01)
-    monkeypatch.setattr(workers, "_ALONE", 0.05)
+    monkeypatch.setattr(cluster, "_LOOK", 0.01)
+    monkeypatch.setattr(cluster, "_ALONE", 0.05)
     looks = iter([{"w": 1}] * 3)
     silent = types.SimpleNamespace(
         nthreads=lambda: next(looks, {}), status="running", scheduler_info=dict,
