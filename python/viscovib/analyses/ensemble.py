@@ -21,10 +21,11 @@ from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
 from viscovib.analyses.runs import LOCATED, hopeless
+from viscovib.common.cluster import Cluster, Lost
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
-from viscovib.errors import InputError
+from viscovib.errors import InputError, ViscovibError
 from viscovib.results.ensemble import Ensemble
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.law_ends import force_at_rest
@@ -46,6 +47,10 @@ _MAX_PIECE = 1024
 _SHORT = 2 * 10**5
 #: Largest number of trajectories per call if they are computed one by one.
 _MAX_SINGLE = 32
+#: Number of repetitions of runs whose Dask worker failed.
+_RETRIES = 2
+#: What `simulate_ensemble` sets in members.
+_OF_MEMBERS = ("discarded", "gathered_since", "step_is_sought")
 #: Smallest number of steps with samples, in units of the first number (four per fastest period).
 _SAMPLED = 8
 
@@ -72,6 +77,7 @@ def simulate_ensemble(
     sample_every: int = 1,
     n_threads: int | None = None,
     progress: bool = False,
+    client: Any = None,
 ) -> Ensemble:
     """Integrate many motions from t = 0 and return selected results without storing the motions.
 
@@ -152,6 +158,9 @@ def simulate_ensemble(
         Default: the number of processors. Results do not depend on it, to the last bit.
     progress : bool
         Show a progress bar.
+    client : dask.distributed.Client, optional
+        Compute on its cluster instead of in threads, with the same results to the last bit. Workers
+        return the statistics of their runs, not the motions.
 
     Examples
     --------
@@ -171,7 +180,8 @@ def simulate_ensemble(
     if isinstance(sections, (str, Event)):
         surface, sections = (Event(sections) if isinstance(sections, str) else sections), None
     some, all_of_them = _exponents(lyapunov)
-    members = members_of(system, initial, parameters, load, nu, method, surface, some)
+    arguments = system, initial, parameters, load, nu, method, surface, some
+    members = members_of(*arguments)
     exponents = 2 * len(members.dof_names) if all_of_them else int(some)
     place = SIDE_BY_SIDE.get(members.method_name, 0)
     wanted = Accuracy.checked(tolerance, rtol, atol, None) or Accuracy(1e-8)
@@ -182,6 +192,8 @@ def simulate_ensemble(
         if np.any(lines <= 0):
             raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
     _native.flag("progress", progress)
+    if client is not None and n_threads is not None:
+        raise InputError("n_threads: is for threads of this process, must not be given with client")
     length = _Length.checked(members, t_end, n_periods, discard, sections)
     members.discarded = length.discarded
     if n_threads is None:
@@ -202,9 +214,16 @@ def simulate_ensemble(
         members.gathered_since = members.discarded
     members.step_is_sought = _native.is_auto(dt)
     n, error, nearby = length.steps(dt, members), None, Neighbour()
-    raw = job.run(n, progress)
-    if _native.is_auto(dt):
-        raw, n, error, nearby = _refine(job, raw, n, wanted, progress)
+    if client is not None:
+        job.cluster = Cluster(_InWorker(job, arguments), client, _RETRIES)
+        job.threads = job.cluster.threads
+    try:
+        raw = job.run(n, progress)
+        if _native.is_auto(dt):
+            raw, n, error, nearby = _refine(job, raw, n, wanted, progress)
+    finally:
+        if job.cluster is not None:
+            job.cluster.close()
     h = length.span / n
     apart = every * float(np.max(h))
     if lines.size and lines.max() * apart >= np.pi:
@@ -431,6 +450,8 @@ class _Job:
         self.members, self.method, self.length = members, method, length
         self.lines, self.statistics, self.exponents = lines, statistics, exponents
         self.every, self.threads = every, threads
+        #: Where the runs are computed, if not in threads.
+        self.cluster: Cluster | None = None
 
     @property
     def lanes(self) -> int:
@@ -445,8 +466,10 @@ class _Job:
         slices = [slice(i, min(i + piece, n)) for i in range(0, n, piece)]
         work = n * n_steps * (1 + self.exponents)
         try:
-            if self.members.side_by_side and work <= _SHORT:
-                parts = [self._piece(slice(0, n), n_steps, cancel)]
+            if self.cluster is not None:
+                parts = self._on_cluster(self.cluster, slices, n_steps, progress)
+            elif self.members.side_by_side and work <= _SHORT:
+                parts = [self.piece(slice(0, n), n_steps, cancel)]
             else:
                 parts = self._in_threads(slices, n_steps, cancel, progress)
             whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
@@ -495,12 +518,31 @@ class _Job:
             cancel[0] = 1
             pool.shutdown(cancel_futures=True)
 
+    def _on_cluster(
+        self, cluster: Cluster, slices: list[slice], n_steps: int, progress: bool
+    ) -> list[tuple[Any, ...]]:
+        """Compute the runs of each slice on a cluster."""
+        for i, part in enumerate(slices):
+            cluster.submit(i, part, n_steps, self.members.found_so_far(part, results=False))
+        parts: dict[int, tuple[Any, ...]] = {}
+        with progress_bar(self.members.n, "runs", progress) as bar:
+            while len(parts) < len(slices):
+                i, done = cluster.next()
+                if isinstance(done, Lost):
+                    first, last = slices[i].start, slices[i].stop - 1
+                    raise ViscovibError(f"client: runs {first} to {last}: {done.why}")
+                parts[i], found = done
+                self.members.add_findings(found)
+                bar.update(slices[i].stop - slices[i].start)
+        return [parts[i] for i in range(len(slices))]
+
     def _heard(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
         """Compute a slice in a thread, which stops when the flag is 1."""
         _native.listen(cancel)
-        return self._piece(part, n_steps, cancel)
+        return self.piece(part, n_steps, cancel)
 
-    def _piece(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
+    def piece(self, part: slice, n_steps: int, cancel: npt.NDArray[np.intc]) -> tuple[Any, ...]:
+        """Compute a slice of the runs."""
         n = part.stop - part.start
         periods, points = self.length.periods, 0
         if periods is not None:
@@ -523,6 +565,33 @@ class _Job:
             sections,
         )
         return *found, sections, lyapunov, unsure
+
+
+class _InWorker:
+    """The runs in a worker of a cluster, which makes them from the arguments of `members_of`."""
+
+    def __init__(self, job: _Job, arguments: tuple[Any, ...]) -> None:
+        self._arguments, self._job = arguments, job
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        members = {name: getattr(self._job.members, name) for name in _OF_MEMBERS}
+        rest = {n: v for n, v in self._job.__dict__.items() if n not in ("members", "cluster")}
+        return self._arguments, members, rest
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        self._arguments, of_members, rest = state
+        members = members_of(*self._arguments)
+        for name, value in of_members.items():
+            setattr(members, name, value)
+        self._job = _Job.__new__(_Job)
+        self._job.__dict__.update(rest, members=members, cluster=None)
+
+    def __call__(self, part: slice, n_steps: int, found: Any) -> tuple[Any, Any]:
+        members = self._job.members
+        if found is not None:
+            members.add_findings(found)
+        parts = self._job.piece(part, n_steps, np.zeros(1, dtype=np.intc))
+        return parts, members.found_so_far(part, results=True)
 
 
 def _with_step_counts(coarse: _Raw, fine: _Raw) -> _Raw:

@@ -67,6 +67,16 @@ class Members(ABC):
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Compute a part of the runs."""
 
+    def found_so_far(self, part: slice, results: bool) -> Any:
+        """Findings about a part of the runs that later runs with smaller steps need.
+
+        ``results``: also the results that `call` does not return.
+        """
+        return None
+
+    def add_findings(self, found: Any) -> None:  # noqa: B027
+        """Add the findings of another process."""
+
 
 class PendulumMembers(Members):
     """Pendulums with different parameters and starts."""
@@ -203,6 +213,24 @@ class PolynomialMembers(Members):
                     all_of_it[..., here] = its
         return tuple(whole)
 
+    def found_so_far(self, part: slice, results: bool) -> Any:
+        """Runs that need partial steps, and the findings about them."""
+        runs = {i for i in self._made_alone if part.start <= i < part.stop}
+        return runs, self._single().found_so_far(part, results) if runs else None
+
+    def add_findings(self, found: Any) -> None:
+        """Add runs that need partial steps."""
+        runs, about = found
+        self._made_alone |= runs
+        if runs:
+            self._single().add_findings(about)
+
+    def _single(self) -> Members:
+        """The runs one by one, with the same times of their results."""
+        members = self._alone()
+        members.discarded, members.gathered_since = self.discarded, self.gathered_since
+        return members
+
     def _make(self, runs: npt.NDArray[np.intp], kind: Kind, *given: Any) -> tuple[Any, ...]:
         """Compute runs of one kind."""
         flat, own = kind.flat, self.own
@@ -227,7 +255,7 @@ class PolynomialMembers(Members):
             # Common steps may have jumped over thin layers of laws; a single run detects them.
             i, here = int(runs[k]), slice(k, k + 1)
             its_own = sections[:, :, here] if sections.shape[2] else sections
-            one = self._alone().call(slice(i, i + 1), h[here], *asked, its_own)
+            one = self._single().call(slice(i, i + 1), h[here], *asked, its_own)
             if self.step_is_sought and one[1][0] == _COARSE:
                 self._refuse_outrun(i, float(h[k]), float(one[2][0]), asked)
             for all_of_it, its in zip(found, one, strict=True):
@@ -239,7 +267,7 @@ class PolynomialMembers(Members):
         """Refuse a diverging run whose laws change too fast, if shorter steps end there too."""
         method, n_steps, cancel = asked[0], asked[1], asked[-1]
         nothing = np.empty((0, 0, 0), order="F")
-        again = self._alone().call(
+        again = self._single().call(
             slice(i, i + 1), np.array([h / 2]), method, 2 * n_steps, 0, 0.0, 1, 0, 0, 0,
             np.empty(0), cancel, nothing,
         )  # fmt: skip

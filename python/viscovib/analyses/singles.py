@@ -211,6 +211,17 @@ class SingleMembers(Members):
         )  # fmt: skip
         return tuple(np.stack([getattr(one, x) for one in found], axis=-1) for x in names)
 
+    def found_so_far(self, part: slice, results: bool) -> Any:
+        """Thin layers of the runs, and their states on the surface."""
+        runs = range(part.start, part.stop)
+        layers = {i: self.layers[i] for i in runs if i in self.layers}
+        return layers, {i: self.passed[i] for i in runs if results and i in self.passed}
+
+    def add_findings(self, found: Any) -> None:
+        """Add thin layers, and states on the surface."""
+        for of, part in zip((self.layers, self.passed), found, strict=True):
+            of |= part
+
     def _gather(self, i: int, h: float, asked: _Requested) -> _Gathered:
         """Compute run i."""
         run = self._begin(i, h * asked.n_steps, h)
