@@ -192,14 +192,8 @@ def simulate_ensemble(
         if np.any(lines <= 0):
             raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
     _native.flag("progress", progress)
-    if client is not None and n_threads is not None:
-        raise InputError("n_threads: is for threads of this process, must not be given with client")
     length = _Length.checked(members, t_end, n_periods, discard, sections)
     members.discarded = length.discarded
-    if n_threads is None:
-        threads = os.cpu_count() or 1
-    else:
-        threads = _native.integer("n_threads", n_threads, 1, 4096)
     job = _Job(
         members,
         place,
@@ -208,22 +202,16 @@ def simulate_ensemble(
         _native.flag("statistics", statistics),
         exponents,
         every,
-        threads,
+        _threads(n_threads, client),
     )
     if job.statistics:
         members.gathered_since = members.discarded
     members.step_is_sought = _native.is_auto(dt)
-    n, error, nearby = length.steps(dt, members), None, Neighbour()
+    sought = wanted if _native.is_auto(dt) else None
     if client is not None:
         job.cluster = Cluster(_InWorker(job, arguments), client, _RETRIES)
         job.threads = job.cluster.threads
-    try:
-        raw = job.run(n, progress)
-        if _native.is_auto(dt):
-            raw, n, error, nearby = _refine(job, raw, n, wanted, progress)
-    finally:
-        if job.cluster is not None:
-            job.cluster.close()
+    raw, n, error, nearby = _computed(job, length.steps(dt, members), sought, progress)
     h = length.span / n
     apart = every * float(np.max(h))
     if lines.size and lines.max() * apart >= np.pi:
@@ -255,7 +243,7 @@ def simulate_ensemble(
         plan=_plan(
             job,
             n,
-            wanted if _native.is_auto(dt) else None,
+            sought,
             points is not None,
             force_at_rest(system),
         ),
@@ -291,6 +279,15 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, prel
     ):
         lines.append(f"computes: {what}" if wanted else f"skips: {what} (not asked for)")
     return Plan("\n".join(lines))
+
+
+def _threads(n_threads: int | None, client: Any) -> int:
+    """Number of threads of this process."""
+    if n_threads is None:
+        return os.cpu_count() or 1
+    if client is not None:
+        raise InputError("n_threads: is for threads of this process, must not be given with client")
+    return _native.integer("n_threads", n_threads, 1, 4096)
 
 
 def _exponents(lyapunov: object) -> tuple[bool, bool]:
@@ -609,6 +606,20 @@ def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> Flo
     pairs = ((coarse.peak, fine.peak), (coarse.mean, fine.mean), (coarse.rms, fine.rms))
     parts = [np.abs(b[runs] - a[runs]) for a, b in pairs if a is not None and b is not None]
     return np.asarray(np.max(parts, axis=0))
+
+
+def _computed(
+    job: _Job, n: int, sought: Accuracy | None, progress: bool
+) -> tuple[_Raw, int, float | None, Neighbour]:
+    """Compute the runs with n steps, or with as many as their accuracy needs."""
+    try:
+        raw = job.run(n, progress)
+        if sought is None:
+            return raw, n, None, Neighbour()
+        return _refine(job, raw, n, sought, progress)
+    finally:
+        if job.cluster is not None:
+            job.cluster.close()
 
 
 def _refine(
