@@ -5,6 +5,7 @@ module viscovib_motion_search
   use viscovib_motion_piece, only: motion_equations
   use viscovib_motion_request, only: transient_job
   use viscovib_piece_runs, only: piece_runs, shared_type
+  use viscovib_search_reason, only: find_reason
   use viscovib_step_search, only: estimate_error, find_step, search_type, step_found
   use viscovib_task, only: task_type
   use viscovib_trajectory, only: trajectory_type
@@ -26,8 +27,8 @@ contains
   !! Output: `verdict` (0: step size found), `change`, `grown`, `error`; `t` (k) and `states`
   !! (m, k), all rows; `last`, `memory` and other final data of a piece; `step`, `factor`: ratio of
   !! the first step size to it, `per_step`: states per step; `found`, `n_found`, `sides` and
-  !! `event_point_errors` of events. If no step size is found: `coarse_t`, `coarse_states`, ... of
-  !! the previous run, `looks`.
+  !! `event_point_errors` of events. If no step size is found: `not_met` (the outcome), `cause` and
+  !! `place` of `find_reason`, `coarse_t`, `coarse_states`, ... of the previous run.
   subroutine search_step(task, kind)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: kind
@@ -36,6 +37,8 @@ contains
     type(piece_runs) :: runs
     type(transient_job) :: job
     type(search_type) :: search
+    character(len=:), allocatable :: outcome, cause
+    integer :: place
 
     call read_piece(task, runs%first)
     if (.not. task%failed()) call read_equations(task, kind, runs%first, equations)
@@ -80,10 +83,12 @@ contains
       call found%put_real('shortest', shared%shortest)
       call put_run(task, '', search%run)
       if (search%verdict == step_found) return
+      call find_reason(job, runs%first%n_steps, search, outcome, cause, place)
+      call found%put_text('not_met', outcome)
+      call found%put_text('cause', cause)
+      call found%put_integer('place', int(place, i8))
       if (.not. allocated(search%coarse%states)) return
       call put_run(task, 'coarse_', search%coarse)
-      if (.not. allocated(search%run%looks)) return
-      call found%put_reals('looks', search%run%looks, shape(search%run%looks))
     end associate
   end subroutine search_step
 

@@ -7,7 +7,7 @@ module viscovib_law_end
   implicit none
   private
 
-  public :: law_end_text
+  public :: law_end_text, six_digits
 
   !> Number of sample points on the way, and of bisections.
   integer, parameter :: n_places = 41, halvings = 40

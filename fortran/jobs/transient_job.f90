@@ -2,23 +2,19 @@
 !! step given or found.
 module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
-  use viscovib_limits, only: min_time_tolerance
   use viscovib_motion_piece, only: nothing
   use viscovib_motion_request, only: part_of_size, transient_job
   use viscovib_piece_runs, only: piece_runs, shared_type
-  use viscovib_simulate, only: run_completed, run_event, run_names
+  use viscovib_search_reason, only: find_reason, max_kept
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_step_search, only: find_step, max_numbers, max_steps, search_type, step_found, &
-    step_grown, step_in_layer, step_too_many
+  use viscovib_step_search, only: find_step, max_numbers, max_steps, search_type, step_found
   use viscovib_trajectory, only: hopeless, trajectory_type
   implicit none
   private
 
   public :: transient_job, trajectory_type
-  public :: run_motion, first_steps, hopeless, max_steps
+  public :: run_motion, first_steps, hopeless, max_kept, max_steps
 
-  !> Bound of kept states, which rejects typing errors that would fill the memory.
-  real(wp), parameter, public :: max_kept = 2.0e7_wp
   !> Largest number of steps of a first run whose step is searched.
   real(wp), parameter :: max_first_steps = 1.0e9_wp
 
@@ -93,54 +89,12 @@ contains
     real(wp), intent(in) :: n
     type(search_type), intent(in) :: search
     type(status_type), intent(out) :: status
+    character(len=:), allocatable :: outcome, cause
+    integer :: place
 
-    associate (run => search%run)
-      select case (search%verdict)
-      case (step_too_many)
-        call fail(status, status_input_error, 't_end', 't_end = '//show(job%t_end)//': takes ' &
-                  //show(n)//' steps, and twice as many, which would tell the error, are too ' &
-                  //'many (at most '//show(max_steps)//', and '//show(max_kept) &
-                  //' states kept): take a shorter run or give dt')
-      case (step_in_layer)
-        call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met with ' &
-                  //show(n*search%factor)//' steps: a law changes in a layer thinner than a step ' &
-                  //'(take dt below that, or a wider layer)')
-      case (step_grown)
-        if (.not. search%grown < huge(1.0_wp)) then
-          call fail(status, status_input_error, 'tolerance', accuracy(job) &
-                    //': not met: with numbers ' &
-                    //'of the system changed by rounding errors the run ends differently: the ' &
-                    //'motion is chaotic or unstable, take a shorter run or a larger tolerance')
-        else if (run%outcome == run_event) then
-          call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met: ' &
-                    //'roundings ' &
-                    //'leave an error of '//show(search%grown)//' of the event that ends the run ' &
-                    //'at t = '//show(run%t_reached)//': it is close to grazing, or the motion ' &
-                    //'is chaotic or unstable, take a larger tolerance')
-        else
-          call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met: ' &
-                    //'the motion ' &
-                    //'makes roundings of the numbers of the system ' &
-                    //show(search%grown/epsilon(1.0_wp))//' times as large until t = ' &
-                    //show(run%t_reached)//', which leaves an error of '//show(search%grown) &
-                    //': the motion is chaotic or unstable, take a shorter run or a larger ' &
-                    //'tolerance')
-        end if
-      case default
-        call fail(status, status_input_error, 'tolerance', accuracy(job)//': not met with ' &
-                  //show(n*search%factor)//' steps ('//change_in_words(search%change)//'): ' &
-                  //cause(job, run, search%change))
-      end select
-    end associate
+    call find_reason(job, int(n, i8), search, outcome, cause, place)
+    call fail(status, status_input_error, 'tolerance', accuracy(job)//': '//outcome//': '//cause)
   end subroutine explain
-
-  !> Text of the difference of runs with different step sizes.
-  pure function change_in_words(change)
-    real(wp), intent(in) :: change
-    character(len=:), allocatable :: change_in_words
-    change_in_words = 'runs with different step sizes end differently'
-    if (change < huge(1.0_wp)) change_in_words = 'states still change by '//show(change)
-  end function change_in_words
 
   !> Check that a run of n steps is affordable, before the first one.
   subroutine check_work(job, n, status)
@@ -173,26 +127,5 @@ contains
     if (job%relative > 0.0_wp) accuracy = 'rtol = '//show(job%relative)//', atol = ' &
                                       //show(job%tolerance)
   end function accuracy
-
-  !> Reason why halving the step had no effect.
-  function cause(job, last, change) result(text)
-    class(transient_job), intent(in) :: job
-    type(trajectory_type), intent(in) :: last
-    real(wp), intent(in) :: change
-    character(len=:), allocatable :: text
-    real(wp) :: largest
-
-    largest = maxval(abs(last%states))
-    if (last%outcome /= run_completed) then
-      text = 'the run is '//trim(run_names(last%outcome))//' at t = '//show(last%t_reached)
-    else if (.not. job%by_size() .and. change < 1.0e-6_wp*largest &
-             .and. job%tolerance + job%relative*largest < min_time_tolerance*largest) then
-      text = 'the motion is as large as '//show(largest)//', and the tolerance is near its ' &
-             //'rounding: give rtol'
-    else
-      text = 'the motion may be chaotic, unstable or too stiff: take a shorter run or a larger ' &
-             //'tolerance'
-    end if
-  end function cause
 
 end module viscovib_transient_job

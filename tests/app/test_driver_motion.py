@@ -163,7 +163,7 @@ def test_chaos_is_refused_and_leaves_nothing(solve, tmp_path):
     )
     out = tmp_path / "out"
     out.mkdir()
-    check_failure(solve(scene, "--out", out), 2, "the motion may be chaotic", out)
+    check_failure(solve(scene, "--out", out), 2, "the motion is chaotic", out)
 
 
 @pytest.mark.parametrize(

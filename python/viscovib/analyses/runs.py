@@ -277,8 +277,6 @@ class Run(ABC):
         self.began = 0.0
         #: Number of states kept per step, from its polynomial.
         self.kept_of_step = 1
-        #: Observed states of a search that found no step size.
-        self.looks: FloatArray = nothing(0)
         #: Accelerations at wanted times, piece by piece, if these are wanted.
         self.accelerated: list[FloatArray] | None = None
         #: The motion on panels until a time, as what springs remember needs it.

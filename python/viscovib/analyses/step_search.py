@@ -11,20 +11,18 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from viscovib import _native
-from viscovib.analyses.accuracy import Accuracy, reason
-from viscovib.analyses.runs import NotMetError, Run, Wanted, nothing, renamed_alike
+from viscovib.analyses.accuracy import Accuracy
+from viscovib.analyses.runs import NotMetError, Run, Wanted, nothing
 from viscovib.common.plan import Plan
 from viscovib.common.progress import counted_pieces
 from viscovib.results.trajectory import OUTCOMES, Trajectory
+from viscovib.systems.law_ends import edges_text
 
 #: Verdicts of the core.
-_FOUND, _NOT_MET, _IN_LAYER, _GROWN, _TOO_MANY = range(5)
+_FOUND, _NOT_MET, _IN_LAYER = range(3)
 #: First number of steps from which on a search may take long.
 _FEW = 16
-_EPS = float(np.finfo(float).eps)
 
 
 def by_tolerance(
@@ -37,7 +35,7 @@ def by_tolerance(
     first = copy.copy(run)
     found = _search(run, n, end, want, progress, accuracy=accuracy)
     if found["verdict"] != _FOUND:
-        raise NotMetError(f"{accuracy}: {_why(run, found, n, accuracy)}")
+        raise NotMetError(f"{accuracy}: {_why(run, found)}")
     run.has_found_step = True
     result = _result(run, found, n, end, want)
     return replace(result, _planned=partial(_plan_of, first, want, end, accuracy))
@@ -154,48 +152,32 @@ class _Sharper:
         return run
 
 
-def _why(run: Run, found: dict[str, Any], n: int, accuracy: Accuracy) -> str:
-    """Return the reason why no step size meets the tolerance."""
+def _why(run: Run, found: dict[str, Any]) -> str:
+    """Return the reason why no step size meets the tolerance, with what laws have to do with it."""
     run.take_search(found)
-    fine = copy.copy(run)
-    fine.state, fine.memory = found["last"], found["memory"]
-    fine.looks = found["looks"].T if "looks" in found else nothing(0)
-    last = fine._shaped(_trajectory(fine, found, ""))
-    grown, steps, change = found["grown"], n * found["factor"], found["change"]
-    if found["verdict"] == _GROWN:
-        if grown > 1e300:
-            return (
-                "not met: with numbers of the system changed by rounding errors the run ends "
-                "differently: the motion is chaotic or unstable, take a shorter run or a larger "
-                "tolerance"
-            )
-        if last.outcome == "event":
-            return (
-                f"not met: roundings leave an error of {grown:.1e} of the event that ends the "
-                f"run at t = {last.t_reached:.6g}: it is close to grazing, or the motion is "
-                "chaotic or unstable, take a larger tolerance"
-            )
-        return (
-            f"not met: the motion makes roundings of the numbers of the system "
-            f"{grown / _EPS:.1e} times as large until t = {last.t_reached:.6g}, which leaves an "
-            f"error of {grown:.1e}: the motion is chaotic or unstable, take a shorter run or a "
-            "larger tolerance"
-        )
+    runs = [("", found["last"])]
+    if "coarse_t" in found:
+        runs.append(("coarse_", found["coarse_last"]))
+    made = []
+    for prefix, state in runs:
+        one = copy.copy(run)
+        one.state, one.memory = state, found["memory"]
+        made.append(one._shaped(_trajectory(one, found, prefix)))
+    last, cause = made[0], found["cause"]
+    stopped = next((one for one in made if one.outcome != "completed"), None)
     if found["verdict"] == _IN_LAYER:
-        layer = last._layer()
-        why = "a law changes in a layer thinner than a step (take dt below that, or a wider layer)"
-        why = last._pole_passed() or (why if layer is None else layer.note())
-        return f"not met with {steps} steps: {why}"
-    if found["verdict"] == _TOO_MANY or "coarse_t" not in found:
-        return f"not met: {steps} steps, and twice as many, are too many: give dt"
-    coarse = copy.copy(run)
-    coarse.state, coarse.memory = found["coarse_last"], found["memory"]
-    before = coarse._shaped(_trajectory(coarse, found, "coarse_"))
-    changed = "runs with different step sizes end differently"
-    if change < 1e300:
-        changed = f"states still change by {change:.1e}"
-    why = reason(renamed_alike(before, last), last, accuracy)
-    return f"not met with {steps} steps ({changed}): {why}"
+        cause = last._pole_passed() or last._layer_passed() or cause
+    elif found["verdict"] == _NOT_MET and stopped is not None:
+        pole = stopped._pole_passed() or stopped._pole_after(stopped.t.size - 1)
+        if stopped._law_end is not None or pole is not None:
+            cause += f": {stopped.reason}"
+        elif stopped.outcome == "diverged":
+            cause += edges_text(run.system)
+    elif found["place"]:
+        i = found["place"] - 1
+        pole = last._pole_passed() or last._pole_after(i)
+        cause = pole or last._layer_passed(slice(max(i - 1, 0), i + 3)) or cause
+    return f"{found['not_met']}: {cause}"
 
 
 def _plan_of(first: Run, want: Wanted, end: float, accuracy: Accuracy) -> Plan:
