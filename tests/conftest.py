@@ -18,7 +18,7 @@ LONGEST = (
     "test_scales_random",
     "test_multiple_scales",
     "test_branch",
-    "test_switches_beside_memory",
+    "test_switches_with_memory",
     "test_driver_limits",
 )
 

@@ -92,14 +92,14 @@ contains
            //trim(backbone_parameters(job%parameter))//' '//show(job%options%start)//' to ' &
            //show(job%options%finish)//', '//kept//nl &
            //'skips: damping and loads (free motions of the system without losses)'//nl &
-           //'skips: sines (motions that begin at rest are even in time)'//nl &
-           //trim(merge('computes: Floquet multipliers   ', 'skips: stability (not asked for)', &
+           //'skips: sines (motions that start at rest are even in time)'//nl &
+           //trim(merge('computes: Floquet multipliers   ', 'skips: stability (not requested)', &
                         job%stability))//nl
     if (size(job%switch) > 0) then
-      text = text//'computes: '//things(size(job%switch), 'family that leaves it', &
-                                        'families that leave it')//nl
+      text = text//'computes: '//things(size(job%switch), 'branch that bifurcates from it', &
+                                        'branches that bifurcate from it')//nl
     else
-      text = text//'skips: families that leave it (no switch)'//nl
+      text = text//'skips: branches that bifurcate from it (no switch)'//nl
     end if
   end function plan_free
 
@@ -155,7 +155,7 @@ contains
     if (short > 0) report%summary = report%summary//', '//things(short, 'point') &
                                     //' with too few harmonics'
     if (blurred > 0) report%summary = report%summary//', '//things(blurred, 'point') &
-                                      //' of which rounding leaves more than the tolerance'
+                                      //' with a rounding error above the tolerance'
     if (size(families) > 1) report%summary = report%summary//'; tables of ' &
                                              //show(size(families) - 1)//' more'
   end subroutine run
@@ -277,7 +277,7 @@ contains
     type(status_type), intent(inout) :: status
     if (size(family%nu) > 0) return
     call fail(status, status_input_error, 'from', 'from = '//show(job%options%start) &
-              //': no solution was found there: begin lower')
+              //': no solution was found there: start at a smaller value')
   end subroutine check_begun
 
   !> Orders of z, phi, psi that are unknowns, shape (highest + 1, 3): the printed equations
@@ -324,8 +324,8 @@ contains
       call add_stability(table, [(count_larger(family%multipliers(:, i), free_circle), &
                                   i=1, size(family%nu))], family%multipliers(1, :))
     end if
-    call table%note(note//'; truncation: estimated relative error of leaving out higher ' &
-                    //'orders; error: of the last correction and rounding; ' &
+    call table%note(note//'; truncation: estimated relative error by neglected ' &
+                    //'harmonics; error: by the last correction and rounding; ' &
                     //'u = sum_k a_k cos(k nu t); ' &
                     //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
     call table%add_reals('truncation', family%truncation)

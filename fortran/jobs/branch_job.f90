@@ -114,7 +114,7 @@ contains
     text = 'computes: the branch from '//varies//' = '//show(from)//' to '//show(to)//', ' &
            //text//new_line('a') &
            //trim(merge('computes: stability of each point, and where it changes', &
-                        'skips: stability (not asked for)                       ', stability)) &
+                        'skips: stability (not requested)                       ', stability)) &
            //new_line('a')
   end function plan_along
 
@@ -160,7 +160,7 @@ contains
     if (short > 0) report%summary = report%summary//', '//things(short, 'point') &
                                     //' with too few harmonics'
     if (blurred > 0) report%summary = report%summary//', '//things(blurred, 'point') &
-                                      //' of which rounding leaves more than the tolerance'
+                                      //' with a rounding error above the tolerance'
 
   contains
 
@@ -244,7 +244,7 @@ contains
       word = 'from'
       if (job%varies == 'nu') word = 'nu_from'
       call fail(status, status_input_error, word, word//' = '//show(job%curve%start) &
-                //': no solution was found there: begin elsewhere')
+                //': no solution was found there: start at another value')
       return
     end if
     orders = set%orders
@@ -326,8 +326,8 @@ contains
       note = note//stability_note
       call add_stability(table, stability%n_growing(:n), stability%multipliers(1, :n))
     end if
-    call table%note(note//'; highest: order kept; truncation: estimated relative error of ' &
-                    //'leaving out higher orders; error: of the last correction and rounding; ' &
+    call table%note(note//'; highest: highest harmonic; truncation: estimated relative error ' &
+                    //'by neglected harmonics; error: by the last correction and rounding; ' &
                     //listed_units(names, units))
     call table%add_integers('highest', highest)
     call table%add_reals('truncation', branch%truncation(:n))

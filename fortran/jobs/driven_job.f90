@@ -134,13 +134,13 @@ contains
     end if
     text = text//new_line('a')
     if (size(self%switch) > 0) then
-      text = text//'computes: '//things(size(self%switch), 'branch that leaves it', &
-                                        'branches that leave it')//new_line('a')
+      text = text//'computes: '//things(size(self%switch), 'branch that bifurcates', &
+                                        'bifurcating branches')//new_line('a')
     else
-      text = text//'skips: branches that leave it (no switch)'//new_line('a')
+      text = text//'skips: branches that bifurcate from it (no switch)'//new_line('a')
     end if
     if (.not. self%stability) then
-      text = text//'skips: stability (not asked for)'//new_line('a')
+      text = text//'skips: stability (not requested)'//new_line('a')
     else if (self%torus%n_axes == 1) then
       text = text//'computes: stability of each motion, and where it changes'//new_line('a')
     else
@@ -186,10 +186,10 @@ contains
                                     //' with too few harmonics'
     blurred = sum([(count(branches(i)%off > self%options%tolerance), i=1, size(branches))])
     if (blurred > 0) report%summary = report%summary//', '//things(blurred, 'point') &
-                                      //' of which rounding leaves more than the tolerance'
+                                      //' with a rounding error above the tolerance'
     if (size(branches) > 1) report%summary = report%summary//'; ' &
-                                             //things(size(branches) - 1, 'branch that leaves it', &
-                                                      'branches that leave it')
+                                             //things(size(branches) - 1, 'bifurcating branch', &
+                                                      'bifurcating branches')
   end subroutine run
 
   !> The branch, with as many orders as it needs, then the bifurcating branches.
@@ -548,9 +548,9 @@ contains
       call add_stability(table, [(count_larger(branch%multipliers(:, i), orbit_circle), i=1, n)], &
                          branch%multipliers(1, :))
     end if
-    call table%note(note//'; orders to '//show(branch%harmonics)//' leave an estimated relative ' &
-                    //'error of '//trim(exact(branch%truncation)) &
-                    //' at most; error: of the last correction and rounding')
+    call table%note(note//'; harmonics up to '//show(branch%harmonics)//', largest ' &
+                    //'estimated relative error '//trim(exact(branch%truncation)) &
+                    //'; error: by the last correction and rounding')
     call table%add_reals('error', branch%error)
     do j = 1, size(self%wanted)
       d = self%wanted(j)

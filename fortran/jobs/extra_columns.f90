@@ -14,7 +14,7 @@ module viscovib_extra_columns
   !> Descriptions of the columns.
   character(len=*), parameter :: &
     sampling_note = 'sampling: estimated relative error by the samples of forces', &
-    dissipation_note = 'dissipation: energy lost in a period (J)'
+    dissipation_note = 'dissipation: energy loss per period (J)'
 
   type :: extra_columns
     !> True if requested.

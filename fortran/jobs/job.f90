@@ -92,14 +92,14 @@ contains
     text = ''
     i = size(subject%coordinates) - size(wanted)
     if (subject%is_structure .and. i > 0) then
-      text = 'skips: '//what//' of '//things(i, 'other coordinate')//' (not asked for)' &
+      text = 'skips: '//what//' of '//things(i, 'other coordinate')//' (not requested)' &
              //new_line('a')
       return
     end if
     do i = 1, size(subject%coordinates)
       if (all(wanted /= i)) text = text//', '//trim(subject%coordinates(i))
     end do
-    if (text /= '') text = 'skips: '//what//' of '//text(3:)//' (not asked for)'//new_line('a')
+    if (text /= '') text = 'skips: '//what//' of '//text(3:)//' (not requested)'//new_line('a')
   end function plan_unwanted
 
   !> Text of an estimated error for the line above a table; empty if it is unknown (below 0).

@@ -69,12 +69,12 @@ contains
     if (self%sections > 0) then
       text = text//'computes: sections'//new_line('a')
     else
-      text = text//'skips: sections (not asked for)'//new_line('a')
+      text = text//'skips: sections (not requested)'//new_line('a')
     end if
     if (self%lyapunov) then
       text = text//'computes: Lyapunov exponents'//new_line('a')
     else
-      text = text//'skips: Lyapunov exponents (not asked for)'//new_line('a')
+      text = text//'skips: Lyapunov exponents (not requested)'//new_line('a')
     end if
     text = text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_many

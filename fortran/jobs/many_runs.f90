@@ -422,11 +422,11 @@ contains
     if (job%section_every > 0) every = job%section_every
     if (self%lyapunov) then
       call fail(status, status_input_error, 'lyapunov', "lyapunov = 'yes': a law changes in a " &
-                //'layer thinner than a step: take dt below that, or a wider layer')
+                //'layer thinner than a step: use a smaller dt, or a wider layer')
     else if (job%n_steps/every > most_kept/size(self%starts, 1)) then
       call fail(status, status_input_error, 'dt', 'dt: a law changes in a layer thinner than a ' &
                 //'step, and motions of '//show(real(job%n_steps, wp))//' steps are too long to ' &
-                //'be made in parts that see it: take a shorter run, or a wider layer')
+                //'be divided: use a shorter run, or a wider layer')
     else
       load = self%subject%load
       if (self%place == of_load) call load%scale(self%values(i))

@@ -96,7 +96,7 @@ contains
 
     if (real(size(times), wp)*size(motion%initial) > max_kept) then
       call fail(status, status_input_error, 'acceleration', "acceleration = 'yes': needs " &
-                //show(size(times))//' states of the motion, too many: take a shorter run')
+                //show(size(times))//' states of the motion, too many: use a shorter run')
       return
     end if
     allocate (own, source=motion)

@@ -107,13 +107,13 @@ contains
     if (self%motion%wants_accelerations) then
       text = text//'computes: accelerations of the states kept, by the equations'//new_line('a')
     end if
-    if (allocated(self%events)) text = text//'computes: passages of ' &
+    if (allocated(self%events)) text = text//'computes: times of ' &
                                        //things(size(self%events), 'event')//new_line('a')
     if (self%decay%wanted) text = text//'computes: '//things(self%decay%count, &
       'decaying oscillation')//' of the motion from t = '//show(self%decay%start)//new_line('a') &
       //plan_unwanted('a fit', subject, self%decay%fitted)
     if (.not. self%spectrum%wanted) then
-      text = text//'skips: Fourier transforms (no spectrum asked for)'//new_line('a')
+      text = text//'skips: Fourier transforms (no spectrum requested)'//new_line('a')
       return
     end if
     associate (transformed => self%spectrum%transformed)
@@ -234,7 +234,7 @@ contains
     do i = 1, size(self%events)
       if (trajectory%watch%lost(i) > 0) text = text//'; event '//show(i)//' (' &
         //self%events(i)%text//') changes too fast in '//things(trajectory%watch%lost(i), 'step') &
-        //' to find all passages, some may be missing'
+        //' to find all events, some may be missing'
       if (trajectory%watch%largest(i) > 0.0_wp .or. trajectory%n_steps == 0) cycle
       text = text//'; event '//show(i)//' ('//self%events(i)%text//') has no value on the way'
     end do
@@ -355,7 +355,7 @@ contains
     associate (watch => trajectory%watch)
       do i = 1, size(self%events)
         call table%note('event '//show(i)//': '//self%events(i)%text//', ' &
-                        //things(watch%count_of(i), 'passage'))
+                        //things(watch%count_of(i), 'occurrence'))
         order = [order, pack([(j, j=1, watch%n_found)], watch%which(:watch%n_found) == i)]
       end do
       call table%note(units_of(self, subject))

@@ -250,8 +250,8 @@ contains
     type(status_type), intent(out) :: status
     call set_ok(status)
     if (reason /= no_exponentials) then
-      call fail(status, status_input_error, 'held', 'held: a kernel has no integral, so what was ' &
-                //'held for ever would leave no force; must be None')
+      call fail(status, status_input_error, 'held', 'held: must be None, because a kernel has no ' &
+                //'finite integral: a deflection held for all t < 0 has no force')
     else if (self%most_direct == 0) then
       call fail(status, status_input_error, 'memory', 'memory = "exponentials": a kernel is not ' &
                 //'a sum of exponentials (tables of points never are); must be "direct" or "auto"')

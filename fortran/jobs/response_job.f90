@@ -114,9 +114,9 @@ contains
     lacks = .false.
     where (response%outcome == outcome_converged) lacks = response%truncation > response%allowed
     i = maxloc(response%truncation, 1, lacks)
-    text = ' (worst at nu = '//show(response%nu(i))//', where those up to ' &
-           //show(response%highest(i))//' leave an estimated relative error of ' &
-           //show(response%truncation(i))//')'
+    text = ' (worst at nu = '//show(response%nu(i))//', with an estimated ' &
+           //'relative error of '//show(response%truncation(i)) &
+           //' by neglected harmonics above '//show(response%highest(i))//')'
   end function worst_of
 
   !> Outcomes and frequencies without a solution.
@@ -152,9 +152,9 @@ contains
     integer :: d, k
 
     if (counting) call count_up(counted_columns, size(coordinates))
-    call table%note('nu: circular frequency of the load (rad/s); rate: factor between the last ' &
-                    //'corrections; highest: order kept; truncation: estimated relative error ' &
-                    //'of leaving out higher orders; error: of the last correction and ' &
+    call table%note('nu: circular frequency of the load (rad/s); rate: ratio of the last ' &
+                    //'corrections; highest: highest harmonic; truncation: estimated relative ' &
+                    //'error by neglected harmonics; error: by the last correction and ' &
                     //'rounding; u = Im sum_k X_k exp(i k nu t),')
     names = ''
     do d = 1, size(coordinates)

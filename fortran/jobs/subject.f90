@@ -237,7 +237,7 @@ contains
         if (unseen_integral(kernel) > tabulated_unseen*abs(kernel%integral())) then
           text = text//'kernel table: its first values rise towards t = 0 like a power of t: ' &
                  //'an integral of about '//show(unseen_integral(kernel))//' lies before its ' &
-                 //'first time, which the table does not hold; the integral of the table is ' &
+                 //'first time, which the table does not contain; the integral of the table is ' &
                  //show(kernel%integral())//new_line('a')
         end if
       end associate

@@ -91,13 +91,13 @@ contains
     if (status%failed()) return
     call trace_motion(family, self%options, branch)
     if (branch%outcome == branch_without_start) then
-      call fail(status, status_input_error, 'from', 'no motion was found at the beginning ' &
+      call fail(status, status_input_error, 'from', 'no motion was found at the start ' &
                 //show(self%options%start)//' that repeats after '//show(self%n_periods) &
-                //' periods of the load: give another initial, or begin elsewhere')
+                //' periods of the load: give another initial, or start at another value')
     else if (branch%outcome == branch_singular) then
-      call fail(status, status_input_error, 'from', 'the motion at the beginning ' &
-                //show(self%options%start)//' cannot be followed: other motions are next to it, ' &
-                //'as where friction holds a mass for good, or at a fold: begin elsewhere')
+      call fail(status, status_input_error, 'from', 'the motion at the start ' &
+                //show(self%options%start)//' cannot be followed, because it is not isolated ' &
+                //'(sticking friction, or a fold): start at another value')
     end if
     if (status%failed()) return
     call put_branch(self, subject, branch, sink, status)
@@ -107,9 +107,9 @@ contains
                      //things(count(branch%kind == event_grazing), 'grazing')//branch%reason
     associate (n => branch%n_points)
       if (any(branch%motions(:n)%error > branch%allowed(:n))) then
-        report%summary = report%summary//'; the error is above the tolerance at ' &
+        report%summary = report%summary//'; the error exceeds the tolerance at ' &
           //things(count(branch%motions(:n)%error > branch%allowed(:n)), 'point')//': give a ' &
-          //'smaller tolerance, or begin there'
+          //'smaller tolerance, or start there'
       end if
     end associate
   end subroutine run

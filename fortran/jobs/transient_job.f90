@@ -108,7 +108,7 @@ contains
     if (job%dt <= 0.0_wp .and. n > max_first_steps) then
       call fail(status, status_input_error, 't_end', 't_end = '//show(job%t_end)//': takes ' &
                 //show(n)//' steps of the fastest motion or load, must be at most ' &
-                //show(max_first_steps)//': take a shorter run, slower loads or softer springs, ' &
+                //show(max_first_steps)//': use a shorter run, slower loads or softer springs, ' &
                 //'or give dt')
     else if (.not. job%last_only .and. n/job%save_every > most) then
       call fail(status, status_input_error, 'save_every', 'save_every = ' &

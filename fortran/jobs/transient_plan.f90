@@ -39,13 +39,13 @@ contains
       text = text//nl
     end if
     if (job%last_only) text = text//'skips: storing states on the way (only the last is ' &
-                              //'asked for)'//nl
+                              //'requested)'//nl
     if (job%tail > 0.0_wp) text = text//'skips: storing states before the last ' &
-                                  //show(job%tail)//' (not asked for)'//nl
+                                  //show(job%tail)//' (not requested)'//nl
     if (allocated(job%times)) text = text//'skips: storing other states than those at ' &
-                                     //things(size(job%times), 'time')//' (not asked for)'//nl
+                                     //things(size(job%times), 'time')//' (not requested)'//nl
     if (job%save_every > 1) text = text//'skips: storing all but one state in ' &
-                                   //show(job%save_every)//' (the others are not asked for)'//nl
+                                   //show(job%save_every)//' (the others are not requested)'//nl
   end function plan_steps
 
 end module viscovib_transient_plan

@@ -85,7 +85,7 @@ contains
     plan%dof = dof
     if (dof == 0) plan%dof = findloc(moved >= (1.0_wp - equal)*maxval(moved), .true., 1)
     if (moved(plan%dof) < at_rest*maxval(moved)) then
-      call fail(status, status_input_error, 'dof', "dof = '"//trim(name)//"': stands still in " &
+      call fail(status, status_input_error, 'dof', "dof = '"//trim(name)//"': does not move in " &
                 //'mode '//show(mode))
       return
     end if
@@ -96,14 +96,11 @@ contains
     options%choose_harmonics = chosen
     options%tolerance = tolerance
     options%keep_idle = .true.
+    ! A linear system keeps its harmonics, as on a branch.
+    options%on_branch = .true.
     if (.not. status%failed()) call new_response_plan(planned, plan%system, load, [plan%omega], &
                                                       method_newton, options, status)
     if (status%failed()) return
-    if (planned%method /= method_newton) then
-      call fail(status, status_input_error, 'backbone', 'nothing is nonlinear: the frequency ' &
-                //'does not depend on amplitude')
-      return
-    end if
     plan%set = planned%set
     plan%chosen = chosen
     plan%most = planned%most
@@ -185,7 +182,7 @@ contains
     text = 'computes: free motions of mode '//show(self%mode)//' from amplitude '//show(from) &
            //' to '//show(to)//', '//kept//nl &
            //'skips: damping, memory and loads (free motions of the system without losses)'//nl &
-           //'skips: sines (motions that begin at rest are even in time)'//nl//self%rest
+           //'skips: sines (motions that start at rest are even in time)'//nl//self%rest
   end function text
 
   pure function lines_with(word, lines) result(kept)

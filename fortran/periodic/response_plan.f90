@@ -170,7 +170,7 @@ contains
     if ((options%harmonics < 1 .or. options%harmonics > max_harmonics) &
         .and. .not. options%choose_harmonics) then
       call fail(status, status_input_error, 'harmonics', 'harmonics = '//show(options%harmonics) &
-                //': must be 1 to '//show(max_harmonics)//' (the highest order kept)')
+                //': must be 1 to '//show(max_harmonics)//' (the highest harmonic)')
       return
     end if
     call check_finite('tolerance', options%tolerance, status)
@@ -263,7 +263,7 @@ contains
                 //plan%rest
     if (.not. plan%options%keep_history) plan%text = plan%text &
                                                      //'skips: history of corrections (not ' &
-                                                     //'asked for)'//new_line('a')
+                                                     //'requested)'//new_line('a')
   end subroutine describe
 
   subroutine say(self, line)

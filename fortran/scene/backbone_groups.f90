@@ -142,7 +142,7 @@ contains
                            //'energy in swings, must be 0 with them')
     end if
     if (job%parameter > 1) then
-      call reader%refuse(['dof'], "goes with parameter = 'amplitude' only")
+      call reader%refuse(['dof'], "is allowed with parameter = 'amplitude' only")
       return
     end if
     call pendulum%natural_modes(omega, shapes)
@@ -152,7 +152,7 @@ contains
       if (reader%status%failed()) return
       if (.not. abs(shape(job%dof)) > 0.0_wp) then
         call reader%complain('dof', "dof = '"//trim(pendulum_names(job%dof)) &
-                             //"': stands still in mode "//show(job%mode))
+                             //"': does not move in mode "//show(job%mode))
       end if
     end associate
   end subroutine read_free

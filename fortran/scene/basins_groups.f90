@@ -55,7 +55,7 @@ contains
     else if (subject%is_structure) then
       if (abs(subject%model%modal%loss) > 0.0_wp) then
         call reader%complain('basins', '&basins: loss_factor has no meaning in time, must be 0 ' &
-                             //'(take a kernel, or modal_damping)')
+                             //'(use a kernel, or modal_damping)')
       else if (subject%model%is_reduced) then
         call reader%complain('basins', '&basins: the coordinates of a structure with shapes do ' &
                              //'not tell its state, must be without')

@@ -104,12 +104,12 @@ contains
     sign_below = 0
     if (words(1) /= '%%matrixmarket' .or. words(2) /= 'matrix' &
         .or. .not. (in_places .or. words(3) == 'array')) then
-      call blame(cursor, "is no Matrix Market file: must begin with '%%MatrixMarket matrix ' and " &
-                 //"'coordinate' or 'array'", status)
+      call blame(cursor, "is not a Matrix Market file: must begin with '%%MatrixMarket matrix ' " &
+                 //"and 'coordinate' or 'array'", status)
     else if (words(4) == 'complex' .or. words(5) == 'hermitian') then
-      call blame(cursor, 'holds complex numbers, must be real', status)
+      call blame(cursor, 'contains complex numbers, must be real', status)
     else if (words(4) == 'pattern') then
-      call blame(cursor, 'holds a pattern without values, must be real', status)
+      call blame(cursor, 'contains a pattern without values, must be real', status)
     else if (all(words(4) /= [character(len=7) :: 'real', 'double', 'integer'])) then
       call blame(cursor, "holds '"//clipped(trim(words(4)))//"', must be real", status)
     else if (words(5) == 'symmetric') then
@@ -225,7 +225,7 @@ contains
     type(status_type), intent(inout) :: status
     do
       if (ended(cursor)) then
-        call blame(cursor, 'is cut short: it says '//show(n)//' entries', status)
+        call blame(cursor, 'is truncated: it declares '//show(n)//' entries', status)
         return
       end if
       call next_line(cursor, line)

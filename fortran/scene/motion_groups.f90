@@ -128,7 +128,7 @@ contains
     if (place == 3) then
       job%tail = reader%read_real('tail')
     else if (reader%may_have('tail')) then
-      call reader%complain('tail', "tail: must be given with keep = 'tail', and only then")
+      call reader%complain('tail', "tail: must be given with keep = 'tail', and not without it")
     end if
     if (reader%may_have('times')) then
       job%times = reader%read_reals('times')

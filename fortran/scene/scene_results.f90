@@ -237,7 +237,7 @@ contains
     if (reader%status%failed()) return
     if (abs(model%modal%loss) > 0.0_wp) then
       call reader%complain('transient', '&transient: loss_factor has no meaning in time, must be ' &
-                           //'0 for a motion in time (take a kernel, or modal_damping)')
+                           //'0 for a motion in time (use a kernel, or modal_damping)')
     else if (model%is_reduced .and. any(abs(job%held) > 0.0_wp)) then
       call reader%complain('held', 'held: must be 0 of a structure with shapes, whose ' &
                            //'coordinates do not tell its state')

@@ -475,7 +475,7 @@ contains
     end associate
     fault = ''
     if (.not. defined) then
-      fault = 'must be defined around rest, where d is 0'//sign_text(text)
+      fault = 'must be defined near rest, where d is 0'//sign_text(text)
     else if (any(abs(slopes) >= wall)) then
       fault = 'must have a finite derivative at rest, where d is 0'
     end if

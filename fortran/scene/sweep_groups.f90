@@ -91,7 +91,7 @@ contains
     else if (which > n) then
       why = 'this scene has &'//group//' '//show(n)//' times'
     else if (which == 0 .and. n > 1) then
-      why = 'this scene has &'//group//' '//show(n)//" times, say which, as '"//group//'(1).' &
+      why = 'this scene has &'//group//' '//show(n)//" times, select one, as '"//group//'(1).' &
             //name//"'"
     else if (index(keys, new_line('a')//'  '//name//' =') == 0) then
       why = '&'//group//' has no '//name//' here'

@@ -241,11 +241,11 @@ contains
     call about_rest(law, slopes, defined)
     fault = ''
     if (.not. defined) then
-      fault = 'must be defined around rest, where what it depends on is 0'//sign_text(text)
+      fault = 'must be defined near rest, where its arguments are 0'//sign_text(text)
       return
     end if
     if (any(abs(slopes) >= wall)) then
-      fault = 'must have a finite derivative at rest, where what it depends on is 0'
+      fault = 'must have a finite derivative at rest, where its arguments are 0'
       return
     end if
     unit = reshape([(merge(1.0_wp, 0.0_wp, mod(i, n + 1) == 0), i=0, n*n - 1)], [n, n])

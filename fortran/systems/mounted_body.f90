@@ -143,10 +143,10 @@ contains
       end if
       step = step/2.0_wp
       if (step >= least_part) cycle
-      call fail(status, status_input_error, 'gravity', 'gravity: the mounts give way under ' &
+      call fail(status, status_input_error, 'gravity', 'gravity: the mounts collapse under ' &
                 //show(100.0_wp*done)//' % of the weight' &
                 //trim(merge(' and of preloads', '                ', any(abs(preload) > 0.0_wp))) &
-                //', no position at rest is known beyond')
+                //', no static equilibrium was found beyond')
       return
     end do
   end subroutine find_rest
@@ -166,8 +166,8 @@ contains
       kept(j) = 1.0_wp - kernels(springs(j)%kernel)%kernel%integral()
       if (kept(j) > 0.0_wp) cycle
       if (kept(j) < -huge(1.0_wp)) then
-        call fail(status, status_input_error, 'gravity', 'gravity: a kernel has no integral, its ' &
-                  //'mount never comes to rest')
+        call fail(status, status_input_error, 'gravity', 'gravity: a kernel has no finite ' &
+                  //'integral, so its mount creeps without end')
       else
         call fail(status, status_input_error, 'gravity', 'gravity: the integral of a kernel is ' &
                   //show(1.0_wp - kept(j))//', must be below 1: its mount carries no load in ' &
@@ -218,8 +218,8 @@ contains
     push = matmul(left, shapes)
     where (abs(squares) > no_stiffness*maxval(abs(squares))) push = 0.0_wp
     if (maxval(abs(matmul(mass, matmul(shapes, push)))) > 1.0e-6_wp*size_of) then
-      call fail(status, status_input_error, 'gravity', 'gravity: nothing carries the weight in a ' &
-                //'direction left free by mounts')
+      call fail(status, status_input_error, 'gravity', 'gravity: no mount supports the weight in ' &
+                //'some direction')
       return
     end if
     rest%residual = maxval(abs(left))/size_of

@@ -373,8 +373,8 @@ contains
     associate (rest => self%rest)
       bodies = matmul(pack(push, .not. abs(rest%squares) > 0.0_wp), self%turn)
       if (norm2(abs(bodies(m + 1:))) > unheld*norm2(abs(bodies))) then
-        call fail(status, status_input_error, 'load', '&load: its mean (order 0) pushes a rigid ' &
-                  //'body that no element holds: there is no position of rest')
+        call fail(status, status_input_error, 'load', '&load: its mean (order 0) acts on a rigid ' &
+                  //'body without support: there is no static equilibrium')
         return
       end if
       allocate (right(q + m))

@@ -48,8 +48,8 @@ contains
     if (motion%n_hidden == 0) return
     n = system%n_dof()
     if (any(abs(held) > 0.0_wp) .and. system%kernel_without_integral() > 0) then
-      call fail(status, status_input_error, 'held', 'held: a kernel has no integral, so what was ' &
-                //'held for ever would leave no force; must be 0')
+      call fail(status, status_input_error, 'held', 'held: must be 0, because a kernel has no ' &
+                //'finite integral: a deflection held for all t < 0 has no force')
       return
     end if
     call list_hidden(fitted, variables, rates, masses)

@@ -95,8 +95,8 @@ contains
     map%n_hidden = bound_hidden(system)
     if (map%n_hidden < 0 .or. needs_fit(system) &
         .or. map%n_dof + map%n_hidden > most_in_frame) then
-      call fail(status, status_input_error, 'system', 'system: has kernels that are no sums of ' &
-                //'exponentials, or too many of these: take their sum_of_exponentials(), or ' &
+      call fail(status, status_input_error, 'system', 'system: has kernels that are not sums of ' &
+                //'exponentials, or too many exponentials: use kernel.sum_of_exponentials(), or ' &
                 //'forced_response')
       return
     end if

@@ -137,15 +137,15 @@ def refuse_mask(name: str, value: object) -> None:
         if np.ma.is_masked(value):
             n = int(np.ma.getmaskarray(value).sum())
             raise InputError(
-                f"{name}: {n} of {value.size} masked, must be without a mask: drop them, or "
-                "give values by filled()"
+                f"{name}: {n} of {value.size} masked, must be without a mask: remove them, or "
+                "replace them by filled()"
             )
     elif isinstance(value, (list, tuple)):
         # Most lists contain only numbers and need no further check.
         kinds = set(map(type, value))
         if any(issubclass(kind, (np.ma.MaskedArray, list, tuple)) for kind in kinds):
             if any(part is value for part in value):
-                raise InputError(f"{name}: holds itself, must be numbers")
+                raise InputError(f"{name}: contains itself, must be numbers")
             for i, part in enumerate(value):
                 _refuse_below(f"{name}[{i}]", part, 1)
 

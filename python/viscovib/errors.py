@@ -61,23 +61,45 @@ def near_name(wrong: str, known: Iterable[str]) -> str:
     return f"did you mean {near}?" if near else f"must be one of {', '.join(known)}"
 
 
-#: Synonyms of option words in textbooks and other programs.
+#: Words of textbooks and other programs, each with option words of the same meaning.
 _SYNONYMS = {
-    "harmonic balance": "newton",
-    "harmonicbalance": "newton",
-    "hb": "newton",
-    "hbm": "newton",
-    "newton-raphson": "newton",
-    "picard": "successive",
-    "fixed point": "successive",
-    "fixed-point": "successive",
-    "hanning": "hann",
-    "rectangular": "none",
-    "boxcar": "none",
-    "decibel": "db",
-    "freq": "nu",
-    "frequency": "nu",
-    "omega": "nu",
+    "harmonic balance": ("newton",),
+    "harmonicbalance": ("newton",),
+    "balance": ("newton",),
+    "hb": ("newton",),
+    "hbm": ("newton",),
+    "aft": ("newton",),
+    "newton-raphson": ("newton",),
+    "picard": ("successive",),
+    "fixed point": ("successive",),
+    "fixed-point": ("successive",),
+    "iteration": ("successive",),
+    "perturbation": ("successive",),
+    "runge-kutta": ("rk4",),
+    "dopri": ("dop8",),
+    "dopri5": ("dop8",),
+    "rk45": ("dop8",),
+    "dop853": ("dop8",),
+    "radau": ("gauss8",),
+    "maxwell": ("prony",),
+    "zener": ("fractional_zener",),
+    "power law": ("abel",),
+    "spline": ("cubic",),
+    "end": ("last",),
+    "final": ("last",),
+    "rising": ("up",),
+    "positive": ("up",),
+    "falling": ("down",),
+    "negative": ("down",),
+    "hanning": ("hann",),
+    "none": ("rectangular",),
+    "boxcar": ("rectangular",),
+    "decibel": ("db",),
+    "angle": ("phase",),
+    "rad": ("rad/s",),
+    "omega": ("nu", "rad/s"),
+    "freq": ("nu", "hz"),
+    "frequency": ("nu", "hz"),
 }
 
 
@@ -87,8 +109,9 @@ def nearest(wrong: str, known: Iterable[str]) -> str | None:
 
     known = list(known)
     word = wrong.strip().lower()
-    if _SYNONYMS.get(word) in known:
-        return _SYNONYMS[word]
+    for meant in _SYNONYMS.get(word, ()):
+        if meant in known:
+            return meant
     lower = {one.lower(): one for one in known}
     if len(word) == 1:
         return lower.get(word)  # a symbol: other symbols are not near
@@ -138,9 +161,9 @@ def _unnamed(function: Callable[..., Any], given: Sequence[Any]) -> str:
     parameters = list(inspect.signature(function).parameters.values())
     if any(p.kind is p.VAR_POSITIONAL for p in parameters):
         return ""
-    places = sum(p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) for p in parameters)
-    rest = [f"{p.name}=" for p in parameters if p.kind is p.KEYWORD_ONLY]
-    return f"give {', '.join(rest)} by name" if rest and len(given) > places else ""
+    positional = sum(p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) for p in parameters)
+    by_name = [f"{p.name}=" for p in parameters if p.kind is p.KEYWORD_ONLY]
+    return f"give {', '.join(by_name)} by name" if by_name and len(given) > positional else ""
 
 
 def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:

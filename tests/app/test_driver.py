@@ -86,11 +86,11 @@ def test_branches_of_driver_and_python_agree(solve, tmp_path, harmonics):
                 assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
         assert (table["stable"] == branch.stable).all()
         lines = (tmp_path / "mount_branch_branch.csv").read_text().splitlines()
-        told = [line.split() for line in lines if line.startswith("# stability changes")]
-        assert [int(words[5].rstrip(":")) - 1 for words in told] == [
+        reported = [line.split() for line in lines if line.startswith("# stability changes")]
+        assert [int(words[5].rstrip(":")) - 1 for words in reported] == [
             c.before for c in branch.crossings
         ]
-        assert [float(words[-1]) for words in told] == [c.parameter for c in branch.crossings]
+        assert [float(words[-1]) for words in reported] == [c.parameter for c in branch.crossings]
     silent = tmp_path / "silent.nml"
     silent.write_text(scene.read_text().replace("nu_from", "stability='no', nu_from"))
     assert solve(silent, "--out", tmp_path).returncode == 0

@@ -204,6 +204,6 @@ def test_what_is_wrong_is_named(solve, tmp_path, scene, old, new, text):
     assert "scene.nml:" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not list((tmp_path / "out").glob("*"))
-    with pytest.raises(vv.InputError) as told, silence():
+    with pytest.raises(vv.InputError) as reported, silence():
         vv.run(path)
-    assert str(told.value) == done.stderr.strip().removeprefix("viscovib-solve: ")
+    assert str(reported.value) == done.stderr.strip().removeprefix("viscovib-solve: ")

@@ -117,12 +117,12 @@ def test_parts_that_spin(solve, tmp_path):
             for name in body_here.dof_names
         ]
         np.testing.assert_allclose(table, expected, atol=1e-12 * np.abs(expected).max())
-    for more, told in (("&modes /", "must be 0 for &modes"),):
+    for more, reported in (("&modes /", "must be 0 for &modes"),):
         path = tmp_path / "no.nml"
         path.write_text(scene + more)
         done = solve(path, "--out", tmp_path / "none")
         assert done.returncode == 2
-        assert told in done.stderr
+        assert reported in done.stderr
 
 
 FLOOR = """&load kind='base' on='x' amplitude=3e-4 phase=0.5 /
@@ -220,8 +220,8 @@ def test_a_number_that_varies(solve, tmp_path, name, ends):
         )
         j = list(x.harmonics).index(1)
         for d, dof in enumerate(x.dof_names):
-            told = columns[f"{dof}_1_re"][row] + 1j * columns[f"{dof}_1_im"][row]
-            assert abs(told - x.coefficients[0, d, j]) < 1e-6 * np.abs(x.coefficients).max()
+            reported = columns[f"{dof}_1_re"][row] + 1j * columns[f"{dof}_1_im"][row]
+            assert abs(reported - x.coefficients[0, d, j]) < 1e-6 * np.abs(x.coefficients).max()
 
 
 def test_stability_along_a_number_that_varies(solve, tmp_path):
@@ -314,7 +314,7 @@ WANTED = "&modes /\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         (f"&body {MASSES} / {WANTED}", "needs &mount_point"),
         (f"&body mass=1 inertia=1 1 3 / {MOUNTS} {WANTED}", "larger than the sum of the other two"),
@@ -347,7 +347,7 @@ WANTED = "&modes /\n"
         (
             f"&body {MASSES} gravity=0 0 -10 / &mount_point name='a' position=0 0 0 "
             f"stiffness=1 0 0 / {WANTED}",
-            "nothing carries the weight",
+            "no mount supports the weight",
         ),
         (
             f"&body {MASSES} gravity=0 0 -10 / &kernel kind='prony' weights=2 rates=1 / "
@@ -399,7 +399,7 @@ WANTED = "&modes /\n"
         ),
     ],
 )
-def test_refused(solve, tmp_path, text, told):
+def test_refused(solve, tmp_path, text, reported):
     """One line with the name and its location."""
     path = tmp_path / "bad.nml"
     path.write_text(text)
@@ -407,12 +407,12 @@ def test_refused(solve, tmp_path, text, told):
     assert done.returncode == 2, done
     lines = done.stderr.splitlines()
     assert len(lines) == 1
-    assert told in lines[0]
+    assert reported in lines[0]
     with pytest.raises(vv.InputError, match=r"bad\.nml"):
         vv.Scene.read(path)
 
 
-def test_millimetres_are_told(solve, tmp_path):
+def test_millimetres_are_reported(solve, tmp_path):
     path = tmp_path / "far.nml"
     path.write_text(
         "&body mass=1 inertia=1 1 1 / "

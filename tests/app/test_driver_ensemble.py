@@ -178,7 +178,7 @@ def test_what_is_wrong_is_named(solve, tmp_path, changes, text):
     ("line", "group"),
     [(2, "sections=1 n_periods=3 dt=16 /"), (3, "t_end=10\ndt=1e-12 /"), (2, "t_end=1e12 /")],
 )
-def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, group):
+def test_what_cannot_be_computed_is_reported_with_its_line(solve, tmp_path, line, group):
     scene = tmp_path / "long.nml"
     scene.write_text(
         "&system coordinates='x', mass=1, stiffness=-1 / &force on='x' law='x^3' / "
@@ -188,9 +188,9 @@ def test_what_cannot_be_computed_is_told_with_its_line(solve, tmp_path, line, gr
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 2
     assert f"long.nml:{line}: " in done.stderr, done.stderr
-    with pytest.raises(vv.InputError) as told:
+    with pytest.raises(vv.InputError) as reported:
         vv.run(scene)
-    assert done.stderr == f"viscovib-solve: {told.value}\n"
+    assert done.stderr == f"viscovib-solve: {reported.value}\n"
 
 
 def test_motions_that_run_away(solve, tmp_path):
@@ -277,7 +277,7 @@ def test_a_parameter_of_laws(solve, tmp_path, name, values, method):
         ({"k3": "nu"}, "is also one of the &parameters"),
         (
             {"(1 + 0.1*x^n)": "sqrt(n + x)", "vary='k3' from=0": "vary='n' from=-1"},
-            "must be defined around rest",
+            "must be defined near rest",
         ),
     ],
 )

@@ -179,7 +179,7 @@ def test_motions_that_end_early_agree_to_the_last_bit(solve, tmp_path, law, want
         assert found[name] == pytest.approx(own[name], rel=1e-5, abs=1e-7)
 
 
-def test_a_function_too_fine_for_rounding_is_told(solve, tmp_path):
+def test_a_function_too_fine_for_rounding_is_reported(solve, tmp_path):
     scene = tmp_path / "fine.nml"
     scene.write_text(
         "&system coordinates='x', mass=1, stiffness=1 /\n&event function='x - 0.3' /\n"
@@ -188,12 +188,12 @@ def test_a_function_too_fine_for_rounding_is_told(solve, tmp_path):
     )
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    told = "; event 2 (exp(-((x - 0.3)/1e-18)^2) - 0.5, any) changes too fast in 3 steps"
-    assert told in done.stdout
+    reported = "; event 2 (exp(-((x - 0.3)/1e-18)^2) - 0.5, any) changes too fast in 3 steps"
+    assert reported in done.stdout
     assert "event 1" not in done.stdout
 
 
-def test_a_function_without_any_value_is_told(solve, tmp_path):
+def test_a_function_without_any_value_is_reported(solve, tmp_path):
     scene = tmp_path / "undefined.nml"
     scene.write_text(
         "&system coordinates='x', mass=1, stiffness=1 /\n&event function='x' /\n"

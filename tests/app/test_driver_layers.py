@@ -42,8 +42,8 @@ def _table(solve, folder, text, status=0):
 def _close(rows, coefficients, orders):
     for d in range(3):
         for j, k in enumerate(orders):
-            told = rows[f"x{d + 1}_{k}_re"] + 1j * rows[f"x{d + 1}_{k}_im"]
-            assert told == pytest.approx(coefficients[:, d, j], rel=1e-8, abs=1e-9)
+            reported = rows[f"x{d + 1}_{k}_re"] + 1j * rows[f"x{d + 1}_{k}_im"]
+            assert reported == pytest.approx(coefficients[:, d, j], rel=1e-8, abs=1e-9)
 
 
 @pytest.mark.parametrize("method", ["newton", "linear"])

@@ -262,7 +262,7 @@ def test_a_link_named_like_a_table_is_replaced(solve, tmp_path):
         assert (folder / table).is_symlink()
 
 
-def test_a_limit_on_the_size_of_files_is_told(solve, tmp_path):
+def test_a_limit_on_the_size_of_files_is_reported(solve, tmp_path):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 14, 1 << 14))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -63,14 +63,14 @@ def test_response(solve, tmp_path, method, damping, keys):
     )
     for d in range(3):
         for j, k in enumerate(own.harmonics):
-            told = rows[f"x{d + 1}_{k}_re"] + 1j * rows[f"x{d + 1}_{k}_im"]
-            np.testing.assert_allclose(told, own.coefficients[:, d, j], rtol=1e-8, atol=1e-12)
+            reported = rows[f"x{d + 1}_{k}_re"] + 1j * rows[f"x{d + 1}_{k}_im"]
+            np.testing.assert_allclose(reported, own.coefficients[:, d, j], rtol=1e-8, atol=1e-12)
     if method == "linear" and not keys:
         for i, nu in enumerate([0.5, 1.3, 2.2]):
             matrix = WHOLE - nu**2 * np.diag([1, 0, 2]) + 1j * nu * np.diag([0.1, 0, 0.2])
             u = np.linalg.solve(matrix, [0, 0, 0.4])
-            told = [rows[f"x{d}_1_re"][i] + 1j * rows[f"x{d}_1_im"][i] for d in (1, 2, 3)]
-            np.testing.assert_allclose(told, u, rtol=1e-10)
+            reported = [rows[f"x{d}_1_re"][i] + 1j * rows[f"x{d}_1_im"][i] for d in (1, 2, 3)]
+            np.testing.assert_allclose(reported, u, rtol=1e-10)
 
 
 @pytest.mark.parametrize("place", [0.0, 0.9])

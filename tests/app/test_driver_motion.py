@@ -174,7 +174,7 @@ def test_chaos_is_refused_and_leaves_nothing(solve, tmp_path):
         ({"dt=0.25": "dt=0.25, save_every=40"}, 1),
     ],
 )
-def test_too_few_states_for_a_spectrum_are_told_and_the_motion_kept(
+def test_too_few_states_for_a_spectrum_are_reported_and_the_motion_kept(
     solve, tmp_path, changes, samples
 ):
     text = MOTION + "&spectrum discard=18 /\n"
@@ -229,11 +229,11 @@ def test_escapes_end_at_their_time(solve, tmp_path, kernel):
         )
         done = solve(scene, "--out", tmp_path)
         assert done.returncode == 1
-        told = re.search(r"diverged at t = ([0-9.]+), (\d+) states", done.stdout)
+        reported = re.search(r"diverged at t = ([0-9.]+), (\d+) states", done.stdout)
         run = vv.run(scene).trajectory
         assert run.outcome == "diverged"
-        assert float(told[1]) == pytest.approx(run.t_reached, abs=1e-10)
-        assert int(told[2]) == run.t.size > 20
+        assert float(reported[1]) == pytest.approx(run.t_reached, abs=1e-10)
+        assert int(reported[2]) == run.t.size > 20
 
 
 @pytest.mark.parametrize("kernel", ["", "&kernel kind='prony', weights=1e-2, rates=1 /\n"])
@@ -321,8 +321,8 @@ def test_a_spectrum_of_states_too_far_apart(solve, tmp_path, every, aliased):
     )
     result = solve(scene, "--out", tmp_path)
     assert result.returncode == int(aliased)
-    told = "states 0.5 apart are too far for the spectrum of x: by its velocity 100 %"
-    assert (told in result.stdout) == aliased
+    reported = "states 0.5 apart are too far for the spectrum of x: by its velocity 100 %"
+    assert (reported in result.stdout) == aliased
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         found = vv.run(scene)
@@ -393,9 +393,9 @@ def test_states_at_times_and_of_the_end(solve, tmp_path, name, kept):
 
 
 @pytest.mark.parametrize(
-    ("more", "told"),
+    ("more", "reported"),
     [
-        ("tail=1", "tail: must be given with keep = 'tail', and only then"),
+        ("tail=1", "tail: must be given with keep = 'tail', and not without it"),
         ("keep='tail'", "&transient lacks tail"),
         ("keep='tail', tail=-1", "tail = -1: must be greater than 0"),
         ("times=3 2", "times (value 2) = 2 after 3: must be strictly increasing"),
@@ -405,12 +405,12 @@ def test_states_at_times_and_of_the_end(solve, tmp_path, name, kept):
         ("times=1 3 /\n&spectrum", "needs states at equal steps, and &transient has times"),
     ],
 )  # fmt: skip
-def test_refused_times(solve, tmp_path, more, told):
+def test_refused_times(solve, tmp_path, more, reported):
     scene = tmp_path / "kept.nml"
     scene.write_text(f"{KEPT['pendulum']}, t_end=20, {more} /\n")
     out = tmp_path / "out"
     out.mkdir()
-    check_failure(solve(scene, "--out", out), 2, told, out)
+    check_failure(solve(scene, "--out", out), 2, reported, out)
 
 
 PRONY = "&kernel kind='prony' weights=0.3 0.6 rates=1 5 /\n"

@@ -123,7 +123,7 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "old", "new", "told"),
+    ("text", "old", "new", "reported"),
     [
         (STRUCTURE, "gap, 0", "gpa, 0", "(did you mean gap?)"),
         (STRUCTURE, "'k3*d^3'", "'k3*d^3/0'", "law = 'k3*d^3/0': it divides by 0"),
@@ -131,12 +131,12 @@ def test_what_is_refused(solve, tmp_path, old, new, text):
         (BODY, "'k3*d^3'", "'k3*log(d)'", "law_z = 'k3*log(d)': must have a value at d = 0"),
     ],
 )
-def test_laws_are_told_as_they_were_written(solve, tmp_path, text, old, new, told):
+def test_laws_are_reported_as_they_were_written(solve, tmp_path, text, old, new, reported):
     scene = tmp_path / "a.nml"
     scene.write_text(text.replace(old, new, 1))
     folder = tmp_path / "out"
     folder.mkdir()
-    check_failure(solve(scene, "--out", folder), 2, told, folder)
+    check_failure(solve(scene, "--out", folder), 2, reported, folder)
 
 
 def test_a_mount_has_no_laws(solve, tmp_path):

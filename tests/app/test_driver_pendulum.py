@@ -50,7 +50,7 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "completed, " in done.stdout
-    assert "2 folds, 4 branch points; 1 branch that leaves it" in done.stdout
+    assert "2 folds, 4 branch points; 1 bifurcating branch" in done.stdout
     result = vv.run(scene)
     assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     assert len(result.switched) == 1
@@ -93,7 +93,7 @@ def test_stability_may_be_left_out(solve, tmp_path):
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "stable" not in read_csv(tmp_path / "s_branch.csv").dtype.names
-    assert "skips: stability (not asked for)" in solve(scene, "--plan").stdout
+    assert "skips: stability (not requested)" in solve(scene, "--plan").stdout
     assert vv.run(scene).branch.stable is None
 
 
@@ -105,7 +105,7 @@ def test_quasi_periodic_branch_of_a_scene(solve, tmp_path):
     assert "1 of 1 branch with too few harmonics" in done.stdout
     lines = (tmp_path / "torus_branch.csv").read_text().splitlines()
     rows = list(csv.reader(line for line in lines if not line.startswith("#")))
-    with pytest.warns(vv.ConvergenceWarning, match="4 orders leave an estimated"):
+    with pytest.warns(vv.ConvergenceWarning, match="4 harmonics: the estimated relative error"):
         branch = vv.run(scene).branch
     assert branch.axes == ("p1", "p2")
     assert rows[0][:4] == ["p1", "omega_1", "omega_2", "error"]

@@ -24,7 +24,7 @@ OF_SYSTEM = """&system mass=1 1, stiffness=1 4.04, damping=0.01 0.01, coordinate
 BAD_STEADY = {
     "both results": (STEADY + MOTION.splitlines()[1], 2, "has &transient already"),
     "spectrum of steady motions": (STEADY + "&spectrum /", 3, "&spectrum: needs &transient"),
-    "beside a response": (GOOD + "&multiple_scales from=1, to=2 /", 5, "has &response already"),
+    "with a response": (GOOD + "&multiple_scales from=1, to=2 /", 5, "has &response already"),
     "of a mount": (OF_MOUNT.replace("from", "parameter='p1', from"), 4, "must be one of 'nu'"),
     "frequency twice": (OF_MOUNT.replace("from", "nu=1, from"), 4, "is what is varied"),
     "no frequency": (OF_MOUNT.replace("from", "parameter='load', from"), 4, "nu"),

@@ -26,7 +26,7 @@ def scene_of(kind, mass, stiffness, damping):
 @pytest.mark.parametrize("kind", ["system", "structure", "coupled", "follower"])
 def test_the_driver_tells_what_python_tells(solve, tmp_path, kind):
     rng = np.random.default_rng(4)
-    told = 0
+    reported = 0
     path = tmp_path / "scene.nml"
     for i in range(12):
         n = int(rng.integers(2, 6))
@@ -63,8 +63,8 @@ def test_the_driver_tells_what_python_tells(solve, tmp_path, kind):
         wanted = any(WORDS in str(w.message) for w in seen)
         assert (WORDS in run.stderr) == wanted, run.stderr
         assert run.stderr.count("warning:") == wanted
-        told += wanted
-    assert 0 < told < 7
+        reported += wanted
+    assert 0 < reported < 7
 
 
 def test_damping_that_couples_is_refused_with_what_is_true(solve, tmp_path):
@@ -82,7 +82,7 @@ def test_damping_that_couples_is_refused_with_what_is_true(solve, tmp_path):
 
 
 @pytest.mark.parametrize("between", [0.0, 0.15])
-def test_weak_dampers_beside_a_strong_one(solve, tmp_path, between):
+def test_weak_dampers_with_a_strong_one(solve, tmp_path, between):
     """They are not rounding errors: correct results, or a refusal where they couple modes."""
     path = tmp_path / "scene.nml"
     for strong in (1e3, 1e11, 1e13):
@@ -110,7 +110,7 @@ def test_weak_dampers_beside_a_strong_one(solve, tmp_path, between):
 
 
 @pytest.mark.parametrize("kind", ["none", "dampers"])
-def test_soft_motions_beside_stiff_elements(solve, tmp_path, kind):
+def test_soft_motions_with_stiff_elements(solve, tmp_path, kind):
     """Sums of springs and elements keep their rounding errors, as in Python."""
     rng = np.random.default_rng(9)
     for i in range(4):
@@ -122,16 +122,16 @@ def test_soft_motions_beside_stiff_elements(solve, tmp_path, kind):
         start = np.linalg.solve(stiffness + high * np.outer(on, on), rng.normal(size=n))
         initial = np.column_stack([start, 0 * start]).ravel()
 
-        def told(numbers):
+        def reported(numbers):
             return " ".join(map(repr, np.ravel(numbers).tolist()))
 
         names = " ".join(f"'x{j + 1}'" for j in range(n))
         path = tmp_path / f"stiff{i}.nml"
         path.write_text(
-            f"&structure size={n} mass={told(mass)} stiffness={told(stiffness)}\n"
-            f"damping={told(damping)} /\n"
-            f"&element on={names} weights={told(on)} stiffness={high!r} /\n"
-            f"&transient t_end=8 keep='last' coordinates={names} initial={told(initial)} /\n"
+            f"&structure size={n} mass={reported(mass)} stiffness={reported(stiffness)}\n"
+            f"damping={reported(damping)} /\n"
+            f"&element on={names} weights={reported(on)} stiffness={high!r} /\n"
+            f"&transient t_end=8 keep='last' coordinates={names} initial={reported(initial)} /\n"
         )
         done = solve(path, "--out", tmp_path)
         assert done.returncode == 0, done.stderr

@@ -168,16 +168,16 @@ FILES = {
 REFUSED = {
     "mass='gone.mtx' stiffness=1 1": "cannot be read (No such file",
     "mass='a.npz' stiffness=1 1": "read by Python (Structure.read), which reduces sparse",
-    "mass='complex.mtx' stiffness=1 1": "complex.mtx:1: holds complex numbers, must be real",
+    "mass='complex.mtx' stiffness=1 1": "complex.mtx:1: contains complex numbers, must be real",
     "mass='pattern.mtx' stiffness=1 1": "pattern without values",
-    "mass='cut.mtx' stiffness=1 1": "cut.mtx:4: is cut short: it says 3 entries",
+    "mass='cut.mtx' stiffness=1 1": "cut.mtx:4: is truncated: it declares 3 entries",
     "mass='long.mtx' stiffness=1 1": "has more entries than it says",
     "mass='outside.mtx' stiffness=1 1": "a column within the matrix",
     "mass='nan.mtx' stiffness=1 1": "a finite number",
     "mass=1 2 stiffness='three.mtx'": "its file is 3 x 3, must be 2 x 2",
     "mass='wide.mtx' stiffness=1 1": "its file is 2 x 3, must be 2 x 2",
     "mass='huge.mtx' stiffness=1 1": "Python reduces larger structures (Structure.reduce)",
-    "mass='none.mtx' stiffness=1 1": "is no Matrix Market file",
+    "mass='none.mtx' stiffness=1 1": "is not a Matrix Market file",
     "mass=1 2 stiffness='twice.mtx'": "is declared symmetric but stores both (2, 1) and (1, 2): "
     "store one triangle",
     "mass=1 2 stiffness=1 1 damping='half.mtx'": "damping: its file has entries on one side of the "
@@ -194,7 +194,7 @@ ELEMENTS = {
     "on='x9' law='d^3'": "on = 'x9': must be one of the 2 coordinates x1, x2",
     "on='x1' law='d^3 +'": "at its end: expected a number, a coordinate or",
     "on='x1' law='y^3'": "'y' is not a coordinate (only d is); a parameter is written as its",
-    "on='x1' law='log(d)'": "must be defined around rest",
+    "on='x1' law='log(d)'": "must be defined near rest",
     "on='x1' law='d/abs(d)'": "u/abs(u) is sign(u) but for u = 0: write sign",
     "on='x1' law='d*log(abs(d))'": "must have a finite derivative at rest, where d is 0",
     "on='x1' kernel=1": "kernel = 1: must be 0 (none) to 0",
@@ -220,7 +220,7 @@ def test_refused_element(solve, tmp_path, given):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         (
             GOOD.format("") + "&load amplitude=1 /\n&multiple_scales nu_from=1 nu_to=2 /\n",
@@ -231,20 +231,20 @@ def test_refused_element(solve, tmp_path, given):
         (
             "&structure size=2 mass=1 1 stiffness=1 -1 -1 1 /\n&element on='x1' 'x2' law='d^3' /\n"
             "&load order=0 amplitude=1 /\n" + END,
-            "pushes a rigid body that no element holds",
+            "acts on a rigid body without support",
         ),
     ],
 )
-def test_refused_together(solve, tmp_path, text, told):
+def test_refused_together(solve, tmp_path, text, reported):
     scene = tmp_path / "bad.nml"
     scene.write_text(text)
-    _refused(solve, scene, told)
+    _refused(solve, scene, reported)
 
 
-def _refused(solve, scene, told):
+def _refused(solve, scene, reported):
     done = solve(scene, "--out", scene.parent)
-    assert done.returncode == (3 if "cannot be read" in told else 2)
-    assert told in done.stderr
+    assert done.returncode == (3 if "cannot be read" in reported else 2)
+    assert reported in done.stderr
     assert len(done.stderr.splitlines()) == 1
     with pytest.raises(vv.ViscovibError) as caught:
         vv.Scene.read(scene)

@@ -156,7 +156,7 @@ def test_laws_of_rates(solve, tmp_path):
     assert "'c_dot' is neither a variable nor a parameter" in done.stderr
 
 
-def test_a_law_that_ends_is_told_with_its_place(solve, tmp_path):
+def test_a_law_that_ends_is_reported_with_its_place(solve, tmp_path):
     scene = tmp_path / "ends.nml"
     scene.write_text(
         "&system coordinates='still' 'x', mass=1 1, stiffness=1 0 0 1 /\n"
@@ -173,7 +173,7 @@ def test_a_law_that_ends_is_told_with_its_place(solve, tmp_path):
 @pytest.mark.parametrize("kernel", ["", "&kernel kind='prony', weights=0.1, rates=0.5 /\n"])
 @pytest.mark.parametrize("edge", [0.7, 1.25])
 @pytest.mark.parametrize("structure", [False, True])
-def test_laws_of_structures_and_of_what_remembers_are_told_too(
+def test_laws_of_structures_and_of_what_remembers_are_reported_too(
     solve, tmp_path, structure, kernel, edge
 ):
     """The original text of the law and the location, although no state is stored there."""
@@ -198,7 +198,7 @@ def test_laws_of_structures_and_of_what_remembers_are_told_too(
     done = solve(scene, "--out", tmp_path)
     assert done.returncode == 1, done.stderr
     name = "d" if structure else "x"
-    told = f"; the law '{law.format('D' if structure else 'x')}' has no value beyond {name} = "
-    assert told in done.stdout
-    place = float(done.stdout.split(told)[1].split()[0])
+    reported = f"; the law '{law.format('D' if structure else 'x')}' has no value beyond {name} = "
+    assert reported in done.stdout
+    place = float(done.stdout.split(reported)[1].split()[0])
     assert place == pytest.approx(-edge, abs=1e-5)

@@ -93,8 +93,8 @@ def test_motions_side_by_side_see_them(solve, tmp_path, more):
         # Steps of 0.3 give inaccurate peaks and means.
         roughly = np.abs(run.state[:, 0]).max()
         assert rows["peak_x"][rows["load_scale"] == scale] == pytest.approx(roughly, rel=0.02)
-    told = np.sqrt(np.trapezoid(run.state[:, 0] ** 2, run.t) / 20)
-    assert rows["rms_x"][-1] == pytest.approx(told, rel=0.02)
+    reported = np.sqrt(np.trapezoid(run.state[:, 0] ** 2, run.t) / 20)
+    assert rows["rms_x"][-1] == pytest.approx(reported, rel=0.02)
 
 
 def test_their_exponents_are_refused(solve, tmp_path):

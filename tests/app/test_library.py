@@ -272,7 +272,7 @@ def test_calls_give_the_tables_of_scenes(library, solve, tmp_path, name, keys, m
     library.viscovib_system_free(system)
 
 
-def test_mistakes_are_told_and_change_nothing(library):
+def test_mistakes_are_reported_and_change_nothing(library):
     system = handle_of(library, library.viscovib_system_read, MOUNT)
     handle = ctypes.byref(ctypes.c_void_p())
     wrong = {

@@ -129,7 +129,7 @@ contains
       deallocate (b)
     end if
 
-    if (begin('singular matrices are told')) then
+    if (begin('singular matrices are reported')) then
       do n = 1, 4
         a = reshape([((1.0_wp, 1.0_wp), i=1, n*n)], [n, n])
         if (n == 1) a = (0.0_wp, 0.0_wp)

@@ -46,7 +46,7 @@ contains
       call check(index(text, nl//'2.0000000000000000e+00,diverged,newton,0,' &
                        //'0.0000000000000000e+00,0'//repeat(',nan', 10)//nl) > 0, &
                  'no solution is nan')
-      call check(read_scratch('table/a/t.csv.part') == '(none)', 'nothing left beside it')
+      call check(read_scratch('table/a/t.csv.part') == '(none)', 'nothing left next to it')
     end if
 
     if (begin('a table replaces an older one')) then

@@ -72,7 +72,7 @@ class Interrupts(Calls):
             self.reactions.append(answer["reaction"])
         return ended(self.name, seed, text, answer)
 
-    def told(self) -> str:
+    def reported(self) -> str:
         """Reaction times in a line."""
         times = sorted(self.reactions)
         if not times:
@@ -96,8 +96,8 @@ class Files:
         text, names = rng.choice(READERS)
         some = names if rng.random() < 0.2 else [rng.choice(names)]
         files = {name: spoilt(rng, FILES[name].encode()) for name in some}
-        told = {name: content.decode("latin-1") for name, content in files.items()}
-        answer = self.worker.ask(job="call", text=text, files=told)
+        reported = {name: content.decode("latin-1") for name, content in files.items()}
+        answer = self.worker.ask(job="call", text=text, files=reported)
         case = ended("files", seed, text, answer)
         return Case(case.part, seed, case.ending, case.how, {**case.files, **files})
 

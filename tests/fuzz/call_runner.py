@@ -72,7 +72,7 @@ def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
         Path(name).write_bytes(content.encode("latin-1"))
     *first, last = text.split("\n")
     space = names()
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         np.seterr(all="warn", under="ignore")
         try:
@@ -94,7 +94,7 @@ def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
             return _ending(*_of_python(error, last))
         finally:
             _close_figures()
-    for warning in told:
+    for warning in reported:
         if not issubclass(warning.category, _TOLD) and _inside(warning.filename):
             where = f"{Path(warning.filename).name}:{warning.lineno}"
             return _ending("message", f"{warning.category.__name__} {where}: {warning.message}")
@@ -105,7 +105,7 @@ def call(text: str, files: Mapping[str, str] | None = None) -> dict[str, Any]:
         return _ending(*_of_python(error, ""))
     if fault:
         return _ending("not finite", fault)
-    return _ending("done with warnings" if told else "done", type(value).__name__)
+    return _ending("done with warnings" if reported else "done", type(value).__name__)
 
 
 def _ending(verdict: str, detail: str) -> dict[str, Any]:

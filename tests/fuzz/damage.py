@@ -65,15 +65,15 @@ def checkpoint(seed: str) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            told: list[str] = []
+            reported: list[str] = []
             kind = rng.choices([_killed, _hostile, _case], [0.02, 0.3, 0.68])[0]
-            verdict, detail = kind(rng, folder, told)
+            verdict, detail = kind(rng, folder, reported)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    return {"verdict": verdict, "detail": "; ".join([detail, *told])}
+    return {"verdict": verdict, "detail": "; ".join([detail, *reported])}
 
 
-def _case(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
+def _case(rng: random.Random, folder: Path, reported: list[str]) -> tuple[str, str]:
     kind = rng.choice(["number", "several", "failing", "scene"])
     grid = {
         "a": [float(i) for i in range(1, rng.randint(2, 6))],
@@ -89,13 +89,13 @@ def _case(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
             n_threads=1, errors="keep",
         ).load()  # fmt: skip
 
-    told.append(f"{kind}, grid {grid}, chunk {chunk}")
+    reported.append(f"{kind}, grid {grid}, chunk {chunk}")
     want = sweep("mine", 1.0, grid)
     sweep("other", rng.choice([1.0, 3.0]), other)
     mine = folder / "mine"
     touched: set[Path] = set()
     for _ in range(rng.choice([1, 1, 2, 4])):
-        touched |= spoil(rng, mine, folder / "other", told)
+        touched |= spoil(rng, mine, folder / "other", reported)
     try:
         again = sweep("mine", 1.0, grid)
     except vv.ViscovibError as error:
@@ -113,11 +113,11 @@ def _case(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
     return ("not kept", f"not mended: {CALLS}") if CALLS else ("done", "")
 
 
-def _hostile(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
+def _hostile(rng: random.Random, folder: Path, reported: list[str]) -> tuple[str, str]:
     """A foreign checkpoint, of this sweep or of another."""
     grid, mine, outside = {"a": [1.0, 2.0, 3.0], "b": [0.5, 1.5]}, folder / "mine", folder / "out"
     kind, same = rng.choice(["number", "several", "failing", "scene"]), rng.random() < 0.7
-    told.append(f"{kind}, {'same' if same else 'other'} identity")
+    reported.append(f"{kind}, {'same' if same else 'other'} identity")
 
     def sweep(factor: float) -> Any:
         return vv.sweep(
@@ -130,9 +130,9 @@ def _hostile(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, st
     for name in ("precious", "folder/0", "folder/zarr.json"):
         (outside / name).write_text("precious")
     for _ in range(rng.choice([1, 1, 2, 3])):
-        plant(rng, mine, outside.resolve(), told)
+        plant(rng, mine, outside.resolve(), reported)
     if rng.random() < 0.3:
-        spoil(rng, mine, mine, told)
+        spoil(rng, mine, mine, reported)
     kept, before = _snapshot(outside), _snapshot(mine)
     try:
         again = sweep(1.0 if same else 3.0)
@@ -153,7 +153,7 @@ def _hostile(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, st
     return verdict, text
 
 
-def plant(rng: random.Random, mine: Path, outside: Path, told: list[str]) -> None:
+def plant(rng: random.Random, mine: Path, outside: Path, reported: list[str]) -> None:
     """Place a link, a pipe or a device into a checkpoint, also in place of a temporary file."""
     places = sorted(path for path in mine.rglob("*") if not path.is_symlink())
     place = rng.choice(places)
@@ -168,7 +168,7 @@ def plant(rng: random.Random, mine: Path, outside: Path, told: list[str]) -> Non
         ["pipe", "/dev/zero", "/dev/stdin", "/proc/self/environ", outside / "precious",
          outside / "folder", outside / "nothing", place, ".."]
     )  # fmt: skip
-    told.append(f"{place.relative_to(mine)} is {target}")
+    reported.append(f"{place.relative_to(mine)} is {target}")
     if target == "pipe":
         os.mkfifo(place)
     else:
@@ -216,7 +216,7 @@ def _points_of(
     return lost
 
 
-def spoil(rng: random.Random, mine: Path, other: Path, told: list[str]) -> set[Path]:
+def spoil(rng: random.Random, mine: Path, other: Path, reported: list[str]) -> set[Path]:
     """Damage a file; return the changed files."""
     files = sorted(path for path in mine.rglob("*") if path.is_file())
     if not files:
@@ -225,7 +225,7 @@ def spoil(rng: random.Random, mine: Path, other: Path, told: list[str]) -> set[P
     content = file.read_bytes()
     how = rng.choice(["flip", "flip", "cut", "empty", "gone", "swap", "swap", "copy", "foreign",
                       "random", "folder", "chunk", "chunk", "tree", "longer", "text"])  # fmt: skip
-    told.append(f"{how} {file.relative_to(mine)}")
+    reported.append(f"{how} {file.relative_to(mine)}")
     if how == "flip" and content:
         data = bytearray(content)
         for _ in range(rng.choice([1, 1, 3])):
@@ -241,13 +241,13 @@ def spoil(rng: random.Random, mine: Path, other: Path, told: list[str]) -> set[P
         first = file.relative_to(mine).parts[:2]
         alike = [f for f in files if f.relative_to(mine).parts[:2] == first]
         second = rng.choice(alike if rng.random() < 0.8 else files)
-        told.append(f"with {second.relative_to(mine)}")
+        reported.append(f"with {second.relative_to(mine)}")
         file.write_bytes(second.read_bytes())
         if how == "swap":
             second.write_bytes(content)
             return {file, second}
     elif how == "chunk":
-        return _moved(rng, mine, rng.choice([mine, other]), told)
+        return _moved(rng, mine, rng.choice([mine, other]), reported)
     elif how == "foreign":
         source = other / file.relative_to(mine)
         if source.is_file():
@@ -269,7 +269,7 @@ def spoil(rng: random.Random, mine: Path, other: Path, told: list[str]) -> set[P
     return {file}
 
 
-def _moved(rng: random.Random, mine: Path, source: Path, told: list[str]) -> set[Path]:
+def _moved(rng: random.Random, mine: Path, source: Path, reported: list[str]) -> set[Path]:
     """Replace a chunk by another intact chunk."""
     places = sorted(
         f.relative_to(source / "point_outcome" / "c").parts[:2]
@@ -279,7 +279,7 @@ def _moved(rng: random.Random, mine: Path, source: Path, told: list[str]) -> set
     if not places:
         return set()
     start, end = rng.choice(places), rng.choice(places)
-    told.append(f"chunk {start} of {source.name} to {end}")
+    reported.append(f"chunk {start} of {source.name} to {end}")
     moved = set()
     for file in sorted(source.rglob("*")):
         name = file.relative_to(source).parts
@@ -293,7 +293,7 @@ def _moved(rng: random.Random, mine: Path, source: Path, told: list[str]) -> set
     return moved
 
 
-def _killed(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str]:
+def _killed(rng: random.Random, folder: Path, reported: list[str]) -> tuple[str, str]:
     """A sweep that is killed at a random time, sometimes also damaged, and run again."""
     (folder / "child.py").write_text(CHILD)
     command = [sys.executable, str(folder / "child.py"), str(folder / "mine")]
@@ -305,9 +305,9 @@ def _killed(rng: random.Random, folder: Path, told: list[str]) -> tuple[str, str
     time.sleep(rng.uniform(0, 0.6))
     child.send_signal(signal.SIGKILL)
     child.communicate()
-    told.append("killed")
+    reported.append("killed")
     if rng.random() < 0.5 and (folder / "mine").exists():
-        spoil(rng, folder / "mine", folder / "mine", told)
+        spoil(rng, folder / "mine", folder / "mine", reported)
     done = subprocess.run(command, timeout=15, check=False, **quiet)  # type: ignore[call-overload]
     lines = done.stderr.strip().splitlines()
     if done.returncode == 0:

@@ -277,10 +277,10 @@ def _ask(driver: Path, folder: Path, seeds: list[Scene]) -> dict[str, dict[str, 
                 if key in groups[name]:
                     continue
                 other = [*scene[:i], (name, {**keys, key: "'qqq'"}), *scene[i + 1 :]]
-                told = refusal(other)
+                reported = refusal(other)
                 found = groups[name].setdefault(key, Key())
-                if "must be one of" in told and f"{key} =" in told:
-                    found.words = re.findall(r"'(\w+)'", told.partition("must be one of")[2])
-                found.text = bool(found.words) or f"{key} = qqq" not in told
-                found.whole = "integer" in told
+                if "must be one of" in reported and f"{key} =" in reported:
+                    found.words = re.findall(r"'(\w+)'", reported.partition("must be one of")[2])
+                found.text = bool(found.words) or f"{key} = qqq" not in reported
+                found.whole = "integer" in reported
     return groups

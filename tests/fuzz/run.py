@@ -78,8 +78,8 @@ def _run(options: argparse.Namespace, work: Path) -> int:
             left.remove(part)
     print(table(tables, time.monotonic() - started))
     for part in chosen:
-        if hasattr(part, "told"):
-            print(part.told())
+        if hasattr(part, "reported"):
+            print(part.reported())
     _write(out, tables)
     return int(any(n for counts in tables.values() for v, n in counts.items() if v in BAD))
 

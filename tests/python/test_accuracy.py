@@ -161,7 +161,7 @@ def test_the_cause_is_named(system, arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"rtol": 1e-8, "tolerance": 1e-8}, "give one of them"),
+        ({"rtol": 1e-8, "tolerance": 1e-8}, "give only one of them"),
         ({"rtol": 1e-15}, "rtol = 1e-15: must be in"),
         ({"atol": 0}, "atol = 0: must be greater than 0"),
         ({"rtol": 1e-8, "dt": 0.1}, "must not be given with dt"),
@@ -188,7 +188,7 @@ def test_a_corner_behind_memory_is_no_chaos():
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces="2*heaviside(x - 0.1)*x_dot", kernel=kernel
     )
-    with pytest.raises(vv.InputError, match="jump or corner on which no step ends"):
+    with pytest.raises(vv.InputError, match="jump or corner at which no step ends"):
         vv.simulate(
             system, 15, initial=[0.2, 0], load=0.5, nu=1.0, dt="auto", tolerance=1e-6,
             memory="direct",
@@ -220,7 +220,7 @@ def remembering(law, k):
 
 
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
-def test_states_inside_steps_are_as_exact_as_told(tolerance):
+def test_states_inside_steps_are_as_exact_as_reported(tolerance):
     """Dense output between step ends, where steps are longer than the distance of stored states."""
     rng = np.random.default_rng(5)
     fewer = 0
@@ -291,5 +291,7 @@ def test_growth_of_roundings_is_in_the_error():
     ]  # fmt: skip
     run = vv.simulate(near_chaos, 183, initial=start, tolerance=1e-6, keep="last")
     assert np.abs(run.state[-1] - right).max() <= run.error <= 1e-6
-    with pytest.raises(vv.InputError, match="makes roundings of the numbers of the system"):
+    with pytest.raises(
+        vv.InputError, match="amplifies rounding errors of the numbers of the system"
+    ):
         vv.simulate(near_chaos, 183, initial=start, tolerance=3e-8, keep="last")

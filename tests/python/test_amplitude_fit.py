@@ -85,14 +85,14 @@ def test_intervals_hold_the_truth():
         ([(1e5, 2e-4), (5e4, 8e-4)], 0),
     ],
 )
-def test_elements_that_amplitudes_do_not_tell_are_told(elements, loose):
+def test_elements_that_amplitudes_do_not_tell_are_reported(elements, loose):
     """Their intervals are unbounded, because the data do not determine them."""
     data = stiffness(KERNELS["rabotnov"], elements, 0.003, 1)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         fit = vv.fit_amplitude(data, elements=2)
     assert len(fit.unconstrained) == 2 * loose
-    assert bool(told) == bool(loose)
+    assert bool(reported) == bool(loose)
     assert all(fit.interval[name] == (0, np.inf) for name in fit.unconstrained)
     if loose == 1:
         # A spring that never slips is part of the modulus: no element represents it.
@@ -108,7 +108,7 @@ def test_elements_that_amplitudes_do_not_tell_are_told(elements, loose):
     [
         ([30, 40, 50], [3, 2, 1], r"decades\[1\] = 2 at 40 deg C: must be below 0 above the ref"),
         ([0, 20, 40], [-1, 0, 1], r"do not fall with temperature \(-1 at 0 deg C, 1 at 40\)"),
-        ([20, 20, 20], [0, 0, 0], "temperatures: are all the reference, 20 deg C"),
+        ([20, 20, 20], [0, 0, 0], "temperatures: are all equal to the reference, 20 deg C"),
     ],
 )
 @pytest.mark.parametrize("law", ["wlf", "arrhenius"])
@@ -124,7 +124,7 @@ def test_static_curves():
     assert found.stiffness == pytest.approx(1e5)
     assert found.parameters == pytest.approx({"k2": 2e7, "k3": 4e9})
     assert found.residual < 1e-12
-    with pytest.raises(vv.InputError, match="the fitted force falls at a deflection"):
+    with pytest.raises(vv.InputError, match="the fitted force decreases at a deflection"):
         vv.fit_progressive(d, -1e3 * d + 4e9 * d**3)
 
 
@@ -133,7 +133,7 @@ def test_what_is_refused():
     given = {"frequencies": nu, "storage": nu + 1, "loss": nu}
     with pytest.raises(vv.InputError, match="has no amplitudes"):
         vv.fit_amplitude(vv.ModulusData(**given))
-    with pytest.raises(vv.InputError, match=r"one amplitude alone, 0\.001 m"):
+    with pytest.raises(vv.InputError, match=r"only one amplitude, 0\.001 m"):
         vv.fit_amplitude(vv.ModulusData(**given, amplitude=1e-3))
     with pytest.raises(vv.InputError, match="slip = -1"):
         vv.jenkins_stiffness(1.0, stiffness=1.0, slip=-1.0)

@@ -144,9 +144,9 @@ def test_what_an_acceleration_cannot_be_is_refused_in_a_line():
         (fixed, {"base_acceleration": table}, "has no base_direction"),
         (engine(), {"base_acceleration": table}, "has no base_direction"),
         (pendulum, {"base_acceleration": table, "initial": np.zeros(6)}, "is for a Mount"),
-        (along, {"force": in_g}, "force: is in g"),
-        (along, {"base": in_g}, "base: is in g"),
-        (vv.Structure(mass=[[1.0]], stiffness=[[1.0]]), {"force": in_g}, "force: is in g"),
+        (along, {"force": in_g}, "force: is an acceleration in g"),
+        (along, {"base": in_g}, "base: is an acceleration in g"),
+        (vv.Structure(mass=[[1.0]], stiffness=[[1.0]]), {"force": in_g}, "force: is an accelera"),
         (vv.Structure(mass=[[1.0]], stiffness=[[1.0]]), {"base_acceleration": table},
          "has no base_direction"),
     ]:  # fmt: skip

@@ -104,13 +104,13 @@ def test_mount_forces_move_the_body(seed):
     load = body.load(rng.normal(size=3) * 50, rng.normal(size=3) * 5, at=(0.1, -0.2, 0.3))
     nu = body.modes().omega[:3] * 1.02
     found = vv.forced_response(body, nu, load=load, method="newton")
-    told = body.mount_forces(found)
+    reported = body.mount_forces(found)
     for i in np.flatnonzero(found.converged):
         for k, order in enumerate(found.harmonics):
             left = -((order * nu[i]) ** 2) * body.mass @ found.coefficients[i, :, k]
             left = left - load * (order == 1)
             for j, mount in enumerate(body.mounts):
-                force = mount.rotation @ told.force[i, j, :, k]
+                force = mount.rotation @ reported.force[i, j, :, k]
                 left[:3] += force
                 left[3:] += np.cross(np.asarray(mount.position), force)
             assert np.abs(left).max() < 1e-8 * np.abs(load).max()
@@ -147,9 +147,9 @@ def test_transmissibility_is_a_response():
     found = vv.forced_response(body, nu, base=1e-3, method="linear")
     point = (0.2, 0.1, -0.3)
     moved = body.motion_of(found, point)[..., 0] / 1e-3
-    told = body.base_transmissibility(nu, "y", point)
-    np.testing.assert_allclose(told, moved, rtol=1e-10, atol=1e-14)
-    floor = told - body.base_transmissibility(nu, "y", point, relative=True)
+    reported = body.base_transmissibility(nu, "y", point)
+    np.testing.assert_allclose(reported, moved, rtol=1e-10, atol=1e-14)
+    floor = reported - body.base_transmissibility(nu, "y", point, relative=True)
     np.testing.assert_allclose(floor, np.broadcast_to([0, 1, 0], (30, 3)), atol=1e-12)
     # Only the mounts accelerate the body.
     each = body.mount_forces(found, base=1e-3).force[..., 0]
@@ -230,18 +230,19 @@ def test_fluid_mount():
         track=track, rotational_stiffness=(1e3,) * 3,
     )  # fmt: skip
     frequencies = np.array([5.0, 12.0, 15.0, 14.9434])
-    told = mount.dynamic_stiffness(frequencies * hz)[:, 2]
+    reported = mount.dynamic_stiffness(frequencies * hz)[:, 2]
     size = [478.823, 1042.292, 1399.470, 1399.555]
-    np.testing.assert_allclose(np.abs(told) / 1e3, size, atol=6e-4)
-    np.testing.assert_allclose(np.degrees(np.angle(told))[:3], [13.841, 53.241, 27.017], atol=6e-4)
+    np.testing.assert_allclose(np.abs(reported) / 1e3, size, atol=6e-4)
+    angles = np.degrees(np.angle(reported))[:3]
+    np.testing.assert_allclose(angles, [13.841, 53.241, 27.017], atol=6e-4)
     body = vv.Body(mass=300, inertia=(10, 10, 10), mounts=[mount])
     assert body.dof_names[6:] == ("fluid_y",)
     found = vv.forced_response(body, frequencies * hz, load=body.load((0, 0, 1)), method="linear")
-    expected = 1 / (told - 300 * (frequencies * hz) ** 2)
+    expected = 1 / (reported - 300 * (frequencies * hz) ** 2)
     np.testing.assert_allclose(found.coefficient("z"), expected, rtol=1e-11)
     force = body.mount_forces(found)
-    np.testing.assert_allclose(force.force[:, 0, 2, 0], told * expected, rtol=1e-11)
-    assert force.amplitude("fluid")[0, 2] == pytest.approx(abs(told[0] * expected[0]))
+    np.testing.assert_allclose(force.force[:, 0, 2, 0], reported * expected, rtol=1e-11)
+    assert force.amplitude("fluid")[0, 2] == pytest.approx(abs(reported[0] * expected[0]))
 
 
 def test_unbalance_turns():
@@ -416,7 +417,7 @@ GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ({"name": "left mount"}, "name = 'left mount': must be letters"),
         ({"position": (1, 2)}, r"m: position: must have shape \(3,\)"),
@@ -432,14 +433,14 @@ GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
         ({"track": 3}, "m: track = 3: must be a FluidTrack"),
     ],
 )
-def test_wrong_mounts(given, told):
+def test_wrong_mounts(given, reported):
     """One-line messages that name the mount."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         vv.MountPoint(**{**GOOD, **given})
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ({"mass": 0}, "mass = 0: must be greater than 0"),
         ({"inertia": (1, 1, 3)}, "larger than the sum of the other two"),
@@ -451,16 +452,16 @@ def test_wrong_mounts(given, told):
         ({"gravity": (0, 0)}, r"gravity: must have shape \(3,\)"),
     ],
 )
-def test_wrong_bodies(given, told):
+def test_wrong_bodies(given, reported):
     """One-line messages."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         vv.Body(**{"mass": 1, "inertia": (1, 1, 1), "mounts": [vv.MountPoint(**GOOD)], **given})
 
 
 @pytest.mark.parametrize(
-    ("kernel", "told"),
+    ("kernel", "reported"),
     [
-        (vv.AbelKernel(amplitude=0.1, alpha=0.5), "a kernel has no integral"),
+        (vv.AbelKernel(amplitude=0.1, alpha=0.5), "a kernel has no finite integral"),
         (
             vv.PronyKernel(weights=[2.0], rates=[1.0]),
             "integral of a kernel is 2, must be below",
@@ -468,17 +469,17 @@ def test_wrong_bodies(given, told):
     ],
 )
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
-def test_no_sag(kernel, told):
+def test_no_sag(kernel, reported):
     """Rubber with unbounded creep carries no weight."""
     mount = vv.MountPoint(**GOOD, kernel=kernel, rotational_stiffness=(1, 1, 1))
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         vv.Body(mass=1, inertia=(1, 1, 1), mounts=[mount], gravity=9.81)
 
 
 def test_softening_mount_gives_way():
     """A law with a maximum below the weight has no static equilibrium."""
     mount = vv.MountPoint(**GOOD, law="-1e12*d^3", rotational_stiffness=(1, 1, 1))
-    with pytest.raises(vv.InputError, match=r"give way under 0\.1\d* %"):
+    with pytest.raises(vv.InputError, match=r"collapse under 0\.1\d* %"):
         vv.Body(mass=1000, inertia=(1, 1, 1), mounts=[mount], gravity=9.81)
 
 
@@ -489,12 +490,12 @@ def test_millimetres_as_metres():
         vv.Body(mass=100, inertia=(5, 5, 5), mounts=[far])
 
 
-def test_free_body_is_told():
+def test_free_body_is_reported():
     """Free modes have the frequency 0 and are named."""
     mount = vv.MountPoint(name="m", position=(0, 0, 0), stiffness=(1e5, 0, 0))
     modes = vv.Body(mass=10, inertia=(1, 1, 1), mounts=[mount]).modes()
     assert (modes.omega == 0).sum() == 5
-    assert "5 of them motions that nothing resists" in repr(modes)
+    assert "5 of them rigid-body modes" in repr(modes)
     assert np.isnan(modes.loss_factor[0])
 
 
@@ -602,7 +603,7 @@ def test_snubbers():
     assert np.abs(body.modes().omega - expected).min() < 1e-6 * expected
     nu = 0.9 * expected
     found = vv.forced_response(body, [nu], load=body.load((0, 0, 60)), method="newton")
-    told = body.mount_forces(found).force[0, 0, 2]
+    reported = body.mount_forces(found).force[0, 0, 2]
     theta = 2 * np.pi * np.arange(4096) / 4096
     waves = np.exp(1j * np.outer(found.harmonics, theta))
     z = (found.coefficients[0, 2] @ waves).imag
@@ -611,8 +612,8 @@ def test_snubbers():
     weights = np.where(found.harmonics == 0, 1j, 2j) / 4096
     elastic = (sampled @ waves.conj().T) * weights
     damped = 1j * found.harmonics * nu * 50 * found.coefficients[0, 2]
-    np.testing.assert_allclose(told, elastic + damped, atol=1e-6 * np.abs(told).max())
-    left = -((found.harmonics * nu) ** 2) * 50 * found.coefficients[0, 2] + told
+    np.testing.assert_allclose(reported, elastic + damped, atol=1e-6 * np.abs(reported).max())
+    left = -((found.harmonics * nu) ** 2) * 50 * found.coefficients[0, 2] + reported
     np.testing.assert_allclose(left, 60.0 * (found.harmonics == 1), atol=1e-6)
 
 
@@ -647,9 +648,9 @@ def test_preloads(tmp_path):
 
         start = np.r_[rest, 0, 0, 0]
         assert np.abs(rates(0.0, start)).max() < 1e-11
-        told = scipy.integrate.solve_ivp(rates, (0, 2), start, "DOP853", rtol=1e-12, atol=1e-14)
+        reported = scipy.integrate.solve_ivp(rates, (0, 2), start, "DOP853", rtol=1e-12, atol=1e-14)
         run = vv.simulate(body, 2, load=body.load((10, 0, 20)), nu=3, tolerance=1e-10)
-        np.testing.assert_allclose(run.state[-1, 0:6:2] + rest, told.y[:3, -1], atol=1e-11)
+        np.testing.assert_allclose(run.state[-1, 0:6:2] + rest, reported.y[:3, -1], atol=1e-11)
 
 
 @pytest.mark.parametrize("geometry", ["small", "exact"])
@@ -798,21 +799,21 @@ def test_moments_of_mounts(seed):
     load = body.load(rng.normal(size=3) * 50, rng.normal(size=3) * 5, at=(0.1, -0.2, 0.3))
     nu = body.modes().omega[:3] * 1.02
     found = vv.forced_response(body, nu, load=load, method="newton")
-    told = body.mount_forces(found)
-    assert np.abs(told.moment).max() > 0
+    reported = body.mount_forces(found)
+    assert np.abs(reported.moment).max() > 0
     for i in np.flatnonzero(found.converged):
         for k, order in enumerate(found.harmonics):
             left = -((order * nu[i]) ** 2) * body.mass @ found.coefficients[i, :, k]
             left = left - load * (order == 1)
             for j, mount in enumerate(body.mounts):
-                force = mount.rotation @ told.force[i, j, :, k]
+                force = mount.rotation @ reported.force[i, j, :, k]
                 left[:3] += force
                 left[3:] += np.cross(np.asarray(mount.position), force)
-                left[3:] += mount.rotation @ told.moment[i, j, :, k]
+                left[3:] += mount.rotation @ reported.moment[i, j, :, k]
             assert np.abs(left).max() < 1e-8 * np.abs(load).max()
         rates = 1j * nu[i] * found.coefficients[i, :, np.flatnonzero(found.harmonics == 1)[0]]
         power = 0.5 * (load * rates.conj()).real.sum()
-        lost = told.lost_power[i].sum() + told.lost_in_turning[i].sum()
+        lost = reported.lost_power[i].sum() + reported.lost_in_turning[i].sum()
         assert lost == pytest.approx(power, rel=1e-8)
     assert found.converged.any()
 
@@ -925,5 +926,5 @@ def test_a_free_body_keeps_its_momentum():
     assert run.state[-1, ::2] == pytest.approx([3, 6, 9, 0.3, 0.6, 0.9], rel=1e-9)
     r = vv.forced_response(body, [3.0], load=body.load((0, 0, 4)))
     assert r.amplitude("z")[0] == pytest.approx(4 / (2 * 9), rel=1e-12)
-    with pytest.raises(vv.InputError, match="gravity: a free body"):
+    with pytest.raises(vv.InputError, match="because a free body"):
         vv.Body(mass=2.0, inertia=(1.0, 2.0, 2.5), mounts=[], gravity=9.81)

@@ -121,34 +121,34 @@ def test_terminal_sawtooth():
 
 
 @pytest.mark.parametrize(
-    ("place", "angle", "moment", "told"),
+    ("place", "angle", "moment", "reported"),
     [
-        ((66.0, 463.0, 156.0), 0.0, 1.0, "those in mm are to be multiplied by units.mm$"),
-        ((0.1, 0.4, 0.1), 90.0, 1.0, "those in degrees are to be multiplied by units.degree$"),
+        ((66.0, 463.0, 156.0), 0.0, 1.0, "multiply values in mm by units.mm$"),
+        ((0.1, 0.4, 0.1), 90.0, 1.0, "multiply degrees by units.degree$"),
         ((0.1, 0.4, 0.1), 0.0, 1e6, r"that in kg mm\^2 is to be multiplied by units.mm\*\*2$"),
         ((0.1, 0.4, 0.1), 2 * math.pi, 1.0, None),
         ((0.0, 0.0, 0.0), 0.0, 1e6, None),
     ],
 )
-def test_numbers_that_look_like_other_units_are_told(place, angle, moment, told):
+def test_numbers_that_look_like_other_units_are_reported(place, angle, moment, reported):
     def made():
         foot = vv.MountPoint(
             name="foot", position=place, stiffness=(1e5,) * 3, angles=(0, 0, angle)
         )
         return vv.Body(mass=10, inertia=(moment,) * 3, mounts=[foot])
 
-    if told is None:
+    if reported is None:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             made()
         return
-    with pytest.warns(vv.StabilityWarning, match=told) as seen:
+    with pytest.warns(vv.StabilityWarning, match=reported) as seen:
         made()
     assert len(seen) == 1
 
 
 def test_angles_and_axes_are_not_given_both():
-    with pytest.raises(vv.InputError, match="foot: angles, axes: say the same twice"):
+    with pytest.raises(vv.InputError, match="foot: angles, axes: define the orientation twice"):
         vv.MountPoint(
             name="foot", position=(0, 0, 0), stiffness=(1, 1, 1), angles=(0.1, 0, 0), axes=np.eye(3)
         )

@@ -45,13 +45,13 @@ def test_multipliers_along_a_branch():
     changes = np.flatnonzero(branch.stable[1:] != branch.stable[:-1])
     for i in {int(changes[0]), int(changes[0]) + 1, branch.nu.size // 3, branch.nu.size - 2}:
         expected = of_scipy(body, branch.nu[i], branch.coefficients[i], branch.harmonics)
-        told = branch.multipliers[i][np.isfinite(branch.multipliers[i])]
+        reported = branch.multipliers[i][np.isfinite(branch.multipliers[i])]
         assert branch.stable[i] == (np.abs(expected[0]) < 1)
-        assert told.size >= 8
-        for value in told:
+        assert reported.size >= 8
+        for value in reported:
             assert np.abs(expected - value).min() < 1e-6 * max(1, np.abs(value))
         # The largest multiplier is in the list.
-        assert np.abs(told - expected[0]).min() < 1e-6 * np.abs(expected[0])
+        assert np.abs(reported - expected[0]).min() < 1e-6 * np.abs(expected[0])
 
 
 def test_multipliers_where_modes_want_their_rows_exchanged():
@@ -77,9 +77,9 @@ def test_multipliers_where_modes_want_their_rows_exchanged():
     )
     for i, nu in enumerate(nus):
         expected = of_scipy(body, nu, found.coefficients[i], found.harmonics, kernel, 1e11)
-        told = found.multipliers[i][np.isfinite(found.multipliers[i])]
+        reported = found.multipliers[i][np.isfinite(found.multipliers[i])]
         assert found.stable[i] == (np.abs(expected[0]) < 1)
-        assert told.size == 12
-        for value in told:
+        assert reported.size == 12
+        for value in reported:
             assert np.abs(expected - value).min() < 1e-7
-        assert np.abs(told - expected[0]).min() < 1e-7
+        assert np.abs(reported - expected[0]).min() < 1e-7

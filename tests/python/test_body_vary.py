@@ -120,7 +120,7 @@ def test_parameters_of_laws(key, ends):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("mounts[m9].stiffness[z]", "m9"),
         ("mounts[m1].stiffnes[z]", "must be a number of a mount"),
@@ -128,10 +128,10 @@ def test_parameters_of_laws(key, ends):
         ("weight", "vary = 'weight'"),
     ],
 )
-def test_names_that_are_none(name, told):
+def test_names_that_are_none(name, reported):
     """One line with the name and the allowed values."""
     body = engine(KERNEL, "1e10*d^3")
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         vv.trace_response(body, nu=NU, vary=name, vary_range=(1, 2), load={"z": 10.0})
 
 
@@ -144,15 +144,15 @@ def test_values_and_results_that_are_refused():
     with pytest.raises(vv.InputError, match="must not be less than 0"):
         vv.trace_response(body, vary="mounts[m1].stiffness[x]", vary_range=(-1, 100), **given)
     heavy = engine(None, "1e10*d^3", gravity=9.81)
-    with pytest.raises(vv.InputError, match="sags on progressive mounts"):
+    with pytest.raises(vv.InputError, match="static deflection on progressive mounts"):
         vv.trace_response(heavy, vary="mass", vary_range=(100, 200), **given)
     branch = vv.trace_response(body, vary="mass", vary_range=(160, 165), tolerance=1e-4, **given)
     with pytest.raises(vv.InputError, match="mass varies along it"):
         body.mount_forces(branch)
 
 
-def test_left_handed_axes_are_told():
-    with pytest.raises(vv.InputError, match="left-handed, turn one about"):
+def test_left_handed_axes_are_reported():
+    with pytest.raises(vv.InputError, match="left-handed, reverse one"):
         vv.MountPoint(name="a", position=(0, 0, 0), stiffness=(1, 1, 1), axes=-np.eye(3))
 
 

@@ -291,14 +291,14 @@ def test_table_dataset_and_picture(tmp_path):
     assert head[1].startswith("# branch completed; folds at nu = 2.59318")
     first = branch.crossings[0]
     place = f"{first.before + 1}: {first.kind} at nu = {first.parameter:.16e}"
-    told = head[2].removeprefix("# estimated errors of these folds: ").split()
-    assert [float(e) for e in told] == branch.fold_errors.tolist()
+    reported = head[2].removeprefix("# estimated errors of these folds: ").split()
+    assert [float(e) for e in reported] == branch.fold_errors.tolist()
     assert branch.to_dataset().attrs["fold_errors"].tolist() == branch.fold_errors.tolist()
     assert head[3] == f"# stability changes after point {place}"
-    told = head[5].removeprefix("# estimated errors of these changes: ").split()
-    assert [float(e) for e in told] == [c.error for c in branch.crossings]
+    reported = head[5].removeprefix("# estimated errors of these changes: ").split()
+    assert [float(e) for e in reported] == [c.error for c in branch.crossings]
     assert head[7].startswith("nu,stable,growing,multiplier,highest,truncation,error,x_1_re")
-    assert "error: of the last correction and rounding" in head[6]
+    assert "error: by the last correction and rounding" in head[6]
     rows = [line.split(",") for line in head[7:]]
     errors = [float(row[rows[0].index("error")]) for row in rows[1:]]
     assert errors == branch.error.tolist() == branch.to_dataset().error.to_numpy().tolist()
@@ -328,9 +328,9 @@ def test_table_dataset_and_picture(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"nu_range": None}, "nu_range, load_range or vary_range: must be given"),
-        ({"load_range": (0, 1)}, "only one of them"),
-        ({"nu": 1.0}, "nu: must be given with load_range or vary_range, and only then"),
+        ({"nu_range": None}, "nu_range, load_range or vary_range: give exactly"),
+        ({"load_range": (0, 1)}, "give exactly one of them"),
+        ({"nu": 1.0}, "nu: must be given with load_range or vary_range, and not without them"),
         ({"nu_range": (0, 1)}, "nu_range = (0, 1): must be greater than 0"),
         ({"nu_range": (1, 1)}, "must be two different numbers"),
         ({"nu_range": (1, 2, 3)}, "nu_range: must be two numbers"),
@@ -521,7 +521,7 @@ def test_where_a_symmetry_breaks_another_branch_leaves():
     np.testing.assert_allclose(after, state, atol=1e-7)
 
 
-def test_a_branch_stops_where_told():
+def test_a_branch_stops_where_reported():
     values = [2.4, 7.0, 0.5]
     branch = vv.trace_response(
         damped(), (0.5, 10), load=0.5, harmonics=9, at=values, stability=False
@@ -756,7 +756,7 @@ def test_chosen_orders_find_what_many_find():
     assert some.truncation.max() <= 1e-10
 
 
-def test_too_few_orders_are_told():
+def test_too_few_orders_are_reported():
     """A slow and strong motion needs more harmonics than the limit."""
     with pytest.warns(vv.ConvergenceWarning, match="harmonics up to 63 do not reach"):
         vv.trace_response(

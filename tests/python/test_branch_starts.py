@@ -61,7 +61,7 @@ def test_couplings_far_stiffer_than_the_rest(seed):
 
 
 @pytest.mark.parametrize("load", [1.1281341423069074e101, 1.7e308])
-def test_what_is_no_number_is_told(load):
+def test_what_is_no_number_is_reported(load):
     system = vv.PolynomialSystem(
         mass=0.03, stiffness=672.8, damping=0.01, forces="2.6577956703699335e-26*x^3"
     )

@@ -167,7 +167,7 @@ def test_light_modes_side_by_side_are_listed_and_counted(gap):
         assert not clear or roots.complete
 
 
-def test_roots_beside_tables_that_end_are_zeros():
+def test_roots_with_tables_that_end_are_zeros():
     """For a kernel of finite duration, transforms in the left half plane exceed all other terms."""
     for seed in range(6):
         rng = np.random.default_rng(seed)

@@ -30,8 +30,8 @@ def test_help_has_examples(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([*command.split(), "--help"])
     assert ended.value.code == 0
-    told = capsys.readouterr().out
-    assert f"viscovib {command}".rstrip() in told[told.index("examples:") :]
+    reported = capsys.readouterr().out
+    assert f"viscovib {command}".rstrip() in reported[reported.index("examples:") :]
 
 
 def test_several_scenes_and_the_largest_status(tmp_path, capsys):
@@ -76,9 +76,9 @@ def test_what_is_no_number_is_null(tmp_path, capsys):
         "&load amplitude=50 /\n&response nu=1.4 1.5, method='successive' /\n"
     )
     assert main(["run", str(scene), "--out", str(tmp_path), "--json"]) == 1
-    (told,) = lines(capsys)
-    assert told["numbers"]["peak_x"]["value"] is None
-    assert not told["complete"]
+    (reported,) = lines(capsys)
+    assert reported["numbers"]["peak_x"]["value"] is None
+    assert not reported["complete"]
 
 
 def test_bash_completes(tmp_path, capsys):
@@ -104,7 +104,7 @@ def test_bash_completes(tmp_path, capsys):
         assert "sweep" in capsys.readouterr().out
 
 
-def _told_by_terminal(command, cwd, **environment):
+def _reported_by_terminal(command, cwd, **environment):
     """Output of a command on a terminal."""
     ours, its = pty.openpty()
     # Lines and columns, without which no bar fits.
@@ -112,7 +112,7 @@ def _told_by_terminal(command, cwd, **environment):
     environment = os.environ | {"CI": ""} | environment
     with subprocess.Popen(command, stdout=its, stderr=its, cwd=cwd, env=environment) as child:
         os.close(its)
-        told = b""
+        reported = b""
         while True:
             try:
                 part = os.read(ours, 4096)
@@ -120,10 +120,10 @@ def _told_by_terminal(command, cwd, **environment):
                 break
             if not part:
                 break
-            told += part
+            reported += part
         assert child.wait() == 0
     os.close(ours)
-    return told.decode()
+    return reported.decode()
 
 
 LONG = """
@@ -162,8 +162,8 @@ def short():
 )
 def test_bars_of_long_work_appear_by_themselves(tmp_path, work, unit, environment):
     command = [sys.executable, "-c", f"{LONG}\n{work}()"]
-    told = _told_by_terminal(command, tmp_path, **environment)
-    assert unit in told if unit else not told
+    reported = _reported_by_terminal(command, tmp_path, **environment)
+    assert unit in reported if unit else not reported
     if not environment and unit:
         piped = subprocess.run(command, capture_output=True, text=True, check=True)
         assert not piped.stdout + piped.stderr
@@ -181,7 +181,7 @@ def test_bars_only_on_terminals(tmp_path, monkeypatch, capsys):
     assert long in text
     scene.write_text(text.replace(long, "to = 0.95, harmonics = 6"))
     command = [sys.executable, "-c", impatient, "run", str(scene)]
-    assert " points [" in _told_by_terminal(command, tmp_path)
+    assert " points [" in _reported_by_terminal(command, tmp_path)
     monkeypatch.setattr(progress, "_PATIENCE", 0.0)
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(scene)]) == 0

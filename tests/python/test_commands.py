@@ -69,7 +69,7 @@ def test_options_of_the_sweep(tmp_path, capsys):
     kept = xr.open_zarr(tmp_path / "mount_paper_sweep.zarr", chunks=None)
     assert kept.amplitude.dims == ("mount.geometry", "load.amplitude", "nu", "dof", "harmonic")
     assert main(["sweep", str(PAPER), "--over", "mount.mass=1,-1", *out, "--quiet"]) == 2
-    assert "holds another sweep (extract: was all, is summary)" in capsys.readouterr().err
+    assert "contains another sweep (extract: was all, is summary)" in capsys.readouterr().err
     other = ["--checkpoint", str(tmp_path / "c")]
     assert main(["sweep", str(PAPER), "--over", "mount.mass=1,-1", *out, *other, "--quiet"]) == 2
     assert "at mount.mass = -1.0: InputError: mass = -1: must be" in capsys.readouterr().err
@@ -103,7 +103,8 @@ def test_ctrl_c_says_how_to_go_on(start, tmp_path):
     assert spent < 1
     assert child.returncode == 130
     assert said.splitlines() == [
-        f"{outcomes.parents[1]}: holds what is finished, the same command goes on from there",
+        f"{outcomes.parents[1]}: contains the finished points, the same command continues "
+        "from there",
         "viscovib: interrupted",
     ]
 
@@ -127,13 +128,13 @@ def test_ctrl_c_says_how_to_go_on(start, tmp_path):
         ("key='mount.mass', values=1 / &sweep key='Mount.Mass', values=2", "is swept already"),
     ],
 )
-def test_wrong_sweep_groups_are_told_with_their_line(tmp_path, group, message):
+def test_wrong_sweep_groups_are_reported_with_their_line(tmp_path, group, message):
     scene = small_map(tmp_path, f"&sweep {group} /\n")
     line = scene.read_text()[: scene.read_text().index("&sweep")].count("\n") + 1
-    with pytest.raises(vv.InputError) as told:
+    with pytest.raises(vv.InputError) as reported:
         vv.Scene.read(scene)
-    assert str(told.value).startswith(f"{scene}:{line}: ")
-    assert message in str(told.value)
+    assert str(reported.value).startswith(f"{scene}:{line}: ")
+    assert message in str(reported.value)
 
 
 def test_the_plan_counts_the_points(capsys):

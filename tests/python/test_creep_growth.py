@@ -36,10 +36,10 @@ def test_growth_far_from_the_axis_is_found(seed):
     rates = rates_of_rest(amplitude, alpha)
     nu = rates[0] * rng.uniform(0.08, 0.3)
     branch = vv.trace_response(mount, (nu, 1.3 * nu), load=1e-6, harmonics=3)
-    told = branch.growing >= 0
-    assert told.any()
-    assert (branch.growing[told] == 2).all()
-    for found in branch.exponents[told]:
+    reported = branch.growing >= 0
+    assert reported.any()
+    assert (branch.growing[reported] == 2).all()
+    for found in branch.exponents[reported]:
         assert found[:2].real == pytest.approx(rates, rel=1e-7)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from referee.crossings import case as crossings_case, told_by_crossings
+from referee.crossings import case as crossings_case, reported_by_crossings
 from referee.worker import answer, generator
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
@@ -28,7 +28,7 @@ def test_they_explain_every_change(seed):
     system = _pair(rng)
     same = dict(load={1: [rng.uniform(0.1, 0.5), 0]}, harmonics=15, symmetric=bool(seed % 2))
     branch = vv.trace_response(system, (0.4, 2.0), **same)
-    for claim in told_by_crossings(branch):
+    for claim in reported_by_crossings(branch):
         assert claim.ratio() == 0, str(claim)
     fine = vv.trace_response(system, (0.4, 2.0), **same, max_step=0.03, max_points=6000)
     if branch.outcome == fine.outcome == "completed" and fine.truncation.max() < 1e-4:
@@ -55,7 +55,7 @@ def test_breaking_of_symmetry_with_memory():
     kernel = vv.PronyKernel(weights=[0.05], rates=[0.4])
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3", kernel=kernel)
     branch = vv.trace_response(system, load_range=(0.1, 6), nu=1.1, load=1, harmonics=15)
-    for claim in told_by_crossings(branch):
+    for claim in reported_by_crossings(branch):
         assert claim.ratio() == 0, str(claim)
     assert {c.kind for c in branch.crossings} <= {"fold", "symmetry breaking"}
 
@@ -82,7 +82,7 @@ def test_a_change_far_from_a_fold_is_no_fold():
     branch = vv.trace_response(
         system, (0.5, 1.7), load={2: [0.43]}, harmonics=13, symmetric=False, max_points=600
     )
-    for claim in told_by_crossings(branch):
+    for claim in reported_by_crossings(branch):
         assert claim.ratio() == 0, str(claim)
     assert [c.kind for c in branch.crossings] == ["fold"] * 2 + ["branch point"] * 2
     got = [c.parameter for c in branch.crossings if c.kind == "fold"]
@@ -105,7 +105,7 @@ def _crossings(system, nu, load, **options):
     return [(c.kind, c.parameter) for c in branch.crossings]
 
 
-def test_a_pair_of_crossings_beside_a_fold_is_found():
+def test_a_pair_of_crossings_near_a_fold_is_found():
     """Two symmetry-breaking points and the fold between them lie within one step."""
     system = vv.PolynomialSystem(
         mass=[1.8, 1.12], damping=[[0.030206, -0.01947], [-0.01947, 0.03344]],
@@ -144,7 +144,7 @@ def test_exponents_that_turn_fast_have_a_place_too():
     assert [p for _, p in found] == pytest.approx([p for _, p in fine], rel=1e-8)
 
 
-def test_places_of_truncated_motions_are_told_as_such():
+def test_places_of_truncated_motions_are_reported_as_such():
     """The location is exact for the given harmonics; its error is the truncation of the motion."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     with pytest.warns(vv.ConvergenceWarning, match="2 of 2 crossings next to these are those of"):

@@ -87,14 +87,14 @@ def by_structure(law):
 @pytest.mark.parametrize("law", [*CORNERS, "0.2*tanh(x1_dot)", "x1^3", "0.3*exp(x1)*x1"])
 def test_laws_with_corners_have_a_larger_tolerance(law, tmp_path):
     usual = 1e-6 if law in CORNERS else 1e-10
-    told = "a relative error of 1e-6 (a law has corners)"
+    reported = "a relative error of 1e-6 (a law has corners)"
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law, names=["x1"])
     for one in (system, by_structure(law)):
         response = vv.forced_response(one, [0.5], load={"x1": 0.1})
         branch = vv.trace_response(one, (0.5, 0.55), load={"x1": 0.1}, stability=False)
         for result in (response, branch):
             assert result._tolerance == usual
-            assert (told in str(result.plan)) == (law in CORNERS)
+            assert (reported in str(result.plan)) == (law in CORNERS)
         assert vv.forced_response(one, [0.5], load={"x1": 0.1}, rtol=1e-7)._tolerance == 1e-7
     scene = tmp_path / "scene.nml"
     for group in ("response nu=0.5", "branch nu_from=0.5 nu_to=0.55 stability='no'"):

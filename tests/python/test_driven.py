@@ -234,7 +234,7 @@ def test_parametric_resonance_is_found_and_followed():
     assert [crossing.parameter for crossing in branch.crossings] == pytest.approx(points, abs=1e-9)
 
 
-def test_period_doubling_is_told_from_branch_points():
+def test_period_doubling_is_reported_from_branch_points():
     """Over one period of the load the swinging with half the frequency has the multiplier -1."""
     branch = vv.trace_response(vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), harmonics=12)
     doubled = parametric().branch_points
@@ -351,7 +351,7 @@ def test_each_row_is_what_it_is_alone():
         assert np.array_equal(moved.coefficients[0], alone.coefficients[0])
 
 
-def test_what_is_not_found_is_told():
+def test_what_is_not_found_is_reported():
     with pytest.warns(vv.ConvergenceWarning, match="1 of 2 motions not found"):
         r = vv.forced_response(
             vv.Pendulum(**PARAMETRIC), f0=[0.01, 40.0], harmonics=9, stability=True
@@ -447,7 +447,7 @@ def test_bad_input_is_named(call, text):
     assert text in str(error.value)
 
 
-def test_a_branch_stops_where_told():
+def test_a_branch_stops_where_reported():
     options = {"f0": (0.001, 0.02), "harmonics": 9, "stability": False}
     values = [0.005, 0.0123]
     branch = vv.trace_response(swung(), **options, at=values)

@@ -19,7 +19,7 @@ def frequencies(mass, stiffness):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
-def test_backbones_of_soft_springs_beside_stiff_ones_tell_their_rounding():
+def test_backbones_of_soft_springs_with_stiff_ones_tell_their_rounding():
     """Frequencies of small motions against eigenvalues; truncation alone was 40 times too small."""
     judged = 0
     for seed in range(40):
@@ -39,7 +39,7 @@ def test_backbones_of_soft_springs_beside_stiff_ones_tell_their_rounding():
     assert judged > 50
 
 
-def test_folds_of_backbones_are_as_far_off_as_told():
+def test_folds_of_backbones_are_as_far_off_as_reported():
     """Few harmonics against many: at a 5:1 resonance the first harmonic has a fold."""
     mount = vv.Mount(mass=1.15, inertia=0.0507, offset=0.5, stiffness_x=15, stiffness_phi=3.29)
     many = vv.backbone(mount, 0, (0.002, 0.2))
@@ -52,7 +52,7 @@ def test_folds_of_backbones_are_as_far_off_as_told():
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("harmonics", [2, 3, 4])
-def test_folds_of_driven_branches_are_as_far_off_as_told(harmonics, tmp_path):
+def test_folds_of_driven_branches_are_as_far_off_as_reported(harmonics, tmp_path):
     body = vv.Pendulum(
         e=0.1, w2=0.43, w3=0.734, alpha=0.5, c1=0.0086, c2=0.0086, c3=0.0086, f0=0.0076, p1=1
     )
@@ -65,8 +65,8 @@ def test_folds_of_driven_branches_are_as_far_off_as_told(harmonics, tmp_path):
     assert few.fold_errors == pytest.approx(apart, rel=0.3)
     assert (many.fold_errors < 1e-9).all()
     notes, table = written(tmp_path / "t.csv", few)
-    told = re.search("estimated errors of these folds:(.*)", notes)[1]
-    assert list(map(float, told.split())) == list(few.fold_errors)
+    reported = re.search("estimated errors of these folds:(.*)", notes)[1]
+    assert list(map(float, reported.split())) == list(few.fold_errors)
     assert (table["error"] == few.error).all()
     assert (few.error > 0).all()
 

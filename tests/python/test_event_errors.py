@@ -24,7 +24,7 @@ def test_errors_hold_of_random_oscillators(seed):
 
 @pytest.mark.parametrize("step", [{}, {"dt": 0.4, "estimate_error": True}], ids=["auto", "given"])
 @pytest.mark.parametrize("below", [1e-3, 1e-6, 1e-9, 1e-12])
-def test_beside_grazing(below, step):
+def test_near_grazing(below, step):
     """Levels below the maxima of sin(t): errors are valid and like roots of rounding errors."""
     level = 1 - below
     run = vv.simulate(SWING, 12.0, initial=[0, 1], events=[f"x - {level!r}"], **step)
@@ -133,7 +133,7 @@ def test_resumed_runs_tell_errors_where_they_are_asked_to():
     assert found.error.max() < 1e-12
 
 
-def test_what_is_told():
+def test_what_is_reported():
     """Summaries, pairs, copies; None if the run has no error."""
     run = vv.simulate(SWING, 12.0, initial=[0, 1], events=["x - 0.3", "x - 5"])
     times, states = run.events[0]

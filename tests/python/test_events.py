@@ -206,7 +206,7 @@ def test_the_first_step_with_memory(structure):
 
 
 @pytest.mark.parametrize("structure", [False, True])
-def test_passages_beside_a_singular_start(structure):
+def test_passages_with_a_singular_start(structure):
     """A steep kernel: the same event in a first step of 0.4 and of 0.01."""
     steep = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.15, beta=0.5)
     if structure:
@@ -320,14 +320,14 @@ def test_edges_of_functions_are_no_passages(structure):
             assert run.events[0].t == pytest.approx([t for t in true if t < 12], abs=1e-8)
 
 
-def test_a_function_without_any_value_is_told(recwarn):
+def test_a_function_without_any_value_is_reported(recwarn):
     system = vv.PolynomialSystem(mass=1, stiffness=1)
     run = vv.simulate(system, 5, initial=[1, 0], events=["log(x - 2)", "x"])
     assert run.events[0].t.size == 0
     assert run.events[1].t.size == 2
-    told = [str(one.message) for one in recwarn]
-    assert len(told) == 1
-    assert "events[0] = 'log(x - 2)': has no value anywhere along the run" in told[0]
+    reported = [str(one.message) for one in recwarn]
+    assert len(reported) == 1
+    assert "events[0] = 'log(x - 2)': has no value on the whole run" in reported[0]
 
 
 @pytest.mark.parametrize("steps", [20, 60, 180])

@@ -33,11 +33,11 @@ def test_the_example_of_a_name_runs(name, tmp_path, monkeypatch):
     assert examples.examples, f"{name}: its docstring has no example"
     (tmp_path / "data").symlink_to(DATA)
     monkeypatch.chdir(tmp_path)
-    told: list[str] = []
+    reported: list[str] = []
     options = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
     runner = doctest.DocTestRunner(optionflags=options, verbose=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        failed, _ = runner.run(examples, out=told.append)
+        failed, _ = runner.run(examples, out=reported.append)
     plt.close("all")
-    assert not failed, "".join(told)
+    assert not failed, "".join(reported)

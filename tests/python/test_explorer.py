@@ -136,10 +136,10 @@ def test_the_python_lines_give_the_same(tmp_path, monkeypatch, typed, capsys):
     state.set("mount.mass", 1.5)
     monkeypatch.chdir(tmp_path)
     Path("lines.py").write_text(state.python_lines())
-    told = runpy.run_path("lines.py")
+    reported = runpy.run_path("lines.py")
     matplotlib.pyplot.close("all")
     assert "400 of 400" in capsys.readouterr().out
-    assert told["result"].value == state.result.value
+    assert reported["result"].value == state.result.value
 
 
 def test_no_title_or_name_of_a_file_is_executed(tmp_path, monkeypatch):
@@ -164,7 +164,7 @@ def test_no_title_or_name_of_a_file_is_executed(tmp_path, monkeypatch):
             assert not Path("executed").exists()
 
 
-def test_a_broken_scene_is_told_with_its_line():
+def test_a_broken_scene_is_reported_with_its_line():
     state = State(vv.Scene.read(PAPER))
     before = state.now
     text = (SCENES / "base_linear.nml").read_text()
@@ -273,12 +273,12 @@ def test_measured_curves():
     assert list(plain) == ["x"]
     assert plain["x"][0].tolist() == [1, 2]
     for text, message in (
-        ("", "holds no numbers"),
+        ("", "contains no numbers"),
         ("nu,x\n", "names of columns but no numbers"),
         ("1\n2\n", "one column"),
         ("1,2,3\n1,2\n", "row 2 has 2 columns, must have 3"),
         ("nu,y,z\n1,2,3\n", "no column is named after a coordinate"),
-        ("a,b\nc,d\n", "first column holds no numbers"),
+        ("a,b\nc,d\n", "first column contains no numbers"),
     ):
         with pytest.raises(vv.InputError, match=message):
             read_measured(text, ["x", "phi"], [1, 1])

@@ -133,15 +133,15 @@ def test_sliders_have_names(page):
     assert page.get_by_role("slider", name="slider", exact=True).count() == 0
 
 
-def test_a_wrong_number_is_told_beside_its_field(page):
+def test_a_wrong_number_is_reported_with_its_field(page):
     mass(page).fill("-3")
     mass(page).press("Enter")
     message = page.get_by_role("alert")
     message.wait_for()
     assert message.inner_text() == "mass = -3: must be greater than 0"
-    field, told = mass(page).bounding_box(), message.bounding_box()
-    assert 0 < told["y"] - field["y"] < 80
-    assert abs(told["x"] - field["x"]) < 40
+    field, reported = mass(page).bounding_box(), message.bounding_box()
+    assert 0 < reported["y"] - field["y"] < 80
+    assert abs(reported["x"] - field["x"]) < 40
     shows(page, amplitude())
     mass(page).fill("2")
     mass(page).press("Enter")

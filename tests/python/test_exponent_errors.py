@@ -46,7 +46,7 @@ def test_exponents_of_chaos():
     assert long.lyapunov_error.mean() < 0.5 * short.lyapunov_error.mean()
 
 
-def test_exponents_of_motions_beside_motions():
+def test_exponents_of_motions_with_motions():
     """Exponents of separate runs (switches, memory) against those of parallel runs."""
     linear = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces={"x": "0*abs(x)"})
     exact = -0.05

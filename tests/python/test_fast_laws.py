@@ -28,7 +28,7 @@ def test_fast_laws_are_followed_in_ensembles(method):
         assert np.abs(judge.y[:, -1] - state).max() < 1e-7
 
 
-def test_motions_that_outrun_their_laws_are_told():
+def test_motions_that_outrun_their_laws_are_reported():
     """An escape with a cosine of the velocity would need unlimited division of steps."""
     system = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.05, forces=LAW)
     begin = time.process_time()

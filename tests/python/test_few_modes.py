@@ -58,7 +58,7 @@ def test_a_reduced_chain_as_by_harmonic_balance(damping):
     assert off[1] < 8e-3
 
 
-def test_few_modes_are_told():
+def test_few_modes_are_reported():
     with pytest.warns(vv.RangeWarning, match="leave out 0.2"):
         vv.MultipleScales(chain(modal_damping=0.01), load={"x100": 1e-4}, nu=0.04, modes=[0, 1])
 

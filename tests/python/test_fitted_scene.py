@@ -102,7 +102,7 @@ def test_a_fit_goes_into_a_scene_and_over_temperature(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "more", "told"),
+    ("content", "more", "reported"),
     [
         ("{", "", "format must be 'viscovib kernel'"),
         ('{"format": "viscovib kernel"}', "", "kernel: must be one with a kind"),
@@ -125,15 +125,15 @@ def test_a_fit_goes_into_a_scene_and_over_temperature(tmp_path):
         ('{"format": "viscovib kernel", "kernel": ' + "[" * 300, "", "kernel"),
     ],
 )  # fmt: skip
-def test_bad_files_are_a_line(content, more, told, tmp_path):
+def test_bad_files_are_a_line(content, more, reported, tmp_path):
     (tmp_path / "rubber.json").write_text(content)
-    with pytest.raises(vv.InputError, match=told) as caught:
+    with pytest.raises(vv.InputError, match=reported) as caught:
         vv.Scene.read(scene(tmp_path, more))
     assert "\n" not in str(caught.value)
     assert "scene.nml:2" in str(caught.value)
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(vv.ViscovibError, match=r"rubber\.json"):
         vv.Scene.read(scene(tmp_path))
 

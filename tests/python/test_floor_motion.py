@@ -179,9 +179,9 @@ def test_nonlinear_response_branches_and_forces():
     )  # fmt: skip
     assert np.abs(x[:, k == 3]).max() > 1e-3 * np.abs(x).max()
     np.testing.assert_allclose(end[:6], at(period / 3), atol=1e-7)
-    told = body.mount_forces(found, base=FLOOR)
-    np.testing.assert_allclose(told.deflection[0].reshape(9, -1), d, atol=1e-15)
-    assert (body.mount_forces(found).force == told.force).all()
+    reported = body.mount_forces(found, base=FLOOR)
+    np.testing.assert_allclose(reported.deflection[0].reshape(9, -1), d, atol=1e-15)
+    assert (body.mount_forces(found).force == reported.force).all()
     with pytest.raises(vv.InputError, match="must be the motion of the floor"):
         body.mount_forces(found, base=2 * FLOOR)
 
@@ -250,7 +250,7 @@ def test_exact_geometry_on_a_floor_that_goes_round():
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "reported"),
     [
         (lambda: vv.forced_response(some_body(), [9.0], base=1e-3), "or a motion for each"),
         (lambda: vv.forced_response(some_body(), [9.0], base=[1, 2]), r"have shape \(6,\)"),
@@ -282,6 +282,6 @@ def test_exact_geometry_on_a_floor_that_goes_round():
         ),
     ],
 )  # fmt: skip
-def test_what_is_refused(call, told):
-    with pytest.raises(vv.InputError, match=told):
+def test_what_is_refused(call, reported):
+    with pytest.raises(vv.InputError, match=reported):
         call()

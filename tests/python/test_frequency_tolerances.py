@@ -106,20 +106,20 @@ def test_branches_and_backbones_keep_an_absolute_error():
     assert abs(free.nu[-1] - true) < 1e-8
 
 
-@pytest.mark.parametrize(("given", "told"), [
+@pytest.mark.parametrize(("given", "reported"), [
     ({"rtol": 1e-6, "tolerance": 1e-5}, "tolerance is another name of rtol"),
     ({"rtol": 2.0}, "rtol = 2: must be in"),
     ({"atol": -1.0}, "atol = -1: must be in"),
     ({"atol": float("nan")}, "atol = nan: must be a finite number"),
 ])  # fmt: skip
-def test_bad_errors_are_told_by_name(given, told):
+def test_bad_errors_are_reported_by_name(given, reported):
     for call in (
         lambda: vv.forced_response(DUFFING, 1.0, load=0.1, **given),
         lambda: vv.plan_response(DUFFING, [1.0], load=0.1, **given),
         lambda: vv.trace_response(DUFFING, (1, 2), load=0.1, **given),
         lambda: vv.backbone(DUFFING, 0, (0.01, 1), **given),
     ):
-        with pytest.raises(vv.InputError, match=told):
+        with pytest.raises(vv.InputError, match=reported):
             call()
 
 

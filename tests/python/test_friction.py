@@ -73,7 +73,7 @@ def test_energy_of_a_loop():
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "reported"),
     [
         (lambda: vv.Jenkins(on="x1", stiffness=0, limit=1), "stiffness = 0: must be greater"),
         (lambda: vv.Jenkins(on="x1", stiffness=1, limit=-2), "limit = -2: must be greater"),
@@ -98,7 +98,7 @@ def test_energy_of_a_loop():
         ),
     ],
 )  # fmt: skip
-def test_what_is_refused(call, told):
+def test_what_is_refused(call, reported):
     """One line that names the argument."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         call()

@@ -51,7 +51,7 @@ def disturbed(case, nu, orders, x, periods, steps):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_verdicts_beside_memory_are_right(seed):
+def test_verdicts_with_memory_are_right(seed):
     rng = np.random.default_rng(seed)
     c, kappa, rate = rng.uniform(0.01, 0.03), rng.uniform(0.05, 0.2), 10 ** rng.uniform(-0.5, 0.5)
     case = [c, kappa, rng.uniform(0.02, 0.1) * rate, rate, rng.uniform(0.4, 0.8)]

@@ -41,8 +41,8 @@ def _elsewhere(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("file", FOUND, ids=[file.stem for file in FOUND])
 def test_what_was_found_stays_mended(fuzz, file):
-    told = fuzz["runner"].call(file.read_text().strip())
-    assert told["verdict"] in GOOD, told["detail"]
+    reported = fuzz["runner"].call(file.read_text().strip())
+    assert reported["verdict"] in GOOD, reported["detail"]
 
 
 def test_all_that_is_public_is_called(fuzz):

@@ -62,7 +62,7 @@ def test_neighbours_do_not_matter(method):
         assert alone.outcome[0] == together.outcome[i]
 
 
-def test_lane_whose_step_is_too_large_is_told_and_the_others_go_on():
+def test_lane_whose_step_is_too_large_is_reported_and_the_others_go_on():
     stiff = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     states = np.array([[0.3, 0.0], [60.0, 0.0], [0.5, 0.0]])
     many = run("gauss8", 1.0, system=stiff, initial=states)

@@ -51,8 +51,8 @@ def test_the_error_tells_what_sums_of_exponentials_leave(kernel):
 
     right = run(1e-12).state
     for tolerance in (1e-3, 1e-4, 5e-5, 1e-5):
-        told = run(tolerance)
-        assert np.abs(told.state - right).max() < 2 * told.error < 2 * tolerance
+        reported = run(tolerance)
+        assert np.abs(reported.state - right).max() < 2 * reported.error < 2 * tolerance
 
 
 def test_step_found_by_tolerance(mount):
@@ -371,7 +371,9 @@ def test_bad_load_tables(arguments, message):
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_held_needs_an_integral(mount):
-    with pytest.raises(vv.InputError, match="held: a kernel has no integral"):
+    with pytest.raises(
+        vv.InputError, match="held: must be None, because a kernel has no finite integral"
+    ):
         vv.simulate(
             mount(kernel=vv.AbelKernel(amplitude=0.01, alpha=0.5)), 1, dt=0.1, held=[0.1, 0]
         )

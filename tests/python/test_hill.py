@@ -142,9 +142,9 @@ def test_at_rest_they_are_the_characteristic_roots(amplitude, geometry):
     branch = vv.trace_response(mount, (0.9, 3.1), load=0.0)
     assert (branch.stable == (roots.n_unstable == 0)).all()
     # Two slow roots 5e-8 apart: if they are not distinguished, the result is unknown.
-    told = ~np.isnan(branch.exponents[:, 0])
-    assert told.all() if amplitude == 0.048 else told.any()
-    for nu, exponents in zip(branch.nu[told], branch.exponents[told], strict=True):
+    reported = ~np.isnan(branch.exponents[:, 0])
+    assert reported.all() if amplitude == 0.048 else reported.any()
+    for nu, exponents in zip(branch.nu[reported], branch.exponents[reported], strict=True):
         found = known(exponents)
         assert found.size >= 4
         assert (found.real > 0).sum() == roots.n_unstable
@@ -346,7 +346,7 @@ def test_slow_strong_motions_keep_enough_orders():
     assert worst > 1e-15
 
 
-def test_no_exponent_is_found_beside_the_divisors():
+def test_no_exponent_is_found_near_the_divisors():
     """Odd harmonics: divisors of the determinant have poles at i d/2, where a step may end."""
     kernel = vv.PronyKernel(weights=[0.354, 0.0844], rates=[2.44, 1.42])
     system = vv.PolynomialSystem(

@@ -152,7 +152,7 @@ def test_den_hartog(nu, limit, peak):
     assert abs(2 * errors[199] - errors[99]) < 1e-6
 
 
-def test_branch_beside_a_gap():
+def test_branch_with_a_gap():
     """Example 03 of NLvib (Krack and Gross): period doubling and Neimark-Sacker points."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.PolynomialSystem(
@@ -284,7 +284,7 @@ def test_an_iwan_is_its_sliders():
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "reported"),
     [
         (lambda: vv.Iwan(on=0, stiffness=[1, 2], limit=[1]), "limit: must have one value"),
         (lambda: vv.Iwan(on=0, stiffness=[1, 0], limit=[1, 1]), r"stiffness\[1\] = 0: must be"),
@@ -296,7 +296,7 @@ def test_an_iwan_is_its_sliders():
         (lambda: vv.Stop(on=0, stiffness=1, gap=-1), "gap = -1: must be at least 0"),
     ],
 )
-def test_what_is_refused(call, told):
+def test_what_is_refused(call, reported):
     """One line that names the argument."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         call()

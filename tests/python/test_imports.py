@@ -28,7 +28,7 @@ def test_import_loads_nothing_that_computes() -> None:
     assert loaded("import viscovib", ("numpy", *HEAVY)) == []
 
 
-def test_version_is_told_without_numpy() -> None:
+def test_version_is_reported_without_numpy() -> None:
     code = "from viscovib.__main__ import main\nmain(['--version'])"
     assert loaded(code, ("numpy", "argparse", *HEAVY)) == []
     command = [sys.executable, "-m", "viscovib", "--version"]

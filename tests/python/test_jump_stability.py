@@ -84,7 +84,7 @@ def test_memory_under_a_jump_is_unknown():
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.05, forces="0.1*sign(x_dot)", names=("x",), kernel=kernel
     )
-    with pytest.warns(vv.StabilityWarning, match="jumps on the way"):
+    with pytest.warns(vv.StabilityWarning, match="a force law jumps"):
         r = vv.forced_response(system, [0.6], load=0.5, method="newton", stability=True)
     assert r.converged[0]
     assert r.stable[0] is None

@@ -253,7 +253,7 @@ def test_bad_input_is_named(make, text):
     assert text in str(error.value)
 
 
-def test_tables_that_no_material_has_are_told():
+def test_tables_that_no_material_has_are_reported():
     with pytest.warns(vv.StabilityWarning, match=r"R\(2\) = -0.1 < 0: the spring would stiffen"):
         vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, -0.1])
     with pytest.warns(vv.StabilityWarning, match="R increases between t = 1 and 2"):
@@ -274,8 +274,8 @@ def test_a_table_of_a_singular_kernel_says_what_it_lacks():
             table = vv.TabulatedKernel(times=times, values=kernel(times))
         if lost > 0.02 * table.integral:
             assert len(caught) == 1
-            told = re.search(r"an integral of about (\S+) lies before", str(caught[0].message))
-            assert float(told[1]) == pytest.approx(lost, rel=0.1)
+            reported = re.search(r"an integral of about (\S+) lies before", str(caught[0].message))
+            assert float(reported[1]) == pytest.approx(lost, rel=0.1)
         elif lost < 0.005 * table.integral:
             assert not caught
 
@@ -284,7 +284,7 @@ def test_a_table_of_a_singular_kernel_says_what_it_lacks():
 def test_tables_with_noise_say_what_they_lack(singular):
     """With 2 % scatter a singular kernel causes a warning, a smooth kernel does not."""
     rng = np.random.default_rng(9)
-    told, judged = 0, 0
+    reported, judged = 0, 0
     for _ in range(100):
         alpha, beta, n = rng.uniform(0.1, 0.7), rng.uniform(0.02, 2), int(rng.integers(20, 80))
         first = 10 ** rng.uniform(-4, -1.5) / beta
@@ -301,9 +301,9 @@ def test_tables_with_noise_say_what_they_lack(singular):
         if singular and lost < 0.05 * table.integral:
             continue
         judged += 1
-        told += len(caught)
+        reported += len(caught)
     assert judged > 30
-    assert told > 0.95 * judged if singular else told < 0.05 * judged
+    assert reported > 0.95 * judged if singular else reported < 0.05 * judged
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "exponential"])

@@ -57,11 +57,11 @@ def _multipliers(response, mass, stiffness, damping, k, gap, weight=0.0, rate=1.
     return values[np.argsort(-np.abs(values))], len(ends) - 2
 
 
-def _nearest(told, values):
+def _nearest(reported, values):
     """The largest distance of a reported multiplier from its nearest reference."""
-    told = told[np.isfinite(told)]
-    assert told.size > 0
-    return max(np.abs(values - one).min() for one in told)
+    reported = reported[np.isfinite(reported)]
+    assert reported.size > 0
+    return max(np.abs(values - one).min() for one in reported)
 
 
 def _motion(rng, structure, stiffness, n):
@@ -99,7 +99,7 @@ def test_multipliers_of_structures_with_a_stop(n, allowed, coupled):
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
-def test_multipliers_of_a_stop_beside_memory(n):
+def test_multipliers_of_a_stop_with_memory(n):
     rng = np.random.default_rng([n, 7])
     touching = 0
     for _ in range(8):

@@ -41,7 +41,7 @@ def test_errors_hold(law, behind):
     assert max(beyond) <= 1
 
 
-def test_a_kink_beside_the_end_of_all_steps():
+def test_a_kink_near_the_end_of_all_steps():
     """It is missed equally with steps h, h/2 and h/4: a run with other step ends detects it."""
     spring = vv.Spring(on="x1", law="4*abs(d - 0.1)*d")
     run = simulated(spring, 0.396, tolerance=1e-6, memory="direct")

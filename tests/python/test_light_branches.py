@@ -57,15 +57,15 @@ def test_a_resonance_is_passed_once(damping):
     # Each of the two sums has slightly more rounding errors than the estimate counts.
     assert off.max() < max(10 * branch.error.max(), 1e-11)
     # Near folds motions at a given nu are less accurate.
-    beside = np.abs(branch.nu[:, np.newaxis] - branch.folds).min(axis=1) < 1e-3
-    assert branch.error[~beside].max() < max(1e-10, 1e-13 / damping)
+    nearby = np.abs(branch.nu[:, np.newaxis] - branch.folds).min(axis=1) < 1e-3
+    assert branch.error[~nearby].max() < max(1e-10, 1e-13 / damping)
 
 
-def test_what_rounding_leaves_is_told():
+def test_what_rounding_leaves_is_reported():
     body = vv.PolynomialSystem(mass=1, stiffness=1, damping=1e-8, forces="0.5*x^3")
-    with pytest.warns(vv.ConvergenceWarning) as told:
+    with pytest.warns(vv.ConvergenceWarning) as reported:
         branch = vv.trace_response(body, (0.5, 3), load=2e-8, harmonics=15, stability=False)
-    assert any("rounding leaves more than the tolerance" in str(w.message) for w in told)
+    assert any("the rounding error exceeds the tolerance" in str(w.message) for w in reported)
     assert 1e-10 < branch.error.max() < 1e-4
 
 
@@ -126,21 +126,21 @@ def test_rounding_is_no_lack_of_harmonics():
         damping, cubic = 10 ** rng.uniform(-9, -6), rng.uniform(0.1, 2)
         load = damping * rng.uniform(0.5, 3)
         body = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as reported:
             warnings.simplefilter("always")
             branch = vv.trace_response(body, (0.9, 1.6), load=load, stability=False)
         assert "too few harmonics" not in repr(branch)
         assert branch.highest.max() <= 21
-        words = [str(w.message) for w in told]
+        words = [str(w.message) for w in reported]
         blurred = np.flatnonzero(branch.error > 1e-10)
         assert len(words) == bool(blurred.size)
-        assert all("rounding leaves more than the tolerance" in one for one in words)
+        assert all("the rounding error exceeds the tolerance" in one for one in words)
         for i in {*blurred[:: max(1, blurred.size // 6)], *np.argsort(-branch.truncation)[:4]}:
             off = off_curve(branch, i, damping, cubic, load)
             assert off < 2 * max(branch.error[i], 1e-10), (damping, cubic, i, off)
-        with pytest.warns(vv.ConvergenceWarning) as told:
+        with pytest.warns(vv.ConvergenceWarning) as reported:
             vv.trace_response(body, (0.9, 1.6), load=load, stability=False, harmonics=1)
-        assert any("harmonics up to 1 do not reach" in str(w.message) for w in told)
+        assert any("harmonics up to 1 do not reach" in str(w.message) for w in reported)
 
 
 def random_chain(seed):

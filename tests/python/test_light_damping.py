@@ -88,7 +88,7 @@ class Chain:
         return np.linalg.eigvals(monodromy(matrices, 2 * np.pi / nu, steps))
 
 
-def told(multipliers):
+def reported(multipliers):
     known = multipliers[~np.isnan(multipliers)]
     return np.abs(known).max(), (np.abs(known) > 1).sum()
 
@@ -108,7 +108,7 @@ def test_zeros_next_to_the_axis_are_not_lost(damping):
             assert r.stable[0]
             # The least stable exponent is found and identified.
             assert r.slowest[0]
-            assert told(r.multipliers[0])[0] == pytest.approx(expected, abs=1e-8)
+            assert reported(r.multipliers[0])[0] == pytest.approx(expected, abs=1e-8)
 
 
 def test_nor_along_branches_through_folds():
@@ -125,7 +125,7 @@ def test_nor_along_branches_through_folds():
         for i in range(0, branch.nu.size, 6):
             all_of_them = chain.multipliers(branch.nu[i], branch.harmonics, branch.coefficients[i])
             expected = np.abs(all_of_them).max(), (np.abs(all_of_them) > 1).sum()
-            largest, count = told(branch.multipliers[i])
+            largest, count = reported(branch.multipliers[i])
             assert branch.stable[i] == (expected[0] <= 1)
             assert count == expected[1]
             assert largest == pytest.approx(expected[0], rel=1e-6)
@@ -152,7 +152,7 @@ def test_the_slowest_exponent_is_found_or_may_lack():
         if r.slowest[0]:
             certain += 1
             expected = np.abs(chain.multipliers(nu, r.harmonics, r.coefficients[0])).max()
-            assert told(r.multipliers[0])[0] == pytest.approx(expected, rel=1e-5)
+            assert reported(r.multipliers[0])[0] == pytest.approx(expected, rel=1e-5)
     assert judged > 80
     assert certain > 0.9 * judged
 
@@ -170,10 +170,10 @@ def test_what_memory_hides_is_counted():
     )
     expected = chain.multipliers(nu, r.harmonics, r.coefficients[0])
     assert r.slowest[0]
-    assert told(r.multipliers[0])[0] == pytest.approx(np.abs(expected).max(), rel=1e-8)
+    assert reported(r.multipliers[0])[0] == pytest.approx(np.abs(expected).max(), rel=1e-8)
 
 
-def test_memory_slower_than_any_exponential_is_told():
+def test_memory_slower_than_any_exponential_is_reported():
     kernel = vv.RabotnovKernel(amplitude=0.01, alpha=0.5, beta=0.3)
     slow = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.3*x^3", kernel=kernel)
     r = vv.forced_response(slow, [0.5, 2.0], load=0.1, method="newton", stability=True)

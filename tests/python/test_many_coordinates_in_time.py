@@ -247,7 +247,7 @@ def test_escapes_are_those_of_few_coordinates():
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["Dahl", "BoucWen"])
-def test_errors_beside_elements_that_settle_fast_are_told(kind, seed):
+def test_errors_with_elements_that_settle_fast_are_reported(kind, seed):
     """Parts between reversals were equal in two runs; powers have errors of 1e-9 at state 0."""
     rng = np.random.default_rng(seed)
     stiffness = rng.uniform(2, 10)

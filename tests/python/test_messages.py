@@ -8,7 +8,7 @@ import viscovib as vv
 from viscovib._native import core
 
 
-def told(name: str) -> str:
+def reported(name: str) -> str:
     with pytest.raises(vv.FileError) as refused:
         vv.Scene.read(name)
     return str(refused.value)
@@ -22,7 +22,7 @@ def test_long_messages_arrive_whole_on_two_threads_at_once() -> None:
     def ask(name: str) -> None:
         start.wait()
         for _ in range(200):
-            message = told(name)
+            message = reported(name)
             if message != f"{name}: cannot be read (No such file or directory)":
                 wrong.append(message)
 
@@ -41,6 +41,6 @@ def test_long_messages_arrive_whole_on_two_threads_at_once() -> None:
     assert wrong == []
 
 
-def test_message_is_kept_no_longer_than_until_it_is_told() -> None:
-    told("nowhere.nml")
+def test_message_is_kept_no_longer_than_until_it_is_reported() -> None:
+    reported("nowhere.nml")
     assert core.last_message_length() == 0

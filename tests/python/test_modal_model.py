@@ -81,16 +81,16 @@ def test_layers_and_steady_motions():
     elements = [vv.Gap(on="x12", stiffness=100.0, gap=0.01)]
     bar = chain(12, elements, rayleigh=(0.05, 2e-3), layers=[(40.0 * k, KERNEL)])
     modal = bar.reduce(frequency=40.0, loads=["x5"], tolerance=1e-10).in_modes()
-    told = vv.steady_motion(modal.structure, 2.5, load=modal.load("x5"))
+    reported = vv.steady_motion(modal.structure, 2.5, load=modal.load("x5"))
     whole = vv.Structure(
         mass=np.eye(12), stiffness=bar.stiffness.toarray(), rayleigh=(0.05, 2e-3),
         elements=elements, layers=[(40.0 * k.toarray(), KERNEL)],
     )  # fmt: skip
     other = vv.steady_motion(whole, 2.5, load={"x5": 1.0})
-    assert told.outcome == other.outcome == "converged"
-    u = modal.displacements(told.state[0])
+    assert reported.outcome == other.outcome == "converged"
+    u = modal.displacements(reported.state[0])
     np.testing.assert_allclose(u, other.state[0][::2], atol=1e-9)
-    np.testing.assert_allclose(told.multipliers[:4], other.multipliers[:4], atol=1e-8)
+    np.testing.assert_allclose(reported.multipliers[:4], other.multipliers[:4], atol=1e-8)
 
 
 def test_refused():
@@ -112,5 +112,5 @@ def test_refused():
     with pytest.raises(vv.InputError, match="loss_factor"):
         lossy.in_modes()
     sliding = chain(24, ELEMENTS["friction"]).reduce(frequency=4.0, loads=["x5"])
-    with pytest.raises(vv.InputError, match=r"take structure.in_modes\(\)"):
+    with pytest.raises(vv.InputError, match=r"use structure.in_modes\(\)"):
         vv.simulate(sliding, 1.0)

@@ -40,7 +40,7 @@ def on_feet(geometry, kernel, **more):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_accelerations_with_memory_beside_exponentials_as_states(seed):
+def test_accelerations_with_memory_with_exponentials_as_states(seed):
     """M a = load - C v - sum of (1 - R*) g, exponentials as states of an independent solver."""
     rng = np.random.default_rng([49, seed])
     n = int(rng.integers(1, 4))
@@ -213,7 +213,7 @@ def test_mount_forces_hold_the_balance_of_momentum(case):
     run = vv.simulate(body, end, initial=start, load=load, nu=9.0, **given)
     floor = run.floor_force(body.center)
     push = np.sin(9 * run.t)[:, None] * load
-    # Of laws with kinks the panels of the memory end beside these.
+    # Of laws with kinks the panels of the memory end next to these.
     near = 1e-6 if law and "max" in law else 1e-11
     off = push[:, :3] - 8 * run.acceleration[:, :3] - floor.force
     assert np.abs(off).max() < near * np.abs(floor.force).max()
@@ -422,5 +422,5 @@ def test_a_motion_with_memory_that_diverges_has_accelerations(speed, options):
         last = vv.simulate(system, 50, initial=[0.5, speed], keep="last")
     assert run.outcome == "diverged"
     assert run.acceleration.shape == (run.t.size, 1)
-    with pytest.raises(vv.InputError, match="keeps one state; keep all"):
+    with pytest.raises(vv.InputError, match="a single state; use keep='all'"):
         assert last.acceleration is None

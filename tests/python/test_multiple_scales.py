@@ -471,12 +471,12 @@ def test_repeated_frequencies_exchange():
     assert np.ptp(motion.modulation.amplitude[:, 0]) > 1e-3
 
 
-def test_unstable_mode_is_told():
+def test_unstable_mode_is_reported():
     with pytest.warns(vv.RangeWarning, match="mode 1 is unstable without load"):
         vv.MultipleScales(vv.Pendulum(**FREE, c1=-0.01))
 
 
-def test_leaving_the_range_is_told():
+def test_leaving_the_range_is_reported():
     ms = vv.MultipleScales(vv.Pendulum(**FREE), tolerance=0.05)
     with pytest.warns(vv.RangeWarning, match="leaves the range"):
         motion = ms.motion([0.0, 1.0], [0.15, 0, 0.12, 0, 0.1, 0])
@@ -498,11 +498,11 @@ def test_overdamped_is_refused():
         (lambda ms: vv.MultipleScales(3), "system = 3: must be a"),
         (lambda ms: vv.MultipleScales(ms.system, tolerance=1.0), "tolerance = 1: must be in"),
         (lambda ms: ms.response("p7", [1.0]), "parameter = 'p7': must be one of"),
-        (lambda ms: ms.response("p1", []), "values: must hold at least one"),
+        (lambda ms: ms.response("p1", []), "values: must contain at least one"),
         (lambda ms: ms.response("p1", [-1.0]), "p1 = -1: must be greater than 0"),
         (lambda ms: ms.response("p2", [1.0]), "load 2 has no amplitude"),
         (lambda ms: ms.modulation([1.0, 0.0], np.zeros(6)), "t: must be one or more times"),
-        (lambda ms: ms.modulation([1.0]), "initial or amplitudes: must be given"),
+        (lambda ms: ms.modulation([1.0]), "initial or amplitudes: give exactly"),
         (lambda ms: ms.modulation([1.0], np.zeros(5)), r"initial: must have shape \(6,\)"),
         (lambda ms: ms.modulation([1.0], np.full(6, 50.0)), "beyond the range"),
         (lambda ms: ms.modulation([1.0], np.zeros(6), accuracy=1), "accuracy = 1: must be in"),
@@ -647,3 +647,20 @@ def test_the_solution_is_a_formula():
     assert float(cubic[1]) == pytest.approx(0.75, rel=1e-3)
     assert text.count("p_{1}") == 1
     assert text.index("O(a^3)") < min(text.index("p_{1}"), cubic.start())
+
+
+def test_the_load_of_a_body():
+    """`Body.load` returns complex amplitudes; real ones are a load cos(nu t)."""
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, 0), stiffness=(100, 150, 210), damping=(1, 1, 1),
+        rotational_stiffness=(11, 17, 23),
+    )  # fmt: skip
+    body = vv.Body(mass=1, inertia=(0.1, 0.2, 0.3), mounts=[foot])
+    nu = np.array([9.9, 10.1])
+    by_scales = vv.MultipleScales(body, load=body.load(force=(0.1, 0, 0)), nu=10.0).response(
+        "nu", nu
+    )
+    exact = vv.forced_response(body, nu, load=body.load(force=(0.1, 0, 0)))
+    assert by_scales.amplitude("x") == pytest.approx(exact.amplitude("x"), rel=1e-3)
+    with pytest.raises(vv.InputError, match="load: must be real"):
+        vv.MultipleScales(body, load=1j * body.load(force=(0.1, 0, 0)), nu=10.0)

@@ -30,7 +30,7 @@ def test_names_are_places(analysis, system):
 
 
 @pytest.mark.parametrize("analysis", ANALYSES)
-def test_a_name_that_is_none_is_told(analysis):
+def test_a_name_that_is_none_is_reported(analysis):
     with pytest.raises(vv.InputError, match=r"'c' must be one of the 2 coordinates a, b"):
         ANALYSES[analysis](SYSTEM, {"c": 1.0})
 

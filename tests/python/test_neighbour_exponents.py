@@ -151,19 +151,19 @@ def area_rate(rates, tangent, hidden, before, end):
     """
     n = 2 + hidden.size
     state, grown = np.zeros(n), 0.0
-    beside = np.vstack([np.eye(2), np.outer(hidden, [1, 0])])
+    nearby = np.vstack([np.eye(2), np.outer(hidden, [1, 0])])
     for begin in np.arange(0, end, 0.5):
 
         def both(t, y):
             return np.concatenate([rates(t, y[:n]), (tangent(y[:n]) @ y[n:].reshape(n, 2)).ravel()])
 
         run = solve_ivp(
-            both, (begin, begin + 0.5), [*state, *beside.ravel()], "DOP853", rtol=1e-10,
+            both, (begin, begin + 0.5), [*state, *nearby.ravel()], "DOP853", rtol=1e-10,
             atol=1e-12, max_step=0.02,
         )  # fmt: skip
-        state, beside = run.y[:n, -1], run.y[n:, -1].reshape(n, 2)
-        grown += np.log(abs(np.linalg.det(beside[:2]))) * (begin >= before)
-        beside = beside @ np.linalg.inv(beside[:2])
+        state, nearby = run.y[:n, -1], run.y[n:, -1].reshape(n, 2)
+        grown += np.log(abs(np.linalg.det(nearby[:2]))) * (begin >= before)
+        nearby = nearby @ np.linalg.inv(nearby[:2])
     return grown / (end - before)
 
 
@@ -194,7 +194,7 @@ def test_sums_with_hysteresis(c, g, b, n):
     assert many.spectrum.sum() == pytest.approx(true, abs=5e-7)
 
 
-def test_what_lives_on_in_the_past_alone_is_not_told():
+def test_what_lives_on_in_the_past_alone_is_not_reported():
     """The second mass forgets fast, the first remembers: the fourth exponent is hidden."""
     kernel = vv.PronyKernel(weights=[0.3], rates=[1.0])
     two = vv.PolynomialSystem(

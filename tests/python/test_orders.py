@@ -98,8 +98,8 @@ def test_the_estimate_is_the_error(kind, mean):
             )
             assert (r.truncation[r.converged] <= tolerance).all()
             assert error[same].max() < 1.05 * tolerance
-            told = same & (error > 1e-13)
-            ratios.append(r.truncation[told] / error[told])
+            reported = same & (error > 1e-13)
+            ratios.append(r.truncation[reported] / error[reported])
             seen.append(same)
     assert np.mean(seen) > 0.85
     ratio = np.concatenate(ratios)
@@ -182,8 +182,8 @@ def test_rounding_ends_the_search():
     assert r.highest.max() < 80
 
 
-def test_too_few_orders_are_told():
-    with pytest.warns(vv.ConvergenceWarning, match="orders kept do not reach the tol"):
+def test_too_few_orders_are_reported():
+    with pytest.warns(vv.ConvergenceWarning, match="harmonics do not reach the tol"):
         r = vv.forced_response(
             DUFFING, 0.002, load=30, method="newton", harmonics="auto", tolerance=1e-12
         )

@@ -289,5 +289,5 @@ def test_peaks_of_what_a_symmetry_all_but_silences(seed):
         return
     assert found.amplitude == pytest.approx(float(size(found.nu)), rel=1e-6)
     modes = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)
-    beside = modes[(modes > 0.2) & (modes < 3)] * (1 + damping * np.linspace(-1, 1, 9)[:, None])
-    assert found.amplitude > (1 - 1e-6) * max(map(size, beside.ravel()))
+    nearby = modes[(modes > 0.2) & (modes < 3)] * (1 + damping * np.linspace(-1, 1, 9)[:, None])
+    assert found.amplitude > (1 - 1e-6) * max(map(size, nearby.ravel()))

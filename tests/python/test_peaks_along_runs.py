@@ -108,8 +108,8 @@ def test_kinked_ensembles(seed):
         start = true_motion(*at, starts[i], 0.0, discard)[0] if discard else starts[i]
         true = true_motion(*at, start, discard)
         allowed = 3 * many.error + 2e-9
-        for told, value in zip((many.state, many.peak, many.mean, many.rms), true, strict=True):
-            np.testing.assert_allclose(told[i], value, rtol=0, atol=allowed, err_msg=text)
+        for reported, value in zip((many.state, many.peak, many.mean, many.rms), true, strict=True):
+            np.testing.assert_allclose(reported[i], value, rtol=0, atol=allowed, err_msg=text)
 
 
 def test_impacts_and_friction_with_memory_of_their_own():

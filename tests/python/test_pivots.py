@@ -78,7 +78,7 @@ def test_a_flight_past_the_pivot_is_followed_by_events_and_wanted_states(method)
     assert long.state[-1] == pytest.approx(vv.simulate(pendulum, 20, **job).state[-1], abs=1e-9)
 
 
-def test_an_event_that_ends_the_run_beside_the_pivot():
+def test_an_event_that_ends_the_run_near_the_pivot():
     """The event ends the run even if the step would reach the pivot."""
     rng = np.random.default_rng(4)
     for damping in (0.02, 0.5):

@@ -36,7 +36,7 @@ def test_sections_as_plane_and_as_diagram():
     plt.close("all")
 
 
-def test_what_cannot_be_drawn_is_told():
+def test_what_cannot_be_drawn_is_reported():
     body = vv.Pendulum(**P1R)
     plain = vv.simulate_ensemble(body, initial=START, t_end=5, dt=0.5)
     with pytest.raises(vv.InputError, match="contains no sections"):

@@ -138,7 +138,7 @@ def test_peaks_and_means_by_default_are_those_of_the_motions(tolerance):
 
 
 @pytest.mark.parametrize("law", ["0.3*sin(1e6*x)", "0.2*cos(3e5*x)*x_dot"])
-def test_large_angles_beside_small_ones(law):
+def test_large_angles_with_small_ones(law):
     """Large and small angles in parallel: no motion depends on its neighbours, bitwise."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
     starts = np.array([[x, 0.0] for x in (1e-6, 0.05, 0.2, 0.9, 1.1, 3.0, 40.0, 1e-3)])

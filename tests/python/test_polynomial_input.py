@@ -55,7 +55,7 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         (TWO | {"names": ["a", "a"]}, "names = a, a: must differ"),
         (TWO | {"units": ["m"]}, "units = ['m']: must be 2 texts"),
         (TWO | {"base_direction": [1]}, "base_direction: must have shape (2,), got (1,)"),
-        (TWO | {"forces": "x1^3"}, "forces = 'x1^3': must say on which equation"),
+        (TWO | {"forces": "x1^3"}, "forces = 'x1^3': must name its equation"),
         (TWO | {"forces": {"y": "x1^3"}}, "equation 'y' must be one of 'x1' (0), 'x2' (1)"),
         (TWO | {"forces": {"x1": 3}}, "forces['x1'] = 3: must be a text"),
         (
@@ -66,12 +66,12 @@ TWO = {"mass": [1, 1], "stiffness": [1, 1]}
         (TWO | {"forces": {"x1": "x1 x2"}}, "expected an operator or the end"),
         (TWO | {"forces": {"x1": "2*(x1 + x2"}}, "at its end: expected )"),
         (TWO | {"forces": {"x1": "x1 + x2)"}}, "')' (character 8): expected an operator"),
-        (TWO | {"forces": {"x1": "x1^1.5"}}, "must be defined around rest"),
-        (TWO | {"forces": {"x1": "x1^-1"}}, "must be defined around rest"),
-        (TWO | {"forces": {"x1": "x1^x2"}}, "must be defined around rest"),
-        (TWO | {"forces": {"x1": "1/x1"}}, "must be defined around rest"),
-        (TWO | {"forces": {"x1": "tanh(1/x1)"}}, "must be defined around rest"),
-        (TWO | {"forces": {"x1": "0.3*atan(1/x2_dot)"}}, "must be defined around rest"),
+        (TWO | {"forces": {"x1": "x1^1.5"}}, "must be defined near rest"),
+        (TWO | {"forces": {"x1": "x1^-1"}}, "must be defined near rest"),
+        (TWO | {"forces": {"x1": "x1^x2"}}, "must be defined near rest"),
+        (TWO | {"forces": {"x1": "1/x1"}}, "must be defined near rest"),
+        (TWO | {"forces": {"x1": "tanh(1/x1)"}}, "must be defined near rest"),
+        (TWO | {"forces": {"x1": "0.3*atan(1/x2_dot)"}}, "must be defined near rest"),
         (TWO | {"forces": {"x1": "x1 / abs(x1)"}}, "u/abs(u) is sign(u) but for u = 0: write sign"),
         (TWO | {"forces": {"x1": "x1/0"}}, "it divides by 0"),
         (TWO | {"forces": {"x1": "2*"}}, "at its end: expected a number, a name or"),
@@ -159,7 +159,7 @@ def test_bad_jobs_are_named(work, text):
     assert text in str(error.value)
 
 
-def test_creep_is_told():
+def test_creep_is_reported():
     with pytest.warns(vv.StabilityWarning, match="kernel integral = 2 >= 1"):
         vv.PolynomialSystem(**DUFFING, kernel=vv.PronyKernel(weights=[2], rates=[1]))
 

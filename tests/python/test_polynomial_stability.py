@@ -120,6 +120,6 @@ def test_a_multiplier_that_was_counted_but_not_found_is_not_the_slowest():
         kernel=vv.RzhanitsynKernel(amplitude=0.0258, alpha=0.651, beta=0.927),
     )  # fmt: skip
     branch = vv.trace_response(spring, (0.58, 1.74), load=0.75, max_points=40)
-    told = np.isfinite(np.abs(branch.multipliers)).any(axis=1)
+    reported = np.isfinite(np.abs(branch.multipliers)).any(axis=1)
     assert (branch.growing > 0).any()
-    assert not (branch.slowest & ~told).any()
+    assert not (branch.slowest & ~reported).any()

@@ -107,8 +107,8 @@ def test_branches_stability_and_ensembles(seed):
     start = [(x * waves).sum().imag, (1j * nu * branch.harmonics * x).sum().imag]
     period = 2 * np.pi / nu
     maps = []
-    for beside in (np.zeros(2), [1e-6, 0], [0, 1e-6], [-1e-6, 0], [0, -1e-6]):
-        moved = np.add(start, beside)
+    for nearby in (np.zeros(2), [1e-6, 0], [0, 1e-6], [-1e-6, 0], [0, -1e-6]):
+        moved = np.add(start, nearby)
         maps.append(truth(n | {"nu": nu}, moved, np.array([0, period]))[-1])
     np.testing.assert_allclose(maps[0], start, atol=1e-8)
     monodromy = np.array([maps[1] - maps[3], maps[2] - maps[4]]).T / 2e-6
@@ -151,16 +151,16 @@ def test_plans_of_motions_in_time_tell_it(options):
     kernel = vv.PronyKernel(weights=[0.3], rates=[0.7])
     one = {"mass": 1, "stiffness": 1, "damping": 0.1}
     stop = {"mass": [[1.0]], "stiffness": [[1.0]], "damping": [[0.1]]}
-    told = "computes: the static preload of laws that are not 0 at rest (up to {})"
+    reported = "computes: the static preload of laws that are not 0 at rest (up to {})"
     for system, force in (
         (vv.PolynomialSystem(**one, forces="x^3 + 0.3"), 0.3),
         (vv.PolynomialSystem(**one, forces="x^3 + 0.3", kernel=kernel), 0.3),
         (vv.Structure(**stop, elements=[vv.Gap(on="x1", stiffness=2.0, gap=-0.1)]), 0.2),
         (vv.Structure(**stop, elements=[vv.Spring(on="x1", law="0.5*exp(d)")]), 0.5),
     ):
-        assert told.format(force) in str(vv.simulate(system, 3, **options).plan).splitlines()
+        assert reported.format(force) in str(vv.simulate(system, 3, **options).plan).splitlines()
         many = vv.simulate_ensemble(system, initial=[0, 0], t_end=3, **options)
-        assert told.format(force) in str(many.plan).splitlines()
+        assert reported.format(force) in str(many.plan).splitlines()
     plain = vv.PolynomialSystem(**one, forces="x^3 + 0.3*tanh(x)")
     assert "preload" not in str(vv.simulate(plain, 3, **options).plan)
     assert "preload" not in str(vv.simulate_ensemble(plain, initial=[0, 0], t_end=3).plan)

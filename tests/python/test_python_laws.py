@@ -128,26 +128,26 @@ def test_plans_say_that_a_law_is_in_python():
 
 
 @pytest.mark.parametrize(
-    ("law", "told"),
+    ("law", "reported"),
     [
         (lambda d: np.abs(np.asarray(d)) * d, "not analytic"),
-        (lambda d: np.array([math.sin(x) for x in d]), "takes no complex numbers"),
+        (lambda d: np.array([math.sin(x) for x in d]), "does not accept complex numbers"),
         (lambda d: 1.0 if d > 0 else 2.0, "must take arrays, entry by entry"),
-        (lambda d: d.sum(), "gives other numbers for an array"),
+        (lambda d: d.sum(), "returns different values for an array"),
         (lambda d: d[:1], "must return one number for each entry"),
         (lambda d, w: d + w, "the argument 'w' of <lambda> is neither a variable (d, v) nor"),
         (lambda k: k, "must have one of d, v as an argument"),
         (lambda *d: d[0], "does not list its arguments"),
         (lambda d: 1j * d, "must return real numbers"),
-        (lambda d: np.log(d), "must be defined around rest"),
+        (lambda d: np.log(d), "must be defined near rest"),
         (vv.PythonLaw(lambda d: d**3, slopes=lambda d: 2 * d**2), "its slopes give"),
         (vv.PythonLaw(lambda d: d**3, slopes=lambda d: (d, d)), "2 derivatives, must be 1"),
     ],
 )
-def test_functions_that_cannot_be_laws_are_refused(law, told):
+def test_functions_that_cannot_be_laws_are_refused(law, reported):
     with pytest.raises(vv.InputError, match="law") as caught:
         vv.Spring(on="x1", law=law, parameters={"k": 1.0})
-    assert told in str(caught.value)
+    assert reported in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

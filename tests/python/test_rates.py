@@ -60,13 +60,13 @@ def test_steady_motion_in_time_and_multipliers(text):
     assert found.stable[0]
 
 
-@pytest.mark.parametrize("beside", [False, True])
-def test_with_memory(beside):
+@pytest.mark.parametrize("outside", [False, True])
+def test_with_memory(outside):
     """A law of a rate behind a kernel and in parallel with one: time, harmonics, exponents."""
     weight, rate = 0.8, 2.0
     kernel = vv.PronyKernel(weights=[weight], rates=[rate])
     text = "0.2*tanh(x_dot/0.3) + 0.3*x^3"
-    if beside:
+    if outside:
         springs = [vv.Springs(forces=text)]
         system = vv.PolynomialSystem(mass=1, stiffness=K, damping=C, kernel=kernel, springs=springs)
     else:
@@ -74,8 +74,8 @@ def test_with_memory(beside):
 
     def rhs(t, y):
         f = 0.2 * np.tanh(y[1] / 0.3) + 0.3 * y[0] ** 3
-        w = K * y[0] + (0 if beside else f)
-        force = w - weight * y[2] + (f if beside else 0)
+        w = K * y[0] + (0 if outside else f)
+        force = w - weight * y[2] + (f if outside else 0)
         return [y[1], LOAD * np.sin(NU * t) - C * y[1] - force, w - rate * y[2]]
 
     run = vv.simulate(system, 10, load=LOAD, nu=NU, dt=0.05)
@@ -158,7 +158,7 @@ def test_van_der_pol_is_a_polynomial():
     np.testing.assert_allclose(left @ waves.conj().T / 64, 0, atol=1e-12)
 
 
-def test_friction_of_a_mount_is_told_in_its_force():
+def test_friction_of_a_mount_is_reported_in_its_force():
     """The force of a mount contains the rate part of its law."""
     mounts = [
         vv.MountPoint(
@@ -179,7 +179,7 @@ def test_friction_of_a_mount_is_told_in_its_force():
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "reported"),
     [
         (lambda: vv.Spring(on="x", law="tanh(w/2)"), r"did you mean v\?|'w' is neither"),
         (
@@ -197,9 +197,9 @@ def test_friction_of_a_mount_is_told_in_its_force():
         ),
     ],
 )
-def test_what_is_refused(make, told):
+def test_what_is_refused(make, reported):
     """One line that names the argument."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         make()
 
 

@@ -61,7 +61,7 @@ def test_injected_errors_are_seen(claim):
     assert claim.damaged().ratio() > 1
 
 
-def test_refusals_and_exceptions_are_told_apart():
+def test_refusals_and_exceptions_are_distinguished():
     refusing = "vv.Mount(mass=-1, inertia=1, offset=0, stiffness_x=1, stiffness_phi=1)"
     assert answer(Case(refusing, lambda *_: [], may_refuse=True))[1] == "refused"
     assert answer(Case(refusing, lambda *_: []))[1] == "raised"
@@ -152,7 +152,7 @@ def test_cases_are_the_same_whenever_they_are_drawn(family):
         assert first == again
 
 
-def test_a_large_multiplier_hides_none_beside_one():
+def test_a_large_multiplier_hides_none_near_one():
     """Errors are separate: that of 7e5 does not affect 1.2 and 1.02."""
     sizes = np.array([7e5, 1.2, 1.02, 0.9])
     off = np.array([0.2, 1e-7, 1e-7, 1e-7])

@@ -168,7 +168,7 @@ def test_a_lost_frequency_names_the_remedy_as_a_call(mount):
     with pytest.warns(vv.ConvergenceWarning, match=r"Newton's method .* use trace_response\("):
         vv.forced_response(stuck, [0.5], load=0.4)
     free = vv.PolynomialSystem(mass=1, stiffness=1)
-    with pytest.warns(vv.ConvergenceWarning, match="linear response .* give the system damping"):
+    with pytest.warns(vv.ConvergenceWarning, match="linear response .* add damping to the system"):
         vv.forced_response(free, [1.0], load=1)
 
 
@@ -382,7 +382,7 @@ def test_absurd_parameters_never_give_a_wrong_number():
     assert {"converged", "diverged", "overflow", "singular"} <= seen
 
 
-def test_linear_motions_beside_antiresonances_keep_their_digits():
+def test_linear_motions_near_antiresonances_keep_their_digits():
     # Springs at two of several masses: if these two hardly move, their motion determines little of
     # the other masses.
     rng = np.random.default_rng(8)

@@ -267,12 +267,12 @@ def test_netcdf_holds_everything(named_result, tmp_path):
 def test_what_is_saved_says_how_sure_it_is(named_result):
     """The Dataset also contains the error and the outcome of a result."""
     _, result = named_result
-    told = (
+    reported = (
         "outcome", "error", "truncation", "error_estimate", "coordinate_errors", "growth_error",
         "folds", "iterations",
     )  # fmt: skip
     data = result.to_dataset()
-    for name in told:
+    for name in reported:
         value = getattr(result, name, None)
         if value is None or callable(value):
             continue

@@ -101,7 +101,7 @@ def test_motions(power: float) -> None:
 
 @pytest.mark.parametrize("other", ["max(x - h, 0)", "max(h - x, 0)^2", "0.1*sign(x - h)"])
 @pytest.mark.parametrize("first", ["sign(x - g)*abs(x - g)^1.5", "max(x - g, 0)^1.3"])
-def test_another_surface_beside(first: str, other: str) -> None:
+def test_another_surface_nearby(first: str, other: str) -> None:
     """A step that ends at one surface may be close to a second, singular surface.
 
     Regression: such steps were not shortened, so runs with any step size had equal errors.

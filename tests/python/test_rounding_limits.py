@@ -60,7 +60,7 @@ def test_motions_down_to_rounding(seed):
         ],
     )  # fmt: skip
     for tolerance in (1e-10, 1e-13, 1e-14):
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as reported:
             warnings.simplefilter("always")
             found = vv.forced_response(
                 system, [nu], load=load, method="newton", harmonics="auto", tolerance=tolerance
@@ -68,7 +68,7 @@ def test_motions_down_to_rounding(seed):
         assert found.converged[0], (tolerance, found.outcome)
         # Errors above the tolerance are reported.
         above = found.truncation[0] > tolerance
-        assert above == any(issubclass(w.category, vv.ConvergenceWarning) for w in told)
+        assert above == any(issubclass(w.category, vv.ConvergenceWarning) for w in reported)
         x = np.zeros(((HIGHEST + 1) // 2, N), np.clongdouble)
         for order, row in zip(found.harmonics, found.coefficients[0].T, strict=True):
             if order % 2 and order <= HIGHEST:

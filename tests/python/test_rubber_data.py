@@ -57,7 +57,7 @@ def test_units_commas_and_parts(tmp_path, text, storage, loss, nu):
     [("omega", True), ("ω", True), ("Angular Frequency", True), ("w", True), ("f", False),
      ("circular frequency", True), ("Frequency", False), ("Ω", True)],
 )  # fmt: skip
-def test_what_a_frequency_counts_is_told_by_its_unit_or_name(tmp_path, unit, name, angular):
+def test_what_a_frequency_counts_is_reported_by_its_unit_or_name(tmp_path, unit, name, angular):
     data = vv.read_dma(table(tmp_path, f"{name} ({unit}),E' (Pa),E'' (Pa)\n3,5,1\n4,6,1\n"))
     radians = unit == "rad/s" or (angular and unit != "Hz")
     assert data.frequencies == pytest.approx(np.array([3, 4]) * (1 if radians else 2 * np.pi))
@@ -99,7 +99,7 @@ def test_other_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("", "is empty"),
         ("1,2,3\n4,5,6\n", "is a row of numbers"),
@@ -121,24 +121,24 @@ def test_other_names(tmp_path):
         ("f,E',G',E''\nHz,MPa,MPa,MPa\n1,2,3,1\n", "both hold storage"),
     ],
 )  # fmt: skip
-def test_bad_tables_are_told_with_their_place(tmp_path, text, told):
-    with pytest.raises(vv.InputError, match=told):
+def test_bad_tables_are_reported_with_their_place(tmp_path, text, reported):
+    with pytest.raises(vv.InputError, match=reported):
         vv.read_dma(table(tmp_path, text))
 
 
-def test_a_temperature_without_a_unit_is_told(tmp_path):
+def test_a_temperature_without_a_unit_is_reported(tmp_path):
     """Without the unit the sets of all temperatures would be merged."""
     text = "T,f (Hz),E' (Pa),E'' (Pa)\n20,1,3,1\n40,1,2,1\n"
     with pytest.raises(vv.InputError, match="column 'T': has no unit, must be one of c, "):
         vv.read_dma(table(tmp_path, text))
     period = vv.read_dma(table(tmp_path, text.replace("T,", "T (s),").replace("40,1,", "40,2,")))
     assert period.temperature is None
-    for text, told in (
+    for text, reported in (
         ("T,t (s),E (Pa)\n20,1,3\n20,2,2\n", "column 'T': has no unit, must be one of c, "),
         ("T (°C),t,E (Pa)\n20,1,3\n20,2,2\n", "column 't': has no unit, must be one of s, "),
         ("t,E (Pa)\n1,3\n2,2\n", "column 't': has no unit, must be one of s, "),
     ):
-        with pytest.raises(vv.InputError, match=told):
+        with pytest.raises(vv.InputError, match=reported):
             vv.read_relaxation(table(tmp_path, text))
 
 
@@ -154,17 +154,17 @@ def test_milli_is_not_mega(tmp_path, unit):
         for text in texts:
             data = vv.read_dma(table(tmp_path, text))
             np.testing.assert_allclose(data.frequencies, size, rtol=1e-14)
-    for text, told in (
+    for text, reported in (
         (f"f,E',E''\n{unit.format('mhz')},Pa,Pa\n1,2,3\n", "not known, must be .* mHz, MHz, rad/s"),
         (f"f,E',E''\nHz,{unit.format('mPa')},Pa\n1,2,3\n", "is millipascal; write MPa"),
     ):
-        with pytest.raises(vv.InputError, match=told):
+        with pytest.raises(vv.InputError, match=reported):
             vv.read_dma(table(tmp_path, text))
 
 
-def test_bad_arrays_are_told():
+def test_bad_arrays_are_reported():
     good = {"frequencies": [1.0, 2.0], "storage": [2.0, 3.0], "loss": [1.0, 1.0]}
-    for change, told in (
+    for change, reported in (
         ({"storage": [2.0, -3.0]}, r"storage\[1\] = -3"),
         ({"loss": [1.0, float("nan")]}, r"loss\[1\] = nan"),
         ({"loss": [1.0]}, "loss has 1 numbers"),
@@ -172,7 +172,7 @@ def test_bad_arrays_are_told():
         ({"quantity": "D"}, "quantity"),
         ({"temperature": -300}, r"temperature\[0\] = -300: must be above -273.15 degrees Celsius"),
     ):
-        with pytest.raises(vv.InputError, match=told):
+        with pytest.raises(vv.InputError, match=reported):
             vv.ModulusData(**(good | change))
     with pytest.raises(vv.InputError, match="before the end of the ramp"):
         vv.RelaxationData(times=[1.0, 2.0], modulus=[2.0, 1.0], ramp=1.5)
@@ -237,7 +237,7 @@ class TestKramersKronig:
             assert ("determines little" in found.summary()) is (factor > 1)
             assert 0.08 < found.storage_varies < 0.11
 
-    def test_swapped_columns_are_told(self):
+    def test_swapped_columns_are_reported(self):
         """The storage modulus would decrease, which is impossible."""
         data = made(KERNELS["rabotnov"])
         swapped = vv.ModulusData(frequencies=data.frequencies, storage=data.loss, loss=data.storage)

@@ -39,8 +39,8 @@ def _parts(law, switch, nu, k, x):
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         # Powers are singular at their switch: intervals shrink towards it.
         near = np.geomspace(1e-9, 0.02, 30)
-        beside = [low + s for s in (*near, *-near)]
-        ends = np.unique(np.concatenate([ends, low, *beside]))
+        nearby = [low + s for s in (*near, *-near)]
+        ends = np.unique(np.concatenate([ends, low, *nearby]))
         ends = ends[(ends >= 0) & (ends <= 2 * np.pi)]
     nodes, weights = np.polynomial.legendre.leggauss(40)
     half = 0.5 * np.diff(ends)[:, np.newaxis]
@@ -87,12 +87,12 @@ def test_true_error_is_covered(name, harmonics):
     r = vv.forced_response(
         system, [0.8], load=0.5, method="newton", harmonics=harmonics, tolerance=1e-13
     )
-    true, told = _true_error(law, switch, 0.8, 0.5, r), float(r.sampling[0])
+    true, reported = _true_error(law, switch, 0.8, 0.5, r), float(r.sampling[0])
     # Errors of Newton's method and rounding errors.
     rounding = 3e-13
-    assert true <= told + rounding
-    assert told <= 10 * true + rounding
-    assert told <= r.truncation[0] or told < rounding
+    assert true <= reported + rounding
+    assert reported <= 10 * true + rounding
+    assert reported <= r.truncation[0] or reported < rounding
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
@@ -151,7 +151,7 @@ def test_branches_over_a_parameter():
         mount, nu=2.0, load=0.3, vary="mass", vary_range=(1, 1.2), stability=False
     )
     assert (branch.sampling < 1e-9).all()
-    assert "estimated error of those left out" in repr(branch)
+    assert "estimated error by neglected harmonics" in repr(branch)
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.05, forces="k*pow(x^2, 0.6)*x", parameters={"k": 0.3}
     )

@@ -94,13 +94,13 @@ def test_a_steady_motion_has_no_beats():
         steady.beating(0)
 
 
-def test_a_motion_that_settles_on_no_beats_is_told_with_what_follows_it():
+def test_a_motion_that_settles_on_no_beats_is_reported_with_what_follows_it():
     """Two modes exchange energy with a frequency that is not that of the loads."""
     pend = vv.Pendulum(
         e=0.137, w2=0.516, w3=0.621, alpha=0.244, c1=0.0067, c2=0.0299, c3=0.00647,
         f0=0.0043, m01=0.00017, m02=0.00054, p1=1.0131, p2=0.7472, p3=0.4759,
     )  # fmt: skip
-    with pytest.warns(vv.RangeWarning, match=r"settle on no beats .*forced_response"):
+    with pytest.warns(vv.RangeWarning, match=r"no beats with .*forced_response"):
         steady = vv.MultipleScales(pend).response("p1", [pend.p1])
     assert not steady.in_range.any()
 
@@ -140,7 +140,7 @@ def test_a_motion_that_the_equations_leave_has_no_verdict():
     response = vv.MultipleScales(system).response("p1", [p1])
     motion = response.beating(response.beating_points[0])
     lines = 1.5 * motion.harmonics
-    told = growth_of_neighbours(
+    reported = growth_of_neighbours(
         system, {"p1": p1}, motion.frequencies, lines, motion.errors / 10, 0.0025
     )
-    assert told[1] == np.inf
+    assert reported[1] == np.inf

@@ -82,13 +82,13 @@ def test_the_growth_of_modes_at_rest_has_an_error():
         found = vv.MultipleScales(system).response("p1", [p])
         if not found.in_range[0]:
             continue
-        told = max(found.eigenvalues[0].real.max(), found.resting_growth[0])
+        reported = max(found.eigenvalues[0].real.max(), found.resting_growth[0])
         true = growth(matrix_at, 2 * np.pi / p, 4)
         assert found.growth_error[0] > 0
-        ratios.append(abs(told - true) / (found.growth_error[0] + 1e-8))
+        ratios.append(abs(reported - true) / (found.growth_error[0] + 1e-8))
         if found.decided[0]:
             decided += 1
-            assert (told > 0) == (true > 0)
+            assert (reported > 0) == (true > 0)
     assert len(ratios) > 20
     assert decided > 15
     assert np.mean(np.array(ratios) < 1.5) > 0.9
@@ -263,7 +263,7 @@ def test_backbones_with_internal_resonance_against_shooting():
         assert alone.shape == (1,)
 
 
-def test_backbones_out_of_range_are_told():
+def test_backbones_out_of_range_are_reported():
     system = vv.CubicSystem(mass=[[1]], stiffness=[[1]], cubic=[[[[1.0]]]])
     ms = vv.MultipleScales(system)
     with pytest.warns(vv.RangeWarning, match="amplitude 5 of mode 0"):
@@ -420,8 +420,8 @@ def test_tongues_of_the_order_that_follows():
         assert not here.stable[0]
         around = ms.response("p1", top.x + wide * np.linspace(-1, 1, 61))
         np.testing.assert_allclose(around.resting_growth.max(), -top.fun, rtol=0.1)
-        beside = ms.response("p1", top.x + np.array([-4, 4]) * wide)
-        assert beside.stable.all()
+        nearby = ms.response("p1", top.x + np.array([-4, 4]) * wide)
+        assert nearby.stable.all()
 
 
 def test_tongues_that_reach_far():

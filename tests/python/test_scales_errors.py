@@ -50,7 +50,7 @@ def test_of_steady_motions_of_mounts_against_harmonic_balance():
     assert np.mean((ratios > 1 / 1.5) & (ratios < 1.5)) > 0.9
 
 
-def test_beside_half_the_frequency_of_a_mode():
+def test_near_half_the_frequency_of_a_mode():
     """Twice the load frequency is near the mode: its harmonic acts back on that of the load."""
     for c, k2, k3, load in [(0.02, 0.3, 0.14, 0.009), (0.008, 0.08, 0.4, 0.01)]:
         system = vv.PolynomialSystem(mass=1, stiffness=1, damping=c, forces=f"{k2}*x^2 + {k3}*x^3")
@@ -182,7 +182,7 @@ def test_leaving_the_range_shows():
     assert 0.5 * error < chosen.error_estimate[0] < 0.1
 
 
-def test_jumps_of_steady_motions_are_told_by_their_error():
+def test_jumps_of_steady_motions_are_reported_by_their_error():
     """Towards a fold the error grows like a square root, and the estimate with it."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.005, forces="x^3")
     ms = vv.MultipleScales(system, load=0.004, nu=1.0)

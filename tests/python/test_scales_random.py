@@ -158,7 +158,7 @@ def test_motions_against_integration(modes, damping):
     assert 0.4 < motion.error_estimate.max() / error < 2.5
 
 
-def test_stability_that_is_told_as_sure_is_that_of_floquet():
+def test_stability_that_is_reported_as_sure_is_that_of_floquet():
     """Any loads, large ones far from modes, little damping: some verdicts are undecided."""
     sure, unsure, wrong = 0, 0, []
     for seed in range(30):

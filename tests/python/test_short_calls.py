@@ -54,7 +54,7 @@ def test_the_same_load_and_start_written_in_other_ways_are_the_same_run(seed: in
         np.testing.assert_array_equal(found.state, first.state)
 
 
-def test_coordinates_that_nothing_moves_rest_however_they_are_told() -> None:
+def test_coordinates_that_nothing_moves_rest_however_they_are_reported() -> None:
     system = vv.PolynomialSystem(
         mass=np.eye(2), stiffness=np.diag([1.0, 2.0]), forces={"x1": "0.1*sin(x1)"}
     )
@@ -67,7 +67,7 @@ def test_coordinates_that_nothing_moves_rest_however_they_are_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ({"initial": (1.0, float("nan"))}, r"initial\[1\] = nan: must be a finite number"),
         ({"initial": (float("inf"), -float("inf"))}, r"initial\[0\] = inf: must be a finite"),
@@ -83,9 +83,9 @@ def test_coordinates_that_nothing_moves_rest_however_they_are_told() -> None:
         ({"nu": 1.0}, r"nu: must not be given without load"),
     ],
 )
-def test_what_is_wrong_is_still_refused(given: dict[str, Any], told: str | None) -> None:
-    if told is None:
+def test_what_is_wrong_is_still_refused(given: dict[str, Any], reported: str | None) -> None:
+    if reported is None:
         _run(_oscillator(), **given)
         return
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         _run(_oscillator(), **given)

@@ -23,10 +23,10 @@ def test_a_signature_is_real(function):
     assert all(one.annotation is not one.empty for one in arguments.values())
     text = inspect.getdoc(function)
     assert text.count("Parameters\n----------") == 1
-    told = set()
+    reported = set()
     for line in re.findall(r"^(\w[\w, ]*?)(?: : .*)?$", text.split("----------")[1], re.MULTILINE):
-        told |= set(line.split(", "))
-    assert set(arguments) - told == set()
+        reported |= set(line.split(", "))
+    assert set(arguments) - reported == set()
 
 
 def options(form):
@@ -43,18 +43,18 @@ def options(form):
 def test_forms_have_the_arguments_and_defaults_of_the_whole(function):
     whole = inspect.signature(function).parameters
     types = {name: one.annotation for name, one in whole.items()} | typing.get_type_hints(function)
-    told = set()
+    reported = set()
     assert len(typing.get_overloads(function)) == 2
     for form in typing.get_overloads(function):
         for name, one in inspect.signature(form).parameters.items():
             if one.kind is not one.VAR_KEYWORD:
                 # An overload may require an argument, but never has another default.
                 assert one.default in (inspect.Parameter.empty, whole[name].default), name
-                told.add(name)
+                reported.add(name)
         for name, kind in options(form).items():
             assert kind == types[name], name
-            told.add(name)
-    assert told == set(whole)
+            reported.add(name)
+    assert reported == set(whole)
 
 
 @pytest.mark.parametrize(
@@ -123,11 +123,11 @@ def _kept_too_rarely():
 
 @pytest.mark.parametrize("call", WARNING)
 def test_warnings_name_the_line_that_calls(call):
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         call()
-    assert told
-    assert {one.filename for one in told} == {__file__}
+    assert reported
+    assert {one.filename for one in reported} == {__file__}
 
 
 @pytest.mark.parametrize("module", ["viscovib_study", "study"])
@@ -141,10 +141,10 @@ def test_warnings_name_the_line_of_a_module_with_a_like_name(module):
         "        return vv.forced_response(SYSTEM, 1.0, load=1, method='newton', harmonics=1)\n"
         "Study().response\n"
     )
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         exec(
             compile(code, "/of the user.py", "exec"),
             {"__name__": module, "SYSTEM": documented_calls.DUFFING},
         )
-    assert {(one.filename, one.lineno) for one in told} == {("/of the user.py", 5)}
+    assert {(one.filename, one.lineno) for one in reported} == {("/of the user.py", 5)}

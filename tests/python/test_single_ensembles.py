@@ -281,7 +281,7 @@ def test_nothing_is_left_in_a_lane_that_escapes(way, dt):
     assert (many.t_reached[[0, 2]] < 2).all()
 
 
-def test_a_wrong_surface_is_told_by_the_name_given():
+def test_a_wrong_surface_is_reported_by_the_name_given():
     system = vv.PolynomialSystem(mass=1, stiffness=1, forces="x^3")
     with pytest.raises(vv.InputError, match=r"^sections = 'xdot'.*did you mean x_dot"):
         vv.simulate_ensemble(system, initial=[0, 0], t_end=5, dt=0.1, sections="xdot")

@@ -122,7 +122,7 @@ def test_coordinates_wanted_and_the_last_state(tmp_path):
                      .replace("discard = 1000", "discard = 0\n coordinates = 'phi'"))  # fmt: skip
     result = vv.run(scene)
     assert result.spectrum.names == ("phi",)
-    assert result.plan["skips"]["Fourier transforms of z, psi"] == "not asked for"
+    assert result.plan["skips"]["Fourier transforms of z, psi"] == "not requested"
     result.to_csv(tmp_path / "motion.csv")
     lines = (tmp_path / "motion.csv").read_text().splitlines()
     assert next(line for line in lines if line[0] != "#") == "t,z,z_dot,psi,psi_dot"

@@ -76,7 +76,7 @@ def test_reduced_plate_moves_as_the_whole_one(steel, damping, method):
     assert "\n" not in repr(small)
 
 
-def test_harmonics_above_the_band_are_told(steel):
+def test_harmonics_above_the_band_are_reported(steel):
     small = mounted(steel).reduce(frequency=TOP / 4, loads=[pushed(steel)])
     with pytest.warns(vv.ConvergenceWarning, match="for which the structure was not reduced"):
         r = vv.forced_response(

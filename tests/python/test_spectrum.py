@@ -114,7 +114,7 @@ def test_many_lines_of_very_different_size():
     assert vv.dominant_frequencies(u, 0.1, count=20).omega.size < 8
 
 
-def test_two_close_lines_are_told_apart_and_flagged():
+def test_two_close_lines_are_distinguished_and_flagged():
     n = 4000
     bin_width = 2 * np.pi / n
     u = np.cos(0.5 * np.arange(n)) + 0.5 * np.cos((0.5 + 1.7 * bin_width) * np.arange(n) + 1)
@@ -192,7 +192,7 @@ def test_errors_in_noise_are_those_of_the_window():
     assert spread == pytest.approx([1.531, 1.225], rel=4 / np.sqrt(2 * runs))
 
 
-def test_weak_lines_beside_strong_ones_are_no_noise():
+def test_weak_lines_with_strong_ones_are_no_noise():
     n = 5000
     k = np.arange(n)
     sizes, omega = 10.0 ** -np.arange(0, 10, 2), [0.3, 0.31, 1.0, 1.02, 2.2]
@@ -308,7 +308,7 @@ def test_what_is_resolved_is_right():
     assert wrong == 0
 
 
-def test_lines_beside_what_they_do_not_explain_are_not_resolved():
+def test_lines_near_what_they_do_not_explain_are_not_resolved():
     """One line for two tones; a chirp."""
     k = np.arange(2000)
     pair = np.cos(0.5 * k) + 0.7 * np.cos(0.507 * k + 1)
@@ -319,7 +319,7 @@ def test_lines_beside_what_they_do_not_explain_are_not_resolved():
     assert not vv.dominant_frequencies(chirp, 1.0, count=3).resolved.any()
 
 
-def test_decay_is_told_from_noise():
+def test_decay_is_reported_from_noise():
     """Steady tones in noise stay steady; decays above noise are found within their errors."""
     rng, n = np.random.default_rng(8), 1000
     k, steady, rates = np.arange(n), 0, []
@@ -338,7 +338,7 @@ def test_decay_is_told_from_noise():
     assert np.std(rates) < 3 * least
 
 
-def test_states_too_far_apart_are_told():
+def test_states_too_far_apart_are_reported():
     """Random free vibrations with one to eight stored states per half-period, or too few."""
     rng = np.random.default_rng(0)
     for case in range(40):
@@ -353,11 +353,11 @@ def test_states_too_far_apart_are_told():
             system, n * apart, initial=[1, omega * rng.normal()], times=apart * np.arange(n + 1)
         )
         for ask in (vv.spectrum, vv.dominant_frequencies, lambda run: vv.free_decay(run, count=1)):
-            with warnings.catch_warnings(record=True) as told:
+            with warnings.catch_warnings(record=True) as reported:
                 warnings.simplefilter("always")
                 ask(run)
-            assert any("are too far for x" in str(one.message) for one in told) == too_few
-            assert all(one.filename == __file__ for one in told)
+            assert any("are too far for x" in str(one.message) for one in reported) == too_few
+            assert all(one.filename == __file__ for one in reported)
 
 
 def test_a_free_vibration_gives_its_damping_ratio():
@@ -462,7 +462,7 @@ def test_a_constant_has_no_lines(value):
     assert found.mean == value
 
 
-def test_what_is_folded_is_told_by_velocities():
+def test_what_is_folded_is_reported_by_velocities():
     """Random tones, some above the Nyquist frequency: aliased fraction by NumPy transforms."""
     from viscovib.analyses.signals import aliased_part
 
@@ -485,8 +485,8 @@ def test_what_is_folded_is_told_by_velocities():
             derived[-1] = 0.0
         missed = np.fft.irfft(derived, n) - slope * swing - window * v
         expected = np.linalg.norm(missed) / (np.linalg.norm(window * swing) * 2 * np.pi / step)
-        share, told = aliased_part(u, v, step)
+        share, reported = aliased_part(u, v, step)
         assert share == pytest.approx(expected, rel=1e-9, abs=1e-14)
         if n > 60:
-            verdicts.append((bool(told), size[1] > 0.1))
-    assert all(told == folded for told, folded in verdicts)
+            verdicts.append((bool(reported), size[1] > 0.1))
+    assert all(reported == folded for reported, folded in verdicts)

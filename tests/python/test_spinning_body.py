@@ -189,7 +189,7 @@ def test_small_turns_with_a_rotor():
         (lambda: some_body().modes(), r"characteristic_roots\(\) gives them"),
         (
             lambda: vv.backbone(some_body(), 0, amplitude_range=(1e-4, 1e-3)),
-            "a backbone leaves out",
+            "a backbone, which omits",
         ),
         (lambda: some_body().scatter(3), r"characteristic_roots\(\) gives them"),
     ],

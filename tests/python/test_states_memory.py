@@ -79,9 +79,9 @@ def test_steady_motions(seed):
     columns = []
     for j in range(run.y.shape[0]):
         ends = []
-        for beside in (1e-5, -1e-5):
+        for nearby in (1e-5, -1e-5):
             begun = run.y[:, 0].copy()
-            begun[j] += beside
+            begun[j] += nearby
             end = solve_ivp(
                 slope, (late[0], late[0] + period), begun, method="DOP853", rtol=1e-10,
                 atol=1e-12, max_step=period / 60,
@@ -93,7 +93,7 @@ def test_steady_motions(seed):
     np.testing.assert_allclose(multipliers, expected, atol=5e-5)
 
 
-def test_in_time_the_reason_is_told():
+def test_in_time_the_reason_is_reported():
     """With a table of points both are refused in time: the message names the alternative."""
     kernel = vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.05])
     system = vv.Structure(
@@ -103,5 +103,5 @@ def test_in_time_the_reason_is_told():
             vv.Spring(on="x1", stiffness=0.5, kernel=kernel),
         ],
     )  # fmt: skip
-    with pytest.raises(vv.InputError, match="has TabulatedKernel: its steps end where an element"):
+    with pytest.raises(vv.InputError, match=r"TabulatedKernel: use kernel\.sum_of_exponentials"):
         vv.simulate(system, 10, load=[1.0], nu=0.9)

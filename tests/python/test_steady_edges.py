@@ -10,7 +10,7 @@ import viscovib as vv
 LAWS = [("log({e} + x) - log({e})", -1), ("sqrt({e} - x) - sqrt({e})", 1), ("-asin(x/{e})", 1)]
 
 
-def told_by(call):
+def reported_by(call):
     """Texts of warnings and refusals."""
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
@@ -36,7 +36,7 @@ def test_the_law_and_its_end_are_named(seed):
     for body, text, name in ((system, law, "x"), (structure, shown, "d")):
         expected = f"the law {text!r} has no value beyond {name} = {side * edge:.6g}"
         for method in ("newton", "successive"):
-            found = told_by(
+            found = reported_by(
                 lambda body=body, method=method: vv.forced_response(
                     body, [0.7, 0.9], load=edge * load, method=method, max_iterations=60
                 )
@@ -48,13 +48,13 @@ def test_the_law_and_its_end_are_named(seed):
             ended = str(error)
         assert ended is not None
         assert expected in ended
-    assert f"the law {law!r} has no value beyond" in told_by(
+    assert f"the law {law!r} has no value beyond" in reported_by(
         lambda: vv.trace_response(system, (0.7, 0.9), load=edge * load, harmonics=9)
     )
 
 
-def test_what_has_no_end_is_not_told():
+def test_what_has_no_end_is_not_reported():
     """A law that is defined everywhere is not named as a reason."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-0.5*tanh(x)*x^2")
-    found = told_by(lambda: vv.forced_response(system, [0.9], load=50, method="newton"))
+    found = reported_by(lambda: vv.forced_response(system, [0.9], load=50, method="newton"))
     assert "has no value" not in found

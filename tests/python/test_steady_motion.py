@@ -120,12 +120,12 @@ def test_derivatives_across_switches(name):
         state = mapping.run(state, steps).last
         ran = mapping.run(state, steps)
         assert ran.passed > 0
-        beside = [
+        nearby = [
             (mapping.run(state + h * one, steps).last - mapping.run(state - h * one, steps).last)
             / (2 * h)
             for one in np.eye(4)
         ]
-        np.testing.assert_allclose(ran.by_start, np.array(beside).T, atol=2e-7)
+        np.testing.assert_allclose(ran.by_start, np.array(nearby).T, atol=2e-7)
 
 
 ELEMENTS = [
@@ -186,20 +186,20 @@ def test_period_of_two_loads():
     two = vv.steady_motion(MASSES, 0.7554, load=[0, 0.1], initial=one, n_periods=2)
     np.testing.assert_allclose(two.state[0], one.state[0], atol=1e-9)
     assert (one.repeats_after, two.repeats_after) == (1, 1)
-    assert "repeats after 1 period already" in repr(two)
+    assert "repeats after 1 period\n" in repr(two)
     largest = np.abs(two.multipliers[0])
     assert largest == pytest.approx(np.abs(one.multipliers[0]) ** 2, rel=1e-6)
 
 
 def test_period_that_has_doubled():
     """Near the unstable motion after a doubling, a motion repeats after two periods."""
-    beside = [-1.92, -0.22, -0.69, 0.15]
+    nearby = [-1.92, -0.22, -0.69, 0.15]
     for n_periods in (2, 4):
         motion = vv.steady_motion(
-            MASSES, 0.7554, load=[0, 0.1], initial=beside, n_periods=n_periods
+            MASSES, 0.7554, load=[0, 0.1], initial=nearby, n_periods=n_periods
         )
         assert motion.repeats_after == 2
-        assert ("already" in repr(motion)) is (n_periods == 4)
+        assert ("repeats" in repr(motion)) is (n_periods == 4)
         assert motion.stable
         apart = motion(motion.period / n_periods) - motion.state[0]
         assert np.abs(apart).max() > 0.1
@@ -242,7 +242,7 @@ def test_units_of_time(time):
     )
 
 
-def test_small_beside_large():
+def test_small_with_large():
     """A jump in a coordinate 1e-12 as large as another is found: each has its own scale."""
     small = vv.PolynomialSystem(mass=1, stiffness=1.7, damping=0.1, forces="0.3*sign(x_dot)")
     both = vv.PolynomialSystem(
@@ -250,9 +250,9 @@ def test_small_beside_large():
         forces={"x1": "x1^3", "x2": "0.3e-12*sign(x2_dot)"},
     )  # fmt: skip
     alone = vv.steady_motion(small, 0.8, load=0.6)
-    beside = vv.steady_motion(both, 0.8, load=[0.5, 0.6e-12])
+    nearby = vv.steady_motion(both, 0.8, load=[0.5, 0.6e-12])
     np.testing.assert_allclose(
-        np.sort(np.abs(beside.multipliers))[:2], np.sort(np.abs(alone.multipliers)), atol=1e-9
+        np.sort(np.abs(nearby.multipliers))[:2], np.sort(np.abs(alone.multipliers)), atol=1e-9
     )
 
 
@@ -270,7 +270,7 @@ def test_refused():
     with pytest.raises(vv.InputError, match="hysteresis elements"):
         vv.steady_motion(joint, 1.0, load=1.0)
     held = vv.PolynomialSystem(mass=1, stiffness=1, forces="sign(x_dot)")
-    with pytest.raises(vv.InputError, match="cannot be followed: others are next to it"):
+    with pytest.raises(vv.InputError, match="cannot be followed, because it is not isolated"):
         vv.trace_motion(held, (0.8, 0.9), load=0.1)
     falls = vv.PolynomialSystem(mass=1, stiffness=-1.0, forces="-x^3")
     with pytest.warns(vv.ConvergenceWarning, match="no motion was found"):
@@ -316,18 +316,18 @@ def test_result():
     np.testing.assert_allclose(run.state[-1], motion.state[0], atol=1e-12)
 
 
-def test_crossings_beside_a_gap():
+def test_crossings_with_a_gap():
     """A fold and the doubling near it of example 03 of NLvib, also with other steps."""
     near = [-1.7437, -0.5182, -0.6096, 0.2772]
     found = []
     for options in ({"max_step": 0.05}, {"method": "gauss16", "max_step": 0.1}):
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as reported:
             warnings.simplefilter("always")
             branch = vv.trace_motion(
                 MASSES, (0.755, 0.757), load=[0, 0.1], initial=near, tolerance=1e-10, **options
             )
         # Near the fold errors at a given frequency are amplified, and stated.
-        above = "above tolerance = 1e-10 at" in "".join(str(one.message) for one in told)
+        above = "above tolerance = 1e-10 at" in "".join(str(one.message) for one in reported)
         assert above == (branch.error > 1e-10).any()
         assert branch.outcome == "completed"
         assert [one.kind for one in branch.crossings] == ["period doubling", "fold"]
@@ -345,7 +345,7 @@ def test_crossings_beside_a_gap():
     assert places == pytest.approx([0.75559, 0.75563], abs=5e-6)
 
 
-def test_neimark_sacker_beside_a_gap():
+def test_neimark_sacker_with_a_gap():
     """The published digits of example 03."""
     near = [-0.23824, 0.55031, -0.19346, 0.42285]
     branch = vv.trace_motion(MASSES, (0.6200, 0.6177), load=[0, 0.1], initial=near, max_step=0.2)
@@ -395,7 +395,7 @@ def test_errors_hold():
         assert 1e-7 < change <= motion.multiplier_error < 100 * change
 
 
-def test_errors_hold_beside_grazing():
+def test_errors_hold_near_grazing():
     """At the onset of a second impact, points on both sides have their stated errors."""
     stop = vv.Structure(
         mass=[[1.0]], stiffness=[[1.63745879]], damping=[[0.08857668]],

@@ -5,7 +5,7 @@ import warnings
 import pytest
 import viscovib as vv
 
-ADVICE = "a body may stick, which harmonics cannot follow: take the motion in time"
+ADVICE = "a body may stick, which harmonics do not represent: use simulate"
 
 
 def one(force):
@@ -26,10 +26,10 @@ def on_spring(law):
         (on_spring("0.3*sign(v)"), [0.2]),
     ],
 )
-def test_what_sticks_is_told(system, load):
+def test_what_sticks_is_reported(system, load):
     with pytest.raises(vv.InputError) as error:
         vv.trace_response(system, (0.5, 1.6), load=load, harmonics=15)
-    assert "no solution was found at its beginning 0.5" in str(error.value)
+    assert "no solution was found at the start 0.5" in str(error.value)
     assert ADVICE in str(error.value)
     with pytest.warns(vv.ConvergenceWarning, match=ADVICE):
         found = vv.forced_response(system, [0.5], load=load, harmonics=15)
@@ -37,21 +37,21 @@ def test_what_sticks_is_told(system, load):
 
 
 def test_branch_that_ends_tells_why():
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         branch = vv.trace_response(
             one("0.3*sign(x_dot)"), (1.0, 0.3), load=0.5, harmonics=31, stability=False
         )
     assert branch.outcome == "stuck"
     assert any("the branch ends at nu = 0.6" in str(x.message) and ADVICE in str(x.message)
-               for x in told)  # fmt: skip
+               for x in reported)  # fmt: skip
 
 
 @pytest.mark.parametrize(
     "force",
     ["-0.3*sign(x_dot)", "0.3*x_dot*abs(x_dot)", "0.3*tanh(x_dot/1e-6)", "0.3*sign(x)"],
 )
-def test_what_cannot_stick_is_not_told(force):
+def test_what_cannot_stick_is_not_reported(force):
     from viscovib.systems.sticking import advice_on_sticking
 
     assert advice_on_sticking(one(force)) == ""

@@ -37,10 +37,10 @@ def exact(mass, damping, stiffness, nu, load):
 
 
 @pytest.mark.parametrize("kind", ["modal", "dampers", "follower"])
-def test_what_rounding_hides_is_told(kind):
+def test_what_rounding_hides_is_reported(kind):
     """Real modes; complex modes with dampers or unsymmetric stiffness."""
     rng = np.random.default_rng(1)
-    told = 0
+    reported = 0
     for _ in range(40):
         n = int(rng.integers(3, 7))
         springs = rng.uniform(0.5, 2, n)
@@ -69,9 +69,9 @@ def test_what_rounding_hides_is_told(kind):
         true = exact(mass, damping, stiffness, nu, load)
         found = np.array([response.amplitude(name)[0] for name in structure.dof_names])
         warned = any("rounding hides the soft ones" in str(w.message) for w in seen)
-        told += warned
+        reported += warned
         assert warned or np.abs(found - true).max() < 1e-5 * true.max()
-    assert 10 < told < 30
+    assert 10 < reported < 30
 
 
 def test_free_bodies_are_no_false_alarm():
@@ -129,7 +129,7 @@ def assembled(springs, n, number=float):
     return k
 
 
-def told_of(build, *arguments, **options):
+def reported_of(build, *arguments, **options):
     """Whether a call gives the message, and its result."""
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
@@ -147,12 +147,12 @@ def polynomial(mass, stiffness):
 def test_polynomial_systems_tell_what_rounding_hides():
     """Squared frequencies of the given springs, against those of the rounded matrix."""
     rng = np.random.default_rng(11)
-    told = hidden = 0
+    reported = hidden = 0
     for _ in range(100):
         n = int(rng.integers(2, 6))
         springs = springs_between(rng, n, 14)
         mass = 10 ** rng.uniform(-1, 1, n)
-        seen, _ = told_of(polynomial, mass, assembled(springs, n))
+        seen, _ = reported_of(polynomial, mass, assembled(springs, n))
         with mpmath.workdps(50):
             unit = mpmath.diag([1 / mpmath.sqrt(m) for m in mass])
             squares = [
@@ -160,11 +160,11 @@ def test_polynomial_systems_tell_what_rounding_hides():
                 for number in (mpmath.mpf, float)
             ]
             error = max(abs(b / a - 1) for a, b in zip(*squares, strict=True))
-        told += seen
+        reported += seen
         hidden += error > 4e-6
         assert seen or error < 4e-6
         assert not seen or error > 1e-10
-    assert 10 < hidden <= told < 50
+    assert 10 < hidden <= reported < 50
 
 
 def test_ordinary_polynomial_systems_are_no_false_alarm():
@@ -172,20 +172,20 @@ def test_ordinary_polynomial_systems_are_no_false_alarm():
     for _ in range(300):
         n = int(rng.integers(2, 9))
         springs = springs_between(rng, n, 6, free=rng.uniform() < 0.5)
-        assert not told_of(polynomial, rng.uniform(0.5, 2, n), assembled(springs, n))[0]
+        assert not reported_of(polynomial, rng.uniform(0.5, 2, n), assembled(springs, n))[0]
 
 
 def test_springs_of_follower_forces_are_judged_too():
     stiffness = [[1e12 + 1, -1e12 - 0.5], [-1e12, 1e12]]
-    assert told_of(polynomial, np.ones(2), stiffness)[0]
-    assert not told_of(polynomial, np.ones(2), [[3, 1], [-1, 2]])[0]
+    assert reported_of(polynomial, np.ones(2), stiffness)[0]
+    assert not reported_of(polynomial, np.ones(2), [[3, 1], [-1, 2]])[0]
 
 
 @pytest.mark.parametrize("decades", [0, 3, 13])
 def test_reduced_structures_tell_what_rounding_hides(decades):
     """Squared frequencies change as for springs in extended precision."""
     rng = np.random.default_rng(decades)
-    told = refused = 0
+    reported = refused = 0
     for _ in range(12):
         n = int(rng.integers(130, 300))
         springs = rng.uniform(0.5, 2, n)
@@ -196,7 +196,7 @@ def test_reduced_structures_tell_what_rounding_hides(decades):
             elements=[vv.Spring(on=f"x{n}", law="0.1*d^3")],
         )  # fmt: skip
         try:
-            seen, made = told_of(build.reduce, frequency=0.1, loads=["x1"], tolerance=1e-2)
+            seen, made = reported_of(build.reduce, frequency=0.1, loads=["x1"], tolerance=1e-2)
         except vv.InputError:
             # Refused: its own estimate of rounding errors is above the tolerance.
             refused += 1
@@ -207,9 +207,9 @@ def test_reduced_structures_tell_what_rounding_hides(decades):
         error = (
             np.abs(np.einsum("im,ij,jm->m", shapes, off, shapes)) / found.squares[: found.n_modes]
         )
-        told += seen
+        reported += seen
         assert seen or error.max() < 3e-2
-    assert (told > 0) == (decades == 13)
+    assert (reported > 0) == (decades == 13)
     assert refused < 8 * (decades == 13) + 1
 
 
@@ -221,7 +221,7 @@ def chain_of(springs):
 
 @pytest.mark.filterwarnings("ignore:stiffness. springs are so different:viscovib.RangeWarning")
 @pytest.mark.parametrize("decades", [10, 11])
-def test_where_stiff_springs_hide_a_branch_the_way_out_is_told_and_right(decades):
+def test_where_stiff_springs_hide_a_branch_the_way_out_is_reported_and_right(decades):
     """Two masses with a coupling of 10^decades; coordinates are their sum and difference."""
     c = 10.0**decades
     mass, stiffness = np.diag([1.0, 1.3]), np.array([[1 + c, -c], [-c, 0.7 + c]])

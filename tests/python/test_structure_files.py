@@ -106,10 +106,12 @@ def test_wrong_files(tmp_path):
             vv.Structure.read(tmp_path / "m.mtx", tmp_path / f"o{ending}")
     with pytest.raises(vv.FileError, match=r"stiffness: .*none.mtx cannot be read"):
         vv.Structure.read(tmp_path / "m.mtx", tmp_path / "none.mtx")
-    with pytest.raises(vv.InputError, match=r"mass = .*m.mtx': must end in .npz to hold a whole"):
+    with pytest.raises(
+        vv.InputError, match=r"mass = .*m.mtx': must end in .npz to contain a whole"
+    ):
         vv.Structure.read(tmp_path / "m.mtx")
     np.savez(tmp_path / "x.npz", x=np.eye(2))
-    with pytest.raises(vv.FileError, match=r"x.npz holds no structure"):
+    with pytest.raises(vv.FileError, match=r"x.npz contains no structure"):
         vv.Structure.read(tmp_path / "x.npz")
     (tmp_path / "y.npz").write_bytes((tmp_path / "x.npz").read_bytes()[:50])
     with pytest.raises(vv.FileError, match=r"mass: .*y.npz cannot be read"):

@@ -243,7 +243,7 @@ def test_only_wanted_coordinates_are_kept():
     assert "modes exactly" in str(run.plan)
 
 
-def test_escape_of_a_soft_spring_is_told():
+def test_escape_of_a_soft_spring_is_reported():
     structure = vv.Structure(
         mass=np.ones(3), stiffness=chain(3), elements=[vv.Spring(on="x2", law="-d^3")]
     )

@@ -108,7 +108,7 @@ def test_reduced_structure_varies_with_its_modes():
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("mass", "must be 'memory_scale', or a number of an element"),
         (3, "must be 'memory_scale'"),
@@ -117,10 +117,10 @@ def test_reduced_structure_varies_with_its_modes():
         ("memory_scale", "the structure has no kernel"),
     ],
 )
-def test_refused(name, told):
+def test_refused(name, reported):
     with pytest.raises(vv.InputError, match=r"^vary = ") as caught:
         vv.trace_response(chain(), nu=NU, vary=name, vary_range=(0.1, 1), load=LOAD)
-    assert told in f"{caught.value}"
+    assert reported in f"{caught.value}"
 
 
 GIVEN = {
@@ -172,11 +172,11 @@ def test_numbers_that_an_element_does_not_have():
     def trace(name, ends=(0.1, 0.5)):
         vv.trace_response(joints(), vary=name, vary_range=ends, nu=1.1, load=[0.8, 0])
 
-    for name, told in [
+    for name, reported in [
         ("elements[0].gap", "must be one of stiffness, limit of this element"),
         ("elements[2].restitution", "must be one of gap, stiffness of this element"),
     ]:
-        with pytest.raises(vv.InputError, match=told):
+        with pytest.raises(vv.InputError, match=reported):
             trace(name)
     with pytest.raises(vv.InputError, match=r"ratio = 1: must be in \[0, 1\)"):
         trace("elements[1].ratio", (0.1, 1.0))

@@ -239,10 +239,11 @@ def test_a_point_that_fails_is_named_or_kept():
         return {"y": a * b, "n": int(b), "word": "good"}
 
     grid = {"a": [1, 2, 3], "b": [4.0, 5.0]}
-    with pytest.raises(vv.SweepError, match=r"at a = 2, b = 5.0: ValueError: broken at 2$") as told:
+    text = r"at a = 2, b = 5.0: ValueError: broken at 2$"
+    with pytest.raises(vv.SweepError, match=text) as reported:
         sweep(brittle, grid)
-    assert told.value.point == {"a": 2, "b": 5.0}
-    assert isinstance(told.value.__cause__, ValueError)
+    assert reported.value.point == {"a": 2, "b": 5.0}
+    assert isinstance(reported.value.__cause__, ValueError)
     for chunk in (1, 4, 6):
         data = sweep(brittle, grid, errors="keep", chunk=chunk)
         bad = data.point_outcome == "failed"
@@ -311,27 +312,27 @@ def test_a_failure_among_many_points_in_one_call_is_found():
         ((PAPER, {"mount.mass": [1]}), {"extract": "some"}, "extract = 'some'"),
     ],
 )
-def test_wrong_input_is_told_in_a_line(arguments, options, message):
-    with pytest.raises(vv.InputError, match=message) as told:
+def test_wrong_input_is_reported_in_a_line(arguments, options, message):
+    with pytest.raises(vv.InputError, match=message) as reported:
         sweep(*arguments, **options)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
 
 
 @pytest.mark.parametrize(
     ("function", "message"),
     [
         (lambda x: np.zeros(x), r"at x = 2: InputError: its 'result' has shape \(2,\)"),
-        (lambda x: {"y": x} if x > 1 else {"z": x}, "its result has y, others have z"),
+        (lambda x: {"y": x} if x > 1 else {"z": x}, "the result has y, other points have z"),
         (lambda x: 1j if x > 1 else 1.0, "of another kind"),
         (lambda x: None, "must be numbers, words, arrays or a dict"),
-        (lambda x: {}, "holds nothing"),
+        (lambda x: {}, "is empty"),
         (lambda x: {"x": 1}, "'x' is a parameter of the grid"),
         (lambda x: {"a/b": 1}, "'a/b' is not a name"),
-        (lambda x: {"point_error": 1}, "a name that the sweep gives itself"),
+        (lambda x: {"point_error": 1}, "a name that the sweep uses"),
         (lambda x: xr.Dataset(coords={"t": [x]}, data_vars={"y": ("t", [x])}), "coordinate 't'"),
     ],
 )
-def test_results_that_do_not_fit_are_told(function, message):
+def test_results_that_do_not_fit_are_reported(function, message):
     with pytest.raises(vv.ViscovibError, match=message):
         sweep(function, {"x": [1, 2, 3]}, n_threads=1)
 
@@ -344,7 +345,7 @@ def test_the_first_point_sets_the_shape(chunk):
         )
 
 
-def test_a_wrong_value_in_a_scene_is_told_with_its_point():
+def test_a_wrong_value_in_a_scene_is_reported_with_its_point():
     with pytest.raises(vv.SweepError, match=r"at mount.mass = -1.0: InputError: mass = -1: must"):
         sweep(PAPER, {"mount.mass": [1.0, -1.0]})
 

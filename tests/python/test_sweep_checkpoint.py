@@ -170,9 +170,9 @@ def test_another_sweep_is_refused_with_what_differs(tmp_path):
     sweep(plain, GRID, checkpoint=folder)
 
     def refused(message, function=plain, grid=GRID, **options):
-        with pytest.raises(vv.InputError, match=message) as told:
+        with pytest.raises(vv.InputError, match=message) as reported:
             sweep(function, grid, checkpoint=folder, **options)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(reported.value)
 
     refused(
         "grid a last: was 8.0, is 9.0", grid=GRID | {"a": np.arange(1.0, 10.0)[[0, *range(2, 9)]]}
@@ -181,7 +181,7 @@ def test_another_sweep_is_refused_with_what_differs(tmp_path):
     middle = GRID["a"].copy()
     middle[3] += 1e-13
     refused("grid a values: differs", grid=GRID | {"a": middle})
-    refused("grid: are in another order", grid=dict(reversed(GRID.items())))
+    refused("grid: have another order", grid=dict(reversed(GRID.items())))
     refused("vectorized: was False, is True", vectorized=True)
     refused("name: was .*plain, is .*lambda", function=lambda a, b: 2 * a)
 
@@ -385,7 +385,7 @@ def test_damaged_metadata_are_put_right(tmp_path, file, content):
     (folder / "point_outcome" / "copies.json").write_bytes(b"{")
     if content is not None and file != "a/c/0":
         (folder / file).write_bytes(b"{")
-        with pytest.raises(vv.FileError, match=rf"c: {file} is damaged and cannot be put right"):
+        with pytest.raises(vv.FileError, match=rf"c: {file} is damaged and cannot be restored"):
             sweep(Counted(), GRID, checkpoint=folder)
 
 
@@ -513,14 +513,16 @@ def test_ctrl_c_does_not_wait_for_points_under_way(start, tmp_path):
     assert len(finished(folder)) == 2
 
 
-def test_a_coordinate_that_is_gone_for_good_is_told(tmp_path):
+def test_a_coordinate_that_is_gone_for_good_is_reported(tmp_path):
     """Without its copy it would be read as zeros."""
     folder = tmp_path / "c"
     sweep(Counted(), GRID, checkpoint=folder, chunk=3)
     (folder / "a" / "c" / "0").unlink()
     copy = folder / "point_outcome" / "copies.json"
     copy.write_text(copy.read_text()[:50])
-    with pytest.raises(vv.ViscovibError, match="the values of a are gone and cannot be put right"):
+    with pytest.raises(
+        vv.ViscovibError, match="the values of a are missing and cannot be restored"
+    ):
         sweep(Counted(), GRID, checkpoint=folder, chunk=3)
 
 
@@ -630,11 +632,11 @@ def test_nothing_is_written_before_the_identity_is_compared(tmp_path, damaged):
     if damaged is not None:
         (folder / damaged).write_text("{")
     before = everything(folder)
-    with pytest.raises(vv.InputError, match="holds another sweep"):
+    with pytest.raises(vv.InputError, match="contains another sweep"):
         sweep(Counted(), GRID, checkpoint=folder)
     (folder / "zarr.json").write_text("{")
     before[Path("zarr.json")] = b"{"
-    with pytest.raises(vv.InputError, match="holds another sweep"):
+    with pytest.raises(vv.InputError, match="contains another sweep"):
         sweep(Counted(), GRID, checkpoint=folder)
     assert everything(folder) == before
 

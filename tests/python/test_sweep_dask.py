@@ -99,7 +99,7 @@ def test_functions_are_sent_once_and_timed_in_a_warm_worker(client, monkeypatch)
     assert max(submitted) < 20_000
 
 
-def test_a_function_that_the_workers_lack_is_told(client, monkeypatch):
+def test_a_function_that_the_workers_lack_is_reported(client, monkeypatch):
     module = types.ModuleType("nowhere_to_be_found")
     exec("def far(x):\n    return x", module.__dict__)
     monkeypatch.setitem(sys.modules, "nowhere_to_be_found", module)
@@ -208,7 +208,7 @@ def test_ctrl_c_leaves_the_cluster_and_a_checkpoint(start, tmp_path):
     assert len(list(outcomes.iterdir())) >= 20
 
 
-def test_what_is_no_running_client_is_told(client):
+def test_what_is_no_running_client_is_reported(client):
     other = distributed.Client(client.cluster)
     other.close()
     with pytest.raises(vv.InputError, match="client: is closed, must be running"):

@@ -216,10 +216,10 @@ def test_goes_on_bit_for_bit(element):
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "reported"),
     [
-        (lambda: vv.Gap(on="x1", gap=0.1), "stiffness, restitution: one of them"),
-        (lambda: vv.Stop(on="x1", gap=0.1, stiffness=1, restitution=1), "only one"),
+        (lambda: vv.Gap(on="x1", gap=0.1), "stiffness, restitution: give exactly"),
+        (lambda: vv.Stop(on="x1", gap=0.1, stiffness=1, restitution=1), "give exactly one"),
         (lambda: vv.Stop(on="x1", gap=0.1, restitution=1.5), r"restitution = 1.5: must be in \[0"),
         (lambda: vv.Stop(on="x1", gap=0.1, restitution=0.5).force(1), "a rigid stop has no force"),
         (
@@ -246,9 +246,9 @@ def test_goes_on_bit_for_bit(element):
         ),
     ],
 )  # fmt: skip
-def test_what_is_refused(call, told):
+def test_what_is_refused(call, reported):
     """One line that names the argument."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         call()
 
 
@@ -260,7 +260,7 @@ def test_what_is_refused(call, told):
         vv.Spring(on="x1", law="0.1*tanh(v/0.2) + 0.1*abs(d)"),
     ],
 )
-def test_a_tolerance_that_is_not_met_is_told(element):
+def test_a_tolerance_that_is_not_met_is_reported(element):
     """A motion that grows by 1e14 has no correct digit; additional laws require one more run."""
     with pytest.raises(vv.InputError, match="tolerance = 1e-10: not met with"):
         vv.simulate(body(element, k=-1.0, c=0.0), 35, load=[0.3], nu=1.3, tolerance=1e-10)

@@ -46,7 +46,7 @@ def drawn(seed):
 
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 @pytest.mark.parametrize("structure", [False, True], ids=["system", "structure"])
-def test_exponents_beside_tables_are_zeros(structure):
+def test_exponents_with_tables_are_zeros(structure):
     """In the left half plane the determinant is unbounded, so its slope is no criterion."""
     looked = 0
     for seed in range(60):

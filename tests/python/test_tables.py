@@ -57,7 +57,7 @@ MORE = {
 &load amplitude=0.1 /
 &branch vary='stiffness_x' nu=2 from=8 to=12 coordinates='x' /
 """,
-    "switches beside memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
+    "switches with memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
 &structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
 &element on='x1' 'x2' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
 &element on='x2' law='0.2*sign(v)' kernel=0 /
@@ -65,28 +65,28 @@ MORE = {
 &transient t_end=12 nu=0.9 tolerance=1e-10 /
 &event function='x2 - t/10' /
 """,
-    "beside a singular kernel": """&kernel kind='rabotnov' amplitude=0.5 alpha=0.4 beta=1.5 /
+    "a singular kernel": """&kernel kind='rabotnov' amplitude=0.5 alpha=0.4 beta=1.5 /
 &structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
 &element on='x1' 'x2' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
 &element on='x2' law='0.2*sign(v)' kernel=0 /
 &load on='x1' amplitude=0.8 /
 &transient t_end=6 nu=0.9 tolerance=1e-10 /
 """,
-    "a system beside a singular kernel": """&kernel kind='abel' amplitude=0.05 alpha=0.2 /
+    "a system with a singular kernel": """&kernel kind='abel' amplitude=0.05 alpha=0.2 /
 &system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
 &force on='x' law='5*max(x - 0.1, 0)' /
 &force on='y' law='0.1*sign(y_dot)' kernel=0 /
 &load on='x' amplitude=0.8 /
 &transient t_end=6 nu=0.9 dt=0.1 /
 """,
-    "a system that switches beside memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
+    "a system that switches with memory": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
 &system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1 /
 &force on='x' law='5*max(x - 0.1, 0)' /
 &force on='y' law='0.1*sign(y_dot)' kernel=0 /
 &load on='x' amplitude=0.8 /
 &transient t_end=12 nu=0.9 tolerance=1e-10 /
 """,
-    "a base and a past beside switches": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
+    "a base and a past with switches": """&kernel kind='prony' weights=0.3 0.6 rates=1 5 /
 &system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.1 0 0 0.1
   base_direction=1 0.5 /
 &force on='x' law='5*max(x - 0.1, 0)' /
@@ -96,13 +96,13 @@ MORE = {
 &transient t_end=12 nu=0.9 held=0.2 0.1 initial=0.1 0 0.1 0.2 tolerance=1e-10 /
 &event function='x - 0.2' /
 """,
-    "a base beside switches": """
+    "a base with switches": """
 &system mass=1 stiffness=1 damping=0.1 base_direction=1 coordinates='x' /
 &force on='x' law='5*max(x - 0.1, 0)' /
 &load kind='base' amplitude=0.4 /
 &transient t_end=12 nu=0.9 dt=0.1 /
 """,
-    "a past beside a singular kernel": """&kernel kind='rabotnov' amplitude=0.3 alpha=0.4 beta=1 /
+    "a past with a singular kernel": """&kernel kind='rabotnov' amplitude=0.3 alpha=0.4 beta=1 /
 &structure mass=1 2 stiffness=1 2 damping=0.1 0.2 base_direction=1 1 /
 &element on='x1' 'x2' stiffness=2 law='5*max(d - 0.1, 0)' /
 &load kind='base' amplitude=0.2 /

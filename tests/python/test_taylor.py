@@ -168,7 +168,7 @@ def test_step_is_found(method):
     assert 0 < many.error <= 1e-11
 
 
-def test_a_series_that_does_not_converge_is_told():
+def test_a_series_that_does_not_converge_is_reported():
     stiff = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     states = np.array([[0.3, 0.0], [60.0, 0.0], [0.5, 0.0]])
     many = run(0.5, system=stiff, initial=states)
@@ -201,7 +201,7 @@ def test_layers_that_steps_may_miss_are_seen(width, method):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "reported"),
     [
         ({"system": system("0.1*abs(x)")}, "one after another"),
         ({"system": system("0.1*atan2(x, x_dot)")}, "one after another"),
@@ -209,8 +209,8 @@ def test_layers_that_steps_may_miss_are_seen(width, method):
         ({"lyapunov": True}, "no Lyapunov exponents"),
     ],
 )
-def test_what_it_cannot_do_is_refused(changes, told):
-    with pytest.raises(vv.InputError, match=told):
+def test_what_it_cannot_do_is_refused(changes, reported):
+    with pytest.raises(vv.InputError, match=reported):
         run(0.2, **changes)
 
 

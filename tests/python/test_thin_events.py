@@ -156,7 +156,7 @@ def test_edges_of_functions_are_no_passages():
     np.testing.assert_allclose(run.events[0].t, expected, atol=1e-11)
 
 
-def test_what_cannot_be_resolved_is_told():
+def test_what_cannot_be_resolved_is_reported():
     """Below the rounding error of the motion: a warning with the event and the count."""
     with pytest.warns(vv.RangeWarning, match=r"events\[1\].* changes too fast in [34] steps"):
         run = vv.simulate(

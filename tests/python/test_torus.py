@@ -290,7 +290,7 @@ def test_quasi_periodic_verdicts_are_those_of_multipliers_or_unknown(duration):
     assert (decided == 0) == (duration <= 10)
 
 
-def test_a_duration_that_decides_nothing_is_told():
+def test_a_duration_that_decides_nothing_is_reported():
     with pytest.warns(vv.StabilityWarning, match="smaller than its error, take a longer duration"):
         rows = vv.forced_response(TWO, harmonics=6, stability=True, duration=3)
     assert rows.stable.tolist() == [None]

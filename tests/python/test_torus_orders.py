@@ -143,7 +143,7 @@ def test_branches_choose_their_orders():
 
 
 def test_orders_of_a_branch_that_cannot_be_chosen():
-    with pytest.warns(vv.ConvergenceWarning, match="3 orders leave an estimated relative error"):
+    with pytest.warns(vv.ConvergenceWarning, match="3 harmonics: the estimated relative error"):
         rest = vv.trace_response(TWO, m01=(0, 0.001), harmonics=3)
     point = vv.BranchPoint(
         0.0, rest.coefficients[0], 0, rest.coefficients[0], 0.0, np.zeros(1), np.ones(1)
@@ -156,8 +156,8 @@ def test_orders_of_a_branch_that_cannot_be_chosen():
         vv.trace_response(TWO, m01=(0, 0.001), harmonics="some")
     heavy = replace(TWO, f0=0.1, p1=1.02, p2=0.41)
     with (
-        pytest.warns(vv.ConvergenceWarning, match="17 orders leave an estimated relative error"),
-        pytest.warns(vv.ConvergenceWarning, match="rounding leaves more than the tolerance 1"),
+        pytest.warns(vv.ConvergenceWarning, match="17 harmonics: the estimated relative error"),
+        pytest.warns(vv.ConvergenceWarning, match="the rounding error exceeds the tolerance 1"),
     ):
         vv.trace_response(
             heavy, m01=(0.008, 0.01), harmonics="auto", tolerance=1e-14, max_points=2,
@@ -213,7 +213,7 @@ def test_loads_must_fit_in_their_orders():
         vv.forced_response(close, harmonics=11)
     with pytest.raises(vv.InputError, match=r"harmonics = 5: must be 12 to 399"):
         vv.trace_response(close, f0=(0.01, 0.02), harmonics=5)
-    with pytest.warns(vv.ConvergenceWarning, match="25 orders leave an estimated relative error"):
+    with pytest.warns(vv.ConvergenceWarning, match="25 harmonics: the estimated relative error"):
         branch = vv.trace_response(close, f0=(0.01, 0.02), harmonics=25, stability=False)
     assert branch.harmonics.max() == 25
     assert branch.outcome == "completed"
@@ -249,9 +249,9 @@ def test_a_load_that_throws_the_spring_to_its_pivot():
     assert np.isnan(r.coefficients).all()
 
 
-def test_too_few_orders_are_told():
+def test_too_few_orders_are_reported():
     heavy = replace(TWO, c1=0.005, c2=0.005, c3=0.005, f0=0.05, m01=0.01, p1=1.02, p2=0.41)
-    with pytest.warns(vv.ConvergenceWarning, match="orders leave an estimated relative error of"):
+    with pytest.warns(vv.ConvergenceWarning, match="harmonics: the estimated relative error is"):
         r = vv.forced_response(heavy, tolerance=1e-14, stability=False)
     assert r.truncation[0] > 1e-14
 

@@ -59,14 +59,14 @@ def test_verdicts_of_few_harmonics_are_those_of_many():
     assert 0 < unknown < 0.35 * (judged + unknown)
 
 
-def test_a_branch_beside_a_gap_with_few_harmonics():
+def test_a_branch_with_a_gap_with_few_harmonics():
     """Example 03 of NLvib with 21 harmonics: unstable between two folds, or unknown."""
     stiffness = np.array([[1.0, -1], [-1, 2]])
     system = vv.Structure(
         mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
         elements=[vv.Gap(on="x1", stiffness=100, gap=1)],
     )  # fmt: skip
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         branch = vv.trace_response(system, (0.8, 0.6), load=[0, 0.1], harmonics=21)
     turns = np.sign(np.diff(branch.nu))
@@ -77,7 +77,7 @@ def test_a_branch_beside_a_gap_with_few_harmonics():
     assert lost.any()
     assert np.all(branch.growing[lost] == -1)
     assert np.all(branch.truncation[lost] > 1e-4)
-    assert any(f"stability of {lost.sum()} of these is unknown" in str(w.message) for w in told)
+    assert any(f"stability of {lost.sum()} of these is unknown" in str(w.message) for w in reported)
 
 
 def test_stability_is_not_doubted_where_harmonics_are_enough():

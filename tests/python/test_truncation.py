@@ -73,7 +73,7 @@ def test_two_orders_that_vanish_tell_nothing():
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
     options = {"nu": 0.15, "load": {3: 0.3}}
     for method in ("newton", "successive"):
-        with pytest.warns(vv.ConvergenceWarning, match="up to 13 leave an estimated"):
+        with pytest.warns(vv.ConvergenceWarning, match="harmonics above 13"):
             few = vv.forced_response(system, harmonics=13, method=method, **options)
         all_of_them = vv.forced_response(system, method=method, **options)
         lacking = np.abs(all_of_them.coefficient("x", 15) / all_of_them.coefficient("x", 3))
@@ -167,7 +167,7 @@ def kinked_system(rng, index):
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-def test_estimates_beside_kinks():
+def test_estimates_with_kinks():
     """24 systems, 5 to 31 harmonics: waveforms against three times as many harmonics.
 
     Includes few harmonics, which do not show the decay, and sliders in parallel, whose harmonics
@@ -248,7 +248,7 @@ def test_successive_approximations_tell_what_orders_and_samples_leave():
     assert max(ratios) < 3
 
 
-def test_errors_are_told_of_the_motion_that_a_base_leaves_at_rest_nearly():
+def test_errors_are_reported_of_the_motion_that_a_base_leaves_at_rest_nearly():
     """Far above resonance a body hardly moves, while its springs follow the base."""
     rng = np.random.default_rng(11)
     for _ in range(20):
@@ -332,7 +332,7 @@ def fold_near(nu, numbers, x):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
+def test_near_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
     """At least the error from twenty harmonics; 1 if a fold may lie near; errors of folds."""
     rng = np.random.default_rng(seed)
     numbers = rng.uniform(0.01, 0.04), rng.uniform(0.3, 1.2), rng.uniform(0.1, 0.4)
@@ -368,9 +368,9 @@ def test_beside_folds_truncation_is_that_of_the_motion_at_its_frequency(seed):
             assert off < 2 * branch.truncation[i], i
     # Of the motions at such a frequency, the motion at the fold.
     off = np.abs(branch.coefficients[:, None] - branch.fold_coefficients).max(axis=(2, 3))
-    beside = (np.abs(branch.nu[:, None] - branch.folds) <= branch.fold_errors) & (off < 0.02)
-    assert beside.any()
-    assert (branch.truncation[beside.any(axis=1)] == 1).all()
+    nearby = (np.abs(branch.nu[:, None] - branch.folds) <= branch.fold_errors) & (off < 0.02)
+    assert nearby.any()
+    assert (branch.truncation[nearby.any(axis=1)] == 1).all()
 
 
 @pytest.mark.parametrize("seed", range(3))

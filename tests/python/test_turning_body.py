@@ -248,7 +248,7 @@ def test_derivatives_of_the_branch():
 
 
 @pytest.mark.parametrize(
-    ("call", "told"),
+    ("call", "reported"),
     [
         (lambda body: vv.backbone(body, 0, (0.01, 0.1)), "geometry = 'exact': the backbone"),
         (
@@ -270,9 +270,9 @@ def test_derivatives_of_the_branch():
         ),
     ],
 )
-def test_what_is_refused(call, told):
+def test_what_is_refused(call, reported):
     """One line that names the argument."""
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         call(some_body())
 
 
@@ -318,7 +318,7 @@ def test_ten_turns():
 
 
 @pytest.mark.filterwarnings("ignore:stiffness:viscovib.StabilityWarning")
-def test_what_holds_rotations_beside_two_pi():
+def test_what_holds_rotations_near_two_pi():
     """A rotational spring keeps its vector below 2 pi: step sizes agree, and energy."""
     foot = vv.MountPoint(
         name="foot", position=(0, 0, 0), stiffness=(1, 1, 1), rotational_stiffness=(1e-3, 0, 0)

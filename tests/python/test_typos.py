@@ -109,6 +109,19 @@ PYTHON = [
         "'newton'?",
     ),
     (
+        lambda: respond(method="harmonic balance"),
+        "method = 'harmonic balance': must be one of 'linear', 'successive', 'newton', 'auto'; did "
+        "you mean 'newton'?",
+    ),
+    (
+        lambda: vv.LoadTable(times=[0, 1], values=[0, 1], interpolation="spline"),
+        "interpolation = 'spline': must be one of 'linear', 'cubic'; did you mean 'cubic'?",
+    ),
+    (
+        lambda: vv.Event("x", direction="rising"),
+        "direction = 'rising': must be one of 'any', 'up', 'down'; did you mean 'up'?",
+    ),
+    (
         lambda: vv.trace_response(system(), 1.0, load=1),
         "nu_range: must be two numbers, from and to, got shape ()",
     ),

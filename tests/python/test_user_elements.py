@@ -137,7 +137,7 @@ def test_the_commands_of_the_page(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "change", "told"),
+    ("name", "change", "reported"),
     [
         (
             "belt",
@@ -147,8 +147,8 @@ def test_the_commands_of_the_page(tmp_path):
         ("Belt", ("", ""), "must be called NAME.f90"),
     ],
 )
-def test_a_file_that_is_no_element(tmp_path, name, change, told):
+def test_a_file_that_is_no_element(tmp_path, name, change, reported):
     text = (ROOT / "examples/ratchet.f90").read_text().replace("ratchet", "belt")
     done = listed(tmp_path, name, text.replace(*change))
     assert done.returncode != 0
-    assert told in done.stderr
+    assert reported in done.stderr

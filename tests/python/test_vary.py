@@ -268,7 +268,7 @@ def test_a_power_that_has_no_value_below_0():
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, damping=0.1, forces="0.5*x^n", parameters={"n": 3.0}
     )
-    with pytest.raises(vv.InputError, match="must be defined around rest"):
+    with pytest.raises(vv.InputError, match="must be defined near rest"):
         vv.trace_response(system, nu=1.1, vary="n", vary_range=(2, 4), load=0.4, harmonics=9)
 
 
@@ -276,19 +276,19 @@ def test_a_power_that_has_no_value_below_0():
     "forces",
     ["0.3*x + x^3", "0.3*tanh(2*x)", "0.2*x + sin(x)", "x^2 - 0.4*x + 0.1*x_dot*abs(x_dot)"],
 )
-@pytest.mark.parametrize("beside", [False, True])
-def test_a_stiffness_is_the_one_that_is_given(forces, beside):
+@pytest.mark.parametrize("in_springs", [False, True])
+def test_a_stiffness_is_the_one_that_is_given(forces, in_springs):
     """As for a system with this stiffness, whatever is linear in its forces."""
 
     def made(k):
         own = {"stiffness": k, "forces": forces}
-        if not beside:
+        if not in_springs:
             return vv.PolynomialSystem(mass=1, damping=0.2, **own)
         own["forces"] = forces.split(" + 0.1*x_dot")[0]
         return vv.PolynomialSystem(mass=1, damping=0.2, stiffness=0.5, springs=[vv.Springs(**own)])
 
     branch = vv.trace_response(
-        made(1.5), nu=0.7, load=0.2, vary="springs[0].stiffness" if beside else "stiffness",
+        made(1.5), nu=0.7, load=0.2, vary="springs[0].stiffness" if in_springs else "stiffness",
         vary_range=(1.0, 2.0), harmonics=15, stability=False,
     )  # fmt: skip
     alone = vv.forced_response(made(2.0), 0.7, load=0.2, method="newton", harmonics=15)

@@ -37,7 +37,7 @@ def test_responses(tmp_path, method):
     assert (r.error > 0).all()
 
 
-def test_linear_responses_beside_a_kernel_without_integral():
+def test_linear_responses_with_a_kernel_without_integral():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         mount = vv.Mount(
@@ -52,8 +52,8 @@ def test_linear_responses_beside_a_kernel_without_integral():
 def test_folds(tmp_path):
     branch = vv.trace_response(SYSTEM, (0.5, 2), load=0.2)
     notes, _ = written(tmp_path / "t.csv", branch)
-    told = re.search("estimated errors of these folds:(.*)", notes)[1]
-    assert list(map(float, told.split())) == list(branch.fold_errors)
+    reported = re.search("estimated errors of these folds:(.*)", notes)[1]
+    assert list(map(float, reported.split())) == list(branch.fold_errors)
     assert branch.fold_errors.size == 2
 
 
@@ -82,6 +82,6 @@ def test_many_motions(tmp_path):
     )
     w = np.sqrt(table["stiffness_scale"] - 0.025**2)
     exact = 0.5 * np.exp(-0.025 * 9) * (np.cos(9 * w) + 0.025 / w * np.sin(9 * w))
-    told = float(re.search("estimated error (.*)", notes[1])[1])
-    assert np.abs(table["x"] - exact).max() <= told <= 1e-8
+    reported = float(re.search("estimated error (.*)", notes[1])[1])
+    assert np.abs(table["x"] - exact).max() <= reported <= 1e-8
     assert "estimated error" not in notes[0]

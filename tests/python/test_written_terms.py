@@ -19,11 +19,11 @@ def test_terms_for_ls_dyna_meet_the_error_that_they_tell():
             tolerance=10 ** rng.uniform(-4, -1.5), quantity="G",
         )  # fmt: skip
         lines = terms.text("ls-dyna").splitlines()
-        told = float(re.search(r"error of the modulus (\S+)", lines[0])[1])
+        reported = float(re.search(r"error of the modulus (\S+)", lines[0])[1])
         fields = [(float(line[:10]), float(line[10:])) for line in lines[4:-1]]
         assert all(len(line) == 20 and line[10] == " " for line in lines[4:-1])
         nu = np.geomspace(1 / terms.t_max, 1 / terms.t_min, 200)
         written = sum(g * 1j * nu / (1j * nu + b) if b else g for g, b in fields)
         # The error is stated with two digits.
-        assert np.abs(written / (modulus * (1 - rubber.transform(nu))) - 1).max() < 1.06 * told
-        assert told < 1.5 * terms.error + 1e-4
+        assert np.abs(written / (modulus * (1 - rubber.transform(nu))) - 1).max() < 1.06 * reported
+        assert reported < 1.5 * terms.error + 1e-4

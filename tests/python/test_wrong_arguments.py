@@ -201,7 +201,7 @@ def joined(**options):
         ),
         (
             lambda: vv.backbone(CUBIC, 0),
-            "amplitude_range: must be given for all systems but a p",
+            "amplitude_range: must be given for all systems except a p",
         ),
         (
             lambda: vv.backbone(1, 0),
@@ -264,11 +264,11 @@ def joined(**options):
         (lambda: CUBIC.energy([1e200, 0]), "state: the energy of a state of size 1e[+]200"),
     ],
 )
-def test_wrong_arguments_are_told_in_a_line(work, text):
-    with pytest.raises(vv.ViscovibError, match=text) as told:
+def test_wrong_arguments_are_reported_in_a_line(work, text):
+    with pytest.raises(vv.ViscovibError, match=text) as reported:
         work()
-    assert "\n" not in str(told.value)
-    assert len(str(told.value)) < 1000
+    assert "\n" not in str(reported.value)
+    assert len(str(reported.value)) < 1000
 
 
 def test_a_mask_that_hides_nothing_is_no_mask():

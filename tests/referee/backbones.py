@@ -35,7 +35,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
 """
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
+    def judge(names, reported):
         # At an internal resonance a curve may turn back and end as a motion of a higher mode.
         ended = names["outcome"] if names["folds"].size else "completed"
         yield Claim(
@@ -138,7 +138,7 @@ coefficients, orders = curve.coefficients, curve.harmonics
 """
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
+    def judge(names, reported):
         curve = names["curve"]
         for column in (curve.nu, curve.energy, curve.coefficients, curve.truncation):
             yield Claim("numbers", bool(np.isfinite(column).all()), True)

@@ -118,7 +118,7 @@ same, shares = body.scatter(2, 0.0)
 own = body.modes()
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         k, m = model.matrix(), model.masses
         squares, shapes = scipy.linalg.eigh(k, m)
         hz = np.sqrt(squares) / 2 / np.pi
@@ -226,7 +226,7 @@ stiffness, static = body.mounts[0].dynamic_stiffness({nu}), body.mounts[0].stati
 track = vv.FluidTrack(mass={size}, damping=3.0, stiffness=2e4).dynamic_stiffness({nu})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         arm, place = at - model.center, point - model.center
         load = np.concatenate([force, torque + np.cross(arm, force)])
         yield Claim("load", names["load"].real, load, 1e-13 * np.abs(load).max())
@@ -319,7 +319,7 @@ u, deflections, forces = sag.displacement, sag.deflections, sag.forces
 stiffness = body.dynamic_stiffness(1e3)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         kept = 1 - (
             0 if model.memory is None else np.sum(model.memory.weights / model.memory.rates)
         )
@@ -377,7 +377,7 @@ r = vv.forced_response(body, [{nu}], load={numbers(load)}, method="newton")
 found, orders, forces = r.coefficients, r.harmonics, body.mount_forces(r).force
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         x, orders = names["found"][0], names["orders"]
         if not np.isfinite(x).all():
             return
@@ -437,7 +437,7 @@ r = vv.simulate(body, {end}, initial={numbers(start)}, dt="auto", tolerance=1e-1
 state, energy, momentum = r.state[-1], body.energy(r.state), body.angular_momentum(r.state[:1])
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         def rates(t, y):
             place, v, turn, w = y[:3], y[3:6], y[6:15].reshape(3, 3), y[15:]
             force, moment = np.zeros(3), np.zeros(3)
@@ -508,7 +508,7 @@ found = np.array([table[f"{{n}}_1_re"][0] + 1j * table[f"{{n}}_1_im"][0] for n i
 masses = [[m.stiffness, m.rotation @ np.ones(3)] for m in vv.Scene.read(path).body().mounts]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         d = model.dynamic(nu)
         true = np.linalg.solve(d, load)
         far = np.abs(true).max() * np.linalg.cond(d) * 1e-13

@@ -20,9 +20,9 @@ def _solve(model, coefficients, orders, nu, load):
 
 def _judge_points(model, names, load, tolerance, rng):
     """Random points, ends, folds."""
-    branch, told = names["branch"], names["told"]
+    branch, reported = names["branch"], names["reported"]
     orders = branch.harmonics
-    warned = any("Convergence" in text for text in told)
+    warned = any("Convergence" in text for text in reported)
     yield Claim("truncation is estimated", branch.truncation is not None, True)
     estimate = np.zeros(branch.nu.size) if branch.truncation is None else branch.truncation
     turns = np.sign(np.diff(branch.parameter))
@@ -101,8 +101,8 @@ amplitude = branch.amplitude({model.names[0]!r})
 """
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
-        names["told"] = told
+    def judge(names, reported):
+        names["reported"] = reported
         branch = names["branch"]
         if names["outcome"] == "returned":
             # The resonance peak lies behind the start, so only one of two folds is passed.
@@ -129,7 +129,7 @@ branch = vv.trace_response(system, (0.8, 1.8), load={size}, max_points=5000, sta
 outcome, folds, peak = branch.outcome, len(branch.folds), branch.amplitude("x").max()
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         # At the peak the load balances the damping: c nu a = P, nu^2 = 1 + 3/4 k3 a^2 + ...
         a = amplitude
         for _ in range(50):
@@ -156,12 +156,12 @@ branch = vv.trace_response(
     load = {1: np.array([size] + [0.0] * (model.n - 1))}
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
-        names["told"] = told
+    def judge(names, reported):
+        names["reported"] = reported
         branch = names["branch"]
-        warned = any("Convergence" in text for text in told)
+        warned = any("Convergence" in text for text in reported)
         yield Claim(
-            "truncation above the tolerance is told",
+            "truncation above the tolerance is reported",
             bool((branch.truncation <= 1.001e-10).all() or warned),
             True,
         )
@@ -184,7 +184,7 @@ mirrored = [vv.trace_response(system, **same, leave=p, opposite=True, max_points
     load = {1: np.array([1.0])}
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
+    def judge(names, reported):
         even_of_main = np.abs(names["main"].coefficients[:, 0, 2]).max(initial=0)
         yield Claim("the main branch keeps the symmetry", 1 + even_of_main, 1.0, 1e-7, damage=1e-5)
         for side, other in zip(names["sides"], names["mirrored"], strict=True):

@@ -73,7 +73,7 @@ NOTHING_TO_JUDGE = {
     "Trajectory.acceleration": "tests/python/test_motion_results.py: SciPy, and velocities",
     "Trajectory.acceleration_units": "units, as the system names them",
     "Trajectory.relative_to_base": "tests/python/test_base_acceleration.py reads it",
-    "Trajectory.reason": "tests/python/test_law_ends.py: the edge of each law, by SciPy",
+    "Trajectory.reason": "tests/python/test_domains_of_laws.py: the edge of each law, by SciPy",
     "Structure.write": "tests/python/test_structure_files.py writes and reads",
     "Structure.n_coordinates": _WHOLE,
     "Structure.rate_units": _WHOLE,

@@ -17,7 +17,7 @@ def _own(model, coefficients, orders, nu, load, highest=None):
     return None if a is None else balance.complex(a)
 
 
-def told_by_crossings(branch):
+def reported_by_crossings(branch):
     """Bifurcations explain each change of the count, have a location, and include each fold."""
     g = branch.growing
     by = {i: [c for c in branch.crossings if c.before == i] for i in range(g.size - 1)}
@@ -33,8 +33,8 @@ def told_by_crossings(branch):
     yield Claim("every change is explained", unexplained, 0)
     yield Claim("a crossing has a place", sum(c.parameter is None for c in branch.crossings), 0)
     if branch.truncation.max() < 1e-3 and (g >= 0).all():
-        told = sum(c.kind == "fold" for c in branch.crossings)
-        yield Claim("every fold is a crossing", told, len(branch.folds))
+        reported = sum(c.kind == "fold" for c in branch.crossings)
+        yield Claim("every fold is a crossing", reported, len(branch.folds))
 
 
 def places_of_more(branch, more):
@@ -47,17 +47,17 @@ def places_of_more(branch, more):
             kind = getattr(one, "kind", "branch leaves")
             if one.parameter is None or not one.error < 1e-3:
                 continue
-            beside = [c for c in true if getattr(c, "kind", kind) == kind and c.parameter]
+            nearby = [c for c in true if getattr(c, "kind", kind) == kind and c.parameter]
             m = one.coefficients.shape[1]
-            beside = [
+            nearby = [
                 c
-                for c in beside
+                for c in nearby
                 if np.abs(c.coefficients[:, :m] - one.coefficients).max()
                 < 0.05 * np.abs(one.coefficients).max()
             ]
-            if not beside:
+            if not nearby:
                 continue
-            nearest = min(beside, key=lambda c, p=one.parameter: abs(c.parameter - p))
+            nearest = min(nearby, key=lambda c, p=one.parameter: abs(c.parameter - p))
             yield Claim(
                 f"place of a {kind}",
                 one.parameter,
@@ -107,7 +107,7 @@ more = {more if memory is None or index % 12 == 5 else None}
 """
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
+    def judge(names, reported):
         branch = names["branch"]
         if branch.stable is None or branch.growing is None:
             return
@@ -132,7 +132,7 @@ more = {more if memory is None or index % 12 == 5 else None}
                 yield Claim(
                     "multipliers", got[0], sizes[0], 1e-7 * sizes[0] + 10 * off[0], damage=1e-4
                 )
-        yield from told_by_crossings(branch)
+        yield from reported_by_crossings(branch)
         if names["more"] is not None:
             yield from places_of_more(branch, names["more"])
         refined = names["refined"]

@@ -123,7 +123,7 @@ def _hysteresis(rng, n):
     return source, Turning(e, slope, ratio * k, (1 - ratio) * k)
 
 
-def _beside(rng, n):
+def _nearby(rng, n):
     """Additional elements: gaps, polynomials, dampers."""
     on, e = _direction(rng, n)
     k, gap, c = few(rng, 2, 100), few(rng, 0.05, 0.6), few(rng, 0.05, 1)
@@ -206,7 +206,7 @@ def case(rng, index):
         stiffness = stiffness + few(rng, 0.2, 3) * np.outer(pair, pair)
     drawn = [_hysteresis(rng, n)]
     for _ in range(int(rng.integers(3))):
-        drawn.append(_hysteresis(rng, n) if rng.random() < 0.4 else _beside(rng, n))
+        drawn.append(_hysteresis(rng, n) if rng.random() < 0.4 else _nearby(rng, n))
     sources = [source for source, _ in drawn]
     friction: list = [few(rng, 0.03, 0.5) if rng.random() < 0.2 else None for _ in range(n)]
     stops: list = [None] * n
@@ -230,7 +230,7 @@ def case(rng, index):
 )
 {_call(rng, index, method, end, state_of(q, v).tolist(), load, times)}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("outcome", names["outcome"], "completed")
         found = Driven(
             corners, mass, stiffness, np.diag(c * mass), force, [e for _, e in drawn], friction,

@@ -41,13 +41,13 @@ many = vv.simulate_ensemble(
 state, outcome, error, dt = many.state, many.outcome, many.error, many.step
 peak, mean, rms, lyapunov = many.peak, many.mean, many.rms, many.lyapunov
 table = many.to_dataset()["state"].values
-names_told = many.dof_names
+names_reported = many.dof_names
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         lane = int(index % n)
         q = Swinging(**(vars(p) | {"f0": float(varied[lane])}))
-        yield Claim("names", names["names_told"] == ("z", "phi", "psi"), True)
+        yield Claim("names", names["names_reported"] == ("z", "phi", "psi"), True)
         yield Claim("completed", bool((names["outcome"] == "completed").all()), True)
         yield Claim("table", names["table"], names["state"], 1e-300, damage=1e-3)
         if auto:
@@ -131,7 +131,7 @@ outcome, lyapunov, mean, peak, state = many.outcome, many.lyapunov, many.mean, m
 alone = vv.simulate_ensemble(system, initial={states[(bad + 1) % 4].tolist()}, **options).state[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("outcome", bool(names["outcome"][bad] != "completed"), True)
         good = [i for i in range(4) if i != bad]
         yield Claim("others go on", bool((names["outcome"][good] == "completed").all()), True)
@@ -165,7 +165,7 @@ sections, amplitudes = many.sections[0], many.amplitudes[0]
 section_error = many.section_error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         # z'' + c z' + z = f cos(p t): without the cubic spring z is linear.
         x = f0 / (1 - p1**2 + 1j * c1 * p1)
         true = np.array([x.real, (1j * p1 * x).real])
@@ -176,7 +176,7 @@ section_error = many.section_error
             1e-6 * abs(x) + 1e-9,
             damage=1e-4,
         )
-        yield Claim("an error is told", names["section_error"] is None, bool(index % 2))
+        yield Claim("an error is reported", names["section_error"] is None, bool(index % 2))
         if names["section_error"] is not None:
             yield Claim(
                 "sections to their error",
@@ -209,7 +209,7 @@ many = vv.simulate_ensemble(system, initial={start}, parameters={{"nu": {nus}}},
 state, total = many.state, {"None" if series else "many.spectrum.sum(axis=1)"}
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not series:
             yield Claim("sum of exponents", names["total"], np.full(5, -c), 1e-8)
         for i in (0, 4):
@@ -249,7 +249,7 @@ many = vv.simulate_ensemble(system, initial={start}, t_end=12, method={method!r}
 state, error = many.state, many.error or 0.0
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         for i in range(n):
             run = solve_ivp(
                 lambda t, y, a=a[i], b=b[i]: [y[1], -c * y[1] - k * y[0] - force(*y, a, b)],
@@ -260,7 +260,7 @@ state, error = many.state, many.error or 0.0
     return Case(call, judge)
 
 
-def _beside(rng, index):
+def _nearby(rng, index):
     """Exponents from neighbouring motions: their sum is the mean trace along the motion of SciPy."""
     k, c = few(rng, 0.3, 30, 3), few(rng, 0.01, (1, 60)[index % 2], 3)
     law, force, slope = (
@@ -280,7 +280,7 @@ many = vv.simulate_ensemble(system, initial={start}, load={load}, nu={nu}, t_end
 total, h, outcome = many.spectrum.sum(), many.step[0], many.outcome[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("completed", names["outcome"] == "completed", True)
         begin, end = before * names["h"], n * step
         # A neighbouring motion passes a corner earlier or later, which matters at grazing.
@@ -314,7 +314,7 @@ place = np.array([[b.attractors[i][0, 0] if i >= 0 else 9 for i in row] for row 
 same = bool((b.to_dataset()["label"].values == b.labels).all())
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("dataset", names["same"], True)
         for j in range(3):
             run = solve_ivp(
@@ -330,5 +330,5 @@ same = bool((b.to_dataset()["label"].values == b.labels).all())
 
 def case(rng, index):
     """Draw an ensemble."""
-    families = (_lanes, _failed, _systems, _gathered, _settled, _beside, _numbers)
+    families = (_lanes, _failed, _systems, _gathered, _settled, _nearby, _numbers)
     return families[index % 7](rng, index // 7)

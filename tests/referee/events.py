@@ -77,7 +77,7 @@ last, outcome, times, states = m.state[-1], str(m.outcome), m.events[0].t, m.eve
 middle = m(m.t_reached / 3)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         def rates(t, y):
             return [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - LAWS[text](y[0], a, b)]
 

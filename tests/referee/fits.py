@@ -77,7 +77,7 @@ edges, growth = fit.constraints()
 symmetric = abs(fit.correlation - fit.correlation.T).max()
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         true = {"modulus": modulus, **values}
         found, interval, loose = names["found"], names["interval"], names["loose"]
         for name, value in true.items():
@@ -95,8 +95,8 @@ symmetric = abs(fit.correlation - fit.correlation.T).max()
         wide = bool(names["wide"][0] < found["alpha"] < names["wide"][1])
         close = not noise or names["bound"] or "alpha" in loose
         yield Claim("an interval holds its fit", wide or close, True)
-        told_of = all(name in names["text"] for name in true) and names["quantity"] == "E"
-        yield Claim("summary", bool(told_of), True)
+        reported_of = all(name in names["text"] for name in true) and names["quantity"] == "E"
+        yield Claim("summary", bool(reported_of), True)
         yield Claim("bare", names["bare"], names["hats"], 1e-15)
         yield Claim("residual", bool(max(names["residual"]) <= 1.6 * noise + 1e-8), True)
         if noise:
@@ -147,7 +147,7 @@ first, second, zener = relaxed.parameters, crept.parameters, relaxed.zener[0]
 sets = len(step.sets()) + len(crept.measured.data.sets())
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         for name, value in {"modulus": modulus, **values}.items():
             for which in ("first", "second"):
                 if np.isfinite(names[which][name]):
@@ -193,7 +193,7 @@ vv.write_kernel(terms.kernel, path)
 same = abs(vv.read_kernel(path).transform(nu) - terms.kernel.transform(nu)).max()
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         exact = names["exact"]
         size = np.abs(exact)
         yield Claim(
@@ -234,7 +234,7 @@ law = vv.fit_shift_law(warm, decades, reference=20.0).law
 laws = np.array([law.c1, law.c2])
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         decades = names["decades"]
         yield Claim("factors", names["found"], decades, 5 * names["sure"] + 0.03, damage=1)
         yield Claim("sets", names["count"], 5)
@@ -283,7 +283,7 @@ open(path, "w").write("\\n".join(head + lines))
 mount = vv.read_dynamic_stiffness(path).modulus
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         stiff = names["stiff"]
         size = np.abs(stiff)
         yield Claim("table", names["read"], stiff, 1e-14 * size)
@@ -324,7 +324,7 @@ law = vv.fit_progressive(x, {k} * x + {cubic} * x**3)
 static = np.array([law.stiffness, law.parameters["k3"]])
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         true = np.array([k, slip, 2e5])
         yield Claim("Jenkins", names["own"], names["slider"], 1e-12 * k)
         yield Claim("elements", names["found"], true, 1e-5 * true, damage=1e-3)

@@ -50,7 +50,7 @@ def _loop(rng, index):
     d = [round(x, 3) for x in rng.normal(size=n) * few(rng, 0.5, 3)]
     call = f"element = {source}\nloop = element.loop({d})\nlost = float(element.energy({d}))\n"
 
-    def judge(names, told):
+    def judge(names, reported):
         z, _ = _moved(slope, weight, limit, np.zeros(weight.size), d[0])
         before = np.full(n, np.inf)
         for _ in range(60):
@@ -95,7 +95,7 @@ def _contact(rng, index):
 stop = vv.Stop(on="x1", stiffness={k}, gap={gap}).force({d})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         x = np.array(d)
         yield Claim("gap", names["gap"], np.where(x > gap, k * (x - gap), 0), 1e-12 * k)
         beyond = np.sign(x) * (np.abs(x) - gap)
@@ -115,7 +115,7 @@ r = vv.forced_response(s, [{nu}], load=[{load}, 0], method="newton", harmonics=2
 x, k, ok, lost = r.coefficients[0], r.harmonics, r.converged[0], r.dissipation()[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["ok"]:
             return
         x, k = names["x"], names["k"]
@@ -144,11 +144,11 @@ given = dict(load=[{load}, 0], base={base}, harmonics=21)
 r = vv.forced_response(s, [{nu}], method="newton", **given)
 b = vv.trace_response(s, load_range=(0.5, 1), nu={nu}, stability=False, max_points=4, **given)
 x, k, ok, lost = r.coefficients[0], r.harmonics, r.converged[0], r.dissipation()[0]
-y, kept, factor, told = b.coefficients[-1], b.harmonics, b.load_factor[-1], b.dissipation()[-1]
+y, kept, factor, reported = b.coefficients[-1], b.harmonics, b.load_factor[-1], b.dissipation()[-1]
 """
 
-    def judge(names, told):
-        motions = [("Branch", names["y"], names["kept"], names["factor"], names["told"])]
+    def judge(names, reported):
+        motions = [("Branch", names["y"], names["kept"], names["factor"], names["reported"])]
         if names["ok"]:
             motions.append(("Response", names["x"], names["k"], 1.0, names["lost"]))
         for name, x, k, factor, lost in motions:
@@ -173,7 +173,7 @@ def _sampled(rng, index):
 r = vv.forced_response(s, [{nu}], load={load}, method="newton", harmonics={most}, tolerance=1e-12)
 b = vv.trace_response(s, load_range=(0.5, 1), nu={nu}, load={load}, harmonics={most}, stability=False,
                       tolerance=1e-12, max_points=40)
-x, k, ok, told = r.coefficients[0, 0], r.harmonics, r.converged[0], r.sampling[0]
+x, k, ok, reported = r.coefficients[0, 0], r.harmonics, r.converged[0], r.sampling[0]
 y, kept, factor, also = b.coefficients[-1, 0], b.harmonics, b.load_factor[-1], b.sampling[-1]
 noise = b.error[-1]
 """
@@ -197,10 +197,10 @@ noise = b.error[-1]
         size = np.abs(x.real) + np.abs(x.imag)
         return float((np.abs(step[: k.size]) + np.abs(step[k.size :])).max() / size.max())
 
-    def judge(names, told):
+    def judge(names, reported):
         if names["ok"]:
             true = correction(names["x"], names["k"], 1.0)
-            yield Claim("Response.sampling", bool(true <= names["told"] + 1e-11), True)
+            yield Claim("Response.sampling", bool(true <= names["reported"] + 1e-11), True)
         true = correction(names["y"], names["kept"], names["factor"])
         allowed = names["also"] + 1e-11 + 10 * names["noise"]
         yield Claim("Branch.sampling", bool(true <= allowed), True)

@@ -238,7 +238,7 @@ def _response(rng, one, two):
         for r, s, d in (("p", "a", one), ("q", "b", two))
     ]
 
-    def judge(names, told):
+    def judge(names, reported):
         p, q = names["p"], names["q"]
         roots = names["p_roots"].imag, names["q_roots"].imag / two.time
         if not np.isnan([*names["p_roots"], *names["q_roots"]]).any():
@@ -274,7 +274,7 @@ def _motion(rng, one, two):
             f"times={numbers(times / d.time)}, events={events!r}{memory})\n"
         )
 
-    def judge(names, told):
+    def judge(names, reported):
         p, q = names["p"], names["q"]
         if p.outcome != "completed" or np.abs(p.state).max() > 20:
             return
@@ -296,7 +296,7 @@ def _branch(rng, one, two):
         for r, s, d in (("p", "a", one), ("q", "b", two))
     ]
 
-    def judge(names, told):
+    def judge(names, reported):
         p, q = names["p"], names["q"]
         if p.outcome != "completed" or p.truncation.max() > 1e-9:
             return
@@ -326,7 +326,7 @@ def _free(rng, one, two):
             f"dof={d.names[d.place(place)]!r}, max_points=300)\n"
         )
 
-    def judge(names, told):
+    def judge(names, reported):
         p, q = names["p"], names["q"]
         if p.outcome != "completed":
             return
@@ -345,7 +345,7 @@ def _scales(rng, one, two):
         for r, s, d in (("p", "a", one), ("q", "b", two))
     ]
 
-    def judge(names, told):
+    def judge(names, reported):
         p, q = names["p"], names["q"]
         # A motion at the limit of the range may be reported for one system only.
         if p.index.size != q.index.size or p.n_beats.any() or q.n_beats.any():
@@ -372,7 +372,7 @@ def _many(rng, one, two):
         for r, s, d in (("p", "a", one), ("q", "b", two))
     ]
 
-    def judge(names, told):
+    def judge(names, reported):
         p, q = names["p"], names["q"]
         if not p.complete or np.abs(p.peak).max() > 20:
             return

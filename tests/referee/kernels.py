@@ -94,7 +94,7 @@ laplace, value, relaxation = kernel.laplace(s), kernel(t), kernel.relaxation(t)
 integral = kernel.integral
 """ + ("limit = kernel.limit_amplitude\n" if index % 4 == 0 else "")
 
-    def judge(names, told):
+    def judge(names, reported):
         with mp.workdps(30):
             hats = np.array([complex(laplace(mp.mpc(0, m))) for m in mu])
             of_s = np.array([complex(laplace(mp.mpc(x))) for x in s])
@@ -136,7 +136,7 @@ error, weights, rates = fit.error, fit.weights, fit.rates
 hats = fit.transform({numbers(mu)})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         with mp.workdps(25):
             true = np.array([float(value(mp.mpf(x))) for x in t])
         # If the error is larger than the tolerance, the result must state it.
@@ -152,8 +152,10 @@ hats = fit.transform({numbers(mu)})
         smaller = np.minimum(1, np.abs(of_mu))
         yield Claim("transform of the sum", names["hats"], of_mu, (1.1 * names["error"] + 1e-13) * smaller,
                     limit=1.5, damage=max(1e-6, 20 * tolerance))  # fmt: skip
-        met = bool(names["error"] <= 1.01 * tolerance + 1e-14 + 5e-16 * rate * t_max) or bool(told)
-        yield Claim("tolerance met or told", met, True)
+        met = bool(names["error"] <= 1.01 * tolerance + 1e-14 + 5e-16 * rate * t_max) or bool(
+            reported
+        )
+        yield Claim("tolerance met or reported", met, True)
         direct = np.exp(-np.outer(t, names["rates"])) @ names["weights"]
         yield Claim("weights and rates", direct, names["at"], 1e-13 * np.abs(direct))
 
@@ -171,7 +173,7 @@ def _table(rng, index):
 hats, value, integral = kernel.transform({mu}), kernel({at.tolist()}), kernel.integral
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         with mp.workdps(40):
             pieces = [(mp.mpf(0), mp.mpf(t[0]), *_piece(kind, t, v, 0, first=True))]
             pieces += [
@@ -237,10 +239,10 @@ kernel = vv.TabulatedKernel(times=t, values=values, interpolation={("linear", "e
 integral = kernel.integral
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         true = float(amplitude * mp.gamma(alpha) * mp.mpf(beta) ** (-alpha))
         near = abs(names["integral"] - true) <= 0.05 * true
-        yield Claim("singular mass kept or told", bool(near or told), True)
+        yield Claim("singular mass kept or reported", bool(near or reported), True)
 
     return Case(call, judge)
 

@@ -65,7 +65,7 @@ def _steady(rng, index):
 x, orders, truncation, ok = r.coefficients[0, 0], r.harmonics, r.truncation[0], r.converged[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["ok"]:
             return
         x, orders = names["x"], names["orders"]
@@ -94,7 +94,7 @@ def _motion(rng, index):
 state, outcome = m.state[-1], str(m.outcome)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         run = solve_ivp(
             lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0], y[1])],
             (0, 8), start, "DOP853", rtol=1e-12, atol=1e-13, max_step=0.1,
@@ -138,7 +138,7 @@ m = vv.simulate(system, 8.0, load={load}, nu={nu}, initial={start})
 state, outcome, error = m.state[-1], str(m.outcome), m.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         def rates(t, y):
             pushed = a * max(y[0] - gap, 0.0) ** power
             return [y[1], load * np.sin(nu * t) - c * y[1] - y[0] - pushed]
@@ -158,7 +158,7 @@ state, outcome, error = m.state[-1], str(m.outcome), m.error
         yield Claim("outcome", names["outcome"], "completed")
         # The interpolation of SciPy locates the contact to about 1e-9 if the force begins with a
         # root.
-        yield Claim("state beside contact", names["state"], y, names["error"] + 1e-8)
+        yield Claim("state at contact", names["state"], y, names["error"] + 1e-8)
 
     return Case(call, judge)
 
@@ -194,7 +194,7 @@ m = vv.simulate(system, 4.0, load={load if not kind else [load]}, nu={nu}, initi
 state, outcome, error = m.state[-1], str(m.outcome), m.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         def rates(t, y):
             full = y[0] + own * (y[0] - y[2]) + a * force((y[0] - place) / e)
             return [y[1], load * np.sin(nu * t) - c * y[1] - full, weight * y[0] - rate * y[2]]
@@ -218,7 +218,7 @@ r = vv.forced_response(s, [{nu}], load=[{load}, 0, 0], method="newton")
 x, orders, ok, degree = r.coefficients[0], r.harmonics, r.converged[0], spring.degree
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("degree", names["degree"], 0)
         if not names["ok"]:
             return
@@ -245,7 +245,7 @@ x, orders, ok, truncation = r.coefficients[0, 0], r.harmonics, r.converged[0], r
 multipliers, stable = r.multipliers[0], r.stable[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["ok"] or not names["truncation"] < 1e-7:
             return
         x, orders = names["x"], names["orders"]
@@ -294,7 +294,7 @@ d = (x @ np.exp(2j * np.pi * np.outer(orders, np.arange(512)) / 512)).imag
 loop, lost = slider.loop(d), float(slider.energy(d))
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["ok"]:
             return
         x, orders, d = names["x"], names["orders"], names["d"]
@@ -328,18 +328,18 @@ def _friction(rng, index):
     call = f"""s = vv.PolynomialSystem(mass=1, stiffness=1, forces="{size}*sign(x_dot)")
 r = [vv.forced_response(s, [{nu}], load=1, method="newton", harmonics=k) for k in (25, 49, 99)]
 best = r[2].extrapolated(r[1], r[0])
-fall, power, told = r[2].fall_off()[0], best.power[0], (r[2].truncation[0], best.truncation[0])
+fall, power, reported = r[2].fall_off()[0], best.power[0], (r[2].truncation[0], best.truncation[0])
 heights = [one.peak_to_peak("x")[0] / 2 for one in (r[2], best)]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         exact = _without_stops(nu, size)
         if exact is None:
             return
-        for what, height, told in zip(
-            ("amplitude", "extrapolated"), names["heights"], names["told"], strict=True
+        for what, height, reported in zip(
+            ("amplitude", "extrapolated"), names["heights"], names["reported"], strict=True
         ):
-            yield Claim(what, height, exact, 2 * told * exact, damage=10.0)
+            yield Claim(what, height, exact, 2 * reported * exact, damage=10.0)
         yield Claim("fall", names["fall"], 3.0, 0.5, damage=1.0)
         if np.isfinite(names["power"]):
             yield Claim("power", names["power"], 1.0, 0.1, damage=1.0)

@@ -37,7 +37,7 @@ frequencies, shapes = system.natural_frequencies(), system.mode_shapes()
 stiffness = system.dynamic_stiffness({nu})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         k, m = model.stiffness, model.mass
         squares = scipy.linalg.eigh(k, m, eigvals_only=True)
         true = np.sqrt(squares)
@@ -77,7 +77,7 @@ t, wave = r.waveform(2, 16)
 converged = r.converged
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         orders_kept = names["orders"]
         true = np.zeros((len(nu), model.n, len(orders_kept)), complex)
         for i, x in enumerate(nu):
@@ -127,7 +127,7 @@ def _fourier(rng, index):
     samples = rng.normal(size=n).round(5)
     call = f"series = vv.fourier_coefficients({numbers(samples)}, {orders})\n"
 
-    def judge(names, told):
+    def judge(names, reported):
         theta = 2 * np.pi * np.arange(n) / n
         true = [1j * samples.mean()]
         true += [2j * np.mean(samples * np.exp(-1j * k * theta)) for k in range(1, orders + 1)]
@@ -156,7 +156,7 @@ r = vv.forced_response(system, {nu}, load={{{name!r}: 1.0}}, method="linear")
 amplitudes, supports = r.amplitude({name!r}), list(system.supports)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         inner = np.ix_(free, free)
         true, off = [], []
         for x in nu:

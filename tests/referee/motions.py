@@ -56,10 +56,10 @@ def claims(names, true, asked, *, scale=1.0, when=never):
     """Check states against the reference, within the stated error of the run."""
     got = names["state"]
     yield from ending(names, when)
-    told = names["error"]
-    yield Claim("error is estimated", told is not None, True)
+    reported = names["error"]
+    yield Claim("error is estimated", reported is not None, True)
     size = float(np.abs(true).max())
-    admitted = max(told or 0.0, 0.0) + 0.02 * asked + 3e-11 * max(size, scale) * 1e-1
+    admitted = max(reported or 0.0, 0.0) + 0.02 * asked + 3e-11 * max(size, scale) * 1e-1
     yield Claim(
         "state",
         got,
@@ -103,7 +103,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
 phi_dot = run.coordinate("phi_dot")
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         true = p.motion(state, names["t"])
         yield from claims(names, true, tolerance if auto else 0.0)
         yield Claim("coordinate", names["phi_dot"], names["state"][:, 3], 1e-300, damage=1e-3)
@@ -171,7 +171,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
     t_more, state_more, ended = more.t, more.state, more.outcome
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         push = _load_of(load, nu, model.n)
         y = model.start(state, held)
         stays = names["outcome"] == "completed"
@@ -241,7 +241,7 @@ t, state, outcome, error = run.t, run.state, run.outcome, run.error
 at = table({[float(t[0] + t[1]) / 2, float(t[-1]) + 1.0]})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         from scipy.interpolate import CubicSpline
 
         if interpolation == "cubic":
@@ -285,7 +285,7 @@ run = vv.simulate(system, {end}, held=past, tolerance=1e-9)
 t, state, outcome, error = run.t, run.state, run.outcome, run.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         state = np.zeros(2 * n)
         state[::2] = moved[-1]
         y = model.start(state, moved[0])
@@ -316,7 +316,7 @@ run = vv.simulate(system, {end}, base={size}, nu={nu}, initial=[0, 0, 0, 0], tol
 t, state, outcome, error = run.t, run.state, run.outcome, run.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         push = model.base
         right = model.equations(lambda t: model.mass @ push * size * nu**2 * np.sin(nu * t))
         state = np.zeros(4)
@@ -346,7 +346,7 @@ more = vv.simulate(system, {end}, resume=run, load={size}, nu={nu})
 t_more, state_more = more.t, more.state
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         push = model.base
         right = model.equations(None)
         y = model.start([0, 0, 0, 0])
@@ -386,7 +386,7 @@ run = vv.simulate(system, 30, initial=[{start}, 0], tolerance=1e-8)
 t, state, outcome, reached, error = run.t, run.state, run.outcome, run.t_reached, run.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         found = escape(model.equations(None), model.start([start, 0]), 1, 30.0)
         escaped = found is not None
         yield Claim("outcome", names["outcome"], "diverged" if escaped else "completed")
@@ -414,7 +414,7 @@ more = vv.simulate(other, 20, resume=run)
 t, state, first = more.t, more.state, run.state[-1]
 """
 
-        def judge(names, told):
+        def judge(names, reported):
             true = integrate(
                 lambda t, y: other.right(t, y),
                 names["first"],
@@ -434,7 +434,7 @@ tail = vv.simulate(system, 20, dt=0.25, initial={state}, keep="tail", tail=5).st
 at = vv.simulate(system, 20, dt=0.25, initial={state}, times={times.tolist()}).state
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         whole = names["whole"]
         yield Claim("goes on bit for bit", names["rest"], whole[40:], 1e-300, damage=1e-3)
         yield Claim("last state", names["last"], whole[-1:], 1e-300, damage=1e-3)
@@ -454,7 +454,7 @@ run = vv.simulate(system, {end}, initial=[{size}, 0], keep="last", tolerance=1e-
 last, error, outcome = run.state[-1, 0], run.error, run.outcome
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         with mpmath.workdps(40):
             squared = mpmath.mpf(cubic) * mpmath.mpf(size) ** 2
             phase, m = mpmath.sqrt(1 + squared) * mpmath.mpf(end), squared / (2 + 2 * squared)

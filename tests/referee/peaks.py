@@ -111,7 +111,7 @@ peak = r.peak({model.names[0]!r})
 at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         def size(x):
             return abs(np.linalg.solve(model.dynamic_stiffness(x), np.eye(model.n)[0] * 0.1)[0])
 
@@ -136,7 +136,7 @@ at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
     return Case(call, judge)
 
 
-def _beside(nu, found, at):
+def _nearby(nu, found, at):
     """Return the higher of the two neighbouring samples of a frequency."""
     left = np.where(np.isfinite(found) & (nu <= at), nu, -np.inf).argmax()
     right = np.where(np.isfinite(found) & (nu >= at), nu, np.inf).argmin()
@@ -164,7 +164,7 @@ at, amplitude, enclosed = peak.nu, peak.amplitude, peak.enclosed
 found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficients
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         found = names["found"]
         if np.isfinite(found).any():
             yield Claim(
@@ -181,9 +181,9 @@ found, nu, orders, near = r.amplitude({dof!r}), r.nu, r.harmonics, r.coefficient
             return _summit(model, names["near"][i], names["orders"], names["nu"][i], load, top)
 
         # Of several resonances the highest is not always that of the highest sample.
-        highest, beside = int(np.nanargmax(found)), _beside(names["nu"], found, names["at"])
-        yield from _of_summit(names, summit(beside), 1e-5)
-        if beside == highest or not 0 < highest < found.size - 1:
+        highest, nearby = int(np.nanargmax(found)), _nearby(names["nu"], found, names["at"])
+        yield from _of_summit(names, summit(nearby), 1e-5)
+        if nearby == highest or not 0 < highest < found.size - 1:
             return
         other, around = summit(highest), names["nu"][[highest - 1, highest + 1]]
         if other is not None and around.min() < other[0] < around.max():
@@ -209,21 +209,21 @@ i = int(branch.amplitude("x").argmax())
 near, orders, there, outcome = branch.coefficients[i], branch.harmonics, branch.nu[i], branch.outcome
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["enclosed"]:
             return
         load = {1: np.array([size])}
         d = 2e-4 * names["at"]
-        beside = []
+        nearby = []
         for x in (names["at"] - d, names["at"], names["at"] + d):
             found = refined(model, names["near"], names["orders"], x, load, 11)
-            beside.append(np.nan if found is None else abs(found[0, 1]))
+            nearby.append(np.nan if found is None else abs(found[0, 1]))
         best = _summit(model, names["near"], names["orders"], names["there"], load, 11)
         yield from _of_summit(names, best, EXACT)
-        known = [b for b in beside if np.isfinite(b)]
+        known = [b for b in nearby if np.isfinite(b)]
         if known:
             yield Claim(
-                "nothing beside it is higher",
+                "no point next to it is higher",
                 bool(names["amplitude"] >= max(known) * (1 - 1e-6)),
                 True,
             )
@@ -243,7 +243,7 @@ i = int(branch.amplitude("z").argmax())
 near, orders, there = branch.coefficients[i], branch.harmonics, float(branch.nu[i])
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["enclosed"]:
             return
         from referee.models import Draft, Swinging, Term

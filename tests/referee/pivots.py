@@ -69,7 +69,7 @@ except vv.InputError as error:
     state, outcome, reached = np.zeros((2, 6)), f"refused: {{error}}", None
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         when, last = reached(p, state, end)
         crossed = math.isfinite(when)
         other, end_state = reached(p, np.array(state) + 1e-10, end)

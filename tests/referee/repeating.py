@@ -58,7 +58,7 @@ nu, period, later = m.nu, m.period, m(m.period / 3)
 top = m.extremes('x1')
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if names["outcome"] != "converged":
             return
         nu = names["nu"]

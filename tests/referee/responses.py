@@ -106,10 +106,10 @@ coarse = vv.forced_response(
 ).outcome[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if names["outcome"] != "converged":
             # No result, and the outcome states it.
-            yield Claim("what is not found is told", bool(told), True)
+            yield Claim("what is not found is reported", bool(reported), True)
             if method == "newton":
                 # Rounding errors do not justify a missing result.
                 yield Claim("found with a coarser tolerance", names["coarse"] == "converged", False)
@@ -119,7 +119,7 @@ coarse = vv.forced_response(
         yield from _of_the_waveform(names, nu)
         same = refined(model, names["coefficients"], kept, nu, load, highest=int(kept.max()))
         true = refined(model, names["coefficients"], kept, nu, load)
-        if true is None and names["truncation"] > 0.05 and told:
+        if true is None and names["truncation"] > 0.05 and reported:
             # With so few harmonics the result is another motion, and the truncation states it.
             return
         if true is None:
@@ -127,12 +127,12 @@ coarse = vv.forced_response(
             return
         off = difference(model, names["coefficients"], kept, true)
         admitted = names["truncation"] + 3 * tolerance
-        warned = any("Convergence" in text for text in told)
+        warned = any("Convergence" in text for text in reported)
         yield Claim(
             "truncation", 1 + off, 1.0, ESTIMATE * admitted + 1e-11, damage=max(1e-6, 30 * admitted)
         )
         yield Claim(
-            "truncation above the tolerance is told",
+            "truncation above the tolerance is reported",
             bool(names["truncation"] <= 1.0001 * tolerance or warned),
             True,
         )

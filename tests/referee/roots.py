@@ -32,7 +32,7 @@ swings, real, n_unstable, complete = roots.oscillatory, roots.real, roots.n_unst
 rate, decrement = roots.growth_rate, roots.logarithmic_decrement
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         swings = names["swings"]
         yield Claim("complete", bool(names["complete"]), True)
         own = -2 * np.pi * swings.real / swings.imag
@@ -94,7 +94,7 @@ roots, amplitudes, residual = decay.roots, decay.amplitudes, decay.residual
 frequency, decrement = decay.frequency, decay.logarithmic_decrement
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         k, m, c = model.stiffness, model.mass, model.damping
         inverse = np.linalg.inv(m)
         companion = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ k, -inverse @ c]])

@@ -39,7 +39,7 @@ slowness, decades, factor = warm.slowness, law.log10({hot!r}), law({hot!r})
 hats, value, relaxation = warm.transform({mu}), warm({t}), warm.relaxation({t})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         slow = mp.mpf(10) ** mp.mpf(decades)
         with mp.workdps(30):
             hats = [sum(one[1](mp.mpc(0, m) * slow) for one in made) for m in mu]

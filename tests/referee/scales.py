@@ -52,7 +52,7 @@ others = several.harmonics[several.at == {nu}]
 tables = [s.routh_hurwitz(i) for i in range(len(stable))]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim(
             "amplitude", names["amplitude"], np.abs(names["harmonics"][:, 0]), 1e-15, damage=1e-3
         )
@@ -133,7 +133,7 @@ s = ms.response("p1", [{p1}])
 harmonics, in_range, stable, amplitudes = s.harmonics, s.in_range, s.stable, s.amplitudes
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         zr = p.z_r
         # The frequency of z alone, which is not always the highest.
         alone = np.sqrt(1 + 3 * zr**2 * p.alpha - p.c1**2 / 4)
@@ -204,7 +204,7 @@ errors = motion.coordinate_errors
 steady = ms.response("p1", [{p.p1}])
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         true = p.motion(state, t)
         yield from _motion(names, true)
 
@@ -237,15 +237,15 @@ def _beating(rng, index):
 response = vv.MultipleScales(system).response("p1", [{p.p1}])
 points = [i for i in response.beating_points if response.in_range[i]]
 beats = [response.beating(i) for i in points]
-told = [
+reported = [
     (b.at({t.tolist()}), b.errors, b.mean, b.rms, b.largest, b.frequencies, b.harmonics, b.orders,
      [b.lines(name) for name in b.dof_names], b.stable)
     for b in beats
 ]
 """
 
-    def judge(names, told):
-        for q, errors, mean, rms, largest, f, x, orders, lines, stable in names["told"]:
+    def judge(names, reported):
+        for q, errors, mean, rms, largest, f, x, orders, lines, stable in names["reported"]:
             state = np.ravel(np.column_stack([x.sum(axis=0).real, ((1j * f) @ x).real]))
             true = p.motion(state, t)[:, ::2]
             # Coordinates with a known error.
@@ -333,7 +333,7 @@ fine = ms.modulation({t.tolist()}, {state.tolist()}, accuracy=1e-13)
 best, admitted = fine.complex_amplitudes, modulation.error + fine.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         values = np.linalg.eigvals(model.linearised(np.zeros((1, n)))[0])
         values = values[values.imag > 0]
         values = values[np.argsort(values.imag)]
@@ -370,7 +370,7 @@ def _bend(rng, index):
 nu = vv.MultipleScales(system).backbone(0, [{b}])[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         def potential(x):
             return x * x / 2 + k2 * x**3 / 3 + k3 * x**4 / 4
 
@@ -412,7 +412,7 @@ listed = ms.resonances(tolerance=0.03)
 first = [(r.coefficients, r.label, r.order, r.divisor, r.near) for r in listed]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         known = {f"w{j + 1}": w for j, w in enumerate(names["frequencies"])} | {
             "p1": p.p1,
             "p2": p.p2,
@@ -459,7 +459,7 @@ s = vv.MultipleScales(system).response("p2", [{p}])
 harmonics, estimate, in_range = s.harmonics, s.harmonic_errors, s.in_range
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         balance = Balance(model, 9)
         load = load_rows(balance, {0: np.array([1j * f0]), 1: np.array([1j * f1])})
         for i in np.flatnonzero(names["in_range"]):
@@ -471,7 +471,7 @@ harmonics, estimate, in_range = s.harmonics, s.harmonic_errors, s.in_range
             true = balance.complex(a)[0, 1] / 1j
             estimate = names["estimate"][i, 0] + 1e-12
             yield Claim(
-                "harmonic beside a static load",
+                "harmonic with a static load",
                 x[0],
                 true,
                 estimate,
@@ -495,8 +495,8 @@ def _internal(rng, index):
 nu = vv.MultipleScales(system).backbone(0, [{b}])
 """
 
-    def judge(names, told):
-        if told:
+    def judge(names, reported):
+        if reported:
             return
         balance = Balance(model, 6)
         known = []
@@ -520,7 +520,7 @@ nu = vv.MultipleScales(system).backbone(0, [{b}])
             got = float(np.ravel(names["nu"])[0])
             nearest = min(known, key=lambda x: abs(x - got))
             yield Claim(
-                "frequency beside an internal resonance",
+                "frequency near an internal resonance",
                 got,
                 nearest,
                 1e-4 + 0.05 * abs(nearest - 1),
@@ -541,7 +541,7 @@ moving = int((s.stable & (abs(s.amplitudes[:, 0]) > 1e-3)).sum())
 complete = s.complete
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         balance, nu = Balance(model, 21), p / 3
         load = load_rows(balance, {3: np.array([1j * size])})
         forced = 1j * size / model.dynamic_stiffness(p)[0, 0]

@@ -19,7 +19,7 @@ path = folder / "scene.nml"
 path.write_text(text)
 scene = vv.Scene.read(path)
 result = vv.run(scene)
-kind, plan, told = result.kind, str(vv.plan(scene)), str(result.plan)
+kind, plan, reported = result.kind, str(vv.plan(scene)), str(result.plan)
 result.to_csv(folder / "table.csv")
 lines = [line for line in open(folder / "table.csv") if line[0] != "#"]
 table = np.genfromtxt(lines, delimiter=",", names=True)
@@ -63,7 +63,7 @@ loads, frequencies = scene.loads()["load"][1], system.natural_frequencies()
 computes, skips, heavier = lines.computes, lines.skips, scene.override({{"mount.mass": 3.0}}).mount().mass
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "response")
         same = np.where(np.isnan(names["true"]) & np.isnan(names["got"]), 0, names["got"])
         yield Claim("response", same, np.nan_to_num(names["true"]), 1e-9, damage=1e-3)
@@ -74,7 +74,7 @@ computes, skips, heavier = lines.computes, lines.skips, scene.override({{"mount.
         yield Claim("system", names["built"], names["frequencies"], SAME, damage=1e-3)
         yield Claim("loads", names["loads"], names["load"][1], 1e-15)
         yield Claim("override", names["heavier"], 3.0, SAME)
-        yield Claim("plan told twice", names["plan"], names["told"])
+        yield Claim("plan reported twice", names["plan"], names["reported"])
         yield Claim(
             "no memory is planned", any("memory" in why for why in names["skips"].values()), True
         )
@@ -91,7 +91,7 @@ direct = vv.trace_response(system, (0.5, 6), load=load, harmonics=7)
 got, true, column = result.branch.coefficients, direct.coefficients, table["nu"]
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "branch")
         yield Claim("branch", names["got"], names["true"], 1e-9, damage=1e-3)
         yield Claim("table", names["column"], names["direct"].nu, 1e-9)
@@ -109,7 +109,7 @@ direct = vv.backbone(system, {index % 2}, (0.001, {top}))
 got, true, column = result.backbone.coefficients, direct.coefficients, table["nu"]
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "backbone")
         yield Claim("backbone", names["got"], names["true"], 1e-9, damage=1e-3)
         yield Claim("table", names["column"], names["direct"].nu, 1e-9)
@@ -132,7 +132,7 @@ same, is_pendulum = scene.pendulum() == system, scene.is_pendulum
 tone = result.spectrum.amplitude[:, 0]
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "transient")
         yield Claim("motion", names["got"], names["true"], 1e-9, damage=1e-3)
         yield Claim("table", names["column"], names["true"][:, 2], 1e-12)
@@ -162,7 +162,7 @@ direct = vv.MultipleScales(system, load={size}, nu=1.0).response("nu", np.linspa
 got, true, built = result.steady.harmonics, direct.harmonics, scene.polynomial_system().natural_frequencies()[0]
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "multiple_scales")
         yield Claim("steady", names["got"], names["true"], 1e-12, damage=1e-3)
         yield Claim("polynomial_system", names["built"], 1.0, 1e-14)
@@ -188,7 +188,7 @@ for mass in grid:
     true.append(vv.run(one).response.peak("x").amplitude)
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "sweep")
         yield Claim("grid", names["grid"], np.array(values), 1e-14)
         yield Claim("sweep", names["got"], np.array(names["true"]), 1e-15, damage=1e-3)
@@ -238,7 +238,7 @@ true = np.moveaxis(direct.coefficients, 0, 2)
 same = scene.structure().deflections
 {_END}"""
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("kind", names["kind"], "response")
         true, got = np.nan_to_num(names["true"]), np.nan_to_num(names["got"])
         yield Claim("structure", got, true, 1e-8, damage=1e-3)
@@ -273,7 +273,7 @@ import shutil
 shutil.rmtree(folder)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         codes = names["codes"]
         if codes[0] is None:
             return

@@ -315,7 +315,7 @@ run = vv.simulate(
 state, error, outcome = run.state, run.error, run.outcome
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("outcome", names["outcome"], "completed")
         found = Graded(
             mass, stiffness, np.diag(c * mass), lambda t: amplitude * np.sin(nu * t),

@@ -39,7 +39,7 @@ omega, amplitude, phase, mean, value = lines.omega, lines.amplitude, lines.phase
 """
     )
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("frequencies in the order asked for", names["omega"], omega, 1e-12)
         yield Claim("amplitudes", names["amplitude"], a, 1e-10)
         wave = names["amplitude"] * np.exp(1j * names["phase"])
@@ -60,7 +60,7 @@ omega, amplitude, resolved, residual = lines.omega, lines.amplitude, lines.resol
 """
     )
 
-    def judge(names, told):
+    def judge(names, reported):
         # Largest first; rounding errors decide between tones of equal size.
         falling = np.argsort(-a, kind="stable")
         got = np.argsort(names["omega"])
@@ -87,7 +87,7 @@ omega, resolved, residual = lines.omega, lines.resolved, lines.residual
 """
     )
 
-    def judge(names, told):
+    def judge(names, reported):
         width = 2 * np.pi / (n * dt)
         for w in names["omega"][np.asarray(names["resolved"], bool)]:
             off = np.abs(omega - w).min() / width
@@ -110,7 +110,7 @@ s = vv.spectrum(u, {dt}, window={window!r})
 omega, amplitude, phase, mean = s.omega, s.amplitude, s.phase, s.amplitude[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         true = 2 * np.pi * np.fft.rfftfreq(n, dt)
         yield Claim("omega", names["omega"], true, 1e-12 * true.max())
         yield Claim(
@@ -152,7 +152,7 @@ except TypeError:
 spacing, t = run.dt, run.t
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         width = 2 * np.pi / 200
         yield Claim("peak of the spectrum of a run", names["peak"], p, 2.5 * width, damage=0.3)
         yield Claim("spacing of a run", names["spacing"], np.diff(names["t"]).mean(), 1e-12)
@@ -167,7 +167,7 @@ def _names(rng, index):
     call = f"""names = vv.name_frequencies([{value!r}, 0.0], {bases})
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         from itertools import product
 
         near = [

@@ -63,10 +63,12 @@ def _singular(rng):
 branch = vv.trace_response(system, ({0.6 * w:.4g}, {1.8 * w:.4g}), load={load}, max_points=300)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         branch = names["branch"]
         if branch.growing is None:
-            yield Claim("unknown stability is told", any("Stability" in t for t in told), True)
+            yield Claim(
+                "unknown stability is reported", any("Stability" in t for t in reported), True
+            )
             return
         kept = np.flatnonzero((branch.truncation < 1e-8) & (branch.growing >= 0))
         unstable = kept[branch.growing[kept] > 0]
@@ -114,9 +116,9 @@ stable, multipliers, exponents = r.stable[0], r.multipliers[0], r.exponents[0]
 slowest = r.slowest[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if names["outcome"] != "converged":
-            yield Claim("what is not found is told", bool(told), True)
+            yield Claim("what is not found is reported", bool(reported), True)
             return
         load = {1: np.array([size] + [0.0] * (model.n - 1))}
         true = refined(model, names["coefficients"], names["orders"], nu, load)
@@ -127,7 +129,9 @@ slowest = r.slowest[0]
         if abs(own_sizes[0] - 1) < 10 * off[0] + CLOSE:
             return
         if names["stable"] is None:
-            yield Claim("unknown stability is told", any("Stability" in t for t in told), True)
+            yield Claim(
+                "unknown stability is reported", any("Stability" in t for t in reported), True
+            )
             return
         yield Claim("stable", bool(names["stable"]), bool(own_sizes[0] < 1))
         got = np.asarray(names["multipliers"])

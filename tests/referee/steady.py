@@ -4,7 +4,7 @@ import numpy as np
 
 from referee.balance import magnus
 from referee.case import Case, Claim, even, few
-from referee.crossings import told_by_crossings
+from referee.crossings import reported_by_crossings
 from referee.models import pendulum
 
 JUDGES = (
@@ -49,7 +49,7 @@ def _on(p, state, span, admitted):
     got = state(t)
     size = np.abs(got).max()
     yield Claim(
-        "motion goes on as told",
+        "motion goes on as reported",
         got,
         true,
         admitted * size * growth,
@@ -77,9 +77,9 @@ fine = vv.forced_response(system, stability=False, harmonics=int(r.highest[0] or
 same, fine_left = fine.coefficients[0], fine.error[0]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["found"]:
-            yield Claim("what is not found is told", bool(told), True)
+            yield Claim("what is not found is reported", bool(reported), True)
             return
         same, ours = names["same"], names["coefficients"]
         apart = np.inf
@@ -87,8 +87,8 @@ same, fine_left = fine.coefficients[0], fine.error[0]
             apart = np.abs(same - ours).max() / np.abs(ours).max()
         # The same harmonics have other solutions where a branch has folds.
         if apart < 1e-3:
-            told_error = 1.5 * (names["left"] + names["fine_left"])
-            yield Claim("what is left of it", 1 + apart, 1.0, told_error + 4e-16, damage=1e-2)
+            reported_error = 1.5 * (names["left"] + names["fine_left"])
+            yield Claim("what is left of it", 1 + apart, 1.0, reported_error + 4e-16, damage=1e-2)
         yield Claim("frequencies", names["frequencies"], names["nu"] * names["orders"], 1e-13)
         place = list(names["orders"]).index(1)
         own = names["coefficients"][0, place]
@@ -133,9 +133,9 @@ orders, base, coefficients = r.orders, r.base[0], r.coefficients[0]
 axes = r.axes
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         if not names["found"]:
-            yield Claim("what is not found is told", bool(told), True)
+            yield Claim("what is not found is reported", bool(reported), True)
             return
         if len(names["axes"]) < 2:
             return
@@ -167,7 +167,7 @@ multipliers, outcome = branch.multipliers, branch.outcome
 """
     draw = np.random.default_rng(index)
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("parameter", names["parameter"], names["nu"], 1e-14)
         place = list(names["orders"]).index(1)
         own = np.abs(names["coefficients"][:, 1, place])
@@ -177,7 +177,7 @@ multipliers, outcome = branch.multipliers, branch.outcome
             yield Claim("numbers", bool(np.isfinite(column).all()), True)
         known = names["growing"] >= 0
         yield Claim("multipliers", bool(np.isfinite(names["multipliers"][known]).all()), True)
-        yield from told_by_crossings(branch)
+        yield from reported_by_crossings(branch)
         turns = np.sign(np.diff(names["parameter"]))
         seen = int((np.diff(turns[turns != 0]) != 0).sum())
         between = len(branch.folds) - seen

@@ -164,7 +164,7 @@ deflections, named = run.deflections, system.deflections
 t_more, state_more = more.t, more.state
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         at = names["t"]
         if goes_on:
             at = np.unique(np.concatenate([at, names["t_more"]]))

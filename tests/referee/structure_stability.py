@@ -139,7 +139,7 @@ r = vv.forced_response(system, {sorted(set(nu))}, load={{"x{int(rng.integers(n))
                        method="newton", stability=True, coordinates=list(system.dof_names))
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         r = names["r"]
         for i in np.flatnonzero(r.converged & (r.truncation < 1e-9)):
             own, off = _multipliers(draft, r.coefficients[i], r.harmonics, r.nu[i])
@@ -149,7 +149,9 @@ r = vv.forced_response(system, {sorted(set(nu))}, load={{"x{int(rng.integers(n))
             if abs(sizes[0] - 1) < 10 * off[0] + CLOSE:
                 continue
             if r.stable[i] is None:
-                yield Claim("unknown stability is told", any("Stability" in t for t in told), True)
+                yield Claim(
+                    "unknown stability is reported", any("Stability" in t for t in reported), True
+                )
                 continue
             yield Claim("stable", bool(r.stable[i]), bool(sizes[0] < 1))
             got = np.abs(r.multipliers[i])

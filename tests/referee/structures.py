@@ -86,12 +86,12 @@ def _motion(rng, index):
 r = vv.forced_response(small, [{nu}], load={{'x{pushed + 1}': {size}}}, method="newton", harmonics=5,
                        coordinates=list(s.dof_names))
 u, orders, found = r.coefficients[0], r.harmonics, bool(r.converged[0])
-error, told = small.reduction.largest_error, float(r.reduction_error[0])
+error, reported = small.reduction.largest_error, float(r.reduction_error[0])
 modes, checked = small.reduction.n_modes, float(r.check(points=1).max())
 omega = s.natural_frequencies()
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         heavy = chain.mass > 0
         k = chain.k + own * np.outer(e, e)
         carried = np.linalg.solve(k[~heavy][:, ~heavy], k[~heavy][:, heavy])
@@ -102,7 +102,7 @@ omega = s.natural_frequencies()
             return
         u, orders = names["u"], names["orders"]
         yield Claim("largest error", float(names["error"]) <= tolerance, True)
-        yield Claim("error of the motion", float(names["told"]) <= tolerance, True)
+        yield Claim("error of the motion", float(names["reported"]) <= tolerance, True)
         yield Claim("check", names["checked"] <= 30 * tolerance, True)
         k = chain.k + own * np.outer(e, e)
         count = 64
@@ -143,7 +143,7 @@ def _roots(rng, index):
     call = f"""{chain.source(spring)}roots = s.characteristic_roots({count}).oscillatory
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         found = names["roots"]
         yield Claim("how many", found.size, count)
         e = (np.arange(n) == on).astype(float)

@@ -119,7 +119,7 @@ r = vv.simulate(s, {_END}, {load}, initial={start}, method={method!r}, {sought},
 found, error = [(e.t, e.state, e.error, e.state_error) for e in r.events], r.error
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         for i, (t, states, error, state_error) in enumerate(names["found"]):
             level, row = (0.0, 1) if i == 0 else (levels[i - 1], 0)
             true, near = _passages(motion, fine, times, level, row)

@@ -30,7 +30,7 @@ except vv.SweepError as error:
     raised = error.point["stiffness"] == {a[-1]}
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         x, y = np.meshgrid(a, b, indexing="ij")
         good = np.ones(x.shape, bool)
         if fail:
@@ -100,14 +100,14 @@ for value in {values}:
 shutil.rmtree(folder)
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         expected = unit
         if key == "load.amplitude" and on == "b":
             expected = "N m"
         # A moment acts on an angle, a force on a length; otherwise the unit is unknown.
         allowed = {expected, ""} if key == "load.amplitude" and "system" in system else {expected}
-        told = names["unit"]
-        yield Claim("unit of a key", told, told if told in allowed else expected)
+        reported = names["unit"]
+        yield Claim("unit of a key", reported, reported if reported in allowed else expected)
         yield Claim("value of a sweep", names["got"], np.array(names["true"]), 1e-14, damage=1e-3)
 
     return Case(call, judge)

@@ -467,7 +467,7 @@ state, error, outcome = run.state, run.error, run.outcome
         own = amplitude * np.sin(nu * t) + second * mass * np.sin(2 * nu * t)
         return own + mean * mass
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("outcome", names["outcome"], "completed")
         found = Automaton(
             mass, stiffness, np.diag(c * mass), force, [e for _, e in drawn], friction, stops

@@ -34,7 +34,7 @@ energy, power = system.energy(states), system.power(t, states)
 frequencies, shapes, r, z_r = system.natural_frequencies(), system.mode_shapes(), system.r, system.z_r
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         right = np.array([p.right(a, y) for a, y in zip(t, states, strict=True)])
         scale = np.abs(right).max() / (1 - p.e * p.w3**2 / p.w2**2)
         yield Claim("rhs", names["rhs"], right, 1e-13 * scale)
@@ -77,7 +77,7 @@ def _physical(rng, index):
 numbers = [getattr(system, name) for name in ("e", "w2", "w3", "alpha", "c1", "c2", "c3", "f0", "p1")]
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         roots = np.roots([k2, 0, k1, -m * 9.81])
         z = float(next(x.real for x in roots if abs(x.imag) < 1e-9))
         for _ in range(3):
@@ -106,7 +106,7 @@ drift, defect = system.energy(run.state) - system.energy(run.state[0]), run.ener
 outcome, reached = run.outcome, run.t_reached
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         # Work of the forces along a straight line from rest, by Gauss quadrature.
         x, w = np.polynomial.legendre.leggauss(8)
         x, w = (x + 1) / 2, w / 2

@@ -69,7 +69,7 @@ if system is not None:
     amplitude = abs(r.coefficients[0, :, 0])
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         yield Claim("refused", bool(names["refused"]), not sound)
         if names["system"] is not None:
             true = np.abs(np.linalg.solve(full - omega**2 * np.eye(n), np.eye(n)[0]))
@@ -106,7 +106,7 @@ plan = str(r.plan)
 dof_names = getattr(r, "dof_names", ("x",))
 """
 
-    def judge(names, told):
+    def judge(names, reported):
         for name, (got, true) in names["columns"].items():
             if np.asarray(true).dtype.kind in "bi":
                 yield Claim(

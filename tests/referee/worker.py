@@ -33,12 +33,12 @@ def answer(case: Case) -> tuple[list[Claim], str, str]:
         except vv.InputError as error:
             return [], "refused" if case.may_refuse else "raised", f"InputError: {error}"
         except Exception as error:
-            told = "\n".join(str(error).splitlines()[:3])
-            return [], "raised", f"{type(error).__name__}: {told}"
-    told = [f"{w.category.__name__}: {w.message}" for w in heard]
+            reported = "\n".join(str(error).splitlines()[:3])
+            return [], "raised", f"{type(error).__name__}: {reported}"
+    reported = [f"{w.category.__name__}: {w.message}" for w in heard]
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        return list(case.judge(names, told)), "answered", ""
+        return list(case.judge(names, reported)), "answered", ""
 
 
 def main() -> int:

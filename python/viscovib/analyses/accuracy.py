@@ -37,7 +37,8 @@ class Accuracy:
             return None if default is None else cls(0.0, default, by_size=True)
         if tolerance is not None:
             raise InputError(
-                "tolerance, rtol and atol: tolerance is another name of atol, give one of them"
+                "tolerance, rtol and atol: tolerance is another name for atol, give only one "
+                "of them"
             )
         relative = 0.0 if rtol is None else RTOL.check(rtol)
         absolute = 0.0 if atol is None else _native.number("atol", atol)

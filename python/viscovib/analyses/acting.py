@@ -129,8 +129,8 @@ class Panels:
         n = past.held.size
         if 2 * n * (ends.size - 1) * _PLACES.size > _MOST:
             raise InputError(
-                f"a motion of {ends.size - 1} steps with memory and {n} coordinates: is too long "
-                "for its accelerations and forces: take a shorter run"
+                f"a motion of {ends.size - 1} steps with memory and {n} coordinates: is too "
+                "long for its accelerations and forces: use a shorter run"
             )
         t = (ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * _PLACES).ravel()
         wanted, back = np.unique(np.minimum(t, ends[-1]), return_inverse=True)

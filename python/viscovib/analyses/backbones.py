@@ -262,8 +262,8 @@ class Backbone(PeriodicMotions, Result):
             table.columns |= stability_columns(self.growing, self.multipliers)
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
         note += (
-            "; truncation: estimated relative error of leaving out higher orders; error: of the "
-            "last correction and rounding"
+            "; truncation: estimated relative error by neglected harmonics; error: by the last "
+            "correction and rounding"
         )
         table.notes.append(f"{note}; u = sum_k a_k cos(k nu t); {units}")
         table.columns |= {"truncation": self.truncation, "error": self.error}
@@ -287,15 +287,13 @@ def oscillator_backbone(
     check_steady(system, None)
     refuse_turning(system, "the backbone")
     if np.any(getattr(system, "spin", 0.0)):
-        raise InputError(
-            "spin: a backbone leaves out damping, and with it what parts that spin do: must be 0"
-        )
+        raise InputError("spin: must be 0 for a backbone, which omits damping and gyroscopic terms")
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1
     view = None
     if amplitude_range is None:
-        raise InputError("amplitude_range: must be given for all systems but a pendulum")
+        raise InputError("amplitude_range: must be given for all systems except a pendulum")
     ends = Interval("amplitude_range", above=0).check(amplitude_range)
     curve = CurveOptions.checked(options)
     wanted = curve.tolerance
@@ -321,8 +319,9 @@ def oscillator_backbone(
     ended = OUTCOMES[found["ended"]]
     if not nu.size:
         raise InputError(
-            f"amplitude_range: no solution was found at its beginning {ends[0]:g}, nor on the way "
-            f"up to it from rest, where this mode ends before: begin lower{edges_text(system)}"
+            f"amplitude_range: no solution was found at the start {ends[0]:g}, because "
+            "the mode ends at a smaller amplitude: start at a smaller value"
+            f"{edges_text(system)}"
         )
     edges = edges_text(system) if ended == "stuck" else ""
     if edges:

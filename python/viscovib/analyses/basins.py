@@ -193,7 +193,7 @@ def basins(
         )
     if len(system.dof_names) > _MOST_COORDINATES:
         raise InputError(
-            f"system: has {len(system.dof_names)} coordinates, a map of basins takes at most "
+            f"system: has {len(system.dof_names)} coordinates, must have at most "
             f"{_MOST_COORDINATES}"
         )
     names, x, y, states = _grid(system, starts, others)

@@ -151,8 +151,8 @@ class DrivenResponse(Result):
         return [
             f"{self.varies or 'nu'}: {span(self.parameter)}; base frequencies: "
             f"{', '.join(self.axes)}{known}",
-            f"orders up to {self.highest.max(initial=0)}, estimated error of those left out "
-            f"{worst:.1e}, of the last correction and rounding {left:.1e}",
+            f"harmonics up to {self.highest.max(initial=0)}, estimated error by neglected "
+            f"harmonics {worst:.1e}, by the last correction and rounding {left:.1e}",
         ]
 
     @property
@@ -321,7 +321,7 @@ def pendulum_response(
     if auto and result.truncation[result.converged].max(initial=0.0) > wanted:
         worst = int(np.nanargmax(result.truncation))
         warnings.warn(
-            f"{result.highest[worst]} orders leave an estimated relative error of "
+            f"{result.highest[worst]} harmonics: the estimated relative error is "
             f"{result.truncation[worst]:.1e}, more than the tolerance {wanted:.1e}",
             ConvergenceWarning,
             stacklevel=caller(),
@@ -331,7 +331,7 @@ def pendulum_response(
         warnings.warn(
             f"{lost.sum()} of {things(lost.size, 'motion')} not found, at "
             f"{varies or torus.names[0]} = {rows[lost].min():.6g} to {rows[lost].max():.6g}; "
-            "they hold NaN",
+            "their values are NaN",
             ConvergenceWarning,
             stacklevel=caller(),
         )
@@ -404,7 +404,7 @@ def _solve(
             + (varies or torus.names[0])
             + (", each with as many harmonics as it needs" if bounds[0] < bounds[1] else ""),
             pend, torus, kept, varies,
-            "not asked for" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
+            "not requested" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
         ),
     )  # fmt: skip
 
@@ -413,4 +413,4 @@ def check_size(name: str, points: int, unknowns_each: int) -> None:
     """Refuse a problem that exceeds the memory."""
     most = _MAX_NUMBERS // unknowns_each
     if points > most:
-        raise InputError(f"{name}: {points} points, must be at most {most} with so many orders")
+        raise InputError(f"{name}: {points} points, must be at most {most} with so many harmonics")

@@ -278,8 +278,8 @@ class DrivenBranch(PeriodicMotions, Curve):
             table.columns["stable"] = whole_or_codes(self.stable)
         highest = int(np.abs(self.orders).sum(axis=1).max())
         table.notes.append(
-            f"{note}; orders to {highest} leave an estimated relative error of {self._worst:.16e} "
-            "at most; error: of the last correction and rounding"
+            f"{note}; harmonics up to {highest}, largest estimated relative error "
+            f"{self._worst:.16e}; error: by the last correction and rounding"
         )
         table.columns["error"] = self.error
         names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
@@ -366,7 +366,7 @@ def trace_pendulum(
         )
     warn_of_rounding(found["off"], curve.tolerance)
     assessed = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
-        "not asked for" if torus.n_axes == 1 or not stability
+        "not requested" if torus.n_axes == 1 or not stability
         else "of quasi-periodic motions: only over a duration"
     )  # fmt: skip
     plan = torus_plan(

@@ -277,7 +277,7 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, prel
         (sections, "sections"),
         (job.exponents > 0, "Lyapunov exponents"),
     ):
-        lines.append(f"computes: {what}" if wanted else f"skips: {what} (not asked for)")
+        lines.append(f"computes: {what}" if wanted else f"skips: {what} (not requested)")
     return Plan("\n".join(lines))
 
 
@@ -333,7 +333,7 @@ class _Length:
         if before < 0:
             raise InputError(f"discard = {before:g}: must not be negative")
         if (t_end is None) == (n_periods is None):
-            raise InputError("t_end or n_periods: must be given, and only one of them")
+            raise InputError("t_end or n_periods: give exactly one of them")
         end = 0.0 if t_end is None else _native.number("t_end", t_end)
         if t_end is not None and end <= 0:
             raise InputError(f"t_end = {end:g}: must be greater than 0")
@@ -358,7 +358,7 @@ class _Length:
             periods = max(1, round(min(end / period[0], 2.0 * _MAX_STEPS)))
             skipped = math.ceil(min(before / period[0], 2.0 * _MAX_STEPS))
         if skipped >= periods:
-            raise InputError(f"discard: {skipped} of {periods} periods, leaves none")
+            raise InputError(f"discard: {skipped} of {periods} periods, must be fewer")
         return cls(periods * period, 0.0, periods, skipped)
 
     @property
@@ -472,8 +472,8 @@ class _Job:
             whole = [np.concatenate(pieces, axis=-1) for pieces in zip(*parts, strict=True)]
         except MemoryError:
             raise InputError(
-                f"sections: {self.length.periods} periods of {n} runs hold more than fits into "
-                "memory, must be fewer"
+                f"sections: {self.length.periods} periods of {n} runs do not fit into memory, "
+                "must be fewer"
             ) from None
         state, ended, reached, peak, mean, rms, amplitudes, sections, lyapunov, unsure = whole
         return _Raw(
@@ -672,5 +672,5 @@ def _refine(
     note = f"still changes by {change:.1e}" if math.isfinite(change) else "fails"
     raise InputError(
         f"{wanted}: not met with {n * factor} steps (run {worst} {note}); that motion may be "
-        "chaotic: give dt, or take a shorter run or a larger tolerance"
+        "chaotic: give dt, or use a shorter run or a larger tolerance"
     )

@@ -229,8 +229,8 @@ class Watch:
         """Store the events of a native call; return the mask of valid events."""
         if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:
             raise InputError(
-                f"events: more than {LIMIT} in a piece of the run, or {_MOST} in all: take a "
-                "shorter run, or count fewer of them"
+                f"events: more than {LIMIT} in a part of the run, or {_MOST} in total: use a "
+                "shorter run, or fewer events"
             )
         rows = np.array(found[:, :count].T)
         counts = np.ones(count, dtype=bool)
@@ -246,7 +246,7 @@ class Watch:
         """Add the peaks and integrals of a native call that found ``count`` events."""
         if found.shape[1] < count + _GATHERED:
             raise InputError(
-                f"sections: more than {LIMIT - _GATHERED} in a piece of the run: take a shorter run"
+                f"sections: more than {LIMIT - _GATHERED} in a part of the run: use a shorter run"
             )
         states = found[2 : 2 + n_states(found.shape[0])]
         peak, *integrals = states[:, count : count + _GATHERED].T

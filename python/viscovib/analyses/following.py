@@ -79,13 +79,13 @@ class _Way:
         """Check the arguments."""
         given = [name for name, ends in ranges.items() if ends is not None]
         if len(given) != 1:
-            raise InputError(
-                "nu_range, load_range or vary_range: must be given, and only one of them"
-            )
+            raise InputError("nu_range, load_range or vary_range: give exactly one of them")
         if (given[0] == "nu_range") != (nu is None):
-            raise InputError("nu: must be given with load_range or vary_range, and only then")
+            raise InputError(
+                "nu: must be given with load_range or vary_range, and not without them"
+            )
         if (given[0] == "vary_range") != (vary is not None):
-            raise InputError("vary: must be given with vary_range, and only then")
+            raise InputError("vary: must be given with vary_range, and not without it")
         start, finish = range_of(given[0], ranges[given[0]])
         varies = {"nu_range": "nu", "load_range": "load_factor"}.get(given[0], "")
         numbers = None
@@ -212,8 +212,8 @@ def trace_mount(
         )
     if not found:
         raise InputError(
-            f"{way.argument}: no solution was found at its beginning {way.start:g}: begin elsewhere"
-            f"{_advice(system)}"
+            f"{way.argument}: no solution was found at the start {way.start:g}: start at "
+            f"another value{_advice(system)}"
         )
     view = None if loaded is None else View.of(system, loaded, coordinates)
     first = _native.run(
@@ -353,7 +353,7 @@ def _warn_of_doubts(branch: Branch, motions: ComplexArray, p: FloatArray) -> Non
     few, blurred = branch._few, branch._off > allowed
     _warn_above(
         branch._off, allowed, tolerance, branch.varies, p,
-        "rounding leaves more than the tolerance",
+        "the rounding error exceeds the tolerance",
         hanging(stable, blurred & ~few, "rounding decides"),
     )  # fmt: skip
     worst = int(np.where(few, branch._missed, 0).argmax())

@@ -197,7 +197,7 @@ def forced_response(
 
     Notes
     -----
-    Source: seed paper 001, (14)-(19), corrected (see the theory pages). Fixed point D(k nu) X_k =
+    Source: the paper on the mount, (14)-(19), corrected. Fixed point D(k nu) X_k =
     P_k - N_k(X) with the harmonics N_k of the nonlinear force from samples of a period without
     aliasing. For a pendulum: Newton's method with exact derivatives for -w_k^2 X_k = A_k, the
     harmonics of the accelerations from samples on the torus of the loads' phases. Each row starts

@@ -88,7 +88,7 @@ def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
 def element_forces(system: object, motion: KnownMotion) -> ElementForces:
     """Forces of the elements of a structure, or of the springs of another system."""
     if isinstance(system, Body):
-        raise InputError("element_forces: a Body has mounts: take mount_forces()")
+        raise InputError("element_forces: a Body has mounts: use mount_forces()")
     if isinstance(system, Structure):
         return _of_structure(system, motion)
     if isinstance(system, Mount):

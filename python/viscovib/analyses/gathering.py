@@ -66,8 +66,8 @@ def members_of(
     if few is None:
         if _is_series(method):
             raise InputError(
-                f"method = {method!r}: is for motions that go side by side, these go one after "
-                "another: give one that simulate takes"
+                f"method = {method!r}: is for motions that are computed together, these are "
+                "computed one after the other: give a method of simulate"
             )
         return SingleMembers(system, initial, given, load, nu, method, surface)
     made: list[Members] = []

@@ -386,8 +386,8 @@ class MountRun(Run):
             self.too_long = max(self.too_long, found["too_long"])
             if reason == _NO_INTEGRAL:
                 raise InputError(
-                    "held: a kernel has no integral, so what was held for ever would leave no "
-                    "force; must be None"
+                    "held: must be None, because a kernel has no finite integral: a deflection "
+                    "held for all t < 0 has no force"
                 )
             if reason == _STEP_TOO_LARGE:
                 found |= {"ended": _COARSE, "reached": self.time, "last": self.state}

@@ -80,9 +80,9 @@ class Lines(Result):
 
     def _headline(self) -> str:
         close = int((~self.resolved).sum())
-        apart = f", {close} close to others" if close else ""
+        apart = f", {close} close to another line" if close else ""
         found = things(self.omega.size, "line")
-        return f"{found}, root mean square of the rest {self.residual:.2g}{apart}"
+        return f"{found}, root mean square of the residual {self.residual:.2g}{apart}"
 
     def _scope(self) -> list[str]:
         lines = [

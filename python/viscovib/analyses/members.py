@@ -92,7 +92,7 @@ class PendulumMembers(Members):
         for name in given:
             if name not in PARAMETERS:
                 raise InputError(
-                    f"parameters: {name!r} is not a number of the pendulum, must be one of "
+                    f"parameters: {name!r} is not a parameter of the pendulum, must be one of "
                     f"{', '.join(PARAMETERS)}"
                 )
         self.system = system
@@ -275,8 +275,8 @@ class PolynomialMembers(Members):
         if again[1][0] == _COARSE and has_outrun(self.states[i], state, reached, end, h):
             raise InputError(
                 f"dt = 'auto': run {i} ends at t = {end:.6g}, where its state is "
-                f"{np.array2string(state, precision=3)}: there its laws change too fast for steps "
-                "of any length: take a shorter run, or give dt"
+                f"{np.array2string(state, precision=3)}: there its laws change too fast for "
+                "steps of any length: use a shorter run, or give dt"
             )
 
 
@@ -309,7 +309,7 @@ def _steps(spans: FloatArray, fastest: FloatArray) -> int:
     many = spans * fastest
     if not np.isfinite(many).all():
         raise InputError(
-            f"t_end = {spans.max():g}: holds more periods of the fastest motion (frequency "
+            f"t_end = {spans.max():g}: contains more periods of the fastest motion (frequency "
             f"{fastest.max():g}) than can be counted"
         )
     return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))

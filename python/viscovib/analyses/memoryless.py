@@ -98,8 +98,8 @@ def first_steps(system: Pendulum, end: float) -> int:
     fastest = max(natural, system.p1, system.p2, system.p3)
     if not math.isfinite(end * fastest):
         raise InputError(
-            f"t_end = {end:g}: holds more periods of the fastest motion (frequency {fastest:g}) "
-            "than can be counted"
+            f"t_end = {end:g}: contains more periods of the fastest motion (frequency "
+            f"{fastest:g}) than can be counted"
         )
     return max(1, math.ceil(min(end * fastest / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 

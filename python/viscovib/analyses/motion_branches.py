@@ -126,14 +126,14 @@ def trace_motion(
     outcome = _OUTCOMES[found["ended"]]
     if outcome == "without start":
         raise InputError(
-            f"{way.argument}: no motion was found at its beginning {way.start:g} that repeats "
-            f"after {periods} of its load's periods: give another initial, or begin elsewhere"
+            f"{way.argument}: no motion was found at the start {way.start:g} that repeats "
+            f"after {periods} periods of the load: give another initial, or start at another "
+            "value"
         )
     if outcome == "singular":
         raise InputError(
-            f"{way.argument}: the motion at its beginning {way.start:g} cannot be followed: others "
-            "are next to it there, as where friction holds a mass for good, or at a fold: begin "
-            "elsewhere"
+            f"{way.argument}: the motion at the start {way.start:g} cannot be followed, "
+            "because it is not isolated (sticking friction, or a fold): start at another value"
         )
     branch = _branch(system, mapping, way, found)
     _warn_of_doubts(branch, found, wanted)
@@ -145,19 +145,20 @@ def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accurac
     at, doubts = branch.varies, []
     if branch.outcome == "stuck":
         doubts.append(
-            f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step leads on"
+            f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step continues it"
             + found["reason"]
         )
     if branch._lost:
         places = things(branch._lost, "place")
-        doubts.append(f"{places} on the way could not be located (nan, None)")
+        doubts.append(f"{places} could not be located (nan, None)")
     above = np.flatnonzero(~(branch.error <= found["allowed"]))
     if above.size:
         worst = int(above[np.nan_to_num(branch.error[above], nan=np.inf).argmax()])
         doubts.append(
-            f"the error is above {wanted} at {things(above.size, 'point')}, most "
-            f"({branch.error[worst]:.1e}) at {at} = {branch.parameter[worst]:.9g}: steps are those "
-            "of the beginning of the branch: give a smaller tolerance, or begin there"
+            f"the error exceeds {wanted} at {things(above.size, 'point')}, largest "
+            f"({branch.error[worst]:.1e}) at {at} = {branch.parameter[worst]:.9g}, because the "
+            "step size is that of the start of the branch: give a smaller tolerance, or start "
+            "there"
         )
     for sentence in doubts:
         warnings.warn(f"trace_motion: {sentence}", ConvergenceWarning, stacklevel=caller())

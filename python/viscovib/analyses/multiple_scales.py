@@ -71,7 +71,8 @@ class MultipleScales:
         compatible. With a tolerance, frequencies that differ by less than this fraction of the
         highest frequency are resonant.
     ordering : {"general", "weak_coupling"}
-        For a Pendulum: "weak_coupling" treats e as small as the amplitudes, as the seed paper does.
+        For a Pendulum: "weak_coupling" treats e as small, of the order of the amplitudes, as the
+        paper on the pendulum does.
         Frequencies and shapes are then those of e = 0; e shifts them by terms up to e^2 in the
         modulation equations; e times cubic, e^2 times quadratic, e^3 times linear terms are
         dropped.
@@ -133,6 +134,8 @@ class MultipleScales:
         self._tolerance = _BY_INFLUENCE if self.tolerance is None else self.tolerance
         names: tuple[str, ...] | None = None
         forces: Any = load
+        if isinstance(load, np.ndarray) and np.iscomplexobj(load) and not load.imag.any():
+            forces = load.real  # as `Body.load` returns it
         self.modes_left_out = 0.0
         if isinstance(system, Structure):
             few = few_modes(system, modes, load, None if nu is None else _native.number("nu", nu))
@@ -150,7 +153,7 @@ class MultipleScales:
             )
         if not isinstance(system, Oscillator) and not (load is None and nu is None):
             raise InputError(
-                "load, nu: are for a Mount or a PolynomialSystem, other systems hold their loads"
+                "load, nu: are for a Mount or a PolynomialSystem, other systems contain their loads"
             )
         if not isinstance(system, Pendulum) and ordering != "general":
             raise InputError(f"ordering = {ordering!r}: is for a Pendulum, must be 'general'")
@@ -194,8 +197,8 @@ class MultipleScales:
     def _warn_of_modes(self) -> None:
         if self.modes_left_out > _FEW_MODES:
             warnings.warn(
-                f"modes: those chosen leave out {self.modes_left_out:.2g} of the deflections of "
-                "the elements under the load",
+                f"modes: the selected modes do not contain {self.modes_left_out:.2g} of the "
+                "deflections of the elements under the load",
                 RangeWarning,
                 stacklevel=caller(),
             )
@@ -273,8 +276,9 @@ class MultipleScales:
         if ratio.size and ratio.max() > LEAST_FALL:
             at = int(np.argmax(ratio > LEAST_FALL))
             warnings.warn(
-                f"at t = {modulation.t[at]:g} the motion leaves the range of the expansion: orders "
-                f"are of sizes {sizes[at, 0]:.3g}, {sizes[at, 1]:.3g}, {sizes[at, 2]:.3g}",
+                f"at t = {modulation.t[at]:g} the motion leaves the range of the expansion: "
+                f"the sizes of the orders are {sizes[at, 0]:.3g}, {sizes[at, 1]:.3g}, "
+                f"{sizes[at, 2]:.3g}",
                 RangeWarning,
                 stacklevel=caller(),
             )
@@ -326,7 +330,7 @@ class MultipleScales:
         load, vary = self._form.load_names[_native.choice("parameter", parameter, names)]
         where = _native.real_array(parameter, values, ndim=1)
         if not where.size:
-            raise InputError("values: must hold at least one number")
+            raise InputError("values: must contain at least one number")
         if vary == 1 and not where.min() > 0:
             raise InputError(f"{parameter} = {where.min():g}: must be greater than 0")
         found = self._steady(load, vary, where, False)
@@ -438,10 +442,9 @@ class MultipleScales:
             return
         exact = "forced_response" if isinstance(self.system, Pendulum) else "simulate"
         warnings.warn(
-            f"{beats} of {left_out.size} motions are quasi-periodic: loads near the same mode, or "
-            "modes near a resonance with other loads, beat, and no steady amplitudes describe "
-            "that; the modulation equations settle on no beats with the loads' frequencies "
-            f"(in_range is False); motion(t) follows them in time, and {exact} does exactly",
+            f"{beats} of {left_out.size} motions are quasi-periodic with beating amplitudes, "
+            "but no beats with the frequencies of the loads were found (in_range is False): "
+            f"use motion(t), or {exact} for the full equations",
             RangeWarning,
             stacklevel=caller(),
         )
@@ -456,7 +459,7 @@ class MultipleScales:
         if not sizes.size or falling(sizes).max() > LEAST_FALL:
             warnings.warn(
                 f"amplitude {amplitude:g} of mode {j} is beyond the range of the expansion: "
-                "orders do not fall off",
+                "the orders do not decrease",
                 RangeWarning,
                 stacklevel=caller(),
             )
@@ -490,7 +493,7 @@ class MultipleScales:
         if not 1e-14 <= error <= 1e-2:
             raise InputError(f"accuracy = {error:g}: must be in [1e-14, 1e-2]")
         if (initial is None) == (amplitudes is None):
-            raise InputError("initial or amplitudes: must be given, and only one of them")
+            raise InputError("initial or amplitudes: give exactly one of them")
         n = self._n
         given_start: dict[str, Any]
         if amplitudes is not None:

@@ -118,14 +118,15 @@ def pendulum_backbone(
     )  # fmt: skip
     if not found["nu"].size:
         raise InputError(
-            f"{varies}_range: no solution was found at its beginning {start:g}: begin lower"
+            f"{varies}_range: no solution was found at the start {start:g}: start at a smaller "
+            "value"
         )
     plan = Plan(
         f"computes: free motions of mode {j} from {varies} {start:g} to {finish:g}, "
-        f"{_kept_text(orders.auto, orders.first, int(kept.sum()))}\n"
-        "skips: damping and loads (free motions of the system without losses)\n"
-        "skips: sines (motions that begin at rest are even in time)\n"
-        + ("computes: Floquet multipliers" if assessed else "skips: stability (not asked for)")
+        f"{_kept_text(orders.auto, orders.first, int(kept.sum()))}\nskips: damping and loads "
+        "(free motions of the system without losses)\nskips: sines (motions that start at "
+        "rest are even in time)\n"
+        + ("computes: Floquet multipliers" if assessed else "skips: stability (not requested)")
     )
     tolerances = curve.tolerance, curve.values["atol"]
     return _backbone(found, j, varies, multiple, tolerances, assessed, plan)
@@ -186,9 +187,9 @@ def _place(shape: FloatArray, dof: str | None, mode: int, *, by_energy: bool) ->
         return int(np.abs(shape).argmax())
     place = Pendulum.dof_names.index(_native.choice("dof", dof, Pendulum.dof_names))
     if by_energy:
-        raise InputError("dof: goes with amplitude_range only")
+        raise InputError("dof: is allowed with amplitude_range only")
     if shape[place] == 0:
-        raise InputError(f"dof = {dof!r}: stands still in mode {mode}")
+        raise InputError(f"dof = {dof!r}: does not move in mode {mode}")
     return place
 
 
@@ -202,7 +203,7 @@ def _kept_text(auto: bool, first: int, n_cosines: int) -> str:
 def _ends(amplitude: object, energy: object) -> tuple[float, float]:
     """Start and end of the curve."""
     if (amplitude is None) == (energy is None):
-        raise InputError("amplitude_range or energy_range: must be given, and only one of them")
+        raise InputError("amplitude_range or energy_range: give exactly one of them")
     name = "amplitude_range" if energy is None else "energy_range"
     ends = Interval(name, above=0).check(amplitude if energy is None else energy)
     return float(ends[0]), float(ends[1])
@@ -229,9 +230,7 @@ def _highest_left(leave: BackbonePoint, multiple: int) -> int:
     """Return the highest harmonic of the mode's frequency of the first curve."""
     highest, rest = divmod((leave._direction.size - 2) // 3 - 1, multiple)
     if rest:
-        raise InputError(
-            f"subharmonic = {multiple}: must be that of the curve that ``leave`` lies on"
-        )
+        raise InputError(f"subharmonic = {multiple}: must be that of the curve of ``leave``")
     return highest
 
 
@@ -246,10 +245,10 @@ def _departure(
             f"many as this backbone ({n // 3}): use the same harmonics and subharmonic"
         )
     if not leave._direction.any():
-        raise InputError("leave: the direction of the other family was not found")
+        raise InputError("leave: the direction of the bifurcating branch was not found")
     lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
     if lost > 1e-6 * np.abs(leave.across).max():
         raise InputError(
-            "leave: the motions that leave do not share the symmetry: give symmetric=False"
+            "leave: the bifurcating motions do not have this symmetry: give symmetric=False"
         )
     return leave.coefficients.imag.copy(), (-1 if opposite else 1) * leave._direction

@@ -43,8 +43,8 @@ def check_mapped(system: object) -> None:
     """Refuse a system without a map over a period."""
     if not isinstance(system, (PolynomialSystem, Structure)):
         raise InputError(
-            f"system = {_native.shown(system)}: must be a PolynomialSystem or a Structure "
-            "(of others see forced_response and trace_response)"
+            f"system = {_native.shown(system)}: must be a PolynomialSystem or a Structure (for "
+            "other systems use forced_response and trace_response)"
         )
 
 

@@ -179,8 +179,8 @@ def other_loads(
         return known(make, breaks, force, base)
     if run.method not in NODES:
         raise InputError(
-            f"resume: by method {run.method!r} no base moves and no load has such orders, must be "
-            f"one of {', '.join(NODES)}"
+            f"resume: with method {run.method!r} a moving base or these harmonics are not "
+            f"available, must be one of {', '.join(NODES)}"
         )
     past = "auto" if before is None else before.memory
     reach = end if before is None else before.end
@@ -296,7 +296,11 @@ def _with_estimate(run: Trajectory, begun: Run, n: int, kept: Wanted) -> Traject
     half, third = finer[0], finer[-1]
     if half is not third and half is not None and third is not None:
         change += difference(half, third)
-    how = "by a run in half steps" if len(finer) == 1 else "by runs in half steps and thirds"
+    how = (
+        "by a run with half the step size"
+        if len(finer) == 1
+        else ("by runs with a half and a third of the step size")
+    )
     how += " from the first start on"
     words = "estimate of the error"
     plan = partial(run.plan.instead, words, f"computes: {words}, {how}")

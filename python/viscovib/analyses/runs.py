@@ -76,7 +76,7 @@ class Wanted:
         every = _native.integer("save_every", save_every, 1, MAX_STEPS)
         _native.choice("keep", keep, ("all", "tail", "last"))
         if (keep == "tail") != (tail is not None):
-            raise InputError('tail: must be given with keep = "tail", and only then')
+            raise InputError('tail: must be given with keep = "tail", and not without it')
         length = 0.0 if tail is None else _native.number("tail", tail)
         if tail is not None and length <= 0:
             raise InputError(f"tail = {length:g}: must be greater than 0")
@@ -372,11 +372,11 @@ class Run(ABC):
         if want.times is not None:
             kept = things(want.times.size, "time")
             return plan.and_also(
-                [f"skips: storing other states than those at {kept} (not asked for)"]
+                [f"skips: storing other states than those at {kept} (not requested)"]
             )
         if want.keep == "tail":
             return plan.and_also(
-                [f"skips: storing states before the last {want.tail:g} (not asked for)"]
+                [f"skips: storing states before the last {want.tail:g} (not requested)"]
             )
         return plan
 
@@ -589,7 +589,8 @@ class Run(ABC):
         ended = kept.outcome in ("completed", "event", "stopped")
         if not ended and kept.t.size < 2:
             raise InputError(
-                f"acceleration: the run ended ({kept.outcome}), and keeps one state; keep all"
+                f"acceleration: the run ended early ({kept.outcome}) with a single state; use "
+                "keep='all'"
             )
         until = max(kept.t_reached if ended else kept.t[-1], 1e-3 * self.h)
         if self.on_panels is None or self.on_panels[0] != until:

@@ -79,8 +79,8 @@ def free_frequencies(
         return np.asarray(at_rest + interaction[j, j] * b**2)
     if len(driven) > 1:
         raise InputError(
-            f"mode = {j}: moves {len(driven)} others by internal resonance, at most one is "
-            "followed; see modulation"
+            f"mode = {j}: moves {len(driven)} modes by internal resonance, must be at most "
+            "one; use modulation"
         )
     ways = [_joint_frequencies(j, next(iter(driven)), terms, natural, x) for x in b.ravel()]
     found = np.full((b.size, max(map(len, ways), default=0)), np.nan)

@@ -280,5 +280,5 @@ def _read(
 
 def _in_range(values: FloatArray) -> FloatArray:
     if np.abs(values).max() > 1e150:
-        raise InputError("record: values beyond 1e150 leave the range of numbers")
+        raise InputError("record: values beyond 1e150 exceed the range of numbers")
     return values

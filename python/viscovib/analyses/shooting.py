@@ -106,8 +106,8 @@ def steady_motion(
     if motion.outcome != "converged":
         warnings.warn(
             f"steady_motion: {motion.outcome}: no motion was found that repeats after "
-            f"{things(periods, 'period')} (the last try is {found['correction']:.1e} off); give "
-            "a nearer initial state, or another n_periods",
+            f"{things(periods, 'period')} (the last correction is {found['correction']:.1e}); "
+            "give a nearer initial state, or another n_periods",
             ConvergenceWarning,
             stacklevel=caller(),
         )

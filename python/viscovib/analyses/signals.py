@@ -51,7 +51,7 @@ def read_signal(
         shapes = "(n,)" if most == 1 else "(n,) or (n, m)"
         raise InputError(f"signal: must have shape {shapes} with n >= 1, got {samples.shape}")
     if samples.size and float(np.abs(samples).max()) > 1e150:
-        raise InputError("signal: values beyond 1e150 leave the range of numbers")
+        raise InputError("signal: values beyond 1e150 exceed the range of numbers")
     step = _native.number("dt", dt)
     if not 1e-300 <= step <= 1e300:
         raise InputError(f"dt = {step:g}: must be greater than 0, and within 1e-300 to 1e300")
@@ -92,7 +92,7 @@ def _of_trajectory(
             "apart: must be in equal steps; run with dt= a number"
         )
     if not math.isfinite(float(np.abs(columns).max())) or float(np.abs(columns).max()) > 1e150:
-        raise InputError("signal: values beyond 1e150 leave the range of numbers")
+        raise InputError("signal: values beyond 1e150 exceed the range of numbers")
     aliased = []
     for name in dict.fromkeys(one.removesuffix("_dot") for one in names):
         if warn_of_aliases(name, run.coordinate(name), run.coordinate(f"{name}_dot"), step):
@@ -107,7 +107,7 @@ def warn_of_aliases(name: str, u: FloatArray, v: FloatArray, step: float) -> boo
         warnings.warn(
             f"states {step:.4g} apart are too far for {name}: by its velocity "
             f"{100 * min(share, 1.0):.0f} % of it is faster than {math.pi / step:.4g} rad/s, "
-            "which appears at other frequencies here: keep states closer",
+            "which appears at wrong frequencies: keep more states",
             ConvergenceWarning,
             stacklevel=caller(),
         )

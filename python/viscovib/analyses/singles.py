@@ -80,7 +80,7 @@ class SingleMembers(Members):
         #: Thin layers of each run, for all step sizes.
         self.layers: dict[int, ThinLayers] = {}
         if surface is not None and surface.terminal:
-            raise InputError("sections: terminal = True: an event that ends a run is no section")
+            raise InputError("sections: terminal = True: must be False for a section")
         self.load, self.given_nu = load, nu
         self.varied, self.states = shared_runs(given, initial, 2 * len(system.dof_names))
         for name in self.varied:

@@ -340,7 +340,7 @@ def _warn_of_gaps(response: Response, system: Steady) -> None:
 
 #: Reason for no solution, by method, and remedy.
 _REMEDIES = {
-    "linear": ("no finite linear response", "give the system damping"),
+    "linear": ("no finite linear response", "add damping to the system"),
     "successive": (
         "successive approximations do not converge",
         "use forced_response(..., method='auto'), which continues with Newton's method",
@@ -368,11 +368,11 @@ def _warn_of_few_orders(response: Response) -> None:
     worst = int(np.nanargmax(np.where(few, response.truncation, 0)))
     motions = response._solved
     warnings.warn(
-        f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the orders kept do "
+        f"at {few.sum()} of {things(few.size, 'frequency', 'frequencies')} the harmonics do "
         f"not reach the tolerance {response._tolerance:.1e}; worst at nu = "
-        f"{response.nu[worst]:.6g}, where those up to {response.highest[worst]} "
-        f"leave an estimated relative error of {response.truncation[worst]:.1e}"
-        f"{falling(motions[worst])}{hanging(response.stable, few)}",
+        f"{response.nu[worst]:.6g}, with an estimated relative error of "
+        f"{response.truncation[worst]:.1e} by neglected harmonics above "
+        f"{response.highest[worst]}{falling(motions[worst])}{hanging(response.stable, few)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -45,11 +45,11 @@ def with_estimate(run: Run, n: int, end: float, want: Wanted, progress: bool) ->
     """Return the run to ``end`` with given steps and an error estimate."""
     found = _search(run, n, end, want, progress)
     result = _result(run, found, n, end, want)
-    how = "by a run in half steps"
+    how = "by a run with half the step size"
     if run.over_kinks:
-        how = "by runs in half steps and thirds"
+        how = "by runs with a half and a third of the step size"
     if found["was_shaken"]:
-        how += ", and of numbers that are other by 1e-12"
+        how += ", and with numbers changed by 1e-12"
     return replace(result, _planned=partial(_plan_with_estimate, result._planned, how))
 
 

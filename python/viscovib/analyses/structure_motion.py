@@ -174,7 +174,7 @@ class StructureMotion:
             )
         if loaded.condensation.rest.losses.any():
             raise InputError(
-                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
+                "loss_factor: has no meaning in time, must be 0 for a motion in time (use a "
                 "kernel, or modal_damping)"
             )
         if frequency < 0 or (frequency == 0 and (loaded.orders > 0).any()):
@@ -274,8 +274,8 @@ class StructureMotion:
             left = float(np.abs(given - held)[~self.follows].max(initial=0.0))
             if left > _LEFT_OUT * float(size.max()):
                 warnings.warn(
-                    f"initial: {left:.2g} of the {name} is in no mode of this structure (modes "
-                    "left out), and is left out",
+                    f"initial: {left:.2g} of the {name} is not contained in the modes of this "
+                    "structure, and is omitted",
                     ConvergenceWarning,
                     stacklevel=caller(),
                 )

@@ -27,11 +27,13 @@ def torus_plan(
     if torus.n_axes > 1:
         lines.append(f"computes: samples on a torus of {things(torus.n_axes, 'angle')}")
     elif not kept[:, 1:].any():
-        lines.append("skips: unknowns of phi and psi (no moment acts and nothing swings them)")
+        lines.append(
+            "skips: unknowns of phi and psi (no moment acts on them, and they are at rest)"
+        )
     if n < whole and kept[:, 1:].any():
         lines.append(
-            f"skips: {whole - n} of {whole} unknowns (the symmetry of system and loads holds them "
-            "at 0)"
+            f"skips: {whole - n} of {whole} unknowns (they are 0 by the symmetry of system and "
+            "loads)"
         )
     silent = [size for size in AMPLITUDES if getattr(pend, size) == 0 and size != varies]
     if silent:

@@ -275,9 +275,9 @@ def simulate(
         assert accuracy is not None
         if n > MAX_FIRST_STEPS:
             raise InputError(
-                f"t_end = {end:g}: takes {n:.1e} steps of the fastest motion or load, must be at "
-                f"most {MAX_FIRST_STEPS:g}: take a shorter run, slower loads or softer springs, or "
-                "give dt"
+                f"t_end = {end:g}: takes {n:.1e} steps of the fastest motion or load, must be "
+                f"at most {MAX_FIRST_STEPS:g}: use a shorter run, slower loads or softer "
+                "springs, or give dt"
             )
         n = want.every * math.ceil(n / want.every)
         first = steps.first(n)
@@ -317,16 +317,16 @@ def _heard(run: Trajectory, floor: BaseMotion | None) -> Trajectory:
         return run
     for i in watch.undefined:
         warnings.warn(
-            f"events[{i}] = {watch.events[i].function!r}: has no value anywhere along the run, so "
-            "nothing was found",
+            f"events[{i}] = {watch.events[i].function!r}: has no value on the whole run, so no "
+            "event was found",
             RangeWarning,
             stacklevel=caller(),
         )
     for i, lost in enumerate(watch.lost):
         if lost:
             warnings.warn(
-                f"events[{i}] = {watch.events[i].function!r}: changes too fast in {lost} steps to "
-                "find all passages, some may be missing: take shorter steps (dt)",
+                f"events[{i}] = {watch.events[i].function!r}: changes too fast in {lost} steps "
+                "to find all events, some may be missing: use a smaller dt",
                 RangeWarning,
                 stacklevel=caller(),
             )

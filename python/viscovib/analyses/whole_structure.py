@@ -86,7 +86,7 @@ def check_whole(system: Structure) -> None:
     note = lacks_wholeness(system) or _lacks_exponentials(system)
     if note is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
                             for one in system._all_elements):  # fmt: skip
-        note = "takes no hysteresis elements (see forced_response)"
+        note = "does not support hysteresis elements (use forced_response)"
     if note is not None:
         raise InputError(f"system: a steady motion in time {note}")
 
@@ -100,11 +100,9 @@ def _lacks_exponentials(structure: Structure) -> str | None:
     if hidden < 0:
         kinds = sorted({type(kernel).__name__ for kernel in structure._all_kernels})
         return (
-            "is for structures whose kernels can be replaced by sums of exponentials, has "
-            f"{', '.join(kinds)}: its steps end where an element switches, and the past is known "
-            "at whole steps only; "
-            "take the kernel's sum_of_exponentials(), or steady motions, forced_response and "
-            "trace_response"
+            "needs kernels that can be replaced by sums of exponentials, has "
+            f"{', '.join(kinds)}: use kernel.sum_of_exponentials(), or the steady motions of "
+            "forced_response and trace_response"
         )
     if n + hidden > MOST_IN_FRAME:
         return (

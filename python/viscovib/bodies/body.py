@@ -144,7 +144,8 @@ class Body(LinearBody):
         keep(self, "gravity", own(checked_gravity(gravity)))
         if self.gravity is not None and not self.mounts:
             raise InputError(
-                "gravity: a free body has no static equilibrium, must be None; its weight is a load"
+                "gravity: must be None, because a free body has no static equilibrium; give "
+                "the weight as a load"
             )
         keep(self, "spin", own(checked_vector("spin", spin)))
         springs = mount_springs(self.mounts, self.center)
@@ -391,7 +392,7 @@ class Body(LinearBody):
         squares = np.linalg.eigvalsh(self._stiffness_at_rest)
         if squares[0] < -1e-12 * np.abs(squares).max():
             warnings.warn(
-                "the position at rest is unstable: the preload turns the body over",
+                "the static equilibrium is unstable: the preload tips the body over",
                 StabilityWarning,
                 stacklevel=caller(),
             )

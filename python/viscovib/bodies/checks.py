@@ -108,5 +108,7 @@ def checked_direction(value: str | npt.ArrayLike, n: int) -> FloatArray:
 def inverse_of(matrix: FloatArray) -> FloatArray:
     """The inverse of a stiffness without free rigid-body motions."""
     if np.linalg.cond(matrix) > 1e14:
-        raise InputError("mounts: leave the body free to move, there is no centre of compliance")
+        raise InputError(
+            "mounts: do not fully support the body, so there is no centre of compliance"
+        )
     return np.asarray(np.linalg.inv(matrix))

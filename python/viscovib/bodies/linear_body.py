@@ -204,7 +204,7 @@ class LinearBody(PolynomialSystem):
             twist = np.array([odd[2, 1], odd[0, 2], odd[1, 0]])
             system = np.trace(block) * np.eye(3) - block
             if np.linalg.cond(system) > 1e12:
-                raise InputError(f"mounts: leave the centre of {what} undetermined")
+                raise InputError(f"mounts: do not determine the centre of {what}")
             found = np.linalg.solve(system, sign * twist)
             places.append(self.center + self._loaded_axes.T @ found)
         return places[0], places[1]
@@ -256,7 +256,7 @@ class LinearBody(PolynomialSystem):
         speed = _native.number("nu", nu)
         size = _native.number("mass_eccentricity", mass_eccentricity) * speed * speed
         if not math.isfinite(size):
-            raise InputError(f"nu = {speed:g}: the force is no finite number, must be smaller")
+            raise InputError(f"nu = {speed:g}: the force is not finite, must be smaller")
         along = checked_axis("axis", axis)
         # A perpendicular vector, then the third vector of the right-handed system.
         second = np.roll(np.eye(3)[np.abs(along).argmax()], 1)

@@ -80,7 +80,7 @@ class BodyModes(Result):
 
     def _headline(self) -> str:
         rigid = int(np.sum(self.omega == 0))
-        note = f", {rigid} of them motions that nothing resists" if rigid else ""
+        note = f", {rigid} of them rigid-body modes" if rigid else ""
         kind = "damped mode" if np.iscomplexobj(self.shapes) else "mode"
         return (
             f"{things(self.omega.size, kind)} from {self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz{note}"
@@ -158,7 +158,7 @@ def find_modes(body: Any, stiffness: FloatArray, what: str = "") -> BodyModes:
         raise InputError(f"stiffness = {what}: is negative in a direction, the rubber only creeps")
     if squares[0] < -_RIGID * largest:
         raise InputError(
-            "mounts: the position at rest is unstable, a mode grows like "
+            "mounts: the static equilibrium is unstable, a mode grows like "
             f"exp({math.sqrt(-squares[0]):.6g} t)"
         )
     omega = np.sqrt(np.where(squares > _RIGID * largest, squares, 0.0))

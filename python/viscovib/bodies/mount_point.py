@@ -344,7 +344,9 @@ class MountPoint:
         if self.axes is None:
             return rotation_of(angles)
         if angles.any():
-            raise InputError(f"{self.name}: angles, axes: say the same twice, give one of them")
+            raise InputError(
+                f"{self.name}: angles, axes: define the orientation twice, give only one of them"
+            )
         axes = _native.real_array(f"{self.name}: axes", self.axes).copy()
         if axes.shape != (3, 3):
             raise InputError(f"{self.name}: axes: must have shape (3, 3), got {axes.shape}")
@@ -352,7 +354,7 @@ class MountPoint:
         if off > _ROTATION or np.linalg.det(axes) < 0:
             what = f"axes^T axes is off the unit matrix by {off:.3g}"
             if off <= _ROTATION:
-                what = "they are left-handed, turn one about"
+                what = "they are left-handed, reverse one of them"
             raise InputError(
                 f"{self.name}: axes: must be a rotation (columns of unit length, at right angles, "
                 f"right-handed); {what}"

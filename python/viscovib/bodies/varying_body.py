@@ -183,6 +183,6 @@ def _polynomial(
                 scaled = series / (unit ** np.arange(degree + 1))[:, None]
                 return Varied(name, scaled[0], scaled[1:].ravel())
     raise InputError(
-        f"vary = {name!r}: must be a number by whose powers the body's numbers grow; where the "
-        "body sags on progressive mounts or at other places they do not, make bodies one by one"
+        f"vary = {name!r}: the numbers of the body are not polynomials in it, as with a static "
+        "deflection on progressive mounts: create a body for each value"
     )

@@ -182,8 +182,10 @@ def _response_error(scene: Scene, value: Response) -> tuple[float | None, str]:
     change = np.abs(better.coefficients[both][:, :, kept] - value.coefficients[both])
     size = np.abs(better.coefficients[both]).max(axis=2, keepdims=True)
     worst = float((change / np.maximum(size, 1e-300)).max())
-    note = f"relative, at {both.sum()} frequencies, against {more} harmonics and tolerance 1e-13"
-    return worst, note
+    reference = (
+        f"relative, at {both.sum()} frequencies, against {more} harmonics and tolerance 1e-13"
+    )
+    return worst, reference
 
 
 def _branch_error(scene: Scene, value: Branch | DrivenBranch) -> tuple[float | None, str]:
@@ -211,8 +213,8 @@ def _backbone_error(scene: Scene, value: Backbone) -> tuple[float | None, str]:
     better = run_one(scene.override(finer)).backbone
     if value.outcome != "completed" or better.outcome != "completed":
         return None, "the curve does not reach its end"
-    note = f"relative, of the last frequency, against {more} harmonics and tolerance 1e-13"
-    return abs(float(value.nu[-1] / better.nu[-1]) - 1), note
+    reference = f"relative, of the last frequency, against {more} harmonics and tolerance 1e-13"
+    return abs(float(value.nu[-1] / better.nu[-1]) - 1), reference
 
 
 #: Function that estimates the error of a result, by its form.

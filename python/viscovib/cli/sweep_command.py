@@ -69,7 +69,7 @@ def run_sweep(options: argparse.Namespace) -> int:
             )  # fmt: skip
     except (KeyboardInterrupt, StoppedError):
         held = one_line(str(checkpoint))
-        print(f"{held}: holds what is finished, the same command goes on from there",
+        print(f"{held}: contains the finished points, the same command continues from there",
               file=sys.stderr)  # fmt: skip
         raise
     finally:
@@ -79,13 +79,15 @@ def run_sweep(options: argparse.Namespace) -> int:
     failed = 0
     if "point_outcome" in data:
         failed = int((data.point_outcome != "completed").sum())
-        lines.append(f"{failed} of {data.point_outcome.size} points failed, point_error says why")
+        lines.append(
+            f"{failed} of {data.point_outcome.size} points failed, point_error contains the reasons"
+        )
     if not keep_all:
         table, picture = stem.with_suffix(".csv"), stem.with_suffix(".png")
         write_table(data, table)
-        note = save_map(data, picture)
-        drawn = not note.startswith("no")
-        lines += [f"{table}", f"{picture}" if drawn else "", note]
+        picture_line = save_map(data, picture)
+        drawn = not picture_line.startswith("no")
+        lines += [f"{table}", f"{picture}" if drawn else "", picture_line]
     status = 1 if failed else 0
     if options.json:
         info = {"scene": options.scene, "status": status, "kind": "sweep", "checkpoint": checkpoint,

@@ -158,7 +158,7 @@ def _places(
     for role in given:
         _native.choice("columns", role, tuple(roles))
     places: dict[Column, int] = {}
-    note = [units[i].strip() or _unit_within(one) for i, one in enumerate(names)]
+    unit_texts = [units[i].strip() or _unit_within(one) for i, one in enumerate(names)]
     for column in wanted:
         if column.role in given:
             stripped = [one.strip() for one in names]
@@ -172,14 +172,16 @@ def _places(
         found = [i for i, one in enumerate(plain) if one in column.names]
         if len(found) > 1 or "t" in column.names:
             known = UNITS[column.kind]
-            fits = [i for i in found if _unit(note[i], known) in known]
+            fits = [i for i in found if _unit(unit_texts[i], known) in known]
             if "t" in column.names and not fits:
-                fits = [i for i in found if plain[i] != "t" or _bare(column, names[i], note[i])]
+                fits = [
+                    i for i in found if plain[i] != "t" or _bare(column, names[i], unit_texts[i])
+                ]
             found = fits
         if len(found) > 1:
             both = " and ".join(repr(names[i].strip()) for i in found)
             raise InputError(
-                f"{name}:{first}: columns {both} both hold {column.role}: say which by "
+                f"{name}:{first}: columns {both} both contain {column.role}: select one by "
                 f"columns={{{column.role!r}: ...}}"
             )
         if found:
@@ -217,8 +219,8 @@ def _spreadsheet(name: str) -> list[tuple[int, list[str]]]:
         sheet = pandas.read_excel(name, header=None, dtype=object)
     except Exception as error:
         # Readers of spreadsheets raise different exceptions for other files.
-        note = f"{error}".splitlines() or [""]
-        raise FileError(f"{name}: cannot be read as a spreadsheet ({note[0]})") from None
+        unit_texts = f"{error}".splitlines() or [""]
+        raise FileError(f"{name}: cannot be read as a spreadsheet ({unit_texts[0]})") from None
     rows = []
     for i, row in enumerate(sheet.itertuples(index=False), start=1):
         cells = ["" if cell is None or cell != cell else str(cell) for cell in row]

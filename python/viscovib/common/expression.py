@@ -35,7 +35,7 @@ def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
         result = _Expander(where, tuple(names)).value(tree.body)
     except (RecursionError, MemoryError):
         raise InputError(
-            f"{where} = {_short(text)}: has too many parentheses or factors inside each other"
+            f"{where} = {_short(text)}: has too many parentheses or factors nested in each other"
         ) from None
     except (SyntaxError, ValueError, OverflowError) as error:
         if isinstance(error, InputError):

@@ -57,7 +57,7 @@ def stability_columns(
 def hanging(
     stable: npt.NDArray[Any] | None,
     few: npt.NDArray[np.bool_],
-    cause: str = "the harmonics left out decide",
+    cause: str = "neglected harmonics decide",
 ) -> str:
     """Text on the motions with too ``few`` harmonics and unknown stability; empty if none."""
     n = 0 if stable is None else sum(s is None for s in stable[few])
@@ -102,22 +102,22 @@ class Stability(NamedTuple):
         """
         unknown = codes < 0
         stable = three_valued(codes > 0, unknown)
-        lost = codes == -1 if solved is None else (codes == -1) & solved
-        if lost.any():
+        undecided = codes == -1 if solved is None else (codes == -1) & solved
+        if undecided.any():
             warnings.warn(
-                f"stability of {lost.sum()} of {things(lost.size, 'motion')} is unknown: an "
-                "exponent lies on the imaginary axis to rounding, the problem is too stiff for the "
-                "Floquet solver, or a force law jumps on the way and the motion sticks there, "
-                "grazes it or has memory",
+                f"stability of {undecided.sum()} of {things(undecided.size, 'motion')} is unknown: "
+                "an exponent lies on the imaginary axis within rounding errors, the problem is too "
+                "stiff for the Floquet solver, or a force law jumps and the motion sticks at the "
+                "jump, grazes it or has memory",
                 StabilityWarning,
                 stacklevel=caller(),
             )
-        note = ~np.isnan(multipliers)
-        columns = int(note.sum(axis=0).max(initial=0))
+        finite = ~np.isnan(multipliers)
+        columns = int(finite.sum(axis=0).max(initial=0))
         return cls(
             stable,
             np.ascontiguousarray(multipliers[:columns].T),
             np.ascontiguousarray(exponents[:columns].T),
             # Growing exponents were counted, but may not have been found.
-            ((codes == 0) & note.any(axis=0)) | (codes == 1),
+            ((codes == 0) & finite.any(axis=0)) | (codes == 1),
         )

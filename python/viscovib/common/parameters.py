@@ -293,7 +293,9 @@ def with_rtol(given: dict[str, Any], usual: float = SMOOTH_TOLERANCE) -> dict[st
         given["tolerance"] = usual
     if rtol is not None:
         if given["tolerance"] is not None:
-            raise InputError("tolerance, rtol: tolerance is another name of rtol, give one of them")
+            raise InputError(
+                "tolerance, rtol: tolerance is another name for rtol, give only one of them"
+            )
         given["tolerance"] = _RELATIVE.check(rtol)
         given["rtol"] = None
     return given
@@ -361,21 +363,21 @@ class Taken:
             for one in signature(inner).parameters.values()
             for name in (CURVE_DEFAULTS if one.kind is one.VAR_KEYWORD else (one.name,))
         )
-        others = [one for name, one in arguments.items() if name not in self._names]
-        self._others = tuple(one.name for one in others)
-        self._defaults = tuple(one.default for one in others)
+        further = [one for name, one in arguments.items() if name not in self._names]
+        self._further = tuple(one.name for one in further)
+        self._defaults = tuple(one.default for one in further)
 
     def of(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return the arguments of the inner function from all of the public one."""
         # This is part of every call: without Python loops it takes half the time.
         value = given.__getitem__
-        if not all(map(is_, map(value, self._others), self._defaults)):
+        if not all(map(is_, map(value, self._further), self._defaults)):
             self._refuse(given)
         return dict(zip(self._names, map(value, self._names), strict=True))
 
     def _refuse(self, given: Mapping[str, Any]) -> None:
         """Refuse values that differ from the default (a different object may be equal)."""
-        for name, default in zip(self._others, self._defaults, strict=True):
+        for name, default in zip(self._further, self._defaults, strict=True):
             value = given[name]
             if type(value) is not type(default) or value != default:
                 raise InputError(

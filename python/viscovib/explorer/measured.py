@@ -24,7 +24,7 @@ def read_measured(
     """
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
-        raise InputError("the file holds no numbers")
+        raise InputError("the file contains no numbers")
     separator = next((sign for sign in ",;\t" if sign in lines[0]), " ")
     rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator))
     if separator == " ":
@@ -33,9 +33,9 @@ def read_measured(
     if any(not _is_number(cell) for cell in rows[0]):
         header = [cell.strip() for cell in rows.pop(0)]
     if not rows:
-        raise InputError("the file holds names of columns but no numbers")
+        raise InputError("the file contains names of columns but no numbers")
     if len(rows) > _MOST_ROWS:
-        raise InputError(f"the file holds {len(rows)} rows, must be {_MOST_ROWS} at most")
+        raise InputError(f"the file contains {len(rows)} rows, must be {_MOST_ROWS} at most")
     width = len(header or rows[0])
     columns = []
     for j in range(width):
@@ -50,7 +50,7 @@ def read_measured(
     if width < 2:
         raise InputError("the file has one column, must have two or more: x and amplitudes")
     if not np.isfinite(table[0]).any():
-        raise InputError("the first column holds no numbers")
+        raise InputError("the first column contains no numbers")
     found = _columns(table, header, names, orders)
     if not found:
         raise InputError(

@@ -97,8 +97,8 @@ class State:
             try:
                 scene = Scene.read(path)
             except InputError as error:
-                note = re.sub(r"^(\d+): ", r"line \1: ", f"{error}".removeprefix(f"{path}:"))
-                raise InputError(note.strip()) from None
+                message = re.sub(r"^(\d+): ", r"line \1: ", f"{error}".removeprefix(f"{path}:"))
+                raise InputError(message.strip()) from None
         named = replace(scene, path=Path(path.name))
         self._take(Moment(named.override({}), {}, on_disk=False))
 
@@ -214,11 +214,11 @@ class State:
 
 def _changed(changed: Mapping[str, float], number: Number, value: float) -> dict[str, float]:
     """Return the changes with one more; the value as it was read is not a change."""
-    rest = {key: old for key, old in changed.items() if key not in (number.key, number.mirror)}
+    unchanged = {key: old for key, old in changed.items() if key not in (number.key, number.mirror)}
     if value == number.value:
-        return rest
+        return unchanged
     one = int(value) if number.whole and value.is_integer() else value
-    return rest | {key: one for key in (number.key, number.mirror) if key is not None}
+    return unchanged | {key: one for key in (number.key, number.mirror) if key is not None}
 
 
 def compute(scene: Scene) -> tuple[SceneResult, float]:

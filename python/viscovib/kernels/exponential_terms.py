@@ -24,14 +24,14 @@ def with_early_part(
     with a few nodes approximates it for s up to a few 1/first.
     """
     s = _AGREED / first
-    left: FloatArray = kernel.laplace(s.astype(complex)).real - (
+    unfitted: FloatArray = kernel.laplace(s.astype(complex)).real - (
         weights / (s[:, None] + rates)
     ).sum(axis=1)
     rate = 1 / (EARLIER * first)
-    if left[0] - left[1] > np.finfo(float).eps * abs(left[0]):
-        rate = max(rate, (left[1] * s[1] - left[0] * s[0]) / (left[0] - left[1]))
-    if left[0] > 0:
-        weights, rates = np.append(weights, left[0] * (s[0] + rate)), np.append(rates, rate)
+    if unfitted[0] - unfitted[1] > np.finfo(float).eps * abs(unfitted[0]):
+        rate = max(rate, (unfitted[1] * s[1] - unfitted[0] * s[0]) / (unfitted[0] - unfitted[1]))
+    if unfitted[0] > 0:
+        weights, rates = np.append(weights, unfitted[0] * (s[0] + rate)), np.append(rates, rate)
     fast = (rates * first > _DECAYED - np.log(tolerance)) & (weights > 0)
     if fast.sum() <= _FAST:
         return weights, rates

@@ -204,16 +204,16 @@ class Kernel(ABC):
         first, last = _T_MIN.check(t_min), _T_MAX.check(t_max)
         if not 0 < first < last:
             raise InputError(f"t_min = {first:g}, t_max = {last:g}: must be 0 < t_min < t_max")
-        asked, later = wanted, _LATER
+        target, later = wanted, _LATER
         for _ in range(_TRIES):
-            found, misfit = self._measured_sum(asked, first, last, later)
+            found, misfit = self._measured_sum(target, first, last, later)
             short = found.error / max(wanted, _SUM_ROUNDING)
             if short <= 1 or not self._meets:
                 break
             if later == _LATER and misfit <= max(wanted, _SUM_ROUNDING):
                 later *= 3
             else:
-                asked = max(0.3 * asked / short, _LEAST_TOLERANCE)
+                target = max(0.3 * target / short, _LEAST_TOLERANCE)
         if short > 1:
             warnings.warn(
                 f"the sum of exponentials meets {found.error:.1e}, not the tolerance {wanted:.1e}",
@@ -229,8 +229,8 @@ class Kernel(ABC):
         weights, rates = self._complete_exponentials(tolerance, first, last, later)
         if weights.size > _MOST_TERMS:
             raise InputError(
-                f"t_min = {first:g}, t_max = {last:g}: a sum to {tolerance:g} takes more than "
-                f"{_MOST_TERMS} terms, must be nearer to each other"
+                f"t_min = {first:g}, t_max = {last:g}: a sum to {tolerance:g} needs more than "
+                f"{_MOST_TERMS} terms, must be closer to each other"
             )
         times = np.geomspace(first, last, max(200, 12 * weights.size))
         exact = self(times)
@@ -287,11 +287,11 @@ class Kernel(ABC):
         _ = self.integral
 
 
-def check_kernel(name: str, value: object, others: str = " or None") -> None:
+def check_kernel(name: str, value: object, alternatives: str = " or None") -> None:
     """Refuse a value that is neither a kernel nor None."""
     if not (value is None or isinstance(value, Kernel)):
         shown = _native.shown(value)
-        raise InputError(f"{name} = {shown}: must be a Kernel{others}{kernel_call(value)}")
+        raise InputError(f"{name} = {shown}: must be a Kernel{alternatives}{kernel_call(value)}")
 
 
 def kernel_call(value: object) -> str:

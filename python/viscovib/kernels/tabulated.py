@@ -102,9 +102,9 @@ class TabulatedKernel(Kernel):
         unseen = _native.run("kernel integral", self._handle)["unseen"]
         if unseen > _UNSEEN * abs(self.integral):
             text = (
-                f"the first values rise towards t = 0 like a power of t: an integral of about "
-                f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not hold; "
-                f"the integral of the table is {self.integral:.3g}"
+                "the first values rise towards t = 0 like a power of t: an integral of about "
+                f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not "
+                f"contain; the integral of the table is {self.integral:.3g}"
             )
             warnings.warn(text, StabilityWarning, stacklevel=caller())
 

@@ -215,7 +215,9 @@ def _positive(name: str, value: float) -> None:
     if not value > 0:
         raise InputError(f"{name} = {value:g}: must be greater than 0")
     if value > _LARGEST:
-        raise InputError(f"{name} = {value:g}: must be at most {_LARGEST:g}, more is no material's")
+        raise InputError(
+            f"{name} = {value:g}: must be at most {_LARGEST:g}, no material exceeds this"
+        )
 
 
 def _numbers(owner: Any, *names: str) -> None:

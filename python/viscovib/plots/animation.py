@@ -134,7 +134,7 @@ def _motion(
     if point is None:
         sizes = np.abs(row.coefficients[:, 0]).max(axis=-1, initial=0.0)
         if not np.isfinite(sizes).any():
-            raise InputError("motion: holds no motion that was found")
+            raise InputError("motion: contains no solution")
         chosen = int(np.nanargmax(sizes))
     else:
         chosen = _native.integer("point", point, -n, n - 1) % n

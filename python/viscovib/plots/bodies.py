@@ -86,9 +86,9 @@ def plot_body(
         moved = moved_by(corners, body.center, shape)
         swing = SWING * size / max(np.abs(moved - corners).max(), 1e-300)
         _draw_box(axis, moved_by(corners, body.center, swing * shape), COLOURS[2], (0, (4, 1.5)))
-        note = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
+        title = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
         axis.set_title(
-            f"{note}, {modes.decoupling[number - 1]:.0f} % {main_coordinate(modes, number)}"
+            f"{title}, {modes.decoupling[number - 1]:.0f} % {main_coordinate(modes, number)}"
         )
     if torque_about is not None:
         along = 0.6 * size * body.torque_roll_axis(torque_about)
@@ -285,7 +285,7 @@ def frequency_range(body: Body, hz: npt.ArrayLike | None = None) -> FloatArray:
     omega = body.modes().omega
     held = omega[omega > 0] / (2 * math.pi)
     if not held.size:
-        raise InputError("hz: nothing holds the body, say at which frequencies")
+        raise InputError("hz: must be given for a free body")
     return np.geomspace(held[0] / 3, 4 * held[-1], 800)
 
 

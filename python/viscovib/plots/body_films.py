@@ -46,9 +46,9 @@ def film_of_mode(
     shape = modes.shapes[:6, number - 1]
     largest = np.abs(moved_by(corners, body.center, shape.real) - corners).max()
     swing = SWING * size / max(largest, 1e-300)
-    note = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
+    title = f"mode {number}: {modes.hz[number - 1]:.4g} Hz"
     share = modes.decoupling[number - 1]
-    axis.set_title(f"{note}, {share:.0f} % {main_coordinate(modes, number)}")
+    axis.set_title(f"{title}, {share:.0f} % {main_coordinate(modes, number)}")
     edges = [axis.plot([], [], [], color=COLOURS[2], linewidth=2)[0] for _ in EDGES]
     links = [axis.plot([], [], [], color=COLOURS[3], linewidth=1)[0] for _ in feet]
     for limits, at in ((axis.set_xlim, 0), (axis.set_ylim, 1), (axis.set_zlim, 2)):

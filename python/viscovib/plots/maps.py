@@ -67,8 +67,8 @@ def plot_map(
     array = _array(data, name)
     if array.ndim not in (1, 2) or not all(array.shape):
         raise InputError(
-            f"data: {array.name!r} has dimensions {array.dims}, must be one or two: take some "
-            "away by isel or sel"
+            f"data: {array.name!r} has dimensions {array.dims}, must be one or two: select "
+            "values by isel or sel"
         )
     if array.dtype.kind not in "biuf":
         raise InputError(f"data: {array.name!r} must be real numbers to be drawn")
@@ -85,7 +85,7 @@ def plot_map(
         return ax
     values = array.values.astype(float)
     if np.abs(values[np.isfinite(values)]).max(initial=0.0) > _LARGEST_DRAWN:
-        raise InputError(f"data: holds values beyond {_LARGEST_DRAWN:g}, which cannot be drawn")
+        raise InputError(f"data: contains values beyond {_LARGEST_DRAWN:g}, which cannot be drawn")
     _draw_map(ax, axes, values, log, shown)
     return ax
 
@@ -160,21 +160,21 @@ def save_map(data: xr.Dataset, path: str | os.PathLike[str]) -> str:
     # A constant quantity needs no picture.
     names = [n for n in names if np.nanmin(data[n]) < np.nanmax(data[n])] or names[:1]  # fmt: skip
     if not names:
-        return "no picture: nothing was found that can be drawn"
+        return "no picture: the result has no finite values"
     dims = [str(d) for d in data[names[0]].dims]
     # Parameters with one value need no axis; from the third on, parameters keep their first value.
     wide = [d for d in dims if data.sizes[d] > 1][:2] or dims[:1]
-    rest = {d: 0 for d in dims if d not in wide}
+    selected = {d: 0 for d in dims if d not in wide}
     columns = min(2, len(names))
     rows = -(-len(names) // columns)
     figure = Figure(figsize=(5.5 * columns, 3.6 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
     for axis, name in zip(axes, names, strict=False):
-        plot_map(data[name].isel(rest), ax=axis)
+        plot_map(data[name].isel(selected), ax=axis)
     for axis in axes[len(names) :]:
         axis.remove()
     with whole_file(path, "wb") as file:
         figure.savefig(file, dpi=150, format=Path(path).suffix.lstrip(".") or "png")
-    fixed = [f"{d} = {data[d].values[0]}" for d in rest if data.sizes[d] > 1]
+    fixed = [f"{d} = {data[d].values[0]}" for d in selected if data.sizes[d] > 1]
     return f"the picture shows {', '.join(fixed)} only" if fixed else ""

@@ -115,15 +115,17 @@ def _chains(response: ScalesResponse) -> list[npt.NDArray[np.intp]]:
     after: dict[int, int] = {}
     by_value = {v: here[response.index[here] == v] for v in np.unique(response.index[here])}
     for value, mine in by_value.items():
-        others = by_value.get(value + 1)
-        if others is None:
+        following = by_value.get(value + 1)
+        if following is None:
             continue
-        far = np.abs(response.harmonics[mine, None] - response.harmonics[None, others]).max(axis=2)
+        far = np.abs(response.harmonics[mine, None] - response.harmonics[None, following]).max(
+            axis=2
+        )
         sizes = np.abs(response.harmonics[mine]).max(axis=1)
         nearest, back = far.argmin(axis=1), far.argmin(axis=0)
         for i, j in enumerate(nearest):
             if back[j] == i and far[i, j] <= _NEAR * sizes[i]:
-                after[int(mine[i])] = int(others[j])
+                after[int(mine[i])] = int(following[j])
     chains = []
     begun = set(here.tolist()) - set(after.values())
     for first in sorted(begun):

@@ -188,16 +188,14 @@ class Branch(PeriodicMotions, Curve):
         worst = np.nanmax(self._missed, initial=0.0)
         return [
             *lines,
-            f"{last}; estimated error of those left out {worst:.1e}{sampling_text(self)}",
+            f"{last}; estimated error by neglected harmonics {worst:.1e}{sampling_text(self)}",
         ]
 
     def _lacking(self) -> str:
         short, blurred = (int(which.sum()) for which in (self._few, self._off > self._allowed))
         words = f", {things(short, 'point')} with too few harmonics" if short else ""
         if blurred:
-            words += (
-                f", {things(blurred, 'point')} of which rounding leaves more than the tolerance"
-            )
+            words += f", {things(blurred, 'point')} with a rounding error above the tolerance"
         return words
 
     @property
@@ -328,8 +326,8 @@ class Branch(PeriodicMotions, Curve):
             table.columns |= stability_columns(self.growing, self.multipliers)
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
         table.notes.append(
-            f"{note}; highest: order kept; truncation: estimated relative error of leaving out "
-            f"higher orders; error: of the last correction and rounding; {units}"
+            f"{note}; highest: highest harmonic; truncation: estimated relative error by "
+            f"neglected harmonics; error: by the last correction and rounding; {units}"
         )
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
         table.columns["error"] = self.error

@@ -126,7 +126,7 @@ class BranchPoint(Value):
                 f"({n}): use the same harmonics, loads and symmetry"
             )
         if not self._direction.any():
-            raise InputError("leave: the direction of the other branch was not found")
+            raise InputError("leave: the direction of the bifurcating branch was not found")
         return self._unknowns, (-1 if opposite else 1) * self._direction
 
 
@@ -247,7 +247,7 @@ class Curve(Result):
         low, high = (-np.inf, np.inf) if band is None else band_of(band)
         inside = (self.parameter >= low) & (self.parameter <= high)
         if not inside.any():
-            raise InputError(f"band = {band}: holds no point of the branch")
+            raise InputError(f"band = {band}: contains no point of the branch")
         i = int(np.where(inside, amplitude, -np.inf).argmax())
         ends = max(low, self.parameter.min()), min(high, self.parameter.max())
         place = float(self.parameter[i]), float(amplitude[i])
@@ -300,7 +300,7 @@ def rounding_text(off: FloatArray, allowed: FloatArray | float) -> str:
     blurred = int((off > allowed).sum())
     if not blurred:
         return ""
-    return f", {things(blurred, 'point')} of which rounding leaves more than the tolerance"
+    return f", {things(blurred, 'point')} with a rounding error above the tolerance"
 
 
 def allowed_nearby(coefficients: ComplexArray, tolerance: float, absolute: float) -> FloatArray:
@@ -314,7 +314,7 @@ def warn_of_rounding(off: FloatArray, tolerance: float, allowed: FloatArray | No
     blurred = off > (tolerance if allowed is None else allowed)
     if blurred.any():
         warnings.warn(
-            f"at {blurred.sum()} of {off.size} points rounding leaves more than the tolerance "
+            f"at {blurred.sum()} of {off.size} points the rounding error exceeds the tolerance "
             f"{tolerance:.1e}; the worst has an estimated relative error of {off.max():.1e}",
             ConvergenceWarning,
             stacklevel=caller(),

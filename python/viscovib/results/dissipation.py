@@ -58,14 +58,14 @@ class Parts:
                 f"'small', this is of {type(system).__name__}"
             )
         y = self.relative(orders, x, factors)
-        lost = np.full((nu.size, 1 + len(system.groups)), np.nan)
+        losses = np.full((nu.size, 1 + len(system.groups)), np.nan)
         damping = np.asarray(system.damping, dtype=float)
         for i in np.flatnonzero(np.isfinite(y).all(axis=(1, 2))):
             power = np.einsum("ak,ab,bk->k", y[i].conj(), damping, y[i]).real
-            lost[i, 0] = np.pi * nu[i] * (orders**2 * power).sum()
+            losses[i, 0] = np.pi * nu[i] * (orders**2 * power).sum()
             for column, group in enumerate(system.groups, start=1):
-                lost[i, column] = _of_group(group, float(nu[i]), orders, y[i], linear)
-        return lost
+                losses[i, column] = _of_group(group, float(nu[i]), orders, y[i], linear)
+        return losses
 
 
 def _of_group(group: SpringGroup, nu: float, orders: Any, y: ComplexArray, linear: bool) -> float:
@@ -100,12 +100,12 @@ def dissipated(
     ``y``: harmonics of the condensed coordinates relative to the base, shape (n, q, m);
     ``linear``: by the forces linearized at rest, for linear motions.
     """
-    lost = np.full((nu.size, len(view.elements)), np.nan)
+    losses = np.full((nu.size, len(view.elements)), np.nan)
     for column, terms in enumerate(view.elements):
         d = _deflections(view, terms, nu, orders, y, factors)
         for i in np.flatnonzero(np.isfinite(d).all(axis=(1, 2))):
-            lost[i, column] = _lost(terms, float(nu[i]), orders, d[i], linear)
-    return lost
+            losses[i, column] = _loss_of(terms, float(nu[i]), orders, d[i], linear)
+    return losses
 
 
 def _deflections(
@@ -130,7 +130,7 @@ def _deflections(
     return np.stack(found, axis=1)
 
 
-def _lost(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) -> float:
+def _loss_of(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) -> float:
     """Energy loss of one motion, pi sum_k k Im(F_k conj(D_k)) with the forces F_k."""
     if hasattr(terms, "directions"):
         # A coupling has no linear part.
@@ -192,9 +192,9 @@ def _work(
     if kernel is None:
         return float((force * rate).mean() * 2 * np.pi / nu)
     parts = 2j / theta.size * (force @ np.exp(-1j * np.outer(theta, orders)))
-    left = np.ones(orders.size, dtype=complex)
-    left[orders > 0] -= kernel.laplace(1j * nu * orders[orders > 0])
-    return float(np.pi * (orders * (left * parts * d.conj()).imag).sum())
+    factors = np.ones(orders.size, dtype=complex)
+    factors[orders > 0] -= kernel.laplace(1j * nu * orders[orders > 0])
+    return float(np.pi * (orders * (factors * parts * d.conj()).imag).sum())
 
 
 def _of_hysteresis(law: Any, orders: Any, d: ComplexArray) -> float:

@@ -186,6 +186,6 @@ class Ensemble(Result):
         coordinates |= {name: ("run", values) for name, values in self.parameters.items()}
         attributes: dict[str, Any] = {"method": self.method, "plan": str(self.plan)}
         for name in ("error", "section_error", "amplitude_error"):
-            if (note := getattr(self, name)) is not None:
-                attributes[name] = note
+            if (value := getattr(self, name)) is not None:
+                attributes[name] = value
         return xr.Dataset(data, coords=coordinates, attrs=attributes)

@@ -24,8 +24,8 @@ def check_orders(highest: list[int]) -> None:
     """Refuse numbers of harmonics (coarsest first) that give no limit."""
     if not _FEWEST <= highest[0] < highest[1] < highest[2]:
         raise InputError(
-            f"highest orders {highest[2]}, {highest[1]} and {highest[0]}: must fall from each "
-            f"response to the next, to at least {_FEWEST}"
+            f"highest harmonics {highest[2]}, {highest[1]} and {highest[0]}: must decrease "
+            f"from each response to the next, to at least {_FEWEST}"
         )
 
 

@@ -46,7 +46,7 @@ class ElementForces(Result):
     damping : ndarray, shape (n, m)
         Force c d' of linear dampers.
     memory : ndarray, shape (n, m)
-        -R * (k d + g): what relaxation has taken from the elastic force.
+        -R * (k d + g): reduction of the elastic force by relaxation.
 
     Examples
     --------

@@ -256,7 +256,7 @@ class Response(PeriodicMotions, Result):
             low, high = band_of(band)
             inside = inside & (self.nu >= low) & (self.nu <= high)
         if not inside.any():
-            raise InputError(f"band = {band}: holds no frequency with a solution")
+            raise InputError(f"band = {band}: contains no frequency with a solution")
         amplitude = self.amplitude(dof, harmonic)
         places = np.flatnonzero(inside)
         _, first = np.unique(self.nu[places], return_index=True)
@@ -455,15 +455,15 @@ class Response(PeriodicMotions, Result):
 
     def _headline(self) -> str:
         short = f", {self._short} of them with too few harmonics" if self._short else ""
-        asked = things(self.nu.size, "frequency", "frequencies")
-        return f"{self.converged.sum()} of {asked} solved{short}"
+        total = things(self.nu.size, "frequency", "frequencies")
+        return f"{self.converged.sum()} of {total} solved{short}"
 
     def _scope(self) -> list[str]:
         worst = np.nanmax(self.truncation, initial=0.0)
         return [
             f"nu: {span(self.nu, 'rad/s')}; {named(self.dof_names, self.dof_units)}",
-            f"method {self.method}, orders up to {self.highest.max(initial=0)}, estimated error "
-            f"of those left out {worst:.1e}{sampling_text(self)}",
+            f"method {self.method}, harmonics up to {self.highest.max(initial=0)}, estimated "
+            f"error by neglected harmonics {worst:.1e}{sampling_text(self)}",
         ]
 
     def _details(self) -> list[str]:
@@ -506,7 +506,7 @@ class Response(PeriodicMotions, Result):
                 "method": ("nu", self.methods),
                 "iterations": ("nu", self.iterations),
                 "rate": ("nu", self.rate),
-                "highest": ("nu", self.highest, {"long_name": "highest order kept"}),
+                "highest": ("nu", self.highest, {"long_name": "highest harmonic"}),
                 "truncation": ("nu", self.truncation),
                 "sampling": ("nu", self.sampling),
                 "error": ("nu", self.error, {"long_name": "relative, of each motion"}),
@@ -539,10 +539,10 @@ class Response(PeriodicMotions, Result):
         )
         table = Table(
             [
-                "nu: circular frequency of the load (rad/s); rate: factor between the last "
-                "corrections; highest: order kept; truncation: estimated relative error of leaving "
-                "out higher orders; error: of the last correction and rounding; "
-                "u = Im sum_k X_k exp(i k nu t),",
+                "nu: circular frequency of the load (rad/s); rate: ratio of the last "
+                "corrections; highest: highest harmonic; truncation: estimated relative error "
+                "by neglected harmonics; error: by the last correction and rounding; u = Im "
+                "sum_k X_k exp(i k nu t),",
                 f"{about}nan where no solution was found",
             ],
             {
@@ -585,7 +585,7 @@ def lowest_order(harmonics: npt.NDArray[Any]) -> int:
         raise InputError("quasi-periodic motions have no single harmonic to draw")
     orders = harmonics[harmonics > 0]
     if not orders.size:
-        raise InputError("response: holds a mean only, which has no amplitude curve")
+        raise InputError("response: contains a mean only, which has no amplitude curve")
     return int(orders[0])
 
 
@@ -632,8 +632,8 @@ def _between_modes(sizes: Callable[[FloatArray], FloatArray], nu: FloatArray) ->
         rough = np.ones(low.size, dtype=bool)
         with np.errstate(all="ignore"):
             for form in (squares, 1 / squares):
-                note = _PARABOLA @ form[::2]
-                rough &= (np.abs(note - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
+                fitted = _PARABOLA @ form[::2]
+                rough &= (np.abs(fitted - form[1::2]) > 0.1 * form[1::2]).any(axis=0)
         # A change with the last digits of the frequency is a rounding error of other components.
         nearby = sizes((at[:, rough] * (1 + _ULPS)).ravel()).reshape(5, -1) ** 2
         rough[rough] = (np.abs(nearby - squares[:, rough]) > 0.1 * nearby).sum(axis=0) < 3

@@ -68,7 +68,7 @@ def lost_energy(
 #: Notes on the columns that scenes request.
 NOTES = {
     "sampling": "sampling: estimated relative error by the samples of forces",
-    "dissipation": "dissipation: energy lost in a period (J)",
+    "dissipation": "dissipation: energy loss per period (J)",
 }
 
 

@@ -215,7 +215,7 @@ class ScalesResponse(Result):
 
     @property
     def complete(self) -> bool:  # type: ignore[override]
-        """True if every value has a steady motion and none ``may_lack`` another one."""
+        """True if every value has a steady motion and ``may_lack`` is False everywhere."""
         return bool(np.unique(self.index).size == self.values.size and not self.may_lack.any())
 
     def _headline(self) -> str:

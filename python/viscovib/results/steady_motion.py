@@ -152,12 +152,15 @@ class SteadyMotion(Result):
         words = {True: "stable", False: "unstable", None: "stability unknown"}[self.stable]
         sooner = ""
         if self.repeats_after < self.n_periods:
-            sooner = f", repeats after {things(self.repeats_after, 'period')} already"
-        return f"{self.outcome}, {words}, {things(self.passages, 'passage')} of switches{sooner}"
+            sooner = f", repeats after {things(self.repeats_after, 'period')}"
+        return (
+            f"{self.outcome}, {words}, {things(self.passages, 'switch', 'switches')} of "
+            f"laws{sooner}"
+        )
 
     def _scope(self) -> list[str]:
         return [
-            f"nu: {self.nu:.6g}; taken over {things(self.n_periods, 'period')}; "
+            f"nu: {self.nu:.6g}; over {things(self.n_periods, 'period')}; "
             f"{named(self.dof_names, self.dof_units)}; {self.method}",
             f"estimated error {self.error:.1e}, step {self.step:.6g}, "
             f"{things(self.iterations, 'iteration')}",

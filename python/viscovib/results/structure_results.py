@@ -238,7 +238,9 @@ def _checked(result: Any, points: int) -> FloatArray:
     view = _known(result._view)
     loaded = view.loaded
     if loaded.condensation.reduced is None:
-        raise InputError("check: this structure is not reduced, its motions are those of all of it")
+        raise InputError(
+            "check: this structure is not reduced, so its motions are those of the full structure"
+        )
     solved = np.flatnonzero(np.isfinite(result._condensed).all(axis=(1, 2)))
     count = _native.integer("points", points, 1, max(solved.size, 1))
     taken = solved[np.unique(np.linspace(0, solved.size - 1, count).round().astype(int))]
@@ -267,12 +269,12 @@ def _warn_of_reduction(result: Any) -> None:
     if reduced is None:
         return
     errors = np.nan_to_num(result.reduction_error)
-    lost = errors > 10 * reduced.tolerance
-    if lost.any():
+    beyond = errors > 10 * reduced.tolerance
+    if beyond.any():
         worst = int(errors.argmax())
         warnings.warn(
-            f"{lost.sum()} of {errors.size} motions have harmonics above {reduced.top:.6g} rad/s, "
-            "for which the structure was not reduced; worst at nu = "
+            f"{beyond.sum()} of {errors.size} motions have harmonics above {reduced.top:.6g} "
+            "rad/s, for which the structure was not reduced; worst at nu = "
             f"{result.nu[worst]:.6g}, with an estimated relative error of {errors[worst]:.1e}",
             ConvergenceWarning,
             stacklevel=caller(),
@@ -281,7 +283,7 @@ def _warn_of_reduction(result: Any) -> None:
 
 def _known(view: View | None) -> View:
     if view is None:
-        raise InputError("this result lost its structure")
+        raise InputError("this result does not contain its structure")
     return view
 
 

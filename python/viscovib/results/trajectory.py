@@ -104,7 +104,7 @@ class Passages(Value):
 
     def note(self) -> str:
         """Return the number of events and their errors in one line."""
-        text = things(self.t.size, "passage")
+        text = things(self.t.size, "occurrence")
         if self.error is None or self.state_error is None:
             return f"{text}, errors not estimated" if self.t.size else text
         known = ~np.isnan(self.error)
@@ -112,8 +112,11 @@ class Passages(Value):
             late, off = self.error[known].max(), self.state_error[known].max()
             text = f"{text}, estimated errors up to {late:.1e} of times and {off:.1e} of states"
         if not known.all():
-            lost = things(int((~known).sum()), "passage")
-            text = f"{text}; the error of {lost} is not known: other steps have none there"
+            unknown = things(int((~known).sum()), "occurrence")
+            text = (
+                f"{text}; the error of {unknown} is unknown, because the run with another step "
+                "size does not have it"
+            )
         return text
 
 
@@ -278,7 +281,10 @@ class Trajectory(Result):
         if ended is None and self.outcome == "step too large":
             layer = self._layer_passed(slice(-3, None)) if self.t.size else None
             note = "" if layer is None else f": {layer}"
-            return f"the motion goes on, but steps of {self.step:.6g} do not follow it {when}{note}"
+            return (
+                f"the motion continues, but the step size {self.step:.6g} does not resolve "
+                f"it {when}{note}"
+            )
         if ended is None:
             return f"the motion runs away {when}{edges_text(self.system)}"
         text, reads = ended

@@ -175,7 +175,7 @@ def fit_amplitude(data: ModulusData, *, kind: str = "rabotnov", elements: int = 
     x = np.asarray(data.amplitude)
     levels = np.unique(np.round(np.log(x) / _SAME)) * _SAME
     if levels.size < 2:
-        raise InputError(f"data: has one amplitude alone, {x[0]:g} m, must have two or more")
+        raise InputError(f"data: has only one amplitude, {x[0]:g} m, must have two or more")
     nu = np.asarray(data.frequencies)
     measured = Measured.of(ModulusData(
         frequencies=nu, storage=data.storage, loss=data.loss, set=data.set, quantity=data.quantity
@@ -277,8 +277,10 @@ def _grid_starts(
                 continue
             alpha, tau, share = np.array([_ALPHAS[i]]), taus[[j]], parts[[-1]] / parts[0]
             theta = model.join(float(parts[0]), alpha, tau, share)
-            left = target - rows @ parts
-            found.append((float(left @ left), np.concatenate([theta, np.log(parts[1:-1]), places])))
+            residuals = target - rows @ parts
+            found.append(
+                (float(residuals @ residuals), np.concatenate([theta, np.log(parts[1:-1]), places]))
+            )
     found.sort(key=lambda one: one[0])
     return [one for _, one in found[:_BEST]]
 
@@ -287,7 +289,7 @@ def _amplitude_result(
     model: Model,
     theta: FloatArray,
     count: int,
-    left: FloatArray,
+    residuals: FloatArray,
     slopes: FloatArray,
     levels: FloatArray,
 ) -> AmplitudeFit:
@@ -296,8 +298,8 @@ def _amplitude_result(
     order = np.argsort(theta[model.size + count :])
     k = theta[model.size : model.size + count][order]
     s = theta[model.size + count :][order]
-    free = max(left.size - theta.size, 1)
-    errors = np.sqrt(np.maximum(np.diag(covariance(slopes, left)), 0))
+    free = max(residuals.size - theta.size, 1)
+    errors = np.sqrt(np.maximum(np.diag(covariance(slopes, residuals)), 0))
     reach = float(stdtrit(free, 0.975))
     interval = {}
     for name, values, spread in (
@@ -311,20 +313,21 @@ def _amplitude_result(
     if loose:
         interval |= dict.fromkeys(loose, (0.0, math.inf))
         warnings.warn(
-            f"the amplitudes do not constrain {', '.join(loose)}: an element must slip between the "
-            "smallest and the largest, and an amplitude lie between the slips of two",
+            f"the amplitudes do not determine {', '.join(loose)}: the slip of an element must "
+            "lie between the smallest and the largest amplitude, and an amplitude between the "
+            "slips of two elements",
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    half = left.size // 2
+    half = residuals.size // 2
     return AmplitudeFit(
         kernel=model.kernel(theta[: model.size]),
         modulus=model.split(theta[: model.size])[0],
         stiffness=np.exp(k),
         slip=np.exp(s),
         residual=(
-            float(np.sqrt(np.mean(left[:half] ** 2))),
-            float(np.sqrt(np.mean(left[half:] ** 2))),
+            float(np.sqrt(np.mean(residuals[:half] ** 2))),
+            float(np.sqrt(np.mean(residuals[half:] ** 2))),
         ),
         interval=interval,
         unconstrained=loose,
@@ -418,15 +421,15 @@ def fit_progressive(
     if np.min(slope) <= 0:
         at = size * float(fine[int(np.argmin(slope))])
         raise InputError(
-            f"degree = {top}: the fitted force falls at a deflection of {at:g} m, must rise "
-            "all the way: take another degree"
+            f"degree = {top}: the fitted force decreases at a deflection of {at:g} m, must "
+            "increase everywhere: use another degree"
         )
     scaled = {p: float(c / size**p) for c, p in zip(found, powers, strict=True)}
     largest = max(float(np.abs(f).max()), 1e-300)
-    left = (rows @ found - f) / largest
+    residuals = (rows @ found - f) / largest
     return ProgressiveLaw(
         stiffness=scaled[1],
         law=" + ".join(f"k{p}*d^{p}" for p in powers[1:]) or "0*d",
         parameters={f"k{p}": scaled[p] for p in powers[1:]},
-        residual=float(np.sqrt(np.mean(left**2))),
+        residual=float(np.sqrt(np.mean(residuals**2))),
     )

@@ -175,7 +175,7 @@ def _warn(fit: KernelFit, count: int, effective: float) -> None:
     if fit.unconstrained:
         doubts.append(f"the data do not constrain {', '.join(fit.unconstrained)}")
     if effective < _FEW * count:
-        doubts.append(f"{effective:.0f} of {count} samples are independent, take more")
+        doubts.append(f"{effective:.0f} of {count} samples are independent: use more samples")
     if doubts:
         warnings.warn(
             f"the ends of the band are uncertain: {'; '.join(doubts)}",
@@ -201,8 +201,10 @@ def _answer(
     # None would become NaN, which means that there is no result.
     if answer is None or given is None:
         raise InputError(
-            f"function: gave {_native.shown(given)}, must give real numbers of one shape"
+            f"function: returned {_native.shown(given)}, must return real numbers of one shape"
         )
     if shape is not None and answer.shape != shape:
-        raise InputError(f"function: gave shape {answer.shape}, before {shape}: must be one shape")
+        raise InputError(
+            f"function: returned shape {answer.shape}, before {shape}: must be one shape"
+        )
     return answer

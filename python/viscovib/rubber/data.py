@@ -229,15 +229,15 @@ class CreepData(Value):
         return _sets(self, "times")
 
 
-def _columns(data: Any, needed: Sequence[str], others: Sequence[str]) -> int:
+def _columns(data: Any, needed: Sequence[str], optional: Sequence[str]) -> int:
     """Check the columns, which must have the same length, and make them read-only."""
     n = -1
-    for name in [*needed, *others]:
+    for name in [*needed, *optional]:
         given = getattr(data, name)
-        if given is None and name in others:
+        if given is None and name in optional:
             continue
         array = _native.real_array(name, given)
-        if name in others and array.ndim == 0:
+        if name in optional and array.ndim == 0:
             array = np.full(max(n, 0), float(array))
         array = array.copy()
         if array.ndim != 1 or array.size == 0:

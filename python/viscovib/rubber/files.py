@@ -83,7 +83,7 @@ def read_kernel(path: str | os.PathLike[str]) -> Kernel:
     AbelKernel(amplitude=0.02, alpha=0.1)
     """
     name, content = _read(path)
-    return _note(name, lambda: _kernel_of(content))
+    return _with_path(name, lambda: _kernel_of(content))
 
 
 def write_fit(fit: KernelFit, path: str | os.PathLike[str]) -> None:
@@ -131,7 +131,7 @@ def read_fit(path: str | os.PathLike[str]) -> KernelFit:
     True
     """
     name, content = _read(path)
-    return _note(name, lambda: _fit_of(content))
+    return _with_path(name, lambda: _fit_of(content))
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -193,7 +193,7 @@ def _kernel_in(content: Any, depth: int = 0) -> Kernel:
     if kind == "sum":
         parts = _entry(values, "parts")
         if depth or not isinstance(parts, list):
-            raise InputError("parts: must be a list of kernels that are no sums")
+            raise InputError("parts: must be a list of kernels that are not sums")
         return SumKernel(parts=[_kernel_in(part, depth + 1) for part in parts])
     one, names = _KERNELS[kind]
     return one(**{key: _entry(values, key) for key in names})
@@ -213,7 +213,7 @@ def _entry(content: Mapping[str, Any], key: str) -> Any:
 
 def _fit_of(content: Mapping[str, Any]) -> KernelFit:
     if "fit" not in content:
-        raise InputError("holds a kernel without a fit: read_kernel reads it")
+        raise InputError("contains a kernel without a fit: use read_kernel")
     saved, given = _entry(content, "fit"), _entry(content, "data")
     if not isinstance(saved, dict) or not isinstance(given, dict):
         raise InputError("fit, data: must be objects")
@@ -275,7 +275,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[str, dict[str, Any]]:
     try:
         content = json.loads(bytes_of(name, _LARGEST, "a fitted kernel").decode())
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{name}: is no JSON ({error})") from None
+        raise InputError(f"{name}: is not JSON ({error})") from None
     except ValueError as error:
         raise InputError(f"{name}: cannot be read ({error})") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
@@ -287,7 +287,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[str, dict[str, Any]]:
     return name, content
 
 
-def _note(name: str, make: Callable[[], _Made]) -> _Made:
+def _with_path(name: str, make: Callable[[], _Made]) -> _Made:
     try:
         return make()
     except InputError as error:

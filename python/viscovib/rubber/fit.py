@@ -219,8 +219,8 @@ class KernelFit(Result, ABC):
         relative = self._predicted() / self.measured.target - 1
         n = self.measured.log_rates.size
         first = float(np.sqrt(np.mean(relative[:n] ** 2)))
-        rest = relative[n:]
-        return first, float(np.sqrt(np.mean(rest**2))) if rest.size else math.nan
+        of_loss = relative[n:]
+        return first, float(np.sqrt(np.mean(of_loss**2))) if of_loss.size else math.nan
 
     def predict(self, frequencies: npt.ArrayLike) -> ComplexArray:
         """Return M' + i M'' (Pa, N/m) at circular frequencies (rad/s), any shape."""

@@ -157,8 +157,8 @@ def _check_sets(data: ModulusData | RelaxationData | CreepData) -> None:
             )
     over = "frequencies" if isinstance(data, ModulusData) else "times"
     warnings.warn(
-        f"data: is read as {len(sets)} sets, which are fitted at once; of one sweep whose rows are "
-        f"out of order, sort the rows by their {over}",
+        f"data: is read as {len(sets)} sets, which are fitted together; if it is one sweep, "
+        f"sort its rows by {over}",
         ConvergenceWarning,
         stacklevel=caller(),
     )
@@ -183,15 +183,15 @@ def _warn_of_misfit(fit: ParametricFit, data: Any, given: float | None, weights:
     if any(a > _MISFIT and a > _FAR_ABOVE * b for a, b in pairs) and max(best) < max(own):
         left, other = (" and ".join(f"{100 * r:.2g} %" for r in found) for found in (own, best))
         warnings.warn(
-            f"the residuals of kind = {fit.kind!r}, {left}, are far above the scatter of the data: "
-            f"kind='prony' leaves {other}",
+            f"the residuals of kind = {fit.kind!r}, {left}, are far above the scatter of the "
+            f"data: with kind='prony' they are {other}",
             ConvergenceWarning,
             stacklevel=caller(),
         )
     elif isinstance(data, ModulusData) and all(counted) and min(best) > _NOISE:
         warnings.warn(
-            f"residuals of {100 * own[0]:.2g} % and {100 * own[1]:.2g} %, which no relaxing "
-            "material leaves: are storage and loss exchanged? See kramers_kronig(data)",
+            f"residuals of {100 * own[0]:.2g} % and {100 * own[1]:.2g} %, too large for a "
+            "relaxing material: are storage and loss exchanged? See kramers_kronig(data)",
             ConvergenceWarning,
             stacklevel=caller(),
         )
@@ -230,7 +230,7 @@ def _search(model: Model, measured: Measured) -> list[tuple[float, FloatArray]]:
         if math.isfinite(cost):
             ends.append((cost, theta))
     if not ends:
-        raise InputError("data: no fit converges, must be those of a relaxing material")
+        raise InputError("data: no fit converges, must be data of a relaxing material")
     ends.sort(key=lambda end: end[0])
     theta = descend(residual, slopes, ends[0][1])
     left = residual(theta)
@@ -392,7 +392,7 @@ def _result(
         warnings.warn(
             f"the instantaneous modulus {fit.modulus:.4g} lies beyond the largest one measured, "
             f"{measured.largest:.4g}: it is an extrapolation by the kernel"
-            + ("; a ramp taken as a step gives such a modulus, see ramp=" if ramp else ""),
+            + ("; a ramp treated as a step gives such a modulus, see ramp=" if ramp else ""),
             ConvergenceWarning,
             stacklevel=caller(),
         )

@@ -196,8 +196,8 @@ def kramers_kronig(data: ModulusData) -> KramersKronig:
     expected = b @ _smooth_spectrum(a, alone, storage) * loss
     together = rms(a @ both - 1), rms(b @ both - 1)
     scatter = (
-        min(left, _ROW_TO_ROW * _scatter(nu, part))
-        for left, part in ((alone, storage), (of_loss, loss))
+        min(residual, _ROW_TO_ROW * _scatter(nu, part))
+        for residual, part in ((alone, storage), (of_loss, loss))
     )
     consistent = all(
         joint <= math.hypot(_FACTOR * own, _SLACK)

@@ -231,10 +231,10 @@ def master_curve(
     b = b * 10 ** (_to_reference(curves.temperatures, at) @ lift) if vertical == "free" else b
     spread = np.sqrt(np.maximum(np.diag(turn @ covariance @ turn.T), 0))
     if factors is None:
-        others = [
+        by_parts = [
             turn @ superpose(flat, ties, vertical == "free", knots)[0] for knots in _OTHER_KNOTS
         ]
-        spread = np.hypot(spread, np.ptp([own, *others], axis=0) / 2)
+        spread = np.hypot(spread, np.ptp([own, *by_parts], axis=0) / 2)
         if vertical == "free":
             spread = np.hypot(spread, _other_parts(sets, by, ties, turn, own))
         spread = np.hypot(spread, flatness(flat, turn, scatter_of(flat, own)))
@@ -246,9 +246,9 @@ def master_curve(
     overlap = _overlap(curves, own)
     for i in np.flatnonzero(overlap < _THIN) if factors is None else ():
         warnings.warn(
-            f"the sets at {curves.temperatures[i]:.4g} and {curves.temperatures[i + 1]:.4g} deg C "
-            f"share {max(overlap[i], 0):.2g} decades of reduced frequency: their shift is known "
-            "only as far as the curve is smooth",
+            f"the sets at {curves.temperatures[i]:.4g} and {curves.temperatures[i + 1]:.4g} "
+            f"deg C share {max(overlap[i], 0):.2g} decades of reduced frequency: their shift "
+            "depends on the smoothness of the curve",
             ConvergenceWarning,
             stacklevel=caller(),
         )
@@ -290,7 +290,7 @@ def _checked_sets(
     means = np.array([_mean_temperature(one) for one in sets])
     if len(sets) < 2:
         raise InputError(
-            f"data: has one temperature alone, {means[0]:.4g} deg C, must have two or more sets"
+            f"data: has only one temperature, {means[0]:.4g} deg C, must have two or more sets"
         )
     same = np.flatnonzero(np.diff(means) < 1e-6)
     if same.size:
@@ -313,7 +313,7 @@ def _curves(sets: "Sequence[ModulusData | RelaxationData]", by: str) -> Curves:
             parts = {"storage": [one.storage], "loss": [one.loss], "both": [one.storage, one.loss]}
             rows = np.array([np.asarray(part) for part in parts[by]])
             if (rows <= 0).any():
-                raise InputError("loss: holds 0, must be greater than 0 to be superposed")
+                raise InputError("loss: contains 0, must be greater than 0 to be superposed")
             y.append(np.log10(rows))
         else:
             x.append(-np.log10(np.asarray(one.times)))
@@ -426,8 +426,8 @@ def _compare(curves: Curves, given: FloatArray, own: FloatArray) -> None:
     theirs, ours = scatter_of(curves, given), scatter_of(curves, own)
     if theirs > _WORSE * ours:
         warnings.warn(
-            f"the given factors leave a scatter of {theirs:.2g} decades, those of the sets "
-            f"themselves {ours:.2g}: they may belong to another material",
+            f"with the given factors the scatter is {theirs:.2g} decades, with fitted factors "
+            f"{ours:.2g}: they may belong to another material",
             ConvergenceWarning,
             stacklevel=caller(),
         )

@@ -148,7 +148,7 @@ def covariance(slopes: FloatArray, residual: FloatArray) -> FloatArray:
     the loss. Undetermined directions have a large variance.
     """
     if not slopes.size or not np.isfinite(slopes).all():
-        raise InputError("data: the fit lies where its derivatives are no numbers")
+        raise InputError("data: the derivatives at the best fit are not finite")
     u, s, v = np.linalg.svd(slopes, full_matrices=False)
     if slopes.shape[0] <= slopes.shape[1] or s[0] == 0:
         return np.full((slopes.shape[1],) * 2, np.inf)

@@ -116,8 +116,8 @@ class Model:
         For many sets of unknowns, shape (m, size).
         """
         _, alpha, _, p = self.splits(thetas)
-        left = 1 - p.sum(axis=1, keepdims=True) / MOST_INTEGRAL if self.bounded else p[:, :0]
-        factors = np.hstack([alpha - LEAST_ALPHA, 1 - alpha, p, left])
+        margin = 1 - p.sum(axis=1, keepdims=True) / MOST_INTEGRAL if self.bounded else p[:, :0]
+        factors = np.hstack([alpha - LEAST_ALPHA, 1 - alpha, p, margin])
         return np.asarray(np.log(np.maximum(factors, 1e-300)).sum(axis=1) / 2)
 
     def join(self, modulus: float, alpha: FloatArray, tau: FloatArray, p: FloatArray) -> FloatArray:
@@ -249,8 +249,8 @@ class Model:
                 slopes[taus[k]] = scale * by_tau
         total = p @ shapes
         for k, at in enumerate(ws):
-            rest = total / MOST_INTEGRAL if self.bounded else 0
-            slopes[at] = -modulus * p[k] * (shapes[k] - rest)
+            margin = total / MOST_INTEGRAL if self.bounded else 0
+            slopes[at] = -modulus * p[k] * (shapes[k] - margin)
         value = modulus * (1 - total)
         if not self.modulus:
             slopes[0] = value

@@ -259,8 +259,8 @@ class ParametricFit(KernelFit):
             return np.vstack([rows, weight * model.turned_slopes(x)[place]])
 
         found = descend(residual, slopes, start)
-        left = residual(found)[:-1]
-        return found, float(left @ left)
+        residuals = residual(found)[:-1]
+        return found, float(residuals @ residuals)
 
     def constraints(self) -> tuple[FloatArray, FloatArray]:
         """Return the range of the data that determines each parameter.
@@ -306,8 +306,8 @@ class ParametricFit(KernelFit):
         """Unknowns of samples, and the effective number of samples."""
         if not np.isfinite(self.covariance).all():
             raise InputError(
-                f"data: {self.measured.count} numbers for {self.theta.size} parameters leave none "
-                "to estimate the scatter: must be more"
+                f"data: {self.measured.count} numbers for {self.theta.size} parameters do not "
+                "determine the scatter: must be more"
             )
         return likely(self, n, np.random.default_rng(seed))
 
@@ -340,7 +340,7 @@ def _second(pair: tuple[FloatArray, float]) -> float:
 def _inverse(slopes: FloatArray) -> FloatArray:
     """(J' J)^-1, with large values for undetermined directions."""
     if not slopes.size or not np.isfinite(slopes).all():
-        raise InputError("data: the fit lies where its derivatives are no numbers")
+        raise InputError("data: the derivatives at the best fit are not finite")
     _, s, v = np.linalg.svd(slopes, full_matrices=False)
     if s.size < slopes.shape[1] or s[0] == 0:
         return np.full((slopes.shape[1],) * 2, np.inf)

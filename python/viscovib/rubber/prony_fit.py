@@ -155,8 +155,8 @@ class PronyFit(KernelFit):
         free, known = self._free, self.measured.count
         if free < 1:
             raise InputError(
-                f"data: {known} numbers for {np.count_nonzero(self.found)} parts of the fit "
-                "leave none to estimate the scatter: must be more"
+                f"data: {known} numbers for {np.count_nonzero(self.found)} parts of the fit do "
+                "not determine the scatter: must be more"
             )
         scatter = np.repeat([rms(relative[:m]), rms(relative[m:])], [m, relative.size - m])
         scatter *= math.sqrt(known / free)
@@ -238,15 +238,15 @@ def fit_prony(
     )
     if isinstance(data, ModulusData) and not (measured.shares[: measured.log_rates.size] > 0).any():
         warnings.warn(
-            "storage_weight = 0: loss alone does not constrain the relaxed modulus, nor with it "
-            "the instantaneous one",
+            "storage_weight = 0: the loss alone determines neither the relaxed nor the "
+            "instantaneous modulus",
             ConvergenceWarning,
             stacklevel=caller(),
         )
     if fit._free < 1:
         warnings.warn(
-            f"data: {measured.count} numbers for {np.count_nonzero(found)} parts of the fit "
-            "leave none to estimate its uncertainty: no parameter is constrained",
+            f"data: {measured.count} numbers for {np.count_nonzero(found)} parts of the fit do "
+            "not determine its uncertainty: no parameter has an interval",
             ConvergenceWarning,
             stacklevel=caller(),
         )

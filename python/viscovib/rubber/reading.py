@@ -125,10 +125,10 @@ def _read_dynamic(
     else:
         raise InputError(
             f"{table.path}: has {' and '.join([*given, *turned]) or 'no modulus'}, must have "
-            "storage and loss, or one of them or the magnitude with a loss factor or angle; other "
-            "give the names of columns as columns={'storage': ...}"
+            "storage and loss, or one of them or the magnitude with a loss factor or angle; "
+            "give other names by columns={'storage': ...}"
         )
-    measured = _asked(quantity) or _quantity(table, given)
+    measured = _checked_quantity(quantity) or _quantity(table, given)
     _refuse(table, "frequency", nu <= 0, "greater than 0")
     _refuse(table, given[0], storage <= 0, "that of a positive storage modulus")
     _refuse(
@@ -137,7 +137,7 @@ def _read_dynamic(
         loss < 0,
         "that of a loss that is not negative",
     )
-    return _note(
+    return _with_path(
         table,
         lambda: ModulusData(
             frequencies=nu, storage=storage, loss=loss, quantity=measured, **_common(table)
@@ -171,8 +171,8 @@ def read_relaxation(
     times, modulus = _needed(table, "time"), _needed(table, "modulus")
     _refuse(table, "time", times <= 0, "greater than 0")
     _refuse(table, "modulus", modulus <= 0, "greater than 0")
-    measured = _asked(quantity) or _quantity(table, ["modulus"])
-    return _note(
+    measured = _checked_quantity(quantity) or _quantity(table, ["modulus"])
+    return _with_path(
         table,
         lambda: RelaxationData(
             times=times, modulus=modulus, ramp=ramp, quantity=measured, **_common(table)
@@ -208,10 +208,12 @@ def read_creep(
     _refuse(table, "time", times <= 0, "greater than 0")
     _refuse(table, "compliance", compliance <= 0, "greater than 0")
     letters = {"J": "G", "D": "E"}
-    measured = _asked(quantity) or letters.get(table.named["compliance"].strip()[:1].upper())
+    measured = _checked_quantity(quantity) or letters.get(
+        table.named["compliance"].strip()[:1].upper()
+    )
     if measured is None:
         raise InputError(f"{table.path}: quantity: must be given, 'E' or 'G'")
-    return _note(
+    return _with_path(
         table,
         lambda: CreepData(times=times, compliance=compliance, quantity=measured, **_common(table)),
     )
@@ -224,12 +226,12 @@ def _mapping(columns: Any) -> Mapping[str, str]:
 def _needed(table: Table, role: str) -> FloatArray:
     if role not in table:
         raise InputError(
-            f"{table.path}: has no column of {role}: say which by columns={{{role!r}: ...}}"
+            f"{table.path}: has no column of {role}: select one by columns={{{role!r}: ...}}"
         )
     return table[role]
 
 
-def _asked(quantity: str | None) -> str | None:
+def _checked_quantity(quantity: str | None) -> str | None:
     """Return the given quantity; None: determined by the file."""
     return None if quantity is None else _native.choice("quantity", quantity, QUANTITIES)
 
@@ -254,7 +256,7 @@ def _common(table: Table) -> dict[str, Any]:
     return {role: table[role] for role in ("temperature", "set", "amplitude") if role in table}
 
 
-def _note(table: Table, make: Callable[[], _Data]) -> _Data:
+def _with_path(table: Table, make: Callable[[], _Data]) -> _Data:
     """Create the data; add the file to error messages."""
     try:
         return make()

@@ -86,7 +86,7 @@ class ShiftTable(ShiftLaw):
         if (at.ndim and wrong.size) or (not at.ndim and not t[0] <= at <= t[-1]):
             raise InputError(
                 f"temperature = {float(np.ravel(wrong)[0]):g}: must be {t[0]:g} to {t[-1]:g}, "
-                "where factors are known; a law goes further"
+                "the measured range; use a law outside"
             )
         return np.asarray(np.interp(at, t, np.asarray(self.decades)))[()]
 
@@ -167,7 +167,10 @@ def fit_shift_law(
         i = int(t.argmin())
         raise InputError(f"temperatures[{i}] = {t[i]:g}: must be above -{KELVIN} deg C")
     if (t == at).all():
-        raise InputError(f"temperatures: are all the reference, {at:g} deg C, must have others")
+        raise InputError(
+            f"temperatures: are all equal to the reference, {at:g} deg C, must "
+            "contain other temperatures"
+        )
     found, names, slopes = (_wlf if law == "wlf" else _arrhenius)(t, d, at)
     residuals = np.asarray(d - found.log10(t))
     misfit = float(np.sqrt(np.mean(residuals**2)))

@@ -81,15 +81,15 @@ class PronyTerms(Value):
         _native.choice("program", program, _PROGRAMS)
         if self.quantity == "K":
             raise InputError(
-                "program: these terms are of a stiffness (N/m), which is no modulus, must be of E "
-                "or G for a material"
+                "program: these terms are those of a stiffness (N/m), a material needs those "
+                "of E or G"
             )
         nu = Number("poisson", 0, 0.4999).check(poisson)
         rho = Number("density", above=0).check(density)
         if program == "ls-dyna":
             return self._ls_dyna(nu, rho)
         write = self._abaqus if program == "abaqus" else self._ansys
-        return write(self._note(self.error), nu, rho)
+        return write(self._error_line(self.error), nu, rho)
 
     def write(
         self,
@@ -104,7 +104,7 @@ class PronyTerms(Value):
         with whole_file(path) as file:
             file.write(text)
 
-    def _note(self, error: float) -> str:
+    def _error_line(self, error: float) -> str:
         return (
             f"{self.times.size} Prony terms by viscovib: error of the modulus {error:.2g} "
             f"from {1 / self.t_max / (2 * np.pi):.3g} to {1 / self.t_min / (2 * np.pi):.3g} Hz"
@@ -113,9 +113,9 @@ class PronyTerms(Value):
     def _young(self, nu: float) -> float:
         return self.modulus * (2 * (1 + nu) if self.quantity == "G" else 1.0)
 
-    def _abaqus(self, note: str, nu: float, rho: float) -> str:
+    def _abaqus(self, error_line: str, nu: float, rho: float) -> str:
         lines = [
-            f"** {note}",
+            f"** {error_line}",
             "*MATERIAL, NAME=RUBBER",
             "*DENSITY",
             f"{rho:.9g}",
@@ -127,9 +127,9 @@ class PronyTerms(Value):
         rows = zip(shares, self.times, strict=True)
         return "\n".join([*lines, *(f"{g:.9e}, 0.0, {tau:.9e}" for g, tau in rows)]) + "\n"
 
-    def _ansys(self, note: str, nu: float, rho: float) -> str:
+    def _ansys(self, error_line: str, nu: float, rho: float) -> str:
         lines = [
-            f"! {note}",
+            f"! {error_line}",
             f"MP,EX,1,{self._young(nu):.9e}",
             f"MP,PRXY,1,{nu:.6g}",
             f"MP,DENS,1,{rho:.9g}",
@@ -158,7 +158,7 @@ class PronyTerms(Value):
         meant = (g * s / (s + decay)).sum(axis=1)
         rounded = np.abs((kept[:, 0] * s / (s + kept[:, 1])).sum(axis=1) / meant - 1).max()
         lines = [
-            f"$ {self._note(self.error + float(rounded))}",
+            f"$ {self._error_line(self.error + float(rounded))}",
             "*MAT_GENERAL_VISCOELASTIC",
             f"{1:>10d}{_field(rho)}{_field(bulk)}{0:>10d}{0:>10d}{0:>10d}{0:>10d}{0:>10d}",
             f"{0:>10d}" * 6,
@@ -260,7 +260,7 @@ def prony_terms(
                     quantity=measured,
                 )
     raise InputError(
-        f"tolerance = {wanted:g}: the closest terms leave {best:.2g}, must be at least that"
+        f"tolerance = {wanted:g}: the smallest error is {best:.2g}, must be at least that"
     )
 
 
@@ -272,5 +272,5 @@ def _terms(nu: FloatArray, true: ComplexArray, tau: FloatArray) -> tuple[FloatAr
     found = nonnegative(rows, target)
     if found[0] <= 0:
         found[0] = 1e-9 * float(size.min())
-    left = rows @ found - target
-    return found, float(np.hypot(left[: nu.size], left[nu.size :]).max())
+    residuals = rows @ found - target
+    return found, float(np.hypot(residuals[: nu.size], residuals[nu.size :]).max())

@@ -242,7 +242,7 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
     for i, (group, found) in enumerate(zip(groups, run.events, strict=True), start=1):
         ends = ", terminal" if group["terminal"] == "yes" else ""
         note = f"{group['function']}, {group['direction']}{ends}"
-        notes.append(f"event {i}: {note}, {things(found.t.size, 'passage')}")
+        notes.append(f"event {i}: {note}, {things(found.t.size, 'occurrence')}")
     which = [np.full(found.t.size, i, dtype=int) for i, found in enumerate(run.events, start=1)]
     state = np.concatenate([found.state for found in run.events])
     columns = {
@@ -257,7 +257,7 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
     for name in [one for one in list(table.columns)[1:] if not one.endswith("_ddot")]:
         place = 2 * run.dof_names.index(name.removesuffix("_dot")) + name.endswith("_dot")
         columns[name] = state[:, place]
-    note = f"{things(state.shape[0], 'passage')} of {things(len(groups), 'event')}"
+    note = f"{things(state.shape[0], 'occurrence')} of {things(len(groups), 'event')}"
     notes.append(table.notes[-1])
     return TableResult("event", columns, tuple(notes), run.plan, run.complete, note)
 

@@ -65,7 +65,7 @@ def with_key(groups: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
         raise InputError(f"{key!r}: this scene has &{name} {len(several)} times")
     if which == 0 and len(several) > 1:
         raise InputError(
-            f"{key!r}: this scene has &{name} {len(several)} times, say which, as "
+            f"{key!r}: this scene has &{name} {len(several)} times, select one, as "
             f"'{name}(1).{entry}'"
         )
     place = max(which, 1) - 1

@@ -76,8 +76,8 @@ class TableResult(Result):
 
     def panels(self) -> list[Panel]:
         """Return each column over the first one."""
-        (first, x), *others = self._of_numbers().items()
-        return [Panel(x, values, first, name, "1") for name, values in others]
+        (first, x), *columns_left = self._of_numbers().items()
+        return [Panel(x, values, first, name, "1") for name, values in columns_left]
 
     def to_dataset(self) -> xr.Dataset:
         """Return the columns as an xarray Dataset over the rows."""

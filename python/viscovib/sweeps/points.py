@@ -121,10 +121,10 @@ class Chunks:
     @classmethod
     def of_about(cls, shape: tuple[int, ...], points: int) -> Chunks:
         """Boxes of at most ``points`` points (at least 1), filled from the last parameter."""
-        chunk, left = [], max(points, 1)
+        chunk, remaining = [], max(points, 1)
         for n in reversed(shape):
-            chunk.append(min(n, max(left, 1)))
-            left //= n
+            chunk.append(min(n, max(remaining, 1)))
+            remaining //= n
         return cls(shape, tuple(reversed(chunk)))
 
     @property
@@ -177,7 +177,7 @@ class Template:
         """Describe how another result differs from this one; empty if it does not."""
         if self.variables.keys() != other.variables.keys():
             return (
-                f"its result has {', '.join(other.variables)}, others have "
+                f"the result has {', '.join(other.variables)}, other points have "
                 f"{', '.join(self.variables)}"
             )
         for name, mine in self.variables.items():
@@ -358,8 +358,8 @@ def _gathered(result: Any, n: int) -> tuple[Template, dict[str, Array]]:
     for name, variable in template.variables.items():
         if variable.shape[:1] != (n,):
             raise InputError(
-                f"vectorized: {name!r} has shape {variable.shape}, must be ({n}, ...): one entry "
-                "a point first"
+                f"vectorized: {name!r} has shape {variable.shape}, must be ({n}, ...): one "
+                "entry per point first"
             )
         variables[name] = Variable(
             variable.dims[1:], variable.shape[1:], variable.kind, variable.attrs
@@ -386,7 +386,7 @@ def _result(result: Any, attributes: bool = True) -> tuple[Template, dict[str, A
         result = result._asdict()
     named = dict(result) if isinstance(result, Mapping) else {"result": result}
     if not named:
-        raise InputError("result: holds nothing")
+        raise InputError("result: is empty")
     variables, arrays = {}, {}
     for name, value in named.items():
         array, kind = _values(str(name), value)
@@ -436,7 +436,7 @@ def _values(name: str, value: Any, keep_integers: bool = False) -> tuple[Array, 
         raise InputError(f"result: {name!r} must be numbers of one shape") from None
     kind = array.dtype.kind
     if name in (OUTCOME, ERROR):
-        raise InputError(f"result: {name!r} is a name that the sweep gives itself")
+        raise InputError(f"result: {name!r} is a name that the sweep uses")
     if not _is_name(name):
         raise InputError(f"result: {name!r} is not a name of a variable")
     if kind == "O" and all(isinstance(item, str) for item in array.flat):

@@ -131,8 +131,8 @@ class Copies:
                     raise ValueError
             except Exception:
                 raise FileError(
-                    f"checkpoint = {self._path}: {name} is damaged and cannot be put right; must "
-                    "be another path, or this one removed"
+                    f"checkpoint = {self._path}: {name} is damaged and cannot be restored: use "
+                    "another path, or remove this folder"
                 ) from None
 
     def check_coordinates(self, names: Iterable[str]) -> None:
@@ -144,8 +144,8 @@ class Copies:
             place = self._path / name / "c"
             if not place.is_file() and not any(f.is_file() for f in place.rglob("*")):
                 raise FileError(
-                    f"checkpoint = {self._path}: the values of {name} are gone and cannot be put "
-                    "right; must be another path, or this one removed"
+                    f"checkpoint = {self._path}: the values of {name} are missing and cannot "
+                    "be restored: use another path, or remove this folder"
                 )
 
     def _held(self) -> dict[str, Any] | None:

@@ -202,7 +202,7 @@ class DiskStore:
         if not isinstance(about, dict) or "identity" not in about:
             return "is not the checkpoint of a sweep"
         if why := _difference(about["identity"], self._identity):
-            return f"holds another sweep ({why}); must be the same, or another path"
+            return f"contains another sweep ({why}); use another path"
         return ""
 
     def _check(self, attributes: Any) -> None:
@@ -441,7 +441,7 @@ def _locked(path: Path) -> Folder:
     except OSError:
         folder.close()
         raise InputError(
-            f"checkpoint = {path}: is being written by another sweep, must be left to it"
+            f"checkpoint = {path}: is being written by another sweep, use another path"
         ) from None
     return folder
 
@@ -458,7 +458,7 @@ def _difference(old: Any, new: Any, name: str = "") -> str:
             if why := _difference(old[key], new[key], place):
                 return why
         if list(old) != list(new):
-            return f"{name}: are in another order"
+            return f"{name}: have another order"
         return ""
     if old == new:
         return ""

@@ -339,20 +339,20 @@ def _check_names(template: Template, grid: Grid) -> None:
             )
 
 
-def _joined(first: Computed, rest: Computed) -> Computed:
+def _joined(first: Computed, remaining: Computed) -> Computed:
     """Put the point of the first trial before the other points of its chunk."""
-    template = first.template or rest.template
-    n, arrays = rest.outcome.size, {}
+    template = first.template or remaining.template
+    n, arrays = remaining.outcome.size, {}
     if template is not None:
         head = first.arrays or blank(template, 1)
-        tail = rest.arrays or blank(template, n)
+        tail = remaining.arrays or blank(template, n)
         arrays = {name: np.concatenate([head[name], tail[name]]) for name in head}
     return Computed(
-        np.concatenate([first.outcome, rest.outcome]),
-        first.errors + rest.errors,
+        np.concatenate([first.outcome, remaining.outcome]),
+        first.errors + remaining.errors,
         template,
         arrays,
-        first.cause or rest.cause,
+        first.cause or remaining.cause,
     )
 
 

@@ -329,8 +329,8 @@ class LoadedStructure:
                 at_rest = static.load
                 if static.unheld > _UNHELD:
                     raise InputError(
-                        "load[0]: its mean pushes a rigid body that no element holds: there is no "
-                        "position of rest"
+                        "load[0]: its mean acts on a rigid body without support: there is no "
+                        "static equilibrium"
                     )
             moved = self.inertial_pushes[j]
             parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]

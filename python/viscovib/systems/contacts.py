@@ -26,7 +26,7 @@ class Contact:
         own_fields(self)
         object.__setattr__(self, "gap", _native.number("gap", self.gap))
         if (self.stiffness is None) == (self.restitution is None):
-            raise InputError("stiffness, restitution: one of them must be given, and only one")
+            raise InputError("stiffness, restitution: give exactly one of them")
         if self.stiffness is not None:
             object.__setattr__(self, "stiffness", _native.number("stiffness", self.stiffness))
             if self.stiffness <= 0:

@@ -155,16 +155,17 @@ class Coupling:
             if isinstance(found, Law):
                 if found.slopes_at_rest.any():
                     raise InputError(
-                        f"{where} = {found.text!r}: must have no linear part at rest (what is "
-                        "linear belongs to the stiffness of the structure)"
+                        f"{where} = {found.text!r}: must have no linear part at rest (the "
+                        "linear part belongs to the stiffness of the structure)"
                     )
                 programs.append((names.index(name), found))
                 continue
             for powers, c in found.items():
                 if not 2 <= sum(powers) <= MAX_DEGREE:
                     raise InputError(
-                        f"{where}: has a term of degree {sum(powers)}, must be 2 to {MAX_DEGREE} "
-                        "(what is linear belongs to the stiffness of the structure)"
+                        f"{where}: has a term of degree {sum(powers)}, must be 2 to "
+                        f"{MAX_DEGREE} (the linear part belongs to the stiffness of the "
+                        "structure)"
                     )
                 forces[names.index(name), powers] = c
         object.__setattr__(self, "_forces", forces)

@@ -112,7 +112,7 @@ def _modal(structure: Structure) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Squares, shapes and damping Phi^T C Phi of the structure without relaxation."""
     modal = structure._uncoupled
     if modal is not None and np.any(modal.loss):
-        raise InputError("loss_factor: is for harmonic methods, must be 0 (take modal_damping)")
+        raise InputError("loss_factor: is for harmonic methods, must be 0 (use modal_damping)")
     if structure._reduced is not None:
         found = structure._reduced.reduction
         damping = np.diag(found.rates)
@@ -157,10 +157,7 @@ def _system(
 
     for element in structure._all_elements:
         if element.law is not None:
-            raise InputError(
-                "elements: a law that is no polynomial has no expansion in modes, must be a "
-                "polynomial"
-            )
+            raise InputError("elements: must have polynomial laws for an expansion in modes")
         seen = turned.T @ element.direction
         linear, forces = group(element.kernel)
         mix = _mix(seen)
@@ -171,7 +168,7 @@ def _system(
                 add_force(forces, c, mix, [(mix, power)], m)
     for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
         if coupling.programs:
-            raise InputError("elements: a law that is no polynomial has no expansion in modes")
+            raise InputError("elements: must have polynomial laws for an expansion in modes")
         own = [_mix(turned.T @ e) for e in coupling.directions]
         forces = group(coupling.kernel)[1]
         for (on, powers), c in coupling.forces.items():

@@ -79,8 +79,7 @@ class Hysteresis:
         force, lost = cycles(self._state, self._numbers, rows)
         if not (_native.all_finite(force) and _native.all_finite(lost)):
             raise InputError(
-                f"d = {np.abs(samples).max():g}: force or energy is no finite number, must be "
-                "smaller"
+                f"d = {np.abs(samples).max():g}: force or energy is not finite, must be smaller"
             )
         return (
             np.asarray(np.reshape(force.T, samples.shape)),

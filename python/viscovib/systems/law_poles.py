@@ -65,8 +65,9 @@ class Layer:
         """Sentence for a message."""
         return (
             f"the law '{self.text}' changes by {self.change:.3g} within {self.width:.3g} about "
-            f"{_named(self.reads)}, where the motion comes about t = {self.when:.6g} and stays for "
-            f"{self.takes:.2g}: a layer thinner than a step (take dt below that, or a wider layer)"
+            f"{_named(self.reads)}, which the motion reaches near t = {self.when:.6g} and "
+            f"stays for {self.takes:.2g}: a layer thinner than a step (use a smaller dt, or a "
+            "wider layer)"
         )
 
 
@@ -154,9 +155,9 @@ def has_laws(system: object) -> bool:
 def pole_text(text: str, reads: dict[str, float], when: float) -> str:
     """Sentence about a pole for a message."""
     return (
-        f"the law '{text}' has a pole at {_named(reads)}, where the motion comes about "
-        f"t = {when:.6g}: no steps follow it there (take a law that stays bounded, or end the run "
-        "before by an event)"
+        f"the law '{text}' has a pole at {_named(reads)}, which the motion reaches near t = "
+        f"{when:.6g}, and no step size resolves it (use a bounded law, or end the run earlier "
+        "by an event)"
     )
 
 

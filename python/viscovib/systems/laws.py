@@ -156,8 +156,8 @@ class Law:
 
     def about(self, name: str, at: float) -> Law:
         """Return f(at + d) - f(at) of one argument and possibly its rate."""
-        rest = float(self(np.array([[at, *(0.0,) * self.n_rates]]))[0][0])
-        text = f"({self.with_arguments({name: f'{name} + ({at!r})'})}) - ({rest!r})"
+        at_rest = float(self(np.array([[at, *(0.0,) * self.n_rates]]))[0][0])
+        text = f"({self.with_arguments({name: f'{name} + ({at!r})'})}) - ({at_rest!r})"
         return compile_law("law", text, self.arguments, {}, self.n_rates)
 
     def numbers(self, reads: FloatArray, targets: Mapping[int, float], kernel: int) -> list[float]:
@@ -336,13 +336,13 @@ def _refuse_edge(where: str, law: Law) -> None:
     )
     if (np.abs(values) >= _WALL).any() or split:
         raise InputError(
-            f"{where} = {law.text!r}: must be defined around rest, where what it depends on is 0"
+            f"{where} = {law.text!r}: must be defined near rest, where its arguments are 0"
             + _sign_text(law.text)
         ) from None
     if (np.abs(slopes[0]) >= _WALL).any():
         raise InputError(
-            f"{where} = {law.text!r}: must have a finite derivative at rest, where what it depends "
-            "on is 0"
+            f"{where} = {law.text!r}: must have a finite derivative at rest, where its "
+            "arguments are 0"
         ) from None
 
 

@@ -93,22 +93,23 @@ def _directions(name: str, matrix: Any, kernel: Kernel) -> Sequence[ElementTerms
         touched = np.flatnonzero(np.diff(matrix.indptr) + np.diff(matrix.tocsr().indptr))
         if touched.size > _MOST_TOUCHED:
             raise InputError(
-                f"{name}: touches {touched.size} coordinates with a kernel that is no sum of "
-                f"exponentials, must be at most {_MOST_TOUCHED}; "
-                "pass kernel.sum_of_exponentials(t_min=, t_max=)"
+                f"{name}: touches {touched.size} coordinates with a kernel that is not a sum "
+                f"of exponentials, must be at most {_MOST_TOUCHED}; pass "
+                "kernel.sum_of_exponentials(t_min=, t_max=)"
             )
         matrix = matrix[np.ix_(touched, touched)]
     dense: FloatArray = dense_of(matrix)
     if np.abs(dense - dense.T).max() > _RANK * np.abs(dense).max():
         raise InputError(
-            f"{name}: its matrix must be symmetric with a kernel that is no sum of exponentials"
+            f"{name}: its matrix must be symmetric with a kernel that is not a sum of exponentials"
         )
     sizes, vectors = np.linalg.eigh(0.5 * (dense + dense.T))
     kept = np.flatnonzero(np.abs(sizes) > _RANK * np.abs(sizes).max())
     if kept.size > _MOST_DIRECTIONS:
         raise InputError(
-            f"{name}: acts in {kept.size} directions with a kernel that is no sum of exponentials, "
-            f"must be at most {_MOST_DIRECTIONS}; pass kernel.sum_of_exponentials(t_min=, t_max=)"
+            f"{name}: acts in {kept.size} directions with a kernel that is not a sum of "
+            f"exponentials, must be at most {_MOST_DIRECTIONS}; pass "
+            "kernel.sum_of_exponentials(t_min=, t_max=)"
         )
     found = []
     for j in kept:

@@ -109,7 +109,7 @@ def fourier_coefficients(samples: npt.ArrayLike, orders: int) -> dict[int, compl
             f"samples: {values.size} values, must be more than {2 * highest} for order {highest}"
         )
     if float(np.abs(values).max()) > 1e150:
-        raise InputError("samples: values beyond 1e150 leave the range of numbers")
+        raise InputError("samples: values beyond 1e150 exceed the range of numbers")
 
     def transform() -> ComplexArray:
         found: ComplexArray = _native.run("spectrum transform", signal=values)["spectrum"]

@@ -164,9 +164,7 @@ class LoadTable:
 
     def _refuse_g(self, name: str) -> None:
         if self.unit == "g":
-            raise InputError(
-                f"{name}: is in g, must be no acceleration: give it as base_acceleration"
-            )
+            raise InputError(f"{name}: is an acceleration in g: give it as base_acceleration")
 
     @property
     def _columned(self) -> bool:

@@ -72,7 +72,7 @@ def read_matrix(name: str, path: str | os.PathLike[str]) -> Any:
         else:
             matrix = _harwell_boeing(name, file, content)
     except MemoryError:
-        raise InputError(f"{name}: {file} holds more than fits into memory") from None
+        raise InputError(f"{name}: {file} does not fit into memory") from None
     return csc_array(matrix)
 
 
@@ -113,16 +113,16 @@ def _matrix_market(name: str, file: Path, content: bytes) -> Any:
     try:
         rows, columns, entries, form, kind, symmetry = mminfo(io.BytesIO(content))
         if kind == "complex" or symmetry == "hermitian":
-            raise InputError(f"{name}: {file} holds complex numbers, must be real")
+            raise InputError(f"{name}: {file} contains complex numbers, must be real")
         if kind == "pattern":
-            raise InputError(f"{name}: {file} holds a pattern without values, must be real")
+            raise InputError(f"{name}: {file} contains a pattern without values, must be real")
         if rows != columns:
             raise InputError(f"{name}: {file} is {rows} x {columns}, must be square")
         _check_size(rows, columns)
         if form == "array":
             entries = rows * columns if symmetry == "general" else rows * (rows - 1) // 2
         if _LEAST * entries > len(content):
-            raise FileError(f"{name}: {file} is cut short: it says {entries} entries")
+            raise FileError(f"{name}: {file} is truncated: it declares {entries} entries")
         content = _checked(name, file, content, form, kind)
         one_triangle = form == "coordinate" and symmetry != "general"
         if one_triangle:
@@ -135,8 +135,8 @@ def _matrix_market(name: str, file: Path, content: bytes) -> Any:
             raise
         why = _first_line(error)
         if "runcated" in why:
-            raise FileError(f"{name}: {file} is cut short") from None
-        raise FileError(f"{name}: {file} is no Matrix Market file ({why})") from None
+            raise FileError(f"{name}: {file} is truncated") from None
+        raise FileError(f"{name}: {file} is not a Matrix Market file ({why})") from None
     return matrix
 
 
@@ -204,7 +204,7 @@ def sparse_of(parts: Mapping[str, Any], form: str, shape: tuple[int, int]) -> An
     Every error is a ValueError.
     """
     if form not in _PARTS:
-        raise ValueError("it holds no sparse matrix")
+        raise ValueError("it contains no sparse matrix")
     if lacking := [key for key in _PARTS[form] if key not in parts]:
         raise ValueError(f"it lacks {lacking[0]}")
     data, *indices = (parts[key] for key in _PARTS[form])
@@ -265,9 +265,9 @@ def _harwell_boeing(name: str, file: Path, content: bytes) -> Any:
         rows, columns, entries = (int(part) for part in _fields(lines[2][14:], 14, 3))
         formats = [_FORMAT.fullmatch(part) for part in _split_formats(lines[3])]
     except (ValueError, IndexError):
-        raise FileError(f"{name}: {file} is no Harwell-Boeing file") from None
+        raise FileError(f"{name}: {file} is not a Harwell-Boeing file") from None
     if len(kind) != 3 or kind[0] not in "RCPI" or None in formats or len(formats) != 3:
-        raise FileError(f"{name}: {file} is no Harwell-Boeing file")
+        raise FileError(f"{name}: {file} is not a Harwell-Boeing file")
     if kind[0] != "R" or kind[1] not in "SUR" or kind[2] != "A":
         raise InputError(
             f"{name}: {file} is of type {kind}, must be real and assembled (RSA or RUA)"
@@ -284,14 +284,14 @@ def _harwell_boeing(name: str, file: Path, content: bytes) -> Any:
         values = _numbers(lines[start : start + length], int(form[3]))
         start += length
         if len(values) < expected:
-            raise FileError(f"{name}: {file} is cut short")
+            raise FileError(f"{name}: {file} is truncated")
         found.append(values[:expected])
     try:
         pointers, places = (np.array([int(v) for v in part]) - 1 for part in found[:2])
         entered = np.array([float(v.upper().replace("D", "E")) for v in found[2]])
     except ValueError as error:
         raise FileError(
-            f"{name}: {file} holds something that is not a number ({_first_line(error)})"
+            f"{name}: {file} contains a value that is not a number ({_first_line(error)})"
         ) from None
     sound = pointers[0] == 0 and pointers[-1] == entries and (np.diff(pointers) >= 0).all()
     if not sound or places.min(initial=0) < 0 or places.max(initial=0) >= rows:

@@ -132,7 +132,7 @@ class ModalModel:
             known = self._place()
             for name in coordinates:
                 if not isinstance(name, str) or name not in known:
-                    raise InputError(f"coordinates: {_native.shown(name)} is no coordinate")
+                    raise InputError(f"coordinates: {_native.shown(name)} is not a coordinate")
             shapes = shapes[[known[name] for name in coordinates]]
         return np.asarray(given[..., first::2] @ shapes.T)
 
@@ -170,7 +170,7 @@ def modal_model(structure: Structure) -> ModalModel:
             "in_modes: elements or loads act on coordinates without mass, must have mass there"
         )
     if model.loss:
-        raise InputError("in_modes: loss_factor has no meaning in time: take modal_damping")
+        raise InputError("in_modes: loss_factor has no meaning in time: use modal_damping")
     m, shapes = found.squares.size, found.shapes
     stiffness, damping = np.diag(found.squares), np.diag(found.rates)
     parts = list(found.matrices)

@@ -46,7 +46,7 @@ class Mount:
     geometry : {"cubic", "exact", "printed"}
         "exact": full sine and cosine, memory on the deflection; "cubic": potential expanded to
         fourth order, memory on every term; "printed": as cubic with the signs and factors printed
-        in seed paper 001.
+        in the paper.
     cubic_scale, memory_scale : float
         epsilon and epsilon_1 of the paper: factors of the cubic terms and of every kernel; 0
         removes the terms and their cost.

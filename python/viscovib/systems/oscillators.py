@@ -43,8 +43,8 @@ def refuse_turning(system: Any, what: str) -> None:
     """Refuse a body with finite rotations where the mass matrix must be constant."""
     if isinstance(system, PolynomialSystem) and system._turns:
         raise InputError(
-            f"geometry = 'exact': {what} of a body under finite rotations is not computed, give it "
-            "geometry = 'small'"
+            f"geometry = 'exact': {what} is not available for finite rotations: use geometry = "
+            "'small'"
         )
 
 

@@ -47,8 +47,8 @@ def penalty_supports(
         if coupled:
             raise InputError(
                 f"{what}: {_shown(names, coupled)} are coupled by entries more than {_HUGE:g} "
-                "times those of all other coordinates, next to which the digits of the others are "
-                "lost; replace the rigid connection by one coordinate"
+                "times those of all other coordinates, and rounding loses the other entries; "
+                "replace the rigid connection by one coordinate"
             )
         found.update(places)
     return np.array(sorted(found), dtype=int)
@@ -131,5 +131,5 @@ def warn_of_supports(names: Sequence[str]) -> None:
 
 def _shown(names: Sequence[str], places: Any) -> str:
     some = [names[i] for i in list(places)[:_SHOWN]]
-    left = len(list(places)) - len(some)
-    return ", ".join(some) + (f" and {left} more" if left else "")
+    unlisted = len(list(places)) - len(some)
+    return ", ".join(some) + (f" and {unlisted} more" if unlisted else "")

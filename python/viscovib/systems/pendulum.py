@@ -62,7 +62,7 @@ class Pendulum:
     f0, m01, m02, p1, p2, p3 : float
         Loads f0 cos(p1 tau) on z, m01 cos(p2 tau) on phi, m02 cos(p3 tau) on psi.
     equations : {"exact", "cubic", "printed"}
-        "cubic": expanded to third order; "printed": as printed in seed paper 000.
+        "cubic": expanded to third order; "printed": as printed in the paper.
     scales : Scales, optional
         Physical units, set by `from_physical`, to convert results back.
 
@@ -300,7 +300,7 @@ class Pendulum:
             phases = np.outer([self.p1, self.p2, self.p3], times.ravel())
             if not np.isfinite(phases).all():
                 raise InputError(
-                    f"t = {times.ravel()[np.abs(times).argmax()]:g}: the phases of the loads leave "
-                    "the range of numbers, must be smaller"
+                    f"t = {times.ravel()[np.abs(times).argmax()]:g}: the phases of the loads "
+                    "exceed the range of numbers, must be smaller"
                 )
         return np.asfortranarray(np.cos(phases))

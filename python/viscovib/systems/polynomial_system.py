@@ -410,7 +410,7 @@ class PolynomialSystem:
         if self._active_kernels:
             raise InputError("kernel: energy is not defined with memory")
         if any(group.laws for group in self.groups):
-            raise InputError("forces: are no polynomials, their potential is not known")
+            raise InputError("forces: are not polynomials, so their potential is unknown")
         stiffness = self._stiffness_at_rest
         if not np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
             raise InputError("stiffness: must be symmetric for forces to have a potential")

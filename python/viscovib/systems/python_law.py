@@ -268,7 +268,8 @@ class CalledLaw:
         sound = np.isfinite(values) & np.isfinite(alone)
         if (np.abs(values - alone)[sound] > _SAME * np.abs(values[sound])).any():
             raise InputError(
-                f"{where}: {self.law._name} gives other numbers for an array than for its entries"
+                f"{where}: {self.law._name} returns different values for an array and for its "
+                "entries"
             )
         self._check_slopes(where, rows, values)
 
@@ -280,8 +281,9 @@ class CalledLaw:
         except Exception as error:
             if self.law.slopes is None:
                 raise InputError(
-                    f"{where}: {self.law._name} takes no complex numbers, of which its derivatives "
-                    f"are made ({type(error).__name__}): give PythonLaw(function, slopes=...)"
+                    f"{where}: {self.law._name} does not accept complex numbers, which its "
+                    f"derivatives need ({type(error).__name__}): give PythonLaw(function, "
+                    "slopes=...)"
                 ) from None
             raise InputError(
                 f"{where}: slopes of {self.law._name} raised {type(error).__name__} "

@@ -390,5 +390,6 @@ def factored(matrix: Any, *, symmetric: bool) -> Any:
         return None
     except MemoryError:
         raise InputError(
-            f"mass: {matrix.shape[0]} coordinates: no memory is left to factor the stiffness"
+            f"mass: {matrix.shape[0]} coordinates: the factorization of the stiffness does not "
+            "fit into memory"
         ) from None

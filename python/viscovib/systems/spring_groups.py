@@ -216,7 +216,7 @@ def by_equation(
     if isinstance(forces, str) or callable_law(forces):
         if len(names) > 1:
             raise InputError(
-                f"{where} = {_native.shown(forces)}: must say on which equation, such as "
+                f"{where} = {_native.shown(forces)}: must name its equation, such as "
                 f"{{{names[0]!r}: {forces!r}}}"
             )
         forces = {names[0]: forces}

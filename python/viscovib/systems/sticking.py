@@ -29,8 +29,8 @@ def advice_on_sticking(system: Any) -> str:
         steep = next((one for law in laws if (one := _endless_slope(law))), None)
         return "" if steep is None else f" (the derivative of {steep} grows without bound)"
     return (
-        f" (under {text!r} a body may stick, which harmonics cannot follow: take the motion in "
-        "time, simulate, a Jenkins element, whose spring moves, or a steep tanh of the velocity)"
+        f" (under {text!r} a body may stick, which harmonics do not represent: use simulate, "
+        "steady_motion, a Jenkins element, or a steep tanh of the velocity)"
     )
 
 
@@ -69,12 +69,12 @@ def _endless_slope(law: Law) -> str:
     if law.state:
         return ""
     n = len(law.arguments)
-    rest = law(np.zeros((1, n)))[0][0]
+    at_rest = law(np.zeros((1, n)))[0][0]
     for place in law.places:
         for side in (1, -1):
             at = np.zeros((2, n))
             at[:, place] = side * np.array(_NEAR)
-            steps = np.abs(law(at)[0] - rest) / np.array(_NEAR)
+            steps = np.abs(law(at)[0] - at_rest) / np.array(_NEAR)
             if _ENDLESS * steps[0] < steps[1] < _JUMPS * steps[0]:
                 return f"{law.text!r} at {law.arguments[place]} = 0"
     return ""

@@ -83,6 +83,7 @@ def advice_on_springs(mass: FloatArray, stiffness: FloatArray) -> str:
     if ratio < _STIFF:
         return ""
     return (
-        f"; squares of natural frequencies differ by a factor of {ratio:.0e}, and rounding of "
-        "stiff springs hides what soft ones do: vv.Structure with elements keeps these digits"
+        f"; squares of natural frequencies differ by a factor of {ratio:.0e}, and the rounding "
+        "error of stiff springs affects the soft springs: vv.Structure with elements avoids "
+        "this"
     )

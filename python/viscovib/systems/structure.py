@@ -196,7 +196,9 @@ class Structure:
         if not places.size:
             return
         if places.size == self.n_coordinates:
-            raise InputError("mass: all coordinates are fixed by huge numbers, one must be free")
+            raise InputError(
+                "mass: all coordinates are fixed by huge numbers, at least one must be free"
+            )
         warn_of_supports(self.supports)
         elements = fixed_elements(self._all_elements, places)
         whole = [fixed(matrix, places) for matrix in whole]

@@ -64,15 +64,15 @@ def _whole(file: Path) -> dict[str, Any]:
 
     if file.suffix.lower() != ".npz":
         raise InputError(
-            f"mass = {str(file)!r}: must end in .npz to hold a whole structure; give a file of "
-            "the stiffness too"
+            f"mass = {str(file)!r}: must end in .npz to contain a whole structure; give a file "
+            "of the stiffness too"
         )
     try:
         parts = arrays_of("mass", file, content_of("mass", file))
     except MemoryError:
-        raise InputError(f"mass: {file} holds more than fits into memory") from None
+        raise InputError(f"mass: {file} does not fit into memory") from None
     if str(parts.pop("form", "")) != _FORM:
-        raise FileError(f"mass: {file} holds no structure; was it written by Structure.write?")
+        raise FileError(f"mass: {file} contains no structure; was it written by Structure.write?")
     found: dict[str, Any] = {}
     for name in _MATRICES:
         own = {key: parts.pop(f"{name}.{key}") for key in _SPARSE if f"{name}.{key}" in parts}
@@ -85,7 +85,7 @@ def _whole(file: Path) -> dict[str, Any]:
             why = " ".join(str(error).split())[:120]
             raise FileError(f"mass: {file} cannot be read ({name}: {why})") from None
     if unknown := sorted(parts.keys() - _PARTS):
-        raise FileError(f"mass: {file} cannot be read (it holds {shown(unknown[0])})")
+        raise FileError(f"mass: {file} cannot be read (it contains {shown(unknown[0])})")
     for name, value in parts.items():
         found[name] = value.tolist() if value.dtype.kind == "U" or value.ndim == 0 else value
     if lacking := [name for name in ("mass", "stiffness") if name not in found]:

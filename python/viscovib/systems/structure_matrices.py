@@ -237,8 +237,8 @@ def _of_elements(n: int, parts: list[tuple[float, FloatArray]]) -> Any:
         places = np.flatnonzero(direction)
         if places.size > _MANY:
             raise InputError(
-                f"elements: one acts on {places.size} coordinates at once, must be on at most "
-                f"{_MANY} of sparse matrices"
+                f"elements: one acts on {places.size} coordinates, must act on at most {_MANY} "
+                "with sparse matrices"
             )
         e = csc_array(direction[:, np.newaxis])
         total = total + factor * (e @ e.T)

@@ -127,7 +127,7 @@ def dense_rest(
         except LinAlgError:
             raise InputError(
                 "mass: must be positive definite, it is singular to rounding: eliminate "
-                "coordinates that depend on others"
+                "coordinates that depend on other coordinates"
             ) from None
         squares, shapes = refined_modes(squares, shapes, mass, *parts)
         squares = without_rounding(squares, shapes, stiffness)
@@ -162,8 +162,8 @@ def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> 
 
     if np.any(modal.loss):
         raise InputError(
-            "loss_factor: needs a symmetric stiffness and dampers that leave the modes uncoupled, "
-            "must be 0 with other dampers (in damping, in elements, or in laws of rates)"
+            "loss_factor: needs a symmetric stiffness and dampers that do not couple the "
+            "modes, must be 0 with other dampers (in damping, in elements, or in laws of rates)"
         )
     extra = modal.by_mass * mass + modal.by_stiffness * stiffness
     if not np.any(modal.ratio):

@@ -76,9 +76,9 @@ def text_of(function: Any, names: Sequence[str], keywords: Sequence[bool]) -> st
     None: no text is equivalent, so the function must be called.
     """
     first = [_Traced(n) for n, keyword in zip(names, keywords, strict=True) if not keyword]
-    rest = {n: _Traced(n) for n, keyword in zip(names, keywords, strict=True) if keyword}
+    by_name = {n: _Traced(n) for n, keyword in zip(names, keywords, strict=True) if keyword}
     try:
-        found = function(*first, **rest)
+        found = function(*first, **by_name)
     except Exception:  # any exception: it needs numbers
         return None
     return found.text if isinstance(found, _Traced) else None

@@ -24,7 +24,7 @@ class _UserElement(Hysteresis):
             "law check_user_element", state=self._state, numbers=np.array(self._numbers, float)
         )
         if not np.isfinite(self._stiffness_at_rest):
-            raise InputError(f"{type(self).__name__}: its stiffness at rest is no finite number")
+            raise InputError(f"{type(self).__name__}: its stiffness at rest is not finite")
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = {name: getattr(self, name) for name in ("on", *self._names)}

@@ -116,9 +116,9 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
     force = "'forces[x^3]'" if n == 1 else f"'forces[{names[0]},{names[1]}^3]'"
     if form is None:
         raise InputError(
-            f"vary = {_native.shown(name)}: must be {_NAMES}, an entry such as {entry} of mass, "
-            f"damping or stiffness, or a coefficient such as {force}; with 'springs[0].' before "
-            "it, of those springs"
+            f"vary = {_native.shown(name)}: must be {_NAMES}, an entry such as {entry} of "
+            f"mass, damping or stiffness, or a coefficient such as {force}; the prefix "
+            "'springs[0].' selects those springs"
             + (
                 f"; or a parameter of its forces, {', '.join(system._named_parameters)}"
                 if system._named_parameters

@@ -105,7 +105,7 @@ def lacks_wholeness(system: Structure) -> str | None:
     if n > MOST_IN_FRAME:
         return f"is for structures of at most {MOST_IN_FRAME} coordinates, has {n}"
     if system._reduced is not None:
-        return "is for structures that are not reduced: take structure.in_modes()"
+        return "is for structures that are not reduced: use structure.in_modes()"
     if not _all_has_mass(system):
         return "is for structures all of whose coordinates have mass"
     return None
@@ -155,7 +155,7 @@ def whole_system(structure: Structure) -> PolynomialSystem:
 
         if np.any(modal.loss):
             raise InputError(
-                "loss_factor: has no meaning in time, must be 0 for a motion in time (take a "
+                "loss_factor: has no meaning in time, must be 0 for a motion in time (use a "
                 "kernel, or modal_damping)"
             )
         squares, shapes = eigh(stiffness, mass)

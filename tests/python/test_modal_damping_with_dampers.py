@@ -102,7 +102,7 @@ def test_reduced_structures_damp_each_mode_once(case):
         assert np.abs(true[[59, 109]] - x).max() < 1e-3 * np.abs(x).max()
 
 
-def test_what_has_no_modes_to_damp_is_told():
+def test_what_has_no_modes_to_damp_is_reported():
     chain = {"mass": [1, 2], "elements": [vv.Spring(on="x1", damping=0.1, law="d^3")]}
     for text, options in (
         ("loss_factor: .* must be 0 with other dampers", {"loss_factor": 0.1}),

@@ -30,9 +30,9 @@ def system():
     ],
 )
 def test_of_calls(call, text):
-    with pytest.raises(TypeError, match="unexpected keyword argument") as told:
+    with pytest.raises(TypeError, match="unexpected keyword argument") as reported:
         call()
-    assert text in str(told.value)
+    assert text in str(reported.value)
 
 
 @pytest.mark.parametrize(

@@ -145,7 +145,7 @@ def test_numbers_of_elements_side_by_side():
         assert np.abs(one.state[-1] - state).max() < 1e-8
 
 
-def test_what_no_run_may_have_is_told_of_the_run():
+def test_what_no_run_may_have_is_reported_of_the_run():
     system = vv.PolynomialSystem(
         mass=1, stiffness=1, forces="0.4*tanh(x_dot/w)", parameters={"w": 0.5}
     )

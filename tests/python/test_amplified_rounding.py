@@ -47,7 +47,7 @@ def by_series(start, drag, linear, cubic, sine, force, nu, weights=0.0 * MEMORY[
     return np.array([x, v]).T
 
 
-def beside_chaos(rng):
+def near_chaos(rng):
     """Parameters of a Duffing oscillator in two wells and of a driven pendulum, and their laws."""
     drag, cubic, force = rng.uniform((0.1, 0.8, 0.25), (0.3, 1.2, 0.5)).tolist()
     linear, nu = rng.uniform((-1.2, 0.9), (-0.8, 1.4)).tolist()
@@ -84,11 +84,11 @@ def test_errors_hold_what_roundings_grow_to(made, remembers, seed):
     Parameters are rounded equally in all runs, so differences of runs do not show it.
     """
     rng = np.random.default_rng(seed)
-    drawn = [one for _ in range(10) for one in beside_chaos(rng)]
+    drawn = [one for _ in range(10) for one in near_chaos(rng)]
     starts = rng.uniform(-1, 1, (len(drawn), 2))
     numbers = np.transpose([numbers for numbers, _ in drawn])
     right = by_series(starts, *numbers, remembers * MEMORY[0])
-    grown, told = 0, []
+    grown, reported = 0, []
     for start, (numbers, law), end in zip(starts, drawn, right, strict=True):
         drag, linear, _, _, force, nu = numbers
         system = made(linear, law, drag)
@@ -96,10 +96,10 @@ def test_errors_hold_what_roundings_grow_to(made, remembers, seed):
             try:
                 run = vv.simulate(system, END, initial=start, load=[force], nu=nu, **how)
             except vv.InputError as refused:
-                told.append(str(refused))
+                reported.append(str(refused))
                 continue
             off = float(np.abs(run.state[-1] - end).max())
             assert off <= run.error
             grown += off > 1e-13
     assert grown >= 6
-    assert all("the motion is chaotic or unstable" in one for one in told)
+    assert all("the motion is chaotic or unstable" in one for one in reported)

@@ -64,7 +64,7 @@ def command(*arguments, folder, **given):
     )  # fmt: skip
 
 
-def test_names_that_end_lines_are_told_in_one_line(tmp_path, monkeypatch, capsys):
+def test_names_that_end_lines_are_reported_in_one_line(tmp_path, monkeypatch, capsys):
     (tmp_path / "two\nlines.nml").write_text(SCENE)
     (tmp_path / "blank ").write_text(SCENE)
     monkeypatch.chdir(tmp_path)
@@ -79,7 +79,7 @@ def test_names_that_end_lines_are_told_in_one_line(tmp_path, monkeypatch, capsys
     assert len(str(raised.value)) < 2000
 
 
-def test_too_little_room_is_told(tmp_path):
+def test_too_little_room_is_reported(tmp_path):
     """Even if no thread can be started."""
     (tmp_path / "scene.nml").write_text(SCENE)
     done = command("run", "scene.nml", "--max-memory", "0.02", folder=tmp_path)
@@ -90,7 +90,7 @@ def test_too_little_room_is_told(tmp_path):
     assert not list(tmp_path.glob("*.csv"))
 
 
-def test_a_bound_on_the_size_of_files_is_told(tmp_path):
+def test_a_bound_on_the_size_of_files_is_reported(tmp_path):
     """With one line and without a partial file: the signal of the system is ignored."""
     (tmp_path / "scene.nml").write_text(SCENE.replace("nu=1 2", "nu_from=1 nu_to=2 nu_count=400"))
 
@@ -176,7 +176,7 @@ def test_a_pipe_or_a_device_keeps_its_place(name, run, tmp_path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_told_and_leaves_nothing(name, run, tmp_path):
+def test_a_full_disk_is_reported_and_leaves_nothing(name, run, tmp_path):
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (40, most))
     try:

@@ -26,7 +26,7 @@ def motion(mass, damping, stiffness, load, nu, start, t):
 
 
 @pytest.mark.parametrize("kind", ["modal", "dampers", "strong damper"])
-def test_soft_motions_beside_a_stiff_spring(kind):
+def test_soft_motions_with_a_stiff_spring(kind):
     """The matrix entries contain the soft springs; an eigensolver loses 1e-16 of the stiff one."""
     rng = np.random.default_rng(5)
     for i in range(6):
@@ -58,7 +58,7 @@ def test_soft_motions_beside_a_stiff_spring(kind):
 
 @pytest.mark.parametrize("strong", [1e3, 1e11, 1e13, 1e15])
 @pytest.mark.parametrize("turn", [1, -1])
-def test_weak_dampers_beside_a_strong_one(strong, turn):
+def test_weak_dampers_with_a_strong_one(strong, turn):
     """They couple or rotate modes and dissipate, also if loads act elsewhere."""
     for between in (0.15, 0.0):
         damping = np.diag([0.2, 0.3, strong])
@@ -75,7 +75,7 @@ def test_weak_dampers_beside_a_strong_one(strong, turn):
 
 
 @pytest.mark.parametrize("kind", ["of modes", "coupled", "free"])
-def test_soft_motions_beside_stiff_springs_that_relax(kind):
+def test_soft_motions_with_stiff_springs_that_relax(kind):
     """Layers with memory: rounding of the sum of stiffnesses must not affect the motion."""
     rng = np.random.default_rng(6)
     for i in range(4):
@@ -116,7 +116,7 @@ def test_soft_motions_beside_stiff_springs_that_relax(kind):
 
 
 @pytest.mark.parametrize("kind", ["none", "dampers", "layer"])
-def test_soft_motions_beside_stiff_elements(kind):
+def test_soft_motions_with_stiff_elements(kind):
     """Sums of springs and elements are exact: rounding of a stiff one is as large as soft ones."""
     rng = np.random.default_rng(9)
     for _ in range(5):
@@ -189,7 +189,7 @@ def test_pasts_that_hardly_bend_stiff_layers(kind):
         assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= run.error
 
 
-def test_soft_natural_frequencies_beside_a_stiff_spring():
+def test_soft_natural_frequencies_with_a_stiff_spring():
     rng = np.random.default_rng(2)
     for _ in range(20):
         n = int(rng.integers(2, 6))
@@ -234,7 +234,7 @@ def test_modes_of_many_coordinates_are_those_of_a_chain(stiff):
 
 @pytest.mark.parametrize("kind", ["none", "dampers", "follower forces"])
 @pytest.mark.parametrize("stiff", [2.0**8, 2.0**20, 2.0**26])
-def test_many_coordinates_beside_stiff_springs_move_as_one_chain(kind, stiff):
+def test_many_coordinates_with_stiff_springs_move_as_one_chain(kind, stiff):
     rng = np.random.default_rng(3)
     n = 55
     one, stiffness = twin_chains(n, stiff)

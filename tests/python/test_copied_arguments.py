@@ -162,21 +162,22 @@ def spoil(value):
         value[:] = [9] * len(value)
 
 
-def told(value):
+def reported(value):
     """All fields of a value; arrays with all digits and their writeable flag."""
     if isinstance(value, np.ndarray):
         return "array", value.tolist(), value.flags.writeable
     if isinstance(value, csc_array):
         return value.toarray().tolist()
     if isinstance(value, (list, tuple)):
-        return [told(one) for one in value]
+        return [reported(one) for one in value]
     if isinstance(value, dict):
-        return {key: told(one) for key, one in value.items()}
+        return {key: reported(one) for key, one in value.items()}
     return repr(value)
 
 
 def fields(value):
-    return {name: told(getattr(value, name)) for name in vars(value) if not name.startswith("__")}
+    names = [name for name in vars(value) if not name.startswith("__")]
+    return {name: reported(getattr(value, name)) for name in names}
 
 
 def name_of(case):

@@ -70,10 +70,10 @@ def test_the_slowest_multiplier_is_the_largest_of_all(kernel):
         mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3", names=("x",), kernel=kernel
     )
     branch = vv.trace_response(system, (0.5, 1.8), load=0.3, max_points=200)
-    told = np.flatnonzero(branch.slowest & (branch.truncation < 1e-8))
-    assert told.size >= 3
-    growing = told[branch.growing[told] > 0]
-    for i in {told[0], told[told.size // 2], growing[growing.size // 2]}:
+    reported = np.flatnonzero(branch.slowest & (branch.truncation < 1e-8))
+    assert reported.size >= 3
+    growing = reported[branch.growing[reported] > 0]
+    for i in {reported[0], reported[reported.size // 2], growing[growing.size // 2]}:
         true = multipliers(
             kernel, damping, cubic, branch.nu[i], branch.harmonics, branch.coefficients[i].ravel()
         )

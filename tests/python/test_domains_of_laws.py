@@ -63,15 +63,15 @@ def test_a_run_tells_which_law_ends_where_and_when(text):
                 assert (run.outcome, run.reason) == ("completed", None)
                 continue
             shown = law.replace("x", name)
-            told = f"the law '{shown}' has no value beyond {name} = {side * edge:.6g}, reached"
+            reported = f"the law '{shown}' has no value beyond {name} = {side * edge:.6g}, reached"
             if body is structure and run.outcome == "step too large":
                 assert run.t_reached <= true <= run.t_reached + 2 * run.step
-                assert run.reason.startswith(told)
+                assert run.reason.startswith(reported)
                 continue
             assert run.outcome == "diverged"
             # A law may have an infinite slope at its edge.
             assert run.t_reached == pytest.approx(true, abs=2e-5)
-            assert run.reason == f"{told} at t = {run.t_reached:.6g}"
+            assert run.reason == f"{reported} at t = {run.t_reached:.6g}"
             assert run.reason in repr(run)
     assert "diverged" in seen
 
@@ -88,7 +88,7 @@ def test_of_two_laws_the_one_that_ends_is_named_with_all_that_it_reads():
     assert f"a = {last[0]:.6g}, b = {last[2]:.6g}" in run.reason
 
 
-def test_other_ends_are_told_too():
+def test_other_ends_are_reported_too():
     soft = vv.PolynomialSystem(mass=1, stiffness=1, forces="-x^3 + 0.01*tanh(x)")
     run = vv.simulate(soft, 20, initial=[1.2, 0.3])
     assert run.reason == f"the motion runs away at t = {run.t_reached:.6g}"
@@ -123,7 +123,7 @@ def test_a_pole_is_named_with_its_place_and_time(law, place, kernel):
     # Attracted, it arrives earlier than with its initial speed.
     soonest, latest = 0.2, place / 2
 
-    def told(text):
+    def reported(text):
         found = re.search(r"has a pole at d = ([\d.]+), where .* about t = ([\d.]+)", text)
         assert found, text
         assert float(found[1]) == pytest.approx(place, abs=1e-5)
@@ -133,15 +133,15 @@ def test_a_pole_is_named_with_its_place_and_time(law, place, kernel):
         warnings.simplefilter("always")
         run = vv.simulate(system, 1, initial=[0, 2], dt=0.02)
     text = run.reason if run.outcome != "completed" else str(heard[0].message)
-    assert soonest < told(text) < latest + 0.02
+    assert soonest < reported(text) < latest + 0.02
     if run.outcome == "completed":
         with pytest.raises(vv.InputError, match="not met") as refusal:
             vv.simulate(system, 1, initial=[0, 2])
-        assert soonest < told(str(refusal.value)) < latest + 0.02
+        assert soonest < reported(str(refusal.value)) < latest + 0.02
 
 
 @pytest.mark.parametrize("law", ["1/(1 - d)^2 - 1", "d/(1 + d^2)", "tanh(d/0.01)", "d/0.1"])
-def test_no_pole_is_told_where_none_is_passed(law, recwarn):
+def test_no_pole_is_reported_where_none_is_passed(law, recwarn):
     run = vv.simulate(with_law(law), 3, initial=[0, 2], dt=0.01)
     assert (run.outcome, run.reason) == ("completed", None)
     assert not recwarn.list
@@ -164,7 +164,7 @@ SMOOTH = (
 
 
 @pytest.mark.parametrize("text", [*POLES, *LAYERS, *SMOOTH])
-def test_true_poles_are_told_and_thin_bumps_are_told_as_layers(text):
+def test_true_poles_are_reported_and_thin_bumps_are_reported_as_layers(text):
     """Smooth bumps grow like poles outside their width; only poles grow without bound."""
     rng = np.random.default_rng(len(text))
     for _ in range(4):
@@ -174,30 +174,30 @@ def test_true_poles_are_told_and_thin_bumps_are_told_as_layers(text):
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             run = vv.simulate(system, 3, initial=[0, 2], dt=0.02)
-        told = run.reason or "".join(str(one.message) for one in heard)
-        assert ("has a pole" in told) == (text in POLES), told
-        assert ("a layer thinner" in told) == (text in LAYERS), told
+        reported = run.reason or "".join(str(one.message) for one in heard)
+        assert ("has a pole" in reported) == (text in POLES), reported
+        assert ("a layer thinner" in reported) == (text in LAYERS), reported
         if text not in SMOOTH:
-            assert float(re.search(r"d = ([\d.]+)", told)[1]) == pytest.approx(g, abs=2e-4)
+            assert float(re.search(r"d = ([\d.]+)", reported)[1]) == pytest.approx(g, abs=2e-4)
         if text in LAYERS:
-            width = float(re.search(r"within (\S+) about", told)[1])
-            assert e < width < 4 * e, told
+            width = float(re.search(r"within (\S+) about", reported)[1])
+            assert e < width < 4 * e, reported
 
 
 @pytest.mark.parametrize(
-    ("law", "told"),
+    ("law", "reported"),
     [
         ("sign(x)*sqrt(abs(x))", "the derivative of 'sign(x)*sqrt(abs(x))' at x = 0 grows"),
         ("abs(x_dot)^0.6*sign(x_dot)", "at x_dot = 0 grows"),
         ("0.5*x*sqrt(abs(x)) + tanh(x/1e-9)", ""),
     ],
 )
-def test_slopes_without_bound_are_told(law, told):
+def test_slopes_without_bound_are_reported(law, reported):
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
     said = advice_on_sticking(system)
-    assert told in said
-    assert bool(told) == bool(said)
-    if "sqrt(abs(x))" in told:
+    assert reported in said
+    assert bool(reported) == bool(said)
+    if "sqrt(abs(x))" in reported:
         with pytest.warns(vv.ConvergenceWarning, match=r"finds no motion .* grows without bound"):
             vv.forced_response(system, [1.0], load=0.5, method="newton")
 
@@ -205,11 +205,11 @@ def test_slopes_without_bound_are_told(law, told):
 @pytest.mark.parametrize("law", ["d*log(abs(d))", "v*abs(v)^-0.4", "d*abs(d)^-0.5"])
 def test_laws_without_a_finite_derivative_at_rest_are_refused(law):
     """It would be a stiffness of 1e60, which prevents any motion."""
-    told = "must have a finite derivative at rest"
-    with pytest.raises(vv.InputError, match=told):
+    reported = "must have a finite derivative at rest"
+    with pytest.raises(vv.InputError, match=reported):
         vv.Spring(on="x1", law=law)
     named = law.replace("v", "x_dot").replace("d*", "x*").replace("(d)", "(x)")
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         vv.PolynomialSystem(mass=1, stiffness=1, forces=named)
-    with pytest.raises(vv.InputError, match=told):
+    with pytest.raises(vv.InputError, match=reported):
         vv.MountPoint(name="a", position=(0, 0, 0), stiffness=(1, 1, 1), law=(law, None, None))

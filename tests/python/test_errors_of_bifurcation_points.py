@@ -57,7 +57,7 @@ def _apart(one, other):
 
 
 @pytest.mark.parametrize("first", range(0, 24, 8))
-def test_places_of_few_orders_are_as_far_off_as_told(first):
+def test_places_of_few_orders_are_as_far_off_as_reported(first):
     """Against a balance with three times as many harmonics."""
     ratios = {}
     for seed in range(first, first + 8):

@@ -50,12 +50,12 @@ def test_exponents_side_by_side(seed):
         stability=True,
     )
     # Multipliers determine exponents up to integer multiples of i nu.
-    told = r.multipliers[0][np.isfinite(r.multipliers[0])]
+    reported = r.multipliers[0][np.isfinite(r.multipliers[0])]
     true = np.exp(2 * np.pi / nu * eigenvalues(mass, damping, stiffness, weights, rates))
     slow = true[np.abs(true) > np.exp(-2 * np.pi / nu * 0.5)]
     if r.slowest[0]:
-        assert abs(told[0]) == pytest.approx(np.abs(true).max(), abs=2e-5)
-    for one in told[np.abs(told) > np.abs(slow).min() - 1e-6]:
-        beside = slow[np.abs(slow - one) < 1e-3]
-        apart = np.abs(beside[:, None] - beside).max()
-        assert np.abs(beside - one).min() < 1e-8 + apart
+        assert abs(reported[0]) == pytest.approx(np.abs(true).max(), abs=2e-5)
+    for one in reported[np.abs(reported) > np.abs(slow).min() - 1e-6]:
+        nearby = slow[np.abs(slow - one) < 1e-3]
+        apart = np.abs(nearby[:, None] - nearby).max()
+        assert np.abs(nearby - one).min() < 1e-8 + apart

@@ -36,7 +36,7 @@ def test_series_that_take_all_numbers_say_so(tmp_path):
     assert fit.interval == {"modulus": (0, math.inf), "relaxed": (0, math.inf)}
     assert fit.unconstrained == ("modulus", "relaxed")
     assert all(map(math.isnan, fit.parameters.values()))
-    with pytest.raises(vv.InputError, match="estimate the scatter: must be more"):
+    with pytest.raises(vv.InputError, match="determine the scatter: must be more"):
         vv.propagate(fit, lambda sample: sample.modulus, samples=5)
     fit.to_json(tmp_path / "f.json")
     assert vv.read_fit(tmp_path / "f.json").interval == fit.interval
@@ -48,5 +48,5 @@ def test_kernels_of_as_many_numbers_as_parameters():
     with pytest.warns(vv.ConvergenceWarning, match=r"modulus: 0 to inf; .*alpha: 0.01 to 1"):
         fit = vv.fit_kernel(data)
     assert len(fit.unconstrained) == 4
-    with pytest.raises(vv.InputError, match="4 numbers for 4 parameters leave none"):
+    with pytest.raises(vv.InputError, match="4 numbers for 4 parameters do not"):
         vv.propagate(fit, lambda sample: sample.modulus, samples=5)

@@ -205,7 +205,7 @@ def test_parts_behind_a_switch_go_on():
 
 
 @pytest.mark.parametrize("rate", [100.0, 500.0, 2000.0])
-def test_jumps_of_loads_beside_fast_rates(rate):
+def test_jumps_of_loads_with_fast_rates(rate):
     """A rectangular load causes layers, in a table and in resumed runs: SciPy in pieces."""
     weights, rates = [0.2, 0.5 * rate], [1.0, rate]
     system = rubber(kernel=vv.PronyKernel(weights=weights, rates=rates))
@@ -264,7 +264,7 @@ def test_events_and_means_are_of_coordinates():
     np.testing.assert_allclose(found.events[2].state[:, 3], 0.0, atol=1e-9)
 
 
-def test_stops_rest_and_friction_holds_beside_memory():
+def test_stops_rest_and_friction_holds_with_memory():
     """A stop with contact at rest, and friction: driven by the relaxation of the spring."""
     stop = vv.Structure(
         mass=[1.0], stiffness=[0.0], damping=[0.1],
