@@ -321,8 +321,8 @@ contains
     x = self%balance%reduced(leave%begin)
     along = self%balance%reduced(leave%along(:m))
     if (norm2(along) < (1.0_wp - 1.0e-6_wp)*norm2(leave%along(:m))) then
-      call fail(status, status_input_error, 'leave', 'leave: the motions that leave do not share ' &
-                //'the symmetry: give symmetric=False')
+      call fail(status, status_input_error, 'leave', 'leave: the bifurcating motions do not have ' &
+                //'this symmetry: give symmetric=False')
       return
     end if
     call follow_curve(self%balance, self%options, x, branch, leave%parameter/self%unit, &
@@ -348,8 +348,8 @@ contains
     end if
     if (branch%n_points > 0) return
     call fail(status, status_input_error, 'from', trim(varied_names(job%parameter)) &
-              //': no solution was found at its beginning '//show(job%options%start) &
-              //': begin elsewhere')
+              //': no solution was found at the start '//show(job%options%start) &
+              //': start at another value')
   end subroutine solve_first
 
   !> Orders and coordinates that are unknowns.

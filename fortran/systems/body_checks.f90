@@ -66,21 +66,21 @@ contains
       angle = angles(maxloc(abs(angles(:, i)), 1), i)
       if (abs(angle) > 2.0_wp*pi) then
         text = text//trim(names(i))//': angles: '//show(angle)//' is more than a whole turn: ' &
-               //'angles are in rad, those in degrees are to be multiplied by units.degree'//nl
+               //'angles are in rad; multiply degrees by units.degree'//nl
       end if
       away = norm2(body%springs(first(i))%arm)
       farthest = max(farthest, away)
       if (away > far_away*radius) then
         text = text//trim(names(i))//': is '//show(away)//' m from the centre of mass of a body ' &
-               //'whose radius of gyration is '//show(radius)//' m: positions are in m, those ' &
-               //'in mm are to be multiplied by units.mm'//nl
+               //'whose radius of gyration is '//show(radius)//' m: positions are in m; ' &
+               //'multiply values in mm by units.mm'//nl
         return
       end if
     end do
     if (radius > max(far_away*farthest, large) .and. farthest > 0.0_wp) then
       text = text//'inertia: the radius of gyration is '//show(radius)//' m, the farthest mount ' &
-             //'is '//show(farthest)//' m from the centre of mass: inertia is in kg m^2, that ' &
-             //'in kg mm^2 is to be multiplied by units.mm**2'//nl
+             //'is '//show(farthest)//' m from the centre of mass: inertia is in kg m^2; ' &
+             //'multiply values in kg mm^2 by units.mm**2'//nl
     else
       text = text//doubt_stiffness(body, max(radius, farthest))
     end if
@@ -115,8 +115,8 @@ contains
     if (.not. (sunk > extent .and. sunk < 1000.0_wp*deepest)) return
     text = 'stiffness: of all mounts together at most '//show(largest(3))//' N/m in any ' &
            //'direction, by which '//show(body%mass)//' kg would sink by '//show(sunk)//' m, ' &
-           //'more than the '//show(extent)//' m that the body measures: stiffnesses are in N/m, ' &
-           //'those in N/mm are to be multiplied by units.newton_per_mm'//nl
+           //'more than the '//show(extent)//' m that the body measures: stiffnesses are in N/m; ' &
+           //'multiply values in N/mm by units.newton_per_mm'//nl
   end function doubt_stiffness
 
   pure function unit_matrix() result(unit)

@@ -125,7 +125,7 @@ def test_terminal_sawtooth():
     [
         ((66.0, 463.0, 156.0), 0.0, 1.0, "multiply values in mm by units.mm$"),
         ((0.1, 0.4, 0.1), 90.0, 1.0, "multiply degrees by units.degree$"),
-        ((0.1, 0.4, 0.1), 0.0, 1e6, r"that in kg mm\^2 is to be multiplied by units.mm\*\*2$"),
+        ((0.1, 0.4, 0.1), 0.0, 1e6, r"multiply values in kg mm\^2 by units.mm\*\*2$"),
         ((0.1, 0.4, 0.1), 2 * math.pi, 1.0, None),
         ((0.0, 0.0, 0.0), 0.0, 1e6, None),
     ],

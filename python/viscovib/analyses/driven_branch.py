@@ -359,8 +359,8 @@ def trace_pendulum(
     worst = found["truncation"]
     if worst > curve.tolerance:
         warnings.warn(
-            f"{found['bound']} orders leave an estimated relative error of {worst:.1e}, more than "
-            f"the tolerance {curve.tolerance:.1e}",
+            f"{found['bound']} harmonics: the estimated relative error is {worst:.1e}, more "
+            f"than the tolerance {curve.tolerance:.1e}",
             ConvergenceWarning,
             stacklevel=caller(),
         )
