@@ -22,7 +22,7 @@ module viscovib_search_reason
   real(wp), parameter :: suddenly = 100.0_wp
   !> A difference that is larger later by this factor may be that of a chaotic motion.
   real(wp), parameter :: grows = 1.0e3_wp
-  character(len=*), parameter :: unstable = 'the motion is chaotic or unstable, take '
+  character(len=*), parameter :: unstable = 'the motion is chaotic or unstable, use '
 
 contains
 
@@ -46,23 +46,23 @@ contains
           cause = 'with numbers of the system changed by rounding errors the run ends ' &
                   //'differently: '//unstable//'a shorter run or a larger tolerance'
         else if (run%outcome == run_event) then
-          cause = 'roundings leave an error of '//rough(search%grown)//' of the event that ends ' &
-                  //'the run at t = '//show(six_digits(run%t_reached))//': it is close to ' &
-                  //'grazing, or '//unstable//'a larger tolerance'
+          cause = 'rounding causes an error of '//rough(search%grown)//' of the event that ends ' &
+                  //'the run at t = '//show(six_digits(run%t_reached))//': the event is close ' &
+                  //'to grazing, or '//unstable//'a larger tolerance'
         else
-          cause = 'the motion makes roundings of the numbers of the system ' &
-                  //rough(search%grown/epsilon(1.0_wp))//' times as large until t = ' &
-                  //show(six_digits(run%t_reached))//', which leaves an error of ' &
+          cause = 'the motion amplifies rounding errors of the numbers of the system ' &
+                  //rough(search%grown/epsilon(1.0_wp))//' times until t = ' &
+                  //show(six_digits(run%t_reached))//', to an error of ' &
                   //rough(search%grown)//': '//unstable//'a shorter run or a larger tolerance'
         end if
       else if (search%verdict == step_in_layer) then
         outcome = outcome//' with '//show(steps)//' steps'
-        cause = 'a law changes in a layer thinner than a step (take dt below that, or a wider ' &
+        cause = 'a law changes in a layer thinner than a step (use a smaller dt, or a wider ' &
                 //'layer)'
       else if (search%verdict == step_too_many .or. .not. allocated(search%coarse%states)) then
-        cause = show(steps)//' steps, and twice as many, which would tell the error, are too ' &
+        cause = show(steps)//' steps, and twice as many for the error estimate, are too ' &
                 //'many (at most '//show(max_steps)//', and '//show(max_kept)//' states kept): ' &
-                //'take a shorter run or give dt'
+                //'use a shorter run or give dt'
       else
         outcome = outcome//' with '//show(steps)//' steps (runs with different step sizes end ' &
                   //'differently)'
@@ -89,18 +89,18 @@ contains
     else if (coarse%outcome /= run_completed) then
       cause = ending(coarse)
     else if (any(shape(coarse%states) /= shape(fine%states))) then
-      cause = 'the two runs end at different times'
+      cause = 'two runs with different step sizes end at different times'
     else
       allowed = job%allowed(fine)
       worst = maxloc(maxval(abs(fine%states - coarse%states), 2)/max(allowed, 1.0e-300_wp), 1)
       part = abs(fine%states(worst, :) - coarse%states(worst, :))
       extent = maxval(abs(fine%states(worst, :)))
       if (allowed(worst) < 1.0e-13_wp*extent .and. maxval(part) < 1.0e-6_wp*extent) then
-        cause = 'the motion is as large as '//rough(extent)//', and the tolerance is ' &
-                //rough(allowed(worst)/extent)//' of that, too near to rounding: give rtol'
+        cause = 'the size of the motion is '//rough(extent)//', and the tolerance is ' &
+                //rough(allowed(worst)/extent)//' of it, close to the rounding error: give rtol'
       else if (.not. any(part > allowed(worst))) then
-        cause = 'two runs differ on the way and end alike by chance, as motions that pass ' &
-                //'through chaos do: take a shorter run, or look at all states'
+        cause = 'two runs differ before the end and agree at the end by chance, as after a ' &
+                //'chaotic transient: use a shorter run, or keep all states'
       else
         call find_growth(fine, part, allowed(worst), extent, cause, place)
       end if
@@ -135,8 +135,8 @@ contains
       if (next > suddenly*most) then
         place = i
         cause = 'two runs agree to t = '//show(six_digits(fine%t(i)))//' and differ suddenly by ' &
-                //'t = '//show(six_digits(fine%t(i + 1)))//', as where a force has a jump or ' &
-                //'corner on which no step ends, or changes too fast for them: take a larger ' &
+                //'t = '//show(six_digits(fine%t(i + 1)))//': a force has a jump or corner at ' &
+                //'which no step ends, or changes too fast for the steps; use a larger ' &
                 //'tolerance or a smaller dt'
         return
       end if
@@ -144,8 +144,8 @@ contains
     end do
     steps = fine%t_reached/fine%h
     if (maxval(part) <= min(rounding*steps*extent, 1.0e-8_wp*extent)) then
-      cause = 'rounding leaves about '//rough(maxval(part))//' of a motion as large as ' &
-              //rough(extent)//' in '//show(anint(steps))//' steps: take a larger tolerance or a ' &
+      cause = 'the rounding error is about '//rough(maxval(part))//' for a motion of size ' &
+              //rough(extent)//' in '//show(anint(steps))//' steps: use a larger tolerance or a ' &
               //'shorter run'
       return
     end if
@@ -161,10 +161,10 @@ contains
     else if (n <= few .or. maxval(part) > grows*maxval(part(:min(few, n)))) then
       ! With so few states, or if the difference is too large early and grows later, the source of
       ! errors is unknown.
-      cause = 'the fastest motion is not resolved, or the motion is chaotic or unstable: take a ' &
+      cause = 'the fastest motion is not resolved, or the motion is chaotic or unstable: use a ' &
               //'larger tolerance, a smaller dt or a shorter run'
     else
-      cause = 'the fastest motion is not resolved (it is too stiff for this method): take a ' &
+      cause = 'the fastest motion is not resolved (it is too stiff for this method): use a ' &
               //'larger tolerance or a smaller dt'
     end if
   end subroutine find_growth

@@ -149,7 +149,7 @@ def test_no_error_is_zero_but_of_no_motion():
         (
             vv.PolynomialSystem(mass=1, stiffness=1, forces="0.2*sign(x_dot)"),
             {"load": 1, "nu": 0.8, "t_end": 3000, "tolerance": 1e-12, "keep": "last"},
-            "rounding leaves",
+            "the rounding error is about",
         ),
     ],
 )
