@@ -130,7 +130,10 @@ contains
     if (task%failed()) return
     body%gravity = gravity
     body%exact = task%get_flag('exact')
-    names = [(text(longest_name*(j - 1) + 1:longest_name*j), j=1, len(text)/longest_name)]
+    allocate (names(len(text)/longest_name))
+    do j = 1, size(names)
+      names(j) = text(longest_name*(j - 1) + 1:longest_name*j)
+    end do
     call lock_texts()
     call task%found%put_text('doubts', doubt_units(body, task%get_integers('first'), names, angles))
     call unlock_texts()
