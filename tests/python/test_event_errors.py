@@ -139,11 +139,11 @@ def test_what_is_reported():
     times, states = run.events[0]
     assert times.shape == run.events[0].error.shape == run.events[0].state_error.shape == (4,)
     assert states.shape == (4, 2)
-    assert "events[0] x - 0.3: 4 passages, estimated errors up to " in str(run)
-    assert "events[1] x - 5: 0 passages" in str(run)
+    assert "events[0] x - 0.3: 4 occurrences, estimated errors up to " in str(run)
+    assert "events[1] x - 5: 0 occurrences" in str(run)
     assert run.events[1].error.size == 0
     assert pickle.loads(pickle.dumps(run)) == run
     plain = vv.simulate(SWING, 12.0, initial=[0, 1], dt=0.1, events=["x - 0.3"])
     assert plain.events[0].error is None
     assert plain.events[0].state_error is None
-    assert "events[0] x - 0.3: 4 passages, errors not estimated" in str(plain)
+    assert "events[0] x - 0.3: 4 occurrences, errors not estimated" in str(plain)

@@ -64,7 +64,7 @@ def test_den_hartog(nu, limit):
     expected = np.sqrt(1 / (1 - nu**2) ** 2 - (limit * ratio) ** 2)
     block = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{limit}*sign(x_dot)")
     motion = vv.steady_motion(block, nu, load={1: 1j})
-    assert motion.passages == 2
+    assert motion.switches == 2
     assert motion.extremes("x") == pytest.approx((-expected, expected), abs=1e-10)
     assert motion.error < 1e-10
 
@@ -73,7 +73,7 @@ def test_sticking_forgets():
     """A mass that sticks during the period has a multiplier that is 0."""
     block = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="0.7*sign(x_dot)")
     motion = vv.steady_motion(block, 0.4, load=1.0)
-    assert motion.passages > 2
+    assert motion.switches > 2
     assert abs(motion.multipliers[-1]) < 1e-14
     assert motion.stable
 
@@ -403,7 +403,7 @@ def test_errors_hold_near_grazing():
     )  # fmt: skip
     load = 0.4015211800778118
     branch = vv.trace_motion(stop, (1.07223939895988, 0.857791519167904), load=load, max_step=0.2)
-    (corner,) = np.flatnonzero(np.diff(branch.passages))
+    (corner,) = np.flatnonzero(np.diff(branch.switches))
     for i in (corner, corner + 1):
         nu, state = branch.nu[i], branch.state[i]
         exact = vv.steady_motion(stop, nu, load=load, initial=state, tolerance=1e-12)
@@ -428,7 +428,7 @@ def test_branch_turns_back_where_impacts_begin(span):
     # The branch has two folds: at grazing, and at the end of motions with impacts.
     assert np.sort(branch.folds)[0] == pytest.approx(grazed, abs=1e-10)
     assert np.sort(branch.folds)[1] == pytest.approx(1.502277916028, abs=1e-10)
-    assert (branch.passages[branch.nu > 1.51] == 0).all()
+    assert (branch.switches[branch.nu > 1.51] == 0).all()
 
 
 def test_grazing_of_a_stiff_spring():
@@ -440,11 +440,11 @@ def test_grazing_of_a_stiff_spring():
     assert branch.outcome == "completed"
     assert branch.parameter.size < 100
     assert branch.folds == pytest.approx(branch.grazings, abs=1e-8)
-    (i,) = np.flatnonzero(np.diff(branch.passages))
+    (i,) = np.flatnonzero(np.diff(branch.switches))
     for place in (i, -1):
         last, passed = from_contact_to_contact(branch.nu[place], branch.state[place])
         assert last == pytest.approx(branch.state[place], abs=1e-11)
-        assert passed == branch.passages[place]
+        assert passed == branch.switches[place]
 
 
 def from_contact_to_contact(nu, state):
@@ -520,5 +520,5 @@ def test_contact_begins():
     # 0.3^2 = 0.5^2 ((1 - nu^2)^2 + (0.2 nu)^2).
     squares = np.roots([1.0, -2 + 0.04, 1 - 0.36])
     assert branch.grazings == pytest.approx([np.sqrt(squares.min())], abs=1e-9)
-    assert branch.passages[0] == 0
-    assert branch.passages[-1] == 2
+    assert branch.switches[0] == 0
+    assert branch.switches[-1] == 2

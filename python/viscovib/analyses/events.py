@@ -13,7 +13,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
-from viscovib.results.trajectory import Passages
+from viscovib.results.trajectory import LocatedEvents
 from viscovib.systems.laws import Law, compile_law
 
 #: Largest numbers of events of a native call and of a run.
@@ -255,15 +255,15 @@ class Watch:
         self.gathered[0] = np.maximum(self.gathered[0], peak)
         self.gathered[1:] += integrals
 
-    def passages(self, columns: slice) -> tuple[Passages, ...]:
+    def located(self, columns: slice) -> tuple[LocatedEvents, ...]:
         """Events found, for each event function."""
         if not self.found:
             none = np.empty((0, columns.stop))
-            return tuple(Passages(np.empty(0), none) for _ in self.events)
+            return tuple(LocatedEvents(np.empty(0), none) for _ in self.events)
         whole = self.rows
         states = whole[2:][columns]
         return tuple(
-            Passages(whole[1, at], states[:, at].T.copy())
+            LocatedEvents(whole[1, at], states[:, at].T.copy())
             for at in (whole[0] == i + 1 for i in range(len(self.events)))
         )
 

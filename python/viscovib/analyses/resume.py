@@ -27,7 +27,7 @@ from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
 from viscovib.kernels.tabulated import TabulatedKernel
-from viscovib.results.trajectory import Passages, Trajectory
+from viscovib.results.trajectory import LocatedEvents, Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
@@ -312,7 +312,9 @@ def _with_estimate(run: Trajectory, begun: Run, n: int, kept: Wanted) -> Traject
     return replace(run, error=error, events=events, _planned=plan)
 
 
-def _with_errors(one: Passages, other: Passages | None, since: float, error: float) -> Passages:
+def _with_errors(
+    one: LocatedEvents, other: LocatedEvents | None, since: float, error: float
+) -> LocatedEvents:
     """Events with errors, from the events of a finer run and the error of states."""
     unknown = np.full(one.t.size, math.nan)
     if other is None:

@@ -465,7 +465,7 @@ class Run(ABC):
             stats={"steps": self.done, **counts},
             system=self.system,
             _resume=self,
-            events=() if self.watch is None else self.watch.passages(slice(first.size)),
+            events=() if self.watch is None else self.watch.located(slice(first.size)),
             _planned=partial(self.plan, want, self._time_after(start + n)),
         )
         return self._shaped(run)

@@ -173,7 +173,7 @@ def _motion(
         multiplier_error=found["multiplier_error"],
         outcome=SEARCHES[found["outcome"]],
         iterations=found["iterations"],
-        passages=found["n_passed"],
+        switches=found["n_passed"],
         step=mapping.period / found["n_steps"],
         method=mapping.method,
         system=system,

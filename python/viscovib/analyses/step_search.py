@@ -108,7 +108,7 @@ def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -
         which = run.watch.rows[0]
         events = tuple(
             replace(one, error=errors[0, which == i], state_error=errors[1, which == i])
-            for i, one in enumerate(run.watch.passages(slice(run.state.size)), start=1)
+            for i, one in enumerate(run.watch.located(slice(run.state.size)), start=1)
         )
     result = _trajectory(run, found, "")
     return replace(

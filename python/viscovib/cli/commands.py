@@ -306,7 +306,7 @@ def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
     paths = []
     for shown in pictures:
         path = options.out / f"{options.scene.stem}_{shown.kind}.png"
-        save_picture(shown, path, bases=bases, others=curves, title=result.scene.title)
+        save_picture(shown, path, bases=bases, switched=curves, title=result.scene.title)
         paths.append(path)
         if not options.quiet and not options.json:
             print(one_line(str(path)))

@@ -73,17 +73,17 @@ class Curve:
         return np.where(shown, self.y, np.nan)
 
 
-def curves_of(value: Any, others: Sequence[Any] = ()) -> list[Curve]:
+def curves_of(value: Any, switched: Sequence[Any] = ()) -> list[Curve]:
     """Return one curve per coordinate; other branches follow the first after a gap."""
     own = _OWN.get(str(value._form))
     if own is not None and (found := own(value)):
         return found
     try:
         panels = value.panels()
-        more = [other.panels() for other in others]
+        more = [other.panels() for other in switched]
     except InputError as error:
         raise InputError(f"explore: {error}") from None
-    results = [value, *others]
+    results = [value, *switched]
     found = []
     for d, panel in enumerate(panels):
         x: list[Any] = []
@@ -205,7 +205,7 @@ class Motion:
 
 
 def motion_of(
-    scene: Scene, value: Any, others: Sequence[Any], curve: Curve, point: int
+    scene: Scene, value: Any, switched: Sequence[Any], curve: Curve, point: int
 ) -> Motion | None:
     """Return the motion at a point of a curve; None if there is no motion."""
     if value._form == "trajectory":
@@ -221,7 +221,7 @@ def motion_of(
         return None
     at = min(point, curve.x.size - 1)
     i = at
-    for result in (value, *others):
+    for result in (value, *switched):
         value, n = result, len(result.coefficients)
         if i <= n:
             break

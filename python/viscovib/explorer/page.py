@@ -440,7 +440,7 @@ class Page:
 
     def _image(self, suffix: str) -> bytes:
         result: Any = self.state.result
-        draw = partial(save_picture, others=result.switched)
+        draw = partial(save_picture, switched=result.switched)
         return _content(suffix, lambda path: draw(result.value, path))
 
 

@@ -55,7 +55,7 @@ class Drawn(NamedTuple):
     """Additions to the plot of a result: base frequencies with names, other branches."""
 
     bases: Mapping[str, float] | None = None
-    others: Sequence[Any] = ()
+    switched: Sequence[Any] = ()
 
 
 def _largest_place(curves: Sequence[DrivenBranch | Backbone], d: int) -> int:
@@ -104,9 +104,9 @@ def _draw_motion_branch(result: MotionBranch, figure: "Figure", _: Drawn) -> Non
 
 
 def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> None:
-    branches: list[DrivenBranch] = [result, *more.others]
+    branches: list[DrivenBranch] = [result, *more.switched]
     # A coordinate at rest on one branch may move on another.
-    several = bool(more.others)
+    several = bool(more.switched)
     axes = (
         figure.subplots(len(result.dof_names), 1, sharex=True)
         if several
@@ -119,7 +119,7 @@ def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> 
 
 def _draw_backbone(result: Backbone, figure: "Figure", more: Drawn) -> None:
     names = result.dof_names
-    curves: list[Backbone] = [result, *more.others]
+    curves: list[Backbone] = [result, *more.switched]
     most = {name: int(result.harmonics[_largest_place(curves, d)]) for d, name in enumerate(names)}
     plot_backbone(curves, _rows(figure, curves), harmonic=most)
 
@@ -219,7 +219,7 @@ def plot(result: Result, *args: Any, **options: Any) -> Any:
 
 
 def _drawn(result: Result) -> Any:
-    # Results of structures are subclasses of others.
+    # Results of structures are subclasses of switched.
     for kind in type(result).__mro__:
         if kind in _DRAWN:
             return _DRAWN[kind]
@@ -231,13 +231,13 @@ def save_picture(
     path: str | os.PathLike[str] | IO[str],
     *,
     bases: Mapping[str, float] | None = None,
-    others: Sequence[DrivenBranch] | Sequence[Backbone] = (),
+    switched: Sequence[DrivenBranch] | Sequence[Backbone] = (),
     small: bool = False,
     title: str = "",
 ) -> None:
     """Draw a result into a file, without a display; an open file gets SVG.
 
-    ``bases`` name the peaks of a spectrum; ``others`` are branches that leave the drawn one;
+    ``bases`` name the peaks of a spectrum; ``switched`` are bifurcating branches;
     ``small``: half the size, for notebooks; ``title`` is above the picture.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -246,8 +246,8 @@ def save_picture(
     draw, size, _ = _drawn(result)
     figure = Figure(figsize=size(result), layout="constrained")
     FigureCanvasAgg(figure)
-    draw(result, figure, Drawn(bases, others))
-    if others:
+    draw(result, figure, Drawn(bases, switched))
+    if switched:
         figure.set_size_inches(7, 3 * len(figure.axes))
     if title:
         figure.suptitle(plain(title), fontsize="medium")

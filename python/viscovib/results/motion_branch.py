@@ -39,7 +39,7 @@ class MotionBranch(Result):
         Floquet multipliers, the largest first.
     stable : ndarray, shape (n,)
         True or False, or None if the largest multiplier is on the unit circle within its error.
-    passages : ndarray of int, shape (n,)
+    switches : ndarray of int, shape (n,)
         Number of switches of laws per period.
     repeats_after : ndarray of int, shape (n,)
         Smallest number of load periods after which each motion repeats, see `SteadyMotion`.
@@ -76,7 +76,7 @@ class MotionBranch(Result):
     largest: FloatArray
     multipliers: ComplexArray
     stable: npt.NDArray[Any]
-    passages: npt.NDArray[np.int64]
+    switches: npt.NDArray[np.int64]
     error: FloatArray
     folds: FloatArray
     fold_errors: FloatArray
@@ -177,7 +177,7 @@ class MotionBranch(Result):
                 "largest": (("point", "dof"), self.largest),
                 "stable": ("point", codes_of(self.stable)),
                 "multiplier": (("point", "disturbance"), self.multipliers),
-                "passages": ("point", self.passages),
+                "switches": ("point", self.switches),
                 "repeats_after": ("point", self.repeats_after),
                 "error": ("point", self.error),
                 "parameter": ("point", self.parameter),

@@ -58,7 +58,7 @@ class SteadyMotion(Result):
         "diverged": the motion escapes. Without convergence the last iterate is returned.
     iterations : int
         Total number of Newton iterations.
-    passages : int
+    switches : int
         Number of switches of laws in the motion.
     step : float
         Step size of the integrator.
@@ -68,7 +68,7 @@ class SteadyMotion(Result):
     >>> import viscovib as vv
     >>> stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")
     >>> motion = vv.steady_motion(stop, 0.9, load=0.3)
-    >>> motion.outcome, motion.stable, motion.passages
+    >>> motion.outcome, motion.stable, motion.switches
     ('converged', True, 2)
     """
 
@@ -84,7 +84,7 @@ class SteadyMotion(Result):
     multiplier_error: float
     outcome: str
     iterations: int
-    passages: int
+    switches: int
     step: float
     method: str
     system: Any
@@ -154,7 +154,7 @@ class SteadyMotion(Result):
         if self.repeats_after < self.n_periods:
             sooner = f", repeats after {things(self.repeats_after, 'period')}"
         return (
-            f"{self.outcome}, {words}, {things(self.passages, 'switch', 'switches')} of "
+            f"{self.outcome}, {words}, {things(self.switches, 'switch', 'switches')} of "
             f"laws{sooner}"
         )
 
@@ -198,7 +198,7 @@ class SteadyMotion(Result):
                 "nu": self.nu, "n_periods": self.n_periods, "repeats_after": self.repeats_after,
                 "outcome": self.outcome,
                 "stable": {True: 1, False: 0, None: -1}[self.stable], "error": self.error,
-                "multiplier_error": self.multiplier_error, "passages": self.passages,
+                "multiplier_error": self.multiplier_error, "switches": self.switches,
                 "iterations": self.iterations,
                 "step": self.step, "method": self.method,
             },

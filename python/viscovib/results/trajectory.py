@@ -66,7 +66,7 @@ def spacing(t: FloatArray) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Passages(Value):
+class LocatedEvents(Value):
     """Times and states of an event.
 
     Attributes
@@ -155,7 +155,7 @@ class Trajectory(Result):
     stats : dict
         "steps"; for a pendulum "evaluations" (of all lanes), for systems with memory "iterations".
     system : Pendulum, Mount or PolynomialSystem
-    events : tuple of Passages
+    events : tuple of LocatedEvents
         For each event the times ``t``, shape (m,), and states ``state``, shape (m, 2 n_dof), with
         estimated errors ``error`` and ``state_error``, shape (m,), if the run has an error
         estimate.
@@ -189,7 +189,7 @@ class Trajectory(Result):
     _resume: Any = field(repr=False)
     _planned: Callable[..., Plan] = field(repr=False)
     resolution: float | None = None
-    events: tuple[Passages, ...] = ()
+    events: tuple[LocatedEvents, ...] = ()
     _floor: BaseMotion | None = field(default=None, repr=False)
 
     #: Whether its table contains accelerations.

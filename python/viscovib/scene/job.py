@@ -131,8 +131,8 @@ class SceneResult:
         self._write(self.decay, path)
 
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
-        asked = "transient" if value.kind == "event" else value.kind
-        wanted = self.scene.groups[asked].get("coordinates")
+        group = "transient" if value.kind == "event" else value.kind
+        wanted = self.scene.groups[group].get("coordinates")
         title = self.scene.groups.get("scene", {}).get("title", "")
         table = value._table(None if wanted is None else texts(wanted))
         table.write(path, str(self.plan), f", scene {self.scene.path}\n{title}".rstrip())
@@ -194,8 +194,8 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         note = tuple(replace(family, plan=planned) for family in families)
         return SceneResult(scene, replace(free, plan=planned), switched=note)
     if "branch" in scene.groups and scene.is_pendulum:
-        first, others = scene._driven()
-        return SceneResult(scene, first, switched=others)
+        first, bifurcating = scene._driven()
+        return SceneResult(scene, first, switched=bifurcating)
     if "branch" in scene.groups:
         branch = trace_response(**scene._branch())
         return SceneResult(scene, _with(branch, plan=planned, _asked=_asked(scene, "branch")))
@@ -227,14 +227,14 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     if many and (many != "ensemble" or scene.groups[many]["sections"]):
         first, *more = run_tables(scene, [many, f"{many}_1"], planned)
         return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
-    first, *others = run_tables(scene, kinds, planned)
-    further = {table.kind: table for table in others}
-    spectra, passages, decay = map(further.get, _FURTHER)
-    return SceneResult(scene, first, spectra, passages, decay=decay)
+    first, *further_tables = run_tables(scene, kinds, planned)
+    further = {table.kind: table for table in further_tables}
+    spectra, located, decay = map(further.get, _FURTHER)
+    return SceneResult(scene, first, spectra, located, decay=decay)
 
 
 def _events(scene: Scene, run: Trajectory) -> TableResult | None:
-    """Passages of the events of the scene as a table like that of the core; None without events."""
+    """Located events of the scene as a table like that of the core; None without events."""
     groups = scene.groups["event"]
     if not groups:
         return None
