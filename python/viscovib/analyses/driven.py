@@ -326,11 +326,12 @@ def pendulum_response(
             ConvergenceWarning,
             stacklevel=caller(),
         )
-    lost = ~result.converged
-    if lost.any():
+    unsolved = ~result.converged
+    if unsolved.any():
         warnings.warn(
-            f"{lost.sum()} of {things(lost.size, 'motion')} not found, at "
-            f"{varies or torus.names[0]} = {rows[lost].min():.6g} to {rows[lost].max():.6g}; "
+            f"{unsolved.sum()} of {things(unsolved.size, 'motion')} not found, at "
+            f"{varies or torus.names[0]} = {rows[unsolved].min():.6g} to "
+            f"{rows[unsolved].max():.6g}; "
             "their values are NaN",
             ConvergenceWarning,
             stacklevel=caller(),

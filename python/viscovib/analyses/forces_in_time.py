@@ -138,13 +138,13 @@ def _law_values(
     known = np.full(d.shape, np.nan)
     if laws is not None and place is not None and laws.shape[1]:
         known = laws[:, place].copy()
-    lost = np.isnan(known)
+    unset = np.isnan(known)
     if law.state:
         # Before t = 0 an element is at rest.
-        known[lost] = 0.0
-    elif lost.any():
-        both = np.stack([d[lost], speed[lost]], axis=1)
-        known[lost] = law.values(both[:, : len(law.arguments)])
+        known[unset] = 0.0
+    elif unset.any():
+        both = np.stack([d[unset], speed[unset]], axis=1)
+        known[unset] = law.values(both[:, : len(law.arguments)])
     return known
 
 

@@ -190,7 +190,7 @@ class PolynomialMembers(Members):
         """Compute a part of the runs; runs of the same kind are computed together."""
         if len(self.kinds) == 1:
             return self._make(np.arange(part.start, part.stop), self.kinds[0], *given)
-        h, *asked, sections = given
+        h, *settings, sections = given
         whole: list[Any] = []
         for kind in self.kinds:
             runs = kind.runs[(kind.runs >= part.start) & (kind.runs < part.stop)]
@@ -198,9 +198,9 @@ class PolynomialMembers(Members):
                 continue
             here = runs - part.start
             own = np.asfortranarray(sections[:, :, here]) if sections.shape[2] else sections
-            if asked[_MOMENTS]:
-                asked[_MOMENTS] = runs.size
-            found = self._make(runs, kind, h[here], *asked, own)
+            if settings[_MOMENTS]:
+                settings[_MOMENTS] = runs.size
+            found = self._make(runs, kind, h[here], *settings, own)
             if sections.shape[2]:
                 sections[:, :, here] = own
             if not whole:
@@ -244,7 +244,7 @@ class PolynomialMembers(Members):
             own=own.transpose(1, 2, 3, 0).reshape((d, d, -1), order="F"), nu=self.nu[runs],
             scales=self.scales[:, runs], initial=self.states[runs].T,
         )  # fmt: skip
-        h, *asked, sections = given
+        h, *settings, sections = given
         # A run that needs partial steps once uses them for all step sizes: they are more accurate
         # than full steps and would disturb the comparison of step sizes.
         if missed.any():
@@ -255,17 +255,17 @@ class PolynomialMembers(Members):
             # Common steps may have jumped over thin layers of laws; a single run detects them.
             i, here = int(runs[k]), slice(k, k + 1)
             its_own = sections[:, :, here] if sections.shape[2] else sections
-            one = self._single().call(slice(i, i + 1), h[here], *asked, its_own)
+            one = self._single().call(slice(i, i + 1), h[here], *settings, its_own)
             if self.step_is_sought and one[1][0] == _COARSE:
-                self._refuse_outrun(i, float(h[k]), float(one[2][0]), asked)
+                self._refuse_outrun(i, float(h[k]), float(one[2][0]), settings)
             for all_of_it, its in zip(found, one, strict=True):
                 if all_of_it.shape[-1]:
                     all_of_it[..., here] = its
         return tuple(found)
 
-    def _refuse_outrun(self, i: int, h: float, reached: float, asked: list[Any]) -> None:
+    def _refuse_outrun(self, i: int, h: float, reached: float, settings: list[Any]) -> None:
         """Refuse a diverging run whose laws change too fast, if shorter steps end there too."""
-        method, n_steps, cancel = asked[0], asked[1], asked[-1]
+        method, n_steps, cancel = settings[0], settings[1], settings[-1]
         nothing = np.empty((0, 0, 0), order="F")
         again = self._single().call(
             slice(i, i + 1), np.array([h / 2]), method, 2 * n_steps, 0, 0.0, 1, 0, 0, 0,

@@ -148,8 +148,8 @@ def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accurac
             f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step continues it"
             + found["reason"]
         )
-    if branch._lost:
-        places = things(branch._lost, "place")
+    if branch._n_not_located:
+        places = things(branch._n_not_located, "place")
         doubts.append(f"{places} could not be located (nan, None)")
     above = np.flatnonzero(~(branch.error <= found["allowed"]))
     if above.size:

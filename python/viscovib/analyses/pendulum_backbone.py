@@ -246,8 +246,8 @@ def _departure(
         )
     if not leave._direction.any():
         raise InputError("leave: the direction of the bifurcating branch was not found")
-    lost = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
-    if lost > 1e-6 * np.abs(leave.across).max():
+    outside = np.where(kept.T == 1, 0.0, np.abs(leave.across)).max()
+    if outside > 1e-6 * np.abs(leave.across).max():
         raise InputError(
             "leave: the bifurcating motions do not have this symmetry: give symmetric=False"
         )

@@ -194,12 +194,12 @@ class SingleMembers(Members):
         """Compute a part of the runs, one after another."""
         h, _, n_steps, n_discard, _, every, section_every, _, exponents, lines, *rest = given
         cancel, sections = rest
-        asked = _Requested(n_steps, n_discard, every, section_every, exponents, lines)
+        requested = _Requested(n_steps, n_discard, every, section_every, exponents, lines)
         found: list[_Gathered] = []
         for k, i in enumerate(range(part.start, part.stop)):
             if cancel[0]:
                 raise InputError("ensemble: interrupted")
-            one = self._gather(i, float(h[k]), asked)
+            one = self._gather(i, float(h[k]), requested)
             found.append(one)
             if self.surface is not None:
                 self.passed[i] = one
@@ -222,17 +222,17 @@ class SingleMembers(Members):
         for of, part in zip((self.layers, self.passed), found, strict=True):
             of |= part
 
-    def _gather(self, i: int, h: float, asked: _Requested) -> _Gathered:
+    def _gather(self, i: int, h: float, requested: _Requested) -> _Gathered:
         """Compute run i."""
-        run = self._begin(i, h * asked.n_steps, h)
-        track = _Track(h, asked)
+        run = self._begin(i, h * requested.n_steps, h)
+        track = _Track(h, requested)
         done, latest = 0, None
-        stride = asked.stride
-        while done < asked.n_steps:
-            n = asked.n_discard - done
+        stride = requested.stride
+        while done < requested.n_steps:
+            n = requested.n_discard - done
             want = Wanted(keep="last")
             if n <= 0:
-                n = asked.n_steps - done
+                n = requested.n_steps - done
                 if stride and n >= stride:
                     n = min(n // stride, max(1, _HELD // stride)) * stride
                     want = Wanted(every=stride)
@@ -250,7 +250,7 @@ class SingleMembers(Members):
         along = None if run.watch is None else run.watch.gathered
         if self.gathered_since is not None and along is not None:
             found.peak, total, squares = along[:, : state.size]
-            length = h * asked.n_steps - self.gathered_since[i]
+            length = h * requested.n_steps - self.gathered_since[i]
             found.mean, found.rms = total / length, np.sqrt(squares / length)
         found.state, found.ended = np.array(state), OUTCOMES.index(latest.outcome)
         found.reached = latest.t_reached
@@ -258,17 +258,17 @@ class SingleMembers(Members):
             times, states = latest.events[0]
             late = times >= self.discarded[i]
             found.points, found.times = states[late], times[late]
-        if asked.exponents:
-            found.exponents, found.exponent_errors = self._exponents(i, h, asked)
+        if requested.exponents:
+            found.exponents, found.exponent_errors = self._exponents(i, h, requested)
         return found
 
-    def _exponents(self, i: int, h: float, asked: _Requested) -> tuple[FloatArray, FloatArray]:
-        end = h * asked.n_steps
-        quarter = max(1, round(asked.n_steps / self._steps(i, end)))
+    def _exponents(self, i: int, h: float, requested: _Requested) -> tuple[FloatArray, FloatArray]:
+        end = h * requested.n_steps
+        quarter = max(1, round(requested.n_steps / self._steps(i, end)))
         return exponents_of(
             lambda moved, *, finer: self._begin(i, end, h / finer, moved),
             (self.states.shape[1], 2 * len(self.dof_names)),
-            asked.n_steps, asked.n_discard, asked.exponents, quarter,
+            requested.n_steps, requested.n_discard, requested.exponents, quarter,
         )  # fmt: skip
 
     def passages(self) -> tuple[FloatArray, FloatArray]:
@@ -310,8 +310,8 @@ class _Requested:
 class _Track:
     """Accumulated results of a run."""
 
-    def __init__(self, h: float, asked: _Requested) -> None:
-        self.h, self.asked = h, asked
+    def __init__(self, h: float, requested: _Requested) -> None:
+        self.h, self.requested = h, requested
         self.steps = 0
         self.n = 0
         self.parts: list[FloatArray] = []
@@ -322,22 +322,22 @@ class _Track:
 
     def add(self, states: FloatArray) -> None:
         """Add states at the distance of a stride."""
-        asked = self.asked
-        at = self.steps + asked.stride * np.arange(1, states.shape[0] + 1)
-        self.steps += asked.stride * states.shape[0]
-        if asked.section_every:
-            self.parts.append(states[at % asked.section_every == 0])
-        if not asked.samples:
+        requested = self.requested
+        at = self.steps + requested.stride * np.arange(1, states.shape[0] + 1)
+        self.steps += requested.stride * states.shape[0]
+        if requested.section_every:
+            self.parts.append(states[at % requested.section_every == 0])
+        if not requested.samples:
             return
-        some = states[at % asked.every == 0]
+        some = states[at % requested.every == 0]
         if not some.size:
             return
         place = self.n + np.arange(some.shape[0])
-        n_samples = (asked.n_steps - asked.n_discard) // asked.every
+        n_samples = (requested.n_steps - requested.n_discard) // requested.every
         # A Hann window that is 0 one sample before the first and one after the last.
         window = np.sin(math.pi * (place + 1) / (n_samples + 1)) ** 2
-        times = self.h * (asked.n_discard + asked.every * (place + 1))
-        waves = window[:, np.newaxis] * np.exp(-1j * np.outer(times, asked.lines))
+        times = self.h * (requested.n_discard + requested.every * (place + 1))
+        waves = window[:, np.newaxis] * np.exp(-1j * np.outer(times, requested.lines))
         self.sums = self.sums + some[:, ::2].T @ waves
         self.empty = self.empty + waves.sum(axis=0)
         self.mean = self.mean + window @ some[:, ::2]
@@ -346,8 +346,8 @@ class _Track:
 
     def result(self, width: int, stopped: bool) -> _Gathered:
         """The results; amplitudes of a motion that ended early are NaN."""
-        missing, unset = np.full(width, math.nan), np.full(self.asked.exponents, math.nan)
-        lines = np.full((width // 2, self.asked.lines.size), math.nan, dtype=complex)
+        missing, unset = np.full(width, math.nan), np.full(self.requested.exponents, math.nan)
+        lines = np.full((width // 2, self.requested.lines.size), math.nan, dtype=complex)
         if self.n and lines.size and not stopped:
             own = self.mean / self.weight
             lines = 2 * (self.sums - np.outer(own, self.empty)) / self.weight

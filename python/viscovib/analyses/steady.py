@@ -321,18 +321,18 @@ def _joined(parts: list[dict[str, Any]], name: str) -> npt.NDArray[Any]:
 
 
 def _warn_of_gaps(response: Response, system: Steady) -> None:
-    lost = ~response.converged
-    asked = things(lost.size, "frequency", "frequencies")
+    unsolved = ~response.converged
+    total = things(unsolved.size, "frequency", "frequencies")
     kinds = ", ".join(
         f"{count} {name}" for name in OUTCOMES[1:] if (count := (response.outcome == name).sum())
     )
-    low, high = response.nu[lost].min(), response.nu[lost].max()
-    found, remedy = _REMEDIES[response.methods[lost][0]]
-    if (response.outcome[lost] == "overflow").all():
+    low, high = response.nu[unsolved].min(), response.nu[unsolved].max()
+    found, remedy = _REMEDIES[response.methods[unsolved][0]]
+    if (response.outcome[unsolved] == "overflow").all():
         remedy = "amplitudes are limited to 1e40, or less with high powers: choose other units"
     warnings.warn(
-        f"{found} at {lost.sum()} of {asked} ({kinds}), between nu = {low:.6g} and {high:.6g}, NaN "
-        f"there: {remedy}{edges_text(system)}{advice_on_sticking(system)}",
+        f"{found} at {unsolved.sum()} of {total} ({kinds}), between nu = {low:.6g} and {high:.6g}, "
+        f"NaN there: {remedy}{edges_text(system)}{advice_on_sticking(system)}",
         ConvergenceWarning,
         stacklevel=caller(),
     )

@@ -117,7 +117,7 @@ class MountForces(Result):
 
         The loss by rotational stiffness is not included.
         """
-        return self._lost(self.force, self.deflection)
+        return self._mean_power(self.force, self.deflection)
 
     @property
     def lost_in_turning(self) -> FloatArray:
@@ -125,9 +125,9 @@ class MountForces(Result):
 
         It is the loss by the memory of the rotational stiffness.
         """
-        return self._lost(self.moment, self.rotation)
+        return self._mean_power(self.moment, self.rotation)
 
-    def _lost(self, force: ComplexArray, moved: ComplexArray) -> FloatArray:
+    def _mean_power(self, force: ComplexArray, moved: ComplexArray) -> FloatArray:
         rate = 1j * self.nu[:, None, None, None] * self.harmonics * moved
         return np.asarray(0.5 * (force * rate.conj()).real.sum(axis=-1))
 
@@ -165,9 +165,9 @@ def mount_forces(
             elastic[:, j] += _of_law(law, nu, orders, deflection[:, j])
     force = elastic.copy()
     for kernel in {kernel for kernel in springs.kernels if kernel is not None}:
-        lost = _retained(kernel, nu, orders)
+        retained = _retained(kernel, nu, orders)
         these = [j for j, one in enumerate(springs.kernels) if one is kernel]
-        force[:, these] = lost[:, None, :] * elastic[:, these]
+        force[:, these] = retained[:, None, :] * elastic[:, these]
     at = 1j * nu[:, None, None] * orders
     force += at * springs.damping[:, None] * deflection
     places = np.array(springs.first)[:, None] + np.arange(3)

@@ -316,8 +316,8 @@ class MountPoint:
     @property
     def static_stiffness(self) -> FloatArray:
         """Linear stiffness along the local axes after complete relaxation, shape (3,) (N/m)."""
-        lost = [0.0 if kernel is None else kernel.integral for kernel in self.kernels]
-        kept = 1 - np.array(lost)
+        relaxed_parts = [0.0 if kernel is None else kernel.integral for kernel in self.kernels]
+        kept = 1 - np.array(relaxed_parts)
         return np.asarray(kept * self._tangents)
 
     @property

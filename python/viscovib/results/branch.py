@@ -165,7 +165,7 @@ class Branch(PeriodicMotions, Curve):
     #: Data for the energy loss of the motions.
     _parts: Parts | None = field(default=None, repr=False)
     #: Additional columns requested by a scene.
-    _asked: tuple[str, ...] = field(default=(), repr=False)
+    _extra_columns: tuple[str, ...] = field(default=(), repr=False)
 
     @property
     def _circular(self) -> bool:
@@ -264,7 +264,7 @@ class Branch(PeriodicMotions, Curve):
             self.nu, self.harmonics, self._whole(), self.load_factor, linear=False
         )
 
-    def _lost(self) -> FloatArray:
+    def _energy_loss(self) -> FloatArray:
         """Energy loss of each motion per period by all forces (J), shape (n,)."""
         factors = self.load_factor
         return lost_energy(self, self._job, factors, self._relative(factors))

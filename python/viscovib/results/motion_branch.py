@@ -105,7 +105,7 @@ class MotionBranch(Result):
         return tuple(self.system.dof_names)
 
     @property
-    def _lost(self) -> int:
+    def _n_not_located(self) -> int:
         """Number of bifurcation points and grazings without a location."""
         lost = sum(one.parameter is None for one in self.crossings)
         return lost + int(np.isnan(self.grazings).sum())
@@ -127,7 +127,7 @@ class MotionBranch(Result):
         return (
             f"{self.outcome}, {things(self.parameter.size, 'point')}, "
             f"{things(self.folds.size, 'fold')}, {things(self.grazings.size, 'grazing')}"
-            + (f", {self._lost} not located" if self._lost else "")
+            + (f", {self._n_not_located} not located" if self._n_not_located else "")
             + self._sooner()
         )
 

@@ -163,7 +163,7 @@ class Response(PeriodicMotions, Result):
     #: Data for the energy loss of the motions.
     _parts: Parts | None = field(default=None, repr=False)
     #: Additional columns requested by a scene.
-    _asked: tuple[str, ...] = field(default=(), repr=False)
+    _extra_columns: tuple[str, ...] = field(default=(), repr=False)
 
     kind = "response"
     _form = "response"
@@ -378,7 +378,7 @@ class Response(PeriodicMotions, Result):
             self.nu, self.harmonics, self._whole(), np.ones(self.nu.size), linear=linear
         )
 
-    def _lost(self) -> FloatArray:
+    def _energy_loss(self) -> FloatArray:
         """Energy loss of each motion per period by all forces (J), shape (n,)."""
         ones = np.ones(self.nu.size)
         linear = self.method == "linear"

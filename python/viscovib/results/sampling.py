@@ -74,9 +74,9 @@ NOTES = {
 
 def add_requested(table: Table, result: Any) -> None:
     """Add the columns that a scene requests."""
-    table.notes += [NOTES[name] for name in result._asked]
-    values = {"sampling": lambda: result.sampling, "dissipation": result._lost}
-    table.columns |= {name: values[name]() for name in result._asked}
+    table.notes += [NOTES[name] for name in result._extra_columns]
+    values = {"sampling": lambda: result.sampling, "dissipation": result._energy_loss}
+    table.columns |= {name: values[name]() for name in result._extra_columns}
 
 
 def sampling_text(result: Any) -> str:

@@ -60,7 +60,7 @@ class _OfStructure:
     def _solved(self) -> ComplexArray:
         return self._condensed
 
-    def _lost(self) -> FloatArray:
+    def _energy_loss(self) -> FloatArray:
         """Energy loss of each motion per period (J), shape (n,)."""
         return self.dissipation().sum(axis=1)  # type: ignore[attr-defined,no-any-return]
 

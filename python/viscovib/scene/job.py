@@ -198,11 +198,17 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         return SceneResult(scene, first, switched=bifurcating)
     if "branch" in scene.groups:
         branch = trace_response(**scene._branch())
-        return SceneResult(scene, _with(branch, plan=planned, _asked=_asked(scene, "branch")))
+        return SceneResult(
+            scene, _with(branch, plan=planned, _extra_columns=_extra_columns(scene, "branch"))
+        )
     if "response" not in scene.groups:
         return _by_core(scene, planned)
     response = forced_response(**scene._job(), progress=progress)
-    shown = _with(response, _planned=partial(given_plan, planned), _asked=_asked(scene, "response"))
+    shown = _with(
+        response,
+        _planned=partial(given_plan, planned),
+        _extra_columns=_extra_columns(scene, "response"),
+    )
     return SceneResult(scene, shown)
 
 
@@ -213,7 +219,7 @@ def _with(result: _R, **values: Any) -> _R:
     return found
 
 
-def _asked(scene: Scene, name: str) -> tuple[str, ...]:
+def _extra_columns(scene: Scene, name: str) -> tuple[str, ...]:
     """Optional columns that a group requests."""
     return tuple(key for key in NOTES if scene.groups[name].get(key) == "yes")
 
