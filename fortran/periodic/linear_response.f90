@@ -98,8 +98,9 @@ contains
     real(wp), intent(in) :: nu(:)
     type(response_type), intent(out) :: response
     complex(wp), allocatable :: fraction(:, :, :), compliance(:, :, :, :)
+    complex(wp) :: p(system%n_dof())
     logical :: singular(chunk_size)
-    integer :: first, n, i, k, n_orders
+    integer :: first, n, b, i, k, n_orders
 
     n_orders = size(load%orders)
     call response%allocate_for(nu, load%orders, system%n_dof(), 0)
@@ -113,9 +114,11 @@ contains
                             singular(:n), slopes_by_rate(system))
       do i = 1, n
         do k = 1, n_orders
-          response%coefficients(k, :, first + i - 1) = &
-            matmul(compliance(:, :, i, k), &
-                   load%coefficient(system, load%orders(k), nu(first + i - 1)))
+          p = load%coefficient(system, load%orders(k), nu(first + i - 1))
+          do b = 1, size(p)
+            response%coefficients(k, :, first + i - 1) = &
+              response%coefficients(k, :, first + i - 1) + compliance(:, b, i, k)*p(b)
+          end do
         end do
         if (singular(i)) then
           call response%discard(first + i - 1, outcome_singular)

@@ -10,8 +10,8 @@ module viscovib_response_lanes
   implicit none
   private
 
-  public :: advance, allocate_block, block_type, lane_norm, load_lane, nonlinear_force, &
-            restart_lane, solve_lanes
+  public :: advance, allocate_block, block_type, fill_lane, lane_norm, load_lane, &
+            nonlinear_force, restart_lane, solve_lanes
 
   !> Data of the frequencies under iteration. Real and imaginary parts are separate (second index of
   !! size 2, or names re, im), so that all loops run along the lanes.
@@ -84,38 +84,61 @@ contains
     type(harmonic_set_type), intent(in) :: set
     real(wp), intent(in) :: relaxation, nu
     complex(wp), intent(in) :: fraction(:, :), compliance(:, :, :)
-    complex(wp) :: p(system%n_dof())
-    integer :: k
 
     if (counting) call count_up(counted_loads, size(load%orders))
-    work%point(lane) = point
     work%halvings(lane) = 0
-    work%nu(lane) = nu
     work%relaxation(lane) = merge(relaxation, 1.0_wp, relaxation > 0.0_wp)
+    call fill_lane(work, lane, point, system, load, set, nu, fraction, compliance)
+    call restart_lane(work, lane)
+  end subroutine load_lane
+
+  !> The data of a point in a lane, without a motion.
+  subroutine fill_lane(work, lane, point, system, load, set, nu, fraction, compliance)
+    type(block_type), intent(inout) :: work
+    integer, intent(in) :: lane, point
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    type(harmonic_set_type), intent(in) :: set
+    real(wp), intent(in) :: nu
+    complex(wp), intent(in) :: fraction(:, :), compliance(:, :, :)
+    complex(wp) :: p(system%n_dof())
+    integer :: j, k
+
+    work%point(lane) = point
+    work%nu(lane) = nu
     work%f_re(lane, :, :) = real(fraction)
     work%f_im(lane, :, :) = aimag(fraction)
     work%c_re(lane, :, :, :) = real(compliance)
     work%c_im(lane, :, :, :) = aimag(compliance)
-    do k = 1, size(set%orders)
-      p = load%coefficient(system, set%orders(k), nu)
-      work%load(lane, 1, k, :) = real(p)
-      work%load(lane, 2, k, :) = aimag(p)
+    work%load(lane, :, :, :) = 0.0_wp
+    do j = 1, size(load%orders)
+      do k = 1, size(set%orders)
+        if (set%orders(k) /= load%orders(j)) cycle
+        p = load%coefficient(system, set%orders(k), nu)
+        work%load(lane, 1, k, :) = real(p)
+        work%load(lane, 2, k, :) = aimag(p)
+      end do
     end do
-    call restart_lane(work, lane)
-  end subroutine load_lane
+  end subroutine fill_lane
 
   !> (Re-)start a lane from its linear response.
   subroutine restart_lane(work, lane)
     type(block_type), intent(inout) :: work
     integer, intent(in) :: lane
-    complex(wp) :: p(size(work%u, 4)), x(size(work%u, 4))
-    integer :: k
+    real(wp) :: re, im
+    integer :: b, k
 
-    do k = 1, size(work%u, 3)
-      p = cmplx(work%load(lane, 1, k, :), work%load(lane, 2, k, :), wp)
-      x = matmul(cmplx(work%c_re(lane, :, :, k), work%c_im(lane, :, :, k), wp), p)
-      work%u(lane, 1, k, :) = real(x)
-      work%u(lane, 2, k, :) = aimag(x)
+    work%u(lane, :, :, :) = 0.0_wp
+    do b = 1, size(work%u, 4)
+      do k = 1, size(work%u, 3)
+        re = work%load(lane, 1, k, b)
+        im = work%load(lane, 2, k, b)
+        if (.not. (abs(re) > 0.0_wp .or. abs(im) > 0.0_wp)) cycle
+        work%u(lane, 1, k, :) = work%u(lane, 1, k, :) + work%c_re(lane, :, b, k)*re &
+                                - work%c_im(lane, :, b, k)*im
+        work%u(lane, 2, k, :) = work%u(lane, 2, k, :) + work%c_re(lane, :, b, k)*im &
+                                + work%c_im(lane, :, b, k)*re
+      end do
     end do
     work%iteration(lane) = 0
     work%recent(:, lane) = 0.0_wp
@@ -127,19 +150,12 @@ contains
     type(block_type), intent(inout) :: work
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    real(wp) :: rate(n_lanes, 2, size(set%orders))
-    integer :: j, d, k
+    integer :: j, d
 
     do d = 1, system%n_dof()
       call set%to_samples(work%u(:, :, :, d), work%u_samples(:, d))
     end do
-    do d = 1, system%n_rates()
-      do k = 1, size(set%orders)
-        rate(:, 1, k) = -set%orders(k)*work%nu*work%u(:, 2, k, system%rates(d))
-        rate(:, 2, k) = set%orders(k)*work%nu*work%u(:, 1, k, system%rates(d))
-      end do
-      call set%to_samples(rate, work%u_samples(:, system%n_dof() + d))
-    end do
+    if (system%n_rates() > 0) call sample_rates(work, system, set)
     call system%deflection_remainder(work%u_samples, work%w_samples)
     do j = 1, system%n_memory()
       if (.not. system%bent(j)) cycle
@@ -156,6 +172,23 @@ contains
       end do
     end do
   end subroutine nonlinear_force
+
+  !> Samples of the rates that laws contain.
+  subroutine sample_rates(work, system, set)
+    type(block_type), intent(inout) :: work
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    real(wp) :: rate(n_lanes, 2, size(set%orders))
+    integer :: d, k
+
+    do d = 1, system%n_rates()
+      do k = 1, size(set%orders)
+        rate(:, 1, k) = -set%orders(k)*work%nu*work%u(:, 2, k, system%rates(d))
+        rate(:, 2, k) = set%orders(k)*work%nu*work%u(:, 1, k, system%rates(d))
+      end do
+      call set%to_samples(rate, work%u_samples(:, system%n_dof() + d))
+    end do
+  end subroutine sample_rates
 
   !> The part F(u, v) - B v, which requires v in time, including its linear part.
   subroutine inseparable_force(work, system, set)

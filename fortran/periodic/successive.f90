@@ -26,8 +26,8 @@ module viscovib_successive
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_overflow, &
     outcome_singular, outcome_stalled, outcome_stopped
   use viscovib_response, only: response_options, response_type
-  use viscovib_response_lanes, only: advance, allocate_block, block_type, lane_norm, load_lane, &
-    nonlinear_force, restart_lane, solve_lanes
+  use viscovib_response_lanes, only: advance, allocate_block, block_type, fill_lane, lane_norm, &
+    load_lane, nonlinear_force, restart_lane, solve_lanes
   use viscovib_stopping, only: is_set, stop_wanted
   use viscovib_truncation, only: kinked_tail
   implicit none
@@ -192,12 +192,12 @@ contains
     !! second, and of the changes of the included orders by both and by sampling.
     real(wp), dimension(n_lanes) :: whole, found, rest, back, aliased, rate
     real(wp), allocatable :: kept(:, :, :, :)
-    complex(wp) :: p(system%n_dof())
-    integer :: lane, i, k, m, at
+    integer :: lane, i, m, at
     real(wp) :: short, reach
-    logical :: kinked
+    logical :: kinked, moves
 
     kinked = has_kinks(system)
+    moves = load%moves_base()
     m = size(response%orders)
     i = first
     do
@@ -207,17 +207,8 @@ contains
         if (to_be_checked(response, i)) then
           lane = lane + 1
           at = i - first + 1
-          work%point(lane) = i
-          work%nu(lane) = response%nu(i)
-          work%f_re(lane, :, :) = real(fraction(at, :, :))
-          work%f_im(lane, :, :) = aimag(fraction(at, :, :))
-          work%c_re(lane, :, :, :) = real(compliance(:, :, at, :))
-          work%c_im(lane, :, :, :) = aimag(compliance(:, :, at, :))
-          do k = 1, size(more%orders)
-            p = load%coefficient(system, more%orders(k), response%nu(i))
-            work%load(lane, 1, k, :) = real(p)
-            work%load(lane, 2, k, :) = aimag(p)
-          end do
+          call fill_lane(work, lane, i, system, load, more, response%nu(i), fraction(at, :, :), &
+                         compliance(:, :, at, :))
           work%u(lane, 1, :m, :) = real(response%coefficients(:, :, i))
           work%u(lane, 2, :m, :) = aimag(response%coefficients(:, :, i))
           work%u(lane, :, m + 1:, :) = 0.0_wp
@@ -238,6 +229,7 @@ contains
         at = work%point(lane)
         if (at == 0) cycle
         rate(lane) = response%rate(at)
+        if (.not. moves) cycle
         associate (x => response%coefficients(:, :, at))
           whole(lane) = whole(lane) &
                         *share_of_motion(system, load, 1.0_wp, response%orders, rows_of(x))
@@ -385,12 +377,12 @@ contains
     !> Norm of the absolute motion.
     real(wp) function seen(lane)
       integer, intent(in) :: lane
-      real(wp) :: x(2*size(set%orders), system%n_dof())
       seen = norm(lane)
-      if (.not. load%moves_base()) return
-      x(1::2, :) = work%next(lane, 1, :, :)
-      x(2::2, :) = work%next(lane, 2, :, :)
-      seen = seen*share_of_motion(system, load, 1.0_wp, set%orders, x)
+      if (load%moves_base()) then
+        seen = seen*share_of_motion(system, load, 1.0_wp, set%orders, &
+                                    rows_of(cmplx(work%next(lane, 1, :, :), &
+                                                  work%next(lane, 2, :, :), wp)))
+      end if
     end function seen
 
   end subroutine check_lanes

@@ -121,8 +121,14 @@ contains
 
   pure logical function moves_base(self)
     class(load_type), intent(in) :: self
-    moves_base = any(abs(self%base) > 0.0_wp) .or. any(abs(self%moved) > 0.0_wp)
+    moves_base = any(is_set(self%base)) .or. any(is_set(self%moved))
   end function moves_base
+
+  !> True unless z is 0; cheaper than its magnitude.
+  elemental logical function is_set(z)
+    complex(wp), intent(in) :: z
+    is_set = abs(real(z)) > 0.0_wp .or. abs(aimag(z)) > 0.0_wp
+  end function is_set
 
   !> Force coefficients of the order at place j at a frequency, without the base.
   pure function force_at(self, j, nu) result(p)
@@ -169,7 +175,9 @@ contains
     p = (0.0_wp, 0.0_wp)
     do j = 1, size(self%orders)
       if (self%orders(j) /= order) cycle
-      p = system%load_coefficient(self%force_at(j, nu), self%shift(system, j), order, nu)
+      p = self%force(:, j) + (order*nu)**2*self%inertial(:, j)
+      if (.not. (self%moves_base() .or. system%condensed)) cycle
+      p = system%load_coefficient(p, self%shift(system, j), order, nu)
     end do
   end function coefficient
 
