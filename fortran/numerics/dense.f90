@@ -210,12 +210,13 @@ contains
     end do
     first = mod(n, 4) + 1
     do k = n - 3, first, -4
-      x(k + 3) = x(k + 3)/factors(k + 3, k + 3)
-      x(k + 2) = (x(k + 2) - factors(k + 2, k + 3)*x(k + 3))/factors(k + 2, k + 2)
+      ! Reciprocals do not depend on x, so that no division is in the chain.
+      x(k + 3) = x(k + 3)*(1.0_wp/factors(k + 3, k + 3))
+      x(k + 2) = (x(k + 2) - factors(k + 2, k + 3)*x(k + 3))*(1.0_wp/factors(k + 2, k + 2))
       x(k + 1) = (x(k + 1) - factors(k + 1, k + 3)*x(k + 3) - factors(k + 1, k + 2)*x(k + 2)) &
-                 /factors(k + 1, k + 1)
+                 *(1.0_wp/factors(k + 1, k + 1))
       x(k) = (x(k) - factors(k, k + 3)*x(k + 3) - factors(k, k + 2)*x(k + 2) &
-              - factors(k, k + 1)*x(k + 1))/factors(k, k)
+              - factors(k, k + 1)*x(k + 1))*(1.0_wp/factors(k, k))
       do i = 1, k - 1
         x(i) = x(i) - (factors(i, k)*x(k) + factors(i, k + 1)*x(k + 1)) &
                - (factors(i, k + 2)*x(k + 2) + factors(i, k + 3)*x(k + 3))
@@ -350,7 +351,7 @@ contains
     do j = 1, n
       do i = 1, n
         entry = abs(matrix(i, j))*sizes(j)
-        if (entry > largest(i)) largest(i) = entry
+        largest(i) = merge(entry, largest(i), entry > largest(i))
       end do
     end do
   end subroutine largest_in_rows

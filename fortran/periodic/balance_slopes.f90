@@ -45,9 +45,12 @@ contains
     do b = 1, self%n_dof
       y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
     end do
-    do k = 1, size(load%orders)
-      base(:, k) = load%shift(system, k)
-    end do
+    base = (0.0_wp, 0.0_wp)
+    if (load%moves_base()) then
+      do k = 1, size(load%orders)
+        base(:, k) = load%shift(system, k)
+      end do
+    end if
     call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, base, &
                                     self%load_factor, total)
     do k = 1, size(load%orders)

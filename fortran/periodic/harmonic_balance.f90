@@ -139,6 +139,7 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
     integer :: j, k
+    logical :: moves
 
     if (counting) call count_unknowns(self%set%orders, self%n_dof, 1)
     if (counting) call count_up(counted_loads, size(load%orders))
@@ -147,11 +148,13 @@ contains
     call system%retained(self%mu, self%fraction)
     call system%dynamic_stiffness(self%mu, self%fraction, self%stiffness)
     self%load = (0.0_wp, 0.0_wp)
+    moves = system%condensed
+    if (.not. moves) moves = load%moves_base()
     do j = 1, size(load%orders)
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
-        self%load(k, :) = load%force_at(j, nu)
-        if (.not. (load%moves_base() .or. system%condensed)) cycle
+        self%load(k, :) = load%force(:, j) + (load%orders(j)*nu)**2*load%inertial(:, j)
+        if (.not. moves) cycle
         self%load(k, :) = system%load_coefficient(self%load(k, :), load%shift(system, j), &
                                                   load%orders(j), nu, self%stiffness(:, :, k), &
                                                   self%fraction(k, :))
@@ -176,11 +179,10 @@ contains
     real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
     real(wp), intent(out) :: r(2*size(self%set%orders), self%n_dof)
     integer :: a, b, j, k
+    logical :: together
 
     self%bent_known = .false.
-    do b = 1, self%n_dof
-      call self%tables%to_samples(x(:, b), self%u(:, b))
-    end do
+    call self%tables%all_to_samples(self%n_dof, x, self%u)
     do b = 1, size(self%rates)
       self%kept(1::2) = -self%mu*x(2::2, self%rates(b))
       self%kept(2::2) = self%mu*x(1::2, self%rates(b))
@@ -201,10 +203,12 @@ contains
     if (any(system%bent)) call system%sampled_remainder(self%u, self%w)
     if (size(self%cycles) > 0) call find_parts(self%cycles, system, self%set, self%tables, &
                                                self%mu, x, self%u, self%lawful)
+    together = all(system%bent)
+    if (together) call self%tables%all_to_parts(self%n_memory, self%w, self%bent)
     do j = 1, self%n_memory
       self%kept = 0.0_wp
       if (system%bent(j)) then
-        call self%tables%to_parts(self%w(:, j), self%bent(:, j))
+        if (.not. together) call self%tables%to_parts(self%w(:, j), self%bent(:, j))
         if (size(self%cycles) > 0) self%bent(:, j) = self%bent(:, j) + self%lawful(:, j)
         self%kept = self%bent(:, j)
         if (system%kernel_of(j) > 0) call retain(self%fraction(:, j), self%kept)

@@ -61,14 +61,15 @@ contains
     !> Orders of x, shape (2 n_orders, n_dof).
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: x(:, :)
-    complex(wp) :: shift(size(x, 2))
-    real(wp) :: y(size(x, 1), size(x, 2)), relative
+    complex(wp), allocatable :: shift(:)
+    real(wp), allocatable :: y(:, :)
+    real(wp) :: relative
     integer :: i, j
 
     share = 1.0_wp
     ! For a structure, errors refer to its deflections.
     if (system%condensed .or. .not. load%moves_base()) return
-    y = x
+    allocate (y, source=x)
     do j = 1, size(load%orders)
       i = findloc(orders, load%orders(j), 1)
       if (i == 0) cycle

@@ -319,11 +319,11 @@ contains
   pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
     class(oscillator_type), intent(in) :: self
     !> Circular frequencies (rad/s), shape (n).
-    real(wp), intent(in) :: mu(:)
+    real(wp), intent(in), contiguous :: mu(:)
     !> From `retained`, shape (n, n_memory).
-    complex(wp), intent(in) :: fraction(:, :)
+    complex(wp), intent(in), contiguous :: fraction(:, :)
     !> D, shape (n_dof, n_dof, n).
-    complex(wp), intent(out) :: stiffness(:, :, :)
+    complex(wp), intent(out), contiguous :: stiffness(:, :, :)
     real(wp) :: part
     integer :: a, b, j, k
 
@@ -332,9 +332,11 @@ contains
       ! Elastic part, stored in the slot of the first frequency, which is computed last.
       stiffness(:, b, 1) = (0.0_wp, 0.0_wp)
       do j = 1, size(self%kernel_of)
-        if (self%kernel_of(j) == 0 .and. abs(self%gather(j, b)) > 0.0_wp) then
-          stiffness(:, b, 1) = stiffness(:, b, 1) + self%spread(:, j)*self%gather(j, b)
-        end if
+        part = self%gather(j, b)
+        if (self%kernel_of(j) > 0 .or. .not. abs(part) > 0.0_wp) cycle
+        do a = 1, size(stiffness, 1)
+          stiffness(a, b, 1) = cmplx(real(stiffness(a, b, 1)) + self%spread(a, j)*part, 0.0_wp, wp)
+        end do
       end do
       do k = size(mu), 1, -1
         do a = 1, size(stiffness, 1)
@@ -346,7 +348,10 @@ contains
         if (self%kernel_of(j) == 0 .or. .not. abs(self%gather(j, b)) > 0.0_wp) cycle
         do a = 1, size(stiffness, 1)
           part = self%spread(a, j)*self%gather(j, b)
-          if (abs(part) > 0.0_wp) stiffness(a, b, :) = stiffness(a, b, :) + part*fraction(:, j)
+          if (.not. abs(part) > 0.0_wp) cycle
+          do k = 1, size(mu)
+            stiffness(a, b, k) = stiffness(a, b, k) + part*fraction(k, j)
+          end do
         end do
       end do
     end do

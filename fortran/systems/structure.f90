@@ -55,9 +55,9 @@ contains
   !> H(i mu)^-1, plus the hereditary parts sum_j B(:,j) W(j,:) (f_j - 1).
   pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
     class(structure_type), intent(in) :: self
-    real(wp), intent(in) :: mu(:)
-    complex(wp), intent(in) :: fraction(:, :)
-    complex(wp), intent(out) :: stiffness(:, :, :)
+    real(wp), intent(in), contiguous :: mu(:)
+    complex(wp), intent(in), contiguous :: fraction(:, :)
+    complex(wp), intent(out), contiguous :: stiffness(:, :, :)
     complex(wp) :: h(size(stiffness, 1), size(stiffness, 1), size(mu))
     integer :: b, j, k
 
