@@ -9,7 +9,7 @@ module viscovib_crossing_search
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use viscovib_chord, only: chord_type, new_chord
   use viscovib_constants, only: pi
-  use viscovib_crossing_dips, only: find_dip, n_tests, tests_of
+  use viscovib_crossing_dips, only: find_dip, lengths_of, n_tests, tests_of
   use viscovib_crossing_nodes, only: look_at, node_type, spectrum_type
   use viscovib_crossing_roots, only: bracket, on_line
   use viscovib_curve, only: curve_type
@@ -89,6 +89,7 @@ contains
     !> May be set by another thread to cancel the search.
     integer, intent(inout), optional :: cancel
     type(search_type) :: s
+    real(wp), allocatable :: lengths(:)
     real(wp) :: dip
     integer :: i, which
     logical :: changes
@@ -105,11 +106,12 @@ contains
     do i = 1, size(p)
       s%tests(:, i) = tests_of(eta(:, i))
     end do
+    allocate (lengths, source=lengths_of(p, x))
     do i = 1, size(p) - 1
       if (given_up(cancel)) exit
       if (minval(n_growing(i:i + 1)) < 0) cycle
       s%i = i
-      call find_dip(s%tests, p, x, i, which, dip)
+      call find_dip(s%tests, lengths, i, which, dip)
       changes = something_changes(s)
       if (which == 0 .and. .not. changes) cycle
       call new_chord(s%chord, curve, p(i:i + 1), x(:, i:i + 1))

@@ -243,9 +243,9 @@ contains
 
     !> Add the effect of variable j under a perturbation of coordinate b.
     pure subroutine add(slope, b, matrices)
-      real(wp), intent(in) :: slope(:)
+      real(wp), intent(in), contiguous :: slope(:)
       integer, intent(in) :: b
-      real(wp), intent(inout) :: matrices(:, :, :)
+      real(wp), intent(inout), contiguous :: matrices(:, :, :)
       integer :: i
       do i = 1, self%n_dof
         if (.not. abs(self%spread(i, j)) > 0.0_wp) cycle

@@ -48,7 +48,10 @@ contains
     integer, intent(inout), optional :: cancel
     type(stability_type) :: others
     real(wp) :: nearby(size(x, 1), size(x, 2), n_nearby)
-    integer :: i, k, look
+    integer :: i, k, m, at_once, look
+
+    ! Monodromies are integrated in lanes; other exponents are sought one by one.
+    at_once = merge(2, n_nearby, checker%remembers .or. system%condensed)
 
     do i = 1, size(nu)
       if (given_up(cancel)) return
@@ -56,18 +59,28 @@ contains
       if (look == lost) call set_unknown(stability, i)
       if (look /= doubtful) cycle
       call nearby_motions(system, x(:, :, i), as_far*truncation(i), nearby)
-      do k = 1, n_nearby, 2
-        if (by_count(k) .and. by_count(k + 1)) cycle
-        call checker%check(system, [nu(i), nu(i)], nearby(:, :, k:k + 1), others, cancel, &
-                         stability%exponents(:, i))
+      do k = 1, n_nearby, at_once
+        if (all_by_count(k, k + at_once - 1)) cycle
+        call checker%check(system, spread(nu(i), 1, at_once), nearby(:, :, k:k + at_once - 1), &
+                           others, cancel, stability%exponents(:, i))
         if (given_up(cancel)) return
-        if (alike(stability, i, others, 1, nu(i)) .and. alike(stability, i, others, 2, nu(i))) cycle
+        if (all([(alike(stability, i, others, m, nu(i)), m=1, at_once)])) cycle
         call set_unknown(stability, i)
         exit
       end do
     end do
 
   contains
+
+    !> Whether counts alone show that motions nearby are like motion i.
+    logical function all_by_count(from, to)
+      integer, intent(in) :: from, to
+      integer :: k
+      all_by_count = .true.
+      do k = from, to
+        if (all_by_count) all_by_count = by_count(k)
+      end do
+    end function all_by_count
 
     !> Whether a count alone shows that a motion nearby is like motion i.
     logical function by_count(k)
