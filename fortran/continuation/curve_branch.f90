@@ -312,10 +312,10 @@ contains
   subroutine measure(f, point)
     type(follower_type), intent(inout) :: f
     type(curve_point), intent(inout) :: point
-    real(wp) :: pushed(f%curve%n), short, moved, at_value, blurred, error, off
+    real(wp) :: shift(f%curve%n + 1), short, moved, at_value, blurred, error, off
     if (.not. associated(f%sized)) return
-    call f%sized%left_out(point%x, point%p, pushed, short, f%own, .false.)
-    call truncation_shift(f%corrector, point, pushed, moved, at_value)
+    call f%sized%left_out(point%x, point%p, shift(:f%curve%n), short, f%own, .false.)
+    call truncation_shift(f%corrector, point, shift, moved, at_value)
     point%missed = max(f%own, short*moved)
     point%truncation = max(point%missed, min(1.0_wp, short*at_value))
     f%rounding = 0.0_wp

@@ -322,12 +322,10 @@ contains
 
   !> Displacement (x, p) of a point on the plane of the last correction due to residuals in the
   !! equations.
-  subroutine displace(c, pushed, off)
+  subroutine displace(c, off)
     type(corrector_type), intent(in) :: c
-    !> Shapes (n) and (n + 1).
-    real(wp), intent(in) :: pushed(:)
-    real(wp), intent(out) :: off(:)
-    off(:c%n) = pushed
+    !> The n residuals, then the displacement, shape (n + 1).
+    real(wp), intent(inout) :: off(:)
     off(c%n + 1) = 0.0_wp
     call c%factors%solve(off)
   end subroutine displace
@@ -342,7 +340,8 @@ contains
     integer :: n, i
     n = c%n
     associate (matrix => c%factors%matrix)
-      call largest_in_rows(c%factors%rows, n, matrix(:, :n), abs(next%x), c%terms)
+      c%right(:n) = abs(next%x)
+      call largest_in_rows(c%factors%rows, n, matrix, c%right, c%terms)
       c%terms = max(c%terms, abs(c%slope_p*next%p))
       matrix(:n, n + 1) = c%slope_p
       do i = 1, n
@@ -365,7 +364,7 @@ contains
 
   !> True if the pivots, in the units of `sizes` and `largest_of`, spread too widely.
   logical function has_small_pivots(c) result(small_ones)
-    type(corrector_type), intent(in) :: c
+    type(corrector_type), intent(inout) :: c
     real(wp) :: largest, smallest
     call c%factors%pivots_of(c%sizes, c%largest_of, largest, smallest)
     small_ones = .not. smallest > wide*largest

@@ -64,13 +64,22 @@ contains
     !> Typical size of each unknown, shape (n).
     real(wp), intent(in) :: sizes(:)
     logical, intent(out) :: singular
+
+    if (self%n - 1 < small) then
+      call factorize_padded(self%rows, self%n, self%matrix, self%pivots, singular)
+    else
+      call decompose_many(self, sizes, singular)
+    end if
+  end subroutine decompose
+
+  !> The same for many unknowns.
+  subroutine decompose_many(self, sizes, singular)
+    class(curve_factors), intent(inout) :: self
+    real(wp), intent(in) :: sizes(:)
+    logical, intent(out) :: singular
     logical :: loose(self%blocks)
 
     self%left = [integer ::]
-    if (self%n - 1 < small) then
-      call factorize_padded(self%rows, self%n, self%matrix, self%pivots, singular)
-      return
-    end if
     loose = .false.
     if (self%blocks > 1) call find_loose(self%n - 1, self%blocks, self%rows, self%matrix, loose)
     if (any(loose) .and. .not. all(loose)) then
@@ -81,7 +90,7 @@ contains
       end if
     end if
     call factorize_blocks(self%n, self%matrix, self%pivots, singular)
-  end subroutine decompose
+  end subroutine decompose_many
 
   !> Find the blocks that couple to all blocks in pairs only.
   pure subroutine find_loose(n, blocks, rows, matrix, loose)
@@ -193,13 +202,20 @@ contains
   subroutine solve_bordered(self, x)
     class(curve_factors), intent(in) :: self
     real(wp), intent(inout) :: x(self%n)
+    if (size(self%left) == 0) then
+      call solve_padded(self%rows, self%n, self%matrix, self%pivots, x)
+    else
+      call solve_reduced(self, x)
+    end if
+  end subroutine solve_bordered
+
+  !> The same after an elimination.
+  subroutine solve_reduced(self, x)
+    class(curve_factors), intent(in) :: self
+    real(wp), intent(inout) :: x(self%n)
     real(wp) :: y(size(self%left))
     integer :: k
 
-    if (size(self%left) == 0) then
-      call solve_padded(self%rows, self%n, self%matrix, self%pivots, x)
-      return
-    end if
     y = x(self%left)
     do k = 1, size(self%pairs)
       call solve_first(self%pairs(k))
@@ -223,7 +239,7 @@ contains
       x(one%own) = own
     end subroutine solve_first
 
-  end subroutine solve_bordered
+  end subroutine solve_reduced
 
   !> Sign of the determinant and, if requested, the logarithm of its magnitude, else 0. Equations
   !! and unknowns have the same order, which changes no sign.
@@ -266,8 +282,11 @@ contains
   subroutine pivots_of(self, sizes, largest_of, largest, smallest)
     class(curve_factors), intent(in) :: self
     !> Sizes of the unknowns and of the equations, shapes (n).
-    real(wp), intent(in) :: sizes(:), largest_of(:)
+    real(wp), intent(in) :: sizes(:)
+    !> Changed to the order of the pivots, or unchanged.
+    real(wp), intent(inout) :: largest_of(:)
     real(wp), intent(out) :: largest, smallest
+    real(wp), allocatable :: rows(:)
     integer :: k
 
     largest = 0.0_wp
@@ -276,21 +295,23 @@ contains
       call look(self%matrix, self%pivots, sizes, largest_of)
       return
     end if
-    call look(self%rest, self%left_pivots, sizes(self%left), largest_of(self%left))
+    rows = largest_of(self%left)
+    call look(self%rest, self%left_pivots, sizes(self%left), rows)
     do k = 1, size(self%pairs)
       associate (one => self%pairs(k))
-        call look(one%a, one%pivots, sizes(one%own), largest_of(one%own))
+        rows = largest_of(one%own)
+        call look(one%a, one%pivots, sizes(one%own), rows)
       end associate
     end do
 
   contains
 
-    subroutine look(matrix, pivots, size_of, rows)
-      real(wp), intent(in) :: matrix(:, :), size_of(:), rows(:)
+    subroutine look(matrix, pivots, size_of, row)
+      real(wp), intent(in) :: matrix(:, :), size_of(:)
       integer, intent(in) :: pivots(:)
-      real(wp) :: row(size(rows)), one, pivot
+      real(wp), intent(inout) :: row(:)
+      real(wp) :: one, pivot
       integer :: i
-      row = rows
       do i = 1, size(row)
         ! Apply the row exchanges.
         one = row(pivots(i))

@@ -130,13 +130,17 @@ contains
     type(haunt_type), intent(inout) :: haunt
     class(curve_metric), intent(in) :: c
     type(curve_point), intent(in) :: point
-    logical :: away
+    logical :: fits
 
     haunt%n = haunt%n + 1
-    away = .not. allocated(haunt%anchor%x)
-    if (.not. away) away = size(haunt%anchor%x) /= size(point%x)
-    if (.not. away) away = distance(c, haunt%anchor, point) > hardly_away
-    if (away) haunt = haunt_type(point)
+    fits = allocated(haunt%anchor%x)
+    if (fits) fits = size(haunt%anchor%x) == size(point%x)
+    if (.not. fits) then
+      haunt = haunt_type(point)
+    else if (distance(c, haunt%anchor, point) > hardly_away) then
+      call copy_point(point, haunt%anchor)
+      haunt%n = 0
+    end if
     it_does = haunt%n > most_points
   end function goes_to_and_fro
 

@@ -91,7 +91,11 @@ contains
     self%iterations(self%n_points) = point%iterations
     self%error(self%n_points) = point%error
     self%off(self%n_points) = point%off
-    self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
+    if (size(point%x) == size(self%x, 1)) then
+      self%x(:, self%n_points) = point%x
+    else
+      self%x(:, self%n_points) = refitted(self%blocks, point%x, size(self%x, 1))
+    end if
     if (allocated(self%kept)) then
       self%kept(self%n_points) = size(point%x)
       self%truncation(self%n_points) = point%truncation

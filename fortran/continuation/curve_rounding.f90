@@ -30,18 +30,19 @@ module viscovib_curve_rounding
 contains
 
   !> Displacement of a point on the plane of the last correction, relative to its size, due to
-  !! residuals `pushed` in the equations.
-  subroutine truncation_shift(c, point, pushed, moved, at_value)
+  !! residuals in the equations.
+  subroutine truncation_shift(c, point, off, moved, at_value)
     type(corrector_type), intent(in) :: c
     type(curve_point), intent(in) :: point
-    real(wp), intent(in) :: pushed(:)
+    !> The n residuals, then the displacement, shape (n + 1).
+    real(wp), intent(inout) :: off(:)
     real(wp), intent(out) :: moved
     !> Relative displacement of x at its value of p.
     real(wp), intent(out), optional :: at_value
-    real(wp) :: weight_x, weight_p, off(size(pushed) + 1)
-    call displace(c, pushed, off)
+    real(wp) :: weight_x, weight_p
+    call displace(c, off)
     call metric(c, point, weight_x, weight_p)
-    moved = sqrt(weight_x*sum(c%weights*off(:size(pushed))**2) + weight_p*off(size(off))**2)
+    moved = sqrt(weight_x*sum(c%weights*off(:size(off) - 1)**2) + weight_p*off(size(off))**2)
     if (present(at_value)) at_value = off_at_value(c, point, off)
   end subroutine truncation_shift
 
@@ -94,12 +95,11 @@ contains
     subroutine push(point, moved, by, size_of)
       type(curve_point), intent(in) :: point
       real(wp), intent(out) :: moved(:), by, size_of
-      real(wp) :: pushed(curve%n)
       select type (curve)
       class is (sized_curve_type)
-        call curve%left_out(point%x, point%p, pushed, by, size_of, .true.)
+        call curve%left_out(point%x, point%p, moved(:curve%n), by, size_of, .true.)
       end select
-      call displace(c, pushed, moved)
+      call displace(c, moved)
     end subroutine push
 
   end subroutine fold_error
@@ -115,7 +115,7 @@ contains
     real(wp), intent(out) :: error, off
     !> Error of p, in its unit.
     real(wp), intent(out), optional :: in_p
-    real(wp) :: terms(curve%n), pushed(curve%n), moved(curve%n + 1), weight_x, weight_p
+    real(wp) :: terms(curve%n), moved(curve%n + 1), weight_x, weight_p
     integer :: i, k
 
     terms = c%terms
@@ -126,9 +126,9 @@ contains
     if (present(in_p)) in_p = 0.0_wp
     do k = 1, all_signs
       do i = 1, curve%n
-        pushed(i) = sign(usual_rounding*terms(i), cos(real(k*(i + k)**2, wp)))
+        moved(i) = sign(usual_rounding*terms(i), cos(real(k*(i + k)**2, wp)))
       end do
-      call displace(c, pushed, moved)
+      call displace(c, moved)
       error = max(error, off_at_value(c, point, moved))
       off = max(off, sqrt(weight_x*sum(c%weights*moved(:curve%n)**2) &
                           + weight_p*moved(curve%n + 1)**2))
@@ -151,7 +151,7 @@ contains
     real(wp), intent(out) :: moved
     !> Number of patterns, at most `all_patterns`.
     integer, intent(in), optional :: patterns
-    real(wp), dimension(curve%n) :: r, nearby
+    real(wp), allocatable :: r(:), off(:)
     real(wp) :: one
     logical :: inside
     integer :: i, k, n_ways
@@ -159,13 +159,17 @@ contains
     moved = 0.0_wp
     n_ways = merge(1, 0, c%nearly_singular)
     if (present(patterns)) n_ways = patterns
+    if (n_ways == 0) return
+    allocate (r(curve%n), off(curve%n + 1))
     do k = 0, n_ways - 1
       call curve%residual(point%x, point%p, r, inside)
       if (.not. inside) return
       call curve%residual([(point%x(i)*(1.0_wp + ulps*(mod((1 + k/3)*i + k, 3) - 1) &
-                                        *epsilon(1.0_wp)), i=1, curve%n)], point%p, nearby, inside)
+                                        *epsilon(1.0_wp)), i=1, curve%n)], point%p, &
+                          off(:curve%n), inside)
       if (.not. inside) return
-      call truncation_shift(c, point, nearby - r, one)
+      off(:curve%n) = off(:curve%n) - r
+      call truncation_shift(c, point, off, one)
       moved = max(moved, one)
     end do
   end subroutine rounding_of

@@ -24,6 +24,8 @@ module viscovib_balance_ladder
     !! (n_dof, n_dof, n omitted).
     integer :: checked = 0
     complex(wp), allocatable :: compliance(:, :, :)
+    !> Workspace: the change of all orders, shape (2 n_orders, n_dof).
+    real(wp), allocatable :: change(:, :)
   end type rung_type
 
   type :: balance_ladder_type
@@ -35,6 +37,8 @@ module viscovib_balance_ladder
     integer, private :: degree = 0, lowest = 1, step = 1
     type(load_type), private :: load
     type(rung_type), allocatable :: rungs(:)
+    !> The rung of `far_probe`.
+    type(rung_type) :: far
   contains
     procedure :: allowed
     procedure :: highest
@@ -204,17 +208,18 @@ contains
     call make_checker(self, self%rungs(self%probe_of(rung)), rung, system, nu)
   end subroutine prepare_probe
 
-  !> A rung with at least twice the orders that estimates the truncation error of this one. It is
-  !! used where signs matter, as for a fold's displacement: the next harmonics alone may cancel.
-  subroutine far_probe(self, rung, system, load, nu, probe)
-    class(balance_ladder_type), intent(in) :: self
+  !> Prepare `far`, a rung with at least twice the orders that estimates the truncation error of
+  !! this one. It is used where signs matter, as for a fold's displacement: the next harmonics alone
+  !! may cancel.
+  subroutine far_probe(self, rung, system, load, nu)
+    class(balance_ladder_type), intent(inout) :: self
     integer, intent(in) :: rung
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
-    type(rung_type), intent(out) :: probe
-    call self%far_rung(rung, system, load, nu, probe)
-    call make_checker(self, probe, rung, system, nu)
+    if (self%far%checked /= rung) self%far = rung_type()
+    call make_ready(self, self%far, far_of(self, rung), system, load, nu)
+    call make_checker(self, self%far, rung, system, nu)
   end subroutine far_probe
 
   !> The same rung, to solve with.
@@ -225,10 +230,14 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu
     type(rung_type), intent(out) :: far
-    integer :: twice
-    twice = rung + self%highest(rung)/self%step + 1
-    call make_ready(self, far, max(self%probe_of(rung), twice), system, load, nu)
+    call make_ready(self, far, far_of(self, rung), system, load, nu)
   end subroutine far_rung
+
+  pure integer function far_of(self, rung)
+    class(balance_ladder_type), intent(in) :: self
+    integer, intent(in) :: rung
+    far_of = max(self%probe_of(rung), rung + self%highest(rung)/self%step + 1)
+  end function far_of
 
   subroutine make_checker(self, here, rung, system, nu)
     class(balance_ladder_type), intent(in) :: self
@@ -245,8 +254,8 @@ contains
     first = self%n_orders(rung)
     n = size(here%balance%set%orders) - first
     if (here%checked /= rung) then
-      if (allocated(here%compliance)) deallocate (here%compliance)
-      allocate (here%compliance(d, d, n))
+      if (allocated(here%compliance)) deallocate (here%compliance, here%change)
+      allocate (here%compliance(d, d, n), here%change(2*(first + n), d))
       here%checked = rung
     end if
     do k = 1, n
@@ -262,6 +271,8 @@ contains
     class(balance_ladder_type), intent(inout) :: self
     self%rungs%balance_nu = 0.0_wp
     self%rungs%compliance_nu = 0.0_wp
+    self%far%balance_nu = 0.0_wp
+    self%far%compliance_nu = 0.0_wp
   end subroutine forget
 
 end module viscovib_balance_ladder

@@ -186,12 +186,15 @@ contains
     real(wp), intent(in) :: x(:), p
     real(wp), intent(inout) :: terms(:)
     real(wp) :: nu
+    real(wp) :: rates(self%n/self%blocks)
     integer :: d, k, rows
 
     rows = self%n/self%blocks
     nu = merge(p, self%balance%nu, self%vary == vary_frequency)
-    call raise_by_inertia(self%system%mass, &
-                          [(self%balance%set%orders((k + 1)/2)*nu, k=1, rows)], x, terms)
+    do k = 1, rows
+      rates(k) = self%balance%set%orders((k + 1)/2)*nu
+    end do
+    call raise_by_inertia(self%system%mass, rates, x, terms)
     do d = 1, self%blocks
       terms((d - 1)*rows + 1:(d - 1)*rows + self%balance%set%held()) = 0.0_wp
     end do
@@ -202,46 +205,54 @@ contains
     real(wp), intent(in) :: x(:), p
     real(wp), intent(out) :: pushed(:), short, own
     logical, intent(in) :: closely
-    real(wp) :: motion(self%n/self%blocks, self%blocks), nu
-    type(rung_type) :: far
+    real(wp) :: nu, factor
 
-    motion = reshape(x, shape(motion))
     nu = merge(p, self%balance%nu, self%vary == vary_frequency)
+    factor = merge(self%balance%load_factor, p, self%vary == vary_frequency)
     if (closely) then
-      call self%ladder%far_probe(self%rung, self%system, self%load, nu, far)
-      call look(far)
+      call self%ladder%far_probe(self%rung, self%system, self%load, nu)
+      call look(self%ladder%far, self%system, factor, self%n/self%blocks, self%blocks, x, pushed, &
+                own, short, closely)
     else
       call self%ladder%prepare_probe(self%rung, self%system, self%load, nu)
-      call look(self%ladder%rungs(self%ladder%probe_of(self%rung)))
+      call look(self%ladder%rungs(self%ladder%probe_of(self%rung)), self%system, factor, &
+                self%n/self%blocks, self%blocks, x, pushed, own, short, closely)
     end if
-
-  contains
-
-    subroutine look(probe)
-      type(rung_type), intent(inout) :: probe
-      real(wp), dimension(2*size(probe%balance%set%orders), self%blocks) :: change
-      real(wp) :: push(size(motion, 1), self%blocks)
-      probe%balance%load_factor = merge(self%balance%load_factor, p, self%vary == vary_frequency)
-      call find_left_out(probe%balance, probe%compliance, self%system, motion, change, push, own, &
-                         short, closely)
-      self%share = share_of_motion(self%system, self%load, probe%balance%load_factor, &
-                                   self%balance%set%orders, motion)
-      own = own/self%share
-      short = short/self%share
-      pushed = reshape(push, [self%n])
-    end subroutine look
-
+    self%share = 1.0_wp
+    if (self%load%moves_base()) then
+      self%share = share_of_motion(self%system, self%load, factor, self%balance%set%orders, &
+                                   reshape(x, [self%n/self%blocks, self%blocks]))
+    end if
+    own = own/self%share
+    short = short/self%share
   end subroutine left_out
+
+  !> The same by a probe, relative to the base.
+  subroutine look(probe, system, factor, rows, blocks, x, pushed, own, short, closely)
+    type(rung_type), intent(inout) :: probe
+    class(oscillator_type), intent(in) :: system
+    !> Load factor.
+    real(wp), intent(in) :: factor
+    integer, intent(in) :: rows, blocks
+    real(wp), intent(in) :: x(rows, blocks)
+    real(wp), intent(out) :: pushed(rows, blocks), own, short
+    logical, intent(in) :: closely
+    probe%balance%load_factor = factor
+    call find_left_out(probe%balance, probe%compliance, system, x, probe%change, pushed, own, &
+                       short, closely)
+  end subroutine look
 
   !> Like `choose_orders` at one frequency.
   subroutine choose_size(self, x, truncation, own, rounding, again)
     class(oscillator_curve_type), intent(inout) :: self
     real(wp), intent(in) :: x(:), truncation, own, rounding
     logical, intent(out) :: again
-    real(wp) :: motion(self%n/self%blocks, self%blocks), allowed
+    real(wp), allocatable :: motion(:, :)
+    real(wp) :: allowed
 
     again = .false.
-    motion = reshape(x, shape(motion))
+    if (self%ladder%n_rungs == 1) return
+    motion = reshape(x, [self%n/self%blocks, self%blocks])
     allowed = self%ladder%allowed(self%tolerance, self%share*weighted_norm(self%system, motion))
     allowed = max(rounding/self%share, allowed)
     if (truncation > allowed .and. self%rung < self%ladder%n_rungs) then

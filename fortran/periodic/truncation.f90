@@ -79,35 +79,36 @@ contains
     type(balance_type), intent(inout) :: probe
     complex(wp), intent(in) :: compliance(:, :, :)
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: x(:, :)
+    real(wp), intent(in), contiguous :: x(:, :)
     !> Change of all orders, 0 for the included ones, and residuals of the included ones.
-    real(wp), intent(out) :: change(:, :), pushed(:, :)
+    real(wp), intent(out), contiguous :: change(:, :), pushed(:, :)
     !> Relative size of the omitted orders, and the factor by which the estimate falls short.
     real(wp), intent(out) :: outside, short
     !> True: iterate to a small remainder.
     logical, intent(in) :: closely
-    real(wp), dimension(size(change, 1), size(change, 2)) :: y, r
+    real(wp) :: r(size(change, 1), size(change, 2))
     real(wp) :: norm, first, rest, before, factor, reach
     integer :: n, turn
 
     n = size(x, 1)
-    y(:n, :) = x
-    y(n + 1:, :) = 0.0_wp
-    call probe%residual(system, y, r)
-    change = 0.0_wp
-    call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
-    rest = weighted_norm(system, change(n + 1:, :))
+    change(:n, :) = x
+    change(n + 1:, :) = 0.0_wp
+    call probe%residual(system, change, r)
+    call find_change(compliance, r(n + 1:, :))
+    rest = weighted_norm(system, r(n + 1:, :))
     do turn = 1, merge(most_turns, 1, closely)
       before = rest
-      y(n + 1:, :) = change(n + 1:, :)
-      call probe%residual(system, y, r)
-      call add_left_out(compliance, r(n + 1:, :), change(n + 1:, :))
-      rest = weighted_norm(system, change(n + 1:, :) - y(n + 1:, :))
+      change(n + 1:, :) = change(n + 1:, :) + r(n + 1:, :)
+      call probe%residual(system, change, r)
+      call find_change(compliance, r(n + 1:, :))
+      rest = weighted_norm(system, r(n + 1:, :))
       if (.not. (rest > little*before .and. rest < slowest*before)) exit
     end do
     pushed = r(:n, :)
     norm = weighted_norm(system, x)
-    first = weighted_norm(system, y(n + 1:, :))
+    first = weighted_norm(system, change(n + 1:, :))
+    change(:n, :) = 0.0_wp
+    change(n + 1:, :) = change(n + 1:, :) + r(n + 1:, :)
     short = 1.0_wp
     if (first > 0.0_wp) then
       factor = min(rest/before, slowest)
@@ -195,25 +196,22 @@ contains
     tail = min(1.0_wp + tail*(1.0_wp + min(tail, safety)), largest_tail)
   end function smooth_tail
 
-  !> Subtract D^-1 r.
-  pure subroutine add_left_out(compliance, r, change)
+  !> The change -D^-1 r in place of the residuals r.
+  pure subroutine find_change(compliance, r)
     complex(wp), intent(in) :: compliance(:, :, :)
     !> Shape (2 n omitted, n_dof).
-    real(wp), intent(in) :: r(:, :)
-    real(wp), intent(inout) :: change(:, :)
-    complex(wp) :: x
-    integer :: a, b, k
+    real(wp), intent(inout) :: r(:, :)
+    complex(wp) :: x(size(r, 2))
+    integer :: b, k
 
     do k = 1, size(compliance, 3)
-      do a = 1, size(r, 2)
-        x = (0.0_wp, 0.0_wp)
-        do b = 1, size(r, 2)
-          x = x + compliance(a, b, k)*cmplx(r(2*k - 1, b), r(2*k, b), wp)
-        end do
-        change(2*k - 1, a) = change(2*k - 1, a) - real(x)
-        change(2*k, a) = change(2*k, a) - aimag(x)
+      x = (0.0_wp, 0.0_wp)
+      do b = 1, size(r, 2)
+        x = x - compliance(:, b, k)*cmplx(r(2*k - 1, b), r(2*k, b), wp)
       end do
+      r(2*k - 1, :) = real(x)
+      r(2*k, :) = aimag(x)
     end do
-  end subroutine add_left_out
+  end subroutine find_change
 
 end module viscovib_truncation

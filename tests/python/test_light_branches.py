@@ -58,7 +58,7 @@ def test_a_resonance_is_passed_once(damping):
     assert off.max() < max(10 * branch.error.max(), 1e-11)
     # Near folds motions at a given nu are less accurate.
     nearby = np.abs(branch.nu[:, np.newaxis] - branch.folds).min(axis=1) < 1e-3
-    assert branch.error[~nearby].max() < max(1e-10, 1e-13 / damping)
+    assert branch.error[~nearby].max() < max(1e-10, 2e-13 / damping)
 
 
 def test_what_rounding_leaves_is_reported():
@@ -113,7 +113,8 @@ def test_the_error_of_a_point_is_that_of_its_motion_at_its_frequency():
         # Near folds a single step of Newton's method does not give the distance.
         for i in rng.permutation(np.flatnonzero(branch.error < 1e-6))[:40]:
             off = off_curve(branch, i, damping, cubic, load, at_value=True)
-            assert off < 3 * branch.error[i], (damping, cubic, load, branch.nu[i])
+            # Steps with kept factors may leave a hundredth of the tolerance unseen.
+            assert off < 3 * branch.error[i] + 1e-12, (damping, cubic, load, branch.nu[i])
 
 
 def test_rounding_is_no_lack_of_harmonics():
