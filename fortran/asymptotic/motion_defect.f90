@@ -13,17 +13,20 @@
 !! So with quadratic terms the motion plus U is substituted a second time: the new correction is
 !! added to U, and g is then the whole change. If the amplitude of a term changes slowly, memory is
 !! represented by (1 - R)(s_h) and its first two derivatives.
+!!
+!! The same linearised in a small amplitude of a mode at rest gives the rates of change of all modes
+!! by it: its angle is no angle of the lattice then, but a factor exp(i angle) of all terms.
 module viscovib_motion_defect
   use viscovib_fourier, only: real_spectrum
   use viscovib_kinds, only: wp
-  use viscovib_motion_lattice, only: angles_type, find_angles, lattice_of, list_orders, &
-    max_angles, sample_motion
+  use viscovib_motion_lattice, only: angles_type, find_angles, highest_order, lattice_of, &
+    list_orders, max_angles, sample_change, sample_generators, sample_motion
   use viscovib_multiple_scales, only: multiple_scales_type
   use viscovib_polynomial_form, only: full_system_type
   implicit none
   private
 
-  public :: defect_type, find_defect
+  public :: changes_type, defect_type, find_changes, find_defect
 
   !> In natural units, one column for each Fourier term; of a term and its conjugate, the one with a
   !! negative frequency is omitted.
@@ -36,13 +39,29 @@ module viscovib_motion_defect
     real(wp), allocatable :: phase_rate(:)
     !> U_h, shape (n, n_waves), and g_jh, shape (n_modes, n_waves).
     complex(wp), allocatable :: u(:, :), rates(:, :)
-    !> h, and the angle of each mode whose angle no load and no other mode has; 0: none.
-    integer, allocatable :: orders(:, :), own_angle(:)
   end type defect_type
+
+  !> Changes of all modes by the amplitude of a mode at rest, one column for each Fourier term: its
+  !! frequency, the rates of change divided by the amplitude, shape (n_modes, n_waves), and whether
+  !! they are proportional to the amplitude itself or to its conjugate.
+  type :: changes_type
+    real(wp), allocatable :: frequency(:)
+    complex(wp), allocatable :: rates(:, :)
+    logical, allocatable :: by_conjugate(:)
+  end type changes_type
+
+  !> A motion at the points of a lattice: angles, steps of the lattice, generators, waves of loads,
+  !! unknowns with two derivatives, loads.
+  type :: sampled_type
+    type(angles_type) :: angles
+    integer :: step(max_angles)
+    complex(wp), allocatable :: g(:, :, :), wave(:, :, :)
+    real(wp), allocatable :: y(:, :, :), load(:, :)
+  end type sampled_type
 
 contains
 
-  subroutine find_defect(scales, full, a, defect, band, turns, rates_only)
+  subroutine find_defect(scales, full, a, defect, band, turns)
     type(multiple_scales_type), intent(in) :: scales
     !> The full system in the caller's units; not allocated: the form is the full system.
     class(full_system_type), intent(in), optional :: full
@@ -53,74 +72,147 @@ contains
     real(wp), intent(in), optional :: band
     !> As in `find_angles`.
     real(wp), intent(in), optional :: turns(:)
-    !> Compute only g, for the terms near a mode.
-    logical, intent(in), optional :: rates_only
-    type(angles_type) :: angles
-    real(wp), allocatable :: y(:, :, :), load(:, :), e(:, :), w(:, :, :)
+    type(sampled_type) :: motion
     integer, allocatable :: orders(:, :)
-    integer :: step(max_angles), n, i, round
 
-    call find_angles(scales, a, angles, turns)
-    defect%known = angles%n <= max_angles
+    call sample(scales, a, motion, defect%known, turns)
     if (.not. defect%known) return
-    call lattice_of(angles%n, n, step)
-    call list_orders(angles%n, orders)
-    defect%n = size(orders, 2)
-    associate (form => scales%form, m => angles%n)
-      allocate (defect%frequency(defect%n), defect%phase_rate(defect%n))
-      allocate (defect%rates(scales%flow%n_modes, defect%n), defect%u(form%n, defect%n), &
-                source=(0.0_wp, 0.0_wp))
-      do i = 1, defect%n
-        defect%frequency(i) = sum(orders(:m, i)*angles%whole(:m))
-        if (defect%frequency(i) < 0.0_wp) orders(:, i) = -orders(:, i)
-        defect%phase_rate(i) = sum(orders(:m, i)*angles%frequency(:m))
-      end do
-      defect%frequency = abs(defect%frequency)
-      allocate (defect%orders, source=orders)
-      defect%own_angle = [(merge(angles%of_mode(i), 0, count(angles%of_mode == angles%of_mode(i)) &
-                                 + count(angles%of_load == angles%of_mode(i)) == 1), &
-                           i=1, size(a))]
-      allocate (y(n, form%n, 0:2), load(n, size(form%drives)), e(n, form%n), &
-                w(n, form%n, 2))
-      call sample_motion(scales, angles, step, a, y, load)
-      do round = 1, merge(2, 1, size(form%quadratic) > 0)
-        if (round > 1) call add_waves(angles, step, orders, defect, y)
-        call evaluate_sides(scales, full, y, load, e)
-        if (form%has_memory()) call slow_sides(scales, y, w)
-        call answer_waves(scales, angles, step, orders, y, e, w, &
-                          present(rates_only) .and. round > 1, defect, band)
-        if (.not. defect%known) return
-      end do
-    end associate
+    call correct_once(scales, full, motion, orders, defect, band)
+    if (.not. defect%known .or. size(scales%form%quadratic) == 0) return
+    call add_waves(motion, orders, defect)
+    call answer_sides(scales, full, motion, orders, defect, band)
   end subroutine find_defect
 
-  !> The exponent with which the term of order i changes.
-  pure complex(wp) function exponent_of(angles, orders, defect, i)
-    type(angles_type), intent(in) :: angles
-    integer, intent(in) :: orders(:, :), i
-    type(defect_type), intent(in) :: defect
-    exponent_of = cmplx(sum(abs(orders(:angles%n, i))*angles%growth(:angles%n)), &
-                        defect%frequency(i), wp)
-  end function exponent_of
+  !> Changes of all modes by small amplitudes of modes at rest.
+  subroutine find_changes(scales, full, a, which, little, band, changes)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `find_defect`.
+    class(full_system_type), intent(in), optional :: full
+    complex(wp), intent(in) :: a(:)
+    !> Modes at rest.
+    integer, intent(in) :: which(:)
+    !> Amplitude for differences of the full equations; as in `find_defect`.
+    real(wp), intent(in) :: little, band
+    !> Shape (size(which)); without terms if they cannot be computed.
+    type(changes_type), intent(out) :: changes(:)
+    type(sampled_type) :: motion
+    type(defect_type) :: defect
+    integer, allocatable :: orders(:, :), half(:, :)
+    complex(wp), allocatable :: w(:, :, :, :)
+    integer :: i
+    logical :: once
+
+    do i = 1, size(which)
+      allocate (changes(i)%frequency(0), changes(i)%rates(size(a), 0), changes(i)%by_conjugate(0))
+    end do
+    if (.not. little > 0.0_wp) return
+    call sample(scales, a, motion, defect%known)
+    if (.not. defect%known) return
+    allocate (w(size(motion%y, 1), size(motion%y, 2), 0:2, size(which)))
+    call list_orders(motion%angles%n, highest_order - 1, half)
+    orders = reshape([half, pack(-half, spread(any(half /= 0, 1), 1, max_angles))], &
+                     [max_angles, 2*size(half, 2) - 1])
+    once = size(scales%form%quadratic) == 0
+    do i = 1, size(which)
+      call sample_change(scales, motion%g, motion%wave, which(i), w(:, :, :, i))
+      call answer_change(scales, full, motion, orders, which(i), little, once, band, &
+                         w(:, :, :, i), changes(i))
+    end do
+    if (once) return
+    call correct_once(scales, full, motion, half, defect)
+    if (.not. defect%known) return
+    call add_waves(motion, half, defect)
+    do i = 1, size(which)
+      call answer_change(scales, full, motion, orders, which(i), little, .true., band, &
+                         w(:, :, :, i), changes(i))
+    end do
+  end subroutine find_changes
+
+  !> Sample the motion; `known` is false with too many angles.
+  subroutine sample(scales, a, motion, known, turns)
+    type(multiple_scales_type), intent(in) :: scales
+    complex(wp), intent(in) :: a(:)
+    type(sampled_type), intent(out) :: motion
+    logical, intent(out) :: known
+    !> As in `find_angles`.
+    real(wp), intent(in), optional :: turns(:)
+    integer :: n, k
+
+    call find_angles(scales, a, motion%angles, turns)
+    known = motion%angles%n <= max_angles
+    if (.not. known) return
+    call lattice_of(motion%angles%n, n, motion%step)
+    associate (form => scales%form)
+      allocate (motion%g(n, 0:2, 2*scales%normal%n_generators), &
+                motion%wave(n, 0:2, size(form%drives)))
+      allocate (motion%y(n, form%n, 0:2), motion%load(n, size(form%drives)))
+      call sample_generators(scales, motion%angles, motion%step, a, motion%g, motion%wave)
+      call sample_motion(scales, a, motion%g, motion%wave, motion%y)
+      do k = 1, size(form%drives)
+        motion%load(:, k) = real(motion%wave(:, 0, k))
+      end do
+    end associate
+  end subroutine sample
+
+  !> List the terms of the defect, and compute them from the residual of the motion.
+  subroutine correct_once(scales, full, motion, orders, defect, band)
+    type(multiple_scales_type), intent(in) :: scales
+    class(full_system_type), intent(in), optional :: full
+    type(sampled_type), intent(in) :: motion
+    integer, allocatable, intent(out) :: orders(:, :)
+    type(defect_type), intent(out) :: defect
+    real(wp), intent(in), optional :: band
+    integer :: i
+
+    call list_orders(motion%angles%n, highest_order, orders)
+    defect%n = size(orders, 2)
+    allocate (defect%frequency(defect%n), defect%phase_rate(defect%n))
+    allocate (defect%rates(scales%flow%n_modes, defect%n), &
+              defect%u(scales%form%n, defect%n), source=(0.0_wp, 0.0_wp))
+    associate (m => motion%angles%n)
+      do i = 1, defect%n
+        defect%frequency(i) = sum(orders(:m, i)*motion%angles%whole(:m))
+        if (defect%frequency(i) < 0.0_wp) orders(:, i) = -orders(:, i)
+        defect%phase_rate(i) = sum(orders(:m, i)*motion%angles%frequency(:m))
+      end do
+    end associate
+    defect%frequency = abs(defect%frequency)
+    call answer_sides(scales, full, motion, orders, defect, band)
+  end subroutine correct_once
+
+  !> The index of a term of this order in the spectrum of a signal on the lattice.
+  pure integer function turn_of(motion, order)
+    type(sampled_type), intent(in) :: motion
+    integer, intent(in) :: order(:)
+    turn_of = modulo(sum(order(:motion%angles%n)*motion%step(:motion%angles%n)), size(motion%y, 1))
+  end function turn_of
+
+  !> The growth of the amplitude of a term.
+  pure real(wp) function growth_of(motion, order)
+    type(sampled_type), intent(in) :: motion
+    integer, intent(in) :: order(:)
+    associate (m => motion%angles%n)
+      growth_of = sum(abs(order(:m))*motion%angles%growth(:m))
+    end associate
+  end function growth_of
 
   !> Add U and its derivatives at the points of the lattice to y, for all terms at once: Re sum_t
   !! c_t exp(2 pi i t k/n) is Re C + Im D, with the transforms C and D of the real and the imaginary
   !! parts of c.
-  subroutine add_waves(angles, step, orders, defect, y)
-    type(angles_type), intent(in) :: angles
-    integer, intent(in) :: step(:), orders(:, :)
+  subroutine add_waves(motion, orders, defect)
+    type(sampled_type), intent(inout) :: motion
+    integer, intent(in) :: orders(:, :)
     type(defect_type), intent(in) :: defect
-    real(wp), intent(inout) :: y(:, :, 0:)
-    complex(wp), dimension(size(y, 1)/2 + 1) :: of_real, of_imaginary
-    complex(wp) :: c(0:size(y, 1) - 1), s(defect%n)
+    complex(wp), dimension(size(motion%y, 1)/2 + 1) :: of_real, of_imaginary
+    complex(wp) :: c(0:size(motion%y, 1) - 1), s(defect%n)
     integer :: turn(defect%n), points, i, d, row
 
-    points = size(y, 1)
+    points = size(motion%y, 1)
     do i = 1, defect%n
-      turn(i) = modulo(sum(orders(:angles%n, i)*step(:angles%n)), points)
-      s(i) = exponent_of(angles, orders, defect, i)
+      turn(i) = turn_of(motion, orders(:, i))
+      s(i) = cmplx(growth_of(motion, orders(:, i)), defect%frequency(i), wp)
     end do
-    do row = 1, size(y, 2)
+    do row = 1, size(motion%y, 2)
       do d = 0, 2
         c = (0.0_wp, 0.0_wp)
         do i = 1, defect%n
@@ -128,13 +220,15 @@ contains
         end do
         call real_spectrum(real(c), of_real)
         call real_spectrum(aimag(c), of_imaginary)
-        do i = 1, points/2 + 1
-          y(i, row, d) = y(i, row, d) + (real(of_real(i)) + aimag(of_imaginary(i)))
-        end do
-        do i = points/2 + 2, points
-          y(i, row, d) = y(i, row, d) + (real(of_real(points + 2 - i)) &
-                                         - aimag(of_imaginary(points + 2 - i)))
-        end do
+        associate (y => motion%y)
+          do i = 1, points/2 + 1
+            y(i, row, d) = y(i, row, d) + (real(of_real(i)) + aimag(of_imaginary(i)))
+          end do
+          do i = points/2 + 2, points
+            y(i, row, d) = y(i, row, d) + (real(of_real(points + 2 - i)) &
+                                           - aimag(of_imaginary(points + 2 - i)))
+          end do
+        end associate
       end do
     end do
   end subroutine add_waves
@@ -212,45 +306,52 @@ contains
   end subroutine slow_sides
 
   !> One iteration: add the response to the terms of the residual to U; compute g.
-  subroutine answer_waves(scales, angles, step, orders, y, e, w, rates_only, defect, band)
+  subroutine answer_sides(scales, full, motion, orders, defect, band)
     type(multiple_scales_type), intent(in) :: scales
-    type(angles_type), intent(in) :: angles
-    integer, intent(in) :: step(:), orders(:, :)
-    real(wp), intent(in) :: y(:, :, 0:), e(:, :), w(:, :, :)
-    !> True: only for the terms near a mode.
-    logical, intent(in) :: rates_only
+    class(full_system_type), intent(in), optional :: full
+    type(sampled_type), intent(in) :: motion
+    integer, intent(in) :: orders(:, :)
     type(defect_type), intent(inout) :: defect
     real(wp), intent(in), optional :: band
-    complex(wp), dimension(size(y, 1)/2 + 1, size(y, 2)) :: of_e, of_slope, of_bend
-    complex(wp) :: of_y(size(y, 1)/2 + 1, size(y, 2), 0:2), rates(2*scales%normal%n_generators)
-    complex(wp) :: waves(scales%form%n), u(scales%form%n), s
-    real(wp) :: slowest, whole(scales%flow%n_modes)
-    integer :: points, i, k, d
-    logical :: acts(2*scales%normal%n_generators), singular
+    real(wp) :: e(size(motion%y, 1), scales%form%n), w(size(motion%y, 1), scales%form%n, 2)
+    complex(wp), dimension(size(motion%y, 1)/2 + 1, scales%form%n) :: of_e, of_slope, of_bend
+    complex(wp) :: of_y(size(motion%y, 1)/2 + 1, scales%form%n, 0:2)
+    complex(wp) :: rates(2*scales%normal%n_generators), u(scales%form%n), waves(scales%form%n)
+    real(wp) :: whole(scales%flow%n_modes)
+    integer :: i, k, d, turn
+    logical :: memory, singular
 
-    points = size(y, 1)
+    call evaluate_sides(scales, full, motion%y, motion%load, e)
+    memory = scales%form%has_memory()
+    if (memory) call slow_sides(scales, motion%y, w)
     do k = 1, scales%form%n
       call real_spectrum(e(:, k), of_e(:, k))
-      if (.not. scales%form%has_memory()) cycle
+      if (.not. memory) cycle
       call real_spectrum(w(:, k, 1), of_slope(:, k))
       call real_spectrum(w(:, k, 2), of_bend(:, k))
       do d = 0, 2
-        call real_spectrum(y(:, k, d), of_y(:, k, d))
+        call real_spectrum(motion%y(:, k, d), of_y(:, k, d))
       end do
     end do
-    ! A kernel without an integral: the transform at a small s replaces that at 0.
-    slowest = 0.0_wp
-    if (scales%form%has_memory()) slowest = 1.0e-6_wp*maxval(abs(scales%flow%s))
     whole = scales%flow%frame
     do k = 1, size(whole)
-      if (angles%of_mode(k) > 0) whole(k) = angles%whole(angles%of_mode(k))
+      associate (angle => motion%angles%of_mode(k))
+        if (angle > 0) whole(k) = motion%angles%whole(angle)
+      end associate
     end do
     do i = 1, defect%n
-      acts = scales%normal%near_modes(defect%frequency(i), whole, band)
-      if (rates_only .and. .not. any(acts(:size(whole)))) cycle
-      call take_waves()
-      s = cmplx(0.0_wp, max(defect%frequency(i), slowest), wp)
-      call scales%normal%answer(scales%form, s, -waves, acts, u, rates, singular)
+      turn = turn_of(motion, orders(:, i))
+      waves = wave_of(of_e, turn)
+      associate (s => cmplx(growth_of(motion, orders(:, i)), defect%frequency(i), wp))
+        if (memory) then
+          call remember(scales, s, wave_of(of_slope, turn), wave_of(of_bend, turn), &
+                        reshape([(wave_of(of_y(:, :, d), turn), d=0, 2)], [scales%form%n, 3]), &
+                        waves)
+        end if
+        call scales%normal%answer(scales%form, cmplx(0.0_wp, aimag(at_least(scales, s)), wp), &
+                                  -waves, scales%normal%near_modes(aimag(s), whole, band), u, &
+                                  rates, singular)
+      end associate
       defect%rates(:, i) = rates(:scales%flow%n_modes)
       ! The stiffness vanishes: there is no finite response.
       if (singular .and. any(abs(waves) > 0.0_wp)) defect%known = .false.
@@ -261,47 +362,200 @@ contains
 
   contains
 
-    subroutine take_waves()
-      complex(wp), dimension(scales%form%n) :: first, second, a_part, retained, slope
-      complex(wp) :: at
-      integer :: turn, d
-      turn = modulo(sum(orders(:angles%n, i)*step(:angles%n)), points)
-      waves = wave_of(of_e, turn)
-      associate (form => scales%form)
-        if (.not. form%has_memory()) return
-        at = exponent_of(angles, orders, defect, i)
-        at = cmplx(real(at), max(aimag(at), slowest), wp)
-        retained = form%retained(at)
-        slope = wave_of(of_slope, turn)
-        first = slope - at*waves
-        second = wave_of(of_bend, turn) - 2.0_wp*at*slope + at**2*waves
-        a_part = (0.0_wp, 0.0_wp)
-        do d = 0, 2
-          a_part = a_part + matmul(form%linear(:, :, d), wave_of(of_y(:, :, d), turn))
-        end do
-        if (.not. defect%frequency(i) > 0.0_wp) then
-          first = (0.0_wp, 0.0_wp)
-          second = (0.0_wp, 0.0_wp)
-        else
-          first = first*form%retained_between([at, at])
-          second = second*form%retained_between([at, at, at])
-        end if
-        where (form%kernel_of > 0) waves = a_part + retained*waves + first + second
-      end associate
-    end subroutine take_waves
-
     !> Mean of a signal times exp(-2 pi i turn k/points), of each row.
     pure function wave_of(spectrum, turn) result(wave)
       complex(wp), intent(in) :: spectrum(:, :)
       integer, intent(in) :: turn
       complex(wp) :: wave(size(spectrum, 2))
-      if (turn <= points/2) then
-        wave = spectrum(turn + 1, :)/points
-      else
-        wave = conjg(spectrum(points - turn + 1, :))/points
-      end if
+      associate (points => size(motion%y, 1))
+        if (turn <= points/2) then
+          wave = spectrum(turn + 1, :)/points
+        else
+          wave = conjg(spectrum(points - turn + 1, :))/points
+        end if
+      end associate
     end function wave_of
 
-  end subroutine answer_waves
+  end subroutine answer_sides
+
+  !> A kernel without an integral: the transform at a small s replaces that at 0.
+  function at_least(scales, s) result(place)
+    type(multiple_scales_type), intent(in) :: scales
+    complex(wp), intent(in) :: s
+    complex(wp) :: place
+    real(wp) :: slowest
+    slowest = 0.0_wp
+    if (scales%form%has_memory()) slowest = 1.0e-6_wp*maxval(abs(scales%flow%s))
+    place = cmplx(real(s), max(aimag(s), slowest), wp)
+  end function at_least
+
+  !> The residual of a term with memory, from the terms that memory acts on.
+  subroutine remember(scales, s, slope, bend, of_y, waves)
+    type(multiple_scales_type), intent(in) :: scales
+    !> Exponent of the term.
+    complex(wp), intent(in) :: s
+    !> Terms of the derivatives of the terms that memory acts on, shape (n); of the unknowns and
+    !! their derivatives, shape (n, 0:2).
+    complex(wp), intent(in) :: slope(:), bend(:), of_y(:, 0:)
+    !> Terms that memory acts on, then the residual.
+    complex(wp), intent(inout) :: waves(:)
+    complex(wp), dimension(size(waves)) :: first, second, whole
+    complex(wp) :: at
+    integer :: d
+
+    at = at_least(scales, s)
+    associate (form => scales%form)
+      whole = form%retained(at)*waves
+      if (aimag(s) > 0.0_wp) then
+        first = slope - at*waves
+        second = bend - 2.0_wp*at*slope + at**2*waves
+        whole = whole + first*form%retained_between([at, at]) &
+                + second*form%retained_between([at, at, at])
+      end if
+      do d = 0, 2
+        whole = whole + matmul(form%linear(:, :, d), of_y(:, d))
+      end do
+      where (form%kernel_of > 0) waves = whole
+    end associate
+  end subroutine remember
+
+  !> One iteration for the change w by mode j at rest: its rates; unless it is the last one, add the
+  !! response to w.
+  subroutine answer_change(scales, full, motion, orders, j, little, last, band, w, change)
+    type(multiple_scales_type), intent(in) :: scales
+    class(full_system_type), intent(in), optional :: full
+    type(sampled_type), intent(in) :: motion
+    integer, intent(in) :: orders(:, :), j
+    real(wp), intent(in) :: little, band
+    logical, intent(in) :: last
+    complex(wp), intent(inout) :: w(:, :, 0:)
+    type(changes_type), intent(inout) :: change
+    complex(wp), dimension(0:size(w, 1) - 1, size(w, 2), 0:2) :: e, of_w, more
+    complex(wp) :: s, waves(size(w, 2)), u(size(w, 2)), rates(2*scales%normal%n_generators)
+    integer :: i, d, turn
+    logical :: acts(2*scales%normal%n_generators), singular
+
+    call differentiate(scales, full, motion, w, little, e)
+    call transform(e(:, :, 0))
+    if (scales%form%has_memory()) then
+      of_w = w
+      do d = 0, 2
+        if (d > 0) call transform(e(:, :, d))
+        call transform(of_w(:, :, d))
+      end do
+    end if
+    more = (0.0_wp, 0.0_wp)
+    if (size(change%frequency) == 0) call list_terms()
+    do i = 1, size(orders, 2)
+      change%rates(:, i) = (0.0_wp, 0.0_wp)
+      acts = scales%normal%near_modes(change%frequency(i), scales%flow%frame, band)
+      if (last .and. .not. any(acts(:scales%flow%n_modes))) cycle
+      turn = turn_of(motion, orders(:, i))
+      s = cmplx(growth_of(motion, orders(:, i)), change%frequency(i), wp)
+      if (.not. scales%normal%steady) s = s + real(scales%flow%s(j))
+      waves = seen(e(turn, :, 0))
+      if (scales%form%has_memory()) then
+        call remember(scales, s, seen(e(turn, :, 1)), seen(e(turn, :, 2)), &
+                      reshape([(seen(of_w(turn, :, d)), d=0, 2)], [size(waves), 3]), waves)
+      end if
+      call scales%normal%answer(scales%form, cmplx(0.0_wp, aimag(at_least(scales, s)), wp), &
+                                -waves, acts, u, rates, singular)
+      if (singular .and. any(abs(waves) > 0.0_wp)) then
+        call forget(change)
+        return
+      end if
+      change%rates(:, i) = rates(:scales%flow%n_modes)
+      do d = 0, 2
+        more(turn, :, d) = more(turn, :, d) + seen(u*s**d)
+      end do
+    end do
+    if (last) return
+    do d = 0, 2
+      more(:, :, d) = conjg(more(:, :, d))
+      call transform(more(:, :, d))
+      w(:, :, d) = w(:, :, d) + size(w, 1)*conjg(more(:, :, d))
+    end do
+
+  contains
+
+    !> Of a term whose frequency is negative, the conjugate is used.
+    subroutine list_terms()
+      associate (f => [(sum(orders(:motion%angles%n, i)*motion%angles%frequency(:motion%angles%n)) &
+                        + scales%flow%frame(j), i=1, size(orders, 2))])
+        change%frequency = abs(f)
+        change%by_conjugate = f < 0.0_wp
+      end associate
+      deallocate (change%rates)
+      allocate (change%rates(scales%flow%n_modes, size(orders, 2)))
+    end subroutine list_terms
+
+    function seen(z)
+      complex(wp), intent(in) :: z(:)
+      complex(wp) :: seen(size(z))
+      seen = z
+      if (change%by_conjugate(i)) seen = conjg(z)
+    end function seen
+
+  end subroutine answer_change
+
+  !> The change is not known.
+  subroutine forget(change)
+    type(changes_type), intent(inout) :: change
+    change%frequency = change%frequency(:0)
+    change%by_conjugate = change%by_conjugate(:0)
+    change%rates = change%rates(:, :0)
+  end subroutine forget
+
+  !> Linear change of the sides and, with memory, of their first and second derivatives, by central
+  !! differences.
+  subroutine differentiate(scales, full, motion, w, little, e)
+    type(multiple_scales_type), intent(in) :: scales
+    class(full_system_type), intent(in), optional :: full
+    type(sampled_type), intent(in) :: motion
+    complex(wp), intent(in) :: w(:, :, 0:)
+    real(wp), intent(in) :: little
+    !> Shape (n_points, n, 0:2); derivatives are set only with memory.
+    complex(wp), intent(out) :: e(:, :, 0:)
+    real(wp) :: y(4*size(w, 1), size(w, 2), 0:2), load(4*size(w, 1), size(motion%load, 2))
+    real(wp) :: sides(4*size(w, 1), size(w, 2), 0:2)
+    integer :: n, k, d
+
+    n = size(w, 1)
+    do k = 0, 3
+      load(k*n + 1:(k + 1)*n, :) = motion%load
+    end do
+    do d = 0, 2
+      do k = 1, size(w, 2)
+        y(:n, k, d) = motion%y(:, k, d) + little*real(w(:, k, d))
+        y(n + 1:2*n, k, d) = motion%y(:, k, d) - little*real(w(:, k, d))
+        y(2*n + 1:3*n, k, d) = motion%y(:, k, d) + little*aimag(w(:, k, d))
+        y(3*n + 1:, k, d) = motion%y(:, k, d) - little*aimag(w(:, k, d))
+      end do
+    end do
+    call evaluate_sides(scales, full, y, load, sides(:, :, 0))
+    if (scales%form%has_memory()) call slow_sides(scales, y, sides(:, :, 1:))
+    do d = 0, merge(2, 0, scales%form%has_memory())
+      do k = 1, size(w, 2)
+        e(:, k, d) = cmplx(sides(:n, k, d) - sides(n + 1:2*n, k, d), &
+                           sides(2*n + 1:3*n, k, d) - sides(3*n + 1:, k, d), wp)/(2.0_wp*little)
+      end do
+    end do
+  end subroutine differentiate
+
+  !> Mean of each column times exp(-2 pi i t k/n), for t = 0 ... n - 1.
+  subroutine transform(z)
+    complex(wp), intent(inout) :: z(0:, :)
+    complex(wp), dimension(0:size(z, 1)/2) :: of_real, of_imaginary
+    integer :: n, k, t
+    n = size(z, 1)
+    do k = 1, size(z, 2)
+      call real_spectrum(real(z(:, k)), of_real)
+      call real_spectrum(aimag(z(:, k)), of_imaginary)
+      do t = n/2 + 1, n - 1
+        z(t, k) = conjg(of_real(n - t) - (0.0_wp, 1.0_wp)*of_imaginary(n - t))/n
+      end do
+      z(:n/2, k) = (of_real + (0.0_wp, 1.0_wp)*of_imaginary)/n
+    end do
+  end subroutine transform
 
 end module viscovib_motion_defect

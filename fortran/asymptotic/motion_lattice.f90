@@ -4,10 +4,12 @@
 module viscovib_motion_lattice
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type
+  use viscovib_slow_flow, only: flow_term_type
   implicit none
   private
 
-  public :: angles_type, find_angles, lattice_of, list_orders, sample_motion
+  public :: angles_type, find_angles, lattice_of, list_orders, sample_change, sample_generators, &
+    sample_motion
 
   integer, parameter, public :: max_angles = 6, highest_order = 4
   !> Points k (1, g, g^2, ...)/n turns, k = 0, ..., n - 1, for each number of angles: the smallest n
@@ -85,27 +87,38 @@ contains
 
   end subroutine find_angles
 
-  !> All unknowns and two derivatives at the points of the lattice.
-  subroutine sample_motion(scales, angles, step, a, y, load)
+  !> Generators, terms exp(i p t) of the loads, and their first two derivatives by the modulation
+  !! equations Y_j' = s_j Y_j + sum g_jM Y_M + ..., at the points of the lattice.
+  subroutine sample_generators(scales, angles, step, a, g, wave)
     type(multiple_scales_type), intent(in) :: scales
     type(angles_type), intent(in) :: angles
     integer, intent(in) :: step(:)
     complex(wp), intent(in) :: a(:)
-    real(wp), intent(out) :: y(:, :, 0:), load(:, :)
-    complex(wp), dimension(size(y, 1), 0:2, 2*scales%normal%n_generators) :: g
-    complex(wp), dimension(size(y, 1), 0:2) :: of_two
-    complex(wp) :: wave(size(y, 1), 0:2, size(load, 2)), turn(size(y, 1), max_angles)
-    integer :: i, k, points, before(2)
+    !> Shapes (n_points, 0:2, 2 n_generators) and (n_points, 0:2, n_loads).
+    complex(wp), intent(out) :: g(:, 0:, :), wave(:, 0:, :)
+    complex(wp) :: turn(size(g, 1), max_angles), roots(0:size(g, 1) - 1)
+    integer :: i, k, points
+
+    points = size(g, 1)
+    roots = [(exp(cmplx(0.0_wp, two_pi*k/points, wp)), k=0, points - 1)]
+    do i = 1, angles%n
+      turn(:, i) = [(roots(modulo(k*step(i), points)), k=0, points - 1)]
+    end do
+    call generators_at(scales, angles, turn, a, g, wave)
+  end subroutine sample_generators
+
+  !> All unknowns and two derivatives at the points of the lattice.
+  subroutine sample_motion(scales, a, g, wave, y)
+    type(multiple_scales_type), intent(in) :: scales
+    complex(wp), intent(in) :: a(:)
+    !> As in `sample_generators`.
+    complex(wp), intent(in) :: g(:, 0:, :), wave(:, 0:, :)
+    real(wp), intent(out) :: y(:, :, 0:)
+    complex(wp), dimension(size(y, 1), 0:2) :: of_two, part
+    integer :: i, before(2)
     integer, allocatable :: pairs(:), triples(:)
     real(wp), allocatable :: of_pairs(:), of_triples(:)
 
-    points = size(y, 1)
-    do i = 1, angles%n
-      turn(:, i) = [(exp(cmplx(0.0_wp, two_pi*modulo(k*step(i), points)/points, wp)), &
-                     k=0, points - 1)]
-    end do
-    call generators_at(scales, angles, turn, a, g, wave)
-    load = real(wave(:, 0, :))
     y = 0.0_wp
     associate (normal => scales%normal)
       call find_worthwhile(normal%u_pair, normal%pair, pairs, of_pairs)
@@ -118,18 +131,20 @@ contains
       end do
       do i = 1, size(pairs)
         associate (f => normal%pair(:, pairs(i)))
-          call add(product_of(g(:, :, f(1)), g(:, :, f(2))), &
-                   of_pairs(i)*normal%u_pair(:, pairs(i)), y)
+          call multiply_functions(g(:, :, f(1)), g(:, :, f(2)), part)
+          call add(part, of_pairs(i)*normal%u_pair(:, pairs(i)), y)
         end associate
       end do
       before = 0
       do i = 1, size(triples)
         associate (f => normal%triple(:, triples(i)))
           ! Products with the same last two factors follow each other.
-          if (any(f(2:) /= before)) of_two = product_of(g(:, :, f(2)), g(:, :, f(3)))
+          if (any(f(2:) /= before)) then
+            call multiply_functions(g(:, :, f(2)), g(:, :, f(3)), of_two)
+          end if
           before = f(2:)
-          call add(product_of(g(:, :, f(1)), of_two), &
-                   of_triples(i)*normal%u_triple(:, triples(i)), y)
+          call multiply_functions(g(:, :, f(1)), of_two, part)
+          call add(part, of_triples(i)*normal%u_triple(:, triples(i)), y)
         end associate
       end do
     end associate
@@ -181,14 +196,164 @@ contains
     end do
   end subroutine add
 
+  !> The linear change of the motion by a small amplitude b of mode j at rest, whose angle is not on
+  !! the lattice: y changes by 2 Re (b exp(i angle) w), with two derivatives.
+  subroutine sample_change(scales, g, wave, j, w)
+    type(multiple_scales_type), intent(in) :: scales
+    !> As in `sample_generators`, for the motion.
+    complex(wp), intent(in) :: g(:, 0:, :), wave(:, 0:, :)
+    integer, intent(in) :: j
+    !> Shape (n_points, n, 0:2).
+    complex(wp), intent(out) :: w(:, :, 0:)
+    complex(wp) :: change(size(g, 1), 0:2, size(g, 3))
+    complex(wp), dimension(size(g, 1), 0:2) :: part, two
+    logical, dimension(size(g, 3)) :: moves, changes
+    integer :: i, q, f(3)
+
+    call changes_at(scales, g, wave, j, moves, changes, change)
+    w = (0.0_wp, 0.0_wp)
+    associate (normal => scales%normal)
+      do i = 1, size(g, 3)
+        if (changes(i)) call add_change(change(:, :, i), normal%right(:, i))
+      end do
+      ! Products with other modes at rest are left out: only their derivatives are not 0.
+      moves([j, normal%conjugate_of(j)]) = .true.
+      changes = changes .and. moves
+      moves([j, normal%conjugate_of(j)]) = .false.
+      do i = 1, size(normal%pair, 2)
+        f(:2) = normal%pair(:, i)
+        do q = 1, 2
+          if (changes(f(1)) .and. moves(f(2))) then
+            call multiply_functions(change(:, :, f(1)), g(:, :, f(2)), part)
+            call add_change(part, normal%u_pair(:, i))
+          end if
+          f(:2) = [f(2), f(1)]
+        end do
+      end do
+      do i = 1, size(normal%triple, 2)
+        f = normal%triple(:, i)
+        do q = 1, 3
+          if (changes(f(1)) .and. moves(f(2)) .and. moves(f(3))) then
+            call multiply_functions(change(:, :, f(1)), g(:, :, f(2)), two)
+            call multiply_functions(two, g(:, :, f(3)), part)
+            call add_change(part, normal%u_triple(:, i))
+          end if
+          f = [f(2), f(3), f(1)]
+        end do
+      end do
+    end associate
+
+  contains
+
+    subroutine add_change(of_product, u)
+      complex(wp), intent(in) :: of_product(:, 0:), u(:)
+      integer :: d, row
+      do d = 0, 2
+        do row = 1, size(u)
+          w(:, row, d) = w(:, row, d) + u(row)*of_product(:, d)
+        end do
+      end do
+    end subroutine add_change
+
+  end subroutine sample_change
+
+  !> The change of each generator and its derivatives, divided by b exp(i angle).
+  subroutine changes_at(scales, g, wave, j, moves, changes, change)
+    type(multiple_scales_type), intent(in) :: scales
+    complex(wp), intent(in) :: g(:, 0:, :), wave(:, 0:, :)
+    integer, intent(in) :: j
+    !> Generators that are not 0, and those that change.
+    logical, intent(out) :: moves(:), changes(:)
+    complex(wp), intent(out) :: change(:, 0:, :)
+    !> A product and its time derivative, and the change of both; the change of a load.
+    complex(wp), dimension(size(g, 1), 0:1) :: product, varied, still
+    integer :: d, i, k, m
+
+    m = scales%normal%n_generators
+    do k = 1, size(moves)
+      moves(k) = any(g(:, 0, k) /= (0.0_wp, 0.0_wp))
+    end do
+    still = (0.0_wp, 0.0_wp)
+    changes = .false.
+    changes(j) = .true.
+    change = (0.0_wp, 0.0_wp)
+    change(:, 0, j) = (1.0_wp, 0.0_wp)
+    do d = 1, 2
+      do k = 1, scales%flow%n_modes
+        change(:, d, k) = scales%flow%s(k)*change(:, d - 1, k)
+        change(:, d, m + k) = conjg(scales%flow%s(k))*change(:, d - 1, m + k)
+      end do
+      do i = 1, size(scales%flow%terms)
+        call add_term(scales%flow%terms(i), mirrored=.false.)
+        call add_term(scales%flow%terms(i), mirrored=.true.)
+      end do
+      do k = 1, size(changes)
+        changes(k) = changes(k) .or. any(change(:, d, k) /= (0.0_wp, 0.0_wp))
+      end do
+    end do
+
+  contains
+
+    !> Add the change of a term, or of its conjugate, to derivative d of its generator.
+    subroutine add_term(t, mirrored)
+      type(flow_term_type), intent(in) :: t
+      logical, intent(in) :: mirrored
+      integer :: q, k, own
+      logical :: any_changes
+
+      any_changes = .false.
+      do q = 1, 3
+        if (t%at(q) /= 0) any_changes = any_changes .or. changes(place_of(t%at(q), mirrored))
+      end do
+      if (.not. any_changes) return
+      product(:, 0) = merge(conjg(t%coefficient), t%coefficient, mirrored)
+      product(:, 1) = (0.0_wp, 0.0_wp)
+      varied = (0.0_wp, 0.0_wp)
+      do q = 1, 3
+        if (t%at(q) /= 0) then
+          k = place_of(t%at(q), mirrored)
+          call vary(product, varied, g(:, :1, k), change(:, :1, k))
+        end if
+        k = abs(t%loads(q))
+        if (k == 0) cycle
+        if ((t%loads(q) < 0) .neqv. mirrored) then
+          call vary(product, varied, conjg(wave(:, :1, k)), still)
+        else
+          call vary(product, varied, wave(:, :1, k), still)
+        end if
+      end do
+      own = t%row + merge(m, 0, mirrored)
+      change(:, d, own) = change(:, d, own) + varied(:, d - 1)
+    end subroutine add_term
+
+    !> The generator of a factor of a term or of its conjugate.
+    pure integer function place_of(at, mirrored)
+      integer, intent(in) :: at
+      logical, intent(in) :: mirrored
+      place_of = abs(at) + merge(m, 0, (at < 0) .neqv. mirrored)
+    end function place_of
+
+  end subroutine changes_at
+
+  !> Multiply a product and its change, each with a first derivative, by another factor.
+  pure subroutine vary(product, varied, factor, change)
+    complex(wp), intent(inout) :: product(:, 0:), varied(:, 0:)
+    complex(wp), intent(in) :: factor(:, 0:), change(:, 0:)
+    varied(:, 1) = varied(:, 1)*factor(:, 0) + varied(:, 0)*factor(:, 1) &
+                   + product(:, 1)*change(:, 0) + product(:, 0)*change(:, 1)
+    varied(:, 0) = varied(:, 0)*factor(:, 0) + product(:, 0)*change(:, 0)
+    product(:, 1) = product(:, 1)*factor(:, 0) + product(:, 0)*factor(:, 1)
+    product(:, 0) = product(:, 0)*factor(:, 0)
+  end subroutine vary
+
   !> Product of two functions, and its derivatives (Leibniz).
-  pure function product_of(f, g) result(p)
+  pure subroutine multiply_functions(f, g, p)
     complex(wp), intent(in) :: f(:, 0:), g(:, 0:)
-    complex(wp) :: p(size(f, 1), 0:2)
+    complex(wp), intent(out) :: p(:, 0:)
     p(:, 0) = f(:, 0)*g(:, 0)
     p(:, 1) = f(:, 1)*g(:, 0) + f(:, 0)*g(:, 1)
     p(:, 2) = f(:, 2)*g(:, 0) + 2.0_wp*(f(:, 1)*g(:, 1)) + f(:, 0)*g(:, 2)
-  end function product_of
+  end subroutine multiply_functions
 
   !> Generators, terms exp(i p t) of the loads, and their first two derivatives by the modulation
   !! equations Y_j' = s_j Y_j + sum g_jM Y_M + ..., at all points.
@@ -248,9 +413,9 @@ contains
     value = value*f
   end subroutine multiply
 
-  !> h with |h| <= 4, one of each pair h, -h.
-  subroutine list_orders(m, orders)
-    integer, intent(in) :: m
+  !> h with |h| <= highest, one of each pair h, -h.
+  subroutine list_orders(m, highest, orders)
+    integer, intent(in) :: m, highest
     integer, allocatable, intent(out) :: orders(:, :)
     integer :: h(max_angles), n, pass
 
@@ -258,7 +423,7 @@ contains
     ! Count first.
     do pass = 1, 2
       n = 0
-      call place(1, highest_order)
+      call place(1, highest)
       if (pass == 1) allocate (orders(max_angles, n))
     end do
 

@@ -69,7 +69,7 @@ contains
     complex(wp) :: s(form%n_modes()), right(form%n, form%n_modes()), left(form%n, form%n_modes())
     complex(wp), allocatable :: sides(:, :)
     real(wp) :: expected(form%n_modes())
-    integer :: n
+    integer :: i, n
 
     if (.not. (tolerance >= 0.0_wp .and. tolerance < 1.0_wp) .and. tolerance > by_influence) then
       call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(tolerance) &
@@ -139,13 +139,10 @@ contains
         call third_sides(normal, form, sides)
       end if
     end if
-    call third_order(normal, form, sides, status)
-    if (status%failed()) return
-    normal%used_pairs = used(form%n_dof, normal%u_pair)
-    normal%used_triples = used(form%n_dof, normal%u_triple)
     normal%size_one = abs(normal%right(:form%n_dof, :))
     normal%size_pair = abs(normal%u_pair(:form%n_dof, :))
-    normal%size_triple = abs(normal%u_triple(:form%n_dof, :))
+    normal%used_pairs = pack([(i, i=1, size(normal%pair, 2))], any(normal%size_pair > 0.0_wp, 1))
+    call third_order(normal, form, sides, status)
   end subroutine new_normal_form
 
   !> True if the modes are given.
@@ -210,17 +207,5 @@ contains
     end function rest_matters
 
   end subroutine add_waves
-
-  pure function used(n_dof, u) result(which)
-    integer, intent(in) :: n_dof
-    complex(wp), intent(in) :: u(:, :)
-    integer, allocatable :: which(:)
-    logical :: wanted(size(u, 2))
-    integer :: i
-    do i = 1, size(u, 2)
-      wanted(i) = any(u(:n_dof, i) /= (0.0_wp, 0.0_wp))
-    end do
-    which = pack([(i, i=1, size(u, 2))], wanted)
-  end function used
 
 end module viscovib_normal_form

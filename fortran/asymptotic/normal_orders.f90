@@ -8,7 +8,7 @@ module viscovib_normal_orders
   implicit none
   private
 
-  public :: second_sides, second_order, third_sides, third_order
+  public :: answer_triples, second_sides, second_order, third_sides, third_order
 
   !> Relative distance to an undamped mode's exponent below which the operator L is singular.
   real(wp), parameter :: singular_within = 1.0e-9_wp
@@ -138,30 +138,73 @@ contains
     end do
   end subroutine third_sides
 
+  !> In a frame, only products that act on modes are answered.
   subroutine third_order(self, form, sides, status)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
-    complex(wp), intent(in) :: sides(:, :)
+    complex(wp), allocatable, intent(inout) :: sides(:, :)
     type(status_type), intent(out) :: status
-    integer :: i, other, t(3), m, g
+    integer :: g, m
 
-    call set_ok(status)
     g = 2*self%n_generators
     m = size(self%triple, 2)
-    allocate (self%u_triple(form%n, m), self%g_triple(g, m))
-    do i = 1, m
+    allocate (self%u_triple(form%n, m), self%g_triple(g, m), source=(0.0_wp, 0.0_wp))
+    allocate (self%size_triple(form%n_dof, m), source=0.0_wp)
+    allocate (self%answered(m), source=.false.)
+    call move_alloc(sides, self%side_triple)
+    call answer(self, form, any(self%acts_triple, 1) .or. .not. self%framed, status)
+  end subroutine third_order
+
+  !> Answer products of three in which at most `n_rest` factors are modes that do not move.
+  subroutine answer_triples(self, form, moves, n_rest, status)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    !> Shape (n_modes).
+    logical, intent(in) :: moves(:)
+    integer, intent(in) :: n_rest
+    type(status_type), intent(out) :: status
+    logical :: rests(2*self%n_generators), wanted(size(self%triple, 2))
+    integer :: i
+
+    rests = .false.
+    rests(:self%n_modes) = .not. moves
+    rests(self%n_generators + 1:self%n_generators + self%n_modes) = .not. moves
+    do i = 1, size(wanted)
+      wanted(i) = .not. self%answered(i)
+      if (wanted(i)) wanted(i) = count(rests(self%triple(:, i))) <= n_rest
+    end do
+    call answer(self, form, wanted, status)
+  end subroutine answer_triples
+
+  !> The coefficients of products of three that have none yet.
+  subroutine answer(self, form, wanted, status)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    !> The same for a product and its conjugate.
+    logical, intent(in) :: wanted(:)
+    type(status_type), intent(out) :: status
+    integer :: i, other, t(3)
+
+    call set_ok(status)
+    if (.not. any(wanted)) return
+    do i = 1, size(wanted)
+      if (.not. wanted(i)) cycle
       t = self%triple(:, i)
       other = self%place_of(self%conjugate_of(t(1)), self%conjugate_of(t(2)), &
                        self%conjugate_of(t(3)))
       if (other < i) then
         call copy_conjugate(self, self%u_triple, self%g_triple, other, i)
-        cycle
+      else
+        call answer_product(self, form, self%s_triple(i), t, self%side_triple(:, i), &
+                            self%acts_triple(:, i), self%u_triple(:, i), self%g_triple(:, i), &
+                            status)
+        if (status%failed()) return
       end if
-      call answer_product(self, form, self%s_triple(i), t, sides(:, i), self%acts_triple(:, i), &
-                          self%u_triple(:, i), self%g_triple(:, i), status)
-      if (status%failed()) return
+      self%answered(i) = .true.
+      self%size_triple(:, i) = abs(self%u_triple(:form%n_dof, i))
     end do
-  end subroutine third_order
+    self%used_triples = pack([(i, i=1, size(wanted))], any(self%size_triple > 0.0_wp, 1))
+  end subroutine answer
 
   !> The response to the right-hand side of one product; fails if the equations are singular.
   subroutine answer_product(self, form, s, factors, side, chosen, u, g, status)
@@ -191,11 +234,23 @@ contains
     do a = 1, size(acts)
       if (self%framed) then
         acts(a) = modulo(a - 1, self%n_generators) < self%n_modes .and. &
-                  abs(s - self%exponents(a)) <= singular_within*abs(self%exponents(a))
+                  abs(aimag(s - self%exponents(a))) <= singular_within*size_of(self%exponents(a))
+        if (acts(a)) then
+          acts(a) = abs(s - self%exponents(a)) <= singular_within*abs(self%exponents(a))
+        end if
       else
         acts(a) = self%near(s, maxval(abs(aimag(self%s(factors)))), a)
       end if
     end do
+
+  contains
+
+    !> At least the modulus.
+    pure real(wp) function size_of(z)
+      complex(wp), intent(in) :: z
+      size_of = abs(real(z)) + abs(aimag(z))
+    end function size_of
+
   end function near_product
 
   !> Effect of changes of second order: Y_p Y_q changes by g_p,Q Y_q Y_Q, so that product T = q Q
@@ -260,7 +315,10 @@ contains
     complex(wp), intent(inout) :: u(:, :), rates(:, :)
     integer, intent(in) :: from, to
     u(:, to) = conjg(u(:, from))
-    rates(:, to) = conjg(cshift(rates(:, from), self%n_generators))
+    associate (n => self%n_generators)
+      rates(:n, to) = conjg(rates(n + 1:, from))
+      rates(n + 1:, to) = conjg(rates(:n, from))
+    end associate
   end subroutine copy_conjugate
 
 end module viscovib_normal_orders

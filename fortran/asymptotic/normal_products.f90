@@ -52,6 +52,10 @@ module viscovib_normal_products
     complex(wp), allocatable :: u_pair(:, :), u_triple(:, :), g_pair(:, :), g_triple(:, :)
     !> Products whose coefficient in y is not 0.
     integer, allocatable :: used_pairs(:), used_triples(:)
+    !> R_M of products of three, and which of them have their coefficient of y. In a frame, those
+    !! that do not act on a mode get it by `answer_triples`.
+    complex(wp), allocatable :: side_triple(:, :)
+    logical, allocatable :: answered(:)
     !> Moduli of the coefficients of the coordinates.
     real(wp), allocatable :: size_one(:, :), size_pair(:, :), size_triple(:, :)
     !> Loads near modes: y, shape (n, n_loads), and g, shape (n_modes, n_loads).
@@ -214,7 +218,13 @@ contains
     rates = (0.0_wp, 0.0_wp)
     singular = .false.
     if (all(load == (0.0_wp, 0.0_wp))) return
-    call solve_bordered(pack([(a, a=1, size(acts))], acts))
+    if (any(acts)) then
+      call solve_bordered(pack([(a, a=1, size(acts))], acts))
+    else
+      u = load
+      call solve_complex(form%operator_at(s), u, .false., singular)
+      if (singular) u = (0.0_wp, 0.0_wp)
+    end if
 
   contains
 

@@ -246,8 +246,9 @@ contains
     complex(wp), intent(in) :: sides(:, :)
     type(candidate_type), allocatable, intent(out) :: found(:)
     type(candidate_type), allocatable :: some(:)
-    complex(wp) :: s, part
-    integer :: i, j, n
+    complex(wp) :: s, part, term
+    real(wp) :: sizes
+    integer :: i, j, k, n
 
     allocate (some(self%n_modes*size(sides, 2)))
     n = 0
@@ -260,8 +261,14 @@ contains
       end if
       do j = 1, self%n_modes
         if (abs(aimag(s - self%s(j))) > farthest(i)*aimag(self%s(j))) cycle
-        part = sum(self%left(:, j)*sides(:, i))
-        if (.not. abs(part) > 1.0e-13_wp*sum(abs(self%left(:, j)*sides(:, i)))) cycle
+        part = (0.0_wp, 0.0_wp)
+        sizes = 0.0_wp
+        do k = 1, size(sides, 1)
+          term = self%left(k, j)*sides(k, i)
+          part = part + term
+          sizes = sizes + abs(real(term)) + abs(aimag(term))
+        end do
+        if (.not. abs(part) > 1.0e-13_wp*sizes) cycle
         n = n + 1
         some(n)%order = order
         some(n)%at = i

@@ -14,9 +14,10 @@ module viscovib_resting_modes
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_flow_stability, only: real_matrix
   use viscovib_kinds, only: wp
-  use viscovib_motion_defect, only: defect_type, find_defect
+  use viscovib_motion_defect, only: changes_type, find_changes
   use viscovib_motion_lattice, only: angles_type, find_angles, max_angles
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
+  use viscovib_normal_orders, only: answer_triples
   use viscovib_normal_products, only: reach_type
   use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
   use viscovib_resonance_choice, only: least_of_far
@@ -48,7 +49,7 @@ contains
 
   !> The fastest growth of a pair of modes at rest; -huge if no excitation is near.
   subroutine resting_growth(scales, full, a, growth)
-    type(multiple_scales_type), intent(in) :: scales
+    type(multiple_scales_type), intent(inout) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
     !> Amplitudes of a steady motion, in natural units.
@@ -65,7 +66,7 @@ contains
     if (pairs%angles%n > max_angles - 1) return
     call find_pairs(scales, pairs)
     if (.not. any(pairs%asked)) return
-    call find_changes(scales, full, a, pairs)
+    call couple_pairs(scales, full, a, pairs)
     associate (frame => scales%flow%frame, asked => pairs%asked)
       do j = 1, size(a)
         do k = j, size(a)
@@ -97,20 +98,28 @@ contains
   end subroutine find_pairs
 
   !> P and Q of the selected modes.
-  subroutine find_changes(scales, full, a, pairs)
-    type(multiple_scales_type), intent(in) :: scales
+  subroutine couple_pairs(scales, full, a, pairs)
+    type(multiple_scales_type), intent(inout) :: scales
     class(full_system_type), intent(in), optional :: full
     complex(wp), intent(in) :: a(:)
     type(pairs_type), intent(inout) :: pairs
     complex(wp) :: by_conjugate(size(a), size(a))
+    type(changes_type), allocatable :: changes(:)
+    type(status_type) :: status
+    integer, allocatable :: which(:)
     integer :: j
     allocate (pairs%by_a(size(a), size(a)))
     allocate (pairs%coupling(size(a), size(a)), source=(0.0_wp, 0.0_wp))
     call scales%flow%slopes(a, pairs%by_a, by_conjugate)
-    do j = 1, size(a)
-      if (pairs%asked(j)) call probe(scales, full, a, j, pairs)
+    which = pack([(j, j=1, size(a))], pairs%asked)
+    allocate (changes(size(which)))
+    call answer_triples(scales%normal, scales%form, abs(a) > 0.0_wp, 1, status)
+    if (status%failed()) return
+    call find_changes(scales, full, a, which, little_of(scales, a), reach, changes)
+    do j = 1, size(which)
+      call add_change(scales, which(j), changes(j), pairs)
     end do
-  end subroutine find_changes
+  end subroutine couple_pairs
 
   !> n.f, |n| = 3, nearest to a frequency.
   pure subroutine find_nearest(angles, wanted, drive, nearest)
@@ -146,81 +155,30 @@ contains
     n(i) = 0
   end subroutine place
 
-  !> Add the effect of mode j with a small amplitude.
-  subroutine probe(scales, full, a, j, pairs)
+  !> Add the effect of mode j.
+  subroutine add_change(scales, j, change, pairs)
     type(multiple_scales_type), intent(in) :: scales
-    class(full_system_type), intent(in), optional :: full
-    complex(wp), intent(in) :: a(:)
     integer, intent(in) :: j
+    type(changes_type), intent(in) :: change
     type(pairs_type), intent(inout) :: pairs
-    real(wp), allocatable :: frequency(:)
-    complex(wp), allocatable :: by_own(:, :), by_other(:, :)
     integer :: i, k
-    call find_changes_by(scales, full, a, j, reach, frequency, by_own, by_other)
     associate (frame => scales%flow%frame)
-      do i = 1, size(frequency)
-        if (abs(frequency(i) - frame(j)) <= 1.0e-9_wp*frame(j)) then
-          pairs%by_a(j, j) = pairs%by_a(j, j) + by_own(j, i)
-        end if
-        do k = 1, size(a)
-          if (.not. pairs%asked(k)) cycle
-          if (is_drive(pairs%angles, frequency(i) + frame(j), frame(j) + frame(k))) then
-            pairs%coupling(k, j) = by_other(k, i)
+      do i = 1, size(change%frequency)
+        associate (f => change%frequency(i), rates => change%rates(:, i))
+          if (.not. change%by_conjugate(i)) then
+            if (abs(f - frame(j)) > still*frame(j)) cycle
+            pairs%by_a(j, j) = pairs%by_a(j, j) + rates(j)
+            cycle
           end if
-        end do
-      end do
-    end associate
-  end subroutine probe
-
-  !> Changes of all modes by the amplitude of mode j at rest and by its conjugate: residual of a
-  !! small amplitude in the full equations, for each of its Fourier terms. Two opposite amplitudes
-  !! cancel the residual of the motion itself; the order of a term in the angle of the mode then
-  !! distinguishes both changes. If a load or another mode shares this angle, four phases of the
-  !! amplitude are used.
-  subroutine find_changes_by(scales, full, a, j, band, frequency, by_own, by_other)
-    type(multiple_scales_type), intent(in) :: scales
-    !> As in `find_defect`.
-    class(full_system_type), intent(in), optional :: full
-    complex(wp), intent(in) :: a(:)
-    integer, intent(in) :: j
-    !> As in `find_defect`.
-    real(wp), intent(in) :: band
-    !> Size 0 if they cannot be computed.
-    real(wp), allocatable, intent(out) :: frequency(:)
-    !> Shape (n_modes, n_waves).
-    complex(wp), allocatable, intent(out) :: by_own(:, :), by_other(:, :)
-    type(defect_type) :: defect
-    complex(wp), parameter :: turns(4) = [(1.0_wp, 0.0_wp), (-1.0_wp, 0.0_wp), (0.0_wp, 1.0_wp), &
-                                          (0.0_wp, -1.0_wp)]
-    complex(wp) :: b(size(a))
-    real(wp) :: own
-    integer :: i, part, n_turns, order_of
-
-    allocate (frequency(0))
-    own = little_of(scales, a)
-    if (.not. own > 0.0_wp) return
-    n_turns = size(turns)
-    do part = 1, size(turns)
-      if (part > n_turns) exit
-      b = a
-      b(j) = turns(part)*own
-      call find_defect(scales, full, b, defect, band, rates_only=.true.)
-      if (.not. defect%known) return
-      if (part == 1) then
-        if (defect%own_angle(j) > 0) n_turns = 2
-        allocate (by_own(size(a), defect%n), by_other(size(a), defect%n), source=(0.0_wp, 0.0_wp))
-      end if
-      do i = 1, defect%n
-        order_of = 0
-        if (n_turns == 2) order_of = modulo(defect%orders(defect%own_angle(j), i), size(turns))
-        associate (rates => defect%rates(:, i)/(n_turns*own))
-          if (n_turns > 2 .or. order_of == 1) by_own(:, i) = by_own(:, i) + conjg(turns(part))*rates
-          if (n_turns > 2 .or. order_of == 3) by_other(:, i) = by_other(:, i) + turns(part)*rates
+          do k = 1, size(frame)
+            if (.not. pairs%asked(k)) cycle
+            if (.not. is_drive(pairs%angles, f + frame(j), frame(j) + frame(k))) cycle
+            pairs%coupling(k, j) = pairs%coupling(k, j) + rates(k)
+          end do
         end associate
       end do
-    end do
-    frequency = defect%frequency
-  end subroutine find_changes_by
+    end associate
+  end subroutine add_change
 
   !> A small amplitude of a mode at rest, relative to the motion or, if no mode is active, to the
   !! response to loads alone. A small number of natural units may be much larger than both.
@@ -303,9 +261,7 @@ contains
     left = far_influence(wide%normal, abs(a))
     which = pack([(j, j=1, size(a))], .not. abs(a) > 0.0_wp)
     call wide%flow%slopes(a, by_a, by_conjugate)
-    do j = 1, size(which)
-      call add_defect(wide, full, a, which(j), by_a, by_conjugate)
-    end do
+    call add_next_order(wide, full, a, which, by_a, by_conjugate)
     call eigenvalues(real_matrix(by_a(which, which), by_conjugate(which, which)), values, found)
     if (found) growth = maxval(real(values))
   end subroutine far_growth
@@ -315,7 +271,7 @@ contains
   !! cube of the ratio of successive orders, so that the orders after it add about D^(1/3) times
   !! as much. These are added in full, since in a tongue D itself may only rotate perturbations.
   subroutine resting_error(scales, full, a, growth, resting, error)
-    type(multiple_scales_type), intent(in) :: scales
+    type(multiple_scales_type), intent(inout) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
     !> Amplitudes of a steady motion, in natural units.
@@ -335,9 +291,7 @@ contains
     call scales%flow%slopes(a, by_a, by_conjugate)
     more = by_a
     more_conjugate = by_conjugate
-    do j = 1, size(which)
-      call add_defect(scales, full, a, which(j), more, more_conjugate)
-    end do
+    call add_next_order(scales, full, a, which, more, more_conjugate)
     more = more - by_a
     more_conjugate = more_conjugate - by_conjugate
     own = largest(0, 0)
@@ -368,27 +322,37 @@ contains
 
   end subroutine resting_error
 
-  !> Add the next order to the derivatives by the amplitude of mode j at rest: the changes that are
+  !> Add the next order to the derivatives by the amplitudes of modes at rest: the changes that are
   !! constant in a mode's frame.
-  subroutine add_defect(scales, full, a, j, by_a, by_conjugate)
-    type(multiple_scales_type), intent(in) :: scales
+  subroutine add_next_order(scales, full, a, which, by_a, by_conjugate)
+    type(multiple_scales_type), intent(inout) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
     complex(wp), intent(in) :: a(:)
-    integer, intent(in) :: j
+    integer, intent(in) :: which(:)
     complex(wp), intent(inout) :: by_a(:, :), by_conjugate(:, :)
-    real(wp), allocatable :: frequency(:)
-    complex(wp), allocatable :: by_own(:, :), by_other(:, :)
-    integer :: i, k
+    type(changes_type), allocatable :: changes(:)
+    type(status_type) :: status
+    integer :: i, j, k
 
-    call find_changes_by(scales, full, a, j, still, frequency, by_own, by_other)
-    do i = 1, size(frequency)
-      do k = 1, size(a)
-        if (abs(frequency(i) - scales%flow%frame(k)) > still*scales%flow%frame(k)) cycle
-        by_a(k, j) = by_a(k, j) + by_own(k, i)
-        by_conjugate(k, j) = by_conjugate(k, j) + by_other(k, i)
-      end do
+    allocate (changes(size(which)))
+    call answer_triples(scales%normal, scales%form, abs(a) > 0.0_wp, 1, status)
+    if (status%failed()) return
+    call find_changes(scales, full, a, which, little_of(scales, a), still, changes)
+    do j = 1, size(which)
+      associate (change => changes(j), own => which(j), frame => scales%flow%frame)
+        do i = 1, size(change%frequency)
+          do k = 1, size(a)
+            if (abs(change%frequency(i) - frame(k)) > still*frame(k)) cycle
+            if (change%by_conjugate(i)) then
+              by_conjugate(k, own) = by_conjugate(k, own) + change%rates(k, i)
+            else
+              by_a(k, own) = by_a(k, own) + change%rates(k, i)
+            end if
+          end do
+        end do
+      end associate
     end do
-  end subroutine add_defect
+  end subroutine add_next_order
 
 end module viscovib_resting_modes

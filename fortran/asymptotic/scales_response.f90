@@ -6,6 +6,7 @@ module viscovib_scales_response
   use viscovib_flow_stability, only: flow_eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
+  use viscovib_normal_orders, only: answer_triples
   use viscovib_normal_products, only: reach_type
   use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
   use viscovib_resonant_terms, only: left_out, wants_more
@@ -164,6 +165,7 @@ contains
     type(reach_type), intent(in) :: reach
     logical, intent(in) :: with_errors
     complex(wp), intent(in) :: amplitudes(:)
+    type(status_type) :: status
     real(wp) :: by_far, left, growth, by_order
 
     if (points%n == size(points%value)) then
@@ -184,6 +186,8 @@ contains
       points%resting(m) = max(points%resting(m), by_far)
       points%left_out(m) = max(points%left_out(m), left)
       if (with_errors) then
+        ! An error may move modes at rest. A product without a response remains 0.
+        call answer_triples(scales%normal, scales%form, abs(amplitudes) > 0.0_wp, 3, status)
         call steady_error(scales, full, amplitudes, scales%form%drives(load), &
                           points%harmonic_errors(:, m), points%motion_errors(:, m))
         points%growth_errors(m) = slopes_of_left_out*maxval(abs(points%eigenvalues(:, m))) &
@@ -287,7 +291,7 @@ contains
   subroutine add_beating(points, i, scales, full, load, motion, with_errors, cancel)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: i, load
-    type(multiple_scales_type), intent(in) :: scales
+    type(multiple_scales_type), intent(inout) :: scales
     class(full_system_type), intent(in), optional :: full
     type(beating_motion_type), intent(in) :: motion
     logical, intent(in) :: with_errors
@@ -359,6 +363,9 @@ contains
       call new_steady_solver(solver, scales%flow, status, cancel)
       if (status%failed()) return
       call solver%solve(scales%flow, a, n_found, cancel)
+      call answer_triples(scales%normal, scales%form, any(abs(a(:, :n_found)) > 0.0_wp, 2), 0, &
+                          status)
+      if (status%failed()) return
       most = expected
       do k = 1, n_found
         call harmonic_of(scales, a(:, k), 1.0_wp, harmonic, sizes)

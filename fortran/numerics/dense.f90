@@ -286,7 +286,7 @@ contains
     logical, intent(in) :: nudge
     logical, intent(out) :: singular
     complex(wp) :: a(size(x), size(x)), row(size(x)), entry, factor, pivot
-    real(wp) :: smallest
+    real(wp) :: smallest, size_of_pivot
     integer :: n, i, k, p
 
     n = size(x)
@@ -303,7 +303,8 @@ contains
         x(k) = entry
       end if
       if (nudge .and. .not. abs(a(k, k)) > smallest) a(k, k) = smallest
-      singular = .not. (abs(a(k, k)) > 0.0_wp .and. abs(a(k, k)) <= huge(1.0_wp))
+      size_of_pivot = abs(real(a(k, k))) + abs(aimag(a(k, k)))
+      singular = .not. (size_of_pivot > 0.0_wp .and. size_of_pivot <= huge(1.0_wp))
       if (singular) return
       pivot = 1.0_wp/a(k, k)
       do i = k + 1, n

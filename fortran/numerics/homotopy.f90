@@ -92,7 +92,7 @@ contains
       careful = .true.
     end do
     family%solutions = found(:, :k)
-    call family%find_images(family%solutions, 2*size(family%signs, 2), family%leader, family%image)
+    call family%find_images(family%solutions, size(family%signs, 2), family%leader, family%image)
     ! Between members with the same symmetry solutions may coincide; this detour avoids it.
     family%generic = family%generic*wave(0.2360679774997897_wp)
     if (.not. is_set(cancel)) call keep(family)
@@ -367,7 +367,7 @@ contains
       double = .false.
       do i = 1, size(self%solutions, 2)
         if (is_set(cancel)) return
-        if (self%leader(i) == i .or. self%image(i) > size(self%signs, 2)) then
+        if (self%leader(i) == i) then
           path = self%solutions(:, i)
           call follow(self%system, self%generic, coefficients, far, careful, path, arrived(i))
           if (arrived(i)) call settle(path, arrived(i))

@@ -45,7 +45,7 @@ contains
     complex(wp), intent(in), optional :: forms(0:, :, :)
     complex(wp), dimension(system%n) :: old, old_tangent, tangent, new, f, by_t
     complex(wp) :: slope(system%n, system%n)
-    real(wp) :: t, h, last, error, first, largest_first, enough
+    real(wp) :: t, h, last, error, before, first, largest_first, enough
     integer :: step, round
     logical :: singular, settled
 
@@ -68,6 +68,7 @@ contains
       if (last > 0.0_wp) new = new + bend(h/last)
       settled = .false.
       first = 0.0_wp
+      before = 1.0_wp
       do round = 1, 3
         call evaluate_between(system, from, to, t + h, new, f, slope, by_t, forms)
         call solve_two(system%n, slope, f, by_t, singular)
@@ -77,8 +78,11 @@ contains
         if (round == 1) first = error
         ! A large first correction may lead to another path.
         if (.not. error <= largest_first) exit
+        ! Convergence is quadratic: the error left is the next correction, error^3/before^2.
         settled = error <= enough
+        if (round > 1) settled = settled .or. error*(error/before)**2 <= 0.01_wp*enough
         if (settled) exit
+        before = error
       end do
       if (settled) then
         last = h
@@ -155,7 +159,7 @@ contains
   !> Set tiny numbers to 0, which represent unknowns at rest.
   pure subroutine clear(x)
     complex(wp), intent(inout) :: x(:)
-    where (abs(real(x)) + abs(aimag(x)) <= 1.0e-30_wp) x = (0.0_wp, 0.0_wp)
+    where (abs(real(x)) + abs(aimag(x)) <= 1.0e-24_wp) x = (0.0_wp, 0.0_wp)
   end subroutine clear
 
   !> The largest of |re| + |im|.
