@@ -1,4 +1,4 @@
-!> Modulus and argument of complex numbers, bit-identical to the C library.
+!> Modulus, argument and logarithm of complex numbers, bit-identical to the C library.
 !!
 !! Evaluated one by one: vector functions may differ in the last bit, so tables from Python and from
 !! the driver would differ.
@@ -7,7 +7,7 @@ module viscovib_polar
   implicit none
   private
 
-  public :: modulus, argument
+  public :: modulus, argument, plain_logarithm
 
 contains
 
@@ -21,5 +21,12 @@ contains
     complex(wp), intent(in) :: z
     argument = atan2(aimag(z), real(z))
   end function argument
+
+  !> log z up to rounding of 1. The library resolves moduli near 1 further, which takes many times
+  !! as long.
+  elemental complex(wp) function plain_logarithm(z)
+    complex(wp), intent(in) :: z
+    plain_logarithm = cmplx(log(modulus(z)), argument(z), wp)
+  end function plain_logarithm
 
 end module viscovib_polar

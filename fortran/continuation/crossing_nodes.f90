@@ -83,13 +83,37 @@ contains
     end if
     allocate (node%eta(spectrum%n))
     node%eta = a%eta
-    near = a%eta
-    if (b%at%sigma - sigma < sigma - a%at%sigma) near = b%eta
+    if (b%at%sigma - sigma < sigma - a%at%sigma) then
+      near = between(b%eta, a%eta, (b%at%sigma - sigma)/(b%at%sigma - a%at%sigma))
+    else
+      near = between(a%eta, b%eta, (sigma - a%at%sigma)/(b%at%sigma - a%at%sigma))
+    end if
     call chord%go_to(curve, sigma, a%at, b%at, node%at, made)
     if (.not. made) return
     call spectrum%look(curve, node%at%p, node%at%x, near, node%eta, &
                        node%n_growing)
   end subroutine look_at
+
+  !> Exponents near those of one node, along straight lines to those of another if there is no doubt
+  !! which of these is which.
+  pure function between(one, other, part) result(near)
+    complex(wp), intent(in) :: one(:), other(:)
+    !> Of the way to the other node.
+    real(wp), intent(in) :: part
+    complex(wp) :: near(size(one))
+    logical, dimension(size(one)) :: known, others_known
+    integer :: i, j
+
+    near = one
+    known = ieee_is_finite(real(one))
+    others_known = ieee_is_finite(real(other))
+    do i = 1, size(one)
+      if (.not. known(i)) cycle
+      j = minloc(abs(other - one(i)), 1, others_known)
+      if (j == 0) cycle
+      if (minloc(abs(one - other(j)), 1, known) == i) near(i) = one(i) + part*(other(j) - one(i))
+    end do
+  end function between
 
   !> Linear interpolation between two nodes.
   subroutine put_between(a, b, sigma, node)

@@ -22,6 +22,7 @@ module viscovib_condensed_count
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_path_marks, only: mark_intervals
+  use viscovib_polar, only: plain_logarithm
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -144,7 +145,7 @@ contains
       end do
       made = made .and. abs(left(i)) > 0.0_wp .and. abs(left(i)) <= huge(1.0_wp)
     end do
-    if (made) change = log(left(2:)/left(:path%n - 1))
+    if (made) change = plain_logarithm(left(2:)/left(:path%n - 1))
   end subroutine changes
 
   !> Nodes amid the intervals that are marked.

@@ -21,8 +21,8 @@ module viscovib_hill
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_blocks, only: add_columns, add_rates, add_rows, add_toeplitz, &
-    copy_blocks, moments_of, scale_rows
+  use viscovib_hill_blocks, only: add_columns, add_toeplitz, add_waves, copy_blocks, &
+    fill_waves, moments_of, scale_rows
   use viscovib_hill_products, only: hill_products
   use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_hill_relaxing, only: relaxing_points
@@ -65,15 +65,14 @@ module viscovib_hill
     real(wp), allocatable :: inverse(:, :), damping(:, :), spread(:, :)
     !> Kernel of each group of hereditary variables (0: none), and the group of each variable.
     integer, allocatable, private :: kernel_of_group(:), group(:)
-    !> Matrices below have their real parts first, imaginary parts second in the last index;
-    !! rows and columns of a coordinate stand together, order by order. Parts of the matrix
-    !! that each group multiplies, row by row, shape (p n, p n, groups, 2).
-    real(wp), allocatable, private :: springs(:, :, :, :)
+    !> What each group multiplies, Fourier coefficients by the difference of orders, real parts
+    !! first, imaginary parts second in the last index, shape (n, -p:p, n, groups, 2).
+    real(wp), allocatable, private :: springs(:, :, :, :, :)
     !> M^(-1) C alone; and as `springs` what depends on rates, if anything does, without its mean
     !! where that has no memory.
-    real(wp), allocatable, private :: linear_damping(:, :), dampers(:, :, :, :)
+    real(wp), allocatable, private :: linear_damping(:, :), dampers(:, :, :, :, :)
     !> Where F(u, v) is not separable: what goes through hereditary variables, and A, shape
-    !! (p n, p n, 2).
+    !! (p n, p n, 2), rows and columns of a coordinate together.
     type(hill_products), private :: products
     real(wp), allocatable, private :: direct(:, :, :)
     !> exp(-2 pi i m/n)/n at m = 0, 1, ..., n samples.
@@ -291,27 +290,35 @@ contains
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: p
     complex(wp) :: c(-p:p)
-    integer :: a, b, j, q
+    integer :: b, j, q
 
-    if (allocated(self%dampers)) deallocate (self%dampers)
-    allocate (self%dampers(p*self%n_dof, p*self%n_dof, size(self%kernel_of_group), 2), &
-              source=0.0_wp)
+    call allocate_waves(self, p, self%dampers)
     do j = 1, size(self%w, 2)
       if (.not. system%bent(j)) cycle
       q = self%group(j)
       do b = 1, system%n_rates()
         call moments_of(self%waves, .true., self%slopes(:, j, self%n_dof + b), 0.0_wp, c)
         if (system%kernel_of(j) == 0) c(0) = (0.0_wp, 0.0_wp)
-        do a = 1, self%n_dof
-          if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
-          associate (row => (a - 1)*p + 1, column => (system%rates(b) - 1)*p + 1)
-            call add_toeplitz(p, self%spread(a, j)*c, size(self%dampers, 1), &
-                              self%dampers(row, column, q, 1), self%dampers(row, column, q, 2))
-          end associate
-        end do
+        call add_waves(self%spread(:, j), c, self%dampers(:, -p:p, system%rates(b), q, :))
       end do
     end do
   end subroutine fill_dampers
+
+  !> Fourier coefficients of no wave, for p orders.
+  subroutine allocate_waves(self, p, waves)
+    class(hill_type), intent(in) :: self
+    integer, intent(in) :: p
+    real(wp), allocatable, intent(inout) :: waves(:, :, :, :, :)
+
+    if (allocated(waves)) then
+      if (ubound(waves, 2) == p) then
+        waves = 0.0_wp
+        return
+      end if
+      deallocate (waves)
+    end if
+    allocate (waves(self%n_dof, -p:p, self%n_dof, size(self%kernel_of_group), 2), source=0.0_wp)
+  end subroutine allocate_waves
 
   !> The parts of the matrix for p orders.
   subroutine fill(self, system, p)
@@ -319,30 +326,18 @@ contains
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: p
     complex(wp) :: c(-p:p)
-    integer :: a, b, j, n, m, q
+    integer :: a, b, j, n, m
 
     n = self%n_dof
     m = size(self%w, 2)
     self%n_orders = p
     if (system%n_rates() > 0) call fill_dampers(self, system, p)
     if (system%separable) then
-      if (allocated(self%springs)) then
-        if (size(self%springs, 1) /= p*n) deallocate (self%springs)
-      end if
-      if (.not. allocated(self%springs)) then
-        allocate (self%springs(p*n, p*n, size(self%kernel_of_group), 2))
-      end if
-      self%springs = 0.0_wp
+      call allocate_waves(self, p, self%springs)
       do j = 1, m
-        q = self%group(j)
         do b = 1, n
           call moments_of(self%waves, system%bent(j), self%slopes(:, j, b), system%gather(j, b), c)
-          do a = 1, n
-            if (.not. abs(self%spread(a, j)) > 0.0_wp) cycle
-            call add_toeplitz(p, self%spread(a, j)*c, size(self%springs, 1), &
-                              self%springs((a - 1)*p + 1, (b - 1)*p + 1, q, 1), &
-                              self%springs((a - 1)*p + 1, (b - 1)*p + 1, q, 2))
-          end do
+          call add_waves(self%spread(:, j), c, self%springs(:, -p:p, b, self%group(j), :))
         end do
       end do
       return
@@ -399,7 +394,7 @@ contains
     complex(wp), intent(out) :: value
     real(wp) :: h(p*self%n_dof, p*self%n_dof, 2)
     complex(wp) :: s(p), scale(p), kept(p, size(self%kernel_of_group))
-    integer :: a, b, i, q
+    integer :: a, b, i, q, next, block
 
     do i = 1, p
       s(i) = lambda + cmplx(0.0_wp, (lowest + (i - 1)*self%stride)*self%nu, wp)
@@ -411,33 +406,36 @@ contains
       call system%kernels(self%kernel_of_group(q))%laplace(s, kept(:, q))
       kept(:, q) = 1.0_wp - kept(:, q)
     end do
+    ! From order to order, and from coordinate to coordinate.
+    next = merge(self%n_dof, 1, system%separable)
+    block = merge(1, p, system%separable)
     if (system%separable) then
-      h = 0.0_wp
       do q = 1, size(kept, 2)
-        call add_rows(self%n_orders, p, self%n_dof, kept(:, q), self%springs(1, 1, q, 1), &
-                      self%springs(1, 1, q, 2), h)
-        if (system%n_rates() == 0) cycle
-        call add_rates(self%n_orders, p, self%n_dof, kept(:, q), s, self%dampers(1, 1, q, 1), &
-                       self%dampers(1, 1, q, 2), h)
+        kept(:, q) = scale*kept(:, q)
       end do
+      call fill_waves(p, self%n_dof, size(kept, 2), self%n_orders, kept, self%springs, h)
+      if (system%n_rates() > 0) then
+        call fill_waves(p, self%n_dof, size(kept, 2), self%n_orders, kept, self%dampers, h, s)
+      end if
     else
       call copy_blocks(self%n_orders, p, self%n_dof, self%direct, h)
       call self%products%add(system, self%spread, self%group, kept, h)
       if (system%moving) call add_columns(self%n_orders, p, self%n_dof, s, self%swept, h)
+      call scale_rows(p, self%n_dof, scale, h)
     end if
     do b = 1, self%n_dof
       do a = 1, self%n_dof
-        do i = 1, p
-          associate (re => h((a - 1)*p + i, (b - 1)*p + i, 1), &
-                     im => h((a - 1)*p + i, (b - 1)*p + i, 2), &
-                     entry => self%damping(a, b)*s(i) + merge(s(i)**2, (0.0_wp, 0.0_wp), a == b))
+        do i = 0, p - 1
+          associate (re => h(i*next + (a - 1)*block + 1, i*next + (b - 1)*block + 1, 1), &
+                     im => h(i*next + (a - 1)*block + 1, i*next + (b - 1)*block + 1, 2), &
+                     entry => scale(i + 1)*s(i + 1)*(self%damping(a, b) &
+                                                     + merge(s(i + 1), (0.0_wp, 0.0_wp), a == b)))
             re = re + real(entry)
             im = im + aimag(entry)
           end associate
         end do
       end do
     end do
-    call scale_rows(p, self%n_dof, scale, h)
     call band_determinant(size(h, 1), size(h, 1), size(h, 1), h(:, :, 1), h(:, :, 2), value)
   end subroutine of_orders
 

@@ -1,12 +1,14 @@
 !> Complex matrices of Hill's determinant, real and imaginary parts apart.
 !!
-!! Rows and columns of a coordinate stand together, order by order.
+!! Where forces are separable, rows and columns of an order stand together, coordinate by
+!! coordinate, so that each column is a part of one row of Fourier coefficients. Elsewhere those of
+!! a coordinate stand together, order by order.
 module viscovib_hill_blocks
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: add_columns, add_rates, add_rows, add_toeplitz, copy_blocks, moments_of, scale_rows
+  public :: add_columns, add_toeplitz, add_waves, copy_blocks, fill_waves, moments_of, scale_rows
 
 contains
 
@@ -53,28 +55,68 @@ contains
     end do
   end subroutine add_toeplitz
 
-  !> h + f part, f by the rows of each coordinate; of the part's orders the p highest.
-  pure subroutine add_rows(all, p, n, f, re, im, h)
-    integer, intent(in) :: all, p, n
-    complex(wp), intent(in) :: f(p)
-    real(wp), intent(in) :: re(all, n, all, n), im(all, n, all, n)
-    real(wp), intent(inout) :: h(p, n, p, n, 2)
-    integer :: a, b, i, l, o
+  !> Add Fourier coefficients to those of each coordinate.
+  pure subroutine add_waves(parts, c, waves)
+    !> Of each coordinate, shape (n), and coefficients of orders -p to p.
+    real(wp), intent(in) :: parts(:)
+    complex(wp), intent(in) :: c(:)
+    !> Shape (n, 2 p + 1, 2).
+    real(wp), intent(inout) :: waves(:, :, :)
+    integer :: i
 
-    o = all - p
-    do b = 1, n
-      do l = 1, p
-        do a = 1, n
-          do i = 1, p
-            h(i, a, l, b, 1) = h(i, a, l, b, 1) + (real(f(i))*re(i + o, a, l + o, b) &
-                                                   - aimag(f(i))*im(i + o, a, l + o, b))
-            h(i, a, l, b, 2) = h(i, a, l, b, 2) + (real(f(i))*im(i + o, a, l + o, b) &
-                                                   + aimag(f(i))*re(i + o, a, l + o, b))
-          end do
+    do i = 1, size(c)
+      waves(:, i, 1) = waves(:, i, 1) + parts*real(c(i))
+      waves(:, i, 2) = waves(:, i, 2) + parts*aimag(c(i))
+    end do
+  end subroutine add_waves
+
+  !> h = sum_q f_q C_q, or h + sum_q f_q C_q s where s are given, f by rows and s by columns.
+  pure subroutine fill_waves(p, n, groups, most, f, waves, h, s)
+    !> Orders, coordinates, and the highest difference of orders that is held.
+    integer, intent(in) :: p, n, groups, most
+    complex(wp), intent(in) :: f(p, groups)
+    real(wp), intent(in) :: waves(n, -most:most, n, groups, 2)
+    real(wp), intent(inout) :: h(n*p, n, p, 2)
+    complex(wp), intent(in), optional :: s(p)
+    real(wp), dimension(n, p, groups) :: f_re, f_im, g_re, g_im
+    integer :: a, b, l, q
+
+    do a = 1, n
+      f_re(a, :, :) = real(f)
+      f_im(a, :, :) = aimag(f)
+    end do
+    g_re = f_re
+    g_im = f_im
+    do l = 1, p
+      if (present(s)) then
+        g_re = real(s(l))*f_re - aimag(s(l))*f_im
+        g_im = real(s(l))*f_im + aimag(s(l))*f_re
+      end if
+      do b = 1, n
+        do q = 1, groups
+          call add_product(n*p, q > 1 .or. present(s), g_re(1, 1, q), g_im(1, 1, q), &
+                           waves(1, 1 - l, b, q, 1), waves(1, 1 - l, b, q, 2), h(1, b, l, 1), &
+                           h(1, b, l, 2))
         end do
       end do
     end do
-  end subroutine add_rows
+  end subroutine fill_waves
+
+  !> f c, or h + f c, entry by entry.
+  pure subroutine add_product(n, more, f_re, f_im, c_re, c_im, re, im)
+    integer, intent(in) :: n
+    logical, intent(in) :: more
+    real(wp), dimension(n), intent(in) :: f_re, f_im, c_re, c_im
+    real(wp), dimension(n), intent(inout) :: re, im
+
+    if (more) then
+      re = re + (f_re*c_re - f_im*c_im)
+      im = im + (f_re*c_im + f_im*c_re)
+    else
+      re = f_re*c_re - f_im*c_im
+      im = f_re*c_im + f_im*c_re
+    end if
+  end subroutine add_product
 
   !> h + part f, f by the columns of each coordinate; of the part's orders the p highest.
   pure subroutine add_columns(all, p, n, f, part, h)
@@ -94,29 +136,6 @@ contains
       end do
     end do
   end subroutine add_columns
-
-  !> h + f part s, f and s by the rows and columns of each coordinate.
-  pure subroutine add_rates(all, p, n, f, s, re, im, h)
-    integer, intent(in) :: all, p, n
-    complex(wp), intent(in) :: f(p), s(p)
-    real(wp), intent(in) :: re(all, n, all, n), im(all, n, all, n)
-    real(wp), intent(inout) :: h(p, n, p, n, 2)
-    complex(wp) :: entry
-    integer :: a, b, i, l, o
-
-    o = all - p
-    do b = 1, n
-      do l = 1, p
-        do a = 1, n
-          do i = 1, p
-            entry = f(i)*s(l)*cmplx(re(i + o, a, l + o, b), im(i + o, a, l + o, b), wp)
-            h(i, a, l, b, 1) = h(i, a, l, b, 1) + real(entry)
-            h(i, a, l, b, 2) = h(i, a, l, b, 2) + aimag(entry)
-          end do
-        end do
-      end do
-    end do
-  end subroutine add_rates
 
   !> Of a matrix with all orders the blocks of the p highest.
   pure subroutine copy_blocks(all, p, n, from, h)

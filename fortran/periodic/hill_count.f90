@@ -32,10 +32,11 @@ module viscovib_hill_count
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_path_marks, only: mark_intervals
+  use viscovib_polar, only: plain_logarithm
   implicit none
   private
 
-  public :: count_right
+  public :: count_right, may_be_of_memory
 
   !> No interval is loud where all changes together are less.
   real(wp), parameter :: quiet = 0.6_wp
@@ -219,7 +220,7 @@ contains
       made = abs(left(i)) > 0.0_wp .and. abs(left(i)) <= huge(1.0_wp)
       if (.not. made) return
     end do
-    change = log(left(2:)/left(:path%n - 1))
+    change = plain_logarithm(left(2:)/left(:path%n - 1))
   end subroutine changes
 
 end module viscovib_hill_count

@@ -33,13 +33,13 @@ module viscovib_hill_creep
   integer, parameter :: n_strips = 22, n_slow = 19
   !> Values on a circle, of which all but two count twice, and the degree that is kept.
   integer, parameter :: half = 24, degree = 24
-  !> Zeros side by side split up as far as this by rounding.
-  real(wp), parameter :: side_by_side = 1.0e-5_wp
+  !> Three zeros side by side split up as far as this by rounding.
+  real(wp), parameter :: side_by_side = 1.0e-4_wp
 
 contains
 
   !> The strip in which an exponent lies, 1, 2, ...; 0: in none.
-  pure integer function strip_of(hill, exponent)
+  elemental integer function strip_of(hill, exponent)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: exponent
 

@@ -5,6 +5,7 @@ module viscovib_hill_orders
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
   use viscovib_kinds, only: wp
+  use viscovib_polar, only: plain_logarithm
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
@@ -24,7 +25,7 @@ contains
     excess = hill%drag - 2.0_wp*hill%shift*hill%n_dof
     edge = (hill%highest + 0.5_wp*hill%stride)*hill%nu
     omega = cmplx(aimag(lambda), -real(lambda), wp)
-    tail = exp(cmplx(0.0_wp, excess/hill%period, wp)*log((edge + omega)/(edge - omega)))
+    tail = exp(cmplx(0.0_wp, excess/hill%period, wp)*plain_logarithm((edge + omega)/(edge - omega)))
   end function tail
 
   !> Factor, without its constant, that makes D(lambda) the polynomial in z = exp(-2 pi lambda/d)
@@ -43,8 +44,8 @@ contains
 
     total = (0.0_wp, 0.0_wp)
     do k = -hill%highest, hill%highest, hill%stride
-      total = total + log((lambda + cmplx(hill%shift, k*hill%nu, wp)) &
-                          /abs(cmplx(hill%shift, k*hill%nu, wp)))
+      total = total + plain_logarithm((lambda + cmplx(hill%shift, k*hill%nu, wp)) &
+                                      /abs(cmplx(hill%shift, k*hill%nu, wp)))
     end do
     step = hill%stride
     edge = hill%highest + 0.5_wp*step

@@ -36,8 +36,8 @@ module viscovib_hill_path
     complex(wp), allocatable :: ratio(:)
     !> Not D but that ratio is meant by `value`.
     logical, private :: of_ratio = .false.
-    !> The polynomial at the evenly spaced ones.
-    complex(wp), allocatable, private :: even(:)
+    !> The evenly spaced ones, and D there over what memory leaves of the static stiffness.
+    complex(wp), allocatable, private :: even(:), even_value(:)
   contains
     procedure :: path_of_ratio
     procedure :: split
@@ -67,12 +67,12 @@ contains
     if (singular .and. hill%stride == 2) high = high - radius*hill%period
     if (singular .and. hill%stride == 1) call arc((0.0_wp, 0.0_wp), 0.0_wp, 0, n_arc - 1)
     pieces = hill%n_dof + 2
-    allocate (path%even(0:pieces))
+    allocate (path%even(0:pieces), path%even_value(0:pieces))
     do i = 0, pieces
       lambda = cmplx(-path%shift, low + (high - low)*i/pieces, wp)
       call append(lambda)
-      path%even(i) = path%value(path%n)/tail(hill, lambda) &
-                     *(to_polynomial(hill, lambda)/path%ratio(path%n))
+      path%even(i) = lambda
+      path%even_value(i) = path%value(path%n)/path%ratio(path%n)
     end do
     if (.not. singular .or. hill%stride == 1) return
     centre = cmplx(0.0_wp, 0.5_wp*hill%period, wp)
@@ -171,19 +171,22 @@ contains
     type(hill_type), intent(in) :: hill
     complex(wp), allocatable, intent(out) :: exponents(:)
     real(wp) :: c(0:2*hill%n_dof), angle
-    complex(wp) :: multipliers(2*hill%n_dof)
+    complex(wp) :: multipliers(2*hill%n_dof), at_node(0:hill%n_dof + 2)
     integer :: j, m, half
     logical :: found
 
     allocate (exponents(0))
     if (.not. allocated(self%even)) return
     half = ubound(self%even, 1)
-    if (.not. all(abs(self%even) <= sqrt(huge(1.0_wp)))) return
+    do j = 0, half
+      at_node(j) = self%even_value(j)/tail(hill, self%even(j))*to_polynomial(hill, self%even(j))
+    end do
+    if (.not. all(abs(at_node) <= sqrt(huge(1.0_wp)))) return
     do m = 0, 2*hill%n_dof
-      c(m) = real(self%even(0)) + (1 - 2*modulo(m, 2))*real(self%even(half))
+      c(m) = real(at_node(0)) + (1 - 2*modulo(m, 2))*real(at_node(half))
       do j = 1, half - 1
         angle = pi*modulo(m*j, 2*half)/half
-        c(m) = c(m) + 2.0_wp*real(self%even(j)*cmplx(cos(angle), sin(angle), wp))
+        c(m) = c(m) + 2.0_wp*real(at_node(j)*cmplx(cos(angle), sin(angle), wp))
       end do
     end do
     if (.not. abs(c(0)) > 1.0e-10_wp*maxval(abs(c))) return

@@ -11,6 +11,8 @@ module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
+  use viscovib_hill_clusters, only: clusters_near
+  use viscovib_hill_count, only: may_be_of_memory
   use viscovib_hill_creep, only: n_slow, n_strips, rates_in_strip, strip_of
   use viscovib_hill_path, only: hill_path_type
   use viscovib_kinds, only: wp
@@ -20,7 +22,7 @@ module viscovib_hill_roots
   implicit none
   private
 
-  public :: complete, find_exponents, follow_exponent
+  public :: complete, find_exponents, find_more, follow_exponent
 
   !> Iterations at most, and at most since the shortest step while that is so long, in d: on a cut
   !! of D there is no zero, and steps of a few 1e-4 go to and fro.
@@ -51,7 +53,7 @@ contains
 
   !> Exponents, largest real part first, both of conjugate pairs, with -d/2 < Im lambda <= d/2;
   !! NaN behind the last.
-  subroutine find_exponents(hill, system, path, near, exponents)
+  subroutine find_exponents(hill, system, path, near, exponents, sharp)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
@@ -59,30 +61,72 @@ contains
     complex(wp), intent(in) :: near(:)
     !> As many as may be kept, at least 2 n_dof.
     complex(wp), intent(out) :: exponents(:)
-    complex(wp), allocatable :: starts(:)
+    !> Those of them that lie side by side and are as sharp as can be.
+    complex(wp), allocatable, intent(out) :: sharp(:)
+    logical :: used(size(near))
     integer :: n, i
 
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n = 0
+    allocate (sharp(0))
     if (.not. hill%ready) return
+    call clusters_near(hill, system, merge(exponents(1), near, is_slow(hill, near)), used, &
+                       exponents, n)
+    sharp = exponents(:n)
     do i = 1, n_known(near)
       if (n >= size(exponents) - 1) exit
+      if (used(i)) cycle
       if (is_slow(hill, near(i))) then
         call look_in_strip(hill, system, strip_of(hill, near(i)), exponents, n)
       else if (aimag(near(i)) >= 0.0_wp) then
         call try(hill, system, near(i), exponents, n)
       end if
     end do
+    ! None of those nearby is lost, nor of those that there are without memory.
+    if (.not. (n_known(near) > 0 .and. n >= n_known(near) &
+               .and. count(.not. may_be_of_memory(hill, exponents(:n))) >= 2*hill%n_dof)) then
+      call from_approximations(hill, system, path, n_known(near) == 0, exponents, n)
+    end if
+    call sort_falling(exponents(:n), real(exponents(:n)))
+  end subroutine find_exponents
+
+  !> More exponents, where those found are not as many as counted.
+  subroutine find_more(hill, system, path, exponents)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    type(hill_path_type), intent(in) :: path
+    !> NaN behind the last.
+    complex(wp), intent(inout) :: exponents(:)
+    integer :: n
+
+    if (.not. hill%ready) return
+    n = n_known(exponents)
+    call from_approximations(hill, system, path, .false., exponents, n)
+    call sort_falling(exponents(:n), real(exponents(:n)))
+  end subroutine find_more
+
+  !> More exponents, from what is left of approximations.
+  subroutine from_approximations(hill, system, path, first, exponents, n)
+    type(hill_type), intent(in) :: hill
+    class(oscillator_type), intent(in) :: system
+    type(hill_path_type), intent(in) :: path
+    !> Whether no solution nearby is known.
+    logical, intent(in) :: first
+    complex(wp), intent(inout) :: exponents(:)
+    integer, intent(inout) :: n
+    complex(wp), allocatable :: starts(:)
+    integer :: i
+
     call path%approximations(hill, starts)
     call leave_out(hill, exponents(:n), starts)
     do i = 1, size(starts)
       if (n >= size(exponents) - 1) exit
       if (aimag(starts(i)) < 0.0_wp) cycle
       ! Those far to the left are bad approximations, and were tried at a neighbour.
-      if (n_known(near) > 0 .and. real(starts(i)) < far*hill%period) cycle
+      if (.not. first .and. real(starts(i)) < far*hill%period) cycle
       call try(hill, system, starts(i), exponents, n)
     end do
-    if (n_known(near) == 0) call try_relaxing(hill, system, exponents, n)
+    if (first) call try_relaxing(hill, system, exponents, n)
     ! Some starts may have led to the same: whatever else is near these.
     call path%approximations(hill, starts)
     call leave_out(hill, exponents(:n), starts)
@@ -92,8 +136,7 @@ contains
       if (n >= 2*hill%n_dof .and. real(starts(i)) < far*hill%period) cycle
       call try(hill, system, starts(i), exponents, n, nearby=.true.)
     end do
-    call sort_falling(exponents(:n), real(exponents(:n)))
-  end subroutine find_exponents
+  end subroutine from_approximations
 
   !> Of approximations those that are left when each exponent found has taken one, nearest pairs
   !! first. Exponents nearer to where memory alone relaxes are its own and take none.
@@ -217,7 +260,7 @@ contains
   end subroutine complete
 
   !> Creeps, too slowly for the secant method.
-  pure logical function is_slow(hill, exponent)
+  elemental logical function is_slow(hill, exponent)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: exponent
     is_slow = strip_of(hill, exponent) > 0 .and. strip_of(hill, exponent) <= n_slow
@@ -365,8 +408,8 @@ contains
     logical, intent(out) :: made
     !> Not refined if its side of the axis cannot be determined.
     logical, intent(in), optional :: sided
-    complex(wp) :: before, value_before, value, step, ratio
-    real(wp) :: last, earlier, error, shortest, furthest, least, poles
+    complex(wp) :: before, older, value_before, value, step, slope, slope_before
+    real(wp) :: last, earlier, bend, error, shortest, furthest, least, poles
     integer :: i, best
     logical :: about_half
 
@@ -376,10 +419,12 @@ contains
     last = huge(last)
     earlier = huge(earlier)
     shortest = huge(shortest)
+    slope_before = (0.0_wp, 0.0_wp)
     best = 0
     furthest = max(rightmost*hill%period, 2.0_wp*real(start))
     ! Off the real axis, or it would never be left.
     before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
+    older = before
     root = start
     ! The divisors vanish at -a modulo i d, or at -a + i d/2.
     poles = exp(-2.0_wp*pi*hill%shift/hill%period)*merge(-1.0_wp, 1.0_wp, hill%stride == 2)
@@ -392,20 +437,29 @@ contains
         root = before + 0.25_wp*(root - before)
         cycle
       end if
-      ratio = value - value_before
-      if (.not. abs(ratio) > 0.0_wp) return
-      step = -value*(root - before)/ratio
+      slope = (value - value_before)/(root - before)
+      if (.not. abs(slope) > 0.0_wp) return
+      step = -value/slope
       if (.not. abs(step) <= huge(1.0_wp)) return
       if (abs(step) > longest*hill%period) step = step*(longest*hill%period/abs(step))
+      bend = 1.0_wp/hill%period
+      if (abs(root - older) > 0.0_wp) then
+        bend = max(bend, abs((slope - slope_before)/slope/(root - older)))
+      end if
+      older = before
       before = root
       value_before = value
+      slope_before = slope
       root = root + step
       if (real(root) < leftmost*hill%period .or. real(root) > furthest) return
-      ! Steps go with the product of the two before: what the next one would be. A short one back
-      ! from a pole is none of these.
+      ! What the next step would be: steps go with the product of the two before and the second
+      ! derivative over twice the slope. A short one back from a pole is none of these.
       error = abs(step)
-      if (i > 2 .and. error < last .and. last < earlier .and. abs(value) < least) then
-        error = error*(error/earlier)
+      if (error < last .and. last <= rightmost*hill%period .and. abs(value) < least) then
+        error = error*min(1.0_wp, last*bend)
+        if (last < earlier .and. earlier <= rightmost*hill%period) then
+          error = min(error, abs(step)*(abs(step)/earlier))
+        end if
       end if
       least = min(least, abs(value))
       ! To rounding, or as far as zeros side by side let it come.

@@ -12,7 +12,8 @@ module viscovib_motion_stability
   use viscovib_hill_count, only: count_right, on_axis
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
-  use viscovib_hill_roots, only: complete, find_exponents, follow_exponent, leftmost
+  use viscovib_hill_roots, only: complete, find_exponents, find_more, follow_exponent, &
+    leftmost
   use viscovib_jump_maps, only: find_jumps, jump_map, may_jump
   use viscovib_kinds, only: wp
   use viscovib_kinked_motion, only: is_kinked
@@ -390,33 +391,42 @@ contains
     logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
     complex(wp), intent(in), optional :: nearby(:)
-    complex(wp), dimension(self%n_slots) :: near, before, starts
-    real(wp) :: period
-    integer :: i, at(2)
+    complex(wp), dimension(self%n_slots) :: near, change, ahead
+    complex(wp), allocatable :: sharp(:)
+    real(wp) :: last, step, part, period
+    integer :: i
 
     near = not_a_number()
-    before = near
-    at = 0
-    period = -1.0_wp
     if (present(nearby)) near = nearby
+    change = (0.0_wp, 0.0_wp)
+    last = -1.0_wp
+    step = 0.0_wp
+    period = -1.0_wp
     do i = 1, size(nu)
       if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
-      starts = near
-      if (at(2) > 0) starts = continued(before, near, (nu(i) - nu(at(1)))/(nu(at(1)) - nu(at(2))))
+      ! Along straight lines, but not after turns and long steps.
+      part = 0.0_wp
+      if (abs(step) > 0.0_wp) part = (nu(i) - last)/step
+      ahead = near
+      if (part > 0.0_wp .and. part < longest_step) ahead = near + part*change
+      call self%hill%along(system, nu(i), x(:, :, i))
       ! Those at i d/2 stay there.
       where (abs(aimag(near) - 0.5_wp*period) <= 0.0_wp)
-        starts = cmplx(real(starts), 0.5_wp*merge(2, 1, self%half_wave)*nu(i), wp)
+        ahead = cmplx(real(ahead), 0.5_wp*self%hill%period, wp)
       end where
-      call self%hill%along(system, nu(i), x(:, :, i))
-      period = self%hill%period
       associate (exponents => stability%exponents(:, i))
-        call check_by_hill(self%hill, system, starts, exponents, stability%n_growing(i), &
-                           stability%slowest(i))
-        call sharpen_clusters(self%hill, system, exponents)
-        before = near
+        call check_by_hill(self%hill, system, into_strip(ahead, near, self%hill%period), &
+                           exponents, stability%n_growing(i), stability%slowest(i), sharp)
+        call sharpen_clusters(self%hill, system, sharp, exponents)
+        change = (0.0_wp, 0.0_wp)
+        if (last > 0.0_wp) then
+          call find_changes(near, period, ahead, exponents, self%hill%period, change)
+          step = nu(i) - last
+        end if
         near = exponents
-        at = [i, at(1)]
+        period = self%hill%period
+        last = nu(i)
         ! Exponents that are not those counted are not reported, and then none is the slowest.
         if (n_right_of(0.0_wp, exponents) /= stability%n_growing(i)) then
           exponents = not_a_number()
@@ -427,28 +437,49 @@ contains
     end do
   end subroutine by_hill
 
-  !> Exponents at the next solution of a curve by those at two, along straight lines; those that are
-  !! no number in one of them, and after turns and long steps, as at the second.
-  pure function continued(first, second, part) result(next)
-    complex(wp), intent(in) :: first(:), second(:)
-    !> Of the last step, the next one.
-    real(wp), intent(in) :: part
-    complex(wp) :: next(size(second))
-    real(wp) :: distance(size(first))
-    integer :: i, nearest
+  !> Into |Im lambda| <= d/2, above the real axis or below it as the exponent was nearby.
+  elemental complex(wp) function into_strip(exponent, nearby, period) result(place)
+    complex(wp), intent(in) :: exponent, nearby
+    real(wp), intent(in) :: period
+    real(wp) :: y
 
-    next = second
-    if (.not. (part > 0.0_wp .and. part < longest_step)) return
-    do i = 1, size(second)
-      if (ieee_is_nan(real(second(i)))) cycle
-      distance = distance_of(first, second(i))
-      nearest = minloc(distance, 1)
-      if (.not. distance(nearest) < huge(1.0_wp)) cycle
+    place = exponent
+    if (ieee_is_nan(real(exponent))) return
+    y = abs(aimag(exponent) - period*anint(aimag(exponent)/period))
+    place = cmplx(real(exponent), merge(y, -y, aimag(nearby) >= 0.0_wp), wp)
+  end function into_strip
+
+  !> By how much exponents have changed since the solution before; 0 where that is not certain.
+  pure subroutine find_changes(before, period_before, ahead, now, period, change)
+    !> Those before, where they were expected now, and those now (1/s), NaN for none; both
+    !! modulo i times their period.
+    complex(wp), intent(in) :: before(:), ahead(:), now(:)
+    real(wp), intent(in) :: period_before, period
+    complex(wp), intent(out) :: change(:)
+    complex(wp) :: image, nearest
+    real(wp) :: distance
+    integer :: i, j, m
+
+    change = (0.0_wp, 0.0_wp)
+    do i = 1, size(now)
+      if (ieee_is_nan(real(now(i)))) cycle
+      distance = huge(distance)
+      do j = 1, size(before)
+        if (ieee_is_nan(real(before(j)))) cycle
+        ! An exponent that leaves the strip |Im lambda| <= d/2 enters it on the other side.
+        do m = -1, 1
+          image = ahead(j) + cmplx(0.0_wp, m*period, wp)
+          if (abs(now(i) - image) >= distance) cycle
+          distance = abs(now(i) - image)
+          nearest = image
+          change(i) = now(i) - before(j) - cmplx(0.0_wp, m*period_before, wp)
+        end do
+      end do
       ! Not where another is as near to the former one.
-      if (any(distance_of(second, first(nearest)) < distance(nearest))) cycle
-      next(i) = second(i) + part*(second(i) - first(nearest))
+      if (.not. distance < huge(distance)) cycle
+      if (any(distance_of(now, nearest) < distance)) change(i) = (0.0_wp, 0.0_wp)
     end do
-  end function continued
+  end subroutine find_changes
 
   !> Distances of exponents from one; huge for what is no number.
   pure elemental real(wp) function distance_of(one, other)
@@ -458,7 +489,7 @@ contains
   end function distance_of
 
   !> One solution, that of `hill`.
-  subroutine check_by_hill(hill, system, near, exponents, n_growing, slowest)
+  subroutine check_by_hill(hill, system, near, exponents, n_growing, slowest, sharp)
     type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Exponents of a neighbour, NaN for none.
@@ -466,6 +497,8 @@ contains
     complex(wp), intent(out) :: exponents(:)
     integer, intent(out) :: n_growing
     logical, intent(out) :: slowest
+    !> Exponents side by side that are as sharp as can be.
+    complex(wp), allocatable, intent(out) :: sharp(:)
     type(hill_path_type) :: path
     real(wp) :: fading, shift
     integer :: counted
@@ -475,8 +508,12 @@ contains
     shift = line_beyond(near, fading, hill%period, wide)
     call hill%count_from(shift)
     call new_hill_path(path, hill, system, shift)
-    call find_exponents(hill, system, path, near, exponents)
+    call find_exponents(hill, system, path, near, exponents, sharp)
     call count_right(hill, system, exponents, path, counted)
+    if (counted /= n_right_of(shift, exponents)) then
+      call find_more(hill, system, path, exponents)
+      call count_right(hill, system, exponents, path, counted)
+    end if
     if (shift > 0.0_wp) then
       slowest = counted > 0 .and. counted == n_right_of(shift, exponents)
       n_growing = n_right_of(0.0_wp, exponents)
