@@ -161,7 +161,6 @@ contains
       last = first + rows_together - 1
       odd = 0.0_wp
       even = 0.0_wp
-      !GCC$ unroll 1
       do j = 1, m - 1, 2
         !GCC$ unroll 1
         do l = 1, rows_together
@@ -193,7 +192,6 @@ contains
       even_1 = 0.0_wp
       odd_2 = 0.0_wp
       even_2 = 0.0_wp
-      !GCC$ unroll 1
       do j = 1, m - 1, 2
         !GCC$ unroll 1
         do l = 1, rows_together
