@@ -96,25 +96,33 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: prefix
     type(trajectory_type), intent(inout) :: run
-    real(wp), allocatable :: found(:, :)
-    integer, allocatable :: sides(:)
-    integer :: n_found
 
+    call task%found%put_reals(prefix//'last', run%last, shape(run%last))
+    call task%found%put_real(prefix//'step', run%h)
+    call task%found%put_real(prefix//'reached', run%t_reached)
+    call task%found%put_integer(prefix//'ended', int(run%outcome, i8))
+    call task%found%put_integer(prefix//'made', run%n_steps)
+    if (prefix == '') call put_further(task, run)
     call task%found%put_reals(prefix//'t', run%t, shape(run%t))
     if (allocated(run%whole)) then
       call task%found%put_reals(prefix//'states', run%whole, shape(run%whole))
     else
       call task%found%put_reals(prefix//'states', run%states, shape(run%states))
     end if
-    call task%found%put_reals(prefix//'last', run%last, shape(run%last))
-    call task%found%put_real(prefix//'step', run%h)
-    call task%found%put_real(prefix//'reached', run%t_reached)
-    call task%found%put_integer(prefix//'ended', int(run%outcome, i8))
-    call task%found%put_integer(prefix//'made', run%n_steps)
-    if (prefix /= '') return
+  end subroutine put_run
+
+  !> Results of the last run only.
+  subroutine put_further(task, run)
+    type(task_type), intent(inout) :: task
+    type(trajectory_type), intent(inout) :: run
+    real(wp), allocatable :: found(:, :)
+    integer, allocatable :: sides(:)
+    integer :: n_found
+
     if (.not. allocated(run%memory)) allocate (run%memory(0))
     call task%found%put_reals('memory', run%memory, shape(run%memory))
     call task%found%put_integer('counted', run%counted)
+    call task%found%put_real('solved', run%solved)
     call task%found%put_real('error', run%error)
     call task%found%put_real('resolution', run%resolution)
     call task%found%put_real('too_long', run%too_long)
@@ -131,6 +139,6 @@ contains
     if (.not. allocated(run%event_point_errors)) return
     call task%found%put_reals('passage_errors', run%event_point_errors, &
                               shape(run%event_point_errors))
-  end subroutine put_run
+  end subroutine put_further
 
 end module viscovib_motion_search

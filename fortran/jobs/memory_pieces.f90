@@ -23,8 +23,7 @@ module viscovib_memory_pieces
 
   !> Common data of both kinds of equations.
   type, abstract, extends(motion_equations) :: memory_equations
-    !> Nodes per step; the end of any run that continues.
-    integer :: nodes = 8
+    !> The end of any run that continues.
     real(wp) :: t_end = 0.0_wp
     !> The displacement for all t < 0 (n), or before the first of the times `before` (m) with
     !! displacements `moved` (n, m), ascending to 0; for structures the deflections of elements.
@@ -76,7 +75,6 @@ contains
     integer, intent(in) :: nodes
     self%nodes = nodes
     self%collocated = .true.
-    self%of_high_degree = nodes == 8
   end subroutine set_nodes
 
   !> A piece of a run of an oscillator. `reason` (not 0: no run, see `viscovib_hereditary`);

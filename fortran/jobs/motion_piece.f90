@@ -66,8 +66,9 @@ module viscovib_motion_piece
     !> Relative change of the start in shaken runs.
     real(wp) :: change = shaken
     !> True if steps are polynomials through nodes, solved to the tolerance, also between their
-    !! ends; true if these have the degree that a search compares.
-    logical :: collocated = .false., of_high_degree = .false.
+    !! ends; the number of nodes.
+    logical :: collocated = .false.
+    integer :: nodes = 8
     !> True if steps cross kinks of laws; true if kernels are fitted by sums of exponentials.
     logical :: over_kinks = .false., fitted = .false.
     !> True if rounding errors of the energy accumulate; true if modes have their own damping.

@@ -7,7 +7,10 @@ module viscovib_motion_request
 
   public :: transient_job
 
-  real(wp), parameter :: rounding = 1.0e-15_wp
+  !> Smallest relative error of the solution of equations.
+  real(wp), parameter, public :: rounding = 1.0e-15_wp
+  !> Number of steps whose errors are small together.
+  real(wp), parameter :: added_up = 256.0_wp
   !> Largest number of states on the way to a last state; smallest distance in first steps.
   integer(i8), parameter :: most_looks = 24_i8, least_between = 8_i8
   !> Factor by which steps are shorter than the first from which on a stop is located: earlier
@@ -52,6 +55,7 @@ module viscovib_motion_request
     procedure :: allowed_at_stop
     procedure, nopass :: steps_between_looks
     procedure :: solved
+    procedure, nopass :: solved_if_smooth
   end type transient_job
 
 contains
@@ -111,5 +115,13 @@ contains
     ! If the step is searched, it alone determines the error.
     if (self%dt > 0.0_wp) solved = max(0.1_wp*self%tolerance, rounding)
   end function solved
+
+  !> The same for the first run of a smooth motion whose step is searched, by the allowed error
+  !! relative to the size of the motion: errors of n steps add up.
+  pure real(wp) function solved_if_smooth(n, part) result(solved)
+    integer(i8), intent(in) :: n
+    real(wp), intent(in) :: part
+    solved = max(0.1_wp*min(1.0_wp, added_up/real(n, wp))*part, rounding)
+  end function solved_if_smooth
 
 end module viscovib_motion_request

@@ -1,12 +1,16 @@
 !> Runs of one motion, for the search of their step: each is a piece from the start to the end.
 module viscovib_piece_runs
+  use viscovib_between_ends, only: fewest_steps, fill_between
   use viscovib_counters, only: count_up, counted_runs, counting
+  use viscovib_driven_system, only: driven_system_type
   use viscovib_fitted_memory, only: shared_error
   use viscovib_hereditary, only: begun, no_exponentials, past_direct, step_too_large
   use viscovib_kinds, only: i8, wp
   use viscovib_mesh, only: mesh_type, new_mesh
+  use viscovib_method_catalogue, only: method_order
   use viscovib_motion_piece, only: as_before, motion_equations, piece_type
   use viscovib_motion_request, only: located_from, transient_job
+  use viscovib_plain_pieces, only: plain_equations
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stopping, only: begin_piece
@@ -18,6 +22,8 @@ module viscovib_piece_runs
 
   !> Part of a step for which kernels are fitted if a run stops inside it.
   real(wp), parameter :: fine = 2.0_wp**(-14)
+  !> Largest order that runs are trusted to have.
+  integer, parameter :: most_order = 16
   !> Smallest relative error of the solution of equations.
   real(wp), parameter :: rounding = 1.0e-15_wp
 
@@ -27,6 +33,8 @@ module viscovib_piece_runs
     real(wp) :: longest = 0.0_wp
     integer :: past = 0
     real(wp) :: shortest = 0.0_wp
+    !> Relative tolerance of the equations of first steps of a smooth motion; 0: as given.
+    real(wp) :: solved = 0.0_wp
   end type shared_type
 
   type :: piece_runs
@@ -57,6 +65,9 @@ module viscovib_piece_runs
     procedure :: goes_inside
     procedure :: keeps_all
     procedure :: goes_in_parts
+    procedure :: is_smooth
+    procedure :: gain
+    procedure :: fill
   end type piece_runs
 
   !> One run: its steps and their length, the requested states, its start, and its only or last
@@ -218,7 +229,10 @@ contains
         piece%in_parts = self%shared%in_parts
         piece%thin = course%h/max(self%shared%longest, course%h)
         if (self%equations%collocated) then
-          piece%tolerance = max(self%first%tolerance/real(course%factor, wp)**3, rounding)
+          piece%tolerance = max(self%first%tolerance/real(course%factor, wp)**2, rounding)
+        else if (self%shared%solved > 0.0_wp) then
+          ! Far less than 1/gain for half the step, since a number of iterations is not continuous.
+          piece%tolerance = max(self%shared%solved/real(course%factor, wp)**6, rounding)
         end if
       end associate
       course%piece%initial => course%start
@@ -317,8 +331,12 @@ contains
         trajectory%last = piece%watch%states(:n, piece%watch%n_found)
       end if
       if (size(course%times) > 0) then
-        states = piece%at_times(:, :piece%n_reached)
         trajectory%t = course%times(:piece%n_reached)
+        if (piece%n_reached == size(piece%at_times, 2)) then
+          call move_alloc(piece%at_times, states)
+        else
+          states = piece%at_times(:, :piece%n_reached)
+        end if
       else if (self%last_only .or. course%cut_off) then
         states = reshape(trajectory%last, [size(piece%last), 1])
         trajectory%t = [piece%t_reached]
@@ -360,7 +378,7 @@ contains
     associate (equations => self%equations)
       trajectory%keeps_energy = equations%keeps_energy
       trajectory%over_kinks = equations%over_kinks
-      trajectory%of_high_degree = equations%of_high_degree
+      trajectory%solved = course%piece%tolerance
       if (equations%fitted .and. .not. equations%collocated) trajectory%represented = shared_error
     end associate
   end subroutine take
@@ -422,6 +440,60 @@ contains
     class(piece_runs), intent(in) :: self
     goes_inside = self%equations%collocated
   end function goes_inside
+
+  !> True for smooth motions, of which half the step has far less than 1/`gain` of the error.
+  pure logical function is_smooth(self)
+    class(piece_runs), intent(in) :: self
+    is_smooth = self%gain() > 1.0_wp
+  end function is_smooth
+
+  !> A lower bound of the gain in accuracy by half the step; 1: not known.
+  pure real(wp) function gain(self)
+    class(piece_runs), intent(in) :: self
+    integer :: order
+    gain = 1.0_wp
+    ! Errors of events are differences of runs.
+    if (self%has_mesh .or. self%first%is_watched) return
+    select type (equations => self%equations)
+    class is (plain_equations)
+      order = min(method_order(equations%method), most_order)
+      if (equations%are_smooth()) gain = 2.0_wp**(order/2 - 2)
+    end select
+  end function gain
+
+  !> Add states of a smooth motion between the ends of its steps, `per` for each step.
+  subroutine fill(self, run, per, allowed, filled, off, status)
+    class(piece_runs), intent(in) :: self
+    !> With the ends of all steps.
+    type(trajectory_type), intent(in) :: run
+    integer, intent(in) :: per
+    !> Allowed error of each row of states.
+    real(wp), intent(in) :: allowed(:)
+    type(trajectory_type), intent(out) :: filled
+    !> Error of each row; larger than allowed: the states are not computed.
+    real(wp), intent(out) :: off(:)
+    type(status_type), intent(out) :: status
+    class(driven_system_type), allocatable :: rates
+    integer :: i, n
+
+    call set_ok(status)
+    off = huge(1.0_wp)
+    select type (equations => self%equations)
+    class is (plain_equations)
+      call equations%find_rates(run%h, rates, status)
+    end select
+    if (status%failed() .or. .not. allocated(rates)) return
+    n = size(run%t) - 1
+    if (n < fewest_steps .or. rates%base_motion%moves()) return
+    filled = run
+    deallocate (filled%states, filled%t)
+    allocate (filled%states(size(run%states, 1), n*per + 1), filled%t(n*per + 1))
+    do i = 0, n*per
+      filled%t(i + 1) = i*(self%t_end/(n*per))
+    end do
+    filled%t(n*per + 1) = self%t_end
+    call fill_between(rates, run%h, run%states, per, allowed, filled%states, off)
+  end subroutine fill
 
   logical function keeps_all(self)
     class(piece_runs), intent(in) :: self

@@ -1,5 +1,6 @@
 !> Equations of motion without memory, or with memory by exponentials that are coordinates.
 module viscovib_plain_pieces
+  use viscovib_driven_system, only: driven_system_type
   use viscovib_fitted_memory, only: copy_system
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_hidden_start, only: begin_hidden
@@ -7,7 +8,7 @@ module viscovib_plain_pieces
   use viscovib_lanes, only: max_dof
   use viscovib_load, only: load_type
   use viscovib_mesh, only: mesh_type
-  use viscovib_method_catalogue, only: new_stepper
+  use viscovib_method_catalogue, only: method_order, new_stepper
   use viscovib_motion_piece, only: check_memory, from_start, motion_equations, piece_type, &
     under_other_loads
   use viscovib_pendulum, only: new_pendulum, pendulum_type
@@ -23,27 +24,58 @@ module viscovib_plain_pieces
   implicit none
   private
 
-  public :: pendulum_equations, polynomial_equations
+  public :: pendulum_equations, plain_equations, polynomial_equations
 
   !> All numbers of a shaken pendulum are changed, each differently: the effect is as large as the
   !! factor in `grown_of`.
   real(wp), parameter, public :: part_of_numbers = shaken/8.0_wp
 
-  !> Equations of a pendulum.
-  type, extends(motion_equations) :: pendulum_equations
-    type(pendulum_type), pointer :: system => null()
-    !> Index in `transient_methods`; false: the spring only, phi = psi = 0.
+  !> Smallest order of methods for smooth motions.
+  integer, parameter :: high_order = 8
+
+  !> Common data of both kinds of equations.
+  type, abstract, extends(motion_equations) :: plain_equations
+    !> Index in `transient_methods`.
     integer :: method = 1
+  contains
+    procedure(smooth_interface), deferred :: are_smooth
+    procedure(rates_interface), deferred :: find_rates
+  end type plain_equations
+
+  abstract interface
+
+    !> True if the equations are analytic and the method has a high order.
+    pure logical function smooth_interface(self)
+      import :: plain_equations
+      class(plain_equations), intent(in) :: self
+    end function smooth_interface
+
+    !> The equations for steps h, if they are smooth.
+    subroutine rates_interface(self, h, rates, status)
+      import :: driven_system_type, plain_equations, status_type, wp
+      class(plain_equations), intent(in) :: self
+      real(wp), intent(in) :: h
+      class(driven_system_type), allocatable, intent(out) :: rates
+      type(status_type), intent(out) :: status
+    end subroutine rates_interface
+
+  end interface
+
+  !> Equations of a pendulum.
+  type, extends(plain_equations) :: pendulum_equations
+    type(pendulum_type), pointer :: system => null()
+    !> False: the spring only, phi = psi = 0.
     logical :: swings = .true.
   contains
     procedure :: run => run_pendulum
+    procedure :: are_smooth => pendulum_is_smooth
+    procedure :: find_rates => rates_of_pendulum
   end type pendulum_equations
 
   !> Equations of a polynomial system without memory, or with memory by exponentials.
-  type, extends(motion_equations) :: polynomial_equations
+  type, extends(plain_equations) :: polynomial_equations
     type(polynomial_type), pointer :: system => null()
-    !> Index in `transient_methods`; periodic load and its frequency (rad/s).
-    integer :: method = 1
+    !> Periodic load and its frequency (rad/s).
     type(load_type) :: load
     real(wp) :: nu = 0.0_wp
     !> Latest time of any run that continues, for which kernels are fitted.
@@ -59,6 +91,8 @@ module viscovib_plain_pieces
     real(wp), pointer, contiguous :: held(:), before(:), moved(:, :)
   contains
     procedure :: run => run_polynomial
+    procedure :: are_smooth => polynomial_is_smooth
+    procedure :: find_rates => rates_of_polynomial
   end type polynomial_equations
 
 contains
@@ -123,6 +157,42 @@ contains
     piece%kept = stepper%save_memory()
     piece%counted = stepper%n_evaluations
   end subroutine run_pendulum
+
+  pure logical function pendulum_is_smooth(self) result(smooth)
+    class(pendulum_equations), intent(in) :: self
+    smooth = method_order(self%method) >= high_order
+  end function pendulum_is_smooth
+
+  subroutine rates_of_pendulum(self, h, rates, status)
+    class(pendulum_equations), intent(in) :: self
+    real(wp), intent(in) :: h
+    class(driven_system_type), allocatable, intent(out) :: rates
+    type(status_type), intent(out) :: status
+    call set_ok(status)
+    allocate (rates, source=self%system)
+    rates%step_length = h
+  end subroutine rates_of_pendulum
+
+  !> False for laws that are no polynomials and for tables, which may have kinks, and for many
+  !! coordinates, of which some may be stiff.
+  pure logical function polynomial_is_smooth(self) result(smooth)
+    class(polynomial_equations), intent(in) :: self
+    smooth = method_order(self%method) >= high_order .and. size(self%system%laws) == 0 &
+             .and. .not. any(self%system%kernel_of > 0) .and. size(self%breaks) < 2 &
+             .and. size(self%base_breaks) < 2 .and. .not. associated(self%turning) &
+             .and. self%system%n_dof() <= max_dof
+  end function polynomial_is_smooth
+
+  subroutine rates_of_polynomial(self, h, rates, status)
+    class(polynomial_equations), intent(in) :: self
+    real(wp), intent(in) :: h
+    class(driven_system_type), allocatable, intent(out) :: rates
+    type(status_type), intent(out) :: status
+    type(polynomial_motion_type), allocatable :: motion
+    allocate (motion)
+    call new_fitted_motion(motion, self%system, self%load, self%nu, h, self%reach, status)
+    call move_alloc(motion, rates)
+  end subroutine rates_of_polynomial
 
   !> A piece of a run of a polynomial system. The last numbers of `memory`: largest length of the
   !! next part of a step, whether steps were made in parts, and length of the method's memory.

@@ -1,13 +1,14 @@
-!> Search for the step of a motion: halved until the kept states change by no more than allowed.
+!> Search for the step of a motion: halved until the kept states are as exact as required.
 !!
 !! The difference of two runs, one with half the step size of the other, is the error of the
-!! coarser one, so the finer one is at least as accurate as required. Further runs find errors that
-!! these two do not show: amplified rounding errors, by a system with numbers changed by 1e-12
-!! (`shaken`), and equal errors of both runs at kinks of laws, by another step length.
+!! coarser one, so the finer one is at least as accurate, and of smooth motions far more. Further
+!! runs find errors that these two do not show: amplified rounding errors, by a system with numbers
+!! changed by 1e-12 (`shaken`), and equal errors of both runs at kinks of laws, by another step
+!! length.
 module viscovib_step_search
   use viscovib_event_errors, only: differences_type, find_differences, set_error
   use viscovib_kinds, only: i8, wp
-  use viscovib_motion_request, only: transient_job
+  use viscovib_motion_request, only: solved_to_rounding => rounding, transient_job
   use viscovib_piece_runs, only: piece_runs
   use viscovib_simulate, only: run_coarse, run_completed, run_stopped
   use viscovib_status, only: set_ok, status_type
@@ -37,14 +38,13 @@ module viscovib_step_search
   !! and of parts of a step that are kept for this.
   real(wp), parameter :: peaks = 2.0e-3_wp, most_states = 1.0e5_wp
   integer, parameter :: most_parts = 64
-  !> Parts of a step in which polynomials are compared: their degree, less 1 or 2; binomial
-  !! coefficients of the difference of this order.
-  integer, parameter :: high = 8
-  real(wp), parameter :: binomial(0:high) = [1.0_wp, -8.0_wp, 28.0_wp, -56.0_wp, 70.0_wp, &
-                                             -56.0_wp, 28.0_wp, -8.0_wp, 1.0_wp]
-  !> Smallest gain by halving the step inside steps that shows the order, and safety factor of
-  !! the observed gain.
-  real(wp), parameter :: gain_inside = 64.0_wp, less_sure = 8.0_wp
+  !> Parts of a step at whose ends polynomials are compared.
+  integer, parameter :: compared = 4
+  !> Safety factor of gains by halving the step; largest relative difference of runs that follow a
+  !! smooth motion, so that half the step gains.
+  real(wp), parameter :: less_sure = 8.0_wp, followed_by_both = 1.0e-4_wp
+  !> Largest change of the motion in a first step, relative to its size.
+  real(wp), parameter :: of_equations = 1.6_wp
   !> Relative difference at which a run is close enough to the motion to determine amplified
   !! rounding errors; rounding error of a motion that does not amplify it.
   real(wp), parameter :: near = 1.0e-3_wp, few_roundings = 64.0_wp*4.0_wp*epsilon(1.0_wp)
@@ -77,6 +77,14 @@ module viscovib_step_search
     real(wp), allocatable :: grown(:)
   end type growth_type
 
+  !> Largest differences of the polynomials of a run from those of twice the step, in each first
+  !! step, shape (rows, n), and of the runs before; not allocated: not known.
+  type :: inside_type
+    real(wp), allocatable :: off(:, :), before(:, :)
+  contains
+    procedure :: error_of_finer
+  end type inside_type
+
 contains
 
   !> Runs with decreasing step size, n steps at first, until the tolerance is met.
@@ -88,39 +96,53 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: coarse, fine, before, ends
     type(growth_type) :: growth
+    type(inside_type) :: inside
     real(wp), allocatable :: lost(:)
-    real(wp) :: changes(max_halvings)
-    integer :: held, n_changes, parts, times
+    real(wp) :: changes(max_halvings), part
+    integer :: held, least, n_changes, parts, times
     logical :: fills, done, met
 
     fills = job%fills .and. job%save_every == 1 .and. .not. job%last_only
-    held = 1
-    if (fills .and. runs%goes_inside()) held = min(high, most_of_step(n))
+    if (runs%is_smooth()) runs%shared%solved = job%solved_if_smooth(n, job%wanted())
+    held = parts_of(runs, n, fills, 1, 1)
     call runs%make(job, n, 1, held, coarse, status)
     if (status%failed()) return
     if (coarse%outcome == run_stopped) then
       search%run = coarse
       return
     end if
-    parts = 1
     call coarse%thin(held, before)
-    if (held > 1) parts = max(2*held, parts_for_peaks(before))
+    least = 1
+    if (held > 1) least = parts_for_peaks(before)
+    if (runs%is_smooth()) then
+      part = minval(job%allowed(before))/max(maxval(before%sizes()), 1.0e-300_wp)
+      runs%shared%solved = min(runs%shared%solved, job%solved_if_smooth(n, part))
+    end if
     n_changes = 0
     do
-      if (cannot_be_made(2*search%factor)) exit
+      parts = parts_of(runs, n, fills, 2*search%factor, least)
+      if (cannot_be_made(job, n, 2*search%factor, parts, size(before%states, 1))) then
+        if (n_changes == 0) search%verdict = step_too_many
+        exit
+      end if
       search%factor = 2*search%factor
       call runs%make(job, n, search%factor, parts, fine, status)
       if (status%failed()) return
-      search%run = fine
-      if (fine%outcome == run_stopped) return
+      if (fine%outcome == run_stopped) then
+        search%run = fine
+        return
+      end if
       call fine%thin(parts, ends)
       call runs%align(before, ends)
+      if (held > 1 .and. runs%goes_inside()) then
+        call look_inside(runs, coarse, held, fine, parts, inside)
+      end if
       call compare_runs(runs, job, n, search%factor, before, ends, lost, search%change, met, status)
       if (status%failed()) return
       call look_at_growth(runs, job, n, before, ends, growth, met, search, status)
       if (status%failed()) return
       if (search%verdict /= step_found) then
-        call give_up()
+        call give_up(before, ends, search)
         return
       end if
       times = 0
@@ -128,7 +150,7 @@ contains
         ! Two runs may agree because both have missed a layer.
         times = shorter_by(fine)
       else if (met) then
-        call finish(runs, job, n, coarse, held, fine, parts, before, ends, search, done, status)
+        call finish(runs, job, n, fine, parts, before, ends, inside, search, done, status)
         if (done .or. status%failed()) return
       else
         n_changes = n_changes + 1
@@ -144,42 +166,65 @@ contains
         if (real(n, wp)*search%factor*times > most_for_layers) then
           search%verdict = step_in_layer
           search%factor = search%factor*times
-          call give_up()
+          call give_up(before, ends, search)
           return
         end if
         search%factor = search%factor*times
+        parts = parts_of(runs, n, fills, search%factor, least)
         call runs%make(job, n, search%factor, parts, fine, status)
         if (status%failed()) return
         call fine%thin(parts, ends)
+        inside = inside_type()
       end if
-      coarse = fine
-      before = ends
+      call coarse%become(fine)
+      call before%become(ends)
       held = parts
     end do
     if (search%verdict == step_found) search%verdict = step_not_met
-    call give_up()
-
-  contains
-
-    !> Return the last two runs at the ends of first steps, for the message.
-    subroutine give_up()
-      if (.not. allocated(ends%states)) return
-      search%run = ends
-      search%coarse = before
-    end subroutine give_up
-
-    !> True if the number of steps or of stored numbers would be too large.
-    logical function cannot_be_made(factor)
-      integer, intent(in) :: factor
-      cannot_be_made = real(n, wp)*factor > max_steps
-      if (.not. job%last_only) then
-        cannot_be_made = cannot_be_made .or. real(n, wp)*parts/job%save_every &
-                         > max_numbers/size(coarse%states, 1)
-      end if
-      if (cannot_be_made .and. n_changes == 0) search%verdict = step_too_many
-    end function cannot_be_made
+    call give_up(before, ends, search)
 
   end subroutine find_step
+
+  !> Return the last two runs at the ends of first steps, for the message; if they are no longer
+  !! known, the last one.
+  subroutine give_up(before, ends, search)
+    type(trajectory_type), intent(in) :: before, ends
+    type(search_type), intent(inout) :: search
+    if (allocated(ends%states)) then
+      search%run = ends
+      search%coarse = before
+    else
+      search%run = before
+    end if
+  end subroutine give_up
+
+  !> States that a run keeps in each first step: of polynomials enough to compare them, but at
+  !! least `least`, of a smooth motion all ends of steps.
+  integer function parts_of(runs, n, fills, factor, least)
+    type(piece_runs), intent(in) :: runs
+    integer(i8), intent(in) :: n
+    !> True if states inside steps are wanted.
+    logical, intent(in) :: fills
+    integer, intent(in) :: factor, least
+    parts_of = 1
+    if (.not. fills) return
+    if (runs%goes_inside()) then
+      parts_of = max(min(compared*factor, most_of_step(n)), least)
+    else if (runs%is_smooth() .and. real(n, wp)*factor <= most_states) then
+      parts_of = factor
+    end if
+  end function parts_of
+
+  !> True if the number of steps or of stored numbers would be too large.
+  pure logical function cannot_be_made(job, n, factor, parts, rows)
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    !> Numbers of a state, and states kept in a first step.
+    integer, intent(in) :: factor, parts, rows
+    cannot_be_made = real(n, wp)*factor > max_steps
+    if (job%last_only) return
+    cannot_be_made = cannot_be_made .or. real(n, wp)*parts/job%save_every > max_numbers/rows
+  end function cannot_be_made
 
   !> Factor by which to shorten steps so that nodes are inside layers: the thickness of a layer
   !! shows only when the steps are close to it.
@@ -203,13 +248,23 @@ contains
     logical, intent(out) :: met
     type(status_type), intent(out) :: status
     type(trajectory_type) :: other
-    real(wp) :: allowed(size(fine%states, 1)), apart
+    real(wp), dimension(size(fine%states, 1)) :: allowed, off
+    real(wp) :: apart, gain
     call set_ok(status)
     apart = parted(runs, job, coarse, fine)
     change = max(change_of(coarse, fine), apart)
     if (change < huge(1.0_wp) .and. fine%outcome == run_completed) then
       allowed = job%allowed(fine)
-      met = .not. apart > 0.0_wp .and. all(off_of(coarse, fine) <= allowed)
+      gain = 1.0_wp
+      if (change <= followed_by_both*maxval(fine%sizes())) gain = runs%gain()
+      off = off_of(coarse, fine)
+      met = .not. apart > 0.0_wp .and. all(off <= gain*allowed)
+      if (met .and. gain > 1.0_wp) then
+        ! No more of the gain than is needed.
+        gain = min(gain, max(less_sure, maxval(off/max(allowed, tiny(1.0_wp)))))
+        change = max(change/gain, &
+                     of_equations*n*(fine%solved - solved_to_rounding)*maxval(fine%sizes()))
+      end if
     else
       allowed = job%allowed_at_stop(fine)
       met = change <= allowed(1) .and. (fine%n_steps == 0 .or. fine%n_steps >= few)
@@ -247,7 +302,7 @@ contains
     if (.not. met) return
     if (.not. allocated(growth%grown)) then
       if (runs%goes_in_parts()) return
-      rise = risen(coarse, fine)
+      rise = risen(coarse, fine, job%allowed(fine))
       if (rise < huge(1.0_wp)) then
         search%grown = rise
         search%change = max(search%change, rise)
@@ -331,23 +386,26 @@ contains
 
   !> For two runs that agree at ends of steps, return the finer one with the requested states.
   !! `done` is false if states inside its steps are inaccurate, so that shorter steps are needed.
-  subroutine finish(runs, job, n, coarse, held, fine, parts, before, ends, search, done, status)
+  subroutine finish(runs, job, n, fine, parts, before, ends, inside, search, done, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
-    !> The two runs, with the states per first step; the same at the ends of first steps.
-    type(trajectory_type), intent(inout) :: coarse, fine, before, ends
-    integer, intent(in) :: held, parts
+    !> The finer run, with its states per first step; both runs at the ends of first steps.
+    type(trajectory_type), intent(inout) :: fine, before, ends
+    integer, intent(in) :: parts
+    type(inside_type), intent(in) :: inside
     type(search_type), intent(inout) :: search
     logical, intent(out) :: done
     type(status_type), intent(out) :: status
     type(differences_type) :: differences
-    real(wp) :: beyond, inside
+    real(wp) :: off(size(ends%states, 1))
     integer :: needed
+    logical :: again
 
     call set_ok(status)
     done = .true.
     needed = 1
+    off = 0.0_wp
     search%per_step = 1
     if (ends%outcome /= run_completed) search%run = ends
     if (job%fills .and. job%save_every == 1 .and. .not. (job%last_only .or. runs%keeps_all())) then
@@ -358,111 +416,74 @@ contains
         if (status%failed()) return
       end if
     end if
-    if (needed > parts) then
-      call runs%make(job, n, max(search%factor, needed), needed, search%run, status)
-      if (status%failed()) return
-      search%factor = max(search%factor, needed)
-    else if (ends%outcome == run_completed) then
-      call fine%thin(parts/needed, search%run)
-      if (needed > search%factor) then
-        call look_inside(runs, job, coarse, held, fine, parts, search%factor, ends, beyond, inside)
-        if (beyond <= 1.0_wp) then
-          search%per_step = needed/search%factor
-          search%change = max(search%change, inside)
-        else if (needed < 8*search%factor &
-                 .or. beyond > gain_inside**(log(0.25_wp*needed/search%factor)/log(2.0_wp))) then
-          call runs%make(job, n, needed, needed, search%run, status)
-          if (status%failed()) return
-          search%factor = needed
-        else
-          done = .false.
-          return
-        end if
+    if (ends%outcome == run_completed) then
+      again = needed > parts
+      if (.not. again) then
+        call fine%thin(parts/needed, search%run)
+        if (needed > search%factor) off = inside%error_of_finer(runs)
+      else if (parts == search%factor .and. runs%is_smooth()) then
+        call runs%fill(fine, needed/parts, job%allowed(ends), search%run, off, status)
+        if (status%failed()) return
+        again = .false.
+      end if
+      if (.not. all(off <= job%allowed(ends))) then
+        done = needed <= 2*search%factor
+        if (.not. done) return
+        again = .true.
+      end if
+      if (again) then
+        search%factor = max(search%factor, needed)
+        call runs%make(job, n, search%factor, needed, search%run, status)
+        if (status%failed()) return
+      else
+        search%per_step = max(needed/search%factor, 1)
+        search%change = max(search%change, maxval(off))
       end if
     end if
     call find_differences(before, ends, search%grown, .not. runs%renames(), differences)
     call set_error(search%run, before, search%change, differences, job%watched)
   end subroutine finish
 
-  !> Accuracy of the states inside steps, by comparison with polynomials of twice the step length at
-  !! all common positions: positions further apart may be ends of steps only.
-  subroutine look_inside(runs, job, coarse, held, fine, parts, factor, ends, beyond, error)
+  !> Add differences of the polynomials of two runs, of which one has half the step.
+  subroutine look_inside(runs, coarse, held, fine, parts, inside)
     type(piece_runs), intent(in) :: runs
-    class(transient_job), intent(in) :: job
-    type(trajectory_type), intent(in) :: coarse, fine, ends
-    integer, intent(in) :: held, parts, factor
-    !> Largest error relative to the allowed error, and the largest error.
-    real(wp), intent(out) :: beyond, error
+    type(trajectory_type), intent(inout) :: coarse, fine
+    !> States per first step.
+    integer, intent(in) :: held, parts
+    type(inside_type), intent(inout) :: inside
     type(trajectory_type) :: one, other
-    real(wp), allocatable :: gain(:, :), off(:, :)
-    real(wp) :: allowed(size(fine%states, 1))
-    integer :: both, i, k, per, steps
+    integer :: i, per
 
-    both = min(held, parts)
-    call coarse%thin(held/both, one)
-    call fine%thin(parts/both, other)
+    if (allocated(inside%off)) call move_alloc(inside%off, inside%before)
+    if (coarse%outcome /= run_completed .or. fine%outcome /= run_completed) return
+    per = min(held, parts)
+    call coarse%thin(held/per, one)
+    call fine%thin(parts/per, other)
     call runs%align(one, other)
-    allocate (off, source=abs(other%states(:, 2:) - one%states(:, 2:)))
-    call gains(runs, coarse, 2*held/factor, fine, parts/factor, gain)
-    steps = size(gain, 2)
-    per = size(off, 2)/steps
-    do k = 1, steps
-      do i = (k - 1)*per + 1, k*per
-        off(:, i) = off(:, i)/gain(:, k)
-      end do
+    allocate (inside%off(size(one%states, 1), (size(one%t) - 1)/per))
+    do i = 1, size(inside%off, 2)
+      associate (first => (i - 1)*per + 2, last => i*per + 1)
+        inside%off(:, i) = maxval(abs(other%states(:, first:last) - one%states(:, first:last)), 2)
+      end associate
     end do
-    allowed = max(job%allowed(ends), 1.0e-300_wp)
-    error = maxval(off)
-    beyond = maxval(maxval(off, 2)/allowed)
   end subroutine look_inside
 
-  !> Gain in accuracy of polynomials by halving the step, for each row and step
-  !! of the coarse run. Their errors are proportional to their highest terms, which differences of
-  !! this order give, with `high` states per step. 1 if there are too few states, or states with
-  !! equivalent forms.
-  subroutine gains(runs, coarse, per_coarse, fine, per_fine, gain)
+  !> Error of the polynomials of the finer of the last two runs, for each row of states. The
+  !! differences are those of the coarser one; three runs show the gain by halving in each first
+  !! step.
+  function error_of_finer(self, runs) result(off)
+    class(inside_type), intent(in) :: self
     type(piece_runs), intent(in) :: runs
-    type(trajectory_type), intent(in) :: coarse, fine
-    integer, intent(in) :: per_coarse, per_fine
-    real(wp), allocatable, intent(out) :: gain(:, :)
-    real(wp), allocatable :: highest(:, :), less(:, :)
-    real(wp) :: both, most, seen
-    integer :: i, k
+    real(wp) :: off(size(self%off, 1))
+    real(wp), dimension(size(self%off, 1), size(self%off, 2)) :: gain
 
-    if (.not. runs%goes_inside() .or. runs%renames() .or. min(per_coarse, per_fine) < high &
-        .or. .not. coarse%of_high_degree) then
-      allocate (gain(size(fine%states, 1), 1), source=1.0_wp)
-      return
+    gain = 1.0_wp
+    if (allocated(self%before) .and. .not. (runs%equations%over_kinks .or. runs%renames())) then
+      gain = self%before/(less_sure*max(self%off, epsilon(1.0_wp)*self%before, 1.0e-300_wp))
+      gain = max(1.0_wp, min(gain, 2.0_wp**runs%equations%nodes/less_sure))
     end if
-    call highest_terms(coarse%states(:, ::per_coarse/high), highest)
-    call highest_terms(fine%states(:, ::per_fine/high), less)
-    allocate (gain(size(highest, 1), size(highest, 2)))
-    do i = 1, size(highest, 1)
-      most = max(maxval(highest(i, :)), 1.0e-300_wp)
-      highest(i, :) = highest(i, :)/most
-      less(i, :) = less(i, :)/most
-    end do
-    do k = 1, size(highest, 2)
-      do i = 1, size(highest, 1), 2
-        ! If the highest term of a velocity crosses 0, that of its displacement does not.
-        both = max(hypot(less(i, 2*k - 1), less(i + 1, 2*k - 1)), &
-                   hypot(less(i, 2*k), less(i + 1, 2*k)))
-        seen = hypot(highest(i, k), highest(i + 1, k))/max(both, 1.0e-300_wp)
-        gain(i:i + 1, k) = merge(1.0_wp, seen/less_sure, seen < gain_inside)
-      end do
-    end do
-  end subroutine gains
-
-  !> Differences of order `high` of the states in each step.
-  pure subroutine highest_terms(states, terms)
-    real(wp), intent(in) :: states(:, :)
-    real(wp), allocatable, intent(out) :: terms(:, :)
-    integer :: k
-    allocate (terms(size(states, 1), (size(states, 2) - 1)/high))
-    do k = 1, size(terms, 2)
-      terms(:, k) = abs(matmul(states(:, (k - 1)*high + 1:k*high + 1), binomial))
-    end do
-  end subroutine highest_terms
+    off = maxval(self%off/gain, 2)
+  end function error_of_finer
 
   !> Number of states per step for low peaks between them, a power of 2: a displacement
   !! rises by at most |u''| d^2/8 between states d apart.
@@ -571,7 +592,7 @@ contains
       if (search%change < huge(1.0_wp)) search%change = search%change + change_of(half, third)
     end if
     if (.not. runs%goes_in_parts()) then
-      search%grown = risen(search%run, half)
+      search%grown = risen(search%run, half, 0.0_wp*search%run%sizes())
       if (.not. search%grown < huge(1.0_wp)) then
         call grow(runs, job, n, 1, search%run, grown, status)
         if (status%failed()) return

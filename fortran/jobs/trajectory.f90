@@ -22,6 +22,9 @@ module viscovib_trajectory
   !! errors of a part; largest rise of a difference without amplification.
   integer, parameter :: windows = 8
   real(wp), parameter :: beyond = 1024.0_wp, steady = 16.0_wp
+  !> Part of the allowed error below which a difference of two runs shows that rounding errors are
+  !! not amplified beyond it.
+  real(wp), parameter :: far_below = 1.0_wp/1024.0_wp
 
   !> Relative change of the period of an undamped motion by the rounding errors of a step, in
   !! units of epsilon: a bound of measured values.
@@ -57,8 +60,8 @@ module viscovib_trajectory
     real(wp) :: too_long = 0.0_wp
     !> True if steps cross kinks and jumps of laws, so that errors are no power of the step.
     logical :: over_kinks = .false.
-    !> True if polynomials of steps have the degree that their comparison requires.
-    logical :: of_high_degree = .false.
+    !> Relative tolerance of the equations of its steps.
+    real(wp) :: solved = 0.0_wp
     !> States on the way of a run that keeps only the last one, a column each; not allocated: none.
     real(wp), allocatable :: looks(:, :)
     !> Events found, if any were requested; their states are those of the coordinates kept.
@@ -74,9 +77,15 @@ module viscovib_trajectory
     real(wp) :: resolution = 0.0_wp
   contains
     procedure :: thin
+    procedure :: become
     procedure :: row_of
     procedure :: sizes
   end type trajectory_type
+
+  !> States of a run, as in it.
+  type :: many_states
+    real(wp), allocatable :: t(:), states(:, :), whole(:, :)
+  end type many_states
 
 contains
 
@@ -130,30 +139,45 @@ contains
   !! determine them. Errors of steps and rounding errors are amplified alike: if two runs differ by
   !! far more than rounding in every part, they also do so at their ends. If their difference
   !! hardly rises from any part to a later one, rounding errors of numbers rise at most as much.
-  pure real(wp) function risen(coarse, fine)
+  !! If it is far below the allowed errors, so are amplified rounding errors.
+  pure real(wp) function risen(coarse, fine, allowed)
     type(trajectory_type), intent(in) :: coarse, fine
+    !> For each row of states.
+    real(wp), intent(in) :: allowed(:)
+    real(wp) :: unit
     risen = huge(1.0_wp)
     if (coarse%outcome /= run_completed .or. fine%outcome /= run_completed) return
+    unit = epsilon(1.0_wp)*maxval(abs(fine%states))
     if (allocated(coarse%looks) .and. allocated(fine%looks)) then
-      risen = rise_of(coarse%looks, fine%looks)
+      risen = rise_of(coarse%looks, fine%looks, unit, far_below*allowed)
     else
-      risen = rise_of(coarse%states, fine%states)
+      risen = rise_of(coarse%states, fine%states, unit, far_below*allowed)
     end if
-    if (risen < huge(1.0_wp)) risen = safety*epsilon(1.0_wp)*risen*maxval(abs(fine%states))
+    if (risen < huge(1.0_wp)) risen = safety*risen
   end function risen
 
-  !> Largest rise of the difference of states of two runs, a column each; huge if it exceeds
-  !! the limit.
-  pure real(wp) function rise_of(coarse, fine) result(rise)
-    real(wp), intent(in) :: coarse(:, :), fine(:, :)
+  !> Largest rise of the difference of states of two runs, a column each, in units of rounding
+  !! errors, or the difference of rows in which it is negligible; huge if the rise exceeds the
+  !! limit.
+  pure real(wp) function rise_of(coarse, fine, unit, negligible) result(rise)
+    real(wp), intent(in) :: coarse(:, :), fine(:, :), unit, negligible(:)
     real(wp) :: off, rounding, least, most
     logical :: is_beyond
     integer :: i, k, n
     rise = huge(1.0_wp)
     n = size(fine, 2)
-    if (n <= 2*windows .or. size(coarse, 2) /= n) return
+    if (size(coarse, 2) /= n) return
     rise = 0.0_wp
     do i = 1, size(fine, 1)
+      off = maxval(abs(fine(i, :) - coarse(i, :)))
+      if (n >= windows .and. off <= negligible(i)) then
+        rise = max(rise, off)
+        cycle
+      end if
+      if (n < 2*windows) then
+        rise = huge(1.0_wp)
+        return
+      end if
       rounding = epsilon(1.0_wp)*maxval(abs(fine(i, :)))
       least = huge(1.0_wp)
       most = 0.0_wp
@@ -167,7 +191,7 @@ contains
         is_beyond = is_beyond .and. off >= beyond*rounding
       end do
       if (is_beyond) cycle
-      rise = max(rise, most)
+      rise = max(rise, most*unit)
       if (most > steady) rise = huge(1.0_wp)
     end do
   end function rise_of
@@ -177,16 +201,23 @@ contains
   pure real(wp) function rounding_of(run) result(rounding)
     type(trajectory_type), intent(in) :: run
     real(wp) :: pace, of_times
-    integer :: i
+    integer :: i, k
     rounding = max(4.0_wp*epsilon(1.0_wp), run%represented)*maxval(abs(run%states))
     if (run%outcome /= run_diverged) rounding = max(rounding, run%by_phases)
     if (run%outcome /= run_completed) return
     of_times = epsilon(1.0_wp)
     if (run%keeps_energy) of_times = of_times*max(1.0_wp, run%n_steps*drift)
     do i = 1, size(run%t)
-      pace = maxval(abs(run%states(2::2, i)))
-      if (i > 1) pace = max(pace, maxval(abs(run%states(:, i) - run%states(:, i - 1))) &
-                            /(run%t(i) - run%t(i - 1)))
+      pace = 0.0_wp
+      if (i > 1) then
+        do k = 1, size(run%states, 1)
+          pace = max(pace, abs(run%states(k, i) - run%states(k, i - 1)))
+        end do
+        pace = pace/(run%t(i) - run%t(i - 1))
+      end if
+      do k = 2, size(run%states, 1), 2
+        pace = max(pace, abs(run%states(k, i)))
+      end do
       rounding = max(rounding, of_times*(pace*run%t(i)))
     end do
   end function rounding_of
@@ -227,18 +258,50 @@ contains
 
   !> The run with every k-th state.
   subroutine thin(self, k, some)
-    class(trajectory_type), intent(in) :: self
+    class(trajectory_type), intent(inout) :: self
     integer, intent(in) :: k
     type(trajectory_type), intent(out) :: some
+    type(many_states) :: all
+    call set_aside(self, all)
     select type (self)
     type is (trajectory_type)
       some = self
     end select
-    if (k == 1) return
-    some%t = self%t(::k)
-    some%states = self%states(:, ::k)
-    if (allocated(self%whole)) some%whole = self%whole(:, ::k)
+    some%t = all%t(::k)
+    some%states = all%states(:, ::k)
+    if (allocated(all%whole)) some%whole = all%whole(:, ::k)
+    call take_back(self, all)
   end subroutine thin
+
+  !> Make it another run, which then has no states.
+  subroutine become(self, other)
+    class(trajectory_type), intent(out) :: self
+    type(trajectory_type), intent(inout) :: other
+    type(many_states) :: all
+    call set_aside(other, all)
+    select type (self)
+    type is (trajectory_type)
+      self = other
+    end select
+    call take_back(self, all)
+  end subroutine become
+
+  !> Move the states away, which are many, so that the rest can be copied.
+  subroutine set_aside(run, all)
+    class(trajectory_type), intent(inout) :: run
+    type(many_states), intent(out) :: all
+    call move_alloc(run%t, all%t)
+    call move_alloc(run%states, all%states)
+    call move_alloc(run%whole, all%whole)
+  end subroutine set_aside
+
+  subroutine take_back(run, all)
+    class(trajectory_type), intent(inout) :: run
+    type(many_states), intent(inout) :: all
+    call move_alloc(all%t, run%t)
+    call move_alloc(all%states, run%states)
+    call move_alloc(all%whole, run%whole)
+  end subroutine take_back
 
   !> Largest absolute value of each row of states, including states on the way.
   pure function sizes(self)

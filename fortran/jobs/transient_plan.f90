@@ -32,7 +32,7 @@ contains
       text = 'computes: '//show(first_steps(job, 0.0_wp))//' equal steps'//nl &
              //'skips: estimate of the error (the step is given)'//nl
     else
-      text = 'computes: the step, halved until the states kept change by no more than ' &
+      text = 'computes: the step, halved until the states kept are exact to ' &
              //show(merge(job%wanted(), job%tolerance, job%by_size()))
       if (job%by_size()) text = text//' of the size of the motion'
       if (job%relative > 0.0_wp) text = text//' and '//show(job%relative)//' of the largest'

@@ -79,6 +79,7 @@ module viscovib_driven_system
     procedure :: push
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
+    procedure :: margin_within
     procedure :: physical
     procedure :: enter
     procedure :: take_sides
@@ -143,6 +144,16 @@ module viscovib_driven_system
   end interface
 
 contains
+
+  !> Lower bound of the margin within a short time before and after states.
+  pure function margin_within(self, q, v, time) result(least)
+    class(driven_system_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof), time
+    real(wp) :: least(n_lanes)
+    real(wp) :: here(n_lanes)
+    here = self%margin(q)
+    least = here - abs(self%margin(q + time*v) - here)
+  end function margin_within
 
   !> Longest substep that two runs may share, from states in the step.
   real(wp) function longest_part(self, q, v)

@@ -43,6 +43,7 @@ module viscovib_pendulum
     procedure :: acceleration
     procedure :: tangent
     procedure :: margin
+    procedure :: margin_within
     procedure :: set_lane
     procedure :: energy
     procedure :: potential
@@ -189,6 +190,14 @@ contains
     real(wp) :: margin(n_lanes)
     margin = 1.0_wp + q(:, 1)
   end function margin
+
+  !> The same within a short time.
+  pure function margin_within(self, q, v, time) result(least)
+    class(pendulum_type), intent(in) :: self
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof), time
+    real(wp) :: least(n_lanes)
+    least = 1.0_wp + q(:, 1) - abs(time*v(:, 1))
+  end function margin_within
 
   !> Energy (over m L^2 omega_1^2), conserved without loads and damping. The printed equations
   !! conserve no energy; the energy of the exact equations is returned for them. The cubic equations

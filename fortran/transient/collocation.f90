@@ -12,6 +12,9 @@ module viscovib_collocation
 
   public :: collocation_type, new_collocation
 
+  !> Number of equal parts of a step at whose ends weights are kept.
+  integer, parameter, public :: parts = 64
+
   type :: collocation_type
     integer :: s = 0
     !> 0, the nodes, 1; shape (0:s+1).
@@ -25,9 +28,14 @@ module viscovib_collocation
     !> Weights of the values at the points for the last coefficient in Legendre
     !! polynomials, shape (0:s+1).
     real(wp), allocatable :: last_coefficient(:)
+    !> Weights at parts of a step that were needed before: `weigh` of the parts, shape
+    !! (0:s+1, 2, parts - 1), and which of them are known.
+    real(wp), allocatable, private :: weights(:, :, :)
+    logical, private :: known(parts - 1) = .false.
   contains
     procedure :: basis
     procedure :: slopes
+    procedure :: weigh
   end type collocation_type
 
 contains
@@ -48,7 +56,7 @@ contains
     table%factors = lagrange_factors(table%points)
     allocate (table%derivatives(0:s + 1, 0:s + 1))
     do i = 0, s + 1
-      table%derivatives(:, i) = derivatives_at(table%points, table%factors, table%points(i))
+      table%derivatives(:, i) = derivatives_at(table%points, table%factors, i + 1)
     end do
     node_factors = lagrange_factors(c)
     ! P_m of [0, 1] leads with (2m)!/m!^2 x^m.
@@ -88,23 +96,58 @@ contains
     slopes = matmul(self%derivatives, self%basis(x))
   end function slopes
 
-  !> Derivatives at x of the polynomials that are 1 at one point and 0 at the other points.
-  pure function derivatives_at(points, factors, x) result(slopes)
-    real(wp), intent(in) :: points(:), factors(:), x
-    real(wp) :: slopes(size(points)), rest
-    integer :: i, j, k
-
+  !> Both of these weights.
+  subroutine weigh(self, x, basis, slopes)
+    class(collocation_type), intent(inout) :: self
+    real(wp), intent(in) :: x
+    !> Shape (0:s+1).
+    real(wp), intent(out) :: basis(0:self%s + 1), slopes(0:self%s + 1)
+    real(wp) :: below
+    integer :: k, part
+    part = 0
+    if (x > 0.0_wp .and. x < 1.0_wp) part = nint(x*parts)
+    if (abs(x*parts - part) > 0.0_wp) part = 0
+    if (part > 0) then
+      if (self%known(part)) then
+        basis = self%weights(:, 1, part)
+        slopes = self%weights(:, 2, part)
+        return
+      end if
+    end if
+    below = 1.0_wp
+    do k = 0, self%s + 1
+      basis(k) = below*self%factors(k + 1)
+      below = below*(x - self%points(k))
+    end do
+    below = 1.0_wp
+    do k = self%s + 1, 0, -1
+      basis(k) = basis(k)*below
+      below = below*(x - self%points(k))
+    end do
     slopes = 0.0_wp
+    do k = 0, self%s + 1
+      slopes = slopes + basis(k)*self%derivatives(:, k)
+    end do
+    if (part == 0) return
+    if (.not. allocated(self%weights)) allocate (self%weights(0:self%s + 1, 2, parts - 1))
+    self%known(part) = .true.
+    self%weights(:, 1, part) = basis
+    self%weights(:, 2, part) = slopes
+  end subroutine weigh
+
+  !> Derivatives at one of the points of the polynomials that are 1 at one point and 0 at the other
+  !! points.
+  pure function derivatives_at(points, factors, place) result(slopes)
+    real(wp), intent(in) :: points(:), factors(:)
+    integer, intent(in) :: place
+    real(wp) :: slopes(size(points))
+    integer :: k
+
+    slopes(place) = 0.0_wp
     do k = 1, size(points)
-      do i = 1, size(points)
-        if (i == k) cycle
-        rest = 1.0_wp
-        do j = 1, size(points)
-          if (j /= k .and. j /= i) rest = rest*(x - points(j))
-        end do
-        slopes(k) = slopes(k) + rest
-      end do
-      slopes(k) = slopes(k)*factors(k)
+      if (k == place) cycle
+      slopes(k) = factors(k)/factors(place)/(points(place) - points(k))
+      slopes(place) = slopes(place) + 1.0_wp/(points(place) - points(k))
     end do
   end function derivatives_at
 

@@ -353,13 +353,15 @@ contains
     class(gauss_type), intent(in) :: self
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: q_before(:), v_before(:)
-    real(wp) :: ends(n_lanes, size(self%q)), margins(n_lanes)
-    integer :: b
+    real(wp) :: ends(n_lanes, max_dof), margins(n_lanes)
+    integer :: b, d
 
-    ends = spread(self%q, 1, n_lanes)
-    ends(2, :) = q_before
-    ends(3, :) = q_before + self%widest/3.0_wp*self%h*v_before
-    margins = system%margin(ends)
+    do d = 1, size(self%q)
+      ends(:, d) = self%q(d)
+      ends(2, d) = q_before(d)
+      ends(3, d) = q_before(d) + self%widest/3.0_wp*self%h*v_before(d)
+    end do
+    margins = system%margin(ends(:, :size(self%q)))
     ! The last position before the first node follows from the motion at the start.
     least = min(margins(1), margins(2) + min(0.0_wp, margins(3) - margins(2)))
     do b = 0, self%table%n_blocks - 1
@@ -373,16 +375,13 @@ contains
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: work(n_lanes, self%plan%n_columns)
     integer, intent(in) :: b
-    real(wp), dimension(n_lanes) :: here, moved
     integer :: n
 
     n = size(self%q)
     associate (q => work(:, self%plan%q + max_dof*b:self%plan%q + max_dof*b + n - 1), &
                v => work(:, self%plan%v + max_dof*b:self%plan%v + max_dof*b + n - 1))
-      here = system%margin(q)
-      moved = system%margin(q + self%widest/3.0_wp*self%h*v)
+      least = minval(system%margin_within(q, v, self%widest/3.0_wp*self%h))
     end associate
-    least = minval(here - abs(moved - here))
   end function margin_at_nodes
 
   !> The collocation polynomial.

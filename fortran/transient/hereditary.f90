@@ -79,6 +79,8 @@ module viscovib_hereditary
 
   !> Share of nonlinear forces in the displacements above which a motion may escape in a step.
   real(wp), parameter :: bending = 1.0e-3_wp
+  !> Largest number of nodes of a step.
+  integer, parameter :: most_nodes = 8
 
 contains
 
@@ -368,18 +370,23 @@ contains
 
   !> State at a fraction of the last step, by the polynomial of the step.
   subroutine inside(self, theta, u, v)
-    class(hereditary_type), intent(in) :: self
+    class(hereditary_type), intent(inout) :: self
     !> In [0, 1], 1 at the end of the last step.
     real(wp), intent(in) :: theta
     real(wp), intent(out) :: u(:), v(:)
-    real(wp), dimension(size(self%table%points)) :: basis, slopes
-    real(wp) :: rises(size(self%table%points) - 1, size(self%u))
+    real(wp), dimension(0:most_nodes + 1) :: basis, slopes
+    integer :: d, first, s
     if (self%rolling .or. .not. allocated(self%start%ends)) then
-      basis = self%table%basis(theta)
-      slopes = self%table%slopes(theta)
-      rises = rises_of(self)
-      u = self%points(0, :) + matmul(basis(2:), rises)
-      v = matmul(slopes(2:), rises)/self%h
+      s = self%table%s
+      call self%table%weigh(theta, basis, slopes)
+      associate (rises => self%equations%x)
+        do d = 1, size(u)
+          first = (d - 1)*(s + 1)
+          u(d) = self%points(0, d) &
+                 + dot_product(basis(1:s + 1), rises(first + 1:first + s + 1))
+          v(d) = dot_product(slopes(1:s + 1), rises(first + 1:first + s + 1))/self%h
+        end do
+      end associate
     else
       call self%start%at(theta*self%h, u, v)
     end if

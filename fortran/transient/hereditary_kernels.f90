@@ -176,19 +176,19 @@ contains
     integer, intent(in) :: s
     real(wp), intent(in) :: h, u(:), v(:), largest(:), x(:), last_coefficient(:)
     real(wp) :: points(s + 2), size_of
-    logical :: grows
+    logical :: grows, released
     integer :: d
     runs_away = .false.
     do d = 1, size(u)
+      ! Released at rest, as in the first step.
+      released = .not. (abs(v(d)) > 0.0_wp .or. largest(d) > 0.0_wp)
+      grows = u(d)*v(d) > 0.0_wp .and. h*abs(v(d)) > 0.5_wp*abs(u(d)) &
+              .and. abs(u(d)) > 0.7_wp*largest(d)
+      if (.not. (grows .or. released)) cycle
       points(1) = u(d)
       points(2:) = u(d) + x((d - 1)*(s + 1) + 1:d*(s + 1))
       size_of = maxval(abs(points))
-      grows = u(d)*v(d) > 0.0_wp .and. h*abs(v(d)) > 0.5_wp*abs(u(d)) &
-              .and. abs(u(d)) > 0.7_wp*largest(d)
-      ! Released at rest, as in the first step.
-      if (.not. (abs(v(d)) > 0.0_wp .or. largest(d) > 0.0_wp)) then
-        grows = abs(u(d)) > 0.0_wp .and. size_of > 1.5_wp*abs(u(d))
-      end if
+      if (released) grows = abs(u(d)) > 0.0_wp .and. size_of > 1.5_wp*abs(u(d))
       if (.not. grows) cycle
       runs_away = runs_away .or. abs(dot_product(last_coefficient, points)) > unresolved*size_of
     end do

@@ -1,6 +1,7 @@
 !> A run with memory in fixed steps: its stored states and its outcome.
 module viscovib_hereditary_run
   use viscovib_base_motion, only: base_motion_type
+  use viscovib_collocation, only: parts
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_hereditary_stops, only: hereditary_past, stop_hereditary
   use viscovib_kinds, only: i8, wp
@@ -144,12 +145,14 @@ contains
         if (outcome /= run_completed) then
           ! The step extends beyond the event: it does not count.
           n_done = i - 1
-          call keep_reached(run, base, times, now, at_times, n_reached)
+          call keep_reached(run, base, times, now, at_times, n_reached, u, v)
           n_reached = min(n_reached, count(times <= t_reached))
           return
         end if
       end if
-      call keep_reached(run, base, times, now, at_times, n_reached)
+      if (n_reached < size(times)) then
+        call keep_reached(run, base, times, now, at_times, n_reached, u, v)
+      end if
       if (mod(i, save_every) /= 0) cycle
       column = i/save_every
       if (column > size(states, 2)) cycle
@@ -191,20 +194,27 @@ contains
   end subroutine keep_present
 
   !> Store the states at the requested times that the last step has reached.
-  subroutine keep_reached(run, base, times, now, at_times, n_reached)
+  subroutine keep_reached(run, base, times, now, at_times, n_reached, u, v)
     class(march_type), intent(inout) :: run
     type(base_motion_type), intent(inout) :: base
     real(wp), intent(in) :: times(:), now
     real(wp), intent(inout) :: at_times(:, :)
     integer, intent(inout) :: n_reached
-    real(wp) :: u(run%n_observed()), v(run%n_observed()), ahead
+    !> Workspace (n_observed).
+    real(wp), intent(out) :: u(:), v(:)
+    real(wp) :: ahead, part, theta, rounded
 
+    rounded = 4.0_wp*epsilon(1.0_wp)*abs(now)
     do while (n_reached < size(times))
       ahead = times(n_reached + 1) - now
-      if (abs(ahead) <= 4.0_wp*spacing(times(n_reached + 1))) then
+      if (abs(ahead) <= rounded) then
         call run%observe(u, v)
       else if (ahead < 0.0_wp) then
-        call run%inside(1.0_wp + ahead/run%h, u, v)
+        theta = 1.0_wp + ahead/run%h
+        ! Times are rounded, parts of steps are not.
+        part = real(nint(theta*parts), wp)/parts
+        if (abs(part - theta)*run%h <= rounded) theta = part
+        call run%inside(theta, u, v)
       else
         exit
       end if
@@ -218,7 +228,7 @@ contains
     type(base_motion_type), intent(inout) :: base
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: u(:), v(:), state(:)
-    call base%add_to(t, u, v)
+    if (base%moves()) call base%add_to(t, u, v)
     if (counting) call count_up(counted_states, 1)
     state(1::2) = u
     state(2::2) = v

@@ -110,7 +110,7 @@ module viscovib_march
     !> The same inside the last step.
     subroutine inside_interface(self, theta, u, v)
       import :: march_type, wp
-      class(march_type), intent(in) :: self
+      class(march_type), intent(inout) :: self
       !> In [0, 1], 1 at the end of the last step.
       real(wp), intent(in) :: theta
       real(wp), intent(out) :: u(:), v(:)

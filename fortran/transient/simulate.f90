@@ -184,13 +184,18 @@ contains
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: now
     real(wp), intent(out) :: state(:)
-    real(wp) :: q(size(method%q)), v(size(method%q))
-    q = method%q
-    v = method%v
-    call system%add_base(now, q, v)
+    real(wp), allocatable :: q(:), v(:)
+    integer :: n
     if (counting) call count_up(counted_states, 1)
-    state(1::2) = q(:size(state)/2)
-    state(2::2) = v(:size(state)/2)
+    n = size(state)/2
+    state(1::2) = method%q(:n)
+    state(2::2) = method%v(:n)
+    if (.not. system%base_motion%moves()) return
+    allocate (q, source=method%q)
+    allocate (v, source=method%v)
+    call system%add_base(now, q, v)
+    state(1::2) = q(:n)
+    state(2::2) = v(:n)
   end subroutine keep
 
   !> Sides of surfaces at the start: from an earlier run, or from the state.
@@ -226,7 +231,7 @@ contains
     outcome = run_completed
     n_before = wanted%n_reached
     if (system%timed) method%since = at%from - system%present_piece(1)
-    call wanted%keep_between(method, system, at%from)
+    if (wanted%n_reached < size(wanted%times)) call wanted%keep_between(method, system, at%from)
     at%q = method%q
     at%v = method%v
     if (past%is_due()) call note(past, at%from, method)

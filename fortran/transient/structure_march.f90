@@ -386,7 +386,7 @@ contains
   end function n_read
 
   subroutine inside(self, theta, u, v)
-    class(structure_march_type), intent(in) :: self
+    class(structure_march_type), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), intent(out) :: u(:), v(:)
     real(wp), dimension(size(self%shown, 1)) :: q, w

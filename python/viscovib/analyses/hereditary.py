@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,6 @@ from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.mount_loads import inertia_of, sinusoids
 from viscovib.analyses.runs import (
     MAX_STEPS,
-    ROUNDING,
     Piece,
     Run,
     Wanted,
@@ -31,7 +31,7 @@ from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import AbelKernel, PronyKernel, RzhanitsynKernel
 from viscovib.results.trajectory import Trajectory
-from viscovib.systems.load import LoadLike, oscillator_series
+from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -55,6 +55,8 @@ _FINE = 2.0**-14
 _CLOSED, _FEW = {kind._kind for kind in (AbelKernel, PronyKernel, RzhanitsynKernel)}, 50
 #: A time that represents infinity (s).
 EVER = 1e30
+#: Coordinates that move, by the system and those that are driven.
+_moving: WeakKeyDictionary[_native.Handle, dict[bytes, npt.NDArray[np.int32]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -111,16 +113,18 @@ class MountMotion:
         table = base if isinstance(base, LoadTable) else None
         waved = None if isinstance(base, LoadTable) else base
         check_oscillator(mount, base)
-        frequencies, amplitudes, waves = sinusoids(mount, load, nu, waved)
+        frequencies, amplitudes, waves, series = sinusoids(mount, load, nu, waved)
         breaks, pieces = table_of(force, n)
         warn_of_slow_mode(mount)
+        driven: npt.NDArray[np.bool_] = (amplitudes != 0).any(axis=1) | (moved != 0).any(axis=1)
+        driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
         motion = cls(
             mount, end, state, name, frequencies, amplitudes, waves, breaks, pieces, first, before,
-            moved, memory, np.ones(n, dtype=np.int32), oscillator_series(mount, load, waved),
-            base_pieces=np.zeros((4, waves.shape[0], 1), order="F"),
+            moved, memory, moving(mount, driven), series,
+            base_pieces=nothing(4 * waves.shape[0]).reshape(4, -1, 1),
         )  # fmt: skip
-        driven = (amplitudes != 0).any(axis=1) | (moved != 0).any(axis=1)
-        driven |= pieces.any(axis=(1, 2)) | state.reshape(n, 2).any(axis=1)
+        if base is None:
+            return motion
         if table is not None:
             motion = motion._on_table(table)
         # Coordinates at rest move relative to the base.
@@ -212,15 +216,15 @@ class MountMotion:
         """True if a spring has memory."""
         return bool(self.mount._active_kernels)
 
-    @cached_property
-    def _given(self) -> _native.Handle:
-        """Loads and past in the core."""
-        return _native.Handle(
-            "motion given", frequencies=self.frequencies, amplitudes=self.amplitudes,
-            breaks=self.breaks, pieces=self.pieces, waves=self.base,
-            base_breaks=self.base_breaks, base_pieces=self.base_pieces, held=self.held,
-            before=self.before, moved=self.moved,
-        )  # fmt: skip
+    @property
+    def given(self) -> dict[str, Any]:
+        """Loads and past for the core."""
+        return {
+            "frequencies": self.frequencies, "amplitudes": self.amplitudes,
+            "breaks": self.breaks, "pieces": self.pieces, "waves": self.base,
+            "base_breaks": self.base_breaks, "base_pieces": self.base_pieces, "held": self.held,
+            "before": self.before, "moved": self.moved,
+        }  # fmt: skip
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return a function that creates a run with a step size."""
@@ -273,19 +277,6 @@ class MountRun(Run):
         begun.shortest = least
         finer = again(begun, 1)
         return run if finer is None else finer.steps(n, want, progress)
-
-    def _shaped(self, run: Trajectory) -> Trajectory:
-        """Return the result with the resolution of its steps."""
-        return replace(run, resolution=self.resolution)
-
-    @property
-    def sharpens(self) -> bool:  # type: ignore[override]
-        """True if the step equations are not solved to rounding error."""
-        return self.solved > ROUNDING
-
-    def sharpen(self, factor: int) -> None:
-        """Reduce the tolerance by the third power of ``factor``, less than any method gains."""
-        self.solved = max(self.solved / float(factor) ** 3, ROUNDING)
 
     def adopt(self, earlier: Run) -> None:
         """Continue from the end of an earlier run, with the loads of this run."""
@@ -395,8 +386,8 @@ class MountRun(Run):
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for an oscillator."""
-        values = self._with_memory() | {"moves": self.moves}
-        return "motion with memory", (self.motion.mount._handle, self.motion._given), values
+        values = {**self._with_memory(), **self.motion.given, "moves": self.moves}
+        return "motion with memory", (self.motion.mount._handle,), values
 
     def _search_values(self) -> dict[str, Any]:
         """Values of the step size search for a run with memory."""
@@ -472,8 +463,12 @@ def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.
         return np.ones_like(moves)
     if driven.all():
         return moves
-    found = _native.run("motion moving coordinates", system._handle, driven=moves)
-    return np.asarray(found["moves"], dtype=np.int32)
+    known = _moving.setdefault(system._handle, {})
+    key = moves.tobytes()
+    if key not in known:
+        found = _native.run("motion moving coordinates", system._handle, driven=moves)
+        known[key] = np.asarray(found["moves"], dtype=np.int32)
+    return known[key]
 
 
 def history_of(held: npt.ArrayLike | Past | None, n: int) -> tuple[FloatArray, FloatArray]:

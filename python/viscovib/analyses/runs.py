@@ -236,8 +236,6 @@ class Run(ABC):
     layers: ThinLayers = ThinLayers()
     #: True if a run without memory data may be continued with new loads from its state.
     remembers_past: ClassVar[bool] = False
-    #: True if equations and kernels are solved to a tolerance that `sharpen` reduces.
-    sharpens: bool = False
     #: Step size divided by the step size whose nodes resolve every layer.
     too_long: float = 0.0
     #: Largest number of steps per native call, which sets the interval of progress and Ctrl-C.
@@ -246,6 +244,8 @@ class Run(ABC):
     goal: tuple[int, float] = (-1, 0.0)
     #: True if the step was found by a tolerance.
     has_found_step: bool = False
+    #: As of `Trajectory`, for motions with memory.
+    resolution: float | None = None
 
     def __init__(
         self,
@@ -282,16 +282,24 @@ class Run(ABC):
         #: The motion on panels until a time, as what springs remember needs it.
         self.on_panels: tuple[float, Panels] | None = None
 
+    def __copy__(self) -> Run:
+        """Return a run with the same data."""
+        made: Run = object.__new__(type(self))
+        made.__dict__.update(self.__dict__)
+        return made
+
     def on(self, mesh: Mesh) -> Run:
         """Return the run with the steps of a mesh."""
         self.mesh, self.h = mesh, mesh.h
         return self
 
-    def sharpen(self, factor: int) -> None:  # noqa: B027
+    def sharpen(self, factor: int) -> None:
         """Reduce the tolerance of equations and kernels for steps that are shorter by the factor.
 
-        Runs with the same tolerance share this error, so their difference would not show it.
+        Runs with the same tolerance share this error, so their difference would not show it. The
+        square of the factor is less than any method gains.
         """
+        self.solved = max(self.solved / float(factor) ** 2, ROUNDING)
 
     def adopt(self, earlier: Run) -> None:
         """Continue from the end of an earlier run, with the loads of this run."""
@@ -467,6 +475,7 @@ class Run(ABC):
             _resume=self,
             events=() if self.watch is None else self.watch.located(slice(first.size)),
             _planned=partial(self.plan, want, self._time_after(start + n)),
+            resolution=self.resolution,
         )
         return self._shaped(run)
 

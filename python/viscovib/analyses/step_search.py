@@ -7,6 +7,7 @@ converts the results to a trajectory or to a message with the reason of the fail
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -37,20 +38,19 @@ def by_tolerance(
     if found["verdict"] != _FOUND:
         raise NotMetError(f"{accuracy}: {_why(run, found)}")
     run.has_found_step = True
-    result = _result(run, found, n, end, want)
-    return replace(result, _planned=partial(_plan_of, first, want, end, accuracy))
+    return _result(run, found, n, end, partial(_plan_of, first, want, end, accuracy))
 
 
 def with_estimate(run: Run, n: int, end: float, want: Wanted, progress: bool) -> Trajectory:
     """Return the run to ``end`` with given steps and an error estimate."""
     found = _search(run, n, end, want, progress)
-    result = _result(run, found, n, end, want)
     how = "by a run with half the step size"
     if run.over_kinks:
         how = "by runs with a half and a third of the step size"
     if found["was_shaken"]:
         how += ", and with numbers changed by 1e-12"
-    return replace(result, _planned=partial(_plan_with_estimate, result._planned, how))
+    plan = partial(run.plan, want, end)
+    return _result(run, found, n, end, partial(_plan_with_estimate, plan, how))
 
 
 def _search(
@@ -84,7 +84,9 @@ def _search(
         return _native.run_either(long, task, *objects, **values)
 
 
-def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -> Trajectory:
+def _result(
+    run: Run, found: dict[str, Any], n: int, end: float, planned: Callable[[], Plan]
+) -> Trajectory:
     """The result of the search, which can be continued."""
     factor = found["factor"]
     run.h = found["step"]
@@ -92,10 +94,9 @@ def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -
         run.mesh = run.mesh.finer(factor)
     else:
         run.goal = n * factor, end
-    if factor > 1 and run.sharpens:
+    if found["solved"] != run.solved:
         assert run.maker is not None
-        run.maker = _Sharper(run.maker, factor)
-        run.sharpen(factor)
+        run.maker, run.solved = _Solver(run.maker, found["solved"]), found["solved"]
     run.done, run.reached = found["made"], found["reached"]
     run.state, run.memory = found["last"], found["memory"]
     run.kept_of_step = found["per_step"]
@@ -110,11 +111,8 @@ def _result(run: Run, found: dict[str, Any], n: int, end: float, want: Wanted) -
             replace(one, error=errors[0, which == i], state_error=errors[1, which == i])
             for i, one in enumerate(run.watch.located(slice(run.state.size)), start=1)
         )
-    result = _trajectory(run, found, "")
-    return replace(
-        run._shaped(result), error=found["error"], events=_cut(events, run),
-        _planned=partial(run.plan, want, end),
-    )  # fmt: skip
+    result = run._shaped(_trajectory(run, found, "", found["error"], planned))
+    return replace(result, events=_cut(events, run)) if events else result
 
 
 def _cut(events: tuple[Any, ...], run: Run) -> tuple[Any, ...]:
@@ -122,7 +120,13 @@ def _cut(events: tuple[Any, ...], run: Run) -> tuple[Any, ...]:
     return tuple(replace(one, state=one.state[:, run._compared]) for one in events)
 
 
-def _trajectory(run: Run, found: dict[str, Any], prefix: str) -> Trajectory:
+def _trajectory(
+    run: Run,
+    found: dict[str, Any],
+    prefix: str,
+    error: float | None = None,
+    planned: Callable[[], Plan] | None = None,
+) -> Trajectory:
     """One of the runs of a search."""
     return Trajectory(
         t=found[f"{prefix}t"],
@@ -131,23 +135,24 @@ def _trajectory(run: Run, found: dict[str, Any], prefix: str) -> Trajectory:
         t_reached=found[f"{prefix}reached"],
         step=found[f"{prefix}step"],
         method=run.method,
-        error=None,
+        error=error,
         stats={"steps": found[f"{prefix}made"], run.counts: found["counted"]},
         system=run.system,
         _resume=run,
-        _planned=partial(run.plan, Wanted(), 0.0),
+        _planned=planned or partial(run.plan, Wanted(), 0.0),
+        resolution=run.resolution,
     )
 
 
-class _Sharper:
-    """Maker of runs with a reduced tolerance for their shorter steps."""
+class _Solver:
+    """Maker of runs that solve the equations of steps to the tolerance of a search."""
 
-    def __init__(self, make: Any, factor: int) -> None:
-        self.make, self.factor = make, factor
+    def __init__(self, make: Any, solved: float) -> None:
+        self.make, self.solved = make, solved
 
     def __call__(self, h: float) -> Run:
         run: Run = self.make(h)
-        run.sharpen(self.factor)
+        run.solved = self.solved
         run.maker = self
         return run
 
@@ -184,7 +189,7 @@ def _plan_of(first: Run, want: Wanted, end: float, accuracy: Accuracy) -> Plan:
     plan = first.plan(want, end, accuracy.absolute or accuracy.relative)
     if accuracy.relative == 0:
         return plan
-    step = "computes: the step, halved until the states kept change by no more than "
+    step = "computes: the step, halved until the states kept are exact to "
     lines = str(plan).splitlines()
     return Plan("\n".join(step + accuracy.text if s.startswith(step) else s for s in lines))
 

@@ -101,10 +101,11 @@ def simulate(
         End time, after the start.
     dt : float or "auto"
         Step size, shortened so that a whole number of steps reaches t_end. "auto": the step size is
-        halved, starting from about a quarter of the shortest linear period, until the kept states
-        change by at most ``tolerance``. The number of states kept (up to 100 000) is then large
-        enough that no peak between them exceeds them by more than 1/500 of the largest
-        displacement. Amplified rounding errors must also be within ``tolerance``.
+        halved, starting from about a quarter of the shortest linear period, until the error of the
+        kept states is at most ``tolerance``, by the change in the last halving. The number of
+        states kept (up to 100 000) is then large enough that no peak between them exceeds them by
+        more than 1/500 of the largest displacement. Amplified rounding errors must also be within
+        ``tolerance``.
     initial : array_like, shape (2 n_dof,)
         State at t = 0, each coordinate with its velocity: (x, x_dot, y, y_dot, ...), for a pendulum
         (z, z', phi, phi', psi, psi'). None: at rest, or the position ``held``. Required for a

@@ -183,6 +183,8 @@ def oscillator_series(
     A term of order -1 - k contains, in place of forces, the displacements of the coordinates by the
     base of order k, and a term of order -k - 10^6 forces per (k nu)^2.
     """
+    if type(load) is float and base is None:
+        return load_series(load, None, len(system.dof_names))
     terms, n = base_by_order(base), len(system.dof_names)
     along = {order: term for order, term in terms.items() if not in_components(term)}
     constant, growing = parts_of(load)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -112,11 +112,11 @@ class Mount:
 
     def natural_frequencies(self) -> FloatArray:
         """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
-        return np.asarray(_native.run("system modes", self._handle)["omega"])
+        return np.array(self._modes["omega"])
 
     def mode_shapes(self) -> FloatArray:
         """Mode shapes as columns (1, a_2j), shape (2, 2); unit vectors if offset is 0."""
-        return np.ascontiguousarray(_native.run("system modes", self._handle)["shapes"])
+        return np.array(self._modes["shapes"], order="C")
 
     def modes(self) -> NormalCoordinates:
         """Return the modes without memory and damping, with their normal coordinates."""
@@ -190,7 +190,12 @@ class Mount:
         """The system in the core."""
         return _native.oscillator_object(self._flat, self._kernels)
 
-    @property
+    @cached_property
+    def _modes(self) -> dict[str, Any]:
+        """Natural frequencies and mode shapes."""
+        return _native.run("system modes", self._handle)
+
+    @cached_property
     def _active_kernels(self) -> tuple[Kernel, ...]:
         if self.memory_scale == 0:
             return ()

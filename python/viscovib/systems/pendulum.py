@@ -117,7 +117,7 @@ class Pendulum:
         """The pendulum in the core."""
         return _native.Handle("system pendulum", flat=self._flat)
 
-    @property
+    @cached_property
     def _modes(self) -> dict[str, Any]:
         """Natural frequencies, mode shapes, r and z_r."""
         return _native.run("system pendulum_modes", self._handle)
@@ -222,11 +222,11 @@ class Pendulum:
 
     def natural_frequencies(self) -> FloatArray:
         """Linear undamped frequencies divided by omega_1, shape (3,): z, then swinging modes."""
-        return np.asarray(self._modes["omega"])
+        return np.array(self._modes["omega"])
 
     def mode_shapes(self) -> FloatArray:
         """Mode shapes as columns in (z, phi, psi), largest entry 1, shape (3, 3)."""
-        return np.ascontiguousarray(self._modes["shapes"])
+        return np.array(self._modes["shapes"], order="C")
 
     def rhs(self, t: npt.ArrayLike, state: npt.ArrayLike) -> FloatArray:
         """Time derivative of states, shape (..., 6), at times t (scalar or shape (...))."""
