@@ -4,10 +4,10 @@ module viscovib_kernel_tasks
   use viscovib_catalogue, only: new_kernel
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_convolution, only: convolve
+  use viscovib_kernel_doubts, only: doubt_integral, doubt_table
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_motion_balance, only: panel_points
-  use viscovib_tabulated, only: unseen_integral
   use viscovib_task, only: built_kernel, task_type
   implicit none
   private
@@ -39,9 +39,15 @@ contains
     real(wp), pointer, contiguous :: points(:)
     complex(wp), pointer, contiguous :: s(:), transform(:)
     real(wp), allocatable :: values(:), weights(:), rates(:)
+    character(len=:), allocatable :: text
 
     if (name == 'new') then
       call build_kernel(task)
+      return
+    else if (name == 'doubt') then
+      ! A line about the `total` integral of a kernel, or nothing.
+      call doubt_integral(task%get_real('total'), text)
+      call task%found%put_text('text', text)
       return
     end if
     kernel => task%kernel()
@@ -71,9 +77,10 @@ contains
         call kernel%accumulated(points, values)
         call task%found%put_reals('values', values, shape(values))
       case ('integral')
-        ! +infinity if there is none; `unseen`: the part before the first time of a table.
+        ! +infinity if there is none; `doubt`: a line about the part that a table does not hold.
         call task%found%put_real('integral', kernel%integral())
-        call task%found%put_real('unseen', unseen_integral(kernel))
+        call doubt_table(kernel, text)
+        call task%found%put_text('doubt', text)
       case ('exponentials')
         ! R(t) as a sum of exponentials from t_min to t_max; empty if there is no such sum.
         call kernel%exponentials(task%get_real('tolerance'), task%get_real('t_min'), &

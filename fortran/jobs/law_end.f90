@@ -3,11 +3,12 @@ module viscovib_law_end
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: law_term
   use viscovib_law_program, only: wall
+  use viscovib_rounded, only: six_digits
   use viscovib_status, only: show
   implicit none
   private
 
-  public :: law_end_text, six_digits
+  public :: law_end_text
 
   !> Number of sample points on the way, and of bisections.
   integer, parameter :: n_places = 41, halvings = 40
@@ -71,15 +72,5 @@ contains
     ! A missing value is represented by exactly `wall`.
     beyond = abs(value - wall) <= 0.0_wp
   end function beyond
-
-  !> Rounded to the accuracy of the position.
-  pure real(wp) function six_digits(x)
-    real(wp), intent(in) :: x
-    real(wp) :: unit
-    six_digits = 0.0_wp
-    if (.not. abs(x) > tiny(1.0_wp)) return
-    unit = 10.0_wp**(5 - floor(log10(abs(x))))
-    six_digits = anint(x*unit)/unit
-  end function six_digits
 
 end module viscovib_law_end

@@ -1,8 +1,8 @@
 !> The reason why a search for the step of a motion found none, as text.
 module viscovib_search_reason
   use viscovib_kinds, only: i8, wp
-  use viscovib_law_end, only: six_digits
   use viscovib_motion_request, only: transient_job
+  use viscovib_rounded, only: brief
   use viscovib_simulate, only: run_completed, run_event, run_names
   use viscovib_status, only: show
   use viscovib_step_search, only: max_steps, search_type, step_grown, step_in_layer, step_too_many
@@ -47,12 +47,12 @@ contains
                   //'differently: '//unstable//'a shorter run or a larger tolerance'
         else if (run%outcome == run_event) then
           cause = 'rounding causes an error of '//rough(search%grown)//' of the event that ends ' &
-                  //'the run at t = '//show(six_digits(run%t_reached))//': the event is close ' &
+                  //'the run at t = '//brief(run%t_reached)//': the event is close ' &
                   //'to grazing, or '//unstable//'a larger tolerance'
         else
           cause = 'the motion amplifies rounding errors of the numbers of the system ' &
                   //rough(search%grown/epsilon(1.0_wp))//' times until t = ' &
-                  //show(six_digits(run%t_reached))//', to an error of ' &
+                  //brief(run%t_reached)//', to an error of ' &
                   //rough(search%grown)//': '//unstable//'a shorter run or a larger tolerance'
         end if
       else if (search%verdict == step_in_layer) then
@@ -112,7 +112,7 @@ contains
     type(trajectory_type), intent(in) :: run
     character(len=:), allocatable :: text
     text = "the run is '"//trim(run_names(run%outcome))//"' at t = " &
-           //show(six_digits(run%t_reached))//', in steps of '//rough(run%h)//' (largest value ' &
+           //brief(run%t_reached)//', in steps of '//rough(run%h)//' (largest value ' &
            //rough(maxval(abs(run%states)))//')'
   end function ending
 
@@ -134,8 +134,8 @@ contains
       next = max(most, part(i + 1))
       if (next > suddenly*most) then
         place = i
-        cause = 'two runs agree to t = '//show(six_digits(fine%t(i)))//' and differ suddenly by ' &
-                //'t = '//show(six_digits(fine%t(i + 1)))//': a force has a jump or corner at ' &
+        cause = 'two runs agree to t = '//brief(fine%t(i))//' and differ suddenly by ' &
+                //'t = '//brief(fine%t(i + 1))//': a force has a jump or corner at ' &
                 //'which no step ends, or changes too fast for the steps; use a larger ' &
                 //'tolerance or a smaller dt'
         return
@@ -155,7 +155,7 @@ contains
     half = (first - 1)/2 + 1
     if (first - 1 > alike .and. 2*count(part(:half) < 0.1_wp*allowed) > half) then
       grown = maxval(part(first:))/max(maxval(part(:half)), 1.0e-300_wp)
-      cause = 'two runs agree to t = '//show(six_digits(fine%t(first - 1)))//' and differ ' &
+      cause = 'two runs agree to t = '//brief(fine%t(first - 1))//' and differ ' &
               //rough(grown)//' times as much after it: '//unstable//'a shorter run or a larger ' &
               //'tolerance'
     else if (n <= few .or. maxval(part) > grows*maxval(part(:min(few, n)))) then

@@ -1,6 +1,7 @@
 !> The system of a job: with names and units of its coordinates, and its loads.
 module viscovib_subject
   use viscovib_cycle_terms, only: has_kinks
+  use viscovib_kernel_doubts, only: doubt_integral, doubt_table
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof
@@ -11,10 +12,8 @@ module viscovib_subject
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_status, only: show
   use viscovib_structure, only: structure_type
   use viscovib_structure_model, only: expand, structure_model
-  use viscovib_tabulated, only: tabulated_unseen, unseen_integral
   use viscovib_turning_body, only: turning_body
   implicit none
   private
@@ -215,6 +214,7 @@ contains
     class(subject_type), intent(in), target :: self
     character(len=:), allocatable :: text
     class(oscillator_type), pointer :: system
+    character(len=:), allocatable :: line
     integer :: i
 
     text = ''
@@ -223,24 +223,10 @@ contains
     system => self%oscillator()
     do i = 1, size(system%kernels)
       if (.not. any(system%kernel_of == i)) cycle
-      associate (total => system%kernels(i)%integral())
-        if (total >= 1) then
-          text = text//'kernel integral = '//show(total)//' >= 1: the relaxed stiffness is not ' &
-                 //'positive, and free motion creeps away slowly; the forced response to a load ' &
-                 //'without a mean is unaffected'//new_line('a')
-        else if (total < 0) then
-          text = text//'kernel integral = '//show(total)//' < 0: the spring stiffens with ' &
-                 //'time, which no relaxation does'//new_line('a')
-        end if
-      end associate
-      associate (kernel => system%kernels(i)%kernel)
-        if (unseen_integral(kernel) > tabulated_unseen*abs(kernel%integral())) then
-          text = text//'kernel table: its first values rise towards t = 0 like a power of t: ' &
-                 //'an integral of about '//show(unseen_integral(kernel))//' lies before its ' &
-                 //'first time, which the table does not contain; the integral of the table is ' &
-                 //show(kernel%integral())//new_line('a')
-        end if
-      end associate
+      call doubt_integral(system%kernels(i)%integral(), line)
+      if (line /= '') text = text//line//new_line('a')
+      call doubt_table(system%kernels(i)%kernel, line)
+      if (line /= '') text = text//line//new_line('a')
     end do
   end function warnings
 

@@ -20,8 +20,6 @@ module viscovib_tabulated
 
   public :: tabulated_kernel, new_tabulated, unseen_integral
 
-  !> A table that omits more than this fraction of its integral causes a warning.
-  real(wp), parameter, public :: tabulated_unseen = 0.01_wp
   integer, parameter, public :: interpolation_linear = 0, interpolation_exponential = 1
 
   type, extends(kernel_type) :: tabulated_kernel

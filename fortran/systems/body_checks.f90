@@ -4,7 +4,8 @@ module viscovib_body_checks
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_mounted_body, only: mounted_body
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_rounded, only: brief
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private
@@ -37,8 +38,8 @@ contains
       return
     end if
     call find_symmetric_modes(unit_matrix(), inertia, moments, axes)
-    text = 'inertia: has the principal moments '//show(moments(1))//', '//show(moments(2))//', ' &
-           //show(moments(3))
+    text = 'inertia: has the principal moments '//brief(moments(1))//', '//brief(moments(2))//', ' &
+           //brief(moments(3))
     if (.not. moments(1) > 0.0_wp) then
       call fail(status, status_input_error, 'inertia', text//', must be greater than 0')
     else if (moments(3) > (moments(1) + moments(2))*(1.0_wp + no_inertia)) then
@@ -65,21 +66,21 @@ contains
     do i = 1, size(first)
       angle = angles(maxloc(abs(angles(:, i)), 1), i)
       if (abs(angle) > 2.0_wp*pi) then
-        text = text//trim(names(i))//': angles: '//show(angle)//' is more than a whole turn: ' &
+        text = text//trim(names(i))//': angles: '//brief(angle)//' is more than a whole turn: ' &
                //'angles are in rad; multiply degrees by units.degree'//nl
       end if
       away = norm2(body%springs(first(i))%arm)
       farthest = max(farthest, away)
       if (away > far_away*radius) then
-        text = text//trim(names(i))//': is '//show(away)//' m from the centre of mass of a body ' &
-               //'whose radius of gyration is '//show(radius)//' m: positions are in m; ' &
+        text = text//trim(names(i))//': is '//brief(away)//' m from the centre of mass of a body ' &
+               //'whose radius of gyration is '//brief(radius)//' m: positions are in m; ' &
                //'multiply values in mm by units.mm'//nl
         return
       end if
     end do
     if (radius > max(far_away*farthest, large) .and. farthest > 0.0_wp) then
-      text = text//'inertia: the radius of gyration is '//show(radius)//' m, the farthest mount ' &
-             //'is '//show(farthest)//' m from the centre of mass: inertia is in kg m^2; ' &
+      text = text//'inertia: the radius of gyration is '//brief(radius)//' m, the farthest mount ' &
+             //'is '//brief(farthest)//' m from the centre of mass: inertia is in kg m^2; ' &
              //'multiply values in kg mm^2 by units.mm**2'//nl
     else
       text = text//doubt_stiffness(body, max(radius, farthest))
@@ -113,10 +114,10 @@ contains
     if (.not. largest(3) > 0.0_wp) return
     sunk = body%mass*standard_gravity/largest(3)
     if (.not. (sunk > extent .and. sunk < 1000.0_wp*deepest)) return
-    text = 'stiffness: of all mounts together at most '//show(largest(3))//' N/m in any ' &
-           //'direction, by which '//show(body%mass)//' kg would sink by '//show(sunk)//' m, ' &
-           //'more than the '//show(extent)//' m that the body measures: stiffnesses are in N/m; ' &
-           //'multiply values in N/mm by units.newton_per_mm'//nl
+    text = 'stiffness: of all mounts together at most '//brief(largest(3))//' N/m in any ' &
+           //'direction, by which '//brief(body%mass)//' kg would sink by '//brief(sunk)//' m, ' &
+           //'more than the '//brief(extent)//' m that the body measures: stiffnesses are in ' &
+           //'N/m; multiply values in N/mm by units.newton_per_mm'//nl
   end function doubt_stiffness
 
   pure function unit_matrix() result(unit)

@@ -13,7 +13,8 @@ module viscovib_mounted_body
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_rotation, only: cross, new_rotation, rotation_type
-  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_rounded, only: brief
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
   use viscovib_spring_about, only: force_of, spring_about
   use viscovib_spring_products, only: add_products
   use viscovib_symmetric_modes, only: find_symmetric_modes
@@ -144,7 +145,7 @@ contains
       step = step/2.0_wp
       if (step >= least_part) cycle
       call fail(status, status_input_error, 'gravity', 'gravity: the mounts collapse under ' &
-                //show(100.0_wp*done)//' % of the weight' &
+                //brief(100.0_wp*done)//' % of the weight' &
                 //trim(merge(' and of preloads', '                ', any(abs(preload) > 0.0_wp))) &
                 //', no static equilibrium was found beyond')
       return
@@ -170,7 +171,7 @@ contains
                   //'integral, so its mount creeps without end')
       else
         call fail(status, status_input_error, 'gravity', 'gravity: the integral of a kernel is ' &
-                  //show(1.0_wp - kept(j))//', must be below 1: its mount carries no load in ' &
+                  //brief(1.0_wp - kept(j))//', must be below 1: its mount carries no load in ' &
                   //'the end')
       end if
       return

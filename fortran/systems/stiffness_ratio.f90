@@ -14,6 +14,7 @@ module viscovib_stiffness_ratio
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_rounded, only: brief
   use viscovib_status, only: show
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
@@ -248,10 +249,10 @@ contains
     character(len=:), allocatable :: text
 
     if (is_free) then
-      text = name//' may be free, or have up to about '//show(frequency)//' rad/s'
+      text = name//' may be free, or have up to about '//brief(frequency)//' rad/s'
     else
-      text = name//' has '//show(frequency)//' rad/s, and the square of that is known to about ' &
-             //show(lost)//' only'
+      text = name//' has '//brief(frequency)//' rad/s, and the square of that is known to about ' &
+             //brief(lost)//' only'
     end if
     text = 'stiffness: springs are so different that rounding hides the soft ones: '//text &
            //'; stiffer parts may be made rigid, or softer'//new_line('a')

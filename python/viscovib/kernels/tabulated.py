@@ -16,9 +16,6 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel, _vectors
 
-#: Largest missing part of the integral without a warning, as in the core.
-_UNSEEN = 0.01
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TabulatedKernel(Kernel):
@@ -94,19 +91,10 @@ class TabulatedKernel(Kernel):
             meaning = "relaxation would speed up with time"
             text = f"R increases between t = {times[i]:g} and {times[i + 1]:g}: {meaning}"
         else:
-            self._warn_of_what_is_not_seen(times)
+            text = _native.run("kernel integral", self._handle)["doubt"]
+        if not text:
             return
         warnings.warn(text, StabilityWarning, stacklevel=caller())
-
-    def _warn_of_what_is_not_seen(self, times: FloatArray) -> None:
-        unseen = _native.run("kernel integral", self._handle)["unseen"]
-        if unseen > _UNSEEN * abs(self.integral):
-            text = (
-                "the first values rise towards t = 0 like a power of t: an integral of about "
-                f"{unseen:.3g} lies before times[0] = {times[0]:g}, which the table does not "
-                f"contain; the integral of the table is {self.integral:.3g}"
-            )
-            warnings.warn(text, StabilityWarning, stacklevel=caller())
 
     def _complete_exponentials(
         self, tolerance: float, first: float, last: float, later: float

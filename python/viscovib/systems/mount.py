@@ -220,23 +220,8 @@ def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> F
 
 
 def warn_of_creep(integrals: Iterable[float]) -> None:
-    """Warn if the integral of a kernel (with its scale) is 1 or more."""
+    """Warn of kernels whose integrals (with their scales) are not between 0 and 1."""
     for total in integrals:
-        if total >= 1:
-            warnings.warn(creep_message(total), StabilityWarning, stacklevel=caller())
-        elif total < 0:
-            warnings.warn(
-                f"kernel integral = {total:.6g} < 0: the spring stiffens with time, which no "
-                "relaxation does",
-                StabilityWarning,
-                stacklevel=caller(),
-            )
-
-
-def creep_message(total: float) -> str:
-    """Return a message about a kernel with an integral of 1 or more."""
-    return (
-        f"kernel integral = {total:.6g} >= 1: the relaxed stiffness is not positive, and free "
-        "motion creeps away slowly; the forced response to a load without a "
-        "mean is unaffected"
-    )
+        if total >= 1 or total < 0:
+            text = _native.run("kernel doubt", total=float(total))["text"]
+            warnings.warn(text, StabilityWarning, stacklevel=caller())
