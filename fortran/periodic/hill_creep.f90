@@ -13,6 +13,7 @@
 !! share a kernel too, which lie side by side. Circles stand in a row of strips; each gives the
 !! zeros of its own strip, so that none is taken twice.
 module viscovib_hill_creep
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
   use viscovib_kinds, only: wp
@@ -38,12 +39,13 @@ module viscovib_hill_creep
 
 contains
 
-  !> The strip in which an exponent lies, 1, 2, ...; 0: in none.
+  !> The strip in which an exponent lies, 1, 2, ...; 0: in none, or unknown (NaN).
   elemental integer function strip_of(hill, exponent)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: exponent
 
     strip_of = 0
+    if (ieee_is_nan(real(exponent))) return
     if (abs(aimag(exponent) - place(hill)) > 0.0_wp) return
     if (.not. real(exponent) >= slowest*hill%period) return
     strip_of = 1 + floor(log(real(exponent)/(slowest*hill%period))/width)
