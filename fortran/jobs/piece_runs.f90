@@ -231,8 +231,9 @@ contains
         if (self%equations%collocated) then
           piece%tolerance = max(self%first%tolerance/real(course%factor, wp)**2, rounding)
         else if (self%shared%solved > 0.0_wp) then
-          ! Far less than 1/gain for half the step, since a number of iterations is not continuous.
-          piece%tolerance = max(self%shared%solved/real(course%factor, wp)**6, rounding)
+          ! Far less than 1/gain for half the step: a number of iterations is not continuous, and
+          ! unstable motions amplify what is left.
+          piece%tolerance = max(self%shared%solved/real(course%factor, wp)**12, rounding)
         end if
       end associate
       course%piece%initial => course%start

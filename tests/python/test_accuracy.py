@@ -260,6 +260,23 @@ def test_smooth_motions_take_few_steps_and_tell_their_errors(tolerance):
     assert np.abs(last.state - right[-1]).max() <= last.error <= (tolerance or 1e-10)
 
 
+def test_unstable_motions_tell_what_their_equations_leave():
+    """Errors of the equations of steps grow a million times as large until the end."""
+    pendulum = vv.Pendulum(
+        e=0.08387699202230699, w2=0.55136251357748, w3=0.2972688379964675,
+        alpha=0.25293973197999575, c1=0.001475519235475009, c2=0.009934672051365017,
+        c3=0.0033166275878903206, f0=0.0004217851112664639, m01=0.001716294600229289,
+        m02=0.0036105528482533824, p1=1.8964719020737273, p2=1.079914701889223,
+        p3=0.976098475175281,
+    )  # fmt: skip
+    start, end = [0.11846773, -0.18785727, 0.02759224, 0.561747, 0.05091384, 0.412613], 109.14938
+    for tolerance in (1e-4, 8.445e-5, 3e-5, 1e-5):
+        run = vv.simulate(pendulum, end, initial=start, tolerance=tolerance)
+        times = run.t[1:]
+        right = vv.simulate(pendulum, end, initial=start, times=times, dt=end / 4224)
+        assert np.abs(run.state[1:] - right.state).max() <= run.error <= tolerance
+
+
 def test_states_between_ends_with_memory_need_no_shorter_steps():
     rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
     mount = vv.Mount(
