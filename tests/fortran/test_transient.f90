@@ -116,7 +116,7 @@ contains
         call evaluate_lanes(law, at, other)
         do l = 1, n_lanes
           call evaluate_lanes(law, spread(at(l, :), 1, n_lanes), alone)
-          call check(abs(alone(l) - other(l)) <= 0.0_wp, 'alone as next to others: '//trim(texts(i)))
+          call check(abs(alone(l) - other(l)) <= 0.0_wp, 'alone as in lanes: '//trim(texts(i)))
           call check_close(other(l), one(l), 2.0e-15_wp, trim(texts(i)), floor=1.0_wp)
         end do
       end do
