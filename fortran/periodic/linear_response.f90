@@ -27,7 +27,7 @@ contains
     !> Shape (n).
     real(wp), intent(in) :: nu(:)
     !> Memory factors 1 - Rhat, shape (n, n_memory, size(orders)).
-    complex(wp), intent(out) :: fraction(:, :, :)
+    complex(wp), intent(out), contiguous :: fraction(:, :, :)
     !> Shape (n_dof, n_dof, n, size(orders)).
     complex(wp), intent(out) :: compliance(:, :, :, :)
     !> True if an order has a singular stiffness, shape (n).

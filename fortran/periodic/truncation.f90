@@ -59,14 +59,16 @@ contains
     !> Factorized derivatives of the balance of the included orders, at the solution.
     type(newton_factors), intent(in) :: factors
     !> Shape (2 n_orders of the larger set, n_dof).
-    real(wp), intent(out) :: change(:, :)
+    real(wp), intent(out), contiguous :: change(:, :)
     !> Relative sizes of the whole change and of its part in the omitted orders.
     real(wp), intent(out) :: whole, outside
-    real(wp) :: back(size(x, 1), size(x, 2)), norm, short
+    real(wp), dimension(size(x, 1), size(x, 2)) :: included, back
+    real(wp) :: norm, short
     integer :: n
 
     n = size(x, 1)
-    call find_left_out(probe, compliance, system, x, change, back, outside, short, .false.)
+    included = x
+    call find_left_out(probe, compliance, system, included, change, back, outside, short, .false.)
     call solve(size(back), factors%lu, factors%pivots, back)
     change(:n, :) = -back
     norm = weighted_norm(system, x)
