@@ -2,6 +2,7 @@
 
 import io
 import subprocess
+import sys
 import warnings
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -66,3 +67,10 @@ def command(*arguments):
         warnings.simplefilter("default")
         status = main([*map(str, arguments)])
     return subprocess.CompletedProcess(arguments, status, out.getvalue(), err.getvalue())
+
+
+def separate_command(*arguments):
+    """Run the package command in a new process, which a bound on time may end at once."""
+    return subprocess.run(
+        [sys.executable, "-m", "viscovib", *map(str, arguments)], capture_output=True, text=True
+    )

@@ -10,7 +10,7 @@ import time
 
 import pytest
 import viscovib as vv
-from driver import GOOD, MOTION, SCENES, check_failure, command
+from driver import GOOD, MOTION, SCENES, check_failure, command, separate_command
 
 TABLE = "&kernel kind='tabulated', file='{}' /\n"
 MEGABYTE = 1_000_000
@@ -303,11 +303,11 @@ def test_a_bound_on_time_keeps_what_is_done(solve, tmp_path, name):
 def test_a_command_has_the_same_bounds(tmp_path):
     scene = tmp_path / "scene.nml"
     scene.write_text(LONG["motion"])
-    done = command("run", scene, "--out", tmp_path, "--max-seconds", 0.5, "--quiet")
+    done = separate_command("run", scene, "--out", tmp_path, "--max-seconds", 0.5, "--quiet")
     assert done.returncode == 1, done
     assert "stopped" in (tmp_path / "scene_transient.csv").read_text()
     scene.write_text(GOOD + "&sweep key='mount.mass', min=1, max=2, count=100000 /\n")
-    done = command("sweep", scene, "--out", tmp_path, "--max-seconds", 1, "--quiet")
+    done = separate_command("sweep", scene, "--out", tmp_path, "--max-seconds", 1, "--quiet")
     assert done.returncode == 1, done
     assert done.stderr.splitlines()[-1].startswith("viscovib: stopped: the limit of 1 s is reached")
     done = command("run", SCENES / "mount_paper.nml", "--max-seconds", -1)
