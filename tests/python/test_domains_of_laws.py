@@ -124,7 +124,7 @@ def test_a_pole_is_named_with_its_place_and_time(law, place, kernel):
     soonest, latest = 0.2, place / 2
 
     def reported(text):
-        found = re.search(r"has a pole at d = ([\d.]+), where .* about t = ([\d.]+)", text)
+        found = re.search(r"has a pole at d = ([\d.]+), which .* near t = ([\d.]+)", text)
         assert found, text
         assert float(found[1]) == pytest.approx(place, abs=1e-5)
         return float(found[2])

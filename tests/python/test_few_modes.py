@@ -59,7 +59,7 @@ def test_a_reduced_chain_as_by_harmonic_balance(damping):
 
 
 def test_few_modes_are_reported():
-    with pytest.warns(vv.RangeWarning, match="leave out 0.2"):
+    with pytest.warns(vv.RangeWarning, match="do not contain 0.2"):
         vv.MultipleScales(chain(modal_damping=0.01), load={"x100": 1e-4}, nu=0.04, modes=[0, 1])
 
 
@@ -79,7 +79,7 @@ def test_bad_modes(given, words):
 
 
 def test_laws_without_an_expansion():
-    with pytest.raises(vv.InputError, match="a law that is no polynomial"):
+    with pytest.raises(vv.InputError, match="must have polynomial laws"):
         vv.MultipleScales(chain(law="tanh(d) - d"), modes=[0])
     with pytest.raises(vv.InputError, match="modes: are for a Structure"):
         vv.MultipleScales(vv.PolynomialSystem(mass=1, stiffness=1), modes=[0])

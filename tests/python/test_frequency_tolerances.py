@@ -107,7 +107,7 @@ def test_branches_and_backbones_keep_an_absolute_error():
 
 
 @pytest.mark.parametrize(("given", "reported"), [
-    ({"rtol": 1e-6, "tolerance": 1e-5}, "tolerance is another name of rtol"),
+    ({"rtol": 1e-6, "tolerance": 1e-5}, "tolerance is another name for rtol"),
     ({"rtol": 2.0}, "rtol = 2: must be in"),
     ({"atol": -1.0}, "atol = -1: must be in"),
     ({"atol": float("nan")}, "atol = nan: must be a finite number"),

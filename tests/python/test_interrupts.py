@@ -249,7 +249,7 @@ SHORT = {
 #: Plans, readers and systems, which take microseconds, and retrieval of results.
 QUICK = {
     "branch plan", "end_call", "free_object", "law compile", "law values",
-    "response plan", "system oscillator",
+    "response plan", "system lost modes", "system oscillator",
 }  # fmt: skip
 
 

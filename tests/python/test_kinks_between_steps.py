@@ -59,7 +59,7 @@ def test_errors_at_given_steps(law, step):
         true = simulated(spring, load, tolerance=1e-9)
         run = simulated(spring, load, dt=step, estimate_error=True, memory="direct")
         beyond.append(np.abs(run.state - true.state).max() / run.error)
-    assert "and thirds" in str(run.plan)
+    assert "and a third of the step" in str(run.plan)
     assert max(beyond) <= 1
 
 

@@ -118,7 +118,7 @@ def test_other_names(tmp_path):
         ("f,E'\nHz,MPa\n1,2\n", "has storage, must have storage and loss"),
         ("E',E''\nMPa,MPa\n1,2\n", "has no column of frequency"),
         ("f,storage,loss\nHz,MPa,MPa\n1,2,3\n", "quantity must be given"),
-        ("f,E',G',E''\nHz,MPa,MPa,MPa\n1,2,3,1\n", "both hold storage"),
+        ("f,E',G',E''\nHz,MPa,MPa,MPa\n1,2,3,1\n", "both contain storage"),
     ],
 )  # fmt: skip
 def test_bad_tables_are_reported_with_their_place(tmp_path, text, reported):

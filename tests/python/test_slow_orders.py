@@ -56,7 +56,7 @@ def test_extrapolation_never_makes_worse(force, load):
 def test_extrapolation_refuses_what_does_not_belong_together():
     """Other frequencies, harmonics that do not decay, another result."""
     fine, middle = (found(friction(0.2), 0.8, k) for k in (31, 15))
-    with pytest.raises(vv.InputError, match="highest orders 31, 15 and 15: must fall"):
+    with pytest.raises(vv.InputError, match="highest harmonics 31, 15 and 15: must decrease"):
         fine.extrapolated(middle, middle)
     with pytest.raises(vv.InputError, match="coarse: must be of the same frequencies"):
         fine.extrapolated(middle, found(friction(0.2), 0.9, 7))

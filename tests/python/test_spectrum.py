@@ -430,7 +430,7 @@ def test_picture_names_its_peaks():
         (lambda: vv.spectrum([1, 2], np.nan), "dt = nan: must be a finite number"),
         (lambda: vv.spectrum([1, 2]), "dt: must be given with an array"),
         (lambda: vv.spectrum([1, 2], 1, coordinates="x"), "only a Trajectory has coordinates"),
-        (lambda: vv.spectrum([1e200, 2], 1), "leave the range of numbers"),
+        (lambda: vv.spectrum([1e200, 2], 1), "exceed the range of numbers"),
         (lambda: vv.spectrum([1, 2], 1, window="hamming"), "window = 'hamming': must be one of"),
         (lambda: vv.spectrum([1, 2], 1, names=("a", "b")), "names: 2 given, must be 1"),
         (lambda: vv.amplitudes_at(np.ones(9), 1, [3.2]), "frequencies[0] = 3.2: must be greater"),

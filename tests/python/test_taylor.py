@@ -203,8 +203,8 @@ def test_layers_that_steps_may_miss_are_seen(width, method):
 @pytest.mark.parametrize(
     ("changes", "reported"),
     [
-        ({"system": system("0.1*abs(x)")}, "one after another"),
-        ({"system": system("0.1*atan2(x, x_dot)")}, "one after another"),
+        ({"system": system("0.1*abs(x)")}, "one after the other"),
+        ({"system": system("0.1*atan2(x, x_dot)")}, "one after the other"),
         ({"system": system("0.1*2^x + 0.1*(x + 3)^0.3")}, "power series"),
         ({"lyapunov": True}, "no Lyapunov exponents"),
     ],
