@@ -220,7 +220,7 @@ def chain_of(springs):
 
 
 @pytest.mark.filterwarnings("ignore:stiffness. springs are so different:viscovib.RangeWarning")
-@pytest.mark.parametrize("decades", [11, 12])
+@pytest.mark.parametrize("decades", [10.5, 11])
 def test_where_stiff_springs_hide_a_branch_the_way_out_is_reported_and_right(decades):
     """Two masses with a coupling of 10^decades; coordinates are their sum and difference."""
     c = 10.0**decades
