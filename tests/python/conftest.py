@@ -47,3 +47,16 @@ def mount():
         return vv.Mount(**(parameters | changes))
 
     return build
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Client of a Dask cluster of two processes."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client

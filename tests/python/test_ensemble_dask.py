@@ -1,10 +1,13 @@
 """Ensembles on a cluster of processes give the numbers of threads, to the last bit."""
 
+import pickle
+
 import numpy as np
 import pytest
 import viscovib as vv
+from viscovib.analyses import ensemble
 
-distributed = pytest.importorskip("distributed")
+cloudpickle = pytest.importorskip("cloudpickle")
 
 PENDULUM = vv.Pendulum(
     e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.002, p1=1.02
@@ -21,17 +24,6 @@ ARRAYS = (
     "t_reached", "state", "outcome", "step", "peak", "mean", "rms", "amplitudes", "sections",
     "lyapunov", "lyapunov_error", "error", "section_error", "amplitude_error", "section_times",
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def client():
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
 
 
 @pytest.mark.parametrize(
@@ -56,6 +48,35 @@ def test_a_cluster_gives_what_threads_give(client, system, options):
         assert (one is None) == (other is None), name
         if one is not None:
             np.testing.assert_array_equal(one, other, err_msg=name)
+
+
+class Forgetful:
+    """A cluster with a new worker for each piece, which knows nothing of earlier step sizes."""
+
+    threads = 2
+
+    def __init__(self, function, *_):
+        self.data, self.done = cloudpickle.dumps(function), []
+
+    def submit(self, i, *given):
+        self.done.append((i, pickle.loads(self.data)(*given)))
+
+    def next(self):
+        return self.done.pop()
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("statistics", [False, True])
+def test_workers_receive_what_earlier_step_sizes_have_found(monkeypatch, statistics):
+    """A run that once needs partial steps has them with all step sizes, wherever it is computed."""
+    given = {"initial": STATES[:12, :2], "t_end": 4.0, "statistics": statistics, **LOAD}
+    here = vv.simulate_ensemble(LAYER, **given)
+    monkeypatch.setattr(ensemble, "Cluster", Forgetful)
+    there = vv.simulate_ensemble(LAYER, **given, client="any")
+    np.testing.assert_array_equal(here.state, there.state)
+    assert here.error == there.error
 
 
 def test_errors_of_workers_and_arguments_are_those_of_threads(client):

@@ -38,17 +38,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture(scope="module")
-def client():
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
-
-
 def sweep(*arguments, **options):
     return vv.sweep(*arguments, progress=False, **options)
 
