@@ -232,7 +232,7 @@ contains
           piece%tolerance = max(self%first%tolerance/real(course%factor, wp)**2, rounding)
         else if (self%shared%solved > 0.0_wp) then
           ! Far less than 1/gain for half the step: a number of iterations is not continuous, and
-          ! unstable motions amplify what is left.
+          ! unstable motions amplify the error of the solution.
           piece%tolerance = max(self%shared%solved/real(course%factor, wp)**12, rounding)
         end if
       end associate

@@ -10,10 +10,10 @@
 !! if the circle holds m zeros and nothing else (it turns D by 2 pi m). Zeros that are given are
 !! divided out in place of z^m, and the b_k say by how much their sums are wrong. Newton's
 !! identities give the polynomial of the zeros from the sums. With its zeros divided out the b_k
-!! are rounding errors. Zeros whose sums are these are right as they were found. Of others those of
-!! the polynomial are taken, and where these lie no further apart than the m-th root of that
-!! rounding says, all get their mean. Zeros that were side by side at a solution nearby are found so
-!! at once, without others.
+!! are rounding errors. Given zeros with these sums are kept. Otherwise the zeros of the polynomial
+!! are used. If their distances do not exceed the m-th root of the rounding error, each is replaced
+!! by their mean. Zeros that were close to each other at a neighbouring solution are found in this
+!! way from the start, without a search.
 !! (Kravanja and Van Barel, Computing the Zeros of Analytic Functions, Springer 2000.)
 module viscovib_hill_clusters
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
@@ -29,13 +29,13 @@ module viscovib_hill_clusters
 
   public :: clusters_near, sharpen_clusters
 
-  !> Exponents nearer than this, in d, are side by side.
+  !> Exponents nearer than this, in d, are close to each other.
   real(wp), parameter :: near = 1.0e-4_wp
   !> Values on a circle, those above the line of symmetry, and fewer, which find as many zeros at
   !! most; zeros at most that the turns of the many show.
   integer, parameter :: many = 12, few = 6, most_of_few = 3, most = 6
   !> Circles tried, each twice as wide, from this many times the distance of the outermost zero, and
-  !! the least radius in d: within it D itself is lost.
+  !! the least radius in d: within it rounding errors exceed D.
   integer, parameter :: n_circles = 6
   real(wp), parameter :: wider = 8.0_wp, least = 2.0e-5_wp
   !> The same of zeros that are found at once: those that rounding moves are not found so.
@@ -46,7 +46,7 @@ module viscovib_hill_clusters
 
 contains
 
-  !> Exponents side by side near those of a solution nearby.
+  !> Exponents close to each other, near those of a neighbouring solution.
   subroutine clusters_near(hill, system, nearby, used, found, n)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
@@ -141,7 +141,7 @@ contains
     end where
   end subroutine lower
 
-  !> Those side by side with exponent i, itself included.
+  !> The exponents close to exponent i, including itself.
   pure subroutine group_of(hill, exponents, taken, i, group)
     type(hill_type), intent(in) :: hill
     complex(wp), intent(in) :: exponents(:)
@@ -307,7 +307,7 @@ contains
     do k = 1, size(zeros)
       left = left/(z - zeros(k))
     end do
-    ! What is left turns by nothing from the real axis on one side to that on the other.
+    ! From one end of the half circle to the other the argument of the quotient does not change.
     if (real(left(1)) < 0.0_wp) left = -left
     logarithm(1) = plain_logarithm(left(1))
     do j = 2, size(z)

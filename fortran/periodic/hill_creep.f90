@@ -10,7 +10,7 @@
 !!
 !! falls off like (r/pi)^k, and its zeros in the circle are those of the polynomial that is kept
 !! (Lyness and Delves, Numer. Math. 10 (1967) 457). They come all at once, those of springs that
-!! share a kernel too, which lie side by side. Circles stand in a row of strips; each gives the
+!! share a kernel too, which lie close together. Circles stand in a row of strips; each gives the
 !! zeros of its own strip, so that none is taken twice.
 module viscovib_hill_creep
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
@@ -34,7 +34,7 @@ module viscovib_hill_creep
   integer, parameter :: n_strips = 22, n_slow = 19
   !> Values on a circle, of which all but two count twice, and the degree that is kept.
   integer, parameter :: half = 24, degree = 24
-  !> Three zeros side by side split up as far as this by rounding.
+  !> Rounding errors separate three zeros close to each other by up to this distance.
   real(wp), parameter :: side_by_side = 1.0e-4_wp
 
 contains

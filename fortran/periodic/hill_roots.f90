@@ -61,7 +61,7 @@ contains
     complex(wp), intent(in) :: near(:)
     !> As many as may be kept, at least 2 n_dof.
     complex(wp), intent(out) :: exponents(:)
-    !> Those of them that lie side by side and are as sharp as can be.
+    !> Those that are close to each other, accurate to rounding errors.
     complex(wp), allocatable, intent(out) :: sharp(:)
     logical :: used(size(near))
     integer :: n, i
@@ -82,7 +82,7 @@ contains
         call try(hill, system, near(i), exponents, n)
       end if
     end do
-    ! None of those nearby is lost, nor of those that there are without memory.
+    ! Skipped if all exponents of the neighbour, and as many as without memory, were found.
     if (.not. (n_known(near) > 0 .and. n >= n_known(near) &
                .and. count(.not. may_be_of_memory(hill, exponents(:n))) >= 2*hill%n_dof)) then
       call from_approximations(hill, system, path, n_known(near) == 0, exponents, n)
@@ -105,7 +105,7 @@ contains
     call sort_falling(exponents(:n), real(exponents(:n)))
   end subroutine find_more
 
-  !> More exponents, from what is left of approximations.
+  !> More exponents, from the approximations that belong to none of those found.
   subroutine from_approximations(hill, system, path, first, exponents, n)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
@@ -228,7 +228,7 @@ contains
     end if
     call path%approximations(hill, starts)
     call leave_out(hill, exponents(:n), starts)
-    ! Equal springs have exponents of memory side by side.
+    ! Equal springs have exponents of memory close to each other.
     starts = [starts, pack(exponents(:n), abs(exponents(:n) - conjg(exponents(:n))) &
                            <= on_line*hill%period .or. aimag(exponents(:n)) >= 0.5_wp*hill%period)]
     do i = 1, size(starts)
@@ -462,7 +462,7 @@ contains
         end if
       end if
       least = min(least, abs(value))
-      ! To rounding, or as far as zeros side by side let it come.
+      ! To rounding errors, or as far as zeros close to each other permit.
       made = error <= smallest_step*hill%period &
              .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
       if (made) then

@@ -497,7 +497,7 @@ contains
     complex(wp), intent(out) :: exponents(:)
     integer, intent(out) :: n_growing
     logical, intent(out) :: slowest
-    !> Exponents side by side that are as sharp as can be.
+    !> Exponents close to each other, accurate to rounding errors.
     complex(wp), allocatable, intent(out) :: sharp(:)
     type(hill_path_type) :: path
     real(wp) :: fading, shift
