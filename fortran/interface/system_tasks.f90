@@ -266,7 +266,7 @@ contains
   end subroutine find_stiffness
 
   !> Roots of the characteristic equation: `oscillatory` (n) and `real` (m); `n_unstable` and
-  !! `n_missing` by the argument principle, `complete`, and the searched `region`.
+  !! `n_missing` by the argument principle if `is_counted`, `complete`, and the searched `region`.
   subroutine find_roots(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -281,6 +281,7 @@ contains
     call task%found%put_reals('real', roots%real, shape(roots%real))
     call task%found%put_integer('n_unstable', int(roots%n_unstable, i8))
     call task%found%put_integer('n_missing', int(roots%n_missing, i8))
+    call task%found%put_integer('is_counted', merge(1_i8, 0_i8, roots%is_counted))
     call task%found%put_integer('complete', merge(1_i8, 0_i8, roots%complete))
     call task%found%put_text('region', trim(roots%region))
   end subroutine find_roots

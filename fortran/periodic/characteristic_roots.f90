@@ -29,6 +29,8 @@ module viscovib_characteristic_roots
     integer :: n_unstable = 0
     !> Oscillatory roots that the argument principle counts in addition to those listed.
     integer :: n_missing = 0
+    !> False if rounding errors of det D hide its turns. Then the counts are those of listed roots.
+    logical :: is_counted = .true.
     !> True if all roots in the region are listed.
     logical :: complete = .false.
     !> The region that was searched, in words.
@@ -38,6 +40,7 @@ module viscovib_characteristic_roots
   !> Steps of the memory. A step that moves a root by more than 8 % may lead to another root; it is
   !! divided by four.
   real(wp), parameter :: first_step = 1.0_wp/24.0_wp, least_step = 1.0e-7_wp, far = 0.08_wp
+  integer, parameter :: most_steps = 2000
   !> Paths t + bend t (1 - t) of the memory. If two roots meet on the real path, the complex paths
   !! lead round that point.
   complex(wp), parameter :: bends(3) = [(0.0_wp, 0.0_wp), (0.0_wp, 0.4_wp), (0.0_wp, -0.4_wp)]
@@ -93,7 +96,8 @@ contains
       roots%region = merge(regions(2), regions(3), matrix%has_table)
     end if
     n_found = 2*count(real(roots%oscillatory) > 0.0_wp) + count(roots%real > 0.0_wp)
-    roots%complete = n_found == roots%n_unstable .and. roots%n_missing == 0
+    if (.not. roots%is_counted) roots%n_unstable = n_found
+    roots%complete = roots%is_counted .and. n_found == roots%n_unstable .and. roots%n_missing == 0
     do i = 1, size(roots%oscillatory)
       if (.not. is_finite(roots%oscillatory(i))) roots%complete = .false.
     end do
@@ -211,12 +215,14 @@ contains
     complex(wp), intent(in) :: start, bend
     complex(wp) :: moved, nothing(0)
     real(wp) :: t, step, wanted
+    integer :: k
     logical :: near
 
     s = polished(matrix, start, none, nothing)
     t = 0.0_wp
     step = first_step
-    do while (t < 1.0_wp .and. is_finite(s))
+    do k = 1, most_steps
+      if (.not. (t < 1.0_wp .and. is_finite(s))) return
       wanted = min(t + step, 1.0_wp)
       moved = polished(matrix, s, wanted + bend*(wanted*(1.0_wp - wanted)), nothing)
       near = is_finite(moved)
@@ -229,6 +235,7 @@ contains
       t = wanted
       step = min(2.0_wp*step, first_step)
     end do
+    s = not_a_number()
   end function with_memory
 
   !> Newton's method with the derivative by a difference of the analytic function; known roots are
@@ -254,13 +261,13 @@ contains
       step = value(1) - value(2)
       if (.not. abs(step) > 0.0_wp) then
         ! A double root; if all values are 0, a huge term hides the other terms.
-        if (abs(value(3)) > 0.0_wp .or. .not. abs(value(1)) > 0.0_wp) s = not_a_number(step)
+        if (abs(value(3)) > 0.0_wp .or. .not. abs(value(1)) > 0.0_wp) s = not_a_number()
         return
       end if
       step = value(3)*(2.0_wp*h/step)
       s = s - step
       if (.not. max(abs(real(s)), abs(aimag(s))) < 1.0e9_wp*matrix%fastest) then
-        s = not_a_number(step)
+        s = not_a_number()
         return
       end if
       moved = abs(step)
@@ -269,13 +276,12 @@ contains
       if (moved <= 1.0e-12_wp*abs(s) .and. moved >= 0.5_wp*before) return
       before = moved
     end do
-    if (.not. moved <= last_step*abs(s)) s = not_a_number(step)
+    if (.not. moved <= last_step*abs(s)) s = not_a_number()
   end function polished
 
-  pure complex(wp) function not_a_number(step)
-    complex(wp), intent(in) :: step
+  pure complex(wp) function not_a_number()
     real(wp) :: nan
-    nan = ieee_value(real(step), ieee_quiet_nan)
+    nan = ieee_value(0.0_wp, ieee_quiet_nan)
     not_a_number = cmplx(nan, nan, wp)
   end function not_a_number
 
@@ -321,37 +327,46 @@ contains
     integer(c_int), intent(inout), optional :: cancel
     complex(wp), parameter :: up = (0.0_wp, 1.0_wp)
     complex(wp) :: left
-    real(wp) :: start, low, high, below, above, total, end_angle
+    real(wp) :: start, low, high, above, below, around, beside, end_angle
     integer :: n_others
 
     n_others = matrix%n_dof() - size(roots%oscillatory)
     start = 1.0e-14_wp*matrix%slowest
     low = 1.0e-9_wp*matrix%slowest
     high = 1.0e8_wp*matrix%fastest
-    ! Start with a quarter of a small circle: a kernel may be singular at 0.
-    below = turned(matrix, arc(start, 0.0_wp, 0.5_wp*pi), roots%oscillatory, cancel) &
-            + turned(matrix, up*graded(matrix, start, low), roots%oscillatory, cancel)
-    above = turned(matrix, up*graded(matrix, low, high), roots%oscillatory, cancel)
-    roots%n_unstable = nearest_count(n_others - (below + above)/pi) &
-                       + 2*count(real(roots%oscillatory) > 0.0_wp)
     roots%n_missing = 0
+    roots%is_counted = .true.
+    ! Start with a quarter of a small circle: a kernel may be singular at 0.
+    call find(arc(start, 0.0_wp, 0.5_wp*pi), around)
+    call find(up*graded(matrix, start, low), below)
+    call find(up*graded(matrix, low, high), above)
+    if (.not. roots%is_counted) return
+    roots%n_unstable = nint(n_others - (around + below + above)/pi) &
+                       + 2*count(real(roots%oscillatory) > 0.0_wp)
     if (matrix%has_table) return
     ! At infinity det D is s^(2 n) det M; each known pair behaves as s^2. A real root may be 0
     ! within rounding error: the inner arc is well outside.
     end_angle = pi - acos(most_damped)
     left = exp(cmplx(0.0_wp, end_angle, wp))
-    total = above + 2*n_others*(end_angle - 0.5_wp*pi) &
-            - turned(matrix, left*graded(matrix, low, high), roots%oscillatory, cancel) &
-            - turned(matrix, arc(low, 0.5_wp*pi, end_angle), roots%oscillatory, cancel)
-    roots%n_missing = nearest_count(total/(2.0_wp*pi))
-  end subroutine count_roots
+    call find(left*graded(matrix, low, high), beside)
+    call find(arc(low, 0.5_wp*pi, end_angle), around)
+    if (.not. roots%is_counted) return
+    roots%n_missing = nint((above + 2*n_others*(end_angle - 0.5_wp*pi) - beside - around) &
+                           /(2.0_wp*pi))
 
-  !> The nearest integer; for NaN, a value that no count equals.
-  pure integer function nearest_count(x)
-    real(wp), intent(in) :: x
-    nearest_count = -huge(nearest_count)
-    if (abs(x) < 1.0e6_wp) nearest_count = nint(x)
-  end function nearest_count
+  contains
+
+    !> Change of the argument along a path.
+    subroutine find(path, turn)
+      complex(wp), intent(in) :: path(:)
+      real(wp), intent(out) :: turn
+      turn = 0.0_wp
+      if (roots%is_counted) then
+        call find_turn(matrix, path, roots%oscillatory, turn, roots%is_counted, cancel)
+      end if
+    end subroutine find
+
+  end subroutine count_roots
 
   pure function arc(radius, from, to) result(s)
     real(wp), intent(in) :: radius, from, to
@@ -384,10 +399,14 @@ contains
   !> Change of the argument of det D along a path, with known pairs divided out.
   !!
   !! Intervals with a large change, and adjacent ones, are halved: on both sides of a multiple
-  !! pole the value may seem to be the same.
-  real(wp) function turned(matrix, path, known, cancel)
+  !! pole the value may seem to be the same. A large change in the shortest intervals is a rounding
+  !! error, as of strong dampers that hide the springs.
+  subroutine find_turn(matrix, path, known, turn, is_certain, cancel)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: path(:), known(:)
+    real(wp), intent(out) :: turn
+    !> Becomes false at a rounding error.
+    logical, intent(inout) :: is_certain
     integer(c_int), intent(inout), optional :: cancel
     integer, parameter :: together = 64
     complex(wp) :: direction(size(path))
@@ -395,9 +414,10 @@ contains
     logical :: changes(0:size(path))
     integer :: first, i, last
 
-    turned = 0.0_wp
+    turn = 0.0_wp
     do first = 1, size(path), together
-      if (given_up(cancel)) return
+      if (given_up(cancel)) is_certain = .false.
+      if (.not. is_certain) return
       last = min(first + together - 1, size(path))
       call find_directions(matrix, path(first:last), known, direction(first:last), &
                            length(first:last))
@@ -407,34 +427,38 @@ contains
       changes(i) = change(direction(i:i + 1), length(i:i + 1)) > largest_change
     end do
     do i = 1, size(path) - 1
-      turned = turned + turned_between(matrix, path(i:i + 1), direction(i:i + 1), &
-                                       length(i:i + 1), known, any(changes(i - 1:i + 1)), &
-                                       most_halvings)
+      call add_turn(matrix, path(i:i + 1), direction(i:i + 1), length(i:i + 1), known, &
+                    any(changes(i - 1:i + 1)), most_halvings, turn, is_certain)
+      if (.not. is_certain) return
     end do
-  end function turned
+  end subroutine find_turn
 
-  recursive real(wp) function turned_between(matrix, s, direction, length, known, halve, left) &
-    result(turn)
+  recursive subroutine add_turn(matrix, s, direction, length, known, halve, left, turn, is_certain)
     type(characteristic_matrix), intent(in) :: matrix
     complex(wp), intent(in) :: s(2), direction(2), known(:)
     real(wp), intent(in) :: length(2)
     logical, intent(in) :: halve
     !> Remaining number of halvings.
     integer, intent(in) :: left
+    real(wp), intent(inout) :: turn
+    logical, intent(inout) :: is_certain
     complex(wp) :: middle(1), there(1)
     real(wp) :: size_there(1)
 
-    if (.not. (halve .or. change(direction, length) > largest_change) .or. left == 0) then
-      turn = angle(direction(2)*conjg(direction(1)))
+    if (.not. (halve .or. change(direction, length) > largest_change)) then
+      turn = turn + angle(direction(2)*conjg(direction(1)))
       return
     end if
+    is_certain = left > 0
+    if (.not. is_certain) return
     middle = s(1)*sqrt(s(2)/s(1))
     call find_directions(matrix, middle, known, there, size_there)
-    turn = turned_between(matrix, [s(1), middle], [direction(1), there], &
-                          [length(1), size_there], known, .false., left - 1) &
-           + turned_between(matrix, [middle, s(2)], [there, direction(2)], &
-                            [size_there, length(2)], known, .false., left - 1)
-  end function turned_between
+    call add_turn(matrix, [s(1), middle], [direction(1), there], [length(1), size_there], known, &
+                  .false., left - 1, turn, is_certain)
+    if (.not. is_certain) return
+    call add_turn(matrix, [middle, s(2)], [there, direction(2)], [size_there, length(2)], known, &
+                  .false., left - 1, turn, is_certain)
+  end subroutine add_turn
 
   pure real(wp) function angle(z)
     complex(wp), intent(in) :: z

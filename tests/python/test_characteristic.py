@@ -103,7 +103,9 @@ def test_a_root_at_rounding_of_zero_is_found():
         kernel=vv.RzhanitsynKernel(amplitude=10, alpha=1.0, beta=10.0),
     )  # fmt: skip
     assert mount.kernel.integral == pytest.approx(1)
-    roots = mount.characteristic_roots()
+    with pytest.warns(vv.ConvergenceWarning, match="rounding errors of det D hide"):
+        roots = mount.characteristic_roots()
+    assert not roots.complete
     assert np.isfinite(roots.real).all()
     assert np.isfinite(roots.oscillatory).all()
 
@@ -379,3 +381,42 @@ def test_a_kernel_of_nonlinear_forces_alone_leaves_the_roots():
     assert roots.region == "the whole plane"
     assert roots.real == pytest.approx([-0.5, -2.5], rel=1e-12)
     assert roots.complete
+
+
+def test_rounding_errors_that_hide_roots_are_reported():
+    """Strong dampers and memory of different orders: terms of D differ by up to 20 decades.
+
+    The count then ends without a number, and a list of roots is complete only if it is right.
+    """
+    hidden = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        mass, stiffness = 10 ** rng.uniform(-1, 3), 10 ** rng.uniform(3, 7, 3)
+        rate = math.sqrt(stiffness.max() / mass)
+        kernels = []
+        for alpha in rng.uniform(0.05, 1, 3):
+            if rng.random() < 0.7:
+                size = 10 ** rng.uniform(-2, 0) * rate**alpha
+                kernels.append(vv.AbelKernel(amplitude=size, alpha=alpha))
+            else:
+                beta = rate * 10 ** rng.uniform(-5, 2)
+                size = rng.uniform(0.1, 0.9) * beta**alpha / math.gamma(alpha)
+                kernels.append(vv.RzhanitsynKernel(amplitude=size, alpha=alpha, beta=beta))
+        damping = 10 ** rng.uniform(2, 11) * np.sqrt(stiffness * mass) * rng.uniform(0.1, 1, 3)
+        mount = vv.MountPoint(
+            name="one", position=rng.uniform(-0.3, 0.3, 3), stiffness=stiffness, damping=damping,
+            angles=rng.uniform(-3, 3, 3), kernel=kernels, rotational_stiffness=stiffness / 100,
+        )  # fmt: skip
+        body = vv.Body(mass=mass, inertia=np.diag([1, 2, 2.5]) * mass / 50, mounts=[mount])
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            roots = body.characteristic_roots()
+        messages = [str(w.message) for w in caught]
+        assert 0 <= roots.n_unstable <= 12
+        if any("rounding errors of det D hide" in text for text in messages):
+            hidden += 1
+            assert not roots.complete
+        for text in messages:
+            if "argument principle gives" in text:
+                assert abs(int(text.split("gives")[1].split()[0])) <= 6
+    assert 1 <= hidden <= 30

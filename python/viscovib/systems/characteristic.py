@@ -30,6 +30,7 @@ class CharacteristicRoots(Value):
         right of the branch cut at -beta, for other kernels the positive ones.
     n_unstable : int
         Number of roots with positive real part, including conjugates, by the argument principle.
+        If rounding errors hide it: the number of those listed, ``complete`` is False.
     complete : bool
         True if all roots in ``region`` are listed, by the argument principle on its boundary.
     region : str
@@ -69,13 +70,15 @@ def characteristic_roots(system: _native.Handle, n_dof: int) -> CharacteristicRo
     """Roots of the characteristic equation of an oscillator of the core."""
     found = _native.run_either(n_dof > _FEW, "system roots", system)
     missing = found["n_missing"]
+    message = ""
     if missing:
-        warnings.warn(
-            f"the argument principle gives {missing:+d} oscillatory roots with a damping ratio "
-            "below 0.999 to those listed",
-            ConvergenceWarning,
-            stacklevel=caller(),
-        )
+        message = f"the argument principle gives {missing:+d} oscillatory roots with a damping "
+        message += "ratio below 0.999 to those listed"
+    if not found["is_counted"]:
+        message = "roots may be missing: rounding errors of det D hide their number (a root near "
+        message += "0, or terms of D that differ by too many orders of magnitude)"
+    if message:
+        warnings.warn(message, ConvergenceWarning, stacklevel=caller())
     return CharacteristicRoots(
         found["oscillatory"], found["real"], found["n_unstable"], bool(found["complete"]),
         found["region"],
