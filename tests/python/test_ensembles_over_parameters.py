@@ -45,7 +45,7 @@ def values(rng, n):
 
 def with_values(system, of, i):
     for name, x in of.items():
-        system = system._with_parameter(name, float(x[i]))
+        system = system._with_parameters({name: float(x[i])})
     return system
 
 

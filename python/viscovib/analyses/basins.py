@@ -21,6 +21,7 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.system import System
 from viscovib.systems.whole import whole_system
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ def basins(
         # A pendulum without a load settles too; a load whose values include 0 keeps its periods.
         loaded = n_periods is not None or any((system.f0, system.m01, system.m02))
     call: dict[str, Any] = {"n_threads": n_threads, "progress": progress}
-    if not isinstance(system, Pendulum):
+    if not system._has_own_loads:
         call |= {"load": load, "nu": nu}
     call["dt"] = _step(system, states, call) if _native.is_auto(dt) else dt
     if t_end is not None and _native.is_auto(dt):
@@ -251,7 +252,7 @@ def basins(
     scale, labels, shown, periods, moved = (found[name] for name in names_found)
     attractors = tuple(np.array(points[i, -periods[i] :]) for i in shown)
     begun = states[shown] if _remembers(system) else None
-    if begun is not None and attractors and not _has_kernels(system):
+    if begun is not None and attractors and not system._all_kernels:
         stop = _come_to_rest(system, begun, points[shown], attractors, scale, call | length)
         labels, attractors = _only(stop, labels, attractors)
         begun = begun[stop]
@@ -276,19 +277,9 @@ def _largest(system: Any, states: FloatArray, call: Mapping[str, Any]) -> FloatA
     return np.asarray(np.fmax(np.abs(states).max(axis=0), np.fmax.reduce(run.peak, axis=0)))
 
 
-def _remembers(system: Any) -> bool:
+def _remembers(system: System) -> bool:
     """True if coordinates and velocities are not the whole state: kernels or hysteresis."""
-    if isinstance(system, Pendulum):
-        return False
-    if _has_kernels(system):
-        return True
-    elements = system._all_elements if isinstance(system, Structure) else ()
-    return any(element.law is not None and element.law.state for element in elements)
-
-
-def _has_kernels(system: Any) -> bool:
-    kernels = system._all_kernels if isinstance(system, Structure) else system._active_kernels
-    return bool(kernels)
+    return bool(system._all_kernels) or any(law.state for law in system._all_laws)
 
 
 def _fastest(system: Any, call: Mapping[str, Any]) -> float:
@@ -333,7 +324,7 @@ def _stable(
     )
     ends = run.state.reshape(len(orbits), _DISTURBED, scale.size)
     ended = (run.outcome == "completed").reshape(len(orbits), _DISTURBED)
-    by_starts, kernels = starts is not None, starts is not None and _has_kernels(system)
+    by_starts, kernels = starts is not None, starts is not None and bool(system._all_kernels)
     assessed = [
         _native.run(
             "ensemble judgement",

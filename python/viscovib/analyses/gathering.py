@@ -13,9 +13,7 @@ from viscovib._native import FloatArray
 from viscovib.analyses.events import Event
 from viscovib.analyses.members import SCALES, Members, PendulumMembers, PolynomialMembers
 from viscovib.analyses.memoryless import TAYLOR
-from viscovib.analyses.singles import SingleMembers, numbers_of, with_elements
-from viscovib.bodies.body import Body
-from viscovib.bodies.varying_body import with_numbers
+from viscovib.analyses.singles import SingleMembers
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.many_numbers import (
@@ -90,9 +88,8 @@ def members_of(
 
         def made_with(i: int) -> PolynomialSystem:
             numbers = {name: float(x[i]) for name, x in values.items()}
-            if isinstance(system, Body):
-                return with_numbers(system, numbers)
-            return whole_system(with_elements(system, numbers))  # type: ignore[arg-type]
+            one: Any = system._with_parameters(numbers)
+            return whole_system(one) if isinstance(one, Structure) else one
 
         return systems_one_by_one(made_with, next(iter(values.values())).size)
 
@@ -119,16 +116,15 @@ def side_by_side(
     most = _MOST_DISTURBED if disturbed else _MOST
     if isinstance(system, Mount | Pendulum) or len(system.dof_names) > most:
         return None
-    kernels = system._all_kernels if isinstance(system, Structure) else system._active_kernels
     varied = [name for name in given if name not in ("nu", *SCALES)]
-    if kernels or not all(name in numbers_of(system) for name in varied):
-        return None
-    if isinstance(system, Structure) and varied and any(name in SCALES[1:] for name in given):
+    if system._all_kernels or not all(name in system._parameter_names for name in varied):
         return None
     if isinstance(system, Structure):
+        if varied and any(name in SCALES[1:] for name in given):
+            return None
         if system._reduced is not None or switches(system):
             return None
         return whole_system(system)
-    kinked = any(law.branches for group in system.groups for _, law in group.laws)
+    kinked = any(law.branches for law in system._all_laws)
     assert isinstance(system, PolynomialSystem)
     return None if kinked or system._turns else system

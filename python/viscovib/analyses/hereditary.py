@@ -357,8 +357,7 @@ class MountRun(Run):
         if self.memory is not None and not self.anew:
             return False
         mount = self.motion.mount
-        kernels = getattr(mount, "_all_kernels", mount._active_kernels)
-        return any(k._kind not in _CLOSED or k._data.size > _FEW for k in kernels)
+        return any(k._kind not in _CLOSED or k._data.size > _FEW for k in mount._all_kernels)
 
     def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
         until = self._time_after(self.done + count)
@@ -459,7 +458,7 @@ def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
 def moving(system: Oscillator, driven: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
     """Return 1 for coordinates that are driven or coupled to driven ones, else 0."""
     moves = driven.astype(np.int32)
-    if isinstance(system, PolynomialSystem) and system._turns:
+    if system._turns:
         return np.ones_like(moves)
     if driven.all():
         return moves

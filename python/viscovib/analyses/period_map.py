@@ -75,7 +75,7 @@ class PeriodMap:
     ) -> PeriodMap:
         """Check the arguments; the core checks the system."""
         check_mapped(system)
-        if isinstance(system, Body) or getattr(system, "_turns", False):
+        if isinstance(system, Body) or system._turns:
             raise InputError("system: is a Body, must be a PolynomialSystem or a Structure")
         whole = system
         if isinstance(system, Structure):

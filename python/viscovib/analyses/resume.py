@@ -96,7 +96,7 @@ def with_delayed_jumps(
     breaks: FloatArray, system: Any, end: float, initial: object, held: object
 ) -> FloatArray:
     """Add the times at which a jump at t = 0 returns through a kernel table that ends above 0."""
-    kernels = getattr(system, "_active_kernels", ())
+    kernels = system._active_kernels
     if not kernels or (initial is None and held is None):
         return breaks
     found: set[float] = set()

@@ -7,9 +7,9 @@ they cannot be computed together in the vector unit. Each member is a run of `si
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,23 +24,16 @@ from viscovib.analyses.resume import known
 from viscovib.analyses.runs import Run, ThinLayers, Wanted
 from viscovib.analyses.structure_motion import goes_condensed
 from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
-from viscovib.bodies.body import Body
-from viscovib.bodies.varying_body import numbers_of_body, with_numbers
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
-from viscovib.systems.laws import named_in
 from viscovib.systems.load import LoadLike
-from viscovib.systems.mount import Mount
-from viscovib.systems.pendulum import PARAMETERS, Pendulum
+from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.structure import Structure
+from viscovib.systems.system import OF_LOADS
 from viscovib.systems.varying import varied
 
 #: Largest number of samples of a run in memory.
 _HELD = 100_000
-#: Parameters of loads; parameters that scale a part of a polynomial system.
-_OF_LOADS = ("nu", "load_scale")
-_SCALED = ("stiffness_scale", "damping_scale", "forces_scale", "memory_scale")
 
 
 @dataclass
@@ -85,7 +78,7 @@ class SingleMembers(Members):
         self.varied, self.states = shared_runs(given, initial, 2 * len(system.dof_names))
         for name in self.varied:
             self._check_name(name)
-        if isinstance(system, Pendulum):
+        if system._has_own_loads:
             for name, value in (("load", load), ("nu", nu)):
                 if value is not None:
                     raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
@@ -102,24 +95,12 @@ class SingleMembers(Members):
     def _check_name(self, name: str) -> None:
         """Refuse a parameter that cannot vary."""
         system = self.system
-        allowed: Sequence[str] = _OF_LOADS
-        if isinstance(system, Pendulum):
-            allowed = PARAMETERS
-        elif isinstance(system, Mount):
-            numbers = [f.name for f in fields(system) if isinstance(getattr(system, f.name), float)]
-            allowed = (*_OF_LOADS, *numbers)
-        elif isinstance(system, Structure):
-            allowed = (*_OF_LOADS, *_element_numbers(system))
-        elif isinstance(system, Body):
-            allowed = (*_OF_LOADS, *numbers_of_body(system))
-        elif type(system) is PolynomialSystem:
-            allowed = (*_OF_LOADS, *_SCALED, *system._named_parameters)
+        allowed = (*self._of_loads, *system._scales, *system._parameter_names)
         if name not in allowed:
-            note = list(allowed)
-            if isinstance(system, Body):
-                # List the names of one mount only.
-                first = f"mounts[{system.mounts[0].name}]"
-                note = [one for one in note if one.startswith(first) or "mounts[" not in one]
+            # List the names of the first mount of a body only.
+            mounts = [one for one in allowed if one.startswith("mounts[")]
+            first = mounts[0].split(".")[0] if mounts else ""
+            note = [one for one in allowed if one not in mounts or one.startswith(first)]
             raise InputError(
                 f"parameters: {name!r} does not vary in an ensemble of this system, must be one of "
                 f"{', '.join(note)}"
@@ -131,19 +112,16 @@ class SingleMembers(Members):
         numbers = {
             name: float(values[i])
             for name, values in self.varied.items()
-            if name not in _OF_LOADS or isinstance(system, Pendulum)
+            if name not in self._of_loads
         }
-        if not numbers:
-            return system
-        if isinstance(system, Pendulum | Mount):
-            return replace(system, **numbers)  # type: ignore[arg-type]
-        if isinstance(system, Structure):
-            return with_elements(system, numbers)
-        if isinstance(system, Body):
-            return with_numbers(system, numbers)
-        for name in [name for name in numbers if name not in _SCALED]:
-            system = system._with_parameter(name, numbers.pop(name))
-        return _scaled(system, numbers)
+        scales = {name: numbers.pop(name) for name in system._scales if name in numbers}
+        if numbers:
+            system = system._with_parameters(numbers)
+        return _scaled(system, scales)
+
+    @property
+    def _of_loads(self) -> tuple[str, ...]:
+        return () if self.system._has_own_loads else OF_LOADS
 
     def _acting(self, i: int) -> Acting:
         """Loads of run i."""
@@ -382,37 +360,3 @@ def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> Polynomia
     other.__dict__["_vector"] = flat
     other.__dict__.pop("_handle", None)
     return other
-
-
-def numbers_of(system: Structure | PolynomialSystem) -> Sequence[str]:
-    """Names of the parameters of laws and elements, as for branches."""
-    if isinstance(system, Structure):
-        return _element_numbers(system)
-    if isinstance(system, Body):
-        return numbers_of_body(system)
-    return system._named_parameters if type(system) is PolynomialSystem else ()
-
-
-def _element_numbers(structure: Structure) -> list[str]:
-    """Names of the parameters of the elements, as for branches."""
-    names = []
-    for i, element in enumerate(structure.elements):
-        own = [f.name for f in fields(element) if isinstance(getattr(element, f.name), float | int)]
-        own = [name for name in own if not isinstance(getattr(element, name), bool)]
-        own += named_in(getattr(element, "parameters", None) or (), getattr(element, "law", None))
-        names += [f"elements[{i}].{name}" for name in own]
-    return names
-
-
-def with_elements(structure: Structure, numbers: Mapping[str, float]) -> Structure:
-    """The structure with new parameters of its elements."""
-    elements = list(structure.elements)
-    for name, value in numbers.items():
-        place, key = name.removeprefix("elements[").split("].")
-        element: Any = elements[int(place)]
-        inner = getattr(element, "parameters", None) or {}
-        change: dict[str, Any] = {key: value}
-        if key in inner:
-            change = {"parameters": {**inner, key: value}}
-        elements[int(place)] = replace(element, **change)
-    return replace(structure, elements=elements)

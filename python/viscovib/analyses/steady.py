@@ -34,7 +34,7 @@ from viscovib.systems.law_ends import edges_text
 from viscovib.systems.load import Job, LoadLike
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.sticking import advice_on_sticking, laws_of
+from viscovib.systems.sticking import advice_on_sticking
 
 METHODS = ("linear", "successive", "newton", "auto")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -77,7 +77,7 @@ def mount_response(
     PROGRESS.check(progress)
     if coordinates is not None and loaded is None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
-    work = _Work(job, frequencies, options, loaded, not laws_of(system))
+    work = _Work(job, frequencies, options, loaded, not system._all_laws)
     if start is not None:
         begin = _begin(system, start, job, work, frequencies[0])
         work = _Work(job, frequencies, {**options, "start": begin}, loaded)

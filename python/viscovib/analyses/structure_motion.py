@@ -341,7 +341,7 @@ class StructureMotion:
     @property
     def remembers(self) -> bool:
         """True if an element or layer has memory."""
-        return bool(getattr(self.mount, "_all_kernels", self.mount._active_kernels))
+        return bool(self.mount._all_kernels)
 
     @cached_property
     def acting(self) -> Loads:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,7 @@ from viscovib.bodies.turning import (
     turning_energy,
     turning_vector,
 )
+from viscovib.bodies.varying_body import numbers_of_body, with_numbers
 from viscovib.common.counts import things
 from viscovib.common.values import own
 from viscovib.errors import InputError, StabilityWarning, caller
@@ -222,6 +223,17 @@ class Body(LinearBody):
     @property
     def _turns(self) -> bool:
         return self.geometry == "exact"
+
+    @property
+    def _scales(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def _parameter_names(self) -> tuple[str, ...]:
+        return numbers_of_body(self)
+
+    def _with_parameters(self, numbers: Mapping[str, float]) -> Body:
+        return with_numbers(self, numbers)
 
     @property
     def _winds(self) -> bool:

@@ -7,16 +7,18 @@ import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.bodies.body import Body
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.errors import InputError
 from viscovib.systems.varying import Varied, varied
+
+if TYPE_CHECKING:
+    from viscovib.bodies.body import Body
 
 _AXES = "xyz"
 #: Highest power of p: a law of power q at a mount with a varied position has q + 1.
@@ -87,7 +89,7 @@ def rebuilt(body: Body, **changes: Any) -> Body:
         "center": body.center, "gravity": body.gravity, "geometry": body.geometry,
         "load_axes": body.load_axes, "base_direction": body.base_direction, "spin": body.spin,
     }  # fmt: skip
-    return Body(**(given | changes))
+    return type(body)(**(given | changes))
 
 
 def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | None:

@@ -33,7 +33,6 @@ from viscovib.systems.base_acceleration import BaseMotion
 from viscovib.systems.law_ends import edges_text, law_end as end_of_law
 from viscovib.systems.law_poles import (
     Layer,
-    has_laws,
     law_pole,
     layer_between,
     pole_between,
@@ -308,7 +307,7 @@ class Trajectory(Result):
 
     def _pole_after(self, row: int) -> str | None:
         """Sentence about a pole of a force law that the motion reaches after a kept state."""
-        if not (0 <= row < self.t.size and has_laws(self.system)):
+        if not (0 <= row < self.t.size and self.system._all_laws):
             return None
         # Near a pole the force changes the motion: search beyond the next state.
         until = self.t[row + 1] if row + 1 < self.t.size else self.t_reached
@@ -319,7 +318,7 @@ class Trajectory(Result):
 
     def _pole_passed(self) -> str | None:
         """Sentence about the first pole between two kept states."""
-        if self.t.size < 2 or not has_laws(self.system):
+        if self.t.size < 2 or not self.system._all_laws:
             return None
         at = self._read_by_laws(slice(None))
         found = pole_between(self.system, at, self.t, self.step)
@@ -333,7 +332,7 @@ class Trajectory(Result):
     def _layer(self, rows: slice = slice(None)) -> Layer | None:
         """The layer of the largest change of a law between kept states."""
         t = self.t[rows]
-        if t.size < 2 or not has_laws(self.system):
+        if t.size < 2 or not self.system._all_laws:
             return None
         return layer_between(self.system, self._read_by_laws(rows), t)
 

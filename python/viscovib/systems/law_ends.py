@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from viscovib._native import FloatArray
 from viscovib.systems.laws import Law
-from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.sticking import laws_of
-from viscovib.systems.structure import Structure
+from viscovib.systems.system import System
 
 #: Value that the core returns outside the domain of a law.
 _WALL = 1e60
@@ -23,7 +19,7 @@ _FAR_PARTS = np.concatenate([[0.0], np.logspace(-15, 0, 301)])
 
 
 def law_end(
-    system: object, at: tuple[FloatArray, FloatArray], reach: float
+    system: System, at: tuple[FloatArray, FloatArray], reach: float
 ) -> tuple[str, dict[str, float]] | None:
     """Return the text of the law whose domain a motion leaves, and its arguments at the edge.
 
@@ -42,7 +38,7 @@ def law_end(
         None: the whole path lies inside the domains of all laws.
     """
     found = []
-    for law, arguments, along in _laws(system, *at):
+    for law, arguments, along in system._laws_at(*at):
         part = _end(law, arguments, reach * along)
         if part is not None:
             found.append((part, law, arguments + part * reach * along))
@@ -52,14 +48,14 @@ def law_end(
     return law.text, _read(law, there)
 
 
-def edges_text(system: object) -> str:
+def edges_text(system: System) -> str:
     """Return a text on the edges of the force laws, such as "; the law 'log(1 + x)' ...".
 
     A search for steady motions that fails at an edge does not locate it. Each argument is varied
     alone, with all other arguments at 0.
     """
     note = []
-    for law in laws_of(system):
+    for law in system._all_laws:
         if law.state:
             continue
         n = len(law.arguments)
@@ -76,11 +72,11 @@ def edges_text(system: object) -> str:
     return "".join(note[:_MOST_SHOWN])
 
 
-def force_at_rest(system: object) -> float:
+def force_at_rest(system: System) -> float:
     """Return the largest force of a law at rest (static preload)."""
     values = (
         float(abs(law(np.zeros((1, len(law.arguments))))[0][0]))
-        for law in laws_of(system)
+        for law in system._all_laws
         if not law.state
     )
     return max(values, default=0.0)
@@ -91,27 +87,6 @@ def _read(law: Law, there: FloatArray) -> dict[str, float]:
     n_positions = len(law.arguments) - law.n_rates
     read = [place for place in law.places if place < n_positions] or [0]
     return {law.arguments[place]: float(there[place]) for place in read}
-
-
-def _laws(
-    system: object, q: FloatArray, v: FloatArray
-) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
-    """Yield each law with its arguments and their rates."""
-    nothing = np.zeros(v.size)
-    if isinstance(system, PolynomialSystem):
-        for group in system.groups:
-            for _, law in group.laws:
-                n = len(law.arguments)
-                yield law, np.concatenate([q, v])[:n], np.concatenate([v, nothing])[:n]
-    elif isinstance(system, Structure):
-        for place in system._condensation.laws.programs:
-            d, rate = place.reads @ q, place.reads @ v
-            n = len(place.law.arguments)
-            yield (
-                place.law,
-                np.concatenate([d, rate])[:n],
-                np.concatenate([rate, np.zeros(rate.size)])[:n],
-            )
 
 
 def _end(law: Law, at: FloatArray, along: FloatArray, parts: FloatArray = _PARTS) -> float | None:

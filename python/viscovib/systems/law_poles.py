@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from viscovib._native import FloatArray
 from viscovib.systems.laws import _CALLED, Law
-from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.structure import Structure
+from viscovib.systems.system import System
 
 #: Instruction codes of the core.
 _NUMBER, _ARGUMENT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER = range(1, 8)
@@ -72,7 +71,7 @@ class Layer:
 
 
 def law_pole(
-    system: object, at: tuple[FloatArray, FloatArray], times: FloatArray, reach: float
+    system: System, at: tuple[FloatArray, FloatArray], times: FloatArray, reach: float
 ) -> tuple[str, dict[str, float], float] | None:
     """Return the text of a law with a pole on the path, its arguments there, and the time.
 
@@ -102,7 +101,7 @@ def law_pole(
 
 
 def pole_between(
-    system: object, at: tuple[FloatArray, FloatArray], times: FloatArray, step: float
+    system: System, at: tuple[FloatArray, FloatArray], times: FloatArray, step: float
 ) -> tuple[str, dict[str, float], float] | None:
     """Return the first pole between states; arguments and result as for ``law_pole``.
 
@@ -128,7 +127,7 @@ def pole_between(
 
 
 def layer_between(
-    system: object, at: tuple[FloatArray, FloatArray], times: FloatArray
+    system: System, at: tuple[FloatArray, FloatArray], times: FloatArray
 ) -> Layer | None:
     """Return the largest change of a law between states; arguments as for ``law_pole``."""
     found = None
@@ -143,13 +142,6 @@ def layer_between(
             reads = _read(law, place.there)
             found = Layer(law.text, reads, change, way, when, 2 * width * span)
     return found
-
-
-def has_laws(system: object) -> bool:
-    """True if a system has laws that are not polynomials."""
-    if isinstance(system, PolynomialSystem):
-        return any(group.laws for group in system.groups)
-    return isinstance(system, Structure) and bool(system._condensation.laws.programs)
 
 
 def pole_text(text: str, reads: dict[str, float], when: float) -> str:
@@ -429,24 +421,13 @@ def _read(law: Law, there: FloatArray) -> dict[str, float]:
 
 
 def _arguments(
-    system: object, q: FloatArray, v: FloatArray, having: frozenset[int]
+    system: System, q: FloatArray, v: FloatArray, having: frozenset[int]
 ) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
     """Yield each law with one of the instructions ``having``, its arguments and their rates.
 
     Arguments and rates have the shape (m, n_arguments); rates of rates are set to 0. Hysteresis
     elements are skipped.
     """
-    nothing = np.zeros_like(v)
-    if isinstance(system, PolynomialSystem):
-        for group in system.groups:
-            for _, law in group.laws:
-                if not law.state and law.places and not having.isdisjoint(law.code):
-                    n = len(law.arguments)
-                    yield law, np.hstack([q, v])[:, :n], np.hstack([v, nothing])[:, :n]
-    elif isinstance(system, Structure):
-        for place in system._condensation.laws.programs:
-            law = place.law
-            if not law.state and law.places and not having.isdisjoint(law.code):
-                n, (d, rate) = len(law.arguments), (x @ place.reads.T for x in (q, v))
-                along = np.hstack([rate, np.zeros_like(rate)])
-                yield law, np.hstack([d, rate])[:, :n], along[:, :n]
+    for law, arguments, rates in system._laws_at(q, v):
+        if not law.state and law.places and not having.isdisjoint(law.code):
+            yield law, arguments, rates

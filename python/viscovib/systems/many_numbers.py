@@ -116,7 +116,7 @@ def systems_of_parameters(
     def make(i: int) -> PolynomialSystem:
         one = system
         for name, values in parameters.items():
-            one = one._with_parameter(name, float(values[i]))
+            one = one._with_parameters({name: float(values[i])})
         return one
 
     try:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -18,6 +18,7 @@ from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.normal_coordinates import NormalCoordinates
+from viscovib.systems.system import System
 
 GEOMETRIES = ("exact", "cubic", "printed")
 _AS_X = -1
@@ -25,7 +26,7 @@ _NO_KERNEL = 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Mount:
+class Mount(System):
     """A rigid body on a spring in x, attached at the distance ``offset``, and a spring in phi.
 
     Parameters
@@ -200,6 +201,14 @@ class Mount:
         if self.memory_scale == 0:
             return ()
         return tuple(k for k in (self.kernel, self.kernel_phi) if isinstance(k, Kernel))
+
+    @property
+    def _parameter_names(self) -> tuple[str, ...]:
+        return tuple(f.name for f in fields(self) if isinstance(getattr(self, f.name), float))
+
+    def _with_parameters(self, numbers: Mapping[str, float]) -> Mount:
+        changes: dict[str, Any] = dict(numbers)
+        return replace(self, **changes)
 
     @property
     def _mass_matrix(self) -> FloatArray:

@@ -17,6 +17,7 @@ from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.system import System
 
 Oscillator: TypeAlias = Mount | PolynomialSystem
 #: Systems for steady motions.
@@ -39,9 +40,9 @@ def check_steady(system: Any, base: "LoadLike | None") -> None:
     _check_base(system, base)
 
 
-def refuse_turning(system: Any, what: str) -> None:
+def refuse_turning(system: System, what: str) -> None:
     """Refuse a body with finite rotations where the mass matrix must be constant."""
-    if isinstance(system, PolynomialSystem) and system._turns:
+    if system._turns:
         raise InputError(
             f"geometry = 'exact': {what} is not available for finite rotations: use geometry = "
             "'small'"

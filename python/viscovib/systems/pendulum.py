@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import Number, checked
 from viscovib.errors import InputError
+from viscovib.systems.system import System
 
 EQUATIONS = ("exact", "cubic", "printed")
 #: Parameters of a pendulum, in the order of the core.
@@ -42,7 +44,7 @@ class Scales:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pendulum:
+class Pendulum(System):
     """A rigid body that hangs on a spring and damper, three degrees of freedom.
 
     The dimensionless time is tau = omega_1 t with omega_1 = sqrt(k_1/m). A state is (z, z', phi,
@@ -111,6 +113,16 @@ class Pendulum:
         object.__setattr__(self, "_flat", flat)
         # Check the numbers.
         _ = self._handle
+
+    _has_own_loads = True
+
+    @property
+    def _parameter_names(self) -> tuple[str, ...]:
+        return PARAMETERS
+
+    def _with_parameters(self, numbers: Mapping[str, float]) -> Pendulum:
+        changes: dict[str, Any] = dict(numbers)
+        return replace(self, **changes)
 
     @cached_property
     def _handle(self) -> _native.Handle:

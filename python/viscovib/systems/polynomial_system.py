@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +19,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
-from viscovib.systems.laws import named_in, parameter_values
+from viscovib.systems.laws import Law, named_in, parameter_values
 from viscovib.systems.load import (
     LoadLike,
     inertial_series,
@@ -40,6 +40,7 @@ from viscovib.systems.spring_groups import (
     texts_of,
 )
 from viscovib.systems.stiffness_ratio import warn_of_lost_springs
+from viscovib.systems.system import System
 
 #: Bounds of coordinates: in dense matrices; with forces or memory in more than half of them.
 _MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
@@ -48,7 +49,7 @@ _KERNELS_IN_VECTOR = -2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PolynomialSystem:
+class PolynomialSystem(System):
     """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u, u')] = load(t).
 
     All forces are on the left side, like the stiffness: a hardening spring has positive
@@ -181,9 +182,16 @@ class PolynomialSystem:
         """The parameters that occur in the forces."""
         return named_in(self.parameters or (), self.forces, *(one.forces for one in self.springs))
 
-    def _with_parameter(self, name: str, value: float) -> PolynomialSystem:
-        """Return the system with a new value of one parameter."""
-        return replace(self, parameters={**(self.parameters or {}), name: value})
+    @property
+    def _parameter_names(self) -> tuple[str, ...]:
+        return self._named_parameters
+
+    @property
+    def _scales(self) -> tuple[str, ...]:
+        return ("stiffness_scale", "damping_scale", "forces_scale", "memory_scale")
+
+    def _with_parameters(self, numbers: Mapping[str, float]) -> PolynomialSystem:
+        return replace(self, parameters={**(self.parameters or {}), **numbers})
 
     def _with_slopes_of(self, other: PolynomialSystem) -> PolynomialSystem:
         """Return the system with the linear parts of the laws of ``other`` kept separate."""
@@ -353,9 +361,17 @@ class PolynomialSystem:
         return np.asarray(total)
 
     @property
-    def _turns(self) -> bool:
-        """True for bodies whose mass matrix depends on the motion."""
-        return False
+    def _all_laws(self) -> tuple[Law, ...]:
+        return tuple(law for group in self.groups for _, law in group.laws)
+
+    def _laws_at(
+        self, q: FloatArray, v: FloatArray
+    ) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
+        arguments = np.concatenate([q, v], axis=-1)
+        rates = np.concatenate([v, np.zeros_like(v)], axis=-1)
+        for law in self._all_laws:
+            n = len(law.arguments)
+            yield law, arguments[..., :n], rates[..., :n]
 
     @cached_property
     def _has_frame(self) -> bool:

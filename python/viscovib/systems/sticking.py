@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from viscovib.systems.elements import coupling_terms
 from viscovib.systems.laws import Law
-from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.structure import Structure
+from viscovib.systems.system import System
 
 #: Points near rest; smallest ratio of the secants to them for an infinite slope, and the ratio from
 #: which on the law jumps.
@@ -18,12 +14,12 @@ _NEAR, _ENDLESS, _JUMPS = (1e-20, 1e-40), 10.0, 1e19
 _POSITIONS, _NEARBY = (0.0, 1.0, -1.0, 1e-3, -1e-3, 1e3, -1e3), 1e-250
 
 
-def advice_on_sticking(system: Any) -> str:
+def advice_on_sticking(system: System) -> str:
     """Return advice if harmonics find no solution and the system can stick, else "".
 
     Also for laws such as sqrt(abs(x)) without the finite derivative that Newton's method needs.
     """
-    laws = laws_of(system)
+    laws = system._all_laws
     text = next((law.text for law in laws if _sticks(law)), None)
     if text is None:
         steep = next((one for law in laws if (one := _endless_slope(law))), None)
@@ -32,18 +28,6 @@ def advice_on_sticking(system: Any) -> str:
         f" (under {text!r} a body may stick, which harmonics do not represent: use simulate, "
         "steady_motion, a Jenkins element, or a steep tanh of the velocity)"
     )
-
-
-def laws_of(system: Any) -> list[Law]:
-    """Return the laws of a polynomial system or a structure."""
-    if isinstance(system, PolynomialSystem):
-        return [law for group in system.groups for _, law in group.laws]
-    if not isinstance(system, Structure):
-        return []
-    laws = [element.law for element in system._all_elements if element.law is not None]
-    for coupling in coupling_terms(system.elements, system.dof_names, system._places):  # type: ignore[attr-defined]
-        laws += [law for _, law in coupling.programs]
-    return laws
 
 
 def _sticks(law: Law) -> bool:

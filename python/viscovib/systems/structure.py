@@ -1,9 +1,9 @@
 """Structures of any number of coordinates with local elements, condensed to their deflections."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -25,6 +25,7 @@ from viscovib.systems.elements import (
     direction_of,
     element_terms,
 )
+from viscovib.systems.laws import Law, named_in
 from viscovib.systems.layers import Layers, checked_layers
 from viscovib.systems.load import LoadLike, inertial_series, load_series, parts_of
 from viscovib.systems.mount import warn_of_creep
@@ -50,6 +51,7 @@ from viscovib.systems.structure_matrices import (
     with_elements,
 )
 from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
+from viscovib.systems.system import System
 
 if TYPE_CHECKING:
     from viscovib.systems.characteristic import CharacteristicRoots
@@ -64,7 +66,7 @@ _MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Structure:
+class Structure(System):
     """M u'' + C u' + K u + sum_j e_j (1 - R_j*) [k_j d_j + f_j(d_j)] = load(t), d_j = e_j . u.
 
     The unknowns are the deflections d_j of nonlinear elements and elements with memory. All other
@@ -255,6 +257,49 @@ class Structure:
         """Kernels of elements and layers."""
         layers: Layers = self._layers  # type: ignore[attr-defined]
         return (*self._active_kernels, *(kernel for _, kernel in layers.whole))
+
+    @property
+    def _all_laws(self) -> tuple[Law, ...]:
+        laws = [element.law for element in self._all_elements if element.law is not None]
+        for coupling in coupling_terms(self.elements, self.dof_names, self._places):  # type: ignore[attr-defined]
+            laws += [law for _, law in coupling.programs]
+        return tuple(laws)
+
+    def _laws_at(
+        self, q: FloatArray, v: FloatArray
+    ) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
+        for place in self._condensation.laws.programs:
+            d, rate = q @ place.reads.T, v @ place.reads.T
+            n = len(place.law.arguments)
+            arguments = np.concatenate([d, rate], axis=-1)
+            rates = np.concatenate([rate, np.zeros_like(rate)], axis=-1)
+            yield place.law, arguments[..., :n], rates[..., :n]
+
+    @property
+    def _parameter_names(self) -> tuple[str, ...]:
+        names = []
+        for i, element in enumerate(self.elements):
+            values = {f.name: getattr(element, f.name) for f in fields(element)}
+            own = [
+                name
+                for name, value in values.items()
+                if isinstance(value, float | int) and not isinstance(value, bool)
+            ]
+            own += named_in(values.get("parameters") or (), values.get("law"))
+            names += [f"elements[{i}].{name}" for name in own]
+        return tuple(names)
+
+    def _with_parameters(self, numbers: Mapping[str, float]) -> "Structure":
+        elements = list(self.elements)
+        for name, value in numbers.items():
+            place, key = name.removeprefix("elements[").split("].")
+            element: Any = elements[int(place)]
+            inner = getattr(element, "parameters", None) or {}
+            change: dict[str, Any] = {key: value}
+            if key in inner:
+                change = {"parameters": {**inner, key: value}}
+            elements[int(place)] = replace(element, **change)
+        return replace(self, elements=elements)
 
     @cached_property
     def _rest(self) -> Rest:

@@ -85,7 +85,7 @@ def table_columns(
 
 def warn_of_creeping(structure: Condensed) -> None:
     """Warn of kernels with which free motion may not decay."""
-    kernels = getattr(structure, "_all_kernels", structure._active_kernels)
+    kernels = structure._all_kernels
     if any(kernel.integral >= 1 for kernel in kernels):
         warnings.warn(
             "the integral of a kernel is 1 or more: free motion may creep away, and a run does "

@@ -68,11 +68,11 @@ def _of_parameter(system: PolynomialSystem, name: str, start: float, finish: flo
     parameter. Then they keep their initial values, and the difference stays in the law.
     """
     try:
-        return affine(name, name, lambda p: system._with_parameter(name, p)._flat, start, finish)
+        return affine(name, name, lambda p: system._with_parameters({name: p})._flat, start, finish)
     except InputError as error:
 
         def numbers(p: float) -> FloatArray:
-            return system._with_parameter(name, p)._with_slopes_of(system)._flat
+            return system._with_parameters({name: p})._with_slopes_of(system)._flat
 
         try:
             return affine(name, name, numbers, start, finish)

@@ -23,6 +23,7 @@ from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.spring_groups import is_definite
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
+from viscovib.systems.system import System
 
 _Note = TypeVar("_Note")
 #: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
@@ -50,18 +51,15 @@ def once_each(function: Callable[[Structure], _Note]) -> Callable[[Structure], _
 @once_each
 def switches(structure: Structure) -> bool:
     """True if a law has kinks or jumps, or an element has hysteresis."""
-    return any(law.state or law.branches for law in _laws_of(structure))
+    return any(law.state or law.branches for law in structure._all_laws)
 
 
-def has_kinks(system: object) -> bool:
+def has_kinks(system: System) -> bool:
     """True if a law of any system has kinks or jumps, or an element has hysteresis."""
-    if isinstance(system, Structure):
-        return switches(system)
-    groups = system.groups if isinstance(system, PolynomialSystem) else ()
-    return any(law.state or law.branches for group in groups for _, law in group.laws)
+    return any(law.state or law.branches for law in system._all_laws)
 
 
-def usual_tolerance(system: object) -> float:
+def usual_tolerance(system: System) -> float:
     """Return the default tolerance of steady motions, which is larger with kinks and jumps."""
     return CORNER_TOLERANCE if has_kinks(system) else SMOOTH_TOLERANCE
 
@@ -89,14 +87,7 @@ def shares_switches(structure: Structure) -> bool:
 @once_each
 def has_text_laws(structure: Structure) -> bool:
     """True if a law is not a hysteresis element; its layers may be thinner than a step."""
-    return any(not law.state for law in _laws_of(structure))
-
-
-def _laws_of(structure: Structure) -> list[Law]:
-    laws = [element.law for element in structure._all_elements if element.law is not None]
-    for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
-        laws += [law for _, law in coupling.programs]
-    return laws
+    return any(not law.state for law in structure._all_laws)
 
 
 def lacks_wholeness(system: Structure) -> str | None:

@@ -1,0 +1,65 @@
+"""What code asks of any system: its laws, its kernels and its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from viscovib._native import FloatArray
+
+if TYPE_CHECKING:
+    from viscovib.kernels.relaxation import Kernel
+    from viscovib.systems.laws import Law
+
+#: Parameters of the load of a system.
+OF_LOADS = ("nu", "load_scale")
+
+
+class System:
+    """Base class of all systems. Each kind overrides what it has."""
+
+    #: True if the loads are parameters of the system itself.
+    _has_own_loads = False
+
+    @property
+    def _turns(self) -> bool:
+        """True if the mass matrix depends on the motion of a body."""
+        return False
+
+    @property
+    def _all_laws(self) -> tuple[Law, ...]:
+        """Force laws that are not polynomials."""
+        return ()
+
+    def _laws_at(
+        self, q: FloatArray, v: FloatArray
+    ) -> Iterator[tuple[Law, FloatArray, FloatArray]]:
+        """Yield each law with its arguments and their rates.
+
+        ``q`` and ``v`` are coordinates (for a structure, deflections) and their rates, shape
+        (..., n); arguments and rates have the shape (..., n_arguments). Rates of rates are 0.
+        """
+        return iter(())
+
+    @property
+    def _active_kernels(self) -> tuple[Kernel, ...]:
+        return ()
+
+    @property
+    def _all_kernels(self) -> tuple[Kernel, ...]:
+        """Kernels of elements and layers."""
+        return self._active_kernels
+
+    @property
+    def _scales(self) -> tuple[str, ...]:
+        """Factors of the parts of the system that may vary in an ensemble."""
+        return ()
+
+    @property
+    def _parameter_names(self) -> tuple[str, ...]:
+        """Parameters that may vary in an ensemble, without scales."""
+        return ()
+
+    def _with_parameters(self, numbers: Mapping[str, float]) -> Any:
+        """Return the system with new values of these parameters."""
+        raise NotImplementedError
