@@ -92,7 +92,7 @@ def test_first_steps_with_memory_are_left(interrupted, name):
                 vv.simulate(REMEMBERING[name], 10, load=load, nu=2.0)
 
     assert interrupted(work, 0.5) < 0.3
-    until = time.monotonic() + 2
+    until = time.monotonic() + 60
     while threading.active_count() > before and time.monotonic() < until:
         time.sleep(0.01)
     assert threading.active_count() <= before
@@ -124,7 +124,7 @@ LONG = """&structure mass=1 2 stiffness=2 1 damping=0.1 0.1 /
 &element on='x1' law='5*max(d - 0.1, 0) + 0.3*d' kernel=1 /
 &element on='x2' law='0.2*sign(v)' kernel=0 /
 &load on='x1' amplitude=0.8 /
-&transient t_end=1e6 nu=0.9 tolerance=1e-6 /
+&transient t_end=1e8 nu=0.9 tolerance=1e-6 /
 """
 
 
@@ -137,11 +137,11 @@ def test_scenes_that_the_core_computes_are_left(interrupted, tmp_path, way):
     if way == "run":
         interrupted(lambda: vv.run(scene), 0.5)
     else:
-        grid = {"transient.t_end": [1e6, 1e6 + 1]}
+        grid = {"transient.t_end": [1e8, 1e8 + 1]}
         interrupted(lambda: vv.sweep(scene, grid, progress=False, n_threads=1), 0.5)
-    # Each of the two alone would take a minute.
-    assert time.monotonic() - begun < 5
-    until = time.monotonic() + 5
+    # Each of the two alone would take hours.
+    assert time.monotonic() - begun < 60
+    until = time.monotonic() + 60
     while threading.active_count() > before and time.monotonic() < until:
         time.sleep(0.01)
     assert threading.active_count() <= before
