@@ -14,8 +14,8 @@ module viscovib_pole_maps
   private
 
   public :: add_pole_points, new_pole_map, move_poles, pole_gain, pole_map_type, pole_rates
-  public :: pole_wave, poles_inside
-  public :: poles_type, rates_at_once, seen_at_once, seen_of_poles
+  public :: pole_wave, poles_type, rates_at_once, seen_at_once, seen_of_poles, slopes_of_nodes
+  public :: wave_at_once
 
   type :: poles_type
     !> Shape (n) (1/s).
@@ -252,32 +252,5 @@ contains
       if (size(swing) > 0) rates(i) = rates(i) + swing(2*n + i)
     end do
   end subroutine move_poles
-
-  !> z at time `now` after the start of a step, from Legendre coefficients of the forces over that
-  !! time, shape (s, n_pushed), and from harmonic loads with phases phi at the start.
-  subroutine poles_inside(poles, frequencies, now, orders, phi, z)
-    type(poles_type), intent(in) :: poles
-    real(wp), intent(in) :: frequencies(:), now, orders(:, :), phi(:)
-    complex(wp), intent(inout) :: z(:)
-    complex(wp) :: moments(size(orders, 1)), waved(2)
-    integer :: k, m
-
-    do m = size(z) - poles%n_at_once + 1, size(z)
-      z(m) = sum(sum(orders, 1)*poles%right(m, :))
-      do k = 1, size(frequencies)
-        waved = wave_at_once(frequencies(k)*now, poles%sine(m, k), poles%cosine(m, k))
-        z(m) = z(m) + waved(1)*sin(phi(k)) + waved(2)*cos(phi(k))
-      end do
-    end do
-    do m = 1, size(z) - poles%n_at_once
-      call legendre_moments(poles%poles(m)*now, moments)
-      z(m) = z(m) + grown(poles%poles(m)*now)*z(m) &
-             + now*sum(moments*matmul(orders, poles%right(m, :)))
-      do k = 1, size(frequencies)
-        waved = pole_wave(poles%poles(m), frequencies(k), now, poles%sine(m, k), poles%cosine(m, k))
-        z(m) = z(m) + waved(1)*sin(phi(k)) + waved(2)*cos(phi(k))
-      end do
-    end do
-  end subroutine poles_inside
 
 end module viscovib_pole_maps

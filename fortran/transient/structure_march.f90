@@ -17,14 +17,13 @@ module viscovib_structure_march
   use viscovib_history, only: history_type
   use viscovib_kinds, only: wp
   use viscovib_known_past, only: known_past_type, new_known_past
-  use viscovib_march, only: begun, inside_each, no_exponentials, no_integral, step_too_large
+  use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
   use viscovib_memory_channels, only: channels_type, new_channels
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_step_equations, only: new_step_equations, solved_for, step_equations_type
-  use viscovib_structure_inside, only: state_inside
+  use viscovib_structure_inside, only: places_type
   use viscovib_structure_phases, only: new_phases, phases_type
-  use viscovib_structure_places, only: places_type
   use viscovib_structure_settle, only: settle_at_once
   use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
     start_state, state_type
@@ -62,7 +61,7 @@ module viscovib_structure_march
     !> The last step in parts, and their number.
     type(part_type), allocatable, private :: parts(:)
     integer, private :: n_parts = 0
-    !> Maps for event detection in each step.
+    !> Coefficients of positions inside steps.
     type(places_type), private :: places
     !> As in `phase_errors`.
     type(phases_type), private :: phases
@@ -389,43 +388,41 @@ contains
     class(structure_march_type), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), intent(out) :: u(:), v(:)
-    real(wp), dimension(size(self%shown, 1)) :: q, w
-    real(wp) :: begin, ahead
-    complex(wp) :: z(size(self%state%z))
-    real(wp) :: z_rate(size(self%state%z_rate))
-    integer :: k
-
-    z_rate = self%state%z_rate
-    begin = self%parts(1)%start
-    ahead = theta*self%h
-    k = 1
-    do while (k < self%n_parts)
-      if (self%parts(k + 1)%start - begin > ahead) exit
-      k = k + 1
-    end do
-    call state_inside(self%parts(k), self%sections, self%table, &
-                      ahead - (self%parts(k)%start - begin), q, w, z, z_rate)
-    call show_state(self%sections, self%shown, self%shown_left, q, w, z, z_rate, u, v)
+    integer :: d
+    call inside_at(self, theta, [(d, d=1, size(u))], u, v)
   end subroutine inside
 
-  !> As in `march_type`; an undivided step uses maps that are built once.
+  !> As in `march_type`.
   subroutine inside_part(self, begin, width, points, which, u, v)
     class(structure_march_type), intent(inout) :: self
     real(wp), intent(in) :: begin, width, points(:)
     integer, intent(in) :: which(:)
     real(wp), intent(out) :: u(:, :), v(:, :)
-    logical :: known
-    known = .false.
-    if (self%n_parts == 1) then
-      associate (part => self%parts(1))
-        if (part%s == self%table%s .and. abs(part%length - self%h) <= 0.0_wp) then
-          call self%places%look(part, self%sections, self%shown, self%shown_left, self%table, &
-                                begin, width, points, which, u, v, known)
-        end if
-      end associate
-    end if
-    if (.not. known) call inside_each(self, begin, width, points, which, u, v)
+    integer :: i
+    do i = 1, size(points)
+      call inside_at(self, begin + width*points(i), which, u(i, :), v(i, :))
+    end do
   end subroutine inside_part
+
+  !> Some observed coordinates and their velocities inside the last step.
+  subroutine inside_at(self, theta, which, u, v)
+    class(structure_march_type), intent(inout) :: self
+    real(wp), intent(in) :: theta
+    integer, intent(in) :: which(:)
+    real(wp), intent(out) :: u(:), v(:)
+    real(wp) :: begin
+    integer :: k
+
+    begin = self%parts(1)%start
+    k = 1
+    do while (k < self%n_parts)
+      if (self%parts(k + 1)%start - begin > theta*self%h) exit
+      k = k + 1
+    end do
+    call self%places%look(self%parts(k), self%sections, self%shown, self%shown_left, self%table, &
+                          theta*self%h - (self%parts(k)%start - begin), self%n_parts == 1, which, &
+                          u, v)
+  end subroutine inside_at
 
   pure real(wp) function furthest(self)
     class(structure_march_type), intent(in) :: self
