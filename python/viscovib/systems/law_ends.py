@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.systems.laws import Law
+from viscovib.systems.laws import WALL, Law
 from viscovib.systems.system import System
 
-#: Value that the core returns outside the domain of a law.
-_WALL = 1e60
 #: Sample points as fractions of the path, and number of bisections between two points.
 _PARTS = np.concatenate([[0.0], np.logspace(-9, 0, 73)])
 _BISECTIONS = 60
@@ -45,7 +43,7 @@ def law_end(
     if not found:
         return None
     _, law, there = min(found, key=lambda one: one[0])
-    return law.text, _read(law, there)
+    return law.text, law.read_at(there)
 
 
 def edges_text(system: System) -> str:
@@ -82,18 +80,11 @@ def force_at_rest(system: System) -> float:
     return max(values, default=0.0)
 
 
-def _read(law: Law, there: FloatArray) -> dict[str, float]:
-    """Arguments of a law at a point, without rates."""
-    n_positions = len(law.arguments) - law.n_rates
-    read = [place for place in law.places if place < n_positions] or [0]
-    return {law.arguments[place]: float(there[place]) for place in read}
-
-
 def _end(law: Law, at: FloatArray, along: FloatArray, parts: FloatArray = _PARTS) -> float | None:
     """Return the first fraction of the path at which a law has no value, to rounding error."""
     if law.state:
         return None
-    outside = law(at + parts[:, np.newaxis] * along)[0] == _WALL
+    outside = law(at + parts[:, np.newaxis] * along)[0] == WALL
     if not outside.any():
         return None
     first = int(outside.argmax())
@@ -102,7 +93,7 @@ def _end(law: Law, at: FloatArray, along: FloatArray, parts: FloatArray = _PARTS
     low, high = parts[first - 1], parts[first]
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if law((at + middle * along)[np.newaxis])[0][0] == _WALL:
+        if law((at + middle * along)[np.newaxis])[0][0] == WALL:
             high = middle
         else:
             low = middle

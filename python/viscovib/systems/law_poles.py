@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viscovib._native import FloatArray
-from viscovib.systems.laws import _CALLED, Law
+from viscovib.systems.laws import _CALLED, WALL, Law
 from viscovib.systems.system import System
 
 #: Instruction codes of the core.
@@ -20,8 +20,6 @@ _COS, _TAN, _SQRT, _ABS, _ATAN2, _ATLEAST, _WHERE = 12, 13, 25, 26, 29, 35, 36
 #: Smooth functions of one operand, which may turn a small change of it into a layer.
 _SMOOTH = frozenset((_SQUARE, _KNOWN_POWER, *range(11, 26)))
 _DIVIDING = frozenset((_DIVIDE, _POWER, _KNOWN_POWER, _TAN))
-#: Value that the core returns outside the domain of a law.
-_WALL = 1e60
 _EPS = float(np.finfo(float).eps)
 #: Secant steps and bisections for a zero; largest number of distinct points.
 _SECANTS, _BISECTIONS, _MOST_PLACES = 30, 60, 64
@@ -121,7 +119,7 @@ def pole_between(
             if first is not None and when >= first[2]:
                 break
             if _grows(law, place):
-                first = law.text, _read(law, place.there), when
+                first = law.text, law.read_at(place.there), when
                 break
     return first
 
@@ -139,7 +137,7 @@ def layer_between(
             span = float(times[place.row + 1] - times[place.row])
             way = 2 * width * float(np.linalg.norm(place.along[list(law.places)]))
             when = _time(law, place, times, rates)
-            reads = _read(law, place.there)
+            reads = law.read_at(place.there)
             found = Layer(law.text, reads, change, way, when, 2 * width * span)
     return found
 
@@ -294,8 +292,8 @@ def _grows(law: Law, place: _Place) -> bool:
     for side in (-1, 1):
         f = law.values(place.there + side * parts[:, np.newaxis] * place.along)
         # Near a pole of high order all values have reached the limit.
-        f = f[np.argmax(np.abs(f) < _WALL) :][: _HALVINGS + 2]
-        if f.size < _HALVINGS + 2 or (np.abs(f) >= _WALL).any():
+        f = f[np.argmax(np.abs(f) < WALL) :][: _HALVINGS + 2]
+        if f.size < _HALVINGS + 2 or (np.abs(f) >= WALL).any():
             continue
         differences = np.abs(np.diff(f))
         if (differences[:-1] > _GROWTH * differences[1:]).all() and differences[-1] > 0:
@@ -330,7 +328,7 @@ def _changes(law: Law, places: list[_Place]) -> list[tuple[float, float]]:
     widths = _WIDTHS[half.argmax(axis=1)]
     # At a step the two ends differ; at a bump they are equal.
     ends = np.abs(values[:, -2] - values[:, _WIDTHS.size - 1])
-    found = np.where((largest >= _WALL) | ~(change > 0), 0.0, np.maximum(change, ends))
+    found = np.where((largest >= WALL) | ~(change > 0), 0.0, np.maximum(change, ends))
     return list(zip(found.tolist(), np.where(found > 0, widths, 1.0).tolist(), strict=True))
 
 
@@ -411,13 +409,6 @@ def _n_operands(code: int) -> int:
         return code - _CALLED
     two = _ADD <= code <= _POWER or _ATAN2 <= code <= _ATLEAST or code > _WHERE
     return 2 if two else 1
-
-
-def _read(law: Law, there: FloatArray) -> dict[str, float]:
-    """Arguments of a law at a point, without rates."""
-    n_positions = len(law.arguments) - law.n_rates
-    read = [place for place in law.places if place < n_positions] or list(law.places)
-    return {law.arguments[place]: float(there[place]) for place in read}
 
 
 def _arguments(

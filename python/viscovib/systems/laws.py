@@ -29,7 +29,7 @@ _BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
 #: Codes with a jump.
 _JUMPS = (27, 28, 29, 32, 33, 34, 35)
 #: Value that the core returns outside a domain; distance from rest at which a law must be defined.
-_WALL, _NEAR = 1e60, 1e-9
+WALL, _NEAR = 1e60, 1e-9
 #: Largest change over this distance, relative to the steepest slope, and the smallest fraction of
 #: it in the second half of the distance, for laws that do not jump at rest. Rounding errors of
 #: laws with cancelling terms differ from point to point.
@@ -148,6 +148,12 @@ class Law:
             degree=max(self.degree, other.degree) if self.degree and other.degree else 0,
             calls=(*self.calls, *other.calls),
         )
+
+    def read_at(self, there: FloatArray) -> dict[str, float]:
+        """Return the arguments that the law reads at a point, without rates if it reads others."""
+        n_positions = len(self.arguments) - self.n_rates
+        read = [place for place in self.places if place < n_positions] or self.places
+        return {self.arguments[place]: float(there[place]) for place in read}
 
     def with_arguments(self, texts: Mapping[str, str]) -> str:
         """Return the text with expressions substituted for arguments."""
@@ -307,7 +313,7 @@ def _is_text(
         wanted = called.values(at)
     except Exception:  # the function is called instead and raises its own error
         return False
-    valid = np.isfinite(wanted) & (np.abs(values) < _WALL)
+    valid = np.isfinite(wanted) & (np.abs(values) < WALL)
     off = np.abs(values - wanted)[valid]
     return bool(valid.any() and (off <= _SAME * np.abs(wanted[valid]) + _NONE).all())
 
@@ -334,12 +340,12 @@ def _refuse_edge(where: str, law: Law) -> None:
             & (np.abs(there - halfway) <= _LEAST_LATER * change)
         ).any()
     )
-    if (np.abs(values) >= _WALL).any() or split:
+    if (np.abs(values) >= WALL).any() or split:
         raise InputError(
             f"{where} = {law.text!r}: must be defined near rest, where its arguments are 0"
             + _sign_text(law.text)
         ) from None
-    if (np.abs(slopes[0]) >= _WALL).any():
+    if (np.abs(slopes[0]) >= WALL).any():
         raise InputError(
             f"{where} = {law.text!r}: must have a finite derivative at rest, where its "
             "arguments are 0"
