@@ -59,7 +59,7 @@ module viscovib_curve_corrector
     real(wp), allocatable, private :: right(:), r(:), slope_p(:)
     !> Typical size of each unknown, and the largest term of each equation, to scale pivots.
     real(wp), allocatable, private :: sizes(:), largest_of(:)
-    !> The largest term of each equation, by the derivatives factorized last.
+    !> The largest term of each equation, by the derivatives factorized last; more rows are unused.
     real(wp), allocatable :: terms(:)
     !> The last correction, and the part of it that remains as error.
     real(wp), allocatable, private :: last(:)
@@ -93,11 +93,11 @@ contains
     allocate (corrector%right(n + 1), corrector%r(n), corrector%slope_p(n), &
               corrector%predicted(n + 1))
     allocate (corrector%second(n + 1), corrector%third(n + 1), source=0.0_wp)
-    allocate (corrector%terms(n), corrector%last(n + 1), source=0.0_wp)
+    allocate (corrector%terms(corrector%factors%rows), corrector%last(n + 1), source=0.0_wp)
     allocate (corrector%weights(n), source=1.0_wp)
     if (allocated(curve%weights)) corrector%weights = curve%weights
     corrector%alone = curve%alone
-    allocate (corrector%sizes(n + 1), corrector%largest_of(n + 1), source=1.0_wp)
+    allocate (corrector%sizes(n + 1), corrector%largest_of(corrector%factors%rows), source=1.0_wp)
     corrector%tolerance = tolerance
     if (present(absolute)) then
       ! Half: for a complex pair, |Re| + |Im| is at most sqrt(2) times its length.
@@ -342,7 +342,7 @@ contains
     associate (matrix => c%factors%matrix)
       c%right(:n) = abs(next%x)
       call largest_in_rows(c%factors%rows, n, matrix, c%right, c%terms)
-      c%terms = max(c%terms, abs(c%slope_p*next%p))
+      c%terms(:n) = max(c%terms(:n), abs(c%slope_p*next%p))
       matrix(:n, n + 1) = c%slope_p
       do i = 1, n
         matrix(n + 1, i) = weight_x*c%weights(i)*here%slope_x(i)
@@ -366,7 +366,7 @@ contains
   logical function has_small_pivots(c) result(small_ones)
     type(corrector_type), intent(inout) :: c
     real(wp) :: largest, smallest
-    call c%factors%pivots_of(c%sizes, c%largest_of, largest, smallest)
+    call c%factors%pivots_of(c%sizes, c%largest_of(:c%n + 1), largest, smallest)
     small_ones = .not. smallest > wide*largest
   end function has_small_pivots
 

@@ -118,7 +118,7 @@ contains
     real(wp) :: terms(curve%n), moved(curve%n + 1), weight_x, weight_p
     integer :: i, k
 
-    terms = c%terms
+    terms = c%terms(:curve%n)
     call curve%raise_terms(point%x, point%p, terms)
     call metric(c, point, weight_x, weight_p)
     error = 0.0_wp

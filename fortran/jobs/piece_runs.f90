@@ -1,18 +1,19 @@
 !> Runs of one motion, for the search of their step: each is a piece from the start to the end.
 module viscovib_piece_runs
-  use viscovib_between_ends, only: fewest_steps, fill_between
+  use viscovib_between_ends, only: beyond, fill_between
   use viscovib_counters, only: count_up, counted_runs, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_fitted_memory, only: shared_error
   use viscovib_hereditary, only: begun, no_exponentials, past_direct, step_too_large
   use viscovib_kinds, only: i8, wp
   use viscovib_mesh, only: mesh_type, new_mesh
-  use viscovib_method_catalogue, only: method_order
+  use viscovib_method_catalogue, only: method_order, new_stepper
   use viscovib_motion_piece, only: as_before, motion_equations, piece_type
   use viscovib_motion_request, only: located_from, transient_job
   use viscovib_plain_pieces, only: plain_equations
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_stepper, only: stepper_type
   use viscovib_stopping, only: begin_piece
   use viscovib_trajectory, only: trajectory_type
   implicit none
@@ -475,17 +476,24 @@ contains
     real(wp), intent(out) :: off(:)
     type(status_type), intent(out) :: status
     class(driven_system_type), allocatable :: rates
+    real(wp), allocatable :: states(:, :)
     integer :: i, n
+    logical :: made
 
     call set_ok(status)
     off = huge(1.0_wp)
+    n = size(run%t) - 1
+    allocate (states(size(run%states, 1), -beyond:n + beyond))
+    states(:, 0:n) = run%states
     select type (equations => self%equations)
     class is (plain_equations)
       call equations%find_rates(run%h, rates, status)
+      if (status%failed() .or. .not. allocated(rates)) return
+      if (rates%base_motion%moves()) return
+      call continue_steps(rates, equations%method, n, run%h, run%solved, states, made)
+      if (made) call continue_steps(rates, equations%method, 0, -run%h, run%solved, states, made)
+      if (.not. made) return
     end select
-    if (status%failed() .or. .not. allocated(rates)) return
-    n = size(run%t) - 1
-    if (n < fewest_steps .or. rates%base_motion%moves()) return
     filled = run
     deallocate (filled%states, filled%t)
     allocate (filled%states(size(run%states, 1), n*per + 1), filled%t(n*per + 1))
@@ -493,8 +501,33 @@ contains
       filled%t(i + 1) = i*(self%t_end/(n*per))
     end do
     filled%t(n*per + 1) = self%t_end
-    call fill_between(rates, run%h, run%states, per, allowed, filled%states, off)
+    call fill_between(rates, run%h, states, per, allowed, filled%states, off)
   end subroutine fill
+
+  !> Steps beyond an end of a run: forwards from its end, or backwards (h < 0) from its start.
+  subroutine continue_steps(rates, method, from, h, solved, states, made)
+    class(driven_system_type), intent(in) :: rates
+    !> Index in `transient_methods`, and number of the step at whose end they begin.
+    integer, intent(in) :: method, from
+    real(wp), intent(in) :: h, solved
+    !> States at the ends of steps, the first one at time 0.
+    real(wp), intent(inout) :: states(:, -beyond:)
+    !> True if the motion exists there.
+    logical, intent(out) :: made
+    class(stepper_type), allocatable :: stepper
+    integer :: at, i
+
+    call new_stepper(stepper, rates, method, states(1::2, from), states(2::2, from), &
+                     from*abs(h), h, solved)
+    do i = 1, beyond
+      call stepper%step(rates, made)
+      if (made) made = rates%physical(stepper%q)
+      if (.not. made) return
+      at = from + nint(sign(real(i, wp), h))
+      states(1::2, at) = stepper%q
+      states(2::2, at) = stepper%v
+    end do
+  end subroutine continue_steps
 
   logical function keeps_all(self)
     class(piece_runs), intent(in) :: self

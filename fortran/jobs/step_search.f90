@@ -256,7 +256,9 @@ contains
     if (change < huge(1.0_wp) .and. fine%outcome == run_completed) then
       allowed = job%allowed(fine)
       gain = 1.0_wp
-      if (change <= followed_by_both*maxval(fine%sizes())) gain = runs%gain()
+      ! Shorter steps do not reduce rounding errors.
+      if (change <= followed_by_both*maxval(fine%sizes()) &
+          .and. all(epsilon(1.0_wp)*fine%sizes() <= allowed)) gain = runs%gain()
       off = off_of(coarse, fine)
       met = .not. apart > 0.0_wp .and. all(off <= gain*allowed)
       if (met .and. gain > 1.0_wp) then

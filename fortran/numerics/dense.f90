@@ -341,16 +341,16 @@ contains
     columns = scale(1.0_wp, exponent(columns))
   end subroutine equilibrate
 
-  !> The largest entry of each of the first n rows, with columns scaled by `sizes`.
+  !> The largest entry of each row in n columns scaled by `sizes`. A multiple of 8 rows is fastest.
   pure subroutine largest_in_rows(rows, n, matrix, sizes, largest)
     integer, intent(in) :: rows, n
     real(wp), intent(in) :: matrix(rows, n), sizes(n)
-    real(wp), intent(out) :: largest(n)
+    real(wp), intent(out) :: largest(rows)
     real(wp) :: entry
     integer :: i, j
     largest = 0.0_wp
     do j = 1, n
-      do i = 1, n
+      do i = 1, rows
         entry = abs(matrix(i, j))*sizes(j)
         largest(i) = merge(entry, largest(i), entry > largest(i))
       end do

@@ -11,7 +11,7 @@ module viscovib_driven_system
   use viscovib_law_branches, only: signal_type
   use viscovib_law_layers, only: law_layers
   use viscovib_modal_frame, only: modal_frame
-  use viscovib_vector_math, only: largest_angle
+  use viscovib_vector_math, only: largest_angle, sine_cosine
   implicit none
   private
 
@@ -347,15 +347,20 @@ contains
     class(driven_system_type), intent(in) :: self
     real(wp), intent(in) :: t(:)
     real(wp) :: drive(size(t), size(self%drives))
+    real(wp), dimension(size(t)) :: sine, cosine
     integer :: i, m
     m = size(self%drives)
     do i = 1, m
       drive(:, i) = self%drives(i)*t
-      if (allocated(self%quarters)) then
-        drive(:, i) = merge(sin(drive(:, i)), cos(drive(:, i)), self%quarters(i) == 3)
+      if (all(abs(drive(:, i)) <= largest_angle)) then
+        call sine_cosine(drive(:, i), sine, cosine)
       else
-        drive(:, i) = cos(drive(:, i))
+        sine = sin(drive(:, i))
+        cosine = cos(drive(:, i))
       end if
+      drive(:, i) = cosine
+      if (.not. allocated(self%quarters)) cycle
+      if (self%quarters(i) == 3) drive(:, i) = sine
     end do
     if (self%timed) drive(:, m) = t - self%present_piece(1)
   end function drive_at

@@ -1,9 +1,10 @@
 !> States between the ends of equal steps of a smooth motion without memory.
 !!
-!! They follow the polynomial of degree 23 through displacement, velocity and acceleration at eight
-!! ends of steps, which the steps know to their full order. Its accelerations inside a step differ
-!! from those of the equations by a residual, which shows its error: both are proportional to
-!! product_j (x - x_j)^3 and its second derivative.
+!! In each step they follow the polynomial of degree 23 through displacement, velocity and
+!! acceleration at the four nearest ends of steps on each side, which the steps know to their full
+!! order. Its accelerations in the middle of the step differ from those of the equations by a
+!! residual, which shows its error: both are proportional to product_j (x - x_j)^3 and its second
+!! derivative.
 module viscovib_between_ends
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_driven_system, only: driven_system_type
@@ -12,15 +13,12 @@ module viscovib_between_ends
   implicit none
   private
 
-  public :: fill_between, fewest_steps
+  public :: fill_between, beyond
 
-  !> Ends of a polynomial, and the number of steps before that one of them in whose middle it is.
-  integer, parameter :: n_ends = 8, before = 3
-  !> Smallest number of steps.
-  integer, parameter :: fewest_steps = n_ends - 1
-  !> Positions in a step at which the residual is taken, the most important first; safety factor of
-  !! the error.
-  real(wp), parameter :: looked(3) = [0.5_wp, 0.25_wp, 0.75_wp], safety = 2.0_wp
+  !> Ends of a polynomial, and the number of these before the step and after it.
+  integer, parameter :: n_ends = 8, beyond = 3
+  !> Middle of the step; safety factor of the error.
+  real(wp), parameter :: middle = beyond + 0.5_wp, safety = 2.0_wp
   !> Number of positions for the largest values of the error.
   integer, parameter :: n_places = 32
 
@@ -32,46 +30,42 @@ contains
     !> Length of a step; the number of parts of each.
     real(wp), intent(in) :: h
     integer, intent(in) :: per
-    !> (q_1, v_1, ...) at the ends of m steps from time 0 on, shape (2 n_dof, m + 1); the largest
-    !! error of each row.
-    real(wp), intent(in) :: states(:, :), allowed(:)
-    !> Shape (2 n_dof, m per + 1); not all are found if an error is too large.
+    !> (q_1, v_1, ...) at the ends of m steps from time 0 on, and of `beyond` steps before them and
+    !! after them, shape (2 n_dof, -beyond:m + beyond); the largest error of each row.
+    real(wp), intent(in) :: states(:, -beyond:), allowed(:)
+    !> Shape (2 n_dof, m per + 1); not found if an error is too large.
     real(wp), intent(out) :: more(:, :)
     !> Largest error of each row.
     real(wp), intent(out) :: off(:)
     real(wp), allocatable :: known(:, :, :)
-    integer :: at, from, m, to
+    integer :: m
 
-    m = size(states, 2) - 1
+    m = ubound(states, 2) - beyond
     call know_ends(system, h, states, known)
-    more(:, ::per) = states
+    call find_errors(system, h, known, off)
+    if (.not. all(off <= allowed)) return
+    more(:, ::per) = states(:, 0:m)
     if (counting) call count_up(counted_states, m*(per - 1))
-    off = 0.0_wp
-    do at = 0, n_ends - 2
-      ! Only near both ends of the run is a step not in the middle of its polynomial.
-      from = merge(at, m - fewest_steps + at, at <= before)
-      to = merge(at, m - fewest_steps + at, at < before)
-      call check_steps(system, h, known, at, from, to, off)
-      if (.not. all(off <= allowed)) return
-      call fill_steps(h, known, at, from, to, per, more)
-    end do
+    call fill_steps(h, known, per, more)
   end subroutine fill_between
 
-  !> Displacements, velocities and accelerations at the ends, in units of steps: (0:m, 0:2, n).
+  !> Displacements, velocities and accelerations at the ends, in units of steps, shape
+  !! (-beyond:m + beyond, 0:2, n).
   subroutine know_ends(system, h, states, known)
     class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: h, states(:, :)
+    real(wp), intent(in) :: h, states(:, -beyond:)
     real(wp), allocatable, intent(out) :: known(:, :, :)
-    integer :: d, i, m, n
+    integer :: d, i, last, n
 
     n = size(states, 1)/2
-    m = size(states, 2) - 1
-    allocate (known(0:m, 0:2, n))
+    last = ubound(states, 2)
+    allocate (known(-beyond:last, 0:2, n))
     do d = 1, n
       known(:, 0, d) = states(2*d - 1, :)
       known(:, 1, d) = states(2*d, :)
     end do
-    call accelerate(system, [(i*h, i=0, m)], known(:, 0, :), known(:, 1, :), known(:, 2, :))
+    call accelerate(system, [(i*h, i=-beyond, last)], known(:, 0, :), known(:, 1, :), &
+                    known(:, 2, :))
     known(:, 1, :) = h*known(:, 1, :)
     known(:, 2, :) = h**2*known(:, 2, :)
   end subroutine know_ends
@@ -97,62 +91,54 @@ contains
     end do
   end subroutine accelerate
 
-  !> The states inside steps from..to, each of which is number `at` of those of its polynomial.
-  subroutine fill_steps(h, known, at, from, to, per, more)
+  !> The states inside the steps.
+  subroutine fill_steps(h, known, per, more)
     real(wp), intent(in) :: h
-    real(wp), intent(in) :: known(0:, 0:, :)
-    integer, intent(in) :: at, from, to, per
+    real(wp), intent(in) :: known(:, 0:, :)
+    integer, intent(in) :: per
     real(wp), intent(inout) :: more(:, :)
-    real(wp) :: values(from:to), weights(n_ends, 0:2, 0:2)
-    integer :: d, first, last, p
+    real(wp) :: values(size(known, 1) - n_ends + 1), weights(n_ends, 0:2, 0:2)
+    integer :: d, p
 
     do p = 1, per - 1
-      call weigh(at + real(p, wp)/real(per, wp), weights)
-      first = from*per + p + 1
-      last = to*per + p + 1
+      call weigh(beyond + real(p, wp)/real(per, wp), weights)
       do d = 1, size(known, 3)
-        call join(known(:, :, d), from - at, weights(:, :, 0), values)
-        more(2*d - 1, first:last:per) = values
-        call join(known(:, :, d), from - at, weights(:, :, 1), values)
-        more(2*d, first:last:per) = values/h
+        call join(known(:, :, d), weights(:, :, 0), values)
+        more(2*d - 1, p + 1::per) = values
+        call join(known(:, :, d), weights(:, :, 1), values)
+        more(2*d, p + 1::per) = values/h
       end do
     end do
   end subroutine fill_steps
 
-  !> Errors in the same steps.
-  subroutine check_steps(system, h, known, at, from, to, off)
+  !> Largest error of each row, from the residuals in the middle of the steps.
+  subroutine find_errors(system, h, known, off)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: h
-    real(wp), intent(in) :: known(0:, 0:, :)
-    integer, intent(in) :: at, from, to
-    real(wp), intent(inout) :: off(:)
-    real(wp), dimension(from:to, size(known, 3)) :: q, v, a, right
+    real(wp), intent(in) :: known(:, 0:, :)
+    real(wp), intent(out) :: off(:)
+    real(wp), dimension(size(known, 1) - n_ends + 1, size(known, 3)) :: q, v, a, right
     real(wp) :: weights(n_ends, 0:2, 0:2), of_residual(2), residual
-    integer :: d, k, most, p
+    integer :: d, k
 
-    ! In the middle of a polynomial the residual is largest in the middle of the step.
-    most = merge(1, size(looked), at == before)
-    call measure(at, most, of_residual)
-    do p = 1, most
-      call weigh(at + looked(p), weights)
-      do d = 1, size(known, 3)
-        call join(known(:, :, d), from - at, weights(:, :, 0), q(:, d))
-        call join(known(:, :, d), from - at, weights(:, :, 1), v(:, d))
-        call join(known(:, :, d), from - at, weights(:, :, 2), a(:, d))
-      end do
-      call accelerate(system, [((k + looked(p))*h, k=from, to)], q, v/h, right)
-      do d = 1, size(known, 3)
-        residual = safety*maxval(abs(a(:, d) - h**2*right(:, d)))
-        off(2*d - 1) = max(off(2*d - 1), of_residual(1)*residual)
-        off(2*d) = max(off(2*d), of_residual(2)*residual/h)
-      end do
+    call measure(of_residual)
+    call weigh(middle, weights)
+    do d = 1, size(known, 3)
+      call join(known(:, :, d), weights(:, :, 0), q(:, d))
+      call join(known(:, :, d), weights(:, :, 1), v(:, d))
+      call join(known(:, :, d), weights(:, :, 2), a(:, d))
     end do
-  end subroutine check_steps
+    call accelerate(system, [((k - 0.5_wp)*h, k=1, size(q, 1))], q, v/h, right)
+    do d = 1, size(known, 3)
+      residual = safety*maxval(abs(a(:, d) - h**2*right(:, d)))
+      off(2*d - 1) = of_residual(1)*residual
+      off(2*d) = of_residual(2)*residual/h
+    end do
+  end subroutine find_errors
 
-  !> Sums of known values by weights, for polynomials that begin at the end `first` and later.
-  pure subroutine join(known, first, weights, values)
-    real(wp), intent(in) :: known(0:, 0:)
-    integer, intent(in) :: first
+  !> Sums of known values by weights, for the polynomial of each step.
+  pure subroutine join(known, weights, values)
+    real(wp), intent(in) :: known(:, 0:)
     real(wp), intent(in) :: weights(n_ends, 0:2)
     real(wp), intent(out) :: values(:)
     integer :: i, j, n
@@ -160,7 +146,7 @@ contains
     values = 0.0_wp
     do j = 0, 2
       do i = 1, n_ends
-        values = values + weights(i, j)*known(first + i - 1:first + i + n - 2, j)
+        values = values + weights(i, j)*known(i:i + n - 1, j)
       end do
     end do
   end subroutine join
@@ -201,25 +187,18 @@ contains
     end do
   end subroutine weigh
 
-  !> Largest errors of value and first derivative in the step number `at` of a polynomial, relative
-  !! to the largest residual.
-  pure subroutine measure(at, most, of_residual)
-    !> The residual is known at this number of positions.
-    integer, intent(in) :: at, most
+  !> Largest errors of value and first derivative in a step, relative to the residual in its middle.
+  pure subroutine measure(of_residual)
     real(wp), intent(out) :: of_residual(2)
-    real(wp) :: errors(0:2), largest
+    real(wp) :: errors(0:2)
     integer :: p
     of_residual = 0.0_wp
     do p = 1, n_places - 1
-      errors = error_at(at + real(p, wp)/real(n_places, wp))
+      errors = error_at(beyond + real(p, wp)/real(n_places, wp))
       of_residual = max(of_residual, abs(errors(0:1)))
     end do
-    largest = 0.0_wp
-    do p = 1, most
-      errors = error_at(at + looked(p))
-      largest = max(largest, abs(errors(2)))
-    end do
-    of_residual = of_residual/largest
+    errors = error_at(middle)
+    of_residual = of_residual/abs(errors(2))
   end subroutine measure
 
   !> product_j (x - x_j)^3 and its first two derivatives.

@@ -251,10 +251,13 @@ def test_smooth_motions_take_few_steps_and_tell_their_errors(tolerance):
     )  # fmt: skip
     start = [0.05, 0, 0.3, 0, -0.2, 0]
     run = vv.simulate(pendulum, 100, initial=start, tolerance=tolerance)
-    assert run.stats["steps"] <= 280 < run.t.size
+    # Near both ends of the run, too, the states do not need shorter steps.
+    assert run.stats["steps"] <= (280 if tolerance is None else 140) < run.t.size
     given = dict(t_eval=run.t, rtol=1e-13, atol=1e-14, max_step=0.1)
     right = solve_ivp(pendulum.rhs, (0, 100), start, "DOP853", **given).y.T
-    assert np.abs(run.state - right).max() <= run.error <= (tolerance or 1e-10)
+    # The reference has an error, too.
+    assert np.abs(run.state - right).max() <= run.error + 1e-12
+    assert run.error <= (tolerance or 1e-10)
     last = vv.simulate(pendulum, 100, initial=start, tolerance=tolerance, keep="last")
     assert last.stats["steps"] <= 140
     assert np.abs(last.state - right[-1]).max() <= last.error <= (tolerance or 1e-10)

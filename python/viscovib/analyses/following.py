@@ -18,7 +18,13 @@ from viscovib.analyses.steady import condensed_line, falling, prepare
 from viscovib.bodies.body import Body
 from viscovib.bodies.varying_body import varied_body
 from viscovib.common.motion_stability import Stability, hanging, truncated_crossings
-from viscovib.common.parameters import OPPOSITE, STABILITY, SYMMETRIC, CurveOptions
+from viscovib.common.parameters import (
+    MAX_HARMONICS,
+    OPPOSITE,
+    STABILITY,
+    SYMMETRIC,
+    CurveOptions,
+)
 from viscovib.common.plan import Plan
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
@@ -192,15 +198,16 @@ def trace_mount(
         flat=None if way.numbers is None else way.numbers.at(way.start),
         whole=way.numbers is not None,
     )  # fmt: skip
-    planned = job.run(
-        "response plan", nu=nu_fixed, **{**prepared, "stability": False}, keep_idle=True,
-        on_branch=True, symmetric=keeps,
-    )  # fmt: skip
     if loaded is None and coordinates is not None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
-    orders = planned["kept"]
-    _check_size(curve.max_points, job.n_dof, orders.size)
-    begin = _begin(system, way, job, loaded, orders, leave, opposite, begun)
+    options = {**prepared, "stability": False, "nu": nu_fixed}
+    options |= {"keep_idle": True, "on_branch": True, "symmetric": keeps}
+    begin: dict[str, Any] = {}
+    many = curve.max_points > _most_points(job.n_dof, MAX_HARMONICS + 1)
+    if many or leave is not None or begun is not None:
+        orders = job.run("response plan", **options)["kept"]
+        _check_size(curve.max_points, job.n_dof, orders.size)
+        begin = _begin(system, way, job, loaded, orders, leave, opposite, begun)
     along = way.along(job)
     found = along.run_long(
         "branch follow", **curve.along(way.start, way.finish, stops=stops),
@@ -216,14 +223,9 @@ def trace_mount(
             f"another value{_advice(system)}"
         )
     view = None if loaded is None else View.of(system, loaded, coordinates)
-    first = _native.run(
-        "branch plan", name=way.varies.replace("load_factor", "load factor"), start=way.start,
-        finish=way.finish, n_orders=orders.size if prepared["harmonics"] else 0,
-        most=int(orders[-1]), stability=assessed,
-    )["text"]  # fmt: skip
-    plan = Plan(f"{first.strip()}\n{condensed_line(loaded)}{planned['rest'].strip()}")
+    planned = partial(_plan, job, options, way, assessed, condensed_line(loaded))
     shown = _Shown(system, way, job, found["harmonics"], view)
-    return _branch(found, shown, curve.tolerance, assessed, plan, along)
+    return _branch(found, shown, curve.tolerance, assessed, planned, along)
 
 
 def _advice(system: Steady) -> str:
@@ -234,9 +236,26 @@ def _advice(system: Steady) -> str:
     return advice
 
 
+def _plan(job: Job, options: dict[str, Any], way: _Way, assessed: bool, condensed: str) -> Plan:
+    """Return the plan of a branch; ``options``: those of the plan of a response."""
+    planned = job.run("response plan", **options)
+    orders = planned["kept"]
+    first = _native.run(
+        "branch plan", name=way.varies.replace("load_factor", "load factor"), start=way.start,
+        finish=way.finish, n_orders=orders.size if options["harmonics"] else 0,
+        most=int(orders[-1]), stability=assessed,
+    )["text"]  # fmt: skip
+    return Plan(f"{first.strip()}\n{condensed}{planned['rest'].strip()}")
+
+
+def _most_points(n_dof: int, m: int) -> int:
+    """Largest number of points with m harmonics."""
+    return int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
+
+
 def _check_size(points: int, n_dof: int, m: int) -> None:
     """Refuse more points than fit into memory."""
-    most = int(_MAX_NUMBERS / (8 * m * n_dof + 8 * n_dof + 16))
+    most = _most_points(n_dof, m)
     if points > most:
         raise InputError(
             f"max_points = {points}: must be at most {most} with {n_dof} coordinates and {m} "
@@ -273,7 +292,7 @@ def _branch(
     shown: _Shown,
     tolerance: float,
     assessed_too: bool,
-    plan: Plan,
+    planned: Callable[[], Plan],
     job: Job,
 ) -> Branch:
     """Create the result with names and units."""
@@ -325,7 +344,7 @@ def _branch(
         truncation=found["truncation"],
         dof_names=names,
         dof_units=units,
-        plan=plan,
+        _planned=planned,
         _job=job,
         _tolerance=tolerance,
         _allowed=found["allowed"],
@@ -349,42 +368,39 @@ def _branch(
 
 def _warn_of_doubts(branch: Branch, motions: ComplexArray, p: FloatArray) -> None:
     """Warn of points whose rounding or truncation error exceeds the tolerance."""
-    stable, allowed, tolerance = branch.stable, branch._allowed, branch._tolerance
-    few, blurred = branch._few, branch._off > allowed
-    _warn_above(
-        branch._off, allowed, tolerance, branch.varies, p,
-        "the rounding error exceeds the tolerance",
-        hanging(stable, blurred & ~few, "rounding decides"),
-    )  # fmt: skip
-    worst = int(np.where(few, branch._missed, 0).argmax())
-    _warn_above(
-        np.where(few, branch._missed, 0), allowed, tolerance, branch.varies, p,
-        f"harmonics up to {branch.harmonics[-1]} do not reach the tolerance",
-        (falling(motions[worst]) if few[worst] else "")
-        + hanging(stable, few)
-        + truncated_crossings([c.before for c in branch.crossings], few),
-    )  # fmt: skip
+    stable, allowed, off, few = branch.stable, branch._allowed, branch._off, branch._few
+    shown = branch._tolerance, branch.varies, p
+    blurred = off > allowed
+    if blurred.any():
+        note = "the rounding error exceeds the tolerance"
+        _warn_above(off, blurred, *shown, note, hanging(stable, blurred & ~few, "rounding decides"))
+    if few.any():
+        missed = np.where(few, branch._missed, 0)
+        _warn_above(
+            missed, few, *shown,
+            f"harmonics up to {branch.harmonics[-1]} do not reach the tolerance",
+            falling(motions[int(missed.argmax())])
+            + hanging(stable, few)
+            + truncated_crossings([c.before for c in branch.crossings], few),
+        )  # fmt: skip
 
 
 def _warn_above(
     errors: FloatArray,
-    allowed: FloatArray,
+    above: npt.NDArray[np.bool_],
     tolerance: float,
     varies: str,
     p: FloatArray,
     note: str,
-    more: str = "",
+    more: str,
 ) -> None:
-    """Warn of points whose error is above the tolerance."""
-    above = errors > allowed
-    if above.any():
-        warnings.warn(
-            f"at {above.sum()} of {errors.size} points {note} {tolerance:.1e}; worst at {varies} = "
-            f"{p[errors.argmax()]:.6g}, with an estimated relative error of {errors.max():.1e}"
-            f"{more}",
-            ConvergenceWarning,
-            stacklevel=caller(),
-        )
+    """Warn of points whose error is ``above`` the tolerance."""
+    warnings.warn(
+        f"at {above.sum()} of {errors.size} points {note} {tolerance:.1e}; worst at {varies} = "
+        f"{p[errors.argmax()]:.6g}, with an estimated relative error of {errors.max():.1e}{more}",
+        ConvergenceWarning,
+        stacklevel=caller(),
+    )
 
 
 def _absolute(

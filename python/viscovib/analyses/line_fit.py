@@ -160,27 +160,31 @@ class LineFit:
             return []
         matrix, right = self.sums(True, np.ones(self.omega.size, dtype=bool))
         first = matrix.shape[0] - self.omega.size
-        seen = []
         known = [*range(first), *(first + np.flatnonzero(self.damped))]
+        without = _solution(matrix[np.ix_(known, known)], right[known])
+        if without is None:
+            return []
+        before = without @ right[known]
+        left = self._left()
+        seen = []
         for line in steady:
             with_it = [*known, first + int(line)]
             change = _solution(matrix[np.ix_(with_it, with_it)], right[with_it])
-            without = _solution(matrix[np.ix_(known, known)], right[known])
-            if change is None or without is None:
+            if change is None:
                 continue
-            gain = change @ right[with_it] - without @ right[known]
-            if gain > _DECAYS * self.noise(int(line)):
+            if change @ right[with_it] - before > _DECAYS * self.noise(int(line), left):
                 seen.append(int(line))
         return seen
 
-    def noise(self, line: int) -> float:
+    def noise(self, line: int, amplitudes: FloatArray | None = None) -> float:
         """Variance of a sample of the noise near a line, at least the rounding error.
 
         It follows from the powers of nearby bins without lines: under a Hann window their mean is
-        6/n of the variance.
+        6/n of the variance. ``amplitudes``: those of the residual, if known.
         """
         n = self.samples.size
-        amplitudes = self._left()
+        if amplitudes is None:
+            amplitudes = self._left()
         bins = np.arange(amplitudes.size)
         places = self.omega * n / (2 * math.pi)
         widths = 3.0 + np.abs(self.decay) * n / (2 * math.pi)
@@ -251,7 +255,7 @@ class LineFit:
         return _native.apart(work) if many else work()
 
     def _table(self) -> FloatArray:
-        return np.asfortranarray(np.stack([self.omega, self.decay, self.a, self.b]))
+        return np.array([self.omega, self.decay, self.a, self.b], order="F")
 
     def _restore(self, other: "LineFit") -> None:
         self.__dict__.update(copy(other).__dict__)
@@ -292,10 +296,12 @@ def _solution(matrix: FloatArray, right: FloatArray, damping: float = 0.0) -> Fl
 
     ``damping``: addition to the diagonal, relative to it.
     """
-    scale = np.sqrt(np.diag(matrix))
-    if not np.all(scale > 0) or not np.all(np.isfinite(matrix)):
+    scale = np.sqrt(matrix.diagonal())
+    if not scale.min() > 0 or not _native.all_finite(matrix):
         return None
-    scaled = matrix / np.outer(scale, scale) + damping * np.eye(scale.size)
+    scaled = matrix / scale / scale[:, np.newaxis]
+    if damping > 0:
+        scaled += damping * np.eye(scale.size)
     values, vectors = np.linalg.eigh(scaled)
     if values[0] * _MAX_CONDITION < values[-1]:
         return None

@@ -268,7 +268,7 @@ def dominant_frequencies(
             fit = final
         fit = fit.settle_decays()
         final = copy(fit)
-        final.solve_amplitudes()
+        final.solve_amplitudes(1)
         final.sums(False, final.damped)
         if final.total <= fit.total + fit.rounding:
             fit = final

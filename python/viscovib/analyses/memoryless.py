@@ -87,15 +87,16 @@ def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Fl
     state = _native.real_array(name, value)
     if state.shape != shape:
         raise InputError(f"{name}: must have shape {shape}, got {state.shape}")
-    if (state[..., 0] <= -1).any():
-        raise InputError(f"{name} z = {state[..., 0].min():g}: must be greater than -1")
+    lowest = state[0] if state.ndim == 1 else state[..., 0].min()
+    if lowest <= -1:
+        raise InputError(f"{name} z = {lowest:g}: must be greater than -1")
     return state
 
 
 def first_steps(system: Pendulum, end: float) -> int:
     """First number of steps of the step size search: four per fastest linear period."""
-    natural = float(system.natural_frequencies().max())
-    fastest = max(natural, system.p1, system.p2, system.p3)
+    natural: list[float] = system.natural_frequencies().tolist()
+    fastest = max(*natural, system.p1, system.p2, system.p3)
     if not math.isfinite(end * fastest):
         raise InputError(
             f"t_end = {end:g}: contains more periods of the fastest motion (frequency "
@@ -483,7 +484,7 @@ class _PendulumRun(Run):
     @property
     def swings(self) -> int:
         """1 if phi or psi move; 0: only the spring is integrated."""
-        return int(self.begin[2:].any() or self.system.m01 != 0 or self.system.m02 != 0)
+        return int(any(self.begin[2:].tolist()) or self.system.m01 != 0 or self.system.m02 != 0)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
         """Mask of coordinates, velocities and their rounding errors."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -106,8 +106,6 @@ class Branch(PeriodicMotions, Curve):
         exist at this value), although the point is within ``tolerance`` of the converged branch.
         ``fold_errors`` estimates the shift of the folds. Warnings and `complete` refer to the
         distance from the branch.
-    plan : Plan
-        What was computed, and what was skipped and why.
 
     Examples
     --------
@@ -152,7 +150,8 @@ class Branch(PeriodicMotions, Curve):
     truncation: FloatArray
     dof_names: tuple[str, ...]
     dof_units: tuple[str, ...]
-    plan: Plan
+    #: Creates the plan.
+    _planned: Callable[[], Plan] = field(repr=False)
     #: System, load and varied parameter for the core, and the relative tolerance.
     _job: Job = field(repr=False)
     _tolerance: float = field(repr=False)
@@ -166,6 +165,11 @@ class Branch(PeriodicMotions, Curve):
     _parts: Parts | None = field(default=None, repr=False)
     #: Additional columns requested by a scene.
     _extra_columns: tuple[str, ...] = field(default=(), repr=False)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What was computed, and what was skipped and why; created on first access."""
+        return self._planned()
 
     @property
     def _circular(self) -> bool:
