@@ -212,11 +212,10 @@ def forced_response(
     >>> print(*response.methods)
     successive newton
     """
+    check_instance("system", system, *_STEADY)
     given = with_rtol(locals(), usual_tolerance(system))
     if isinstance(system, Pendulum):
         return pendulum_response(**_PENDULUM_RESPONSE.of(given))
-    if not isinstance(system, _STEADY):
-        check_instance("system", system, *_STEADY)
     return mount_response(**_MOUNT_RESPONSE.of(given))
 
 
@@ -260,6 +259,7 @@ def plan_response(
     ... )
     >>> skipped = vv.plan_response(mount, [1.0, 2.0], load=0.1)["skips"]
     """
+    check_instance("system", system, *_STEADY)
     given = with_rtol(locals(), usual_tolerance(system))
     del given["rtol"]
     return mount_plan(**given)

@@ -230,13 +230,12 @@ def trace_response(
     >>> vv.trace_response(duffing, (0.3, 3), load=0.3).folds.size
     2
     """
+    check_instance("system", system, *_STEADY)
     # The progress bar is the same for all systems.
     given = with_curve(locals() | {"progress": False}, "trace_response", usual_tolerance(system))
     with counted_pieces(PROGRESS.check(progress)):
         if isinstance(system, Pendulum):
             return trace_pendulum(**_TRACE_PENDULUM.of(given))
-        if not isinstance(system, _STEADY):
-            check_instance("system", system, *_STEADY)
         return trace_mount(**_TRACE_MOUNT.of(given))
 
 
