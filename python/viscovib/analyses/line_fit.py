@@ -165,16 +165,22 @@ class LineFit:
         if without is None:
             return []
         before = without @ right[known]
-        left = self._left()
-        seen = []
-        for line in steady:
-            with_it = [*known, first + int(line)]
+        gains = {}
+        for line in map(int, steady):
+            with_it = [*known, first + line]
             change = _solution(matrix[np.ix_(with_it, with_it)], right[with_it])
-            if change is None:
-                continue
-            if change @ right[with_it] - before > _DECAYS * self.noise(int(line), left):
-                seen.append(int(line))
-        return seen
+            if change is not None:
+                gains[line] = change @ right[with_it] - before
+        # The noise takes a spectrum, and it is at least the rounding error.
+        if max(gains.values(), default=0.0) <= _DECAYS * self.least_noise:
+            return []
+        left = self._left()
+        return [line for line, gain in gains.items() if gain > _DECAYS * self.noise(line, left)]
+
+    @property
+    def least_noise(self) -> float:
+        """Rounding error as the variance of a sample."""
+        return 2 * self.rounding / self.samples.size
 
     def noise(self, line: int, amplitudes: FloatArray | None = None) -> float:
         """Variance of a sample of the noise near a line, at least the rounding error.
@@ -191,10 +197,9 @@ class LineFit:
         free = np.all(np.abs(np.subtract.outer(bins, places)) > widths, axis=1) & (bins > 2)
         distance = np.abs(bins - places[line])
         near = np.flatnonzero(free)[np.argsort(distance[free], kind="stable")[:24]]
-        floor = 2 * self.rounding / n
         if near.size < 4:
-            return max(floor, 2 * self.total / n)
-        return max(floor, n / 6 * float((amplitudes[near] ** 2).mean()))
+            return max(self.least_noise, 2 * self.total / n)
+        return max(self.least_noise, n / 6 * float((amplitudes[near] ** 2).mean()))
 
     def next_line(self, alarm: float) -> float | None:
         """Frequency of the largest peak above rounding errors and noise; None: no peak."""
