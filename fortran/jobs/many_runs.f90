@@ -2,8 +2,8 @@
 !! a step given or found. A motion whose steps may have missed a thin layer is repeated in parts.
 module viscovib_many_runs
   use viscovib_constants, only: pi
-  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, &
-    run_block, run_together
+  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
+    run_together
   use viscovib_explicit_tables, only: lane_methods
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
@@ -12,10 +12,8 @@ module viscovib_many_runs
   use viscovib_many_motions, only: compare, many_motions
   use viscovib_method_catalogue, only: new_stepper, transient_methods
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_pendulum_numbers, only: set_number
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_side_by_side, only: fill_blocks, place_of_form
   use viscovib_simulate, only: simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
@@ -496,5 +494,70 @@ contains
       coarse = many
     end do
   end subroutine refine
+
+  ! Numbers of a pendulum that vary from motion to motion.
+
+  !> Another value of the number at a place among the words of `vary` in `scenes.toml`.
+  pure subroutine set_number(p, place, value)
+    type(pendulum_parameters), intent(inout) :: p
+    integer, intent(in) :: place
+    real(wp), intent(in) :: value
+
+    select case (place)
+    case (1)
+      p%e = value
+    case (2)
+      p%w2 = value
+    case (3)
+      p%w3 = value
+    case (4)
+      p%alpha = value
+    case (5:7)
+      p%damping(place - 4) = value
+    case (8:10)
+      p%load(place - 7) = value
+    case default
+      p%frequency(place - 10) = value
+    end select
+  end subroutine set_number
+
+  ! Grouping of motions in lanes: their systems must have the same form.
+
+  !> Index of a motion's form among the known ones; a new form is appended.
+  integer function place_of_form(known, motion) result(place)
+    type(lane_motion_type), allocatable, intent(inout) :: known(:)
+    type(lane_motion_type), intent(in) :: motion
+    type(lane_motion_type), allocatable :: more(:)
+    integer :: i
+
+    do place = 1, size(known)
+      if (known(place)%differs_in_numbers(motion)) return
+    end do
+    allocate (more(place))
+    do i = 1, size(known)
+      more(i) = known(i)
+    end do
+    more(place) = motion
+    call move_alloc(more, known)
+  end function place_of_form
+
+  !> Blocks of motions of one kind; the last motion is repeated in idle lanes.
+  pure subroutine fill_blocks(kind_of, members, kinds)
+    !> The kind of each motion, from 1.
+    integer, intent(in) :: kind_of(:)
+    !> The motions of each block, and its kind.
+    integer, allocatable, intent(out) :: members(:, :), kinds(:)
+    integer, allocatable :: all_of_them(:), runs(:)
+    integer :: i, k
+
+    allocate (all_of_them(0), kinds(0))
+    do k = 1, maxval(kind_of)
+      runs = pack([(i, i=1, size(kind_of))], kind_of == k)
+      runs = [runs, (runs(size(runs)), i=1, modulo(-size(runs), n_lanes))]
+      all_of_them = [all_of_them, runs]
+      kinds = [kinds, (k, i=1, size(runs)/n_lanes)]
+    end do
+    members = reshape(all_of_them, [n_lanes, size(kinds)])
+  end subroutine fill_blocks
 
 end module viscovib_many_runs

@@ -1,6 +1,7 @@
 !> Equations of motion with memory, of oscillators and of structures by their modes.
 module viscovib_memory_pieces
   use viscovib_base_motion, only: base_motion_type
+  use viscovib_graded_march, only: graded_march_type
   use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_kinds, only: wp
@@ -11,7 +12,7 @@ module viscovib_memory_pieces
     motion_equations, piece_type, under_other_loads
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_reduction, only: reduce, state_mask
+  use viscovib_reduction, only: reduce
   use viscovib_status, only: set_ok, status_type
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_time_load, only: time_load_type
@@ -92,19 +93,16 @@ contains
     type(time_load_type) :: load
     type(base_motion_type) :: base
     type(mesh_type) :: mesh
-    real(wp), allocatable :: states(:, :), at_times(:, :), u(:), v(:), shortest
-    integer, allocatable :: dofs(:), rows(:)
+    real(wp), allocatable :: u(:), v(:), shortest
+    integer, allocatable :: dofs(:)
     logical, allocatable :: moves(:), kinks
-    real(wp) :: too_long
     integer :: i, n, part
-    logical :: made
 
     call set_ok(status)
     system => self%system
     n = system%n_dof()
     moves = self%moves .or. piece%is_watched
     dofs = pack([(i, i=1, n)], moves)
-    rows = pack([(i, i=1, 2*n)], state_mask(moves))
     if (piece%sign /= 0) then
       ! With the changed start, forces have changed arguments, u/(1 + s), and values, by 1 + 2 s.
       allocate (other, source=system)
@@ -126,49 +124,9 @@ contains
     call new_hereditary(run, system, load, self%nodes, piece%past, self%held(dofs), u, v, &
                         mesh%h(part), self%t_end, piece%tolerance, piece%reason, self%before, &
                         self%moved(dofs, :), shortest, kinks)
-    if (piece%reason == begun .and. piece%resume /= from_start) then
-      made = .true.
-      if (piece%resume /= under_other_loads) then
-        call check_memory(piece, run%memory_size(), status)
-        if (status%failed()) return
-        call run%load_memory(piece%memory, .false.)
-      else
-        call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
-        call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
-      end if
-      if (.not. made) piece%reason = step_too_large
-    end if
-    too_long = 0.0_wp
-    piece%last = piece%initial
-    run%gives_up = piece%gives_up
-    if (piece%reason == begun) then
-      if (size(dofs) == n) then
-        if (piece%is_watched) call piece%begin_watch(run%n_observed())
-        call run_hereditary(run, system, load, base, piece%first, piece%n_steps, &
-                            piece%save_every, piece%times, piece%states, piece%at_times, &
-                            piece%n_done, piece%n_reached, piece%t_reached, piece%ended, mesh, &
-                            piece%resume == under_other_loads, piece%watch, too_long)
-      else
-        allocate (states(size(rows), size(piece%states, 2)))
-        allocate (at_times(size(rows), size(piece%times)), source=0.0_wp)
-        call run_hereditary(run, system, load, base, piece%first, piece%n_steps, &
-                            piece%save_every, piece%times, states, at_times, piece%n_done, &
-                            piece%n_reached, piece%t_reached, piece%ended, mesh, &
-                            piece%resume == under_other_loads, thinnest=too_long)
-        piece%states = 0.0_wp
-        piece%states(rows, :) = states
-        piece%at_times(rows, :) = at_times
-      end if
-      u = run%u
-      v = run%v
-      call base%add_to(piece%t_reached, u, v)
-      piece%last(2*dofs - 1) = u
-      piece%last(2*dofs) = v
-      piece%counted = run%equations%n_iterations
-      piece%resolution = run%resolution()
-      piece%kept = run%save_memory()
-    end if
-    piece%too_long = too_long/(unseen_by_node*self%nodes)
+    call resume_run(run, system, load, base, piece, mesh, [real(wp) ::], u, v, status)
+    if (status%failed()) return
+    call make_steps(run, system, load, base, mesh, self%nodes, dofs, piece)
   end subroutine run_oscillator
 
   !> The shortest step after corners, and true if the base has corners; not allocated: no corners.
@@ -232,9 +190,8 @@ contains
     type(mesh_type) :: mesh
     real(wp), allocatable :: u(:), v(:), shortest
     logical, allocatable :: kinks
-    real(wp) :: begin, too_long
-    integer :: n, part
-    logical :: made
+    real(wp) :: begin
+    integer :: i, n, part
 
     call set_ok(status)
     n = size(self%shown, 2)
@@ -250,43 +207,87 @@ contains
                              self%nodes, piece%past, self%held, begin*self%q, begin*self%v, &
                              mesh%h(part), self%t_end, piece%tolerance, piece%reason, &
                              self%before, self%moved, shortest, kinks)
-    if (piece%reason == begun .and. piece%resume /= from_start) then
-      made = .true.
-      if (piece%resume /= under_other_loads) then
-        call check_memory(piece, run%memory_size(), status)
-        if (status%failed()) return
-        call run%load_memory(piece%memory, .false.)
-      else
-        call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
-        call run%kick(base, self%kick(1:1), self%kick(2:2))
-        call run%get_state(u, v)
-        call run%take_up(self%system, self%load, mesh%start_of(piece%first), u, v, made)
-      end if
-      if (.not. made) piece%reason = step_too_large
-    end if
     allocate (piece%phased(2*n), source=0.0_wp)
-    piece%last = piece%initial
-    too_long = 0.0_wp
-    if (piece%reason == begun) then
-      if (piece%is_watched) call piece%begin_watch(run%n_observed())
-      run%gives_up = piece%gives_up
-      call run_hereditary(run, self%system, self%load, base, piece%first, piece%n_steps, &
-                          piece%save_every, piece%times, piece%states, piece%at_times, &
-                          piece%n_done, piece%n_reached, piece%t_reached, piece%ended, mesh, &
-                          piece%resume == under_other_loads, piece%watch, too_long)
-      if (allocated(u)) deallocate (u, v)
-      allocate (u(n), v(n))
-      call run%observe(u, v)
-      call base%add_to(piece%t_reached, u, v)
-      piece%last(1::2) = u
-      piece%last(2::2) = v
-      piece%counted = run%equations%n_iterations
-      piece%resolution = run%resolution()
-      piece%phased = run%phase_errors()
-      piece%kept = run%save_memory()
-    end if
-    piece%too_long = too_long/(unseen_by_node*self%nodes)
+    call resume_run(run, self%system, self%load, base, piece, mesh, self%kick, u, v, status)
+    if (status%failed()) return
+    call make_steps(run, self%system, self%load, base, mesh, self%nodes, [(i, i=1, n)], piece)
+    if (piece%reason == begun) piece%phased = run%phase_errors()
   end subroutine run_structure
+
+  !> Continue a run with the memory of the piece before. Under other loads it continues from the
+  !! state (u, v), or if this is not allocated, from the state that is kept, after a jump of the
+  !! base by -`kick` (displacement, velocity).
+  subroutine resume_run(run, system, load, base, piece, mesh, kick, u, v, status)
+    class(graded_march_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    type(base_motion_type), intent(in) :: base
+    type(piece_type), intent(inout) :: piece
+    type(mesh_type), intent(in) :: mesh
+    real(wp), intent(in) :: kick(:)
+    real(wp), allocatable, intent(inout) :: u(:), v(:)
+    type(status_type), intent(out) :: status
+    logical :: made
+
+    call set_ok(status)
+    if (piece%reason /= begun .or. piece%resume == from_start) return
+    if (piece%resume /= under_other_loads) then
+      call check_memory(piece, run%memory_size(), status)
+      if (.not. status%failed()) call run%load_memory(piece%memory, .false.)
+      return
+    end if
+    call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
+    if (.not. allocated(u)) then
+      call run%kick(base, kick(1:1), kick(2:2))
+      call run%get_state(u, v)
+    end if
+    call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
+    if (.not. made) piece%reason = step_too_large
+  end subroutine resume_run
+
+  !> Make the steps of a piece, of the coordinates `dofs`; the others stay 0.
+  subroutine make_steps(run, system, load, base, mesh, nodes, dofs, piece)
+    class(graded_march_type), intent(inout) :: run
+    class(oscillator_type), intent(in) :: system
+    type(time_load_type), intent(in) :: load
+    type(base_motion_type), intent(inout) :: base
+    type(mesh_type), intent(in) :: mesh
+    integer, intent(in) :: nodes, dofs(:)
+    type(piece_type), intent(inout) :: piece
+    real(wp), allocatable :: states(:, :), at_times(:, :)
+    real(wp) :: u(size(dofs)), v(size(dofs)), too_long
+
+    piece%last = piece%initial
+    if (piece%reason /= begun) return
+    run%gives_up = piece%gives_up
+    if (2*size(dofs) == size(piece%last)) then
+      if (piece%is_watched) call piece%begin_watch(size(dofs))
+      call run_hereditary(run, system, load, base, piece%first, piece%n_steps, piece%save_every, &
+                          piece%times, piece%states, piece%at_times, piece%n_done, &
+                          piece%n_reached, piece%t_reached, piece%ended, mesh, &
+                          piece%resume == under_other_loads, piece%watch, too_long)
+    else
+      allocate (states(2*size(dofs), size(piece%states, 2)))
+      allocate (at_times(2*size(dofs), size(piece%times)), source=0.0_wp)
+      call run_hereditary(run, system, load, base, piece%first, piece%n_steps, piece%save_every, &
+                          piece%times, states, at_times, piece%n_done, piece%n_reached, &
+                          piece%t_reached, piece%ended, mesh, piece%resume == under_other_loads, &
+                          thinnest=too_long)
+      piece%states = 0.0_wp
+      piece%states(2*dofs - 1, :) = states(1::2, :)
+      piece%states(2*dofs, :) = states(2::2, :)
+      piece%at_times(2*dofs - 1, :) = at_times(1::2, :)
+      piece%at_times(2*dofs, :) = at_times(2::2, :)
+    end if
+    call run%observe(u, v)
+    call base%add_to(piece%t_reached, u, v)
+    piece%last(2*dofs - 1) = u
+    piece%last(2*dofs) = v
+    piece%counted = run%equations%n_iterations
+    piece%resolution = run%resolution()
+    piece%kept = run%save_memory()
+    piece%too_long = too_long/(unseen_by_node*nodes)
+  end subroutine make_steps
 
   !> Multiply the forces of loads and elements by a factor.
   pure subroutine push_harder(sections, times)

@@ -7,9 +7,6 @@ module viscovib_explicit
   use viscovib_driven_system, only: driven_system_type
   use viscovib_explicit_tables, only: explicit_table_type, new_explicit_table
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_collocation, only: at_work, exchange_lanes, is_solved, check_sweep, &
-    max_sweeps, start_lanes
-  use viscovib_lane_arrays, only: furnish, new_work_plan, work_plan
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_phases, only: split_phase, step_phase, turn_phase
   use viscovib_stage_kernels, only: end_of_step, stage_states, stage_sums, turn_drives
@@ -18,6 +15,26 @@ module viscovib_explicit
   private
 
   public :: explicit_type, new_explicit
+
+  !> Offsets of the arrays in the workspace, in columns.
+  type :: work_plan
+    integer :: h = 1, q = 0, v = 0, q_rest = 0, v_rest = 0, in_q = 0, in_v = 0, stage_q = 0
+    integer :: stage_v = 0, drive = 0, cosine = 0, sine = 0, stage_cosine = 0, stage_sine = 0
+    !> For collocations only: accelerations of the previous step (after f), new accelerations, and
+    !! coordinates at the nodes.
+    integer :: f = 0, f_old = 0, f_new = 0, node_q = 0, n_columns = 0
+  end type work_plan
+
+  !> Sweeps over all nodes before a step counts as too large.
+  integer, parameter :: max_sweeps = 40
+  !> Relative change of accelerations at convergence: only rounding still changes them.
+  real(wp), parameter :: solved = 4.0e-15_wp
+  !> Changes below this are those of numbers near underflow.
+  real(wp), parameter :: negligible = 1.0e-300_wp
+  !> Relative change of the state that a step does not resolve.
+  real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp)
+  !> States of a lane: iterating, converged, diverged.
+  real(wp), parameter :: at_work = 1.0_wp, is_solved = 0.0_wp, ran_away = -1.0_wp
 
   type :: explicit_type
     type(explicit_table_type) :: table
@@ -453,5 +470,126 @@ contains
     integer, intent(in) :: lane
     self%work(self%place(self%plan%h) + lane) = 0.0_wp
   end subroutine stop_lane
+
+  ! The workspace of a method that runs in lanes: states, stages and load phases in one array, in
+  ! columns of lanes.
+
+  !> Store steps and the load phases of the stages in the workspace.
+  pure subroutine furnish(table, plan, frequencies, h, work)
+    type(explicit_table_type), intent(in) :: table
+    type(work_plan), intent(in) :: plan
+    real(wp), intent(in) :: frequencies(:, :), h(n_lanes)
+    real(wp), intent(inout) :: work(n_lanes, plan%n_columns)
+    real(wp) :: angle
+    integer :: i, j, k, column
+
+    work(:, plan%h) = h
+    do i = 1, table%n_stages
+      do j = 1, size(frequencies, 2)
+        column = size(frequencies, 2)*(i - 1) + j - 1
+        work(:, plan%stage_cosine + column) = 1.0_wp
+        work(:, plan%stage_sine + column) = 0.0_wp
+        do k = 1, n_lanes
+          angle = frequencies(k, j)*(h(k)*table%c(i))
+          ! Stopped lanes, and constant loads: most of them when a single motion is computed.
+          if (angle == 0.0_wp) cycle
+          work(k, plan%stage_cosine + column) = cos(angle)
+          work(k, plan%stage_sine + column) = sin(angle)
+        end do
+      end do
+    end do
+  end subroutine furnish
+
+  pure type(work_plan) function new_work_plan(n_drives, n_stages, implicit) result(plan)
+    integer, intent(in) :: n_drives, n_stages
+    logical, intent(in) :: implicit
+    plan%q = plan%h + 1
+    plan%v = plan%q + max_dof
+    plan%q_rest = plan%v + max_dof
+    plan%v_rest = plan%q_rest + max_dof
+    plan%in_q = plan%v_rest + max_dof
+    plan%in_v = plan%in_q + max_dof
+    plan%stage_q = plan%in_v + max_dof
+    plan%stage_v = plan%stage_q + max_dof
+    plan%drive = plan%stage_v + max_dof
+    plan%cosine = plan%drive + n_drives
+    plan%sine = plan%cosine + n_drives
+    plan%stage_cosine = plan%sine + n_drives
+    plan%stage_sine = plan%stage_cosine + n_drives*n_stages
+    plan%f = plan%stage_sine + n_drives*n_stages
+    plan%n_columns = plan%f + max_dof*n_stages - 1
+    if (.not. implicit) return
+    plan%f_old = plan%n_columns + 1
+    plan%f_new = plan%f_old + max_dof*n_stages
+    plan%node_q = plan%f_new + max_dof
+    plan%n_columns = plan%node_q + max_dof*n_stages - 1
+  end function new_work_plan
+
+  ! Gauss-Legendre collocation with trajectories in the lanes: procedures for its fixed-point
+  ! iteration.
+  !
+  !   f_i = a(q_0 + c_i h v_0 + h^2 sum_j a2_ij f_j, v_0 + h sum_j a_ij f_j)
+  ! is solved node by node, each with the newest accelerations of the other nodes (Gauss and
+  ! Seidel). A converged lane is not changed, so that its numbers do not depend on its neighbours.
+
+  !> Set the same accelerations at all nodes in the selected lanes.
+  pure subroutine start_lanes(n_nodes, n_dof, wanted, f_0, f)
+    integer, intent(in) :: n_nodes, n_dof
+    logical, intent(in) :: wanted(n_lanes)
+    real(wp), intent(in) :: f_0(n_lanes, max_dof)
+    real(wp), intent(inout) :: f(n_lanes, max_dof, *)
+    integer :: d, i
+    do i = 1, n_nodes
+      do d = 1, n_dof
+        f(:, d, i) = merge(f_0(:, d), f(:, d, i), wanted)
+      end do
+    end do
+  end subroutine start_lanes
+
+  !> Replace the accelerations of a node in active lanes; accumulate changes and
+  !! sizes.
+  pure subroutine exchange_lanes(n_dof, runaway, new, old, state, change, total)
+    integer, intent(in) :: n_dof
+    !> Accelerations that change by more than this diverge.
+    real(wp), intent(in) :: runaway
+    real(wp), intent(in) :: new(n_lanes, max_dof)
+    real(wp), intent(inout) :: old(n_lanes, max_dof)
+    real(wp), intent(inout), dimension(n_lanes) :: state, change, total
+    real(wp) :: part
+    integer :: d, l
+
+    do d = 1, n_dof
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        part = abs(new(l, d) - old(l, d))
+        state(l) = merge(state(l), ran_away, part <= runaway .or. state(l) < at_work)
+        change(l) = change(l) + merge(part, 0.0_wp, state(l) >= at_work)
+        old(l, d) = merge(new(l, d), old(l, d), state(l) >= at_work)
+        total(l) = total(l) + abs(old(l, d))
+      end do
+    end do
+  end subroutine exchange_lanes
+
+  !> Mark the lanes that have converged after sweep `sweep`.
+  pure subroutine check_sweep(sweep, n_nodes, h, size_of_state, change, before, total, state)
+    integer, intent(in) :: sweep, n_nodes
+    !> Steps; sum of the sizes of coordinates, and of velocities times the step; changes of this
+    !! sweep and of the one before, 0 before the first; sum of the sizes of accelerations.
+    real(wp), intent(in), dimension(n_lanes) :: h, size_of_state, change, before, total
+    real(wp), intent(inout) :: state(n_lanes)
+    real(wp) :: expected
+    integer :: l
+
+    do l = 1, n_lanes
+      if (state(l) < at_work) cycle
+      ! The next correction would shrink by the same factor again.
+      expected = change(l)
+      if (before(l) > change(l)) expected = change(l)*(change(l)/before(l))
+      if (expected <= max(solved*total(l), negligible)) state(l) = is_solved
+      ! If accelerations are small differences of large terms, only rounding still changes them.
+      if (sweep > 2 .and. change(l) >= 0.5_wp*before(l) &
+          .and. h(l)**2*change(l) <= n_nodes*rounding*size_of_state(l)) state(l) = is_solved
+    end do
+  end subroutine check_sweep
 
 end module viscovib_explicit

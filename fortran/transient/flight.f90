@@ -2,23 +2,58 @@
 !! quantities accumulated along the way.
 module viscovib_flight
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_constants, only: pi
   use viscovib_driven_system, only: differentiable_system_type, driven_system_type
   use viscovib_explicit, only: explicit_type, new_explicit
   use viscovib_explicit_tables, only: is_series
-  use viscovib_growth_course, only: growth_course
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_lines, only: lines_type, new_lines
   use viscovib_lane_moments, only: moments_type, new_moments
   use viscovib_lane_watch, only: lane_watch
   use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_phases, only: split_phase, step_phase
   use viscovib_run_history, only: run_history
-  use viscovib_stops, only: find_stop, needs_small_steps, run_coarse, &
-    run_completed, stop_type, within_reach
+  use viscovib_stops, only: find_stop, needs_small_steps, run_coarse, run_completed, stop_type, &
+    within_reach
+  use viscovib_vector_math, only: sine_cosine_lanes
   implicit none
   private
 
   public :: after_step, before_step, ensemble_block, ensemble_job, flight_type, gather, land, &
     take_off
+
+  !> Number of samples; error of the mean rate in units of the range of the deviation from a
+  !! straight line, over the time: for a random walk a factor of 2 is 2.5 standard deviations.
+  integer, parameter :: most_looks = 64
+  real(wp), parameter :: in_ranges = 2.0_wp, golden = 0.5_wp*(sqrt(5.0_wp) - 1.0_wp)
+
+  !> Growth of perturbations at samples of the averaging time, from its beginning.
+  type :: growth_course
+    integer :: n = 0
+    !> Number of steps of the averaging time, and step of the next sample.
+    integer(i8) :: steps = 0, next = 0
+    !> Fractions of that time, and logarithms, shape (n_lanes, n_exponents, 0:most_looks).
+    real(wp) :: at(0:most_looks) = 0.0_wp
+    real(wp), allocatable :: growth(:, :, :)
+  contains
+    procedure :: begin
+    procedure :: see
+    procedure :: unsure
+    procedure, private :: place_next
+  end type growth_course
+
+  !> Amplitudes at given frequencies: u = mean + Re(X exp(i omega t)), by
+  !! projection under a Hann window over the whole record.
+  type :: lines_type
+    integer :: n_dof = 0, n = 0
+    integer(i8) :: n_samples = 0, i = 0
+    real(wp), allocatable, private :: high(:, :), low(:, :), step_high(:, :), step_low(:, :)
+    !> Lane; lane and line; lane and coordinate; lane, line and coordinate.
+    real(wp), private :: weight(n_lanes) = 0.0_wp, mean(n_lanes, max_dof) = 0.0_wp
+    complex(wp), allocatable, private :: empty(:, :), sums(:, :, :)
+  contains
+    procedure :: add => add_lines
+    procedure :: amplitudes
+  end type lines_type
 
   !> Steps between two normalizations of the perturbations.
   integer, parameter :: rescaling = 8
@@ -459,5 +494,125 @@ contains
                                                     2, size(f%growth, 2)) &
                            + rounding*abs(block%lyapunov) + spread(nowhere, 2, size(f%growth, 2))
   end subroutine land
+
+  ! Growth of small perturbations along a motion, and the error of its mean rate.
+
+  pure subroutine begin(self, n_exponents, steps)
+    class(growth_course), intent(inout) :: self
+    integer, intent(in) :: n_exponents
+    integer(i8), intent(in) :: steps
+    allocate (self%growth(n_lanes, n_exponents, 0:most_looks), source=0.0_wp)
+    self%steps = steps
+    call self%place_next()
+  end subroutine begin
+
+  !> Samples are not equidistant, to avoid equal phases of oscillations: each is a fraction from the
+  !! golden section before an equidistant time. The last is at the end.
+  pure subroutine place_next(self)
+    class(growth_course), intent(inout) :: self
+    real(wp) :: k
+    k = real(self%n + 1, wp)
+    if (self%n + 1 < most_looks) k = k - modulo(k*golden, 1.0_wp)
+    self%next = max(self%next + 1, int(self%steps*(k/most_looks), i8))
+    if (self%n + 1 == most_looks) self%next = self%steps
+  end subroutine place_next
+
+  !> Store the growth after `done` steps, if a sample is due.
+  pure subroutine see(self, done, growth)
+    class(growth_course), intent(inout) :: self
+    integer(i8), intent(in) :: done
+    real(wp), intent(in) :: growth(:, :)
+    if (done /= self%next .and. done /= self%steps) return
+    self%n = self%n + 1
+    self%at(self%n) = real(done, wp)/real(self%steps, wp)
+    self%growth(:, :, self%n) = growth
+    call self%place_next()
+  end subroutine see
+
+  !> Error of the mean growth rate, times the time. If the growth fluctuates about a straight line,
+  !! as near chaos, or approaches one, as after a start, the error of its mean rate is a part of the
+  !! deviation: for a random walk over a time T the mean range of the deviation from its chord is
+  !! 1.25 standard deviations of its end; for a start that adds C, it is C.
+  pure function unsure(self) result(off)
+    class(growth_course), intent(in) :: self
+    real(wp) :: off(size(self%growth, 1), size(self%growth, 2))
+    real(wp), dimension(size(off, 1), size(off, 2)) :: least, most, nearby
+    integer :: k
+    least = 0.0_wp
+    most = 0.0_wp
+    do k = 1, self%n
+      nearby = self%growth(:, :, k) - self%at(k)*self%growth(:, :, self%n)
+      least = min(least, nearby)
+      most = max(most, nearby)
+    end do
+    off = in_ranges*(most - least)
+  end function unsure
+
+  ! Amplitudes at given frequencies, accumulated along trajectories without storing them:
+  ! one accumulator per lane.
+
+  !> Lines at circular frequencies omega from samples at start + i step, i = 0
+  !! ... n_samples - 1; step differs from lane to lane.
+  pure subroutine new_lines(lines, n_dof, omega, start, step, n_samples)
+    type(lines_type), intent(out) :: lines
+    integer, intent(in) :: n_dof
+    real(wp), intent(in) :: omega(:), start(n_lanes), step(n_lanes)
+    integer(i8), intent(in) :: n_samples
+    integer :: n
+
+    n = size(omega)
+    lines%n_dof = n_dof
+    lines%n = n
+    lines%n_samples = n_samples
+    allocate (lines%high(n_lanes, n), lines%low(n_lanes, n))
+    allocate (lines%step_high(n_lanes, n), lines%step_low(n_lanes, n))
+    call split_phase(spread(omega, 1, n_lanes), spread(start, 2, n), lines%high, lines%low)
+    call split_phase(spread(omega, 1, n_lanes), spread(step, 2, n), lines%step_high, &
+                     lines%step_low)
+    allocate (lines%empty(n_lanes, n), lines%sums(n_lanes, n, n_dof), source=(0.0_wp, 0.0_wp))
+  end subroutine new_lines
+
+  pure subroutine add_lines(self, q, alive)
+    class(lines_type), intent(inout) :: self
+    real(wp), intent(in) :: q(n_lanes, *)
+    logical, intent(in) :: alive(n_lanes)
+    real(wp) :: window(n_lanes), s(n_lanes), c(n_lanes)
+    complex(wp) :: turned(n_lanes)
+    integer :: j, d
+
+    ! The window vanishes one sample before the first and one after the last.
+    window = merge(sin(pi*real(self%i + 1, wp)/real(self%n_samples + 1, wp))**2, 0.0_wp, alive)
+    self%i = self%i + 1
+    self%weight = self%weight + window
+    do d = 1, self%n_dof
+      self%mean(:, d) = self%mean(:, d) + window*q(:, d)
+    end do
+    do j = 1, self%n
+      call sine_cosine_lanes(self%high(:, j), s, c)
+      turned = window*cmplx(c - s*self%low(:, j), -(s + c*self%low(:, j)), wp)
+      self%empty(:, j) = self%empty(:, j) + turned
+      do d = 1, self%n_dof
+        self%sums(:, j, d) = self%sums(:, j, d) + q(:, d)*turned
+      end do
+    end do
+    call step_phase(self%high, self%low, self%step_high, self%step_low)
+  end subroutine add_lines
+
+  !> X, shape (n_lanes, n, n_dof), without the leakage of the mean.
+  pure function amplitudes(self) result(x)
+    class(lines_type), intent(in) :: self
+    complex(wp) :: x(n_lanes, self%n, self%n_dof)
+    integer :: l, d
+    do d = 1, self%n_dof
+      do l = 1, n_lanes
+        if (self%weight(l) > 0.0_wp) then
+          x(l, :, d) = 2.0_wp*(self%sums(l, :, d) &
+                               - self%mean(l, d)/self%weight(l)*self%empty(l, :))/self%weight(l)
+        else
+          x(l, :, d) = (0.0_wp, 0.0_wp)
+        end if
+      end do
+    end do
+  end function amplitudes
 
 end module viscovib_flight

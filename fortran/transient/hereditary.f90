@@ -5,22 +5,16 @@
 !! `step_equations`.
 module viscovib_hereditary
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_known_past, only: known_past_type, new_known_past
-  use viscovib_memory_channels, only: channels_type, new_channels
-  use viscovib_collocation, only: collocation_type, new_collocation
-  use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
+  use viscovib_counters, only: count_up, counted_coordinates, counting
   use viscovib_graded_march, only: graded_march_type, n_common, pull, push
-  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, gather_channels, &
-    check_resolution, &
-    runs_away
+  use viscovib_hereditary_kernels, only: add_any, add_held, add_up, check_resolution, runs_away
   use viscovib_hereditary_maps, only: find_map, new_step_map, step_map_type
   use viscovib_hereditary_start, only: direct_panels, march_start, start_type
-  use viscovib_histories, only: new_history, past_direct, past_exponentials
-  use viscovib_history, only: history_type
+  use viscovib_histories, only: past_direct, past_exponentials
   use viscovib_kinds, only: wp
   use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_step_equations, only: new_step_equations, solved_for, step_equations_type
+  use viscovib_step_equations, only: solved_for
   use viscovib_time_load, only: new_clock, time_load_type
   implicit none
   private
@@ -32,28 +26,15 @@ module viscovib_hereditary
 
   !> The state consists of the coordinates.
   type, extends(graded_march_type) :: hereditary_type
-    !> Bound of coordinates and velocities; beyond it the run has diverged.
-    real(wp) :: bound = huge(1.0_wp)
     !> State, shape (n_dof), and its rounding error.
     real(wp), allocatable :: u(:), v(:), u_rest(:), v_rest(:)
     !> Largest last Legendre coefficient of the displacements on a step, and largest
     !! displacement, shape (n_dof): their ratio shows how well steps resolve the motion.
     real(wp), allocatable :: roughness(:), largest(:)
-    type(collocation_type) :: table
     !> Maps for each step length, and the index of the present one.
     type(step_map_type), allocatable :: maps(:)
     integer :: now = 1
-    type(step_equations_type) :: equations
-    type(channels_type) :: channels
-    class(history_type), allocatable :: history
     type(start_type) :: start
-    type(known_past_type) :: known_past
-    !> Displacements at the points of the last step, shape (0:s+1, n_dof).
-    real(wp), allocatable :: points(:, :)
-    !> T W, shape (n_channels, n_dof), and T of the bent variables.
-    real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
-    !> Workspace of a step: channels at the points.
-    real(wp), allocatable, private :: g(:, :)
     !> Step lengths of the maps, and their number.
     real(wp), allocatable, private :: lengths(:)
     integer, private :: n_lengths = 0
@@ -70,7 +51,6 @@ module viscovib_hereditary
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
-    procedure :: sharpen
     procedure :: add_first_step
     procedure :: plain_step
     procedure :: stand_still
@@ -105,23 +85,18 @@ contains
     real(wp), intent(in), optional :: shortest
     !> Whether velocities may jump at corners.
     logical, intent(in), optional :: kinks
-    logical :: possible, singular
+    logical :: singular
 
-    reason = begun
     run%h = h
-    run%bound = system%largest_amplitude()
     run%u = u
     run%v = v
     run%u_rest = 0.0_wp*u
     run%roughness = 0.0_wp*u
     run%largest = 0.0_wp*u
     run%v_rest = 0.0_wp*v
-    call new_collocation(run%table, s)
-    if (any(abs(held) > 0.0_wp) .and. system%kernel_without_integral() > 0) then
-      reason = no_integral
-      return
-    end if
-    call new_channels(run%channels, system, held)
+    call run%begin_memory(system, s, past, held, h, t_end, tolerance, reason, before, moved, &
+                          shortest, kinks)
+    if (reason /= begun) return
     allocate (run%maps(1), run%lengths(1))
     run%lengths = h
     run%n_lengths = 1
@@ -130,22 +105,8 @@ contains
       reason = step_too_large
       return
     end if
-    call new_history(run%history, run%keeping, system, run%channels, run%table, past, h, t_end, &
-                     tolerance, possible, shortest, kinks)
-    if (.not. possible) then
-      reason = no_exponentials
-      return
-    end if
-    if (present(before) .and. run%maps(1)%n_channels > 0) then
-      call new_known_past(run%known_past, system, run%channels, before, moved)
-      if (run%known_past%is_known()) call run%history%add_known_past(run%known_past)
-    end if
     call new_clock(run%clock, load, 0.0_wp, h, run%table%points(1:s))
-    run%gather = matmul(run%channels%gather, system%gather)
-    run%gather_bends = run%channels%gather(:, run%maps(1)%bent)
-    allocate (run%points(0:s + 1, size(u)), run%g(0:s + 1, run%maps(1)%n_channels))
-    run%points = 0.0_wp
-    call new_step_equations(run%equations, run%maps(1), run%table, solved_for(tolerance))
+    call run%begin_equations(run%maps(1), solved_for(tolerance))
     call run%stand_still(system)
   end subroutine new_hereditary
 
@@ -196,7 +157,7 @@ contains
     self%h = h
     self%rolling = .false.
     call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
-    if (self%maps(1)%n_channels > 0) call self%history%change_step(h)
+    if (self%remembers()) call self%history%change_step(h)
     singular = .false.
     call find_map(self%maps, self%lengths, self%n_lengths, h, self%now)
     if (self%now > self%n_lengths) then
@@ -257,14 +218,8 @@ contains
         call add_up(self%u(d), self%u_rest(d), x(d*(s + 1)))
         call add_up(self%v(d), self%v_rest(d), x(map%velocity_row + d - 1))
       end do
-      if (map%n_channels > 0) then
-        call gather_channels(s + 2, n, size(self%equations%y_start), map%n_channels, &
-                             self%points, self%equations%y_start, self%equations%y, self%gather, &
-                             self%gather_bends, self%channels%held, self%g)
-        if (counting) call count_up(counted_memory, map%n_channels)
-        call self%history%store(self%g)
-      end if
     end associate
+    call self%store_step()
     if (self%panel > 0) then
       self%start%begins(:, self%panel) = self%points(0, :)
       self%start%rises(:, :, self%panel) = rises_of(self)
@@ -326,7 +281,7 @@ contains
     type(direct_panels) :: panels
 
     made = .false.
-    if (self%maps(1)%n_channels == 0) return
+    if (.not. self%remembers()) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
                .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known())) return
@@ -400,16 +355,11 @@ contains
     rises = reshape(self%equations%x(:size(rises)), shape(rises))
   end function rises_of
 
-  subroutine sharpen(self)
-    class(hereditary_type), intent(inout) :: self
-    call self%equations%sharpen()
-  end subroutine sharpen
-
   pure integer function memory_size(self)
     class(hereditary_type), intent(in) :: self
     memory_size = n_common + 6*size(self%u) + size(self%equations%y_start) &
                   + size(self%equations%y) + 2*size(self%clock%high)
-    if (self%maps(1)%n_channels > 0) memory_size = memory_size + self%history%memory_size()
+    if (self%remembers()) memory_size = memory_size + self%history%memory_size()
   end function memory_size
 
   function save_memory(self) result(memory)
@@ -421,7 +371,7 @@ contains
     n = n_common
     call push(memory, n, [self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest])
     call push(memory, n, [self%equations%y_start, self%equations%y])
-    if (self%maps(1)%n_channels > 0) call push(memory, n, self%history%save_memory())
+    if (self%remembers()) call push(memory, n, self%history%save_memory())
     call push(memory, n, [self%clock%high, self%clock%low])
 
   end function save_memory
@@ -443,7 +393,7 @@ contains
     call pull(memory, n, self%largest)
     call pull(memory, n, self%equations%y_start)
     call pull(memory, n, self%equations%y)
-    if (self%maps(1)%n_channels > 0) then
+    if (self%remembers()) then
       call self%history%load_memory(memory(n + 1:))
       n = n + self%history%memory_size()
     end if

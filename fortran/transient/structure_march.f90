@@ -7,24 +7,22 @@
 !! step is proportional to the number of modes times the number of nodes.
 module viscovib_structure_march
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_collocation, only: collocation_type, new_collocation
-  use viscovib_counters, only: count_up, counted_coordinates, counted_memory, counting
+  use viscovib_collocation, only: collocation_type
+  use viscovib_counters, only: count_up, counted_coordinates, counting
   use viscovib_graded_march, only: graded_march_type, n_common, pull, push
-  use viscovib_hereditary_kernels, only: add_any, gather_channels
+  use viscovib_hereditary_kernels, only: add_any
   use viscovib_hereditary_maps, only: place_of, remaining_weights
   use viscovib_hereditary_start, only: march_start, start_type
-  use viscovib_histories, only: new_history
-  use viscovib_history, only: history_type
   use viscovib_kinds, only: wp
-  use viscovib_known_past, only: known_past_type, new_known_past
-  use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
-  use viscovib_memory_channels, only: channels_type, new_channels
+  use viscovib_march, only: begun, step_too_large
+  use viscovib_memory_channels, only: channels_type
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_step_equations, only: new_step_equations, solved_for, step_equations_type
+  use viscovib_phases, only: split_phase
+  use viscovib_pole_maps, only: rates_at_once
+  use viscovib_quadrature, only: lagrange, lagrange_factors
+  use viscovib_step_equations, only: solved_for
   use viscovib_structure_inside, only: places_type
-  use viscovib_structure_phases, only: new_phases, phases_type
-  use viscovib_structure_settle, only: settle_at_once
   use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
     start_state, state_type
   use viscovib_structure_step, only: bends_of, lengthen, make_step, maps_holder, new_maps, &
@@ -35,29 +33,39 @@ module viscovib_structure_march
 
   public :: structure_march_type, new_structure_march
 
+  !> Length of the step that determines massless variables, relative to the steps of the run.
+  real(wp), parameter :: short = 1.0e-3_wp
+
+  !> Relative error of a frequency: at most half of the rounding of its square, and as much from the
+  !! steps.
+  real(wp), parameter :: known_to = 2.0_wp*epsilon(1.0_wp)
+  !> Bound of motions; larger ones diverge.
+  real(wp), parameter :: largest = sqrt(huge(1.0_wp))
+
+  type :: phases_type
+    !> Decay times of modes and of the part without real modes; largest t |q'| and t |z| so far.
+    real(wp), allocatable, private :: fading(:), fading_others(:), swept(:), swept_others(:)
+  contains
+    procedure :: follow
+    procedure :: errors
+  end type phases_type
+
   !> Iterations for the positions at the start if elements have memory.
   integer, parameter :: n_settling = 5
 
   !> The state consists of the modes.
   type, extends(graded_march_type) :: structure_march_type
     type(state_type) :: state
-    type(step_equations_type) :: equations
     type(sections_type), private :: sections
     !> Coordinates that are observed, by modes, shape (n, n_observed).
     real(wp), allocatable, private :: shown(:, :)
     complex(wp), allocatable, private :: shown_left(:, :)
-    real(wp), private :: bound = huge(1.0_wp), solved = 0.0_wp
-    type(collocation_type), private :: table
+    real(wp), private :: solved = 0.0_wp
     type(maps_holder), allocatable, private :: maps(:)
     real(wp), allocatable, private :: lengths(:)
     integer, private :: n_lengths = 0, now = 1
-    type(channels_type), private :: channels
-    class(history_type), allocatable, private :: history
-    type(known_past_type), private :: known_past
     !> All quantities that are harmonic with the load; `clock` evaluates the columns of tables.
     type(load_clock), private :: swing
-    !> T W, shape (n_channels, n_seen), and T of the bent variables.
-    real(wp), allocatable, private :: gather(:, :), gather_bends(:, :)
     !> The last step in parts, and their number.
     type(part_type), allocatable, private :: parts(:)
     integer, private :: n_parts = 0
@@ -66,7 +74,7 @@ module viscovib_structure_march
     !> As in `phase_errors`.
     type(phases_type), private :: phases
     !> Workspace for a step.
-    real(wp), allocatable, private :: points(:, :), g(:, :), values(:), columns(:), recalled(:)
+    real(wp), allocatable, private :: values(:), columns(:), recalled(:)
   contains
     procedure :: take_up
     procedure :: kick
@@ -117,34 +125,17 @@ contains
     real(wp), intent(in), optional :: before(:), moved(:, :)
     real(wp), intent(in), optional :: shortest
     logical, intent(in), optional :: kinks
-    logical :: possible, made
+    logical :: made
 
-    reason = begun
-    run%bound = system%largest_amplitude()
     run%solved = solved_for(tolerance)
     run%sections = padded_sections(sections)
     run%shown = padded_rows(shown)
     run%shown_left = shown_left
-    call new_collocation(run%table, s)
-    if (any(abs(held) > 0.0_wp) .and. system%kernel_without_integral() > 0) then
-      reason = no_integral
-      return
-    end if
-    call new_channels(run%channels, system, held)
+    call run%begin_memory(system, s, past, held, h, t_end, tolerance, reason, before, moved, &
+                          shortest, kinks)
+    if (reason /= begun) return
     call set_state(run%state, run%sections, q, v)
     call new_phases(run%phases, run%sections)
-    call new_history(run%history, run%keeping, system, run%channels, run%table, past, h, t_end, &
-                     tolerance, possible, shortest, kinks)
-    if (.not. possible) then
-      reason = no_exponentials
-      return
-    end if
-    if (present(before) .and. size(run%channels%kernel_of) > 0) then
-      call new_known_past(run%known_past, system, run%channels, before, moved)
-      if (run%known_past%is_known()) call run%history%add_known_past(run%known_past)
-    end if
-    allocate (run%points(0:s + 1, size(held)), run%g(0:s + 1, size(run%channels%kernel_of)))
-    run%points = 0.0_wp
     allocate (run%columns(s*size(load%pieces, 1)), run%recalled(s*size(run%channels%kernel_of)))
     allocate (run%maps(1), run%lengths(1), run%parts(1))
     call run%change_step(system, load, 0.0_wp, h, made)
@@ -152,11 +143,7 @@ contains
       reason = step_too_large
       return
     end if
-    run%gather = matmul(run%channels%gather, system%gather)
-    associate (map => run%maps(run%now)%maps%condensed%step)
-      run%gather_bends = run%channels%gather(:, map%bent)
-      call new_step_equations(run%equations, map, run%table, run%solved)
-    end associate
+    call run%begin_equations(run%maps(run%now)%maps%condensed%step, run%solved)
     call run%settle(system, load, 0.0_wp, made)
     if (.not. made) reason = step_too_large
     call run%stand_still(system)
@@ -190,9 +177,9 @@ contains
 
     made = .true.
     if (self%sections%others%n_at_once == 0) return
-    if (size(self%recalled) > 0) call self%history%recall(self%recalled)
+    if (self%remembers()) call self%history%recall(self%recalled)
     ! The memory of the short step begins at the position found before.
-    do i = 1, merge(1, n_settling, size(self%recalled) == 0)
+    do i = 1, merge(n_settling, 1, self%remembers())
       call settle_at_once(self%state, system, self%sections, self%channels, self%table, load, t, &
                           self%h, self%solved, self%recalled, made)
       if (.not. made) return
@@ -245,7 +232,7 @@ contains
 
     self%h = h
     self%rolling = .false.
-    if (size(self%channels%kernel_of) > 0) call self%history%change_step(h)
+    if (self%remembers()) call self%history%change_step(h)
     singular = .false.
     call place_of(self%lengths, self%n_lengths, h, self%now)
     if (size(self%lengths) > size(self%maps)) call lengthen(self%maps, size(self%lengths))
@@ -279,7 +266,7 @@ contains
     allocate (no_table%breaks(0))
     call self%swing%at_nodes(no_table, self%values)
     call self%clock%at_nodes(load, self%columns)
-    if (size(self%recalled) > 0) call self%history%recall(self%recalled)
+    if (self%remembers()) call self%history%recall(self%recalled)
     self%n_parts = max(self%panel, 1)
     associate (part => self%parts(self%n_parts), maps => self%maps(self%now)%maps)
       part%start = self%swing%t
@@ -288,15 +275,8 @@ contains
                      self%recalled, part, self%points, made, self%doubtful)
       if (.not. made) return
       self%trusted = .false.
-      if (size(self%recalled) > 0) then
-        call gather_channels(self%table%s + 2, size(self%points, 2), &
-                             size(self%equations%y_start), size(self%g, 2), self%points, &
-                             self%equations%y_start, self%equations%y, self%gather, &
-                             self%gather_bends, self%channels%held, self%g)
-        if (counting) call count_up(counted_memory, size(self%g, 2))
-        call self%history%store(self%g)
-      end if
     end associate
+    call self%store_step()
     call self%clock%advance(until)
     call self%swing%advance(until)
     call self%phases%follow(self%state, until)
@@ -325,7 +305,7 @@ contains
     real(wp) :: f(size(load%pieces, 1))
 
     made = .false.
-    if (size(self%recalled) == 0) return
+    if (.not. self%remembers()) return
     call load%at(0.0_wp, f)
     if (.not. (any(abs(self%state%q) > 0.0_wp) .or. any(abs(self%state%v) > 0.0_wp) &
                .or. any(abs(self%state%z) > 0.0_wp) &
@@ -455,7 +435,7 @@ contains
     memory_size = n_common + self%state%n_numbers() + size(self%equations%y_start) &
                   + size(self%equations%y) + 2*size(self%swing%high) &
                   + 3*size(self%state%z_rate)
-    if (size(self%recalled) > 0) memory_size = memory_size + self%history%memory_size()
+    if (self%remembers()) memory_size = memory_size + self%history%memory_size()
   end function memory_size
 
   function save_memory(self) result(memory)
@@ -467,7 +447,7 @@ contains
     n = n_common
     call push(memory, n, self%state%save_numbers())
     call push(memory, n, [self%equations%y_start, self%equations%y])
-    if (size(self%recalled) > 0) call push(memory, n, self%history%save_memory())
+    if (self%remembers()) call push(memory, n, self%history%save_memory())
     call push(memory, n, [self%swing%high, self%swing%low])
     call push(memory, n, self%state%at_once_numbers())
   end function save_memory
@@ -484,7 +464,7 @@ contains
     call self%state%load_numbers(memory(n_common + 1:n))
     call pull(memory, n, self%equations%y_start)
     call pull(memory, n, self%equations%y)
-    if (size(self%recalled) > 0) then
+    if (self%remembers()) then
       call self%history%load_memory(memory(n + 1:))
       n = n + self%history%memory_size()
     end if
@@ -493,5 +473,121 @@ contains
     call pull(memory, n, self%swing%low)
     call self%state%load_at_once(memory(n + 1:n + 3*size(self%state%z_rate)))
   end subroutine load_memory
+
+  ! Massless variables at the start of a motion or after a jump of the load: a step so short that
+  ! everything else is constant determines the forces, and their polynomials give values and slopes
+  ! at its start.
+
+  !> `recalled`: memory at the nodes of the next step.
+  subroutine settle_at_once(state, system, sections, channels, table, load, now, h, solved, &
+                            recalled, made)
+    type(state_type), intent(inout) :: state
+    class(oscillator_type), intent(in) :: system
+    type(sections_type), intent(in), target :: sections
+    type(channels_type), intent(in) :: channels
+    type(collocation_type), intent(in) :: table
+    type(time_load_type), intent(in) :: load
+    real(wp), intent(in) :: now, h, solved, recalled(:)
+    logical, intent(out) :: made
+    type(structure_panels) :: panels
+    real(wp) :: local(table%s, 0:table%s + 1, size(system%kernels))
+    real(wp) :: points(0:table%s + 1, size(system%gather, 2))
+    real(wp) :: g(0:table%s + 1, size(channels%kernel_of))
+    real(wp) :: high(size(sections%frequencies)), low(size(sections%frequencies))
+    real(wp) :: e(table%s, 0:table%s + 1, 0:size(system%kernels))
+    real(wp) :: early(table%s, table%s), weights(table%s), factors(table%s)
+    real(wp) :: forces(size(sections%pushed, 2))
+    integer :: i, m
+
+    associate (c => table%points(1:table%s))
+      factors = lagrange_factors(c)
+      weights = lagrange(c, factors, 0.0_wp)
+      do i = 1, table%s
+        early(i, :) = lagrange(c, factors, short*c(i))
+      end do
+    end associate
+    call remaining_weights(system, table, short*h, e)
+    local = -e(:, :, 1:)
+    do i = 1, table%s
+      local(i, i, :) = local(i, i, :) + 1.0_wp
+    end do
+    panels%sections => sections
+    panels%state = state
+    panels%solved = solved
+    allocate (panels%parts(1))
+    call panels%make(system, channels, load, table, local, now, short*h, &
+                     matmul(early, reshape(recalled, [table%s, size(g, 2)])), points, g, made)
+    if (.not. made) return
+    call split_phase(sections%frequencies, now, high, low)
+    associate (part => panels%parts(1), poles => sections%others, phi => high + low)
+      forces = matmul(weights, part%forces)
+      do i = 1, poles%n_at_once
+        m = size(poles%poles) - poles%n_at_once + i
+        state%z(m) = sum(real(poles%right(m, :))*forces) &
+                     + sum(real(poles%sine(m, :))*sin(phi) + real(poles%cosine(m, :))*cos(phi))
+        state%z_rest(m) = (0.0_wp, 0.0_wp)
+      end do
+      call rates_at_once(poles, table, sections%frequencies, 0.0_wp, short*h, part%forces, phi, &
+                         state%z_rate)
+    end associate
+    call start_state(state, sections)
+  end subroutine settle_at_once
+
+  ! Error of the motion of a structure due to rounding of its frequencies and poles.
+  !
+  ! A frequency omega has the error eps omega. After a time t its mode has the phase error
+  ! eps omega t, for any step size, so that no comparison of runs shows it:
+  !
+  !   |dq| = eps t |q'|,    |dq'| = eps t omega |q'|,    |dz| = eps t |pole z|,                (1)
+  !
+  ! where t is at most the decay time of the mode, since earlier motion has decayed. For an
+  ! oscillating mode the phase of its samples is unknown, so that the largest values of (1) are
+  ! used; those of different modes are independent of each other.
+
+  subroutine new_phases(phases, sections)
+    type(phases_type), intent(out) :: phases
+    type(sections_type), intent(in) :: sections
+
+    associate (squares => sections%squares, rates => sections%rates, poles => sections%others%poles)
+      allocate (phases%fading(size(squares)), phases%fading_others(size(poles)), source=largest)
+      ! exp(-rate t/2), and exp(-square t/rate) for overdamped modes.
+      where (rates > 1.0_wp/largest .and. squares > rates/largest)
+        phases%fading = max(2.0_wp/rates, rates/squares)
+      end where
+      where (-real(poles) > 1.0_wp/largest) phases%fading_others = -1.0_wp/real(poles)
+      allocate (phases%swept(size(squares)), phases%swept_others(size(poles)), source=0.0_wp)
+    end associate
+  end subroutine new_phases
+
+  !> Process a step that ends at time t.
+  pure subroutine follow(self, state, t)
+    class(phases_type), intent(inout) :: self
+    type(state_type), intent(in) :: state
+    real(wp), intent(in) :: t
+    self%swept = max(self%swept, min(t, self%fading)*min(abs(state%v), largest))
+    self%swept_others = max(self%swept_others, min(t, self%fading_others) &
+                            *min(abs(state%z), largest))
+  end subroutine follow
+
+  !> Errors of the observed values, (u_1, u'_1, ...).
+  pure function errors(self, sections, shown, shown_left)
+    class(phases_type), intent(in) :: self
+    type(sections_type), intent(in) :: sections
+    !> By modes, shapes (n, n_shown) and (n_poles, n_shown).
+    real(wp), intent(in) :: shown(:, :)
+    complex(wp), intent(in) :: shown_left(:, :)
+    real(wp) :: errors(2*size(shown, 2))
+    integer :: d
+
+    associate (squares => abs(sections%squares), sizes => abs(sections%others%poles))
+      do d = 1, size(shown, 2)
+        errors(2*d - 1) = norm2([norm2(shown(:, d)*self%swept), &
+                                 norm2(abs(shown_left(:, d))*sizes*self%swept_others)])
+        errors(2*d) = norm2([norm2(shown(:, d)*sqrt(squares)*self%swept), &
+                             norm2(abs(shown_left(:, d))*sizes**2*self%swept_others)])
+      end do
+    end associate
+    errors = known_to*errors
+  end function errors
 
 end module viscovib_structure_march

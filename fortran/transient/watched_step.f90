@@ -7,15 +7,14 @@
 !! parts are no longer than their distance from it, each half or twice as long as
 !! its neighbour, so that the polynomials converge in all of them at the same rate.
 module viscovib_watched_step
-  use viscovib_body_states, only: body_function, put_on_base
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: first_event_point, signal_along
+  use viscovib_event_time, only: settle_thin
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
+  use viscovib_law_layers, only: unseen
   use viscovib_nearby_motion, only: nearby_motion
-  use viscovib_part_lengths, only: look_for_layers, look_for_stiff
   use viscovib_step_path, only: step_path
-  use viscovib_event_time, only: settle_thin
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range, needs_small_steps
   use viscovib_wanted_states, only: wanted_states
@@ -24,6 +23,14 @@ module viscovib_watched_step
   private
 
   public :: watched_step_type, step_watched, begin_graded, begin_small, halve, sides_of
+
+  !> A function of the state of the body, evaluated at states relative to its base.
+  type, extends(watched_function) :: body_function
+    class(driven_system_type), pointer :: system => null()
+    class(watched_function), pointer :: signal => null()
+  contains
+    procedure :: at
+  end type body_function
 
   !> Crossings in one step above which the motion counts as sticking to surfaces, and corrections of
   !! the time of a crossing by separate steps.
@@ -496,5 +503,77 @@ contains
     method%q = q
     method%v = v
   end subroutine note_events
+
+  ! States of a body with a moving base, from the relative states in the equations.
+
+  subroutine at(self, t, q, v, g)
+    class(body_function), intent(in) :: self
+    real(wp), intent(in) :: t(:), q(:, :), v(:, :)
+    real(wp), intent(out) :: g(:)
+    real(wp), dimension(size(q, 1), size(q, 2)) :: body_q, body_v
+    body_q = q
+    body_v = v
+    call put_on_base(self%system, t, body_q, body_v)
+    call self%signal%at(t, body_q, body_v, g)
+  end subroutine at
+
+  !> Convert relative states to states of the body at times, shape (size(t), n_dof).
+  subroutine put_on_base(system, t, q, v)
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: t(:)
+    real(wp), intent(inout) :: q(:, :), v(:, :)
+    real(wp), dimension(size(q, 2)) :: here, rate
+    integer :: i
+    if (.not. system%base_motion%moves()) return
+    do i = 1, size(t)
+      here = q(i, :)
+      rate = v(i, :)
+      call system%add_base(t(i), here, rate)
+      q(i, :) = here
+      v(i, :) = rate
+    end do
+  end subroutine put_on_base
+
+  ! Limits for the length of a part of a step due to the forces on it.
+
+  !> Length that the last part should have had because of thin layers of forces in it. Once a layer
+  !! may have been missed, all later parts resolve layers.
+  subroutine look_for_layers(path, system, until, h, length)
+    type(step_path), intent(in) :: path
+    class(driven_system_type), intent(inout) :: system
+    !> End of the step; length of the part.
+    real(wp), intent(in) :: until, h
+    real(wp), intent(out) :: length
+    !> Shortest part relative to the step of the run; largest reduction at once.
+    real(wp), parameter :: least = 1.0e-12_wp, most = 1.0_wp/32.0_wp
+    real(wp) :: thin
+
+    length = h
+    if (.not. system%layers%exist()) return
+    if (h <= max(least*system%step_length, 64.0_wp*spacing(until))) return
+    thin = system%layers%thinness_at(path%start + h*path%points, path%points, path%q, path%v, &
+                                     .false.)
+    if (thin > unseen) system%in_parts = .true.
+    if (system%in_parts .and. thin > system%thin) then
+      length = h*min(0.5_wp, max(most, system%thin/thin))
+    end if
+  end subroutine look_for_layers
+
+  !> The same for stiff forces, up to a position in the part. Parts that end or begin on a
+  !! surface, and parts of steps that failed as a whole, may be equal for all step
+  !! sizes: a comparison of runs would not show their errors.
+  subroutine look_for_stiff(path, system, place, h, length)
+    type(step_path), intent(in) :: path
+    class(driven_system_type), intent(in) :: system
+    real(wp), intent(in) :: place, h
+    real(wp), intent(inout) :: length
+    !> Largest number of parts.
+    real(wp), parameter :: most = 1.0e6_wp
+    real(wp) :: longest
+    integer :: n
+    n = max(1, count(path%points <= place))
+    longest = system%longest_part(path%q(:n, :), path%v(:n, :))
+    if (place*h > longest) length = min(length, place*h/ceiling(min(place*h/longest, most)))
+  end subroutine look_for_stiff
 
 end module viscovib_watched_step

@@ -19,7 +19,6 @@ from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.mount_loads import inertia_of, sinusoids
 from viscovib.analyses.runs import (
     MAX_STEPS,
-    Piece,
     Run,
     Wanted,
     again,
@@ -359,29 +358,28 @@ class MountRun(Run):
         mount = self.motion.mount
         return any(k._kind not in _CLOSED or k._data.size > _FEW for k in mount._all_kernels)
 
-    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
+        """Compute steps in the core, with the whole past if kernels have no exponentials."""
         until = self._time_after(self.done + count)
         if until > _REACH * self.motion.end * (1 + 1e-9):
             raise InputError(
                 f"t_end = {until:g}: a run made for t_end = {self.motion.end:g} may go on to "
                 f"{_REACH * self.motion.end:g} at most"
             )
-        while True:
-            found = self._found(count, every, columns, times)
-            reason = found["reason"]
-            if reason == _NO_EXPONENTIALS:
-                self._turn_direct()
-                continue
-            self.resolution = found["resolution"]
-            self.too_long = max(self.too_long, found["too_long"])
-            if reason == _NO_INTEGRAL:
-                raise InputError(
-                    "held: must be None, because a kernel has no finite integral: a deflection "
-                    "held for all t < 0 has no force"
-                )
-            if reason == _STEP_TOO_LARGE:
-                found |= {"ended": _COARSE, "reached": self.time, "last": self.state}
-            return Piece.of(found)
+        found = super()._found(count, every, columns, times)
+        if found["reason"] == _NO_EXPONENTIALS:
+            self._turn_direct()
+            return self._found(count, every, columns, times)
+        self.resolution = found["resolution"]
+        self.too_long = max(self.too_long, found["too_long"])
+        if found["reason"] == _NO_INTEGRAL:
+            raise InputError(
+                "held: must be None, because a kernel has no finite integral: a deflection "
+                "held for all t < 0 has no force"
+            )
+        if found["reason"] == _STEP_TOO_LARGE:
+            found |= {"ended": _COARSE, "reached": self.time, "last": self.state}
+        return found
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for an oscillator."""

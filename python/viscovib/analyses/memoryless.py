@@ -21,7 +21,6 @@ from viscovib.analyses.hereditary import (
 )
 from viscovib.analyses.runs import (
     MAX_STEPS,
-    Piece,
     Run,
     ThinLayers,
     nothing,
@@ -429,7 +428,8 @@ class PolynomialRun(Run):
         )["text"]  # fmt: skip
         return text
 
-    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
+    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
+        """Compute steps in the core, within the time for which kernels are fitted."""
         if self.represented:
             until, reach = self._time_after(self.done + count), self.job[8]
             if until > reach * (1 + 1e-9):
@@ -438,11 +438,11 @@ class PolynomialRun(Run):
                     f"that are not sums of exponentials may go on to {reach:g} at most"
                 )
         self.layers.longest = max(self.layers.longest, self.h)
-        found = self._found(count, every, columns, times)
+        found = super()._found(count, every, columns, times)
         if self.accelerated is not None:
             self.accelerated.append(found["accelerations"].T[: found["n_reached"]])
         self.layers.seen |= bool(found["memory"][-2])
-        return Piece.of(found)
+        return found
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for a polynomial system."""
@@ -502,12 +502,6 @@ class _PendulumRun(Run):
             save_every=every, last_only=last,
         )["text"]  # fmt: skip
         return text
-
-    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        if self.anew:
-            # With new loads the run starts from the state only.
-            self.memory = None
-        return super()._native_steps(count, every, columns, times)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for a pendulum."""

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -157,37 +157,6 @@ def renamed_alike(run: Trajectory, like: Trajectory) -> Trajectory:
     if not turns or run.state.shape != like.state.shape:
         return run
     return replace(run, state=renamed_like(run.state, like.state))
-
-
-class Piece(NamedTuple):
-    """Results of a native call."""
-
-    #: States (columns), states at requested times, the last state, and the memory to continue.
-    states: FloatArray
-    at_times: FloatArray
-    last: FloatArray
-    memory: FloatArray
-    #: Number of full steps, number of requested times reached, and time of the last state.
-    made: int
-    n_reached: int
-    reached: float
-    ended: int
-    counted: int
-    #: Index, time and state of each event (columns), and their number.
-    found: FloatArray
-    n_found: int
-
-    @classmethod
-    def of(cls, found: dict[str, Any]) -> Piece:
-        """Create it from the results of a task."""
-        return cls(
-            found["states"], found["at_times"], found["last"], found["memory"],
-            found["made"], found["n_reached"], found["reached"], found["ended"], found["counted"],
-            found.get("found", _NONE), found.get("n_found", 0),
-        )  # fmt: skip
-
-
-_NONE = np.empty((0, 0))
 
 
 def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray:
@@ -352,17 +321,17 @@ class Run(ABC):
         return task, objects, values
 
     def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """Compute ``count`` steps from the present state in the core, and return the results."""
+        """Compute ``count`` steps from the present state in the core, and return the results.
+
+        For example the final state ``last`` and its time ``reached``, the number ``made`` of full
+        steps and the outcome ``ended``.
+        """
         task, objects, values = self._values(count, every, times)
         long = self._takes_long(count)
         found = _native.run_either(long, task, *objects, columns=columns, **values)
         if self.watch is not None:
             self.watch.sides[:] = found["sides"]
         return found
-
-    def _native_steps(self, count: int, every: int, columns: int, times: FloatArray) -> Piece:
-        """Compute ``count`` steps from the present state."""
-        return Piece.of(self._found(count, every, columns, times))
 
     @abstractmethod
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
@@ -520,25 +489,25 @@ class Run(ABC):
                 if left == count:
                     until = math.inf
                 times = want.times[(want.times >= now) & (want.times < until)]
-            part = self._native_steps(count, every, columns, times)
+            part = self._found(count, every, columns, times)
+            made, ended = part["made"], part["ended"]
+            self.memory, self.state = part["memory"], part["last"]
             if self.watch is not None:
-                self.watch.take(part.found, part.n_found)
+                self.watch.take(part["found"], part["n_found"])
                 if self.watch.gathers:
-                    self.watch.take_gathered(part.found, part.n_found)
-                if OUTCOMES[part.ended] == "event":
-                    part = part._replace(last=self.watch.last_state)
-            self.memory, self.state, ended = part.memory, part.last, part.ended
+                    self.watch.take_gathered(part["found"], part["n_found"])
+                if OUTCOMES[ended] == "event":
+                    self.state = self.watch.last_state
             self.anew = False
-            self.done += part.made
-            self.reached = part.reached if ended else self.time
-            kept = part.states.T[: min(columns, part.made // every)]
-            counts[self.counts] += part.counted
+            self.done += made
+            self.reached = part["reached"] if ended else self.time
+            counts[self.counts] += part["counted"]
             if want.times is not None:
-                states.append(part.at_times.T[: part.n_reached])
+                states.append(part["at_times"].T[: part["n_reached"]])
             elif stored:
-                states.append(kept)
+                states.append(part["states"].T[: min(columns, made // every)])
             left -= count
-            bar.update(part.made)
+            bar.update(made)
         return int(ended)
 
     def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:

@@ -107,6 +107,26 @@ class StructureTrajectory(Trajectory):
         ).assign_coords(element=names)
 
 
+def with_deflections(
+    run: Trajectory,
+    structure: Any,
+    places: npt.NDArray[np.intp],
+    columns: npt.NDArray[np.intp],
+    deflections: FloatArray,
+    rates: FloatArray,
+    **more: Any,
+) -> StructureTrajectory:
+    """The result with the coordinates ``places``, the ``columns`` of its states."""
+    given: dict[str, Any] = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
+    given["state"] = np.ascontiguousarray(run.state[:, columns])
+    given["events"] = tuple(replace(one, state=one.state[:, columns]) for one in run.events)
+    return StructureTrajectory(
+        **given, deflections=np.ascontiguousarray(deflections), rates=np.ascontiguousarray(rates),
+        _names=tuple(structure.dof_names[i] for i in places),
+        _units=tuple(structure.dof_units[i] for i in places), **more,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class StructureMotion:
     """A requested motion of a structure: all data except the step size."""
@@ -403,17 +423,10 @@ class StructureRun(MountRun):
     def _shaped(self, run: Trajectory) -> Trajectory:
         """The result with the selected coordinates and the deflections."""
         run = super()._shaped(run)
-        structure, places = self.motion.mount, self.motion.places
-        own = 2 * places.size
-        given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
-        state, events = given.pop("state"), given.pop("events")
-        return StructureTrajectory(
-            **given, state=np.ascontiguousarray(state[:, :own]),
-            events=tuple(replace(one, state=one.state[:, :own]) for one in events),
-            deflections=np.ascontiguousarray(state[:, own::2]),
-            rates=np.ascontiguousarray(state[:, own + 1 :: 2]),
-            _names=tuple(structure.dof_names[i] for i in places),
-            _units=tuple(structure.dof_units[i] for i in places),
+        motion, own = self.motion, 2 * self.motion.places.size
+        return with_deflections(
+            run, motion.mount, motion.places, np.arange(own), run.state[:, own::2],
+            run.state[:, own + 1 :: 2],
         )  # fmt: skip
 
     def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:

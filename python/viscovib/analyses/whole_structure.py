@@ -7,7 +7,6 @@ kernels are replaced by such sums, fitted for the steps of a run.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, TypeGuard
 
@@ -26,7 +25,7 @@ from viscovib.analyses.memoryless import (
     polynomial_runs,
 )
 from viscovib.analyses.runs import Run
-from viscovib.analyses.structure_motion import StructureTrajectory
+from viscovib.analyses.structure_motion import with_deflections
 from viscovib.common.past import Past
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
@@ -236,11 +235,7 @@ class WholeRun(PolynomialRun):
         """The result with the selected coordinates and the deflections."""
         structure: Any = self.system
         directions = structure._element_directions
-        given = {name: getattr(run, name) for name in Trajectory.__dataclass_fields__}
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
-        columns = self._compared
-        given["state"] = run.state[:, columns]
-        given["events"] = tuple(replace(one, state=one.state[:, columns]) for one in run.events)
         relative = run.state
         if self.motion is not None:
             relative = run.state.copy()
@@ -252,10 +247,7 @@ class WholeRun(PolynomialRun):
         # Times since which the motion rests against each side of each stop.
         begin = int(self.memory[-1])
         since = self.memory[begin : begin + 2 * count].reshape(count, 2)
-        return StructureTrajectory(
-            **given, deflections=relative[:, ::2] @ directions,
-            rates=relative[:, 1::2] @ directions,
-            _names=tuple(structure.dof_names[i] for i in places),
-            _units=tuple(structure.dof_units[i] for i in places),
-            resting_since=np.where(since < 0, np.nan, since),
+        return with_deflections(
+            run, structure, places, self._compared, relative[:, ::2] @ directions,
+            relative[:, 1::2] @ directions, resting_since=np.where(since < 0, np.nan, since),
         )  # fmt: skip
