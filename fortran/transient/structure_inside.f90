@@ -133,7 +133,9 @@ contains
     n = size(part%forces)
     n_blocks = size(q)/mode_block
     call split_phase(sections%frequencies, part%start, high, low)
-    input(:n) = reshape(part%forces, [n])
+    do c = 1, size(part%forces, 2)
+      input((c - 1)*part%s + 1:c*part%s) = part%forces(:, c)
+    end do
     input(n + 1:n + size(high)) = sin(high + low)
     input(n + size(high) + 1:) = cos(high + low)
     q = part%q + (place%q_by_q*part%q + place%q_by_v*part%v)
@@ -141,11 +143,12 @@ contains
     z = part%z + place%by_z*part%z
     do c = 1, size(which)
       d = which(c)
-      u(c) = seen_of(n_blocks, shown(:, d), q) + seen_of_poles(shown_left(:, d), z) &
-             + sum(place%by_input(:, d)*input)
+      u(c) = seen_of(n_blocks, shown(:, d), q) + dot_product(place%by_input(:, d), input)
       v(c) = seen_of(n_blocks, shown(:, d), w) &
-             + pole_rates(shown_left(:, d), sections%others%poles, z) &
-             + sum(place%by_input(:, size(shown, 2) + d)*input)
+             + dot_product(place%by_input(:, size(shown, 2) + d), input)
+      if (size(z) == 0) cycle
+      u(c) = u(c) + seen_of_poles(shown_left(:, d), z)
+      v(c) = v(c) + pole_rates(shown_left(:, d), sections%others%poles, z)
     end do
   end subroutine show
 
