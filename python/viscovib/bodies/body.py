@@ -232,7 +232,7 @@ class Body(LinearBody):
     def _parameter_names(self) -> tuple[str, ...]:
         return numbers_of_body(self)
 
-    def _with_parameters(self, numbers: Mapping[str, float]) -> Body:
+    def _with_parameters(self, numbers: Mapping[str, float]) -> LinearBody:
         return with_numbers(self, numbers)
 
     @property

@@ -7,18 +7,16 @@ import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.bodies.linear_body import LinearBody
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.errors import InputError
 from viscovib.systems.varying import Varied, varied
-
-if TYPE_CHECKING:
-    from viscovib.bodies.body import Body
 
 _AXES = "xyz"
 #: Highest power of p: a law of power q at a mount with a varied position has q + 1.
@@ -28,7 +26,7 @@ _ROUNDING = 1e-12
 _OF_MOUNTS = ("stiffness", "damping", "position")
 
 
-def varied_body(body: Body, name: object, start: float, finish: float) -> Varied:
+def varied_body(body: LinearBody, name: object, start: float, finish: float) -> Varied:
     """Return the numbers of ``mass``, ``mounts[front].stiffness[z]``, ``mounts[front].k3`` ...
 
     The body is created at some values p, and polynomials in p are fitted to its numbers: of degree
@@ -60,7 +58,7 @@ def varied_body(body: Body, name: object, start: float, finish: float) -> Varied
             raise error from None
 
 
-def numbers_of_body(body: Body) -> tuple[str, ...]:
+def numbers_of_body(body: LinearBody) -> tuple[str, ...]:
     """Names of the parameters of a body, without the entries of its matrices."""
     names = ["mass", "inertia_scale", *(f"center[{axis}]" for axis in _AXES)]
     for mount in body.mounts:
@@ -70,7 +68,7 @@ def numbers_of_body(body: Body) -> tuple[str, ...]:
     return tuple(names)
 
 
-def with_numbers(body: Body, numbers: Mapping[str, float]) -> Body:
+def with_numbers(body: LinearBody, numbers: Mapping[str, float]) -> LinearBody:
     """Return the body with new values of parameters."""
     with warnings.catch_warnings():
         # The given body has already issued these warnings.
@@ -82,7 +80,7 @@ def with_numbers(body: Body, numbers: Mapping[str, float]) -> Body:
     return body
 
 
-def rebuilt(body: Body, **changes: Any) -> Body:
+def rebuilt(body: LinearBody, **changes: Any) -> LinearBody:
     """Return a new body with changed arguments."""
     given: dict[str, Any] = {
         "mass": body.body_mass, "inertia": body.inertia, "mounts": body.mounts,
@@ -92,7 +90,7 @@ def rebuilt(body: Body, **changes: Any) -> Body:
     return type(body)(**(given | changes))
 
 
-def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | None:
+def _changed(body: LinearBody, name: object) -> Callable[[float], dict[str, Any]] | None:
     """Function of p that returns changed arguments; None: not a parameter of a body."""
     if name == "mass":
         return lambda p: {"mass": p}
@@ -137,7 +135,7 @@ def _changed(body: Body, name: object) -> Callable[[float], dict[str, Any]] | No
     return at
 
 
-def _of_law(body: Body, place: int, key: str) -> Callable[[float], dict[str, Any]]:
+def _of_law(body: LinearBody, place: int, key: str) -> Callable[[float], dict[str, Any]]:
     """Function that returns the arguments for a parameter of the laws of a mount."""
     mount = body.mounts[place]
     before = dict(mount.parameters or {})
