@@ -44,36 +44,58 @@ module viscovib_multiple_scales
 
 contains
 
-  subroutine new_multiple_scales(scales, form, tolerance, steady, status, reach, sizes)
-    type(multiple_scales_type), intent(out) :: scales
+  subroutine new_multiple_scales(scales, form, tolerance, steady, status, reach, sizes, &
+                                 with_far)
+    !> Its arrays are kept if their shapes are the same.
+    type(multiple_scales_type), intent(inout) :: scales
     !> In the caller's units.
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
     !> As in `new_normal_form`.
     logical, intent(in) :: steady
     type(status_type), intent(out) :: status
-    !> As in `new_normal_form`.
+    !> As in `new_normal_form`, for the same form except for oscillating loads.
     type(reach_type), intent(in), optional :: reach
     real(wp), intent(in), optional :: sizes(:)
-    complex(wp) :: r(form%n_dof)
-    integer :: j
+    !> Include terms far from the modes.
+    logical, intent(in), optional :: with_far
+    integer :: j, k
 
-    call form%copy_to(scales%form)
-    allocate (scales%load_factor(size(form%drives)), source=1.0_wp)
-    call move_to_rest(scales%form, scales%rest, status)
-    if (status%failed()) return
-    call to_natural_units(scales%form, scales%rows, scales%columns, scales%units)
-    call new_normal_form(scales%normal, scales%form, tolerance, steady, status, reach, sizes)
+    scales%load_factor = spread(1.0_wp, 1, size(form%drives))
+    if (present(reach)) then
+      call reach%form%copy_to(scales%form)
+      scales%form%drives = form%drives
+      do k = 1, size(form%drives)
+        if (form%drives(k) > 0.0_wp) scales%form%load(:, k) = form%load(:, k)*reach%rows
+      end do
+      scales%rest = reach%rest
+      scales%rows = reach%rows
+      scales%columns = reach%columns
+      scales%units = reach%units
+    else
+      call form%copy_to(scales%form)
+      call move_to_rest(scales%form, scales%rest, status)
+      if (status%failed()) return
+      call to_natural_units(scales%form, scales%rows, scales%columns, scales%units)
+    end if
+    call new_normal_form(scales%normal, scales%form, tolerance, steady, status, reach, sizes, &
+                         with_far)
     if (status%failed()) return
     call new_slow_flow(scales%flow, scales%normal, scales%form)
-    allocate (scales%amplitude_units(form%n_modes()))
-    do j = 1, form%n_modes()
-      r = scales%columns(:form%n_dof)*scales%normal%right(:form%n_dof, j)
-      scales%amplitude_units(j) = r(maxloc(abs(r), 1))
-    end do
+    associate (d => form%n_dof)
+      scales%amplitude_units = [(largest(scales%columns(:d)*scales%normal%right(:d, j)), &
+                                 j=1, form%n_modes())]
+    end associate
   end subroutine new_multiple_scales
 
-  !> Shifts of the modes by nonlinear terms, without oscillating loads; and the modes.
+  !> The entry of the largest modulus.
+  pure complex(wp) function largest(r)
+    complex(wp), intent(in) :: r(:)
+    largest = r(maxloc(abs(r), 1))
+  end function largest
+
+  !> Shifts of the modes by nonlinear terms, without oscillating loads; the modes; the form in
+  !! natural units.
   subroutine reach_of(form, reach, status)
     !> In the caller's units.
     type(polynomial_form_type), intent(in) :: form
@@ -95,6 +117,11 @@ contains
       reach%right = normal%right(:, :n)
       reach%left = normal%left(:, :n)
     end associate
+    call scales%form%copy_to(reach%form)
+    reach%rows = scales%rows
+    reach%columns = scales%columns
+    reach%units = scales%units
+    reach%rest = scales%rest
     do i = 1, size(scales%flow%terms)
       associate (t => scales%flow%terms(i), c => abs(scales%flow%terms(i)%coefficient))
         if (count(t%at == t%row) == 2 .and. any(t%at == -t%row)) then

@@ -33,10 +33,10 @@ module viscovib_normal_form
   use viscovib_frame_choice, only: frame_choice_type, new_frame_choice
   use viscovib_kinds, only: wp
   use viscovib_linear_modes, only: find_modes
-  use viscovib_normal_orders, only: second_order, second_sides, third_order, third_sides
-  use viscovib_normal_products, only: max_modes, normal_form_type, reach_type
+  use viscovib_normal_orders, only: second_order, second_sides, start_third, third_order
+  use viscovib_normal_products, only: max_modes, normal_form_type, reach_type, renew
   use viscovib_polynomial_form, only: polynomial_form_type
-  use viscovib_resonance_choice, only: default_band
+  use viscovib_resonance_choice, only: candidate_type, default_band
   use viscovib_resonant_terms, only: choose_loads, choose_products
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
@@ -52,8 +52,9 @@ module viscovib_normal_form
 
 contains
 
-  subroutine new_normal_form(normal, form, tolerance, steady, status, reach, sizes)
-    type(normal_form_type), intent(out) :: normal
+  subroutine new_normal_form(normal, form, tolerance, steady, status, reach, sizes, with_far)
+    !> Its arrays are kept if their shapes are the same.
+    type(normal_form_type), intent(inout) :: normal
     type(polynomial_form_type), intent(in) :: form
     !> In [0, 1), or `by_influence`.
     real(wp), intent(in) :: tolerance
@@ -65,9 +66,10 @@ contains
     !> With `by_influence`: expected amplitudes, shape (n_modes); the response to loads alone is
     !! added to them.
     real(wp), intent(in), optional :: sizes(:)
+    !> Include terms far from the modes, for the growth that they cause.
+    logical, intent(in), optional :: with_far
     type(frame_choice_type) :: choice
     complex(wp) :: s(form%n_modes()), right(form%n, form%n_modes()), left(form%n, form%n_modes())
-    complex(wp), allocatable :: sides(:, :)
     real(wp) :: expected(form%n_modes())
     integer :: i, n
 
@@ -97,13 +99,17 @@ contains
     normal%tolerance = merge(tolerance, default_band, tolerance >= 0.0_wp)
     normal%choosing = tolerance < 0.0_wp
     normal%framed = present(reach) .and. normal%choosing
-    if (present(reach)) normal%with_far = reach%with_far
+    normal%with_far = present(with_far)
     normal%s = [s, conjg(s)]
     normal%exponents = normal%s
     normal%frame = aimag(s)
-    normal%right = reshape([right, conjg(right)], [form%n, 2*n])
-    normal%left = reshape([left, conjg(left)], [form%n, 2*n])
-    allocate (normal%candidates(0))
+    call renew(normal%right, form%n, 2*n)
+    call renew(normal%left, form%n, 2*n)
+    normal%right(:, :n) = right
+    normal%left(:, :n) = left
+    normal%right(:, n + 1:) = conjg(right)
+    normal%left(:, n + 1:) = conjg(left)
+    normal%candidates = [candidate_type ::]
     expected = 0.0_wp
     if (present(sizes)) expected = sizes
 
@@ -115,34 +121,34 @@ contains
     if (normal%framed) normal%frame = choice%frame()
     call normal%number_products()
     call normal%set_exponents()
-    call second_sides(normal, form, sides)
-    if (normal%choosing) then
-      call choose_products(normal, form, 2, sides, expected, choice, reach)
-      if (normal%framed) then
-        normal%frame = choice%frame()
-        call normal%set_exponents()
-        call second_sides(normal, form, sides)
-      end if
-    end if
-    call second_order(normal, form, sides, status)
+    call second_sides(normal, form)
+    n = choice%n
+    if (normal%choosing) call choose_products(normal, form, 2, expected, choice, reach)
+    if (normal%framed .and. choice%n > n) call change_frame()
+    call second_order(normal, form, status)
     if (status%failed()) return
-    call third_sides(normal, form, sides)
-    if (normal%choosing) then
-      n = choice%n
-      call choose_products(normal, form, 3, sides, expected, choice, reach)
-      if (normal%framed .and. choice%n > n) then
-        normal%frame = choice%frame()
-        call normal%set_exponents()
-        call second_sides(normal, form, sides)
-        call second_order(normal, form, sides, status)
-        if (status%failed()) return
-        call third_sides(normal, form, sides)
-      end if
+    call start_third(normal, form)
+    n = choice%n
+    if (normal%choosing) call choose_products(normal, form, 3, expected, choice, reach)
+    if (normal%framed .and. choice%n > n) then
+      call change_frame()
+      call second_order(normal, form, status)
+      if (status%failed()) return
+      call start_third(normal, form)
     end if
     normal%size_one = abs(normal%right(:form%n_dof, :))
     normal%size_pair = abs(normal%u_pair(:form%n_dof, :))
     normal%used_pairs = pack([(i, i=1, size(normal%pair, 2))], any(normal%size_pair > 0.0_wp, 1))
-    call third_order(normal, form, sides, status)
+    call third_order(normal, form, status)
+
+  contains
+
+    subroutine change_frame()
+      normal%frame = choice%frame()
+      call normal%set_exponents()
+      call second_sides(normal, form)
+    end subroutine change_frame
+
   end subroutine new_normal_form
 
   !> True if the modes are given.
@@ -163,8 +169,8 @@ contains
 
     n = normal%n_modes
     call set_ok(status)
-    allocate (normal%g_load(n, size(form%drives)), source=(0.0_wp, 0.0_wp))
-    allocate (normal%u_load(form%n, size(form%drives)), source=(0.0_wp, 0.0_wp))
+    call renew(normal%g_load, n, size(form%drives))
+    call renew(normal%u_load, form%n, size(form%drives))
     acts = .false.
     joins = .true.
     do k = 1, size(form%drives)
@@ -179,6 +185,7 @@ contains
     normal%direct = pack([(k, k=1, size(form%drives))], active .and. acts)
     normal%weak = pack([(k, k=1, size(form%drives))], active .and. .not. joins)
     normal%hard = pack([(k, k=1, size(form%drives))], active .and. joins)
+    if (size(normal%hard) == 0) return
     allocate (wave, source=normal%u_load(:, normal%hard))
     allocate (s, source=normal%exponents(:n))
     allocate (right, source=normal%right(:, :n))

@@ -2,13 +2,13 @@
 !! as in `viscovib_normal_form`.
 module viscovib_normal_orders
   use viscovib_kinds, only: wp
-  use viscovib_normal_products, only: normal_form_type
+  use viscovib_normal_products, only: normal_form_type, renew
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
 
-  public :: answer_triples, second_sides, second_order, third_sides, third_order
+  public :: answer_triples, need_side, second_sides, second_order, start_third, third_order
 
   !> Relative distance to an undamped mode's exponent below which the operator L is singular.
   real(wp), parameter :: singular_within = 1.0e-9_wp
@@ -16,20 +16,16 @@ module viscovib_normal_orders
 contains
 
   !> R_M of products of two generators.
-  subroutine second_sides(self, form, sides)
+  subroutine second_sides(self, form)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
-    complex(wp), allocatable, intent(out) :: sides(:, :)
     complex(wp) :: load(form%n)
     integer :: i, a, b, other, g
 
     g = 2*self%n_generators
-    allocate (sides(form%n, size(self%pair, 2)), source=(0.0_wp, 0.0_wp))
-    if (.not. allocated(self%x_one)) allocate (self%x_one(form%n_arguments, g))
-    if (.not. allocated(self%n_pair)) then
-      allocate (self%n_pair(form%n, merge(size(self%pair, 2), 0, form%has_memory())))
-      self%n_pair = (0.0_wp, 0.0_wp)
-    end if
+    call renew(self%side_pair, form%n, size(self%pair, 2))
+    call renew(self%x_one, form%n_arguments, g)
+    call renew(self%n_pair, form%n, merge(size(self%pair, 2), 0, form%has_memory()))
     do a = 1, g
       self%x_one(:, a) = form%arguments_at(self%s(a), self%right(:, a))
     end do
@@ -39,7 +35,7 @@ contains
       b = self%pair(2, i)
       other = self%pair_at(self%conjugate_of(a), self%conjugate_of(b))
       if (other < i) then
-        sides(:, i) = conjg(sides(:, other))
+        self%side_pair(:, i) = conjg(self%side_pair(:, other))
         if (form%has_memory()) self%n_pair(:, i) = conjg(self%n_pair(:, other))
         cycle
       end if
@@ -49,26 +45,21 @@ contains
         self%n_pair(:, i) = -load
         if (any(load /= (0.0_wp, 0.0_wp))) load = load*form%retained(self%s_pair(i))
       end if
-      sides(:, i) = load
+      self%side_pair(:, i) = load
     end do
   end subroutine second_sides
 
-  subroutine second_order(self, form, sides, status)
+  subroutine second_order(self, form, status)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
-    complex(wp), intent(in) :: sides(:, :)
     type(status_type), intent(out) :: status
     integer :: i, other, a, b, j, k, g
 
     call set_ok(status)
     g = 2*self%n_generators
-    if (.not. allocated(self%x_pair)) then
-      allocate (self%x_pair(form%n_arguments, size(self%pair, 2)))
-      allocate (self%u_pair(form%n, size(self%pair, 2)), self%g_pair(g, size(self%pair, 2)))
-    end if
-    self%u_pair = (0.0_wp, 0.0_wp)
-    self%g_pair = (0.0_wp, 0.0_wp)
-    self%x_pair = (0.0_wp, 0.0_wp)
+    call renew(self%x_pair, form%n_arguments, size(self%pair, 2))
+    call renew(self%u_pair, form%n, size(self%pair, 2))
+    call renew(self%g_pair, g, size(self%pair, 2))
     if (size(form%quadratic) == 0) return
     do i = 1, size(self%pair, 2)
       a = self%pair(1, i)
@@ -79,7 +70,7 @@ contains
         self%x_pair(:, i) = conjg(self%x_pair(:, other))
         cycle
       end if
-      call answer_product(self, form, self%s_pair(i), [a, b], sides(:, i), self%acts_pair(:, i), &
+      call answer_product(self, form, self%s_pair(i), [a, b], self%side_pair(:, i), self%acts_pair(:, i), &
                           self%u_pair(:, i), self%g_pair(:, i), status)
       if (status%failed()) return
       self%x_pair(:, i) = form%arguments_at(self%s_pair(i), self%u_pair(:, i))
@@ -98,61 +89,79 @@ contains
     end do
   end subroutine second_order
 
-  !> R_M of products of three generators.
-  subroutine third_sides(self, form, sides)
-    class(normal_form_type), intent(in) :: self
-    type(polynomial_form_type), intent(in) :: form
-    complex(wp), allocatable, intent(out) :: sides(:, :)
-    complex(wp) :: load(form%n)
-    integer :: i, other, t(3), q
-    logical :: slow
-
-    allocate (sides(form%n, size(self%triple, 2)))
-    slow = any(self%g_pair /= (0.0_wp, 0.0_wp)) .and. .not. self%framed
-    do i = 1, size(self%triple, 2)
-      t = self%triple(:, i)
-      other = self%place_of(self%conjugate_of(t(1)), self%conjugate_of(t(2)), &
-                       self%conjugate_of(t(3)))
-      if (other < i) then
-        sides(:, i) = conjg(sides(:, other))
-        cycle
-      end if
-      load = (0.0_wp, 0.0_wp)
-      if (size(form%cubic) > 0) then
-        load = -arrangements(t)*form%cubic_at(self%x_one(:, t(1)), self%x_one(:, t(2)), &
-                                              self%x_one(:, t(3)))
-      end if
-      if (size(form%quadratic) > 0) then
-        do q = 1, 3
-          if (repeated(t, q)) cycle
-          associate (pair => self%pair_at(t(modulo(q, 3) + 1), t(modulo(q + 1, 3) + 1)))
-            load = load - 2.0_wp*form%quadratic_at(self%x_one(:, t(q)), self%x_pair(:, pair))
-          end associate
-        end do
-      end if
-      if (form%has_memory()) then
-        if (any(load /= (0.0_wp, 0.0_wp))) load = load*form%retained(self%s_triple(i))
-      end if
-      if (slow) call slow_changes(self, form, i, load)
-      sides(:, i) = load
-    end do
-  end subroutine third_sides
-
-  !> In a frame, only products that act on modes are answered.
-  subroutine third_order(self, form, sides, status)
+  !> Begin with the products of three generators: no right-hand side is computed yet.
+  subroutine start_third(self, form)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
-    complex(wp), allocatable, intent(inout) :: sides(:, :)
-    type(status_type), intent(out) :: status
-    integer :: g, m
-
-    g = 2*self%n_generators
+    integer :: m
     m = size(self%triple, 2)
-    allocate (self%u_triple(form%n, m), self%g_triple(g, m), source=(0.0_wp, 0.0_wp))
-    allocate (self%size_triple(form%n_dof, m), source=0.0_wp)
-    allocate (self%answered(m), source=.false.)
-    call move_alloc(sides, self%side_triple)
-    call answer(self, form, any(self%acts_triple, 1) .or. .not. self%framed, status)
+    call renew(self%side_triple, form%n, m)
+    call renew(self%u_triple, form%n, m)
+    call renew(self%g_triple, 2*self%n_generators, m)
+    self%size_triple = spread(spread(0.0_wp, 1, form%n_dof), 2, m)
+    self%has_side = spread(.false., 1, m)
+    self%answered = self%has_side
+    self%used_triples = [integer ::]
+    self%slow = .not. self%framed
+    if (self%slow) self%slow = any(self%g_pair /= (0.0_wp, 0.0_wp))
+  end subroutine start_third
+
+  !> Compute R_M of a product of three generators.
+  subroutine need_side(self, form, i)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    integer, intent(in) :: i
+    complex(wp) :: load(form%n)
+    integer :: t(3), q
+
+    if (self%has_side(i)) return
+    self%has_side(i) = .true.
+    t = self%triple(:, i)
+    load = (0.0_wp, 0.0_wp)
+    if (size(form%cubic) > 0) then
+      load = -arrangements(t)*form%cubic_at(self%x_one(:, t(1)), self%x_one(:, t(2)), &
+                                            self%x_one(:, t(3)))
+    end if
+    if (size(form%quadratic) > 0) then
+      do q = 1, 3
+        if (repeated(t, q)) cycle
+        associate (pair => self%pair_at(t(modulo(q, 3) + 1), t(modulo(q + 1, 3) + 1)))
+          load = load - 2.0_wp*form%quadratic_at(self%x_one(:, t(q)), self%x_pair(:, pair))
+        end associate
+      end do
+    end if
+    if (form%has_memory()) then
+      if (any(load /= (0.0_wp, 0.0_wp))) load = load*form%retained(self%s_triple(i))
+    end if
+    if (self%slow) call slow_changes(self, form, i, load)
+    self%side_triple(:, i) = load
+  end subroutine need_side
+
+  !> The changes of modes by products of three. In a frame, the coefficients of y follow later.
+  subroutine third_order(self, form, status)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
+    type(status_type), intent(out) :: status
+    integer :: i
+    logical :: singular
+
+    call set_ok(status)
+    if (.not. self%framed) then
+      call answer(self, form, [(.true., i=1, size(self%answered))], status)
+      return
+    end if
+    do i = 1, size(self%answered)
+      associate (chosen => self%acts_triple(:, i), s => self%s_triple(i))
+        if (.not. any(chosen)) cycle
+        call need_side(self, form, i)
+        call self%find_rates(form, s, self%side_triple(:, i), &
+                             chosen .or. near_product(self, s, self%triple(:, i)), &
+                             self%g_triple(:, i), singular)
+        where (.not. chosen) self%g_triple(:, i) = (0.0_wp, 0.0_wp)
+        if (singular) call no_stiffness(s, status)
+        if (singular) return
+      end associate
+    end do
   end subroutine third_order
 
   !> Answer products of three in which at most `n_rest` factors are modes that do not move.
@@ -195,6 +204,7 @@ contains
       if (other < i) then
         call copy_conjugate(self, self%u_triple, self%g_triple, other, i)
       else
+        call need_side(self, form, i)
         call answer_product(self, form, self%s_triple(i), t, self%side_triple(:, i), &
                             self%acts_triple(:, i), self%u_triple(:, i), self%g_triple(:, i), &
                             status)

@@ -1,6 +1,6 @@
 !> Components of a normal form: generators, their products, and the response to a product.
 !!
-!! `viscovib_normal_form` builds it.
+!! `viscovib_normal_form` builds it. A normal form that is built again keeps its arrays.
 module viscovib_normal_products
   use viscovib_dense, only: solve_complex
   use viscovib_kinds, only: wp
@@ -10,7 +10,7 @@ module viscovib_normal_products
   implicit none
   private
 
-  public :: normal_form_type, reach_type
+  public :: normal_form_type, reach_type, renew
 
   integer, parameter, public :: max_modes = 6
 
@@ -20,8 +20,10 @@ module viscovib_normal_products
     real(wp), allocatable :: cubic(:), quadratic(:)
     !> Exponents and vectors of `find_modes`: oscillating loads do not change them.
     complex(wp), allocatable :: s(:), right(:, :), left(:, :)
-    !> Include terms far from the modes, for the growth that they cause.
-    logical :: with_far = .false.
+    !> The form about its equilibrium in natural units, its equilibrium and units, as in
+    !! `multiple_scales_type`.
+    type(polynomial_form_type) :: form
+    real(wp), allocatable :: rows(:), columns(:), units(:), rest(:)
   end type reach_type
 
   type :: normal_form_type
@@ -34,7 +36,7 @@ module viscovib_normal_products
     integer, allocatable :: hard(:), weak(:), direct(:)
     !> Products are those of steady motion; the same in a selected frame.
     logical :: steady = .false., framed = .false.
-    !> As in `reach_type`.
+    !> Terms far from the modes are included.
     logical :: with_far = .false.
     !> Resonant terms are selected by influence.
     logical :: choosing = .false.
@@ -52,15 +54,18 @@ module viscovib_normal_products
     complex(wp), allocatable :: u_pair(:, :), u_triple(:, :), g_pair(:, :), g_triple(:, :)
     !> Products whose coefficient in y is not 0.
     integer, allocatable :: used_pairs(:), used_triples(:)
-    !> R_M of products of three, and which of them have their coefficient of y. In a frame, those
-    !! that do not act on a mode get it by `answer_triples`.
+    !> R_M of products of three, which of them are computed, and which products have their
+    !! coefficient of y. In a frame, products get it by `answer_triples`.
     complex(wp), allocatable :: side_triple(:, :)
-    logical, allocatable :: answered(:)
+    logical, allocatable :: has_side(:), answered(:)
+    !> R_M of products of two.
+    complex(wp), allocatable :: side_pair(:, :)
+    !> Changes of second order affect products of three.
+    logical :: slow = .false.
     !> Moduli of the coefficients of the coordinates.
     real(wp), allocatable :: size_one(:, :), size_pair(:, :), size_triple(:, :)
     !> Loads near modes: y, shape (n, n_loads), and g, shape (n_modes, n_loads).
     complex(wp), allocatable :: u_load(:, :), g_load(:, :)
-    integer, allocatable :: pair_at(:, :), triple_at(:, :, :)
     !> Which modes and conjugates resonate, shape (2 n_generators, n_products), and which modes
     !! with loads, shape (n_modes, n_loads).
     logical, allocatable :: acts_pair(:, :), acts_triple(:, :), acts_load(:, :)
@@ -72,12 +77,14 @@ module viscovib_normal_products
     procedure :: conjugate_of
     procedure :: near
     procedure :: near_modes
-    procedure :: place_of
+    procedure, nopass :: pair_at
+    procedure, nopass :: place_of
     procedure :: drive_of
     procedure :: weight
     procedure :: set_exponents
     procedure :: number_products
     procedure :: answer
+    procedure :: find_rates
     procedure :: answer_load
   end type normal_form_type
 
@@ -122,13 +129,19 @@ contains
     acts(:self%n_modes) = acts(:self%n_modes) .or. abs(frequency - frame) <= 1.0e-7_wp*frame
   end function near_modes
 
-  pure integer function place_of(self, a, b, c)
-    class(normal_form_type), intent(in) :: self
+  !> The index of a product of two generators.
+  pure integer function pair_at(a, b)
+    integer, intent(in) :: a, b
+    pair_at = max(a, b)*(max(a, b) - 1)/2 + min(a, b)
+  end function pair_at
+
+  !> The index of a product of three generators.
+  pure integer function place_of(a, b, c)
     integer, intent(in) :: a, b, c
     integer :: low, high
     low = min(a, b, c)
     high = max(a, b, c)
-    place_of = self%triple_at(low, a + b + c - low - high, high)
+    place_of = (high - 1)*high*(high + 1)/6 + pair_at(low, a + b + c - low - high)
   end function place_of
 
   !> l_j F_k/2 over l_j L[i p, s_j] r_j; 0 if a load acts on the mode by rounding errors only.
@@ -172,36 +185,35 @@ contains
                     + self%s(self%triple(3, :))
   end subroutine set_exponents
 
-  !> All products of two and three generators, and their indices.
+  !> All products of two and three generators, in the order of their indices.
   subroutine number_products(normal)
     class(normal_form_type), intent(inout) :: normal
-    integer :: g, a, b, c, n
+    integer :: g, a, b, c
 
     g = 2*normal%n_generators
-    allocate (normal%pair(2, g*(g + 1)/2), normal%pair_at(g, g))
-    allocate (normal%triple(3, g*(g + 1)*(g + 2)/6), normal%triple_at(g, g, g))
-    n = 0
-    do b = 1, g
-      do a = 1, b
-        n = n + 1
-        normal%pair(:, n) = [a, b]
-        normal%pair_at(a, b) = n
-        normal%pair_at(b, a) = n
-      end do
-    end do
-    n = 0
-    do c = 1, g
-      do b = 1, c
-        do a = 1, b
-          n = n + 1
-          normal%triple(:, n) = [a, b, c]
-          normal%triple_at(a, b, c) = n
-        end do
-      end do
-    end do
-    allocate (normal%acts_pair(g, size(normal%pair, 2)), source=.false.)
-    allocate (normal%acts_triple(g, size(normal%triple, 2)), source=.false.)
+    if (allocated(normal%pair)) then
+      if (size(normal%pair, 2) == pair_at(g, g)) then
+        normal%acts_pair = .false.
+        normal%acts_triple = .false.
+        return
+      end if
+    end if
+    normal%pair = reshape([((a, b, a=1, b), b=1, g)], [2, pair_at(g, g)])
+    normal%triple = reshape([(((a, b, c, a=1, b), b=1, c), c=1, g)], [3, place_of(g, g, g)])
+    normal%acts_pair = spread([(.false., a=1, g)], 2, size(normal%pair, 2))
+    normal%acts_triple = spread([(.false., a=1, g)], 2, size(normal%triple, 2))
   end subroutine number_products
+
+  !> Give an array this shape and the value 0.
+  pure subroutine renew(x, n, m)
+    complex(wp), allocatable, intent(inout) :: x(:, :)
+    integer, intent(in) :: n, m
+    if (allocated(x)) then
+      if (size(x, 1) /= n .or. size(x, 2) /= m) deallocate (x)
+    end if
+    if (.not. allocated(x)) allocate (x(n, m))
+    x = (0.0_wp, 0.0_wp)
+  end subroutine renew
 
   !> U_M and g_M from R_M: the bordered linear equations.
   subroutine answer(self, form, s, load, acts, u, rates, singular)
@@ -250,6 +262,32 @@ contains
     end subroutine solve_bordered
 
   end subroutine answer
+
+  !> g_M alone, from l_i R_M = sum_j g_jM l_i L[s_M, s_j] r_j: the bordered equations times l_i,
+  !! since l_i L(s_M) U_M = (s_M - s_i) l_i L[s_M, s_i] U_M = 0 for each mode i that resonates.
+  subroutine find_rates(self, form, s, load, acts, rates, singular)
+    class(normal_form_type), intent(in) :: self
+    type(polynomial_form_type), intent(in) :: form
+    complex(wp), intent(in) :: s, load(:)
+    !> As in `answer`.
+    logical, intent(in) :: acts(:)
+    complex(wp), intent(out) :: rates(:)
+    logical, intent(out) :: singular
+    complex(wp) :: matrix(count(acts), count(acts)), x(count(acts)), slope(form%n)
+    integer :: modes(count(acts)), i, j
+
+    rates = (0.0_wp, 0.0_wp)
+    modes = pack([(i, i=1, size(acts))], acts)
+    do j = 1, size(modes)
+      slope = matmul(form%operator_between(s, self%exponents(modes(j))), self%right(:, modes(j)))
+      do i = 1, size(modes)
+        matrix(i, j) = sum(self%left(:, modes(i))*slope)
+      end do
+      x(j) = sum(self%left(:, modes(j))*load)
+    end do
+    call solve_complex(matrix, x, .false., singular)
+    if (.not. singular) rates(modes) = x
+  end subroutine find_rates
 
   !> First-order effect of load k at frequency p: its contribution to y and to the changes of
   !! the modes it resonates with.

@@ -3,6 +3,7 @@
 module viscovib_resonant_terms
   use viscovib_frame_choice, only: frame_choice_type
   use viscovib_kinds, only: wp
+  use viscovib_normal_orders, only: need_side
   use viscovib_normal_products, only: normal_form_type, reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_resonance_choice, only: candidate_type, default_band, far, influence, &
@@ -35,7 +36,7 @@ contains
     integer :: k, j, at(2)
 
     call set_ok(status)
-    allocate (self%acts_load(self%n_modes, size(form%drives)), source=.false.)
+    self%acts_load = spread([(.false., j=1, self%n_modes)], 2, size(form%drives))
     if (.not. self%framed) then
       do k = 1, size(form%drives)
         do j = 1, self%n_modes
@@ -118,11 +119,10 @@ contains
 
   !> Select candidates of this order, largest influence first. In a frame, a term is accepted if it
   !! is constant in a frame with the accepted terms. Otherwise all are accepted.
-  subroutine choose_products(self, form, order, sides, expected, choice, reach)
+  subroutine choose_products(self, form, order, expected, choice, reach)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: order
-    complex(wp), intent(in) :: sides(:, :)
     real(wp), intent(in) :: expected(:)
     type(frame_choice_type), intent(inout) :: choice
     type(reach_type), intent(in), optional :: reach
@@ -134,7 +134,7 @@ contains
     real(wp) :: drive
 
     call sizes_of_generators(self, expected, all_sizes, reference)
-    call list_candidates(self, form, order, sides, found)
+    call list_candidates(self, form, order, found)
     allocate (does(size(found)))
     do i = 1, size(found)
       does(i) = influence(found(i), all_sizes, self%n_modes, reference)
@@ -239,45 +239,49 @@ contains
   end function amplitude_of_shift
 
   !> Products of this order that are not too far from a mode, with their effect.
-  subroutine list_candidates(self, form, order, sides, found)
-    class(normal_form_type), intent(in) :: self
+  subroutine list_candidates(self, form, order, found)
+    class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: order
-    complex(wp), intent(in) :: sides(:, :)
     type(candidate_type), allocatable, intent(out) :: found(:)
     type(candidate_type), allocatable :: some(:)
-    complex(wp) :: s, part, term
-    real(wp) :: sizes
+    complex(wp) :: s, part, term, side(form%n)
+    real(wp) :: sizes, off
     integer :: i, j, k, n
 
-    allocate (some(self%n_modes*size(sides, 2)))
+    allocate (some(16))
     n = 0
-    do i = 1, size(sides, 2)
-      if (all(sides(:, i) == (0.0_wp, 0.0_wp))) cycle
+    do i = 1, merge(size(self%pair, 2), size(self%triple, 2), order == 2)
       if (order == 2) then
         s = self%s_pair(i)
       else
         s = self%s_triple(i)
       end if
       do j = 1, self%n_modes
-        if (abs(aimag(s - self%s(j))) > farthest(i)*aimag(self%s(j))) cycle
+        off = abs(aimag(s - self%s(j)))
+        if (off > farthest(i)*aimag(self%s(j))) cycle
+        if (order == 2) then
+          side = self%side_pair(:, i)
+        else
+          call need_side(self, form, i)
+          side = self%side_triple(:, i)
+        end if
+        if (all(side == (0.0_wp, 0.0_wp))) exit
         part = (0.0_wp, 0.0_wp)
         sizes = 0.0_wp
-        do k = 1, size(sides, 1)
-          term = self%left(k, j)*sides(k, i)
+        do k = 1, size(side)
+          term = self%left(k, j)*side(k)
           part = part + term
           sizes = sizes + abs(real(term)) + abs(aimag(term))
         end do
         if (.not. abs(part) > 1.0e-13_wp*sizes) cycle
+        if (n == size(some)) some = [some, some]
         n = n + 1
-        some(n)%order = order
-        some(n)%at = i
-        some(n)%mode = j
+        some(n) = candidate_type(order, i, j, coupling=abs(part/self%weight(form, j, s)), &
+                                 divisor=abs(s - self%exponents(j)), &
+                                 is_far=off > far*aimag(self%s(j)))
         if (order == 2) some(n)%factors(:2) = self%pair(:, i)
         if (order == 3) some(n)%factors = self%triple(:, i)
-        some(n)%coupling = abs(part/self%weight(form, j, s))
-        some(n)%divisor = abs(s - self%exponents(j))
-        some(n)%is_far = abs(aimag(s - self%s(j))) > far*aimag(self%s(j))
       end do
     end do
     found = some(:n)
@@ -289,14 +293,20 @@ contains
     !! frequencies, almost down to products of frequency 0.
     pure real(wp) function farthest(i)
       integer, intent(in) :: i
-      integer :: factors(3)
-      factors = 0
-      if (order == 2) factors(:2) = self%pair(:, i)
-      if (order == 3) factors = self%triple(:, i)
-      farthest = merge(0.95_wp, far, (self%framed .or. self%steady) .and. &
-                       any(factors > self%n_generators .and. &
-                           factors <= self%n_generators + self%n_modes))
+      logical :: conjugates
+      if (order == 2) then
+        conjugates = any(is_conjugate(self%pair(:, i)))
+      else
+        conjugates = any(is_conjugate(self%triple(:, i)))
+      end if
+      farthest = merge(0.95_wp, far, (self%framed .or. self%steady) .and. conjugates)
     end function farthest
+
+    !> True for the conjugate of a mode.
+    elemental logical function is_conjugate(a)
+      integer, intent(in) :: a
+      is_conjugate = a > self%n_generators .and. a <= self%n_generators + self%n_modes
+    end function is_conjugate
 
   end subroutine list_candidates
 

@@ -224,7 +224,7 @@ contains
   !> Growth of the modes at rest by terms of the expansion that are too far from a mode for the
   !! modulation equations, but have an effect if motions are large: the growth by the equations
   !! that include them, about the same motion; -huge without such terms.
-  subroutine far_growth(scales, full, form, tolerance, reach_of_modes, a, growth, left)
+  subroutine far_growth(scales, full, form, tolerance, reach_of_modes, a, wide, growth, left)
     type(multiple_scales_type), intent(in) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
@@ -234,11 +234,11 @@ contains
     type(reach_type), intent(in) :: reach_of_modes
     !> Amplitudes of a steady motion, in natural units.
     complex(wp), intent(in) :: a(:)
+    !> The expansion with these terms; its arrays are kept.
+    type(multiple_scales_type), intent(inout) :: wide
     real(wp), intent(out) :: growth
     !> Largest influence of terms that are not constant in any frame.
     real(wp), intent(out) :: left
-    type(multiple_scales_type) :: wide
-    type(reach_type) :: wide_reach
     type(status_type) :: status
     complex(wp), dimension(size(a), size(a)) :: by_a, by_conjugate
     complex(wp) :: values(2*count(.not. abs(a) > 0.0_wp))
@@ -251,9 +251,7 @@ contains
     if (.not. scales%normal%framed) return
     left = far_influence(scales%normal, abs(a))
     if (left < least_of_far) return
-    wide_reach = reach_of_modes
-    wide_reach%with_far = .true.
-    call new_multiple_scales(wide, form, tolerance, .true., status, wide_reach, abs(a))
+    call new_multiple_scales(wide, form, tolerance, .true., status, reach_of_modes, abs(a), .true.)
     if (status%failed() .or. .not. wide%flow%autonomous) return
     ! The motion is the same in both.
     if (any(abs(a) > 0.0_wp .and. abs(wide%flow%frame - scales%flow%frame) &

@@ -70,7 +70,7 @@ contains
     type(status_type), intent(out) :: status
     integer, intent(inout) :: cancel
     type(polynomial_form_type) :: here
-    type(multiple_scales_type) :: scales
+    type(multiple_scales_type) :: scales, wide
     type(steady_solver_type) :: solver
     type(reach_type) :: reach
     complex(wp) :: a(form%n_modes(), max_steady)
@@ -112,7 +112,7 @@ contains
       first = points%n + 1
       do k = 1, n_found
         call add_point(points, i, scales, here, form%full, load, tolerance, reach, with_errors, &
-                       a(:, k))
+                       a(:, k), wide)
       end do
       stands = .not. any(points%left_out(first:points%n) > least_fall)
       if (.not. stands) stands = .not. may_beat(scales)
@@ -155,7 +155,7 @@ contains
 
   !> Add a steady motion at value i, of the equations `here`, with its stability and errors.
   subroutine add_point(points, i, scales, here, full, load, tolerance, reach, with_errors, &
-                       amplitudes)
+                       amplitudes, wide)
     type(steady_points_type), intent(inout) :: points
     integer, intent(in) :: i, load
     type(multiple_scales_type), intent(inout) :: scales
@@ -165,6 +165,8 @@ contains
     type(reach_type), intent(in) :: reach
     logical, intent(in) :: with_errors
     complex(wp), intent(in) :: amplitudes(:)
+    !> As in `far_growth`.
+    type(multiple_scales_type), intent(inout) :: wide
     type(status_type) :: status
     real(wp) :: by_far, left, growth, by_order
 
@@ -182,7 +184,8 @@ contains
                        points%sizes(:, m))
       points%left_out(m) = left_out(scales%normal, abs(amplitudes))
       call resting_growth(scales, full, amplitudes, points%resting(m))
-      call far_growth(scales, full, here, tolerance, reach, amplitudes, by_far, left)
+      call far_growth(scales, full, here, tolerance, reach, amplitudes, wide, by_far, &
+                      left)
       points%resting(m) = max(points%resting(m), by_far)
       points%left_out(m) = max(points%left_out(m), left)
       if (with_errors) then
@@ -344,7 +347,7 @@ contains
     type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: tolerance
     type(reach_type), intent(in) :: reach
-    type(multiple_scales_type), intent(out) :: scales
+    type(multiple_scales_type), intent(inout) :: scales
     !> Reuses solutions of equations with the same terms.
     type(steady_solver_type), intent(inout) :: solver
     complex(wp), intent(inout) :: a(:, :)

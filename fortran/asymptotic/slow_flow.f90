@@ -47,7 +47,7 @@ module viscovib_slow_flow
 contains
 
   subroutine new_slow_flow(flow, normal, form)
-    type(slow_flow_type), intent(out) :: flow
+    type(slow_flow_type), intent(inout) :: flow
     type(normal_form_type), intent(in) :: normal
     type(polynomial_form_type), intent(in) :: form
     type(flow_term_type), allocatable :: terms(:)
@@ -56,8 +56,9 @@ contains
 
     flow%n_modes = normal%n_modes
     flow%s = normal%exponents(:normal%n_modes)
-    n = normal%n_modes*(size(normal%direct) + size(normal%pair, 2) + size(normal%triple, 2))
-    allocate (terms(n))
+    n = normal%n_modes
+    allocate (terms(n*size(normal%direct) + count(normal%g_pair(:n, :) /= (0.0_wp, 0.0_wp)) &
+                    + count(normal%g_triple(:n, :) /= (0.0_wp, 0.0_wp))))
     n = 0
     do i = 1, size(normal%direct)
       k = normal%direct(i)

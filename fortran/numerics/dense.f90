@@ -291,7 +291,8 @@ contains
 
     n = size(x)
     a = matrix
-    smallest = merge(epsilon(1.0_wp)*maxval(abs(a)), 0.0_wp, nudge)
+    smallest = 0.0_wp
+    if (nudge) smallest = epsilon(1.0_wp)*maxval(abs(a))
     do k = 1, n
       p = k - 1 + maxloc(abs(real(a(k:, k))) + abs(aimag(a(k:, k))), 1)
       if (p /= k) then

@@ -86,13 +86,15 @@ contains
   !! incorrectly.
   subroutine copy_to(self, copy)
     class(polynomial_form_type), intent(in) :: self
-    type(polynomial_form_type), intent(out) :: copy
+    !> Its arrays are kept if their shapes are the same.
+    type(polynomial_form_type), intent(inout) :: copy
     copy%n = self%n
     copy%n_dof = self%n_dof
     copy%n_arguments = self%n_arguments
     copy%source = self%source
     copy%derivative = self%derivative
-    allocate (copy%linear, source=self%linear)
+    if (.not. allocated(copy%linear)) allocate (copy%linear(self%n, self%n, 0:2))
+    copy%linear(:, :, :) = self%linear
     copy%hereditary = self%hereditary
     copy%quadratic = self%quadratic
     copy%cubic = self%cubic
@@ -252,10 +254,11 @@ contains
   pure function arguments_at(self, s, y) result(x)
     class(polynomial_form_type), intent(in) :: self
     complex(wp), intent(in) :: s, y(:)
-    complex(wp) :: x(self%n_arguments)
+    complex(wp) :: x(self%n_arguments), powers(0:2)
     integer :: i
+    powers = [(1.0_wp, 0.0_wp), s, s*s]
     do i = 1, self%n_arguments
-      x(i) = y(self%source(i))*s**self%derivative(i)
+      x(i) = y(self%source(i))*powers(self%derivative(i))
     end do
   end function arguments_at
 
