@@ -159,7 +159,7 @@ contains
       integer, allocatable, intent(out) :: which(:)
       real(wp), allocatable, intent(out) :: times(:)
       logical :: wanted(size(u, 2)), moves(2*scales%normal%n_generators)
-      integer :: other(size(u, 2)), f(size(factors, 1)), q, i
+      integer :: other(size(u, 2)), q
       moves = .true.
       associate (n => size(a), m => scales%normal%n_generators)
         moves(:n) = a /= (0.0_wp, 0.0_wp)
@@ -169,12 +169,7 @@ contains
         wanted(q) = all(moves(factors(:, q)))
         if (wanted(q)) wanted(q) = any(u(:, q) /= (0.0_wp, 0.0_wp))
         if (.not. wanted(q)) cycle
-        f = [(scales%normal%conjugate_of(factors(i, q)), i=1, size(f))]
-        if (size(f) == 2) then
-          other(q) = scales%normal%pair_at(f(1), f(2))
-        else
-          other(q) = scales%normal%place_of(f(1), f(2), f(3))
-        end if
+        other(q) = scales%normal%mirror_of(factors(:, q))
         wanted(q) = other(q) >= q
       end do
       which = pack([(q, q=1, size(u, 2))], wanted)
@@ -298,14 +293,19 @@ contains
     subroutine add_term(t, mirrored)
       type(flow_term_type), intent(in) :: t
       logical, intent(in) :: mirrored
-      integer :: q, k, own
+      integer :: q, k, own, n_rest
       logical :: any_changes
 
       any_changes = .false.
+      n_rest = 0
       do q = 1, 3
-        if (t%at(q) /= 0) any_changes = any_changes .or. changes(place_of(t%at(q), mirrored))
+        if (t%at(q) == 0) cycle
+        k = place_of(t%at(q), mirrored)
+        any_changes = any_changes .or. changes(k)
+        if (.not. moves(k)) n_rest = n_rest + 1
       end do
-      if (.not. any_changes) return
+      ! The change of a product of several modes at rest is 0.
+      if (.not. any_changes .or. n_rest > 1) return
       product(:, 0) = merge(conjg(t%coefficient), t%coefficient, mirrored)
       product(:, 1) = (0.0_wp, 0.0_wp)
       varied = (0.0_wp, 0.0_wp)

@@ -33,7 +33,7 @@ contains
     do i = 1, size(self%pair, 2)
       a = self%pair(1, i)
       b = self%pair(2, i)
-      other = self%pair_at(self%conjugate_of(a), self%conjugate_of(b))
+      other = self%mirror_of(self%pair(:, i))
       if (other < i) then
         self%side_pair(:, i) = conjg(self%side_pair(:, other))
         if (form%has_memory()) self%n_pair(:, i) = conjg(self%n_pair(:, other))
@@ -64,9 +64,10 @@ contains
     do i = 1, size(self%pair, 2)
       a = self%pair(1, i)
       b = self%pair(2, i)
-      other = self%pair_at(self%conjugate_of(a), self%conjugate_of(b))
+      other = self%mirror_of(self%pair(:, i))
       if (other < i) then
-        call copy_conjugate(self, self%u_pair, self%g_pair, other, i)
+        self%u_pair(:, i) = conjg(self%u_pair(:, other))
+        call copy_conjugate(self, self%g_pair, other, i)
         self%x_pair(:, i) = conjg(self%x_pair(:, other))
         cycle
       end if
@@ -142,7 +143,7 @@ contains
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
     type(status_type), intent(out) :: status
-    integer :: i
+    integer :: i, other
     logical :: singular
 
     call set_ok(status)
@@ -151,16 +152,21 @@ contains
       return
     end if
     do i = 1, size(self%answered)
+      if (.not. any(self%acts_triple(:, i))) cycle
+      other = self%mirror_of(self%triple(:, i))
+      if (other < i) then
+        call copy_conjugate(self, self%g_triple, other, i)
+        cycle
+      end if
       associate (chosen => self%acts_triple(:, i), s => self%s_triple(i))
-        if (.not. any(chosen)) cycle
         call need_side(self, form, i)
         call self%find_rates(form, s, self%side_triple(:, i), &
                              chosen .or. near_product(self, s, self%triple(:, i)), &
                              self%g_triple(:, i), singular)
         where (.not. chosen) self%g_triple(:, i) = (0.0_wp, 0.0_wp)
-        if (singular) call no_stiffness(s, status)
-        if (singular) return
       end associate
+      if (singular) call no_stiffness(self%s_triple(i), status)
+      if (singular) return
     end do
   end subroutine third_order
 
@@ -192,22 +198,21 @@ contains
     !> The same for a product and its conjugate.
     logical, intent(in) :: wanted(:)
     type(status_type), intent(out) :: status
-    integer :: i, other, t(3)
+    integer :: i, other
 
     call set_ok(status)
     if (.not. any(wanted)) return
     do i = 1, size(wanted)
       if (.not. wanted(i)) cycle
-      t = self%triple(:, i)
-      other = self%place_of(self%conjugate_of(t(1)), self%conjugate_of(t(2)), &
-                       self%conjugate_of(t(3)))
+      other = self%mirror_of(self%triple(:, i))
       if (other < i) then
-        call copy_conjugate(self, self%u_triple, self%g_triple, other, i)
+        self%u_triple(:, i) = conjg(self%u_triple(:, other))
+        call copy_conjugate(self, self%g_triple, other, i)
       else
         call need_side(self, form, i)
-        call answer_product(self, form, self%s_triple(i), t, self%side_triple(:, i), &
-                            self%acts_triple(:, i), self%u_triple(:, i), self%g_triple(:, i), &
-                            status)
+        call answer_product(self, form, self%s_triple(i), self%triple(:, i), &
+                            self%side_triple(:, i), self%acts_triple(:, i), self%u_triple(:, i), &
+                            self%g_triple(:, i), status)
         if (status%failed()) return
       end if
       self%answered(i) = .true.
@@ -320,11 +325,11 @@ contains
     if (t(1) == t(3)) arrangements = 1.0_wp
   end function arrangements
 
-  subroutine copy_conjugate(self, u, rates, from, to)
+  !> The changes of modes by the conjugate of a product.
+  pure subroutine copy_conjugate(self, rates, from, to)
     class(normal_form_type), intent(in) :: self
-    complex(wp), intent(inout) :: u(:, :), rates(:, :)
+    complex(wp), intent(inout) :: rates(:, :)
     integer, intent(in) :: from, to
-    u(:, to) = conjg(u(:, from))
     associate (n => self%n_generators)
       rates(:n, to) = conjg(rates(n + 1:, from))
       rates(n + 1:, to) = conjg(rates(:n, from))

@@ -75,6 +75,7 @@ module viscovib_normal_products
     complex(wp), allocatable :: n_pair(:, :)
   contains
     procedure :: conjugate_of
+    procedure :: mirror_of
     procedure :: near
     procedure :: near_modes
     procedure, nopass :: pair_at
@@ -95,6 +96,19 @@ contains
     integer, intent(in) :: a
     conjugate_of = modulo(a - 1 + self%n_generators, 2*self%n_generators) + 1
   end function conjugate_of
+
+  !> The index of the conjugate of a product of two or three generators.
+  pure integer function mirror_of(self, factors)
+    class(normal_form_type), intent(in) :: self
+    integer, intent(in) :: factors(:)
+    integer :: f(size(factors))
+    f = modulo(factors - 1 + self%n_generators, 2*self%n_generators) + 1
+    if (size(f) == 2) then
+      mirror_of = pair_at(f(1), f(2))
+    else
+      mirror_of = place_of(f(1), f(2), f(3))
+    end if
+  end function mirror_of
 
   !> True if mode generator a resonates with the exponent s, for the highest frequency of the
   !! factors.

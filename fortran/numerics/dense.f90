@@ -285,7 +285,7 @@ contains
     complex(wp), intent(inout) :: x(:)
     logical, intent(in) :: nudge
     logical, intent(out) :: singular
-    complex(wp) :: a(size(x), size(x)), row(size(x)), entry, factor, pivot
+    complex(wp) :: a(size(x), size(x)), entry, factor, pivot
     real(wp) :: smallest, size_of_pivot
     integer :: n, i, k, p
 
@@ -296,9 +296,11 @@ contains
     do k = 1, n
       p = k - 1 + maxloc(abs(real(a(k:, k))) + abs(aimag(a(k:, k))), 1)
       if (p /= k) then
-        row(k:) = a(p, k:)
-        a(p, k:) = a(k, k:)
-        a(k, k:) = row(k:)
+        do i = k, n
+          entry = a(p, i)
+          a(p, i) = a(k, i)
+          a(k, i) = entry
+        end do
         entry = x(p)
         x(p) = x(k)
         x(k) = entry
