@@ -21,10 +21,9 @@ module viscovib_beating_flow
   use viscovib_beat_lattice, only: beat_lattice_type, find_beats, max_beats, transform
   use viscovib_block_factors, only: factorize_blocks
   use viscovib_dense, only: solve, solve_complex
-  use viscovib_flow_stability, only: real_matrix
   use viscovib_kinds, only: wp
   use viscovib_modulation, only: modulate, modulation_complete
-  use viscovib_slow_flow, only: slow_flow_type
+  use viscovib_slow_flow, only: real_matrix, slow_flow_type
   use viscovib_stopping, only: is_set
   implicit none
   private

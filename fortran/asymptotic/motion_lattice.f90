@@ -262,11 +262,14 @@ contains
     complex(wp), intent(out) :: change(:, 0:, :)
     !> A product and its time derivative, and the change of both; the change of a load.
     complex(wp), dimension(size(g, 1), 0:1) :: product, varied, still
+    !> Generators that are 0 together with their first derivative.
+    logical :: rests(size(g, 3))
     integer :: d, i, k, m
 
     m = scales%normal%n_generators
     do k = 1, size(moves)
       moves(k) = any(g(:, 0, k) /= (0.0_wp, 0.0_wp))
+      rests(k) = .not. (moves(k) .or. any(g(:, 1, k) /= (0.0_wp, 0.0_wp)))
     end do
     still = (0.0_wp, 0.0_wp)
     changes = .false.
@@ -302,7 +305,7 @@ contains
         if (t%at(q) == 0) cycle
         k = place_of(t%at(q), mirrored)
         any_changes = any_changes .or. changes(k)
-        if (.not. moves(k)) n_rest = n_rest + 1
+        if (rests(k)) n_rest = n_rest + 1
       end do
       ! The change of a product of several modes at rest is 0.
       if (.not. any_changes .or. n_rest > 1) return

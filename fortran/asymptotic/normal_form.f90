@@ -17,7 +17,7 @@
 !! of second order on products of second order. Damping and memory are contained in s_j and L:
 !! their linear effects are exact.
 !!
-!! Resonant terms are selected by their effect (`viscovib_resonance_choice`) or, with a tolerance,
+!! Resonant terms are selected by their effect (`viscovib_normal_products`) or, with a tolerance,
 !! by frequencies that differ by less than this fraction of the highest of them.
 !!
 !! There are three kinds of exponents. Free motion: with decay. A mode that a load keeps in motion:
@@ -30,14 +30,14 @@
 !! Touze, Vizzaccaro, Thomas, Nonlinear Dyn. 105 (2021) 1141, equations (44)-(60) (normal forms
 !! with the same bordered equations). With one time scale for each degree these are Nayfeh's.
 module viscovib_normal_form
-  use viscovib_frame_choice, only: frame_choice_type, new_frame_choice
   use viscovib_kinds, only: wp
   use viscovib_linear_modes, only: find_modes
   use viscovib_normal_orders, only: second_order, second_sides, start_third, third_order
-  use viscovib_normal_products, only: max_modes, normal_form_type, reach_type, renew
+  use viscovib_normal_products, only: candidate_type, default_band, max_modes, normal_form_type, &
+    reach_type, renew
   use viscovib_polynomial_form, only: polynomial_form_type
-  use viscovib_resonance_choice, only: candidate_type, default_band
-  use viscovib_resonant_terms, only: choose_loads, choose_products
+  use viscovib_resonant_terms, only: choose_loads, choose_products, frame_choice_type, &
+    new_frame_choice
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -71,7 +71,7 @@ contains
     type(frame_choice_type) :: choice
     complex(wp) :: s(form%n_modes()), right(form%n, form%n_modes()), left(form%n, form%n_modes())
     real(wp) :: expected(form%n_modes())
-    integer :: i, n
+    integer :: i, j, n
 
     if (.not. (tolerance >= 0.0_wp .and. tolerance < 1.0_wp) .and. tolerance > by_influence) then
       call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(tolerance) &
@@ -109,6 +109,8 @@ contains
     normal%left(:, :n) = left
     normal%right(:, n + 1:) = conjg(right)
     normal%left(:, n + 1:) = conjg(left)
+    normal%weights = reshape([((sum(left(:, j)*matmul(form%linear(:, :, i), right(:, j))), &
+                                i=1, 2), j=1, n)], [2, n])
     normal%candidates = [candidate_type ::]
     expected = 0.0_wp
     if (present(sizes)) expected = sizes

@@ -53,7 +53,7 @@ contains
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
     type(status_type), intent(out) :: status
-    integer :: i, other, a, b, j, k, g
+    integer :: i, other, j, k, g
 
     call set_ok(status)
     g = 2*self%n_generators
@@ -62,8 +62,6 @@ contains
     call renew(self%g_pair, g, size(self%pair, 2))
     if (size(form%quadratic) == 0) return
     do i = 1, size(self%pair, 2)
-      a = self%pair(1, i)
-      b = self%pair(2, i)
       other = self%mirror_of(self%pair(:, i))
       if (other < i) then
         self%u_pair(:, i) = conjg(self%u_pair(:, other))
@@ -71,8 +69,8 @@ contains
         self%x_pair(:, i) = conjg(self%x_pair(:, other))
         cycle
       end if
-      call answer_product(self, form, self%s_pair(i), [a, b], self%side_pair(:, i), self%acts_pair(:, i), &
-                          self%u_pair(:, i), self%g_pair(:, i), status)
+      call answer_product(self, form, self%s_pair(i), self%pair(:, i), self%side_pair(:, i), &
+                          self%acts_pair(:, i), self%u_pair(:, i), self%g_pair(:, i), status)
       if (status%failed()) return
       self%x_pair(:, i) = form%arguments_at(self%s_pair(i), self%u_pair(:, i))
       ! In a frame amplitudes are constant.

@@ -1,23 +1,43 @@
 !> Selection of the loads and products in the modulation equations of a normal form, by their
-!! effect (`viscovib_resonance_choice`) or by a tolerance.
+!! effect (`viscovib_normal_products`) or by a tolerance.
+!!
+!! Terms that are constant in a common frame are selected in sequence. Each term is a linear condition on the frame's frequencies W: the frequency of the driven mode is
+!! the sum of the frequencies of the factors, loads included. A term is rejected if its condition
+!! contradicts the accepted ones, or if it would couple more modes than the solver accepts. It is
+!! then a separate harmonic term, which is not periodic in the frame (quasi-periodic motion).
 module viscovib_resonant_terms
-  use viscovib_frame_choice, only: frame_choice_type
   use viscovib_kinds, only: wp
   use viscovib_normal_orders, only: need_side
-  use viscovib_normal_products, only: normal_form_type, reach_type
+  use viscovib_normal_products, only: candidate_type, default_band, far, influence, &
+    least_influence, normal_form_type, reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
-  use viscovib_resonance_choice, only: candidate_type, default_band, far, influence, &
-    least_influence
   use viscovib_status, only: set_ok, status_type
   implicit none
   private
 
-  public :: choose_loads, choose_products, far_influence, first_size, left_out, wants_more
+  public :: choose_loads, choose_products, far_influence, first_size, frame_choice_type, left_out, &
+    list_resonances, new_frame_choice, wants_more
 
   !> Relative distance from a mode's frequency beyond which a load is never resonant.
   real(wp), parameter :: farthest_load = 0.3_wp
   !> Represents amplitudes without a limit.
   real(wp), parameter :: boundless = 1.0e50_wp
+  !> Largest number of coupled modes: the limit of the solver of steady motions.
+  integer, parameter :: max_moving = 3
+  real(wp), parameter :: same = 1.0e-9_wp
+
+  type :: frame_choice_type
+    !> Natural frequencies, and orthonormal conditions on W - natural, a column each.
+    real(wp), allocatable :: natural(:), basis(:, :), offset(:)
+    integer :: n = 0
+    !> For the accepted terms that are not mere shifts: modes that occur, and whether loads occur.
+    logical, allocatable, private :: tied(:, :), loaded(:)
+    integer, private :: n_tied = 0
+  contains
+    procedure :: take
+    procedure :: frame
+    procedure, private :: n_moving
+  end type frame_choice_type
 
 contains
 
@@ -274,11 +294,11 @@ contains
           part = part + term
           sizes = sizes + abs(real(term)) + abs(aimag(term))
         end do
-        if (.not. abs(part) > 1.0e-13_wp*sizes) cycle
+        if (.not. modulus(part) > 1.0e-13_wp*sizes) cycle
         if (n == size(some)) some = [some, some]
         n = n + 1
-        some(n) = candidate_type(order, i, j, coupling=abs(part/self%weight(form, j, s)), &
-                                 divisor=abs(s - self%exponents(j)), &
+        some(n) = candidate_type(order, i, j, coupling=modulus(part/self%weight(form, j, s)), &
+                                 divisor=modulus(s - self%exponents(j)), &
                                  is_far=off > far*aimag(self%s(j)))
         if (order == 2) some(n)%factors(:2) = self%pair(:, i)
         if (order == 3) some(n)%factors = self%triple(:, i)
@@ -301,6 +321,12 @@ contains
       end if
       farthest = merge(0.95_wp, far, (self%framed .or. self%steady) .and. conjugates)
     end function farthest
+
+    !> The modulus, without a test for overflow.
+    elemental real(wp) function modulus(z)
+      complex(wp), intent(in) :: z
+      modulus = sqrt(real(z)**2 + aimag(z)**2)
+    end function modulus
 
     !> True for the conjugate of a mode.
     elemental logical function is_conjugate(a)
@@ -405,5 +431,160 @@ contains
       end associate
     end do
   end function wants_more
+
+  subroutine new_frame_choice(choice, natural)
+    type(frame_choice_type), intent(out) :: choice
+    !> Frequencies of the modes.
+    real(wp), intent(in) :: natural(:)
+    choice%natural = natural
+    allocate (choice%basis(size(natural), size(natural)), choice%offset(size(natural)))
+    allocate (choice%tied(size(natural), 64), choice%loaded(64))
+  end subroutine new_frame_choice
+
+  !> Accept a term if its condition is compatible.
+  subroutine take(self, row, powers, drive, loaded, taken)
+    class(frame_choice_type), intent(inout) :: self
+    !> Mode that is driven.
+    integer, intent(in) :: row
+    !> How often each mode is a factor, conjugates counted negative, shape (n_modes).
+    integer, intent(in) :: powers(:)
+    !> Frequency of the loads among the factors.
+    real(wp), intent(in) :: drive
+    !> True if loads are among the factors.
+    logical, intent(in) :: loaded
+    logical, intent(out) :: taken
+    real(wp) :: condition(size(powers)), wanted
+    integer :: k, pass
+
+    condition = powers
+    condition(row) = condition(row) - 1.0_wp
+    ! A shift of the mode's own exponent is constant in every frame.
+    taken = .not. any(abs(condition) > 0.0_wp) .and. .not. abs(drive) > 0.0_wp
+    if (taken) return
+    if (self%n_tied == size(self%loaded)) then
+      self%tied = reshape(self%tied, [size(powers), 2*self%n_tied], pad=[.false.])
+      self%loaded = [self%loaded, self%loaded]
+    end if
+    self%n_tied = self%n_tied + 1
+    self%tied(:, self%n_tied) = powers /= 0
+    self%tied(row, self%n_tied) = .true.
+    self%loaded(self%n_tied) = loaded
+    wanted = -drive - sum(condition*self%natural)
+    do pass = 1, 2
+      do k = 1, self%n
+        associate (part => sum(self%basis(:, k)*condition))
+          wanted = wanted - part*self%offset(k)
+          condition = condition - part*self%basis(:, k)
+        end associate
+      end do
+    end do
+    if (self%n_moving() > max_moving) then
+      taken = .false.
+    else if (norm2(condition) > same) then
+      taken = .true.
+      self%n = self%n + 1
+      self%offset(self%n) = wanted/norm2(condition)
+      self%basis(:, self%n) = condition/norm2(condition)
+    else
+      taken = abs(wanted) <= same*(maxval(self%natural) + abs(drive))
+    end if
+    if (.not. taken) self%n_tied = self%n_tied - 1
+  end subroutine take
+
+  !> The frame nearest to the natural frequencies.
+  pure function frame(self)
+    class(frame_choice_type), intent(in) :: self
+    real(wp) :: frame(size(self%natural))
+    integer :: k
+    frame = self%natural
+    do k = 1, self%n
+      frame = frame + self%offset(k)*self%basis(:, k)
+    end do
+  end function frame
+
+  !> Number of modes that loads excite through the accepted terms.
+  pure integer function n_moving(self)
+    class(frame_choice_type), intent(in) :: self
+    logical :: moves(size(self%natural))
+    integer :: round, i
+    moves = .false.
+    do round = 1, size(moves) + 1
+      do i = 1, self%n_tied
+        if (self%loaded(i) .or. any(moves .and. self%tied(:, i))) then
+          moves = moves .or. self%tied(:, i)
+        end if
+      end do
+    end do
+    n_moving = count(moves)
+  end function n_moving
+
+  !> The conditions of resonance up to third order among natural frequencies w_j and frequencies of
+  !! loads p_k.
+  !!
+  !! A product of one to three generators, each with its frequency or the opposite, resonates with
+  !! mode j if the sum of frequencies equals w_j. Identities for all frequencies (w_j = w_j + w_k -
+  !! w_k) are not conditions. Changes of sign or of the side of the equation give the same
+  !! condition. The conditions are integer vectors c with sum_i c_i f_i = 0, whose first nonzero
+  !! entry is positive, with at least one mode and n = |c_1| + |c_2| + ... = 2 (loads near modes,
+  !! modes near each other), 3 or 4; as a condition on a mode, of order n - 1.
+  subroutine list_resonances(natural, drives, coefficients, orders, divisors)
+    !> Circular frequencies, all > 0.
+    real(wp), intent(in) :: natural(:), drives(:)
+    !> c, shape (n_natural + n_drives, n), and the order of each.
+    integer, allocatable, intent(out) :: coefficients(:, :), orders(:)
+    !> |sum c_i f_i|/max(f_i with c_i /= 0), shape (n).
+    real(wp), allocatable, intent(out) :: divisors(:)
+    real(wp) :: frequencies(size(natural) + size(drives))
+    integer :: c(size(natural) + size(drives)), n, total
+    logical :: counted
+
+    frequencies = [natural, drives]
+    counted = .false.
+    call enumerate()
+    allocate (coefficients(size(c), n), orders(n), divisors(n))
+    counted = .true.
+    call enumerate()
+
+  contains
+
+    subroutine enumerate()
+      n = 0
+      c = 0
+      do total = 2, 4
+        call place(1, total)
+      end do
+    end subroutine enumerate
+
+    !> Distribute the remaining sum of moduli over the entries from i on.
+    recursive subroutine place(i, left)
+      integer, intent(in) :: i, left
+      integer :: value
+      if (i > size(c)) then
+        if (left == 0) call keep()
+        return
+      end if
+      do value = -left, left
+        ! The first nonzero entry is positive.
+        if (value < 0 .and. all(c(:i - 1) == 0)) cycle
+        c(i) = value
+        call place(i + 1, left - abs(value))
+      end do
+      c(i) = 0
+    end subroutine place
+
+    subroutine keep()
+      logical :: used(size(c))
+      used = c /= 0
+      if (.not. any(used(:size(natural)))) return
+      ! A sum of entries of one sign is never 0; multiples of a condition are omitted.
+      if (all(c >= 0) .or. all(modulo(c, 2) == 0)) return
+      n = n + 1
+      if (.not. counted) return
+      coefficients(:, n) = c
+      orders(n) = total - 1
+      divisors(n) = abs(sum(c*frequencies))/maxval(frequencies, mask=used)
+    end subroutine keep
+
+  end subroutine list_resonances
 
 end module viscovib_resonant_terms

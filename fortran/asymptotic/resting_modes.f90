@@ -12,16 +12,15 @@
 !! one eigenproblem.
 module viscovib_resting_modes
   use viscovib_eigenvalues, only: eigenvalues
-  use viscovib_flow_stability, only: real_matrix
   use viscovib_kinds, only: wp
   use viscovib_motion_defect, only: changes_type, find_changes
   use viscovib_motion_lattice, only: angles_type, find_angles, max_angles
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_normal_orders, only: answer_triples
-  use viscovib_normal_products, only: reach_type
+  use viscovib_normal_products, only: least_of_far, reach_type
   use viscovib_polynomial_form, only: full_system_type, polynomial_form_type
-  use viscovib_resonance_choice, only: least_of_far
   use viscovib_resonant_terms, only: far_influence, first_size
+  use viscovib_slow_flow, only: real_matrix
   use viscovib_status, only: status_type
   implicit none
   private

@@ -5,12 +5,12 @@
 module viscovib_scales_error
   use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_value
   use viscovib_dense, only: factorize, solve
-  use viscovib_flow_stability, only: real_matrix
   use viscovib_kinds, only: wp
   use viscovib_motion_defect, only: defect_type, find_defect
   use viscovib_multiple_scales, only: multiple_scales_type
   use viscovib_polynomial_form, only: full_system_type
   use viscovib_scales_motion, only: harmonic_of, n_sizes
+  use viscovib_slow_flow, only: real_matrix
   use viscovib_stopping, only: is_set
   implicit none
   private

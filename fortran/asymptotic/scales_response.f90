@@ -3,7 +3,6 @@
 module viscovib_scales_response
   use viscovib_beating_flow, only: beating_flow_type, beats_found
   use viscovib_beating_motion, only: beating_errors, beating_motion_type, find_beating_motion
-  use viscovib_flow_stability, only: flow_eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales, reach_of
   use viscovib_normal_orders, only: answer_triples
@@ -13,8 +12,9 @@ module viscovib_scales_response
   use viscovib_resting_modes, only: far_growth, resting_error, resting_growth
   use viscovib_scales_error, only: steady_error
   use viscovib_scales_motion, only: harmonic_of, n_sizes
+  use viscovib_slow_flow, only: flow_eigenvalues
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_steady_states, only: max_steady, new_steady_solver, steady_solver_type
+  use viscovib_steady_states, only: max_steady, steady_solver_type
   use viscovib_stopping, only: begin_piece, is_set, stop_wanted
   implicit none
   private
@@ -38,7 +38,7 @@ module viscovib_scales_response
     integer, allocatable :: value(:)
     complex(wp), allocatable :: a(:, :), eigenvalues(:, :), harmonic(:, :)
     real(wp), allocatable :: frame(:, :), sizes(:, :)
-    !> Largest influence of terms that are not resonant (`viscovib_resonance_choice`).
+    !> Largest influence of terms that are not resonant (`viscovib_normal_products`).
     real(wp), allocatable :: left_out(:)
     !> Growth of modes at rest by terms of the next order or too far from a mode for the modulation
     !! equations; -huge: there are no such terms.
@@ -363,9 +363,8 @@ contains
     do round = 1, max_rounds
       call new_multiple_scales(scales, form, tolerance, .true., status, reach, expected)
       if (status%failed() .or. .not. scales%flow%autonomous) return
-      call new_steady_solver(solver, scales%flow, status, cancel)
+      call solver%solve(scales%flow, a, n_found, status, cancel)
       if (status%failed()) return
-      call solver%solve(scales%flow, a, n_found, cancel)
       call answer_triples(scales%normal, scales%form, any(abs(a(:, :n_found)) > 0.0_wp, 2), 0, &
                           status)
       if (status%failed()) return

@@ -4,132 +4,113 @@
 !! mode with its own shift, sigma a + gamma |a|^2 a + g = 0, is a cubic equation for x = |a|^2.
 !! Several modes that only shift each other are equations of third degree for their squares. The
 !! general case is solved for amplitudes and conjugates as independent unknowns.
-!! `viscovib_homotopy` finds all solutions in the last two cases.
+!! `viscovib_homotopy` finds all solutions in the last two cases, with amplitudes in a natural unit.
 module viscovib_steady_states
   use viscovib_homotopy, only: family_type, max_unknowns, new_family
   use viscovib_kinds, only: wp
   use viscovib_real_cubic, only: cubic_roots
-  use viscovib_slow_flow, only: slow_flow_type
+  use viscovib_slow_flow, only: flow_term_type, slow_flow_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_steady_equations, only: find_moving, general_terms, natural_unit, shifts, &
-    square_terms
   implicit none
   private
 
-  public :: steady_solver_type, new_steady_solver
+  public :: steady_solver_type, natural_unit
 
   integer, parameter, public :: max_steady = 729
-  integer, parameter :: kind_none = 0, kind_one = 1, kind_squares = 2, kind_general = 3
 
+  !> All patterns of terms so far: they recur from one value of the varied quantity to the next, and
+  !! the former solutions are reused.
   type :: steady_solver_type
-    !> Numbers of the active modes.
-    integer, allocatable :: active(:)
-    integer :: kind = kind_none
-    !> Unit of the amplitudes.
-    real(wp) :: unit = 1.0_wp
-    !> All patterns of terms so far, and the index of the present one: patterns recur.
     type(family_type), allocatable, private :: families(:)
-    integer, private :: present = 0
   contains
     procedure :: solve
     procedure, private :: choose_family
-    procedure, private :: solve_squares
-    procedure, private :: solve_general
   end type steady_solver_type
 
 contains
 
-  !> Prepare from the flow at one value of the varied quantity. Other values have the same terms
-  !! with other coefficients. A solver for the same terms reuses its former solutions.
-  subroutine new_steady_solver(solver, flow, status, cancel)
-    type(steady_solver_type), intent(inout) :: solver
-    type(slow_flow_type), intent(in) :: flow
-    type(status_type), intent(out) :: status
-    !> A value other than 0, possibly set by another thread, cancels the computation.
-    integer, intent(inout) :: cancel
-    integer, allocatable :: row(:), at(:, :)
-    complex(wp), allocatable :: coefficients(:)
-    logical :: shifts_only
-    integer :: n
-
-    solver%kind = kind_none
-    solver%unit = 1.0_wp
-    call set_ok(status)
-    call find_moving(flow, solver%active, shifts_only)
-    n = size(solver%active)
-    if (n == 0) return
-    if (n == 1 .and. shifts_only) then
-      solver%kind = kind_one
-    else if (n <= max_unknowns/2) then
-      solver%kind = merge(kind_squares, kind_general, shifts_only)
-      solver%unit = natural_unit(flow, solver%active)
-      if (shifts_only) then
-        call square_terms(flow, solver%active, solver%unit, row, at, coefficients)
-        call solver%choose_family(n, .false., row, at, cancel)
-      else
-        call general_terms(flow, solver%active, solver%unit, row, at, coefficients)
-        call solver%choose_family(2*n, .true., row, at, cancel)
-      end if
-    else
-      call fail(status, status_input_error, 'system', 'system: '//show(n)//' modes move together ' &
-                //'in resonance; steady motions are found for at most '//show(max_unknowns/2))
-    end if
-  end subroutine new_steady_solver
-
-  subroutine choose_family(self, n, conjugates, row, at, cancel)
-    class(steady_solver_type), intent(inout) :: self
-    integer, intent(in) :: n, row(:), at(:, :)
-    logical, intent(in) :: conjugates
-    integer, intent(inout) :: cancel
-    type(family_type), allocatable :: more(:)
-    integer :: present
-
-    if (.not. allocated(self%families)) allocate (self%families(0))
-    do present = 1, size(self%families)
-      if (self%families(present)%is_of(n, row, at)) exit
-    end do
-    self%present = present
-    if (present <= size(self%families)) return
-    allocate (more(present))
-    more(:present - 1) = self%families
-    call new_family(more(present), n, conjugates, row, at, cancel)
-    call move_alloc(more, self%families)
-  end subroutine choose_family
-
   !> Amplitudes of all steady motions, the smallest first; 0 for inactive modes.
-  subroutine solve(self, flow, a, n_found, cancel)
+  subroutine solve(self, flow, a, n_found, status, cancel)
     class(steady_solver_type), intent(inout) :: self
     type(slow_flow_type), intent(in) :: flow
     !> Shape (n_modes, max_steady); columns beyond n_found are not changed.
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
+    type(status_type), intent(out) :: status
+    !> A value other than 0, possibly set by another thread, cancels the computation.
     integer, intent(inout) :: cancel
+    integer, allocatable :: active(:), row(:), at(:, :)
+    complex(wp), allocatable :: coefficients(:), x(:, :)
+    real(wp) :: unit
+    integer :: n, n_solutions, which
+    logical :: shifts_only
 
+    call set_ok(status)
+    call find_moving(flow, active, shifts_only)
+    n = size(active)
     a(:, 1) = (0.0_wp, 0.0_wp)
-    select case (self%kind)
-    case (kind_one)
-      call solve_one(self, flow, a, n_found)
-    case (kind_squares)
-      call self%solve_squares(flow, a, n_found, cancel)
-    case (kind_general)
-      call self%solve_general(flow, a, n_found, cancel)
-    case default
-      n_found = 1
-    end select
+    n_found = 1
+    if (n == 0) return
+    if (n > max_unknowns/2) then
+      call fail(status, status_input_error, 'system', 'system: '//show(n)//' modes move together ' &
+                //'in resonance; steady motions are found for at most '//show(max_unknowns/2))
+      return
+    end if
+    if (n == 1 .and. shifts_only) then
+      call solve_one(flow, active, a, n_found)
+    else
+      unit = natural_unit(flow, active)
+      if (shifts_only) then
+        call square_terms(flow, active, unit, row, at, coefficients)
+        call self%choose_family(n, .false., row, at, which, cancel)
+      else
+        call general_terms(flow, active, unit, row, at, coefficients)
+        call self%choose_family(2*n, .true., row, at, which, cancel)
+      end if
+      associate (family => self%families(which))
+        allocate (x(family%system%n, size(family%solutions, 2)))
+        call family%solve_member(coefficients, merge(unit**2, unit, shifts_only), x, n_solutions, &
+                                 cancel)
+      end associate
+      if (shifts_only) then
+        call from_squares(flow, active, unit, x(:, :n_solutions), a, n_found)
+      else
+        call from_conjugates(active, unit, x(:, :n_solutions), a, n_found)
+      end if
+    end if
     call sort_by_size(a, n_found)
   end subroutine solve
 
+  !> The index of the family with these terms.
+  subroutine choose_family(self, n, conjugates, row, at, which, cancel)
+    class(steady_solver_type), intent(inout) :: self
+    integer, intent(in) :: n, row(:), at(:, :)
+    logical, intent(in) :: conjugates
+    integer, intent(out) :: which
+    integer, intent(inout) :: cancel
+    type(family_type), allocatable :: more(:)
+
+    if (.not. allocated(self%families)) allocate (self%families(0))
+    do which = 1, size(self%families)
+      if (self%families(which)%is_of(n, row, at)) return
+    end do
+    allocate (more(which))
+    more(:which - 1) = self%families
+    call new_family(more(which), n, conjugates, row, at, cancel)
+    call move_alloc(more, self%families)
+  end subroutine choose_family
+
   !> |gamma|^2 x^3 + 2 Re(conj(sigma) gamma) x^2 + |sigma|^2 x - |g|^2 = 0.
-  pure subroutine solve_one(self, flow, a, n_found)
-    class(steady_solver_type), intent(in) :: self
+  pure subroutine solve_one(flow, active, a, n_found)
     type(slow_flow_type), intent(in) :: flow
+    integer, intent(in) :: active(:)
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
     complex(wp) :: sigma(1), gamma(1, 1), load(1), bottom
     real(wp) :: x(3)
     integer :: i, n
 
-    call shifts(flow, self%active, self%unit, sigma, gamma, load)
+    call shifts(flow, active, 1.0_wp, sigma, gamma, load)
     n_found = 1
     if (.not. abs(load(1)) > 0.0_wp) return
     call cubic_roots([abs(gamma(1, 1))**2, 2.0_wp*real(conjg(sigma(1))*gamma(1, 1)), &
@@ -141,68 +122,55 @@ contains
       if (.not. abs(bottom) > 0.0_wp) cycle
       n_found = n_found + 1
       a(:, n_found) = (0.0_wp, 0.0_wp)
-      a(self%active(1), n_found) = -load(1)/bottom
+      a(active(1), n_found) = -load(1)/bottom
     end do
   end subroutine solve_one
 
-  subroutine solve_squares(self, flow, a, n_found, cancel)
-    class(steady_solver_type), intent(inout) :: self
+  !> Amplitudes from their squares x: those that are real and not negative.
+  pure subroutine from_squares(flow, active, unit, x, a, n_found)
     type(slow_flow_type), intent(in) :: flow
+    integer, intent(in) :: active(:)
+    real(wp), intent(in) :: unit
+    complex(wp), intent(in) :: x(:, :)
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    integer, intent(inout) :: cancel
-    complex(wp) :: sigma(size(self%active)), gamma(size(self%active), size(self%active))
-    complex(wp) :: load(size(self%active)), bottom(size(self%active))
-    complex(wp), allocatable :: x(:, :)
-    complex(wp), allocatable :: coefficients(:)
-    integer, allocatable :: row(:), at(:, :)
-    integer :: i, n
+    complex(wp) :: sigma(size(active)), gamma(size(active), size(active))
+    complex(wp) :: load(size(active)), bottom(size(active))
+    integer :: i
 
-    call square_terms(flow, self%active, self%unit, row, at, coefficients)
-    associate (family => self%families(self%present))
-      allocate (x(size(self%active), size(family%solutions, 2)))
-      call family%solve_member(coefficients, self%unit**2, x, n, cancel)
-    end associate
-    call shifts(flow, self%active, self%unit, sigma, gamma, load)
+    call shifts(flow, active, unit, sigma, gamma, load)
     n_found = 0
-    do i = 1, n
+    do i = 1, size(x, 2)
       if (maxval(abs(aimag(x(:, i)))) > 1.0e-7_wp*maxval(abs(x(:, i)))) cycle
       if (minval(real(x(:, i))) < -1.0e-9_wp*maxval(abs(x(:, i)))) cycle
       bottom = sigma + matmul(gamma, real(x(:, i)))
       if (.not. all(abs(bottom) > 0.0_wp) .or. n_found == size(a, 2)) cycle
       n_found = n_found + 1
       a(:, n_found) = (0.0_wp, 0.0_wp)
-      a(self%active, n_found) = -load/bottom*self%unit
+      a(active, n_found) = -load/bottom*unit
     end do
-  end subroutine solve_squares
+  end subroutine from_squares
 
-  subroutine solve_general(self, flow, a, n_found, cancel)
-    class(steady_solver_type), intent(inout) :: self
-    type(slow_flow_type), intent(in) :: flow
+  !> Amplitudes from x, amplitudes and conjugates: those that are conjugates of each other.
+  pure subroutine from_conjugates(active, unit, x, a, n_found)
+    integer, intent(in) :: active(:)
+    real(wp), intent(in) :: unit
+    complex(wp), intent(in) :: x(:, :)
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    integer, intent(inout) :: cancel
-    complex(wp), allocatable :: x(:, :)
-    complex(wp), allocatable :: coefficients(:)
-    integer, allocatable :: row(:), at(:, :)
-    integer :: i, n, m
+    integer :: i, m
 
-    m = size(self%active)
-    call general_terms(flow, self%active, self%unit, row, at, coefficients)
-    associate (family => self%families(self%present))
-      allocate (x(2*m, size(family%solutions, 2)))
-      call family%solve_member(coefficients, self%unit, x, n, cancel)
-    end associate
+    m = size(active)
     n_found = 0
-    do i = 1, n
+    do i = 1, size(x, 2)
       if (maxval(abs(x(:m, i) - conjg(x(m + 1:, i)))) > 1.0e-7_wp*max(maxval(abs(x(:, i))), &
                                                                       1.0e-6_wp)) cycle
       if (n_found == size(a, 2)) exit
       n_found = n_found + 1
       a(:, n_found) = (0.0_wp, 0.0_wp)
-      a(self%active, n_found) = 0.5_wp*(x(:m, i) + conjg(x(m + 1:, i)))*self%unit
+      a(active, n_found) = 0.5_wp*(x(:m, i) + conjg(x(m + 1:, i)))*unit
     end do
-  end subroutine solve_general
+  end subroutine from_conjugates
 
   pure subroutine sort_by_size(a, n)
     complex(wp), intent(inout) :: a(:, :)
@@ -220,5 +188,250 @@ contains
       a(:, k + 1) = column
     end do
   end subroutine sort_by_size
+
+  !> Find the active modes, and whether their terms only shift exponents.
+  pure subroutine find_moving(flow, active, shifts_only)
+    type(slow_flow_type), intent(in) :: flow
+    integer, allocatable, intent(out) :: active(:)
+    logical, intent(out) :: shifts_only
+    logical :: moves(flow%n_modes)
+    integer :: i, round
+
+    moves = .false.
+    do round = 1, flow%n_modes + 1
+      do i = 1, size(flow%terms)
+        call spread_motion(flow%terms(i), moves)
+      end do
+    end do
+    active = pack([(i, i=1, flow%n_modes)], moves)
+    shifts_only = .true.
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        if (.not. moves(t%row)) cycle
+        shifts_only = shifts_only .and. (is_shift(t) .or. all(t%at == 0))
+      end associate
+    end do
+  end subroutine find_moving
+
+  !> True for the row itself times squares of moduli or of loads: a shift of the exponent.
+  pure logical function is_shift(t)
+    type(flow_term_type), intent(in) :: t
+    integer :: net(3), q
+    net = t%at
+    is_shift = .false.
+    do q = 1, 3
+      if (net(q) /= t%row) cycle
+      net(q) = 0
+      exit
+    end do
+    if (q > 3) return
+    is_shift = sum(net) == 0 .and. sum(t%loads) == 0 .and. count(net > 0) == count(net < 0) &
+               .and. count(t%loads > 0) == count(t%loads < 0)
+  end function is_shift
+
+  !> A mode is active if a load acts on it, or if a term other than a shift couples it to an active
+  !! mode or to a load.
+  pure subroutine spread_motion(t, moves)
+    type(flow_term_type), intent(in) :: t
+    logical, intent(inout) :: moves(:)
+    logical :: alive
+    integer :: q
+    if (is_shift(t)) return
+    alive = moves(t%row) .or. any(t%loads /= 0)
+    do q = 1, 3
+      if (t%at(q) /= 0) alive = alive .or. moves(abs(t%at(q)))
+    end do
+    if (.not. alive) return
+    moves(t%row) = .true.
+    do q = 1, 3
+      if (t%at(q) /= 0) moves(abs(t%at(q))) = .true.
+    end do
+  end subroutine spread_motion
+
+  !> The smallest amplitude at which nonlinear terms of one degree are as large as the loads or the
+  !! detuning.
+  pure real(wp) function natural_unit(flow, active) result(unit)
+    type(slow_flow_type), intent(in) :: flow
+    !> Numbers of the active modes.
+    integer, intent(in) :: active(:)
+    real(wp) :: load, linear, quadratic, cubic
+    integer :: i, j
+
+    load = 0.0_wp
+    linear = 0.0_wp
+    quadratic = 0.0_wp
+    cubic = 0.0_wp
+    do i = 1, size(active)
+      j = active(i)
+      linear = max(linear, abs(flow%s(j) - cmplx(0.0_wp, flow%frame(j), wp)))
+    end do
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        if (.not. any(active == t%row)) cycle
+        select case (count(t%at /= 0))
+        case (0)
+          load = max(load, abs(t%coefficient))
+        case (1)
+          linear = max(linear, abs(t%coefficient))
+        case (2)
+          quadratic = max(quadratic, abs(t%coefficient))
+        case default
+          cubic = max(cubic, abs(t%coefficient))
+        end select
+      end associate
+    end do
+    unit = huge(unit)
+    if (quadratic > 0.0_wp) unit = max(sqrt(load/quadratic), linear/quadratic)
+    if (cubic > 0.0_wp) unit = min(unit, max((load/cubic)**(1.0_wp/3.0_wp), sqrt(linear/cubic)))
+    if (.not. (quadratic > 0.0_wp .or. cubic > 0.0_wp) .and. linear > 0.0_wp) unit = load/linear
+    if (.not. (unit > 0.0_wp .and. unit < huge(unit))) unit = 1.0_wp
+  end function natural_unit
+
+  !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squared amplitudes, in `unit`.
+  subroutine square_terms(flow, active, unit, row, at, coefficients)
+    type(slow_flow_type), intent(in) :: flow
+    !> Numbers of the active modes.
+    integer, intent(in) :: active(:)
+    !> Unit of the amplitudes.
+    real(wp), intent(in) :: unit
+    integer, allocatable, intent(out) :: row(:), at(:, :)
+    complex(wp), allocatable, intent(out) :: coefficients(:)
+    complex(wp) :: sigma(size(active)), gamma(size(active), size(active))
+    complex(wp) :: load(size(active))
+    real(wp) :: scale
+    integer :: j, k, l, n, m
+
+    call shifts(flow, active, unit, sigma, gamma, load)
+    n = size(active)
+    allocate (row(n*(2 + n + n*(n + 1)/2)), at(3, n*(2 + n + n*(n + 1)/2)))
+    allocate (coefficients(size(row)))
+    m = 0
+    do j = 1, n
+      scale = max(abs(sigma(j))**2, maxval(abs(gamma(j, :)))**2, abs(load(j))**2)
+      call add(j, [0, 0, 0], -abs(load(j))**2/scale)
+      call add(j, [j, 0, 0], abs(sigma(j))**2/scale)
+      do k = 1, n
+        call add(j, [j, k, 0], 2.0_wp*real(conjg(sigma(j))*gamma(j, k))/scale)
+        do l = k, n
+          call add(j, [j, k, l], real(gamma(j, k)*conjg(gamma(j, l)))*merge(1, 2, k == l)/scale)
+        end do
+      end do
+    end do
+
+  contains
+
+    subroutine add(equation, places, value)
+      integer, intent(in) :: equation, places(3)
+      real(wp), intent(in) :: value
+      m = m + 1
+      row(m) = equation
+      at(:, m) = places
+      coefficients(m) = cmplx(value, 0.0_wp, wp)
+    end subroutine add
+
+  end subroutine square_terms
+
+  !> sigma_j a_j + sum_k gamma_jk |a_k|^2 a_j + g_j = 0, amplitudes in `unit`.
+  pure subroutine shifts(flow, active, unit, sigma, gamma, load)
+    type(slow_flow_type), intent(in) :: flow
+    !> Numbers of the active modes.
+    integer, intent(in) :: active(:)
+    !> Unit of the amplitudes.
+    real(wp), intent(in) :: unit
+    complex(wp), intent(out) :: sigma(:), gamma(:, :), load(:)
+    integer :: i, j, k, q, n
+
+    n = size(active)
+    gamma = (0.0_wp, 0.0_wp)
+    load = (0.0_wp, 0.0_wp)
+    do j = 1, n
+      k = active(j)
+      sigma(j) = flow%s(k) - cmplx(0.0_wp, flow%frame(k), wp)
+    end do
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        j = findloc(active, t%row, 1)
+        if (j == 0) cycle
+        select case (count(t%at /= 0))
+        case (0)
+          load(j) = load(j) + t%coefficient/unit
+        case (1)
+          sigma(j) = sigma(j) + t%coefficient
+        case default
+          do q = 1, 3
+            if (t%at(q) >= 0) cycle
+            k = findloc(active, -t%at(q), 1)
+            if (k > 0) gamma(j, k) = gamma(j, k) + t%coefficient*unit**2
+          end do
+        end select
+      end associate
+    end do
+  end subroutine shifts
+
+  !> The flow of the active modes; unknowns a_1..a_n, followed by their conjugates.
+  subroutine general_terms(flow, active, unit, row, at, coefficients)
+    type(slow_flow_type), intent(in) :: flow
+    !> Numbers of the active modes.
+    integer, intent(in) :: active(:)
+    !> Unit of the amplitudes.
+    real(wp), intent(in) :: unit
+    integer, allocatable, intent(out) :: row(:), at(:, :)
+    complex(wp), allocatable, intent(out) :: coefficients(:)
+    complex(wp) :: value
+    real(wp) :: scale(2*size(active))
+    integer :: i, j, k, n, m, q, places(3), mirrored(3)
+    logical :: inside
+
+    n = size(active)
+    allocate (row(2*(n + size(flow%terms))), at(3, 2*(n + size(flow%terms))))
+    allocate (coefficients(size(row)))
+    m = 0
+    do j = 1, n
+      k = active(j)
+      value = flow%s(k) - cmplx(0.0_wp, flow%frame(k), wp)
+      call add(j, [j, 0, 0], value)
+      call add(j + n, [j + n, 0, 0], conjg(value))
+    end do
+    do i = 1, size(flow%terms)
+      associate (t => flow%terms(i))
+        j = findloc(active, t%row, 1)
+        if (j == 0) cycle
+        places = 0
+        mirrored = 0
+        inside = .true.
+        do q = 1, 3
+          if (t%at(q) == 0) cycle
+          k = findloc(active, abs(t%at(q)), 1)
+          inside = inside .and. k > 0
+          places(q) = merge(k, k + n, t%at(q) > 0)
+          mirrored(q) = merge(k + n, k, t%at(q) > 0)
+        end do
+        if (.not. inside) cycle
+        value = t%coefficient*unit**(count(t%at /= 0) - 1)
+        call add(j, places, value)
+        call add(j + n, mirrored, conjg(value))
+      end associate
+    end do
+    row = row(:m)
+    at = at(:, :m)
+    coefficients = coefficients(:m)
+    scale = 0.0_wp
+    do i = 1, m
+      scale(row(i)) = max(scale(row(i)), abs(coefficients(i)))
+    end do
+    coefficients = coefficients/scale(row)
+
+  contains
+
+    subroutine add(equation, which, term)
+      integer, intent(in) :: equation, which(3)
+      complex(wp), intent(in) :: term
+      m = m + 1
+      row(m) = equation
+      at(:, m) = which
+      coefficients(m) = term
+    end subroutine add
+
+  end subroutine general_terms
 
 end module viscovib_steady_states

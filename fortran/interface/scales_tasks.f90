@@ -10,8 +10,7 @@ module viscovib_scales_tasks
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_form, only: new_pendulum_form, put_pendulum_behind
   use viscovib_polynomial_form, only: polynomial_form_type
-  use viscovib_resonances, only: list_resonances
-  use viscovib_resonant_terms, only: wants_more
+  use viscovib_resonant_terms, only: list_resonances, wants_more
   use viscovib_scales_error, only: motion_errors
   use viscovib_scales_motion, only: amplitudes_of_state, motion_at
   use viscovib_scales_response, only: response_along, steady_points_type

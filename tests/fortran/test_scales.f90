@@ -10,11 +10,11 @@ module test_scales
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_pendulum_form, only: new_pendulum_form, ordering_general
   use viscovib_polynomial_form, only: polynomial_form_type, term_type
-  use viscovib_resonances, only: list_resonances
+  use viscovib_resonant_terms, only: list_resonances
   use viscovib_scales_response, only: response_along, steady_points_type, vary_frequency
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
   use viscovib_status, only: status_type
-  use viscovib_steady_equations, only: natural_unit
+  use viscovib_steady_states, only: natural_unit
   implicit none
   private
 
