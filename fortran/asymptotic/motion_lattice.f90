@@ -212,9 +212,9 @@ contains
         if (changes(i)) call add_change(change(:, :, i), normal%right(:, i))
       end do
       ! Products with other modes at rest are left out: only their derivatives are not 0.
-      moves([j, normal%conjugate_of(j)]) = .true.
+      moves([j, j + normal%n_generators]) = .true.
       changes = changes .and. moves
-      moves([j, normal%conjugate_of(j)]) = .false.
+      moves([j, j + normal%n_generators]) = .false.
       do i = 1, size(normal%pair, 2)
         f(:2) = normal%pair(:, i)
         do q = 1, 2

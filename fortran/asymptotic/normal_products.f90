@@ -106,7 +106,6 @@ module viscovib_normal_products
     !> N_2 of each product of two, without kernels; only with memory and slow changes.
     complex(wp), allocatable :: n_pair(:, :)
   contains
-    procedure :: conjugate_of
     procedure :: mirror_of
     procedure :: near
     procedure :: near_modes
@@ -122,12 +121,6 @@ module viscovib_normal_products
   end type normal_form_type
 
 contains
-
-  pure integer function conjugate_of(self, a)
-    class(normal_form_type), intent(in) :: self
-    integer, intent(in) :: a
-    conjugate_of = modulo(a - 1 + self%n_generators, 2*self%n_generators) + 1
-  end function conjugate_of
 
   !> The index of the conjugate of a product of two or three generators.
   pure integer function mirror_of(self, factors)

@@ -1,10 +1,11 @@
 !> Selection of the loads and products in the modulation equations of a normal form, by their
 !! effect (`viscovib_normal_products`) or by a tolerance.
 !!
-!! Terms that are constant in a common frame are selected in sequence. Each term is a linear condition on the frame's frequencies W: the frequency of the driven mode is
-!! the sum of the frequencies of the factors, loads included. A term is rejected if its condition
-!! contradicts the accepted ones, or if it would couple more modes than the solver accepts. It is
-!! then a separate harmonic term, which is not periodic in the frame (quasi-periodic motion).
+!! Terms that are constant in a common frame are selected in sequence. Each term is a linear
+!! condition on the frame's frequencies W: the frequency of the driven mode is the sum of the
+!! frequencies of the factors, loads included. A term is rejected if its condition contradicts the
+!! accepted ones, or if it would couple more modes than the solver accepts. It is then a separate
+!! harmonic term, which is not periodic in the frame (quasi-periodic motion).
 module viscovib_resonant_terms
   use viscovib_kinds, only: wp
   use viscovib_normal_orders, only: need_side

@@ -14,7 +14,7 @@ module viscovib_resting_modes
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_motion_defect, only: changes_type, find_changes
-  use viscovib_motion_lattice, only: angles_type, find_angles, max_angles
+  use viscovib_motion_lattice, only: angles_type, find_angles, list_orders, max_angles
   use viscovib_multiple_scales, only: multiple_scales_type, new_multiple_scales
   use viscovib_normal_orders, only: answer_triples
   use viscovib_normal_products, only: least_of_far, reach_type
@@ -37,7 +37,8 @@ module viscovib_resting_modes
 
   !> Modes at rest, and the coupling of pairs of them.
   type :: pairs_type
-    type(angles_type) :: angles
+    !> The frequencies |n.f|, |n| = 3.
+    real(wp), allocatable :: drives(:)
     !> Modes at rest, and those of them near an excitation, shape (n_modes).
     logical, allocatable :: rests(:), asked(:)
     !> Q and P, shape (n_modes, n_modes).
@@ -54,15 +55,20 @@ contains
     !> Amplitudes of a steady motion, in natural units.
     complex(wp), intent(in) :: a(:)
     real(wp), intent(out) :: growth
+    type(angles_type) :: angles
     type(pairs_type) :: pairs
     real(wp) :: drive, nearest
+    integer, allocatable :: orders(:, :)
     integer :: j, k
 
     growth = -huge(1.0_wp)
     pairs%rests = .not. abs(a) > 0.0_wp
     if (.not. any(pairs%rests)) return
-    call find_angles(scales, a, pairs%angles)
-    if (pairs%angles%n > max_angles - 1) return
+    call find_angles(scales, a, angles)
+    if (angles%n > max_angles - 1) return
+    call list_orders(angles%n, order, orders)
+    pairs%drives = pack(abs(matmul(angles%frequency(:angles%n), orders(:angles%n, :))), &
+                        sum(abs(orders), 1) == order)
     call find_pairs(scales, pairs)
     if (.not. any(pairs%asked)) return
     call couple_pairs(scales, full, a, pairs)
@@ -70,7 +76,7 @@ contains
       do j = 1, size(a)
         do k = j, size(a)
           if (.not. (asked(j) .and. asked(k))) cycle
-          call find_nearest(pairs%angles, frame(j) + frame(k), drive, nearest)
+          call find_nearest(pairs%drives, frame(j) + frame(k), drive, nearest)
           if (nearest > reach*min(frame(j), frame(k))) cycle
           growth = max(growth, growth_of(pairs, j, k, drive - frame(j) - frame(k)))
         end do
@@ -89,7 +95,7 @@ contains
       do j = 1, size(rests)
         do k = 1, size(rests)
           if (.not. (rests(j) .and. rests(k))) cycle
-          call find_nearest(pairs%angles, frame(j) + frame(k), drive, nearest)
+          call find_nearest(pairs%drives, frame(j) + frame(k), drive, nearest)
           if (nearest <= reach*min(frame(j), frame(k))) pairs%asked([j, k]) = .true.
         end do
       end do
@@ -121,38 +127,15 @@ contains
   end subroutine couple_pairs
 
   !> n.f, |n| = 3, nearest to a frequency.
-  pure subroutine find_nearest(angles, wanted, drive, nearest)
-    type(angles_type), intent(in) :: angles
-    real(wp), intent(in) :: wanted
+  pure subroutine find_nearest(drives, wanted, drive, nearest)
+    real(wp), intent(in) :: drives(:), wanted
     real(wp), intent(out) :: drive, nearest
-    integer :: n(max_angles)
-    n = 0
     drive = 0.0_wp
     nearest = huge(1.0_wp)
-    call place(angles, 1, order, wanted, n, drive, nearest)
+    if (size(drives) == 0) return
+    drive = drives(minloc(abs(drives - wanted), 1))
+    nearest = abs(drive - wanted)
   end subroutine find_nearest
-
-  pure recursive subroutine place(angles, i, left, wanted, n, drive, nearest)
-    type(angles_type), intent(in) :: angles
-    integer, intent(in) :: i, left
-    real(wp), intent(in) :: wanted
-    integer, intent(inout) :: n(:)
-    real(wp), intent(inout) :: drive, nearest
-    real(wp) :: here
-    integer :: value
-    if (i > angles%n) then
-      here = sum(n(:angles%n)*angles%frequency(:angles%n))
-      if (left > 0 .or. abs(here - wanted) >= nearest) return
-      nearest = abs(here - wanted)
-      drive = here
-      return
-    end if
-    do value = -left, left
-      n(i) = value
-      call place(angles, i + 1, left - abs(value), wanted, n, drive, nearest)
-    end do
-    n(i) = 0
-  end subroutine place
 
   !> Add the effect of mode j.
   subroutine add_change(scales, j, change, pairs)
@@ -171,7 +154,7 @@ contains
           end if
           do k = 1, size(frame)
             if (.not. pairs%asked(k)) cycle
-            if (.not. is_drive(pairs%angles, f + frame(j), frame(j) + frame(k))) cycle
+            if (.not. is_drive(pairs%drives, f + frame(j), frame(j) + frame(k))) cycle
             pairs%coupling(k, j) = pairs%coupling(k, j) + rates(k)
           end do
         end associate
@@ -189,11 +172,10 @@ contains
   end function little_of
 
   !> True if this is the nearest n.f to a frequency.
-  pure logical function is_drive(angles, f, wanted)
-    type(angles_type), intent(in) :: angles
-    real(wp), intent(in) :: f, wanted
+  pure logical function is_drive(drives, f, wanted)
+    real(wp), intent(in) :: drives(:), f, wanted
     real(wp) :: drive, nearest
-    call find_nearest(angles, wanted, drive, nearest)
+    call find_nearest(drives, wanted, drive, nearest)
     is_drive = nearest < huge(1.0_wp) .and. abs(f - drive) <= 1.0e-9_wp*wanted
   end function is_drive
 
@@ -203,10 +185,8 @@ contains
     integer, intent(in) :: j, k
     real(wp), intent(in) :: off
     complex(wp), dimension(size(pairs%rests), size(pairs%rests)) :: driven, turned
-    complex(wp) :: values(2*count(pairs%rests))
     integer, allocatable :: which(:)
     integer :: i
-    logical :: found
     driven = (0.0_wp, 0.0_wp)
     driven(j, k) = pairs%coupling(j, k)
     driven(k, j) = pairs%coupling(k, j)
@@ -215,10 +195,18 @@ contains
       turned(i, i) = turned(i, i) - cmplx(0.0_wp, 0.5_wp*off, wp)
     end do
     which = pack([(i, i=1, size(turned, 1))], pairs%rests)
-    call eigenvalues(real_matrix(turned(which, which), driven(which, which)), values, found)
-    growth_of = -huge(1.0_wp)
-    if (found) growth_of = maxval(real(values))
+    growth_of = fastest(turned(which, which), driven(which, which))
   end function growth_of
+
+  !> The largest growth of da' = P da + Q conj(da); -huge if the eigenvalues do not converge.
+  real(wp) function fastest(p, q)
+    complex(wp), intent(in) :: p(:, :), q(:, :)
+    complex(wp) :: values(2*size(p, 1))
+    logical :: found
+    call eigenvalues(real_matrix(p, q), values, found)
+    fastest = -huge(1.0_wp)
+    if (found) fastest = maxval(real(values))
+  end function fastest
 
   !> Growth of the modes at rest by terms of the expansion that are too far from a mode for the
   !! modulation equations, but have an effect if motions are large: the growth by the equations
@@ -240,10 +228,8 @@ contains
     real(wp), intent(out) :: left
     type(status_type) :: status
     complex(wp), dimension(size(a), size(a)) :: by_a, by_conjugate
-    complex(wp) :: values(2*count(.not. abs(a) > 0.0_wp))
     integer, allocatable :: which(:)
     integer :: j
-    logical :: found
 
     growth = -huge(1.0_wp)
     left = 0.0_wp
@@ -259,8 +245,7 @@ contains
     which = pack([(j, j=1, size(a))], .not. abs(a) > 0.0_wp)
     call wide%flow%slopes(a, by_a, by_conjugate)
     call add_next_order(wide, full, a, which, by_a, by_conjugate)
-    call eigenvalues(real_matrix(by_a(which, which), by_conjugate(which, which)), values, found)
-    if (found) growth = maxval(real(values))
+    growth = fastest(by_a(which, which), by_conjugate(which, which))
   end subroutine far_growth
 
   !> Error of the growth of modes at rest, also if the motion itself is exact. The next order
@@ -308,13 +293,8 @@ contains
 
     real(wp) function largest(k, l)
       integer, intent(in) :: k, l
-      complex(wp) :: values(2*size(which))
-      logical :: found
-      call eigenvalues(real_matrix(by_a(which, which) + k*more(which, which), &
-                                   by_conjugate(which, which) + l*more_conjugate(which, which)), &
-                       values, found)
-      largest = -huge(1.0_wp)
-      if (found) largest = maxval(real(values))
+      largest = fastest(by_a(which, which) + k*more(which, which), &
+                        by_conjugate(which, which) + l*more_conjugate(which, which))
     end function largest
 
   end subroutine resting_error

@@ -3,6 +3,7 @@ module viscovib_scales_motion
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
   use viscovib_multiple_scales, only: multiple_scales_type
+  use viscovib_slow_flow, only: turned
   use viscovib_status, only: fail, status_input_error, status_type
   implicit none
   private
@@ -163,11 +164,6 @@ contains
       sizes = sizes_of(scales, bounds)
     end associate
   end subroutine harmonic_of
-
-  elemental complex(wp) function turned(angle)
-    real(wp), intent(in) :: angle
-    turned = cmplx(cos(angle), sin(angle), wp)
-  end function turned
 
   !> Amplitudes at t = 0 of a motion that begins at (q, v), by corrections with the linear modes.
   !! The ratio of successive corrections is proportional to the amplitude.

@@ -17,7 +17,7 @@ module viscovib_slow_flow
   implicit none
   private
 
-  public :: slow_flow_type, flow_eigenvalues, flow_term_type, new_slow_flow, real_matrix
+  public :: slow_flow_type, flow_eigenvalues, flow_term_type, new_slow_flow, real_matrix, turned
 
   !> Largest relative difference between frame and natural frequency of a mode in free motion.
   real(wp), parameter :: farthest = 0.5_wp
@@ -272,6 +272,7 @@ contains
     end do
   end subroutine slopes
 
+  !> exp(i angle).
   elemental complex(wp) function turned(angle)
     real(wp), intent(in) :: angle
     turned = cmplx(cos(angle), sin(angle), wp)
