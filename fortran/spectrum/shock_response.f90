@@ -28,6 +28,11 @@ module viscovib_shock_response
   integer, parameter :: last_term = 20
   !> Largest theta of a step for which many steps are examined at once.
   real(wp), parameter :: short = 2.0_wp
+  !> Terms of the series of an extreme between samples, for theta up to 0.7 and up to 2; steps of
+  !! Newton's method.
+  integer, parameter :: few_terms = 11, many_terms = 16, newton_steps = 3
+  !> How often a quantity may turn in a step.
+  real(wp), parameter :: never = 0.0_wp, once = 1.0_wp, maybe_twice = 2.0_wp
 
   type :: oscillator
     real(wp) :: z = 0.0_wp, root = 1.0_wp, ramp(3:last_term) = 0.0_wp
@@ -39,6 +44,27 @@ module viscovib_shock_response
     real(wp) :: theta = 0.0_wp, x_x = 1.0_wp, x_v = 0.0_wp, v_v = 1.0_wp, x_a(2) = 0.0_wp, &
       v_a(2) = 0.0_wp
   end type step_map
+
+  !> A quantity q = of_x X + of_v X' and its derivatives: q' = of_bend X'' + of_rate X',
+  !! q'' = curved X'' + straight (a' + X'), q''' = of_third X''' - straight q'', a' the slope.
+  type :: quantity_factors
+    real(wp) :: of_x = 1.0_wp, of_v = 0.0_wp, of_bend = 0.0_wp, of_rate = 1.0_wp, &
+      curved = 1.0_wp, straight = 0.0_wp, of_third = 1.0_wp
+  end type quantity_factors
+
+  !> Steps of `lanes` oscillators side by side, as `step_map`.
+  type :: lane_maps
+    !> Number of oscillators; the last one is repeated.
+    integer :: n = 0
+    real(wp), dimension(lanes) :: theta, x_x, x_v, v_v
+    real(wp), dimension(lanes, 2) :: x_a, v_a
+  end type lane_maps
+
+  !> Largest and smallest values found so far, and the steps that contain them: (X, V) at the begin
+  !! and the accelerations of the base at both ends, shape (4, 2, lanes).
+  type :: peak_steps
+    real(wp) :: top(lanes) = 0.0_wp, bottom(lanes) = 0.0_wp, steps(4, 2, lanes) = 0.0_wp
+  end type peak_steps
 
 contains
 
@@ -149,6 +175,15 @@ contains
     q(0:2) = -(2.0_wp*z*q(1:3) + q(0:2))
     q(3) = -(2.0_wp*z*q(2) + q(3))
   end function derivatives
+
+  pure type(quantity_factors) function new_factors(quantity, z) result(f)
+    integer, intent(in) :: quantity
+    real(wp), intent(in) :: z
+    if (quantity == absolute_acceleration) then
+      f = quantity_factors(-1.0_wp, -2.0_wp*z, -2.0_wp*z, -1.0_wp, 4.0_wp*z**2 - 1.0_wp, 2.0_wp*z, &
+                           -1.0_wp)
+    end if
+  end function new_factors
 
   !> Go one step on, and widen the range of a quantity by what it reaches.
   pure subroutine take_step(own, map, a, quantity, state, range)
@@ -279,26 +314,26 @@ contains
     end function root_between
   end subroutine turn_within
 
-  !> Up to `lanes` oscillators on equal short steps: first their values at all samples, then the
-  !! extremes between samples in the blocks of samples that may exceed the largest value found.
+  !> Up to `lanes` oscillators on equal short steps: first their values at all samples. In the
+  !! blocks of samples that may exceed these, the extremes between samples are estimated, and the
+  !! steps with the largest and the smallest are kept. In these they are then computed to rounding.
   subroutine respond_together(own, record, theta, quantity, extremes)
     type(oscillator), intent(in) :: own
     real(wp), intent(in) :: record(:), theta(:)
     integer, intent(in) :: quantity
     real(wp), intent(inout) :: extremes(4, size(theta))
-    type(step_map) :: map(lanes)
+    type(lane_maps) :: maps
+    type(peak_steps) :: kept
     ! At the begin of each block (X, V); of each block the largest and the smallest value, and how
     ! far it may go beyond these between samples.
     real(wp), allocatable :: states(:, :, :), ranges(:, :, :)
-    real(wp) :: x(lanes), v(lanes), steepest, state(2), last(2)
-    integer :: block, first, past, n_blocks, i, l, k
+    real(wp) :: x(lanes), v(lanes), steepest
+    integer :: block, first, past, n_blocks, k, l
 
     block = max(128, size(record)/4096)
     n_blocks = (size(record) - 2)/block + 1
     allocate (states(lanes, 2, n_blocks), ranges(lanes, 3, n_blocks))
-    do l = 1, lanes
-      map(l) = new_step(own, theta(min(l, size(theta))))
-    end do
+    maps = new_lane_maps(own, theta)
     x = 0.0_wp
     v = 0.0_wp
     do k = 1, n_blocks
@@ -306,27 +341,188 @@ contains
       past = min(first + block, size(record))
       states(:, 1, k) = x
       states(:, 2, k) = v
-      call march(map, own%z, quantity, record(first:past), x, v, ranges(:, :, k))
+      call march(maps, own%z, quantity, record(first:past), x, v, ranges(:, :, k))
       steepest = maxval(abs(record(first + 1:past) - record(first:past - 1)))
-      ranges(:, 3, k) = reach_of(own%z, map%theta, quantity, steepest, ranges(:, 3, k))
+      ranges(:, 3, k) = reach_of(own%z, maps%theta, quantity, steepest, ranges(:, 3, k))
+    end do
+    kept%top = max(0.0_wp, maxval(ranges(:, 1, :), 2))
+    kept%bottom = min(0.0_wp, minval(ranges(:, 2, :), 2))
+    extremes(1, :) = kept%top(:size(theta))
+    extremes(2, :) = kept%bottom(:size(theta))
+    do k = 1, n_blocks
+      if (.not. any(ranges(:, 1, k) + ranges(:, 3, k) > kept%top &
+                    .or. ranges(:, 2, k) - ranges(:, 3, k) < kept%bottom)) cycle
+      first = (k - 1)*block + 1
+      call find_peaks(own, maps, quantity, record(first:min(first + block, size(record))), &
+                      ranges(:, 3, k), states(:, 1, k), states(:, 2, k), kept)
     end do
     do l = 1, size(theta)
-      associate (range => extremes(:2, l))
-        range = [max(0.0_wp, maxval(ranges(l, 1, :))), min(0.0_wp, minval(ranges(l, 2, :)))]
-        do k = 1, n_blocks
-          if (ranges(l, 1, k) + ranges(l, 3, k) <= range(1) &
-              .and. ranges(l, 2, k) - ranges(l, 3, k) >= range(2)) cycle
-          state = states(l, :, k)
-          first = (k - 1)*block + 1
-          do i = first, min(first + block, size(record)) - 1
-            call take_step(own, map(l), record(i:i + 1), quantity, state, range)
-          end do
-        end do
-        last = [x(l), v(l)]
-        call ring_out(own, last, quantity, extremes(3:, l))
-      end associate
+      do k = 1, 2
+        associate (step => kept%steps(:, k, l))
+          call turn_within(own, derivatives(own%z, quantity, step(:2), step(3), &
+                                            (step(4) - step(3))/theta(l)), theta(l), &
+                           extremes(:2, l))
+        end associate
+      end do
+      call ring_out(own, [x(l), v(l)], quantity, extremes(3:, l))
     end do
   end subroutine respond_together
+
+  type(lane_maps) function new_lane_maps(own, theta) result(maps)
+    type(oscillator), intent(in) :: own
+    !> At most `lanes` values.
+    real(wp), intent(in) :: theta(:)
+    type(step_map) :: map
+    integer :: l
+    maps%n = size(theta)
+    do l = 1, lanes
+      map = new_step(own, theta(min(l, size(theta))))
+      maps%theta(l) = map%theta
+      maps%x_x(l) = map%x_x
+      maps%x_v(l) = map%x_v
+      maps%v_v(l) = map%v_v
+      maps%x_a(l, :) = map%x_a
+      maps%v_a(l, :) = map%v_a
+    end do
+  end function new_lane_maps
+
+  !> Oscillators along a block once more. In each step that may exceed the extremes found so far,
+  !! the extreme between its samples is estimated to about 1e-12 of its largest second derivative.
+  subroutine find_peaks(own, maps, quantity, record, reach, x, v, kept)
+    type(oscillator), intent(in) :: own
+    type(lane_maps), intent(in) :: maps
+    integer, intent(in) :: quantity
+    !> Samples of the block, and how far the quantity may go beyond its values at them.
+    real(wp), intent(in) :: record(:), reach(lanes)
+    !> The state at the begin of the block, later at its end.
+    real(wp), intent(inout) :: x(lanes), v(lanes)
+    type(peak_steps), intent(inout) :: kept
+    ! At both ends of a step: the quantity, its first derivative and X''.
+    real(wp), dimension(lanes) :: q_0, q_1, rate_0, rate_1, bend_0, bend_1, x_0, v_0, turns, high, &
+      low
+    real(wp) :: z, a, b, slope
+    type(quantity_factors) :: f
+    integer :: i, l, n
+
+    z = own%z
+    n = merge(few_terms, many_terms, all(maps%theta < 0.7_wp))
+    f = new_factors(quantity, z)
+    high = kept%top - reach
+    low = kept%bottom + reach
+    bend_1 = -(record(1) + 2.0_wp*z*v + x)
+    q_1 = f%of_x*x + f%of_v*v
+    rate_1 = f%of_bend*bend_1 + f%of_rate*v
+    do i = 2, size(record)
+      a = record(i - 1)
+      b = record(i)
+      do l = 1, lanes
+        x_0(l) = x(l)
+        v_0(l) = v(l)
+        q_0(l) = q_1(l)
+        rate_0(l) = rate_1(l)
+        bend_0(l) = bend_1(l)
+        x(l) = maps%x_x(l)*x_0(l) + maps%x_v(l)*v_0(l) + (maps%x_a(l, 1)*a + maps%x_a(l, 2)*b)
+        v(l) = maps%v_v(l)*v_0(l) - maps%x_v(l)*x_0(l) + (maps%v_a(l, 1)*a + maps%v_a(l, 2)*b)
+        bend_1(l) = -(b + 2.0_wp*z*v(l) + x(l))
+        q_1(l) = f%of_x*x(l) + f%of_v*v(l)
+        rate_1(l) = f%of_bend*bend_1(l) + f%of_rate*v(l)
+        slope = (b - a)/maps%theta(l)
+        turns(l) = merge(once, never, sign(1.0_wp, rate_0(l))*rate_1(l) < 0.0_wp)
+        turns(l) = merge(maybe_twice, turns(l), &
+                         sign(1.0_wp, f%curved*bend_0(l) + f%straight*(slope + v_0(l))) &
+                         *(f%curved*bend_1(l) + f%straight*(slope + v(l))) < 0.0_wp)
+        turns(l) = merge(turns(l), never, q_0(l) > high(l) .or. q_1(l) > high(l) &
+                         .or. q_0(l) < low(l) .or. q_1(l) < low(l))
+      end do
+      if (.not. any(turns > never)) cycle
+      call keep_peaks()
+    end do
+
+  contains
+
+    !> Keep the steps that have a new extreme. It is found by a Taylor series about the end of the
+    !! step with the smaller first derivative, since the second derivative y solves
+    !! y'' + 2 z y' + y = 0.
+    subroutine keep_peaks()
+      real(wp) :: d(maps%n, 0:many_terms), t(maps%n), news(lanes), range(2), rate, bend, slope
+      integer :: l
+
+      do l = 1, maps%n
+        slope = (b - a)/maps%theta(l)
+        rate = merge(v_0(l), v(l), abs(rate_0(l)) <= abs(rate_1(l)))
+        bend = merge(bend_0(l), bend_1(l), abs(rate_0(l)) <= abs(rate_1(l)))
+        d(l, 0) = merge(q_0(l), q_1(l), abs(rate_0(l)) <= abs(rate_1(l)))
+        d(l, 1) = merge(rate_0(l), rate_1(l), abs(rate_0(l)) <= abs(rate_1(l)))
+        d(l, 2) = f%curved*bend + f%straight*(slope + rate)
+        d(l, 3) = -f%of_third*(slope + 2.0_wp*z*bend + rate) - f%straight*d(l, 2)
+      end do
+      call turn_by_series(maps%n, n, z, maps%theta, d, t)
+      do l = 1, maps%n
+        news(l) = merge(turns(l), never, t(l) > kept%top(l) .or. t(l) < kept%bottom(l) &
+                        .or. turns(l) > once)
+      end do
+      if (.not. any(news(:maps%n) > never)) return
+      do l = 1, maps%n
+        if (news(l) <= never) cycle
+        range = [max(kept%top(l), t(l)), min(kept%bottom(l), t(l))]
+        if (turns(l) > once) then
+          ! The first derivative is not monotonic in the step.
+          range = [kept%top(l), kept%bottom(l)]
+          call turn_within(own, derivatives(z, quantity, [x_0(l), v_0(l)], a, &
+                                            (b - a)/maps%theta(l)), maps%theta(l), range)
+        end if
+        if (range(1) > kept%top(l)) kept%steps(:, 1, l) = [x_0(l), v_0(l), a, b]
+        if (range(2) < kept%bottom(l)) kept%steps(:, 2, l) = [x_0(l), v_0(l), a, b]
+        kept%top(l) = range(1)
+        kept%bottom(l) = range(2)
+      end do
+      high = kept%top - reach
+      low = kept%bottom + reach
+    end subroutine keep_peaks
+
+  end subroutine find_peaks
+
+  !> Values of m series sum_k d(:, k) t^k/k! where their first derivatives are zero.
+  pure subroutine turn_by_series(m, n, z, theta, d, value)
+    !> Number of series, and the last term of each; d(:, :3) is given.
+    integer, intent(in) :: m, n
+    !> Damping ratio, and the largest |t|.
+    real(wp), intent(in) :: z, theta(m)
+    real(wp), intent(inout) :: d(m, 0:many_terms)
+    real(wp), intent(out) :: value(m)
+    integer :: i
+    real(wp), parameter :: part(many_terms) = [(1.0_wp/i, i=1, many_terms)]
+    real(wp) :: t(m), slope(m), bend(m)
+    integer :: k, l
+
+    do k = 4, n
+      d(:, k) = -(2.0_wp*z*d(:, k - 1) + d(:, k - 2))
+    end do
+    slope = d(:, 1)
+    bend = d(:, 2)
+    t = 0.0_wp
+    do i = 1, newton_steps
+      if (i > 1) then
+        slope = d(:, n)
+        bend = d(:, n)
+        do k = n - 1, 2, -1
+          do l = 1, m
+            slope(l) = d(l, k) + slope(l)*t(l)*part(k)
+            bend(l) = d(l, k) + bend(l)*t(l)*part(k - 1)
+          end do
+        end do
+        slope = d(:, 1) + slope*t
+      end if
+      do l = 1, m
+        t(l) = t(l) - slope(l)/merge(bend(l), 1.0_wp, abs(bend(l)) > 0.0_wp)
+        t(l) = merge(t(l), sign(theta(l), t(l)), abs(t(l)) < theta(l))
+      end do
+    end do
+    value = d(:, n)
+    do k = n - 1, 0, -1
+      value = d(:, k) + value*t*part(k + 1)
+    end do
+  end subroutine turn_by_series
 
   !> How far a quantity may go beyond the values at the ends of a step: theta^2/8 of its largest
   !! second derivative, which is at most a combination of those at the ends.
@@ -345,38 +541,25 @@ contains
 
   !> Oscillators side by side along a piece of a record; of the values at its samples, both ends
   !! included, the largest, the smallest and the largest bend.
-  subroutine march(map, z, quantity, record, x, v, range)
-    type(step_map), intent(in) :: map(lanes)
+  subroutine march(maps, z, quantity, record, x, v, range)
+    type(lane_maps), intent(in) :: maps
     real(wp), intent(in) :: z, record(:)
     integer, intent(in) :: quantity
     real(wp), intent(inout) :: x(lanes), v(lanes)
     real(wp), intent(out) :: range(lanes, 3)
-    real(wp) :: x_x(lanes), x_v(lanes), v_v(lanes), x_0(lanes), x_1(lanes), v_0(lanes), &
-      v_1(lanes), top(lanes), bottom(lanes), bend(lanes), a, b, next, q, curved, of_x, of_v, of_q, &
-      of_rate
+    real(wp) :: top(lanes), bottom(lanes), bend(lanes), a, b, next, q, curved, of_q, of_rate
+    type(quantity_factors) :: f
     integer :: i, l
 
-    x_x(:) = map%x_x
-    x_v(:) = map%x_v
-    v_v(:) = map%v_v
-    do l = 1, lanes
-      x_0(l) = map(l)%x_a(1)
-      x_1(l) = map(l)%x_a(2)
-      v_0(l) = map(l)%v_a(1)
-      v_1(l) = map(l)%v_a(2)
-    end do
-    of_x = 1.0_wp
-    of_v = 0.0_wp
+    f = new_factors(quantity, z)
     of_q = 1.0_wp
     of_rate = 0.0_wp
     if (quantity == absolute_acceleration) then
-      of_x = -1.0_wp
-      of_v = -2.0_wp*z
       of_q = 1.0_wp + 2.0_wp*z
       of_rate = 2.0_wp*z
     end if
     do l = 1, lanes
-      q = of_x*x(l) + of_v*v(l)
+      q = f%of_x*x(l) + f%of_v*v(l)
       top(l) = q
       bottom(l) = q
       bend(l) = of_q*abs(record(1) + 2.0_wp*z*v(l) + x(l)) + of_rate*abs(v(l))
@@ -385,10 +568,10 @@ contains
       a = record(i - 1)
       b = record(i)
       do l = 1, lanes
-        next = x_x(l)*x(l) + x_v(l)*v(l) + (x_0(l)*a + x_1(l)*b)
-        v(l) = v_v(l)*v(l) - x_v(l)*x(l) + (v_0(l)*a + v_1(l)*b)
+        next = maps%x_x(l)*x(l) + maps%x_v(l)*v(l) + (maps%x_a(l, 1)*a + maps%x_a(l, 2)*b)
+        v(l) = maps%v_v(l)*v(l) - maps%x_v(l)*x(l) + (maps%v_a(l, 1)*a + maps%v_a(l, 2)*b)
         x(l) = next
-        q = of_x*x(l) + of_v*v(l)
+        q = f%of_x*x(l) + f%of_v*v(l)
         top(l) = merge(q, top(l), q > top(l))
         bottom(l) = merge(q, bottom(l), q < bottom(l))
         curved = of_q*abs(b + 2.0_wp*z*v(l) + x(l)) + of_rate*abs(v(l))
