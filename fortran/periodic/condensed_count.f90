@@ -18,7 +18,7 @@
 !! point of a kernel without integral.
 module viscovib_condensed_count
   use viscovib_condensed_hill, only: condensed_hill
-  use viscovib_condensed_poles, only: gap
+  use viscovib_condensed_poles, only: gap_list, new_gaps
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_path_marks, only: mark_intervals
@@ -104,6 +104,7 @@ contains
     !> Nodes where F is known; more may be added.
     type(condensed_path), intent(inout) :: path
     integer, intent(out) :: n_right
+    type(gap_list) :: gaps
     complex(wp), allocatable :: change(:)
     logical, allocatable :: marked(:)
     real(wp) :: turn
@@ -111,8 +112,9 @@ contains
     logical :: made
 
     n_right = -1
+    call new_gaps(gaps, known, hill%period)
     do pass = 1, max_passes
-      call changes(hill, known, path, change, made)
+      call changes(gaps, path, change, made)
       if (.not. made) return
       call mark_intervals(path%y(2:path%n) - path%y(:path%n - 1), change, marked)
       if (.not. any(marked)) exit
@@ -126,23 +128,20 @@ contains
   end subroutine count_zeros
 
   !> By how much the logarithm of what is left of F changes from node to node.
-  pure subroutine changes(hill, known, path, change, made)
-    type(condensed_hill), intent(in) :: hill
-    complex(wp), intent(in) :: known(:)
+  pure subroutine changes(known, path, change, made)
+    type(gap_list), intent(in) :: known
     type(condensed_path), intent(in) :: path
     complex(wp), allocatable, intent(out) :: change(:)
     !> Not where F is 0 or no number.
     logical, intent(out) :: made
     complex(wp) :: left(path%n)
-    integer :: i, k
+    integer :: i
 
     allocate (change(path%n - 1))
     made = .true.
     do i = 1, path%n
       left(i) = path%value(i)
-      do k = 1, size(known)
-        left(i) = left(i)/gap(2.0_wp*pi/hill%period*(known(k) - cmplx(path%line, path%y(i), wp)))
-      end do
+      call known%divide(cmplx(path%line, path%y(i), wp), left(i))
       made = made .and. abs(left(i)) > 0.0_wp .and. abs(left(i)) <= huge(1.0_wp)
     end do
     if (made) change = plain_logarithm(left(2:)/left(:path%n - 1))

@@ -21,7 +21,7 @@ module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_modes, only: modal_rest
-  use viscovib_condensed_poles, only: condensed_poles, gap, new_poles
+  use viscovib_condensed_poles, only: condensed_poles, new_poles
   use viscovib_condensed_rows, only: fill_one, find_swings, measure_waves, retained_of, &
     strength, waves_of_rates
   use viscovib_condensed_waves, only: fill_waves, soften
@@ -94,6 +94,7 @@ module viscovib_condensed_hill
     complex(wp), allocatable :: by_rate(:, :, :, :)
   contains
     procedure :: along
+    procedure :: compliances
     procedure :: count_from
     procedure :: determinant
     procedure :: local_at
@@ -305,6 +306,24 @@ contains
     allocate (self%re(n, n), self%im(n, n))
   end subroutine find_orders
 
+  !> H at any s.
+  subroutine compliances(self, system, s, h)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s(:)
+    !> Shape (size(s), n_dof, n_dof).
+    complex(wp), intent(out) :: h(:, :, :)
+    integer :: i
+
+    if (self%band%contains_all(s)) then
+      call self%band%evaluate(s, h)
+    else
+      do i = 1, size(s)
+        call system%rest%evaluate(s(i), h(i, :, :))
+      end do
+    end if
+  end subroutine compliances
+
   !> How large H J is at s, or H' J where linear memory is eliminated in the modes.
   real(wp) function strength_at(self, system, s) result(part)
     class(condensed_hill), intent(in) :: self
@@ -340,7 +359,7 @@ contains
     complex(wp), dimension(self%n_orders) :: s
     complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
     complex(wp) :: kept(self%n_orders, size(self%kernel_of_group)), factor
-    integer :: centre, i, n, p, width
+    integer :: centre, n, p, width, i
 
     p = self%n_orders - merge(0, 1, about_half)
     s(:p) = [(lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp), i=1, p)]
@@ -367,9 +386,7 @@ contains
     end if
     call band_determinant(n, size(self%re, 1), max(min(n - 1, width), 0), self%re, self%im, value)
     if (abs(factor) > 0.0_wp) value = value*factor
-    do i = 1, size(self%poles%multiplied)
-      value = value*gap(2.0_wp*pi/self%period*(self%poles%multiplied(i) - lambda))
-    end do
+    call self%poles%multiplied%multiply(lambda, value)
     value = value*self%poles%rigid_factor(s(centre), self%period)
   end subroutine determinant
 

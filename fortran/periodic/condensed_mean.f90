@@ -16,22 +16,20 @@ module viscovib_condensed_mean
 
 contains
 
-  !> I + H J_0 at s, J_0 the mean along the motion, and H.
-  subroutine mean_system(self, system, s, matrix, h)
+  !> I + H J_0 at s, J_0 the mean along the motion.
+  function mean_system(self, system, s, h) result(matrix)
     type(condensed_hill), intent(in) :: self
     class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: s
-    complex(wp), intent(out) :: matrix(:, :), h(:, :)
-    complex(wp) :: kept(1, size(self%kernel_of_group))
+    complex(wp), intent(in) :: s, h(:, :)
+    complex(wp) :: matrix(self%n_dof, self%n_dof), kept(1, size(self%kernel_of_group))
     integer :: a
 
     kept = retained_of(system, self%kernel_of_group, [s])
-    call system%rest%evaluate(s, h)
     matrix = matmul(h, self%local_at(0, 0, kept(1, :), s))
     do a = 1, self%n_dof
       matrix(a, a) = matrix(a, a) + 1.0_wp
     end do
-  end subroutine mean_system
+  end function mean_system
 
   !> det(I + H J_0) at s: exponents of the mean system are zeros.
   subroutine average(self, system, s, value)
@@ -42,7 +40,12 @@ contains
     complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h
     real(wp), dimension(self%n_dof, self%n_dof) :: re, im
 
-    call mean_system(self, system, s, matrix, h)
+    call system%rest%evaluate(s, h)
+    matrix = mean_system(self, system, s, h)
+    if (self%n_dof == 1) then
+      value = matrix(1, 1)
+      return
+    end if
     re = real(matrix)
     im = aimag(matrix)
     call band_determinant(self%n_dof, self%n_dof, self%n_dof - 1, re, im, value)
@@ -58,15 +61,21 @@ contains
     !> Not distinguishable from s.
     real(wp), intent(in) :: distance
     real(wp), intent(out) :: moved
+    complex(wp) :: places(2*self%reach + 1)
+    complex(wp) :: h(2*self%reach + 1, self%n_dof, self%n_dof)
     real(wp) :: next, both, size_of
     integer :: m
 
+    places(:self%reach) = [(s + cmplx(0.0_wp, m*self%period, wp), m=1, self%reach)]
+    places(self%reach + 1:2*self%reach) = 2.0_wp*s - places(:self%reach)
+    places(2*self%reach + 1) = s + distance
+    call self%compliances(system, places, h)
     moved = 0.0_wp
     do m = 1, self%reach
       if (self%parts(m) <= faint) cycle
       both = 0.0_wp
-      call add(s + cmplx(0.0_wp, m*self%period, wp))
-      call add(s - cmplx(0.0_wp, m*self%period, wp))
+      call add(m)
+      call add(self%reach + m)
       ! Strong waves come back more than once.
       size_of = self%sizes(m)
       if (allocated(self%by_rate)) then
@@ -77,19 +86,23 @@ contains
       moved = moved + size_of*next*(1.0_wp + next)
     end do
     both = 0.0_wp
-    call add(s + distance)
+    call add(2*self%reach + 1)
     moved = moved*both*distance
 
   contains
 
-    subroutine add(at)
-      complex(wp), intent(in) :: at
-      complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h, inverse
+    subroutine add(i)
+      integer, intent(in) :: i
+      complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, inverse
       logical :: singular
-      call mean_system(self, system, at, matrix, h)
+      matrix = mean_system(self, system, places(i), h(i, :, :))
+      if (self%n_dof == 1) then
+        both = both + abs(h(i, 1, 1)/matrix(1, 1))
+        return
+      end if
       call invert(matrix, inverse, singular)
       if (singular) both = huge(1.0_wp)**0.25_wp
-      if (.not. singular) both = both + maxval(sum(abs(matmul(inverse, h)), 2))
+      if (.not. singular) both = both + maxval(sum(abs(matmul(inverse, h(i, :, :))), 2))
     end subroutine add
 
   end subroutine moved_by_waves

@@ -11,7 +11,7 @@ module viscovib_condensed_poles
   implicit none
   private
 
-  public :: condensed_poles, gap, into_strip, new_poles, place_of
+  public :: condensed_poles, gap_list, into_strip, new_gaps, new_poles, place_of
 
   !> Of the distance from the axis: how far poles may move that are let be, at most and at least,
   !! and all of them together.
@@ -26,9 +26,23 @@ module viscovib_condensed_poles
   !> Rates beyond this leave the range of numbers, in d.
   real(wp), parameter :: largest_rate = 40.0_wp
 
+  !> Gaps smaller than this need care with rounding errors.
+  real(wp), parameter :: small_gap = 1.0e-2_wp
+
+  !> Factors 1 - exp(2 pi (p_k - lambda)/d) of some p_k.
+  type :: gap_list
+    !> 2 pi/d, 2 pi p_k/d and the exponential of this.
+    real(wp), private :: scale = 0.0_wp
+    complex(wp), allocatable, private :: place(:), wave(:)
+  contains
+    procedure :: multiply
+    procedure :: divide
+    procedure, private :: at
+  end type gap_list
+
   type :: condensed_poles
     !> Places of those multiplied out, with their conjugates, nearly rigid bodies apart.
-    complex(wp), allocatable :: multiplied(:)
+    type(gap_list) :: multiplied
     !> All that are multiplied out, and others that grow.
     integer :: n_multiplied = 0, n_growing = 0
     !> Places of those that are exponents.
@@ -139,7 +153,7 @@ contains
     logical, intent(in) :: all_poles
     real(wp), dimension(size(self%pole)) :: push, moved, weight
     logical, dimension(size(self%pole)) :: kept, rigid, near
-    complex(wp) :: place
+    complex(wp) :: place, multiplied(2*size(self%pole))
     real(wp) :: least
     integer :: i, j, n
     ready = maxval(real(self%pole)) <= largest_rate*period
@@ -178,9 +192,7 @@ contains
     call self%count_from(line)
     self%rigid = pack(self%pole, rigid)
     self%rigid = [self%rigid, conjg(pack(self%pole, rigid .and. self%paired))]
-    if (allocated(self%multiplied)) deallocate (self%multiplied, self%exponents)
-    n = count(kept .and. .not. rigid)
-    allocate (self%multiplied(n + count(kept .and. self%paired .and. .not. rigid)))
+    if (allocated(self%exponents)) deallocate (self%exponents)
     near = .not. kept .and. moved <= still*period
     allocate (self%exponents(count(near) + count(near .and. self%paired)))
     n = 0
@@ -189,10 +201,10 @@ contains
       place = place_of(self%pole(i), period, stride)
       if (kept(i) .and. .not. rigid(i)) then
         n = n + 1
-        self%multiplied(n) = place
+        multiplied(n) = place
         if (self%paired(i)) then
           n = n + 1
-          self%multiplied(n) = conjg(place)
+          multiplied(n) = conjg(place)
         end if
       else if (near(i)) then
         j = j + 1
@@ -203,6 +215,7 @@ contains
         end if
       end if
     end do
+    call new_gaps(self%multiplied, multiplied(:n), period)
     self%order = pack([(i, i=1, size(kept))], kept)
     do i = 2, size(self%order)
       n = self%order(i)
@@ -255,6 +268,58 @@ contains
       if (abs(x) > 0.0_wp) factor = -factor*gap(x)/x
     end do
   end function rigid_factor
+
+  subroutine new_gaps(gaps, places, period)
+    type(gap_list), intent(out) :: gaps
+    !> p_k, and d.
+    complex(wp), intent(in) :: places(:)
+    real(wp), intent(in) :: period
+    gaps%scale = 2.0_wp*pi/period
+    gaps%place = gaps%scale*places
+    gaps%wave = exp(gaps%place)
+  end subroutine new_gaps
+
+  !> Multiply a value by all factors at lambda.
+  pure subroutine multiply(self, lambda, value)
+    class(gap_list), intent(in) :: self
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(inout) :: value
+    complex(wp) :: back
+    integer :: k
+
+    back = exp(-self%scale*lambda)
+    do k = 1, size(self%place)
+      value = value*self%at(k, lambda, back)
+    end do
+  end subroutine multiply
+
+  !> Divide a value by all factors at lambda that are not 0.
+  pure subroutine divide(self, lambda, value)
+    class(gap_list), intent(in) :: self
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(inout) :: value
+    complex(wp) :: back, factor
+    real(wp) :: square
+    integer :: k
+
+    back = exp(-self%scale*lambda)
+    do k = 1, size(self%place)
+      factor = self%at(k, lambda, back)
+      square = real(factor)**2 + aimag(factor)**2
+      if (square > tiny(1.0_wp)) value = value*(conjg(factor)/square)
+    end do
+  end subroutine divide
+
+  !> Factor k at lambda; `back` = exp(-2 pi lambda/d).
+  pure complex(wp) function at(self, k, lambda, back) result(factor)
+    class(gap_list), intent(in) :: self
+    integer, intent(in) :: k
+    complex(wp), intent(in) :: lambda, back
+    factor = 1.0_wp - self%wave(k)*back
+    if (abs(real(factor)) + abs(aimag(factor)) < small_gap) then
+      factor = gap(self%place(k) - self%scale*lambda)
+    end if
+  end function at
 
   !> 1 - exp(x), to rounding near 0 too.
   elemental complex(wp) function gap(x)

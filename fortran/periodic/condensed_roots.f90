@@ -284,11 +284,13 @@ contains
 
   !> Make those sharp that are in doubt, and others that are furthest right until `wanted` are,
   !! conjugates counted.
-  subroutine sharpen(self, hill, system, wanted)
+  subroutine sharpen(self, hill, system, wanted, part)
     class(condensed_zeros), intent(inout) :: self
     type(condensed_hill), intent(inout) :: hill
     class(structure_type), intent(in) :: system
     integer, intent(in) :: wanted
+    !> Largest last step, of the distance from the line.
+    real(wp), intent(in) :: part
     logical :: tried(2*size(self%upper) + 2)
     complex(wp) :: root, before, nearby
     integer :: i, k
@@ -298,12 +300,16 @@ contains
     tried = .false.
     do k = 1, size(hill%poles%order)
       left = .not. (self%sharp .or. tried(:size(self%sharp)))
-      if (size(self%all_of(hill, .true., 0)) >= wanted) left = left .and. self%doubtful
+      associate (sharp => self%sharp(:self%n))
+        if (count(sharp) + count(sharp .and. is_pair(self%upper(:self%n), hill%period)) >= wanted) &
+          left = left .and. self%doubtful
+      end associate
       i = maxloc(real(self%upper(:self%n)), 1, left(:self%n))
       if (i == 0) exit
       tried(i) = .true.
       paired = hill%poles%paired(self%of_pole(i))
-      call secant(hill, system, self%all_of(hill, .false., i), self%upper(i), small_step, root, &
+      call secant(hill, system, self%all_of(hill, .false., i), self%upper(i), &
+                  max(small_step, part*abs(real(self%upper(i)) - hill%line)/hill%period), root, &
                   made, self%shape_at(self%of_pole(i)))
       if (.not. made) cycle
       before = self%upper(i)

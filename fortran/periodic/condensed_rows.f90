@@ -174,15 +174,16 @@ contains
           x(:, b) = x(:, b) + system%spread(places, j)*slope
         end do
       end do
-      x = matmul(h, x)
       if (size(places) > 1) then
+        x = matmul(h, x)
         x = matmul(x, x)
         x = matmul(x, x)
         strength = max(strength, maxval(sum(abs(x), 2))**0.25_wp)
       else
-        strength = max(strength, abs(x(1, 1)))
+        strength = max(strength, real(x(1, 1))**2 + aimag(x(1, 1))**2)
       end if
     end do
+    if (size(places) == 1) strength = abs(h(1, 1))*sqrt(strength)
   end function strength
 
   !> Derivative of variable j by deflection b at one time, that by its rate included.

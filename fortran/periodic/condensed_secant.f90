@@ -5,8 +5,7 @@
 !! its end rather than amid the two.
 module viscovib_condensed_secant
   use viscovib_condensed_hill, only: condensed_hill
-  use viscovib_condensed_poles, only: gap, into_strip
-  use viscovib_constants, only: pi
+  use viscovib_condensed_poles, only: gap_list, into_strip, new_gaps
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
   implicit none
@@ -63,24 +62,26 @@ contains
     logical, intent(out) :: made
     !> What it was at a motion nearby, and is now.
     type(local_shape), intent(inout), optional :: shape
+    type(gap_list) :: gaps
     complex(wp) :: value
     logical :: about_half
 
     made = .false.
+    call new_gaps(gaps, known, hill%period)
     ! All the way with the same orders: with others F has another scale.
     about_half = abs(aimag(start)) > 0.25_wp*hill%period
     if (present(shape)) then
       associate (place => near_line(shape, start, hill%period))
         if (may_follow(shape, place/hill%period, about_half, hill%poles%n_multiplied)) then
-          call reduced(hill, system, known, about_half, place, value)
-          call iterate(hill, system, known, about_half, place, value, least, few_iterations, root, &
+          call reduced(hill, system, gaps, about_half, place, value)
+          call iterate(hill, system, gaps, about_half, place, value, least, few_iterations, root, &
                        made, shape, .true.)
         end if
       end associate
     end if
     if (.not. made) then
-      call reduced(hill, system, known, about_half, start, value)
-      call iterate(hill, system, known, about_half, start, value, least, max_iterations, root, &
+      call reduced(hill, system, gaps, about_half, start, value)
+      call iterate(hill, system, gaps, about_half, start, value, least, max_iterations, root, &
                    made, shape, .false.)
     end if
     ! One of those known once more.
@@ -120,7 +121,8 @@ contains
                      shape, chord)
     type(condensed_hill), intent(inout) :: hill
     class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: known(:), start, value_there
+    type(gap_list), intent(in) :: known
+    complex(wp), intent(in) :: start, value_there
     logical, intent(in) :: about_half
     real(wp), intent(in) :: least
     integer, intent(in) :: most
@@ -216,17 +218,13 @@ contains
   subroutine reduced(hill, system, known, about_half, lambda, value)
     type(condensed_hill), intent(inout) :: hill
     class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: known(:), lambda
+    type(gap_list), intent(in) :: known
+    complex(wp), intent(in) :: lambda
     logical, intent(in) :: about_half
     complex(wp), intent(out) :: value
-    complex(wp) :: factor
-    integer :: k
 
     call hill%determinant(system, lambda, value, about_half)
-    do k = 1, size(known)
-      factor = gap(2.0_wp*pi/hill%period*(known(k) - lambda))
-      if (abs(real(factor)) + abs(aimag(factor)) > 0.0_wp) value = value/factor
-    end do
+    call known%divide(lambda, value)
   end subroutine reduced
 
 end module viscovib_condensed_secant

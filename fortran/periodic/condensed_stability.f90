@@ -14,6 +14,9 @@ module viscovib_condensed_stability
 
   public :: condensed_checker, new_condensed_checker
 
+  !> Error of exponents that only a count uses, of their distance from the line.
+  real(wp), parameter :: rough = 1.0e-2_wp
+
   type :: condensed_checker
     type(condensed_hill), private :: hill
     !> Zeros of the motion checked last.
@@ -72,7 +75,7 @@ contains
         if (.not. hill%ready) return
       end if
       call self%zeros%doubt(hill, system)
-      call self%zeros%sharpen(hill, system, wanted)
+      call self%zeros%sharpen(hill, system, wanted, 0.0_wp)
       zeros = self%zeros%all_of(hill, .false., 0)
       call new_path(path, hill, system, size(zeros))
       call count_zeros(hill, system, zeros, path, counted)
@@ -80,7 +83,7 @@ contains
       ! Certain also where not all exponents are found.
       if (.not. decaying) n_growing = counted
       if (self%zeros%n_right(hill) + poles%n_growing < counted .and. .not. decaying) then
-        call self%zeros%sharpen(hill, system, huge(1))
+        call self%zeros%sharpen(hill, system, huge(1), 0.0_wp)
         call self%zeros%search(hill, system, counted - poles%n_growing)
       end if
       all = [self%zeros%all_of(hill, .true., 0), poles%exponents]
@@ -110,7 +113,7 @@ contains
     if (.not. self%hill%ready) return
     call self%zeros%approximate(self%hill, system)
     call self%zeros%doubt(self%hill, system)
-    call self%zeros%sharpen(self%hill, system, 0)
+    call self%zeros%sharpen(self%hill, system, 0, rough)
     zeros = self%zeros%all_of(self%hill, .false., 0)
     call new_path(path, self%hill, system, size(zeros))
     call count_zeros(self%hill, system, zeros, path, counted)

@@ -36,6 +36,7 @@ module viscovib_compliance_band
     real(wp), allocatable, private :: terms(:, :, :)
     logical, private :: has_terms = .false.
   contains
+    procedure :: contains_all
     procedure :: only_modes
     procedure :: serves
     procedure :: evaluate
@@ -123,6 +124,15 @@ contains
              .and. .not. abs(nearness - self%nearness) > 0.0_wp
   end function serves
 
+  !> True if `evaluate` gives all of H at some s.
+  pure logical function contains_all(self, s)
+    class(compliance_band), intent(in) :: self
+    complex(wp), intent(in) :: s(:)
+    contains_all = self%radius > 0.0_wp
+    if (contains_all) contains_all = size(self%rigid_squares) == 0 &
+                                     .and. .not. any(abs(s) > self%radius)
+  end function contains_all
+
   !> True if H is the sum over the separate modes alone.
   pure logical function only_modes(self)
     class(compliance_band), intent(in) :: self
@@ -130,57 +140,75 @@ contains
                  .and. size(self%rigid_squares) == 0
   end function only_modes
 
-  !> H(s) without the nearly rigid modes, at many s within the radius.
+  !> H(s) without the nearly rigid modes, at many s within the radius, vectorized over these.
   pure subroutine evaluate(self, s, h)
     class(compliance_band), intent(in) :: self
     !> Shape (n).
     complex(wp), intent(in) :: s(:)
     !> Shape (n, n_seen, n_seen).
     complex(wp), intent(out) :: h(:, :, :)
-    real(wp), dimension(size(self%squares)) :: re, im, weight
-    complex(wp) :: total
-    integer :: a, b, j, k, l
+    real(wp), dimension(size(s), self%n_seen, self%n_seen) :: re, im
+    real(wp), dimension(size(s)) :: x, y, mode_re, mode_im
+    integer :: a, b, i, j, l
 
-    do k = 1, size(s)
-      call resonances(size(re), self%squares, self%rates, s(k), re, im)
+    x = real(s)
+    y = aimag(s)
+    re = 0.0_wp
+    im = 0.0_wp
+    do j = n_terms, merge(0, n_terms + 1, self%has_terms), -1
       do b = 1, self%n_seen
         do a = 1, self%n_seen
-          weight = self%seen(:, a)*self%pushed(:, b)
-          total = (0.0_wp, 0.0_wp)
-          if (self%has_terms) then
-            total = cmplx(self%terms(a, b, n_terms), 0.0_wp, wp)
-            do j = n_terms - 1, 0, -1
-              total = total*s(k) + self%terms(a, b, j)
-            end do
-          end if
-          total = total + cmplx(dot_product(weight, re), dot_product(weight, im), wp)
-          do l = 1, size(self%poles)
-            total = total + self%left(l, a)*self%right(l, b)/(s(k) - self%poles(l))
-          end do
-          h(k, a, b) = total
+          call horner_step(size(s), self%terms(a, b, j), x, y, re(1, a, b), im(1, a, b))
+        end do
+      end do
+    end do
+    do i = 1, size(self%squares)
+      call resonance(size(s), self%squares(i), self%rates(i), x, y, mode_re, mode_im)
+      do b = 1, self%n_seen
+        do a = 1, self%n_seen
+          re(:, a, b) = re(:, a, b) + (self%seen(i, a)*self%pushed(i, b))*mode_re
+          im(:, a, b) = im(:, a, b) + (self%seen(i, a)*self%pushed(i, b))*mode_im
+        end do
+      end do
+    end do
+    h = cmplx(re, im, wp)
+    do l = 1, size(self%poles)
+      do b = 1, self%n_seen
+        do a = 1, self%n_seen
+          h(:, a, b) = h(:, a, b) + self%left(l, a)*self%right(l, b)/(s - self%poles(l))
         end do
       end do
     end do
   end subroutine evaluate
 
-  !> 1/(squares + rates s + s^2), real and imaginary part.
-  pure subroutine resonances(n, squares, rates, s, re, im)
+  !> (re + i im)(x + i y) + c.
+  pure subroutine horner_step(n, c, x, y, re, im)
     integer, intent(in) :: n
-    real(wp), intent(in) :: squares(n), rates(n)
-    complex(wp), intent(in) :: s
-    real(wp), intent(out) :: re(n), im(n)
-    real(wp) :: x, y, inverse, on_axis, off_axis
-    integer :: i
-
-    on_axis = real(s)**2 - aimag(s)**2
-    off_axis = 2.0_wp*real(s)*aimag(s)
-    do i = 1, n
-      x = squares(i) + rates(i)*real(s) + on_axis
-      y = rates(i)*aimag(s) + off_axis
-      inverse = 1.0_wp/(x*x + y*y + least)
-      re(i) = x*inverse
-      im(i) = -y*inverse
+    real(wp), intent(in) :: c, x(n), y(n)
+    real(wp), intent(inout) :: re(n), im(n)
+    real(wp) :: before
+    integer :: k
+    do k = 1, n
+      before = re(k)
+      re(k) = before*x(k) - im(k)*y(k) + c
+      im(k) = before*y(k) + im(k)*x(k)
     end do
-  end subroutine resonances
+  end subroutine horner_step
+
+  !> 1/(square + rate s + s^2), s = x + i y, real and imaginary part.
+  pure subroutine resonance(n, square, rate, x, y, re, im)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: square, rate, x(n), y(n)
+    real(wp), intent(out) :: re(n), im(n)
+    real(wp) :: u, v, inverse
+    integer :: k
+    do k = 1, n
+      u = square + rate*x(k) + (x(k)**2 - y(k)**2)
+      v = rate*y(k) + 2.0_wp*x(k)*y(k)
+      inverse = 1.0_wp/(u*u + v*v + least)
+      re(k) = u*inverse
+      im(k) = -v*inverse
+    end do
+  end subroutine resonance
 
 end module viscovib_compliance_band
