@@ -293,17 +293,16 @@ contains
     real(wp), intent(in) :: part
     logical :: tried(2*size(self%upper) + 2)
     complex(wp) :: root, before, nearby
-    integer :: i, k
+    integer :: i, k, n_sharp
     logical :: made, paired
     logical, allocatable :: left(:)
 
     tried = .false.
     do k = 1, size(hill%poles%order)
       left = .not. (self%sharp .or. tried(:size(self%sharp)))
-      associate (sharp => self%sharp(:self%n))
-        if (count(sharp) + count(sharp .and. is_pair(self%upper(:self%n), hill%period)) >= wanted) &
-          left = left .and. self%doubtful
-      end associate
+      n_sharp = count(self%sharp(:self%n)) &
+                + count(self%sharp(:self%n) .and. is_pair(self%upper(:self%n), hill%period))
+      if (n_sharp >= wanted) left = left .and. self%doubtful
       i = maxloc(real(self%upper(:self%n)), 1, left(:self%n))
       if (i == 0) exit
       tried(i) = .true.
