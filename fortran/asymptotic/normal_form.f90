@@ -191,7 +191,7 @@ contains
     allocate (wave, source=normal%u_load(:, normal%hard))
     allocate (s, source=normal%exponents(:n))
     allocate (right, source=normal%right(:, :n))
-    left = normal%left(:, :n)
+    allocate (left, source=normal%left(:, :n))
     m = n + size(normal%hard)
     normal%n_generators = m
     associate (wave_s => cmplx(0.0_wp, form%drives(normal%hard), wp))
