@@ -37,6 +37,7 @@ NOTHING_TO_JUDGE = {
     "Coupling": _WHOLE,
     "MountForces.lost_in_turning": "tests/python/test_body.py: the balance of power of bodies",
     "Response.plan": "words: tests/python/test_frequency_tolerances.py and others read them",
+    "Branch.plan": "words: tests/python/test_branch.py and others read them",
     "Response.error": "tests/python/test_light_damping.py: the same balance in 40 digits",
     "user_elements": "tests/python/test_user_elements.py: SciPy from yield to turn",
     "MotionBranch.dof_names": "names, as the system has them",
