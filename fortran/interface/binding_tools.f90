@@ -3,6 +3,7 @@ module viscovib_binding_tools
   use, intrinsic :: iso_c_binding, only: c_char, c_int
   use viscovib_body_vector, only: body_from_vector
   use viscovib_catalogue, only: kernel_none, new_kernel
+  use viscovib_frequency_law, only: frequency_law, new_frequency_law
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
@@ -10,7 +11,7 @@ module viscovib_binding_tools
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_status, only: fail, one_line, status_input_error, status_type
+  use viscovib_status, only: clipped, fail, one_line, set_ok, status_input_error, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_vector, only: structure_from_vector
   use viscovib_system_vector, only: polynomial_from_vector
@@ -18,7 +19,9 @@ module viscovib_binding_tools
   implicit none
   private
 
-  public :: make_load, make_mount, make_pendulum, make_system, report, to_complex
+  public :: make_load, make_mount, make_pendulum, make_system, read_formulas, report, to_complex
+
+  character, parameter :: nl = new_line('a')
 
   !> Length of the vector of a mount: mass, inertia, offset, stiffness_x, stiffness_phi, damping (4,
   !! column-major), cubic_scale, memory_scale, geometry.
@@ -114,24 +117,33 @@ contains
   end subroutine make_pendulum
 
   !> Rows of `series`: forces on the coordinates, followed by the base motion.
-  subroutine make_load(load, orders, series, status)
+  subroutine make_load(load, orders, series, formulas, status)
     type(load_type), intent(out) :: load
-    !> A term of order k, or -1 - k: what the base moves each coordinate by, or -k - 10^6: forces
-    !! per (k nu)^2.
+    !> A term of order k, or -1 - k: what the base moves each coordinate by, or -k - 10^6 i: forces
+    !! multiplied by formula i.
     integer, intent(in) :: orders(:)
     complex(wp), intent(in) :: series(:, :)
+    !> Functions of the frequency nu, one per line.
+    character(len=*), intent(in) :: formulas
     type(status_type), intent(out) :: status
-    integer, parameter :: of_squares = -1000000
-    complex(wp), dimension(size(series, 1) - 1, size(orders)) :: force, moved, inertial
-    integer :: places(size(orders)), j, n
+    integer, parameter :: per_formula = 1000000
+    complex(wp), dimension(size(series, 1) - 1, size(orders)) :: force, moved
+    type(frequency_law), allocatable :: laws(:)
+    integer :: places(size(orders)), law_of(size(orders)), j, n
+
+    call read_formulas(formulas, laws, status)
+    if (status%failed()) return
     n = size(series, 1) - 1
     force = (0.0_wp, 0.0_wp)
     moved = (0.0_wp, 0.0_wp)
-    inertial = (0.0_wp, 0.0_wp)
+    law_of = 0
     do j = 1, size(orders)
-      if (orders(j) <= of_squares) then
-        inertial(:, j) = series(:n, j)
-        places(j) = of_squares - orders(j)
+      if (orders(j) <= -per_formula) then
+        force(:, j) = series(:n, j)
+        law_of(j) = -(orders(j)/per_formula)
+        places(j) = mod(-orders(j), per_formula)
+        if (law_of(j) > size(laws)) call fail(status, status_input_error, 'orders', &
+                                              'orders: a term has no formula')
       else if (orders(j) < 0) then
         moved(:, j) = series(:n, j)
         places(j) = -1 - orders(j)
@@ -140,8 +152,32 @@ contains
         places(j) = orders(j)
       end if
     end do
-    call new_load(load, n, places, force, series(n + 1, :), status, moved, inertial)
+    if (status%failed()) return
+    call new_load(load, n, places, force, series(n + 1, :), status, moved, laws, law_of)
   end subroutine make_load
+
+  !> Compile functions of the frequency, one per line.
+  subroutine read_formulas(formulas, laws, status)
+    character(len=*), intent(in) :: formulas
+    type(frequency_law), allocatable, intent(out) :: laws(:)
+    type(status_type), intent(out) :: status
+    character(len=:), allocatable :: fault
+    integer :: first, i, last
+
+    call set_ok(status)
+    allocate (laws(count([(formulas(i:i) == nl, i=1, len(formulas))])))
+    first = 1
+    do i = 1, size(laws)
+      last = first + index(formulas(first:), nl) - 2
+      call new_frequency_law(laws(i), formulas(first:last), fault)
+      if (fault /= '') then
+        call fail(status, status_input_error, 'load', "load: '"//clipped(formulas(first:last)) &
+                  //"': "//fault)
+        return
+      end if
+      first = last + 2
+    end do
+  end subroutine read_formulas
 
   !> Complex harmonics from alternating real and imaginary parts.
   pure subroutine to_complex(x, coefficients)

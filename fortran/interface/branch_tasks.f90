@@ -194,6 +194,9 @@ contains
     if (.not. task%failed()) then
       call new_response_plan(plan, system, load, [nu], method_newton, wanted, task%status)
     end if
+    if (parameter == vary_frequency .and. .not. task%failed()) then
+      call load%check_between(options%start, options%finish, task%status)
+    end if
     if (task%failed()) return
     if (parameter > vary_load) then
       call new_family_curve(curve, builder, options%start, &

@@ -194,6 +194,7 @@ contains
     call task%check_extents('nu', shape(nu), [n])
     call task%check_extents('scales', shape(scales), [4, n])
     call load_of(task, d, load)
+    if (.not. task%failed()) call load%check_at(nu, task%status)
     if (.not. task%failed()) call polynomial_from_vector(system, flat(:, 1), task%status)
     if (task%failed()) return
     call new_lane_motion(motion, system, load, own(:, :, :2))
@@ -210,7 +211,7 @@ contains
         do l = 1, n_lanes
           i = min(first + l - 1, n)
           if (size(flat, 2) == 1) then
-            call motions(b)%set_scales(l, scales(:, i))
+            call motions(b)%set_scales(l, scales(:, i), nu(i))
           else
             call take_system(motions(b))
             if (task%failed()) return
@@ -250,7 +251,7 @@ contains
                   //'differ in their numbers only')
         return
       end if
-      call other%set_scales(1, scales(:, i))
+      call other%set_scales(1, scales(:, i), nu(i))
       call block_motion%take_lane(l, other)
     end subroutine take_system
 

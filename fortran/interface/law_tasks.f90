@@ -1,5 +1,7 @@
 !> Tasks about force laws as programs, and about hysteresis elements.
 module viscovib_law_tasks
+  use viscovib_binding_tools, only: read_formulas
+  use viscovib_frequency_law, only: frequency_law
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_hysteresis_catalogue, only: new_hysteresis, state_user
   use viscovib_hysteresis_loop, only: run_loop
@@ -28,6 +30,8 @@ contains
     select case (name)
     case ('values')
       call find_values(task)
+    case ('of_frequency')
+      call find_frequency_values(task)
     case ('compile')
       call compile_once(task)
     case ('compile_many')
@@ -70,6 +74,28 @@ contains
     end if
     call task%found%put_reals('values', values, shape(values))
   end subroutine find_values
+
+  !> Values (n, m) of functions of the frequency, one per line of the `text`, at `nu` (n).
+  subroutine find_frequency_values(task)
+    type(task_type), intent(inout) :: task
+    type(frequency_law), allocatable :: laws(:)
+    real(wp), pointer, contiguous :: nu(:)
+    real(wp), allocatable :: values(:, :)
+    integer :: i, k
+
+    nu => task%get_reals('nu')
+    if (task%failed()) return
+    call read_formulas(task%get_text('text'), laws, task%status)
+    allocate (values(size(nu), size(laws)))
+    do k = 1, size(laws)
+      do i = 1, size(nu)
+        if (.not. task%failed()) call laws(k)%check_at(nu(i), task%status)
+        values(i, k) = laws(k)%at(nu(i))
+      end do
+    end do
+    if (task%failed()) return
+    call task%found%put_reals('values', values, shape(values))
+  end subroutine find_frequency_values
 
   !> Compile a `text` with the names of its `arguments` and `names` of its parameters, `values`
   !! (n_names): `code` and `number` of each instruction, parity and degree of the law.

@@ -353,7 +353,7 @@ contains
     end select
   end function polynomial_of
 
-  !> The periodic load of a task, `orders` (k) and `series` (n + 1, k).
+  !> The periodic load of a task, `orders` (k) and `series` (n + 1, k), and `formulas` of `make_load`.
   subroutine load_of(task, n_dof, load)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: n_dof
@@ -364,7 +364,7 @@ contains
     series => task%get_complex_matrix('series')
     call task%check_extents('series', shape(series), [n_dof + 1, size(orders)])
     if (task%failed()) return
-    call make_load(load, orders, series, task%status)
+    call make_load(load, orders, series, task%get_text('formulas', ''), task%status)
   end subroutine load_of
 
 end module viscovib_motion_inputs

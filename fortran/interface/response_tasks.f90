@@ -70,7 +70,8 @@ contains
       call fail(task%status, status_input_error, 'series', 'series: must have a row for each ' &
                 //'coordinate and one for the base')
     end if
-    if (.not. task%failed()) call make_load(load, orders, series, task%status)
+    if (.not. task%failed()) call make_load(load, orders, series, &
+                                                task%get_text('formulas', ''), task%status)
   end subroutine given_load
 
   !> System and load of a task, with matching sizes.

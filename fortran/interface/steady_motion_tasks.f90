@@ -186,6 +186,9 @@ contains
       allocate (plain)
       plain%is_frequency = varies == 'nu'
       call read_map(task, plain%map)
+      if (plain%is_frequency .and. .not. task%failed()) then
+        call plain%map%load%check_between(options%start, options%finish, task%status)
+      end if
       call move_alloc(plain, family)
     else
       allocate (built)

@@ -5,7 +5,8 @@
 !!   flexibility_rate and static stiffness (q^2 each); number n of uncondensed coordinates (0:
 !!   none), their damping and stiffness (n^2 each), pushed and seen (n q each); for each harmonic:
 !!   order; for forces and base: push on real modes (m), on complex modes (p), flexible deflections
-!!   (q) and their rates (q); static load (q); then laws, linear stiffness of elements with a
+!!   (q) and their rates (q); static load (q); number of forces that depend on the frequency, and
+!!   of each the push, and the length, instructions and numbers of its law; then laws, linear stiffness of elements with a
 !!   kernel, and kernels as a polynomial system (`viscovib_system_vector`), whose mass is a weight.
 !!
 !! Poles, left, right and loads are complex: two numbers each. Arrays are in column-major order.
@@ -26,7 +27,7 @@ contains
     type(structure_type), intent(out) :: system
     real(wp), intent(in) :: vector(:)
     type(status_type), intent(out) :: status
-    integer :: at, j, m, n, p, q
+    integer :: at, i, j, m, n, p, q
 
     if (size(vector) < 4) then
       call fail(status, status_input_error, 'system', 'system: not a structure')
@@ -66,9 +67,21 @@ contains
         call next_push(load%force)
         call next_push(load%base)
         load%at_rest = next_pairs(q)
-        load%moves_base = any(abs(load%base%modes) > 0.0_wp) &
-                          .or. any(abs(load%base%poles) > 0.0_wp) &
-                          .or. any(abs(load%base%flexible) > 0.0_wp)
+        load%has_force = is_set(load%force)
+        load%moves_base = is_set(load%base)
+        allocate (load%varying(nint(vector(at + 1))))
+        at = at + 1
+        do i = 1, size(load%varying)
+          call next_push(load%varying(i)%push)
+          associate (law => load%varying(i)%law%program)
+            n = nint(vector(at + 1))
+            at = at + 1
+            law%n_arguments = 1
+            law%code = nint(next(n))
+            law%number = next(n)
+            call law%measure()
+          end associate
+        end do
       end associate
     end do
     call polynomial_from_vector(system%polynomial_type, vector(at + 1:), status)
@@ -91,6 +104,12 @@ contains
       parts = next(2*count)
       values = cmplx(parts(1::2), parts(2::2), wp)
     end function next_pairs
+
+    pure logical function is_set(push)
+      type(push_type), intent(in) :: push
+      is_set = any(abs(push%modes) > 0.0_wp) .or. any(abs(push%poles) > 0.0_wp) &
+               .or. any(abs(push%flexible) > 0.0_wp)
+    end function is_set
 
     subroutine next_push(push)
       type(push_type), intent(out) :: push

@@ -78,6 +78,9 @@ contains
     options%on_branch = .true.
     call new_response_plan(plan, subject%oscillator(), subject%load, [self%nu], method_newton, &
                            options, status)
+    if (self%varies == 'nu' .and. .not. status%failed()) then
+      call subject%load%check_between(self%curve%start, self%curve%finish, status)
+    end if
   end subroutine response_plan
 
   subroutine plan_branch(self, subject, text, status)

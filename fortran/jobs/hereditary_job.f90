@@ -203,8 +203,8 @@ contains
       end if
     end do
     if (any(abs(job%initial) > 0.0_wp) .or. size(load%orders) == 0) return
-    if (all(load%orders > 0) .and. all(abs(aimag(load%force)) <= 0.0_wp) &
-        .and. all(abs(aimag(load%inertial)) <= 0.0_wp) .and. .not. load%moves_base()) then
+    if (all(load%orders > 0) .and. .not. load%moves_base() &
+        .and. all([(abs(aimag(load%force_at(k, job%nu))) <= 0.0_wp, k=1, size(load%orders))])) then
       text = text//'skips: fine steps at a singular start (it starts from rest without load)'//nl
     end if
   end function plan_forces

@@ -106,6 +106,8 @@ contains
           frequency = pendulum%parameters%frequency(max(self%sections, 1))
         else
           frequency = self%frequency(i)
+          call self%subject%load%check_at([frequency], status)
+          if (status%failed()) return
           if (i == 1 .or. allocated(self%varied)) then
             call self%system_of(i, system, status)
             if (.not. status%failed()) call new_polynomial_motion(motion, system, &
@@ -365,11 +367,11 @@ contains
       if (allocated(self%varied)) then
         call self%motion_of(i, its, status)
         if (status%failed()) return
-        call its%set_scales(1, scales)
+        call its%set_scales(1, scales, self%frequency(i))
         call motion%take_lane(l, its)
       else
         if (self%place > of_nu) scales(self%place - 1) = self%values(i)
-        call motion%set_scales(l, scales)
+        call motion%set_scales(l, scales, self%frequency(i))
       end if
       frequencies = self%frequency(i)
     end if

@@ -135,8 +135,6 @@ contains
     integer :: i
     goes = self%is_pendulum
     if (goes .or. self%is_structure .or. self%is_turning .or. self%goes_whole) return
-    ! The forces of lanes do not depend on the frequency.
-    if (self%load%grows_with_frequency()) return
     goes = self%is_polynomial .and. .not. self%remembers() .and. size(self%coordinates) <= max_dof
     if (.not. goes) return
     do i = 1, size(self%polynomial%laws)
@@ -201,8 +199,7 @@ contains
     integer :: i
     allocate (shown(size(self%coordinates)), source=.true.)
     if (.not. allocated(self%model%elements) .or. size(shown) <= all_shown) return
-    shown = any(abs(self%model%load%force) > 0.0_wp, 2) &
-            .or. any(abs(self%model%load%inertial) > 0.0_wp, 2)
+    shown = self%model%load%touches()
     do i = 1, size(self%model%elements)
       shown = shown .or. abs(self%model%elements(i)%direction) > 0.0_wp
     end do

@@ -58,6 +58,9 @@ contains
     family%is_frequency = self%is_frequency
     call new_period_map(family%map, subject%polynomial, subject%load, self%nu, self%n_periods, &
                         self%method, status)
+    if (self%is_frequency .and. .not. status%failed()) then
+      call subject%load%check_between(self%options%start, self%options%finish, status)
+    end if
   end subroutine make_family
 
   subroutine plan_branch(self, subject, text, status)

@@ -53,11 +53,7 @@ contains
     end if
     call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, base, &
                                     self%load_factor, total)
-    do k = 1, size(load%orders)
-      b = findloc(self%set%orders, load%orders(k), 1)
-      if (b > 0) total(b, :) = total(b, :) - 2.0_wp*self%load_factor*load%orders(k)**2*self%nu &
-                               *load%inertial(:, k)
-    end do
+    if (load%varies()) total = total - self%load_factor*self%load_slope
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))
@@ -68,10 +64,32 @@ contains
       if (size(self%rates) > 0) call add_cycle_slope(self, system, self%cycles(k), slope)
     end do
     if (system%moving) call add_moving_slope(self, system, slope)
+    if (system%moving .and. load%varies()) call add_push_slope(self, system, slope)
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do
   end subroutine frequency_derivative
+
+  !> Add the derivative of F by forces that depend on the frequency, in which F is linear.
+  subroutine add_push_slope(self, system, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    real(wp), dimension(size(self%u, 1), self%n_dof) :: push, f, without
+    integer :: b
+
+    do b = 1, self%n_dof
+      self%kept(1::2) = self%load_factor*real(self%load_slope(:, b))
+      self%kept(2::2) = self%load_factor*aimag(self%load_slope(:, b))
+      call self%tables%to_samples(self%kept, push(:, b))
+    end do
+    call system%moving_remainder(self%u, self%rate, self%w, push, f)
+    call system%moving_remainder(self%u, self%rate, self%w, 0.0_wp*push, without)
+    do b = 1, self%n_dof
+      call self%tables%to_parts(f(:, b) - without(:, b), self%f_parts)
+      slope(:, b) = slope(:, b) + self%f_parts
+    end do
+  end subroutine add_push_slope
 
   !> Add the derivative of a law that is not a polynomial.
   subroutine add_cycle_slope(self, system, one, slope)

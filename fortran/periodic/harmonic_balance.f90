@@ -49,8 +49,8 @@ module viscovib_harmonic_balance
     complex(wp), allocatable, private :: fraction(:, :)
     !> Frequencies of the orders (rad/s), shape (n_orders).
     real(wp), allocatable, private :: mu(:)
-    !> The load, shape (n_orders, n_dof).
-    complex(wp), allocatable, private :: load(:, :)
+    !> The load, and the derivative of its forces by the frequency, shape (n_orders, n_dof).
+    complex(wp), allocatable, private :: load(:, :), load_slope(:, :)
     !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
     !! n_memory) and (2 n_orders).
     real(wp), allocatable, private :: bent(:, :), kept(:), f_parts(:)
@@ -148,12 +148,14 @@ contains
     call system%retained(self%mu, self%fraction)
     call system%dynamic_stiffness(self%mu, self%fraction, self%stiffness)
     self%load = (0.0_wp, 0.0_wp)
+    if (load%varies()) self%load_slope = 0.0_wp*self%load
     moves = system%condensed
     if (.not. moves) moves = load%moves_base()
     do j = 1, size(load%orders)
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
-        self%load(k, :) = load%force(:, j) + (load%orders(j)*nu)**2*load%inertial(:, j)
+        self%load(k, :) = load%force(:, j)
+        if (load%varies()) call load%add_varying(j, nu, self%load(k, :), self%load_slope(k, :))
         if (.not. moves) cycle
         self%load(k, :) = system%load_coefficient(self%load(k, :), load%shift(system, j), &
                                                   load%orders(j), nu, self%stiffness(:, :, k), &

@@ -70,6 +70,8 @@ contains
       call check_positive('nu', nu(i), status)
       if (status%failed()) return
     end do
+    call load%check_at(nu, status)
+    if (status%failed()) return
     if (method < 1 .or. method > size(method_names)) then
       call fail(status, status_input_error, 'method', 'method = '//show(method) &
                 //': must be linear (1), successive (2), newton (3) or auto (4)')

@@ -32,6 +32,7 @@ module viscovib_group_reader
     procedure :: has
     procedure :: may_have
     procedure :: read_real
+    procedure :: read_formula
     procedure :: read_integer
     procedure :: read_count
     procedure :: read_yes
@@ -244,6 +245,30 @@ contains
     end if
     self%echo = self%echo//'  '//key//' = '//exact(value)//new_line('a')
   end function read_real
+
+  !> A number, or a quoted text; the text is empty for a number, which is 1 for a text.
+  subroutine read_formula(self, key, value, text, default)
+    class(group_reader), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    real(wp), intent(out) :: value
+    character(len=:), allocatable, intent(out) :: text
+    !> In place of that of the table.
+    real(wp), intent(in), optional :: default
+    logical :: quoted
+    integer :: i
+
+    i = self%group%find(key)
+    quoted = .false.
+    if (i > 0) quoted = self%group%entries(i)%values(1)%quoted
+    value = 1.0_wp
+    text = ''
+    if (quoted) then
+      text = self%read_text(key)
+      if (text == '') call self%complain(key, key//" = '': must be a number or a formula in nu")
+    else
+      value = self%read_real(key, default)
+    end if
+  end subroutine read_formula
 
   integer function read_integer(self, key, default) result(value)
     class(group_reader), intent(inout) :: self

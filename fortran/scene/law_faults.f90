@@ -14,12 +14,14 @@ module viscovib_law_faults
 contains
 
   !> Refuse a law. The message for an unknown name contains the nearest parameter.
-  subroutine complain_of_law(reader, key, text, fault, arguments)
+  subroutine complain_of_law(reader, key, text, fault, arguments, must)
     type(group_reader), intent(inout) :: reader
     !> Its key, and what was read: numbers stand for names.
     character(len=*), intent(in) :: key, text, fault
     !> What it may depend on; without: the fault is no matter of names.
     character(len=*), intent(in), optional :: arguments(:)
+    !> What it must be, before the fault.
+    character(len=*), intent(in), optional :: must
     character(len=:), allocatable :: written, description, other
     type(law_program) :: program
     integer :: parity, degree
@@ -31,6 +33,7 @@ contains
                        program, parity, degree, other)
       if (other /= '') description = other
     end if
+    if (present(must)) description = must//': '//description
     call reader%complain(key, key//" = '"//clipped(written)//"': "//description)
   end subroutine complain_of_law
 

@@ -20,8 +20,8 @@ module viscovib_law_parameters
   character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz' &
                                            //'ABCDEFGHIJKLMNOPQRSTUVWXYZ_', &
                                  digits = '0123456789', &
-                                 keys(5) = [character(len=8) :: 'law', 'law_x', 'law_y', 'law_z', &
-                                                             'function']
+                                 keys(7) = [character(len=9) :: 'law', 'law_x', 'law_y', 'law_z', &
+                                                             'function', 'amplitude', 'phase']
 
   type :: parameter_type
     character(len=longest) :: name = ''
@@ -62,13 +62,14 @@ contains
     call reader%close(echo, status)
     if (status%failed()) return
     do i = 1, size(file%groups)
-      if (.not. any([character(len=11) :: 'force', 'element', 'mount_point', 'event'] &
+      if (.not. any([character(len=11) :: 'force', 'element', 'mount_point', 'event', 'load'] &
                     == file%groups(i)%name)) cycle
       file%groups(i)%names = known%name
       file%groups(i)%values = values
       do j = 1, file%groups(i)%n_entries
         associate (entry => file%groups(i)%entries(j))
-          if (any(keys == entry%key) .and. entry%n_values == 1) call put_numbers(entry, known)
+          if (.not. any(keys == entry%key) .or. entry%n_values /= 1) cycle
+          if (entry%values(1)%quoted) call put_numbers(entry, known)
         end associate
       end do
     end do
@@ -91,7 +92,7 @@ contains
         .or. scan(name, digits) == 1) then
       call reader%complain(name, "'"//clipped(name)//"': must be a name of at most " &
                            //show(longest)//' letters, digits and _, not begun by a digit')
-    else if (any(functions == name) .or. any(['d ', 'v ', 'pi'] == name)) then
+    else if (any(functions == name) .or. any(['d ', 'v ', 'nu', 'pi'] == name)) then
       call reader%complain(name, name//': is a name that laws have already, must be another')
     end if
     system = place_of(file, 'system')

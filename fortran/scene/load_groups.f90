@@ -1,21 +1,34 @@
 !> The &load groups of a scene.
 module viscovib_load_groups
+  use viscovib_constants, only: pi
+  use viscovib_frequency_law, only: frequency_law, new_frequency_law
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kinds, only: wp
+  use viscovib_law_faults, only: complain_of_law
   use viscovib_load, only: load_type, new_load
-  use viscovib_namelist, only: namelist_type
-  use viscovib_status, only: status_type
+  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_status, only: clipped, set_ok, status_type
   use viscovib_subject, only: subject_type
   implicit none
   private
 
   public :: read_loads
 
+  !> Terms of a load, as for `new_load`; those of the first n are set.
+  type :: term_list
+    integer :: n = 0
+    integer, allocatable :: orders(:), law_of(:)
+    complex(wp), allocatable :: force(:, :), base(:), moved(:, :)
+    type(frequency_law), allocatable :: laws(:)
+  contains
+    procedure :: add
+  end type term_list
+
 contains
 
   !> Every &load is a term amplitude sin(order nu t + phase), times (order nu)^2 for an unbalance.
-  !! The terms are added.
+  !! Amplitude and phase may depend on nu. The terms are added.
   subroutine read_loads(file, subject, load, echo, status)
     type(namelist_type), intent(in) :: file
     !> What it acts on.
@@ -25,80 +38,155 @@ contains
     type(growing_text), intent(inout) :: echo
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
-    character(len=:), allocatable :: word
-    integer, allocatable :: orders(:)
-    complex(wp), allocatable :: force(:, :), base(:), moved(:, :), inertial(:, :)
-    real(wp), allocatable :: shape(:)
-    real(wp) :: amplitude, phase
-    complex(wp) :: term
-    integer :: i, n, kind, on
-    logical :: apart
+    type(term_list) :: terms
+    integer :: i, n
 
-    n = count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
-    allocate (orders(n), force(size(subject%coordinates), n), base(n))
-    force = (0.0_wp, 0.0_wp)
-    moved = force
-    inertial = force
-    base = (0.0_wp, 0.0_wp)
-    n = 0
+    ! A load whose phase depends on nu has two terms.
+    n = 2*count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
+    allocate (terms%orders(n), terms%law_of(n), source=0)
+    allocate (terms%laws(n))
+    allocate (terms%base(n), terms%force(size(subject%coordinates), n), source=(0.0_wp, 0.0_wp))
+    terms%moved = terms%force
+    call set_ok(status)
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'load') cycle
-      n = n + 1
-      on = 1
       call reader%start(file%path, file%groups(i))
-      word = reader%read_text('kind', choice=kind)
-      apart = subject%is_polynomial .or. subject%is_turning
-      if (kind == 2) then
-        apart = apart .and. reader%has('on')
-        call read_base(reader, subject, on)
-        shape = unit(on)
-      else if (reader%has('force') .or. reader%has('torque')) then
-        call read_direction(reader, subject, shape)
-      else
-        call reader%refuse(['at'], 'needs force')
-        word = reader%read_text('on', trim(subject%coordinates(1)), subject%coordinates, on)
-        shape = unit(on)
-      end if
-      orders(n) = reader%read_integer('order')
-      if (reader%has('force') .or. reader%has('torque')) then
-        amplitude = reader%read_real('amplitude', 1.0_wp)
-      else
-        amplitude = reader%read_real('amplitude')
-      end if
-      if (orders(n) == 0) then
-        call reader%refuse(['phase'], 'the mean (order 0) has none')
-        term = cmplx(0.0_wp, amplitude, wp)
-      else
-        phase = reader%read_real('phase')
-        term = amplitude*cmplx(cos(phase), sin(phase), wp)
-      end if
-      if (kind == 1) then
-        force(:, n) = shape*term
-      else if (kind == 3) then
-        inertial(:, n) = shape*term
-        if (orders(n) == 0) call reader%complain('order', "order = 0: kind = 'unbalance' turns, " &
-                                                 //'must be 1, 2, ...')
-      else if (apart) then
-        moved(:, n) = shape*term
-      else
-        base(n) = term
-      end if
+      call read_load(reader, subject, terms)
       call reader%close(echo, status)
       if (status%failed()) return
     end do
-    call new_load(load, size(subject%coordinates), orders, force, base, status, moved, &
-                  inertial)
-
-  contains
-
-    pure function unit(place) result(values)
-      integer, intent(in) :: place
-      real(wp) :: values(size(subject%coordinates))
-      values = 0.0_wp
-      values(place) = 1.0_wp
-    end function unit
-
+    n = terms%n
+    call new_load(load, size(subject%coordinates), terms%orders(:n), terms%force(:, :n), &
+                  terms%base(:n), status, terms%moved(:, :n), terms%laws, terms%law_of(:n))
   end subroutine read_loads
+
+  subroutine read_load(reader, subject, terms)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    type(term_list), intent(inout) :: terms
+    character(len=:), allocatable :: word, by, turn
+    real(wp), allocatable :: shape(:)
+    real(wp) :: amplitude, phase
+    integer :: kind, on, order
+
+    on = 1
+    word = reader%read_text('kind', choice=kind)
+    allocate (shape(size(subject%coordinates)), source=0.0_wp)
+    if (kind == 2) then
+      call read_base(reader, subject, on)
+      shape(on) = 1.0_wp
+    else if (reader%has('force') .or. reader%has('torque')) then
+      deallocate (shape)
+      call read_direction(reader, subject, shape)
+    else
+      call reader%refuse(['at'], 'needs force')
+      word = reader%read_text('on', trim(subject%coordinates(1)), subject%coordinates, on)
+      shape(on) = 1.0_wp
+    end if
+    order = reader%read_integer('order')
+    if (reader%has('force') .or. reader%has('torque')) then
+      call reader%read_formula('amplitude', amplitude, by, 1.0_wp)
+    else
+      call reader%read_formula('amplitude', amplitude, by)
+    end if
+    turn = ''
+    phase = 0.5_wp*pi
+    if (order == 0) then
+      call reader%refuse(['phase'], 'the mean (order 0) has none')
+    else
+      call reader%read_formula('phase', phase, turn)
+    end if
+    call check_formula(reader, 'amplitude', by, kind == 2, order)
+    call check_formula(reader, 'phase', turn, kind == 2, order)
+    if (kind == 3 .and. order == 0) then
+      call reader%complain('order', "order = 0: kind = 'unbalance' turns, must be 1, 2, ...")
+    end if
+    if (reader%status%failed()) return
+    if (kind == 2) then
+      call terms%add(order, 0.0_wp*shape, (1.0_wp, 0.0_wp), '')
+      associate (n => terms%n, term => amplitude*unit_at(order, phase))
+        if ((subject%is_polynomial .or. subject%is_turning) .and. reader%has('on')) then
+          terms%moved(:, n) = shape*term
+        else
+          terms%base(n) = term
+        end if
+      end associate
+      return
+    end if
+    by = in_brackets(by)
+    if (kind == 3) then
+      amplitude = amplitude*order**2
+      by = product_of(by, 'nu^2')
+    end if
+    if (turn == '') then
+      call terms%add(order, shape, amplitude*unit_at(order, phase), by)
+    else
+      ! amplitude exp(i phase)
+      turn = in_brackets(turn)
+      call terms%add(order, shape, cmplx(amplitude, 0.0_wp, wp), product_of(by, 'cos'//turn))
+      call terms%add(order, shape, cmplx(0.0_wp, amplitude, wp), product_of(by, 'sin'//turn))
+    end if
+  end subroutine read_load
+
+  !> exp(i phase); i for the mean.
+  pure complex(wp) function unit_at(order, phase)
+    integer, intent(in) :: order
+    real(wp), intent(in) :: phase
+    unit_at = cmplx(cos(phase), sin(phase), wp)
+    if (order == 0) unit_at = (0.0_wp, 1.0_wp)
+  end function unit_at
+
+  pure function in_brackets(text) result(whole)
+    character(len=*), intent(in) :: text
+    character(len=:), allocatable :: whole
+    whole = ''
+    if (text /= '') whole = '('//text//')'
+  end function in_brackets
+
+  pure function product_of(first, second) result(text)
+    character(len=*), intent(in) :: first, second
+    character(len=:), allocatable :: text
+    text = second
+    if (first /= '') text = first//'*'//second
+  end function product_of
+
+  !> Refuse a formula that cannot be compiled, or where the load must be constant.
+  subroutine check_formula(reader, key, text, is_base, order)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key, text
+    logical, intent(in) :: is_base
+    integer, intent(in) :: order
+    type(frequency_law) :: law
+    character(len=:), allocatable :: fault
+
+    if (text == '' .or. reader%status%failed()) return
+    call new_frequency_law(law, lower(text), fault)
+    if (fault /= '') then
+      call complain_of_law(reader, key, text, fault, ['nu'], 'must be a number or a formula in nu')
+    else if (is_base) then
+      call reader%complain(key, key//" = '"//clipped(text)//"': must be a number for kind = 'base'")
+    else if (order == 0) then
+      call reader%complain(key, key//" = '"//clipped(text)//"': must be a number for order = 0, " &
+                           //'the mean does not depend on nu')
+    end if
+  end subroutine check_formula
+
+  !> Add a force, multiplied by a formula in nu if there is one.
+  subroutine add(self, order, shape, factor, formula)
+    class(term_list), intent(inout) :: self
+    integer, intent(in) :: order
+    real(wp), intent(in) :: shape(:)
+    complex(wp), intent(in) :: factor
+    character(len=*), intent(in) :: formula
+    character(len=:), allocatable :: fault
+
+    self%n = self%n + 1
+    self%orders(self%n) = order
+    self%force(:, self%n) = factor*shape
+    if (formula == '') return
+    self%law_of(self%n) = self%n
+    call new_frequency_law(self%laws(self%n), lower(formula), fault)
+  end subroutine add
 
   !> A base that moves along the direction of its system, or one coordinate of it.
   subroutine read_base(reader, subject, on)

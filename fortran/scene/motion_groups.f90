@@ -51,10 +51,14 @@ contains
     type(group_reader), intent(inout) :: reader
     type(load_type), intent(in) :: load
     real(wp), intent(out) :: nu
+    type(status_type) :: status
 
     nu = 0.0_wp
     if (any(load%orders > 0)) then
       nu = reader%read_real('nu')
+      if (reader%status%failed()) return
+      call load%check_at([nu], status)
+      if (status%failed()) call reader%complain('nu', status%message)
     else
       call reader%refuse(['nu'], 'is the frequency of a load, and none has one')
     end if

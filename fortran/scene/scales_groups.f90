@@ -43,9 +43,9 @@ contains
     else
       call reader%refuse(['nu'], 'the frequency is what is varied')
     end if
-    if (load%grows_with_frequency()) then
-      call reader%complain('parameter', "&load kind = 'unbalance': is for other results, " &
-                           //'multiple scales have a constant force')
+    if (load%varies()) then
+      call reader%complain('parameter', '&load: depends on nu, must be constant for ' &
+                           //'&multiple_scales')
     end if
     if (load%moves_base()) call reader%complain('parameter', "&load kind = 'base': is for " &
                                                 //'&response; must be a force for &multiple_scales')

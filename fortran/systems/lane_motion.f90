@@ -34,7 +34,10 @@ module viscovib_lane_motion
     real(wp), allocatable :: law_weights(:, :, :), real_load(:, :, :), load(:, :, :)
     real(wp), allocatable, private :: own(:, :, :), rest(:, :, :), of_laws(:, :, :)
     real(wp), allocatable, private :: plain(:, :), plain_laws(:, :)
+    !> M^(-1) times the load at the frequency of the last lane; the load, and M^(-1).
     complex(wp), allocatable, private :: plain_load(:, :)
+    type(load_type), private :: given
+    real(wp), allocatable, private :: inverse(:, :)
   contains
     procedure :: set_scales
     procedure :: differs_in_numbers
@@ -79,6 +82,8 @@ contains
     motion%rest(:, :, 1) = matmul(m, system%stiffness_at_rest()) - motion%own(:, :, 1)
     motion%rest(:, :, 2) = matmul(m, system%damping) - motion%own(:, :, 2)
     motion%plain_load = matmul(m, load%force)
+    motion%given = load
+    motion%inverse = m
     allocate (motion%plain(n, size(system%monomials)), motion%plain_laws(n, size(system%laws)))
     do i = 1, size(system%monomials)
       associate (term => system%monomials(i))
@@ -101,11 +106,18 @@ contains
     allocate (motion%load(n_lanes, n, size(load%orders)), source=0.0_wp)
   end subroutine new_lane_motion
 
-  !> Set the scales of a lane.
-  pure subroutine set_scales(self, lane, scales)
+  !> Set the scales of a lane, and the load at its frequency.
+  pure subroutine set_scales(self, lane, scales, nu)
     class(lane_motion_type), intent(inout) :: self
     integer, intent(in) :: lane
-    real(wp), intent(in) :: scales(n_scales)
+    real(wp), intent(in) :: scales(n_scales), nu
+    integer :: j
+
+    if (self%given%varies()) then
+      do j = 1, size(self%orders)
+        self%plain_load(:, j) = matmul(self%inverse, self%given%force_at(j, nu))
+      end do
+    end if
     self%stiffness(lane, :, :) = self%rest(:, :, 1) + scales(of_stiffness)*self%own(:, :, 1) &
                                  + scales(of_forces)*self%of_laws(:, :, 1)
     self%damping(lane, :, :) = self%rest(:, :, 2) + scales(of_damping)*self%own(:, :, 2) &

@@ -2,16 +2,27 @@
 !! the form Im sum_k P_k exp(i k nu t). The base moves along the system's base direction, or with
 !! one amplitude for each coordinate.
 !!
-!! The mean (k = 0) is the imaginary part of its coefficient.
+!! The mean (k = 0) is the imaginary part of its coefficient. Forces may depend on the frequency:
+!! P_k = P_k0 + sum_j P_kj g_j(nu) with given functions g_j, such as nu^2 for an unbalance.
 module viscovib_load
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+  use viscovib_frequency_law, only: frequency_law
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
 
-  public :: load_type, new_load
+  public :: load_type, new_load, varying_force
+
+  !> Force coefficients that are multiplied by a function of the frequency.
+  type :: varying_force
+    !> Index of its order.
+    integer :: place = 0
+    !> Shape (n_dof).
+    complex(wp), allocatable :: force(:)
+    type(frequency_law) :: law
+  end type varying_force
 
   type :: load_type
     !> Harmonic orders k with a nonzero coefficient, ascending.
@@ -22,16 +33,19 @@ module viscovib_load
     complex(wp), allocatable :: base(:)
     !> Additional base displacement of each coordinate, shape (n_dof, size(orders)).
     complex(wp), allocatable :: moved(:, :)
-    !> Force coefficients per (k nu)^2 (kg, kg m), as unbalances have them, shape (n_dof,
-    !! size(orders)).
-    complex(wp), allocatable :: inertial(:, :)
+    !> Forces that depend on the frequency.
+    type(varying_force), allocatable :: varying(:)
     !> Orders given whose terms add up to 0.
     integer :: n_zero = 0
   contains
     procedure :: is_odd
     procedure :: moves_base
     procedure :: force_at
-    procedure :: grows_with_frequency
+    procedure :: add_varying
+    procedure :: varies
+    procedure :: touches
+    procedure :: check_at
+    procedure :: check_between
     procedure :: scale
     procedure :: shift
     procedure :: coefficient
@@ -43,7 +57,7 @@ contains
 
   !> Collect the terms of a series; terms of the same order add up, terms
   !! that vanish are dropped.
-  subroutine new_load(load, n_dof, orders, force, base, status, moved, inertial)
+  subroutine new_load(load, n_dof, orders, force, base, status, moved, laws, law_of)
     type(load_type), intent(out) :: load
     integer, intent(in) :: n_dof
     !> Order of each term, >= 0, shape (n).
@@ -53,25 +67,27 @@ contains
     type(status_type), intent(out) :: status
     !> Base displacement of each coordinate, shape (n_dof, n).
     complex(wp), intent(in), optional :: moved(:, :)
-    !> Forces per (k nu)^2, shape (n_dof, n); of order 0 they are 0.
-    complex(wp), intent(in), optional :: inertial(:, :)
-    complex(wp), dimension(n_dof, size(orders)) :: own, per_square
-    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :), &
-                                total_square(:, :)
+    !> Functions of the frequency, and for each term the index of the function that multiplies its
+    !! force, 0: none, shape (n).
+    type(frequency_law), intent(in), optional :: laws(:)
+    integer, intent(in), optional :: law_of(:)
+    complex(wp), dimension(n_dof, size(orders)) :: own, constant
+    complex(wp), allocatable :: total_force(:, :), total_base(:), total_moved(:, :)
     integer, allocatable :: place(:), different(:)
-    integer :: k, j, n
+    logical, allocatable :: kept(:)
+    integer :: by(size(orders)), k, j, n
 
     own = (0.0_wp, 0.0_wp)
     if (present(moved)) own = moved
-    per_square = (0.0_wp, 0.0_wp)
-    if (present(inertial)) per_square = inertial
+    by = 0
+    if (present(law_of)) by = law_of
     do j = 1, size(orders)
       if (orders(j) < 0) then
         call fail(status, status_input_error, 'load', 'load order '//show(orders(j)) &
                   //': must be 0 (mean), 1, 2, ...')
         return
       end if
-      if (.not. all(finite([force(:, j), own(:, j), per_square(:, j), base(j)]))) then
+      if (.not. all(finite([force(:, j), own(:, j), base(j)]))) then
         call fail(status, status_input_error, 'load', 'load of order '//show(orders(j)) &
                   //': must be finite numbers')
         return
@@ -81,32 +97,60 @@ contains
                   //'mean is the imaginary part (load = Im sum P_k exp(i k nu t))')
         return
       end if
+      if (orders(j) == 0 .and. by(j) > 0) then
+        call fail(status, status_input_error, 'load', 'load of order 0: a mean must not depend ' &
+                  //'on nu')
+        return
+      end if
     end do
     allocate (place(0:maxval([orders, 0])), source=0)
     place(orders) = 1
     different = pack([(k, k=0, ubound(place, 1))], place > 0)
     n = size(different)
     place(different) = [(k, k=1, n)]
-    allocate (total_force(n_dof, n), total_base(n), total_moved(n_dof, n), total_square(n_dof, n), &
-              source=(0.0_wp, 0.0_wp))
+    allocate (total_force(n_dof, n), total_base(n), total_moved(n_dof, n), source=(0.0_wp, 0.0_wp))
+    constant = force*spread(merge(1.0_wp, 0.0_wp, by == 0), 1, n_dof)
     do j = 1, size(orders)
       k = place(orders(j))
-      total_force(:, k) = total_force(:, k) + force(:, j)
+      total_force(:, k) = total_force(:, k) + constant(:, j)
       total_base(k) = total_base(k) + base(j)
       total_moved(:, k) = total_moved(:, k) + own(:, j)
-      total_square(:, k) = total_square(:, k) + per_square(:, j)
     end do
-    associate (kept => pack([(k, k=1, n)], any(abs(total_force) > 0.0_wp, 1) &
-                            .or. any(abs(total_moved) > 0.0_wp, 1) &
-                            .or. any(abs(total_square) > 0.0_wp, 1) .or. abs(total_base) > 0.0_wp))
-      load%n_zero = n - size(kept)
-      load%orders = different(kept)
-      load%force = total_force(:, kept)
-      load%base = total_base(kept)
-      load%moved = total_moved(:, kept)
-      load%inertial = total_square(:, kept)
+    kept = any(abs(total_force) > 0.0_wp, 1) .or. any(abs(total_moved) > 0.0_wp, 1) &
+           .or. abs(total_base) > 0.0_wp
+    do j = 1, size(orders)
+      if (by(j) > 0) kept(place(orders(j))) = .true.
+    end do
+    load%n_zero = n - count(kept)
+    load%orders = pack(different, kept)
+    load%base = pack(total_base, kept)
+    associate (which => pack([(k, k=1, n)], kept))
+      load%force = total_force(:, which)
+      load%moved = total_moved(:, which)
     end associate
+    allocate (load%varying(0))
+    do j = 1, size(orders)
+      if (by(j) > 0) call append(load, orders(j), force(:, j), laws(by(j)))
+    end do
   end subroutine new_load
+
+  !> Add forces of one order that depend on the frequency.
+  subroutine append(load, order, force, law)
+    type(load_type), intent(inout) :: load
+    integer, intent(in) :: order
+    complex(wp), intent(in) :: force(:)
+    type(frequency_law), intent(in) :: law
+    type(varying_force), allocatable :: more(:)
+    integer :: n
+
+    n = size(load%varying)
+    allocate (more(n + 1))
+    more(:n) = load%varying
+    more(n + 1)%place = findloc(load%orders, order, 1)
+    more(n + 1)%force = force
+    more(n + 1)%law = law
+    call move_alloc(more, load%varying)
+  end subroutine append
 
   elemental logical function finite(z)
     complex(wp), intent(in) :: z
@@ -136,21 +180,84 @@ contains
     integer, intent(in) :: j
     real(wp), intent(in) :: nu
     complex(wp) :: p(size(self%force, 1))
-    p = self%force(:, j) + (self%orders(j)*nu)**2*self%inertial(:, j)
+    integer :: i
+    p = self%force(:, j)
+    do i = 1, size(self%varying)
+      if (self%varying(i)%place == j) p = p + self%varying(i)%law%at(nu)*self%varying(i)%force
+    end do
   end function force_at
 
-  !> Whether a force grows as the square of the frequency.
-  pure logical function grows_with_frequency(self)
+  !> Add the forces that depend on the frequency, and their derivatives by it, of the order at
+  !! place j.
+  pure subroutine add_varying(self, j, nu, p, slope)
     class(load_type), intent(in) :: self
-    grows_with_frequency = any(abs(self%inertial) > 0.0_wp)
-  end function grows_with_frequency
+    integer, intent(in) :: j
+    real(wp), intent(in) :: nu
+    complex(wp), intent(inout) :: p(:), slope(:)
+    real(wp) :: value, bent
+    integer :: i
+    do i = 1, size(self%varying)
+      if (self%varying(i)%place /= j) cycle
+      call self%varying(i)%law%find(nu, value, bent)
+      p = p + value*self%varying(i)%force
+      slope = slope + bent*self%varying(i)%force
+    end do
+  end subroutine add_varying
+
+  !> True if a force depends on the frequency.
+  pure logical function varies(self)
+    class(load_type), intent(in) :: self
+    varies = size(self%varying) > 0
+  end function varies
+
+  !> Mask of the coordinates on which forces act, without the base.
+  pure function touches(self) result(touched)
+    class(load_type), intent(in) :: self
+    logical :: touched(size(self%force, 1))
+    integer :: i
+    touched = any(abs(self%force) > 0.0_wp, 2)
+    do i = 1, size(self%varying)
+      touched = touched .or. abs(self%varying(i)%force) > 0.0_wp
+    end do
+  end function touches
+
+  !> Fail if a force is not finite at one of these frequencies.
+  subroutine check_at(self, nu, status)
+    class(load_type), intent(in) :: self
+    real(wp), intent(in) :: nu(:)
+    type(status_type), intent(out) :: status
+    integer :: i, k
+    call set_ok(status)
+    do i = 1, size(self%varying)
+      do k = 1, size(nu)
+        call self%varying(i)%law%check_at(nu(k), status)
+        if (status%failed()) return
+      end do
+    end do
+  end subroutine check_at
+
+  !> Fail if a force is not finite in a range of frequencies.
+  subroutine check_between(self, low, high, status)
+    class(load_type), intent(in) :: self
+    real(wp), intent(in) :: low, high
+    type(status_type), intent(out) :: status
+    integer :: i
+    call set_ok(status)
+    do i = 1, size(self%varying)
+      call self%varying(i)%law%check_between(min(low, high), max(low, high), status)
+      if (status%failed()) return
+    end do
+  end subroutine check_between
 
   !> Multiply the forces.
   pure subroutine scale(self, factor)
     class(load_type), intent(inout) :: self
     real(wp), intent(in) :: factor
+    integer :: i
     self%force = factor*self%force
-    self%inertial = factor*self%inertial
+    do i = 1, size(self%varying)
+      self%varying(i)%force = factor*self%varying(i)%force
+    end do
   end subroutine scale
 
   !> What the base moves the coordinates of the system by, of the order at place j.
@@ -175,7 +282,7 @@ contains
     p = (0.0_wp, 0.0_wp)
     do j = 1, size(self%orders)
       if (self%orders(j) /= order) cycle
-      p = self%force(:, j) + (order*nu)**2*self%inertial(:, j)
+      p = self%force_at(j, nu)
       if (.not. (self%moves_base() .or. system%condensed)) cycle
       p = system%load_coefficient(p, self%shift(system, j), order, nu)
     end do
@@ -187,7 +294,7 @@ contains
     class(oscillator_type), intent(in) :: system
     logical :: driven(size(self%force, 1))
     integer :: j
-    driven = any(abs(self%force) > 0.0_wp, 2) .or. any(abs(self%inertial) > 0.0_wp, 2)
+    driven = self%touches()
     if (.not. self%moves_base()) return
     do j = 1, size(self%orders)
       driven = driven .or. system%moved_by(self%shift(system, j))
@@ -205,7 +312,10 @@ contains
     part%base = self%base
     part%moved = self%moved(pack([(i, i=1, size(kept))], kept), :)
     part%force = self%force(pack([(i, i=1, size(kept))], kept), :)
-    part%inertial = self%inertial(pack([(i, i=1, size(kept))], kept), :)
+    allocate (part%varying, source=self%varying)
+    do i = 1, size(part%varying)
+      part%varying(i)%force = pack(self%varying(i)%force, kept)
+    end do
   end subroutine take_part
 
 end module viscovib_load

@@ -11,24 +11,35 @@
 module viscovib_structure
   use viscovib_compliance, only: compliance_type, push_type
   use viscovib_dense, only: invert
+  use viscovib_frequency_law, only: frequency_law
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
   use viscovib_resonant_compliance, only: bordered, bordered_slope, near_modes, without_modes
   implicit none
   private
 
-  public :: structure_type, structure_load, few_coordinates
+  public :: structure_type, structure_load, varying_push, few_coordinates
 
   !> Finite value that represents an infinite dynamic stiffness.
   real(wp), parameter :: rigid = huge(1.0_wp)**0.25_wp
+
+  !> Forces that are multiplied by a function of the frequency nu.
+  type :: varying_push
+    type(push_type) :: push
+    type(frequency_law) :: law
+  end type varying_push
 
   !> One harmonic of the load: forces, and the load by base motion, divided by mu^2.
   type :: structure_load
     integer :: order = 0
     type(push_type) :: force, base
-    logical :: moves_base = .false.
+    logical :: has_force = .true., moves_base = .false.
+    !> Forces that depend on the frequency, of an order other than 0.
+    type(varying_push), allocatable :: varying(:)
     !> Order 0: the limit of H^-1 Y0, shape (n_dof).
     complex(wp), allocatable :: at_rest(:)
+  contains
+    procedure :: modal_forces
   end type structure_load
 
   !> Uncondensed linear subsystem with nonlinear forces, y'' + C y' + K y + P g(S^T y) = 0.
@@ -51,6 +62,23 @@ module viscovib_structure
   end type structure_type
 
 contains
+
+  !> Forces on real and on complex modes at mu = k nu.
+  pure subroutine modal_forces(self, mu, modes, poles)
+    class(structure_load), intent(in) :: self
+    real(wp), intent(in) :: mu
+    complex(wp), allocatable, intent(out) :: modes(:), poles(:)
+    real(wp) :: value
+    integer :: i
+
+    modes = self%force%modes + mu**2*self%base%modes
+    poles = self%force%poles + mu**2*self%base%poles
+    do i = 1, size(self%varying)
+      value = self%varying(i)%law%at(mu/self%order)
+      modes = modes + value*self%varying(i)%push%modes
+      poles = poles + value*self%varying(i)%push%poles
+    end do
+  end subroutine modal_forces
 
   !> H(i mu)^-1, plus the hereditary parts sum_j B(:,j) W(j,:) (f_j - 1).
   pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
@@ -167,7 +195,9 @@ contains
     complex(wp), dimension(size(y) + size(near)) :: right, right_slope
     type(structure_load) :: others
     type(structure_type) :: rest
-    integer :: q
+    complex(wp), allocatable :: modes(:), poles(:)
+    real(wp) :: value, bent
+    integer :: i, q
 
     q = size(y)
     call bordered(self%rest, near, mu, x)
@@ -176,9 +206,18 @@ contains
     others = load
     others%force = without_modes(load%force, near)
     others%base = without_modes(load%base, near)
+    do i = 1, size(load%varying)
+      others%varying(i)%push = without_modes(load%varying(i)%push, near)
+    end do
     call deflections(rest, others, mu, right(:q), right_slope(:q))
-    right(q + 1:) = load%force%modes(near) + mu**2*load%base%modes(near)
+    call load%modal_forces(mu, modes, poles)
+    right(q + 1:) = modes(near)
     right_slope(q + 1:) = 2.0_wp*mu*load%base%modes(near)
+    do i = 1, size(load%varying)
+      call load%varying(i)%law%find(mu/load%order, value, bent)
+      right_slope(q + 1:) = right_slope(q + 1:) &
+                            + bent/load%order*load%varying(i)%push%modes(near)
+    end do
     right = -factor*right
     right_slope = -factor*right_slope
     right(:q) = right(:q) + y
@@ -198,13 +237,32 @@ contains
     complex(wp), intent(out) :: y(:)
     complex(wp), intent(out), optional :: slope(:)
     complex(wp), dimension(size(y)) :: part, part_slope
+    real(wp) :: value, bent
+    integer :: i
 
-    if (present(slope)) then
-      call self%rest%answer(cmplx(0.0_wp, mu, wp), load%force, y, slope)
-      slope = (0.0_wp, 1.0_wp)*slope
-    else
-      call self%rest%answer(cmplx(0.0_wp, mu, wp), load%force, y)
+    y = (0.0_wp, 0.0_wp)
+    if (present(slope)) slope = (0.0_wp, 0.0_wp)
+    if (load%has_force) then
+      if (present(slope)) then
+        call self%rest%answer(cmplx(0.0_wp, mu, wp), load%force, y, slope)
+        slope = (0.0_wp, 1.0_wp)*slope
+      else
+        call self%rest%answer(cmplx(0.0_wp, mu, wp), load%force, y)
+      end if
     end if
+    do i = 1, size(load%varying)
+      associate (one => load%varying(i))
+        if (present(slope)) then
+          call one%law%find(mu/load%order, value, bent)
+          call self%rest%answer(cmplx(0.0_wp, mu, wp), one%push, part, part_slope)
+          slope = slope + bent/load%order*part + value*((0.0_wp, 1.0_wp)*part_slope)
+        else
+          value = one%law%at(mu/load%order)
+          call self%rest%answer(cmplx(0.0_wp, mu, wp), one%push, part)
+        end if
+        y = y + value*part
+      end associate
+    end do
     if (.not. load%moves_base) return
     call self%rest%answer(cmplx(0.0_wp, mu, wp), load%base, part, part_slope)
     y = y + mu**2*part
@@ -266,6 +324,7 @@ contains
     no_load%force%flexible_rate = none
     call self%rest%complete_push(no_load%force)
     no_load%base = no_load%force
+    allocate (no_load%varying(0))
   end function no_load
 
   !> The linear subsystem couples all coordinates.

@@ -1,6 +1,7 @@
 !> A structure as defined by the user: matrices, elements and loads. It is condensed to the
 !! deflections of its elements, and solutions are expanded to all coordinates.
 module viscovib_structure_model
+  use viscovib_compliance, only: push_type
   use viscovib_dense, only: factorize, invert, solve
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
@@ -8,7 +9,7 @@ module viscovib_structure_model
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
   use viscovib_resonant_compliance, only: bordered, near_modes
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
-  use viscovib_structure, only: few_coordinates, structure_type
+  use viscovib_structure, only: few_coordinates, structure_type, varying_push
   use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
     put_laws
   use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
@@ -304,8 +305,8 @@ contains
     complex(wp) :: nothing(size(model%directions, 2))
     integer :: j, n
 
-    call model%rest%refuse_on_idle(abs(load%force) + abs(load%inertial), 'load', '&load: it', &
-                                    status)
+    call model%rest%refuse_on_idle(reshape(merge(1.0_wp, 0.0_wp, load%touches()), &
+                                           [size(load%force, 1), 1]), 'load', '&load: it', status)
     if (status%failed()) return
     model%load = load
     n = size(load%orders)
@@ -329,21 +330,47 @@ contains
           if (status%failed()) return
           own%at_rest = -own%at_rest
         end if
-        call set_push(inertia*load%base(j) + load%inertial(:, j), own%base%modes, own%base%poles)
+        own%has_force = any(abs(load%force(:, j)) > 0.0_wp)
+        call set_push(inertia*load%base(j), own%base%modes, own%base%poles)
         own%moves_base = any(abs(own%base%modes) > 0.0_wp) .or. any(abs(own%base%poles) > 0.0_wp)
-        own%force%flexible = nothing
-        own%force%flexible_rate = nothing
-        own%base%flexible = nothing
-        own%base%flexible_rate = nothing
-        call system%rest%complete_push(own%force)
-        call system%rest%complete_push(own%base)
+        call complete(own%force)
+        call complete(own%base)
+        own%varying = varying_pushes(j)
         force(:, j) = merge((0.0_wp, 1.0_wp), (1.0_wp, 0.0_wp), own%order == 0)
       end associate
     end do
     call new_load(condensed, size(nothing), load%orders, force, load%base, status)
     condensed%n_zero = load%n_zero
+    ! Their frequencies are checked; the forces themselves are in the system.
+    condensed%varying = load%varying
+    do j = 1, size(condensed%varying)
+      condensed%varying(j)%force = nothing
+    end do
 
   contains
+
+    !> Forces of one order that depend on the frequency, in modes.
+    function varying_pushes(place) result(pushes)
+      integer, intent(in) :: place
+      type(varying_push), allocatable :: pushes(:)
+      integer :: i, k
+      allocate (pushes(count(load%varying%place == place)))
+      k = 0
+      do i = 1, size(load%varying)
+        if (load%varying(i)%place /= place) cycle
+        k = k + 1
+        pushes(k)%law = load%varying(i)%law
+        call set_push(load%varying(i)%force, pushes(k)%push%modes, pushes(k)%push%poles)
+        call complete(pushes(k)%push)
+      end do
+    end function varying_pushes
+
+    subroutine complete(one)
+      type(push_type), intent(inout) :: one
+      one%flexible = nothing
+      one%flexible_rate = nothing
+      call system%rest%complete_push(one)
+    end subroutine complete
 
     subroutine set_push(forces, modes, poles)
       complex(wp), intent(in) :: forces(:)
@@ -417,10 +444,9 @@ contains
       pole = 0.0_wp*model%rest%poles
       base = (0.0_wp, 0.0_wp)
       if (j > 0) then
-        associate (own => system%loads(j))
-          push = factor*(own%force%modes(:size(push)) - s**2*own%base%modes(:size(push)))
-          pole = factor*(own%force%poles - s**2*own%base%poles)
-        end associate
+        call system%loads(j)%modal_forces(aimag(s), amplitudes, pole)
+        push = factor*amplitudes(:size(push))
+        pole = factor*pole
         base = factor*model%load%base(j)
       end if
       associate (rest => model%rest, seen => system%rest%seen(:size(push), :))

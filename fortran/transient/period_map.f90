@@ -105,6 +105,8 @@ contains
                 //show(max_dof)//' coordinates, or with memory')
       return
     end if
+    call load%check_at([nu], status)
+    if (status%failed()) return
     call new_fitted_motion(motion, system, load, nu, 1.0_wp, 1.0_wp, status)
     if (status%failed()) return
     if (.not. has_slopes(motion)) then

@@ -17,7 +17,7 @@ from viscovib.analyses.runs import MAX_STEPS, has_outrun
 from viscovib.common.parameters import no_frequency
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
-from viscovib.systems.load import LoadLike, load_series, name_places
+from viscovib.systems.load import LoadLike, harmonics_of, oscillator_series
 from viscovib.systems.many_numbers import Kind, ManySystems, linear_parts
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -145,12 +145,14 @@ class PolynomialMembers(Members):
             raise InputError("parameters: 'forces_scale' must not scale laws with functions")
         self.system = system
         self.varied, self.states = shared_runs(given, initial, 2 * d)
-        self.orders, self.series = load_series(load, None, d, name_places(system.dof_names))
+        self.orders, self.series, self.formulas = oscillator_series(system, load, None)
         if load is None and nu is not None:
             raise InputError("nu: must not be given without load")
         frequency = 0.0 if nu is None else _native.number("nu", nu)
         self.nu = np.array(self.varied.get("nu", np.full(self.n, frequency)))
-        moving = bool((self.orders > 0).any() and self.series.any())
+        highest = harmonics_of(self.orders)[self.series.any(axis=0)].max(initial=0)
+        self._highest = int(highest)
+        moving = self._highest > 0
         if (self.nu < 0).any() or (moving and (self.nu == 0).any()):
             has_nu = nu is not None or "nu" in self.varied
             raise no_frequency(self.nu.min() if has_nu else None)
@@ -183,8 +185,7 @@ class PolynomialMembers(Members):
         )
         scales = np.abs(self.scales)
         fastest = np.sqrt(own * scales[1] + fixed) + dampers * scales[2] + lost
-        highest = int(self.orders[self.series.any(axis=0)].max(initial=0))
-        return _steps(spans, np.maximum(fastest, highest * self.nu))
+        return _steps(spans, np.maximum(fastest, self._highest * self.nu))
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Compute a part of the runs; runs of the same kind are computed together."""
@@ -241,6 +242,7 @@ class PolynomialMembers(Members):
         d = own.shape[1]
         *found, missed = side_by_side(
             "ensemble of oscillators", given, flat=flat.T, orders=self.orders, series=self.series,
+            formulas=self.formulas,
             own=own.transpose(1, 2, 3, 0).reshape((d, d, -1), order="F"), nu=self.nu[runs],
             scales=self.scales[:, runs], initial=self.states[runs].T,
         )  # fmt: skip

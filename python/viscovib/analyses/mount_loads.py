@@ -24,8 +24,8 @@ def sinusoids(
         if nu is not None:
             raise InputError("nu: must not be given without load or base")
         nothing = np.zeros((n, 1), dtype=complex, order="F")
-        return np.zeros(1), nothing, nothing[:1], oscillator_series(mount, load, base)
-    given = orders, series = oscillator_series(mount, load, base)
+        return np.zeros(1), nothing, nothing[:1], oscillator_series(mount, load, base)[:2]
+    given = orders, series = oscillator_series(mount, load, base)[:2]
     apart = orders < 0
     alone = base is None and not apart.any()
     if not alone:

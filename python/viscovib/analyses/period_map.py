@@ -58,6 +58,7 @@ class PeriodMap:
     flat: FloatArray
     orders: npt.NDArray[np.int32]
     series: ComplexArray
+    formulas: str
     nu: float
     n_periods: int
     n_dof: int
@@ -91,9 +92,9 @@ class PeriodMap:
         frequency = _native.number("nu", nu)
         if frequency <= 0:
             raise InputError(f"nu = {frequency:g}: must be greater than 0")
-        orders, series = oscillator_series(whole, load, None)
+        orders, series, formulas = oscillator_series(whole, load, None)
         return cls(
-            whole._flat, orders, series, frequency, n_periods, n, max(hidden, 0),
+            whole._flat, orders, series, formulas, frequency, n_periods, n, max(hidden, 0),
             "gauss8" if name == "auto" else name,
         )  # fmt: skip
 
@@ -111,7 +112,7 @@ class PeriodMap:
     def given(self) -> dict[str, Any]:
         """The map as arguments of tasks of the core."""
         return {
-            "orders": self.orders, "series": self.series, "nu": self.nu,
+            "orders": self.orders, "series": self.series, "formulas": self.formulas, "nu": self.nu,
             "n_periods": self.n_periods, "method": METHODS[self.method],
         }  # fmt: skip
 

@@ -378,7 +378,8 @@ class Body(LinearBody):
         check_oscillator(self, base)
         parts, highest = result._parts, int(np.max(result.harmonics))
         floors = []
-        for orders, series in (oscillator_series(self, None, base), (parts.orders, parts.series)):
+        shown = oscillator_series(self, None, base)[:2], (parts.orders, parts.series)
+        for orders, series in shown:
             moves = np.zeros((highest + 1, len(self.dof_names)), dtype=complex)
             for order, moved in base_shifts(orders, series, self._base_direction):
                 if order <= highest:

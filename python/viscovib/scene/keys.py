@@ -130,7 +130,9 @@ def with_numbers(group: Mapping[str, Any], parameters: Mapping[str, float]) -> d
         return f"({parameters[name]!r})" if name in parameters else found[0]
 
     return {
-        key: _WORD.sub(number, value) if key.startswith(("law", "function")) else value
+        key: _WORD.sub(number, value)
+        if isinstance(value, str) and key.startswith(("law", "function", "amplitude", "phase"))
+        else value
         for key, value in group.items()
     }
 

@@ -286,31 +286,35 @@ class Scene:
         base: dict[int, Any] = {}
         # Base motion of single coordinates.
         apart: dict[int, Any] = {}
-        # Of unbalances, per (order nu)^2.
-        masses: dict[int, Any] = {}
+        # Formulas in nu, by coordinates.
+        texts: dict[int, list[list[str]]] = {}
         names, shapes = self._names(), self._shapes()
         for group in self.groups["load"]:
-            order, phase = group["order"], group.get("phase", 0.0)
-            term = group["amplitude"] * complex(math.cos(phase), math.sin(phase))
-            if order == 0:
-                term = 1j * group["amplitude"]
+            order, term = group["order"], _amplitude(with_numbers(group, self._parameters))
             if group["kind"] == "base":
                 if "on" in group:
                     on = np.array([group["on"] == name for name in self._base_names()])
                     apart[order] = apart.get(order, 0.0) + on * term
                 else:
                     base[order] = base.get(order, 0.0) + term
+                continue
+            if "force" in group:
+                on = self.body().load(group["force"], group["torque"], group["at"])
             else:
-                if "force" in group:
-                    on = self.body().load(group["force"], group["torque"], group["at"])
-                else:
-                    on = np.array([group["on"] == name for name in names])
-                    on = on if shapes is None else shapes.T @ on
-                series = masses if group["kind"] == "unbalance" else force
-                series[order] = series.get(order, 0.0) + on * term
-        for order, mass in masses.items():
-            both = np.broadcast_arrays(force.get(order, 0.0), order**2 * mass)
-            force[order] = [f"{complex(a)} + {complex(b)}*nu^2" for a, b in zip(*both, strict=True)]
+                on = np.array([group["on"] == name for name in names])
+                on = on if shapes is None else shapes.T @ on
+            if isinstance(term, str):
+                own = texts.setdefault(order, [[] for _ in on])
+                for place in np.flatnonzero(on):
+                    own[place].append(f"{float(on[place])!r}*{term}")
+            else:
+                force[order] = force.get(order, 0.0) + on * term
+        for order, own in texts.items():
+            constant = np.broadcast_to(force.get(order, 0.0), len(own))
+            force[order] = [
+                " + ".join([f"{complex(z)}", *terms]) if terms else complex(z)
+                for z, terms in zip(constant, own, strict=True)
+            ]
         for order, moved in apart.items():
             along = 0.0
             if order in base:
@@ -503,6 +507,20 @@ class Scene:
             "relaxation": relaxation if relaxation > 0 else "auto",
             "stability": group["stability"] == "yes",
         }
+
+
+def _amplitude(group: Mapping[str, Any]) -> complex | str:
+    """Return the coefficient of a load; a text if it depends on nu."""
+    order, amplitude, phase = group["order"], group["amplitude"], group.get("phase", 0.0)
+    if order == 0:
+        return 1j * float(amplitude)
+    turn = 1.0 if isinstance(phase, str) else complex(math.cos(phase), math.sin(phase))
+    if not (group["kind"] == "unbalance" or isinstance(amplitude, str) or isinstance(phase, str)):
+        return float(amplitude) * turn
+    factors = [f"({turn})", f"({str(amplitude).lower()})"]
+    factors += [f"{order**2}", "nu^2"] * (group["kind"] == "unbalance")
+    factors += [f"exp(1j*({phase.lower()}))"] if isinstance(phase, str) else []
+    return "*".join(factors)
 
 
 def _band(group: Mapping[str, Any]) -> float | None:

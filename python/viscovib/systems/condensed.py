@@ -1,6 +1,6 @@
 """A structure condensed to the deflections of its elements, and back to all its coordinates."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,7 +11,8 @@ from viscovib._native import ComplexArray, FloatArray, Handle, oscillator_object
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
-from viscovib.systems.load import Job
+from viscovib.systems.frequency_formulas import joined, law_of, values_of
+from viscovib.systems.load import FORMULA_CODE, Job, VaryingForce
 from viscovib.systems.penalty_supports import supports_text
 from viscovib.systems.resonant_forces import compliance, refine, with_modes
 from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
@@ -205,8 +206,8 @@ class LoadedStructure:
         M b, where b is the direction of the base motion.
     direction : ndarray, shape (n,), or None
         b.
-    masses : complex ndarray, shape (n, m), or None
-        Forces on the coordinates per (k nu)^2, of unbalances.
+    varying : sequence of VaryingForce
+        Forces on the coordinates that depend on the frequency, of these harmonics.
     """
 
     def __init__(
@@ -217,19 +218,15 @@ class LoadedStructure:
         base: ComplexArray,
         inertia: FloatArray,
         direction: FloatArray | None,
-        masses: ComplexArray | None = None,
+        varying: Sequence[VaryingForce] = (),
     ) -> None:
         self.condensation, self.orders = condensation, orders
         self.base, self.direction = base, direction
         self.pushes = [_push(condensation, forces[:, j]) for j in range(orders.size)]
-        self.forces, self._inertia, self._masses = forces, inertia, masses
-        if masses is None:
-            push = _push(condensation, inertia.astype(complex))
-            self.inertial_pushes = [push.times(factor) for factor in base]
-        else:
-            self.inertial_pushes = [
-                _push(condensation, self.inertial_force(j)) for j in range(orders.size)
-            ]
+        self.forces, self._inertia, self.varying = forces, inertia, tuple(varying)
+        push = _push(condensation, inertia.astype(complex))
+        self.inertial_pushes = [push.times(factor) for factor in base]
+        self.varying_pushes = [_push(condensation, one.force) for one in self.varying]
         #: Whether motions are those of the linear part, whose forces need no division by H.
         self.linear = False
 
@@ -258,34 +255,39 @@ class LoadedStructure:
         series: ComplexArray,
         inertia: FloatArray,
         direction: FloatArray | None,
-        masses: Mapping[int, ComplexArray],
+        varying: Sequence[VaryingForce],
     ) -> "LoadedStructure":
-        """From forces and the motion of the base, shape (n + 1, m); harmonics of 0 are dropped.
-
-        ``masses``: forces per (k nu)^2 by order.
-        """
-        own = None
-        if masses:
-            new = np.array([k for k in masses if k not in orders], dtype=orders.dtype)
-            orders = np.concatenate([orders, new])
-            series = np.hstack([series, np.zeros((series.shape[0], new.size))])
-            own = np.zeros((series.shape[0] - 1, orders.size), dtype=complex)
-            for k, vector in masses.items():
-                own[:, orders == k] = vector[:, np.newaxis]
-        kept = series.any(axis=0) if own is None else series.any(axis=0) | own.any(axis=0)
+        """From forces and the motion of the base, shape (n + 1, m); harmonics of 0 are dropped."""
+        own = list(dict.fromkeys(one.order for one in varying))
+        new = np.array([k for k in own if k not in orders], dtype=orders.dtype)
+        orders = np.concatenate([orders, new])
+        series = np.hstack([series, np.zeros((series.shape[0], new.size))])
+        kept = series.any(axis=0) | np.isin(orders, own)
         given = orders[kept], series[:-1, kept], series[-1, kept], inertia, direction
-        return cls(condensation, *given, None if own is None else own[:, kept])
+        return cls(condensation, *given, varying)
 
     @property
     def touched(self) -> Any:
         """True for each coordinate with a load, shape (n,)."""
         touched = self.forces.any(axis=1)
-        return touched if self._masses is None else touched | self._masses.any(axis=1)
+        for one in self.varying:
+            touched |= one.force != 0
+        return touched
 
     def inertial_force(self, j: int) -> ComplexArray:
-        """Force per (k nu)^2 of load j, shape (n,): of the base and of unbalances."""
-        force = self._inertia * self.base[j]
-        return np.asarray(force if self._masses is None else force + self._masses[:, j])
+        """Force per (k nu)^2 of load j by the motion of the base, shape (n,)."""
+        return np.asarray(self._inertia * self.base[j])
+
+    def varying_at(self, order: int, nu: FloatArray) -> list[tuple[FloatArray, int]]:
+        """Values of the formulas of a harmonic, shape (n,), with the indices of their forces."""
+        own = [i for i, one in enumerate(self.varying) if one.order == order]
+        if not own:
+            return []
+        # Motions that were not located, such as a crossing, have the frequency NaN.
+        known = np.isfinite(nu)
+        values = np.full((nu.size, len(own)), np.nan)
+        values[known] = values_of([self.varying[i].formula for i in own], nu[known])
+        return list(zip(values.T, own, strict=True))
 
     @property
     def note(self) -> str:
@@ -334,6 +336,11 @@ class LoadedStructure:
                     )
             moved = self.inertial_pushes[j]
             parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
+            own = [i for i, one in enumerate(self.varying) if one.order == order]
+            parts.append([len(own)])
+            for i in own:
+                law = law_of(self.varying[i].formula)
+                parts += [*self.varying_pushes[i].numbers, [len(law.code)], law.code, law.number]
         parts += c.law_vector(self._base_deflections)
         flat = np.concatenate([np.asarray(part, dtype=float) for part in parts])
         # The core reads the loads from the vector. These arrays contain only the harmonic orders
@@ -343,7 +350,14 @@ class LoadedStructure:
         series[:-1, : self.orders.size] = np.where(self.orders == 0, 1j, 1)
         series[-1, : self.orders.size] = self.base
         nothing = np.zeros(1)
-        return flat, STRUCTURE_IN_VECTOR, nothing, 0, nothing, orders, series
+        # Frequencies of formulas are checked with them.
+        formulas = list(dict.fromkeys(one.formula for one in self.varying))
+        codes = [
+            FORMULA_CODE * (formulas.index(one.formula) + 1) - one.order for one in self.varying
+        ]
+        orders = np.concatenate([orders, codes]).astype(np.int32)
+        series = np.asfortranarray(np.hstack([series, np.zeros((c.q + 1, len(codes)))]))
+        return flat, STRUCTURE_IN_VECTOR, nothing, 0, nothing, orders, series, joined(formulas)
 
     @cached_property
     def _handle(self) -> Handle:
@@ -353,7 +367,8 @@ class LoadedStructure:
     @cached_property
     def steady(self) -> Job:
         """Arguments of tasks on steady motions."""
-        return Job(self._handle, {"orders": self.job[5], "series": self.job[6]})
+        given = dict(zip(("orders", "series", "formulas"), self.job[5:], strict=True))
+        return Job(self._handle, given)
 
     @property
     def _base_deflections(self) -> FloatArray:
@@ -381,7 +396,7 @@ class LoadedStructure:
         more = Condensation(c.rest, laws, c.reduced)
         more.supports = c.supports
         return LoadedStructure(
-            more, self.orders, self.forces, self.base, self._inertia, self.direction, self._masses
+            more, self.orders, self.forces, self.base, self._inertia, self.direction, self.varying
         ), row
 
     def expand(
@@ -478,6 +493,12 @@ class LoadedStructure:
             poles += push.poles - at**2 * moved.poles
             free += push.flexible + at * push.flexible_rate
             free -= at**2 * (moved.flexible + at * moved.flexible_rate)
+            order = self.orders[j[0]]
+            for values, i in self.varying_at(order, s.imag / order):
+                value, own = values[:, np.newaxis], self.varying_pushes[i]
+                modes += value * own.modes
+                poles += value * own.poles
+                free += value * (own.flexible + at * own.flexible_rate)
             for part in (modes, poles, free):
                 part *= factors[:, np.newaxis]
         # Modes near a resonance are separate unknowns: in H they would hide all other modes.
@@ -514,11 +535,21 @@ class LoadedStructure:
         if not j.size or self.condensation.rest.flexibility is None:
             return np.zeros((s.size, len(places)), dtype=complex)
         at = s[:, np.newaxis]
-        loads = np.stack([self.forces[:, j[0]], self.inertial_force(j[0])], axis=1)
+        order = self.orders[j[0]]
+        varying = self.varying_at(order, s.imag / max(order, 1))
+        loads = np.stack(
+            [
+                self.forces[:, j[0]], self.inertial_force(j[0]),
+                *(self.varying[i].force for _, i in varying),
+            ],
+            axis=1,
+        )  # fmt: skip
         real, real_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.real))
         imag, imag_rate = self.condensation.rest.flexibility(np.ascontiguousarray(loads.imag))
         bend, rate = (real + 1j * imag)[places], (real_rate + 1j * imag_rate)[places]
         force, base = bend[:, 0] + at * rate[:, 0], bend[:, 1] + at * rate[:, 1]
+        for column, (values, _) in enumerate(varying, start=2):
+            force = force + values[:, np.newaxis] * (bend[:, column] + at * rate[:, column])
         return np.asarray((force - at**2 * base) * factors[:, np.newaxis])
 
     def _at_rest(self, y: ComplexArray, j: Any, places: Any, factors: FloatArray) -> ComplexArray:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import math
-import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,9 +13,10 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, Handle
 from viscovib.errors import InputError
+from viscovib.systems.frequency_formulas import MOST_FORMULAS, ONE, joined, terms_of, values_of
 
 #: What ``load`` may be: P on x; a vector over the coordinates; forces by the names of coordinates;
-#: or {order: any of these}. P may be a text a + b*nu^2, such as "0.002*nu^2" for an unbalance.
+#: or {order: any of these}. P may be a formula in nu, such as "0.002*nu^2" for an unbalance.
 LoadLike = (
     complex
     | npt.ArrayLike
@@ -26,21 +25,17 @@ LoadLike = (
 )
 
 _MAX_ORDER = 100_000
-#: Code of order k of forces per (k nu)^2 in the form of the core: this minus k.
-_SQUARES = -1_000_000
-_OPERATORS: dict[type, Any] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
-    ast.Div: operator.truediv, ast.Pow: operator.pow, ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-}  # fmt: skip
+#: Code of order k of forces multiplied by formula i, from 1, in the form of the core: i times this
+#: minus k.
+FORMULA_CODE = -1_000_000
 
 
 @dataclass(frozen=True)
 class Job:
     """A system and its load, as arguments of tasks of the core.
 
-    ``given``: values by name for every task: ``orders`` and ``series`` of the load; for a branch
-    also ``varies``, the parameter that varies.
+    ``given``: values by name for every task: ``orders``, ``series`` and ``formulas`` of the load;
+    for a branch also ``varies``, the parameter that varies.
     """
 
     system: Handle
@@ -177,17 +172,17 @@ def in_components(term: Any) -> bool:
 
 def oscillator_series(
     system: Any, load: LoadLike | None, base: Any
-) -> tuple[npt.NDArray[np.int32], ComplexArray]:
-    """Return `load_series` of an oscillator whose base may move each coordinate separately.
+) -> tuple[npt.NDArray[np.int32], ComplexArray, str]:
+    """Return `load_series` of an oscillator, and the formulas of its load in the form of the core.
 
     A term of order -1 - k contains, in place of forces, the displacements of the coordinates by the
-    base of order k, and a term of order -k - 10^6 forces per (k nu)^2.
+    base of order k, and a term of order -k - 10^6 i forces that formula i multiplies.
     """
     if type(load) is float and base is None:
-        return load_series(load, None, len(system.dof_names))
+        return *load_series(load, None, len(system.dof_names)), ""
     terms, n = base_by_order(base), len(system.dof_names)
     along = {order: term for order, term in terms.items() if not in_components(term)}
-    constant, growing = parts_of(load)
+    constant, varying = parts_of(load, n, name_places(system.dof_names))
     orders, series = load_series(constant, along or None, n, name_places(system.dof_names))
     further: list[tuple[int, ComplexArray]] = []
     if len(along) < len(terms):
@@ -196,15 +191,16 @@ def oscillator_series(
         moved = _by_order("base", apart, len(names), {name: i for i, name in enumerate(names)})
         system._check_base_motion(np.array([_padded(one, n) for one in moved.values()]).T)
         further = [(-1 - order, vector) for order, vector in moved.items()]
-    masses = inertial_series(growing, n, name_places(system.dof_names))
-    further += [(_SQUARES - order, vector) for order, vector in masses.items()]
+    formulas = list(dict.fromkeys(one.formula for one in varying))
+    codes = {formula: (i + 1) * FORMULA_CODE for i, formula in enumerate(formulas)}
+    further += [(codes[one.formula] - one.order, one.force) for one in varying]
     if not further:
-        return orders, series
+        return orders, series, ""
     more = np.array([_padded(vector, n + 1) for _, vector in further]).T
-    codes = np.array([code for code, _ in further])
     return (
-        np.concatenate([orders, codes]).astype(np.int32),
+        np.concatenate([orders, [code for code, _ in further]]).astype(np.int32),
         np.asfortranarray(np.hstack([series, more])),
+        joined(formulas),
     )
 
 
@@ -212,30 +208,56 @@ def _padded(vector: ComplexArray, n: int) -> ComplexArray:
     return np.concatenate([vector, np.zeros(n - vector.size)])
 
 
-def inertial_series(
-    growing: Any, n_dof: int, places: Mapping[str, int] | None
-) -> dict[int, ComplexArray]:
-    """Forces per (k nu)^2 by order k, shape (n_dof,), of the second part of `parts_of`."""
-    forces = _by_order("force per nu^2", growing, n_dof, places)
-    return {k: vector / k**2 for k, vector in forces.items() if k and vector.any()}
+@dataclass(frozen=True)
+class VaryingForce:
+    """Forces of one harmonic order, shape (n_dof,), multiplied by a real formula in nu."""
+
+    formula: str
+    order: int
+    force: ComplexArray
 
 
-def parts_of(load: Any) -> tuple[Any, Any]:
-    """Return a and b of a load a + b nu^2 (b = None: it has no text)."""
+def parts_of(
+    load: Any, n_dof: int, places: Mapping[str, int] | None
+) -> tuple[Any, list[VaryingForce]]:
+    """Return the constant part of a load, and the forces that depend on nu."""
     if not _has_text(load):
-        return load, None
-    return tuple(_each(load, lambda where, text, i=i: _in_nu(where, text)[i], i) for i in (0, 1))
+        return load, []
+    if isinstance(load, Mapping) and _has_text(load.get(0)):
+        raise InputError("load[0]: a mean must not depend on nu")
+    known: dict[tuple[str, str], dict[str, complex]] = {}
+
+    def coefficient(where: str, text: str, formula: str = ONE) -> complex:
+        if (where, text) not in known:
+            known[where, text] = terms_of(where, text)
+        return known[where, text].get(formula, 0.0)
+
+    constant = _each(load, coefficient, 0)
+    formulas = list(dict.fromkeys(one for terms in known.values() for one in terms if one != ONE))
+    if len(formulas) > MOST_FORMULAS:
+        raise InputError(f"load: {len(formulas)} formulas, must be at most {MOST_FORMULAS}")
+    varying = []
+    for formula in formulas:
+        own = _each(load, lambda where, text, f=formula: coefficient(where, text, f), 1)
+        for order, force in _by_order("load", own, n_dof, places).items():
+            if force.any():
+                varying.append(VaryingForce(formula, order, force))
+    return constant, varying
 
 
 def at_frequency(load: Any, nu: Any) -> Any:
     """Return a load whose texts are numbers at one frequency."""
     if not _has_text(load):
         return load
-    square = _native.number("nu", nu) ** 2
+    at = _native.number("nu", nu)
 
     def value(where: str, text: str) -> complex:
-        a, b = _in_nu(where, text)
-        return a + b * square
+        terms = terms_of(where, text)
+        try:
+            values = values_of(list(terms), at)[0]
+        except InputError as error:
+            raise InputError(f"{where}{str(error).removeprefix('load')}") from None
+        return complex(np.dot(list(terms.values()), values))
 
     return _each(load, value, 0)
 
@@ -259,41 +281,9 @@ def _each(load: Any, value: Any, constant: int, where: str = "load") -> Any:
     return 0 * np.asarray(load) if constant else load
 
 
-def _in_nu(where: str, text: str) -> tuple[complex, complex]:
-    """Return a and b of a text a + b nu^2."""
-    if "nu" not in text:
-        raise InputError(
-            f"{where} = {_native.shown(text)}: must be numbers, got text (a text must depend "
-            "on nu, as '0.002*nu^2')"
-        )
-
-    def value(node: Any, nu: float) -> Any:
-        if isinstance(node, ast.BinOp):
-            return _OPERATORS[type(node.op)](value(node.left, nu), value(node.right, nu))
-        if isinstance(node, ast.UnaryOp):
-            return _OPERATORS[type(node.op)](value(node.operand, nu))
-        if isinstance(node, ast.Name):
-            return {"nu": nu, "pi": math.pi}[node.id]
-        if isinstance(node, ast.Constant) and isinstance(node.value, int | float | complex):
-            # No integer, whose powers may have no end.
-            return 1.0 * node.value
-        raise ValueError
-
-    try:
-        tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
-        a, first, second, third = (complex(value(tree, nu)) for nu in (0.0, 1.0, 2.0, 3.0))
-    except (ArithmeticError, KeyError, RecursionError, SyntaxError, TypeError, ValueError):
-        a = first = second = third = complex(math.nan)
-    b = first - a
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs([a + 4 * b - second, a + 9 * b - third]).max()
-        fits = off <= 1e-11 * np.abs([a, b]).max()
-    if not fits:
-        raise InputError(
-            f"{where} = {_native.shown(text)}: must be a number, or a text a + b*nu^2 such as "
-            "'0.002*nu^2' (an unbalance of 0.002 kg m)"
-        )
-    return a, b
+def harmonics_of(orders: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the harmonic orders of forces from the codes of `oscillator_series`."""
+    return np.where(orders <= FORMULA_CODE, -orders % -FORMULA_CODE, orders)
 
 
 def base_shifts(
@@ -302,7 +292,7 @@ def base_shifts(
     """Orders and displacements (n,) of the coordinates by the base, from `load_series`."""
     shifts = []
     for j, order in enumerate(orders.tolist()):
-        if order <= _SQUARES:
+        if order <= FORMULA_CODE:
             continue
         if order < 0:
             shifts.append((-1 - order, series[:-1, j]))
@@ -335,8 +325,6 @@ def _by_order(
                 vector[places[key]] += _native.complex_array(f"{where}[{key!r}]", force, ndim=0)
         else:
             _fill(vector, where, term)
-        if k == 0 and name == "force per nu^2" and vector.any():
-            raise InputError("load[0]: a mean must not depend on nu")
         if k == 0 and vector.real.any():
             raise InputError(
                 f"{name}[0] has a real part: the mean is the imaginary part "

@@ -102,5 +102,5 @@ def oscillator_job(
         return job, loaded
     assert not isinstance(system, Structure)
     own = system._handle if flat is None else oscillator_object(flat, system._kernels)
-    orders, series = oscillator_series(system, load, base)
-    return Job(own, {"orders": orders, "series": series}), None
+    orders, series, formulas = oscillator_series(system, load, base)
+    return Job(own, {"orders": orders, "series": series, "formulas": formulas}), None

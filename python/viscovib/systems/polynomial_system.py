@@ -22,7 +22,6 @@ from viscovib.systems.condensed import Condensation, LoadedStructure
 from viscovib.systems.laws import Law, named_in, parameter_values
 from viscovib.systems.load import (
     LoadLike,
-    inertial_series,
     load_series,
     name_places,
     parts_of,
@@ -268,13 +267,12 @@ class PolynomialSystem(System):
         condensation = self._condensation or self._modes_in_time
         assert condensation is not None
         n = len(self.dof_names)
-        constant, growing = parts_of(load)
         places = name_places(self.dof_names)
+        constant, varying = parts_of(load, n, places)
         orders, series = load_series(constant, base, n, places)
-        masses = inertial_series(growing, n, places)
         direction = self._base_direction
         inertia = np.zeros(n) if direction is None else self._mass_matrix @ direction
-        return LoadedStructure.of(condensation, orders, series, inertia, direction, masses)
+        return LoadedStructure.of(condensation, orders, series, inertia, direction, varying)
 
     def _wanted(self, coordinates: Sequence[str] | None, _: LoadedStructure) -> Any:
         """Indices of the coordinates in results: all."""

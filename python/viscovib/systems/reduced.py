@@ -213,6 +213,8 @@ def direct_motion(
         if j.size:
             pushed = pushed + factor[0] * loaded.forces[:, j[0]]
             pushed = pushed - s**2 * factor[0] * loaded.inertial_force(j[0])
+            for values, i in loaded.varying_at(order, nu):
+                pushed = pushed + factor[0] * values[0] * loaded.varying[i].force
         if not pushed.any():
             continue
         found[:, k] = direct_solution(model, s, pushed, modes)

@@ -27,7 +27,7 @@ from viscovib.systems.elements import (
 )
 from viscovib.systems.laws import Law, named_in
 from viscovib.systems.layers import Layers, checked_layers
-from viscovib.systems.load import LoadLike, inertial_series, load_series, parts_of
+from viscovib.systems.load import LoadLike, load_series, parts_of
 from viscovib.systems.mount import warn_of_creep
 from viscovib.systems.penalty_supports import (
     fixed,
@@ -590,17 +590,17 @@ class Structure(System):
 
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         n = self.n_coordinates
-        constant, growing = parts_of(load)
-        orders, series = load_series(constant, base, n, self._places)  # type: ignore[attr-defined]
-        masses = inertial_series(growing, n, self._places)  # type: ignore[attr-defined]
+        places: Mapping[str, int] = self._places  # type: ignore[attr-defined]
+        constant, varying = parts_of(load, n, places)
+        orders, series = load_series(constant, base, n, places)
         inertia = np.zeros(n)
         if self._base_direction is not None:
             inertia = self._inertia
         if self._reduced is not None:
-            given = np.column_stack([series[:-1], inertia, *masses.values()])
+            given = np.column_stack([series[:-1], inertia, *(one.force for one in varying)])
             self._reduced.check_loads(given, self.dof_names)
         return LoadedStructure.of(
-            self._condensation, orders, series, inertia, self._base_direction, masses
+            self._condensation, orders, series, inertia, self._base_direction, varying
         )
 
     @cached_property
