@@ -42,6 +42,56 @@ MORE = {
 &load on='y' amplitude=0.01 order=2 /
 &response nu=0.3 0.5 0.9 method='newton' /
 """,
+    "formulas of loads": """&parameters me=0.02 a=0.1 /
+&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.02 0 0 0.03 /
+&force on='x' law='0.3*x^3' /
+&load on='y' amplitude='me*Nu^2/sqrt(1 + a*nu)' phase='atan(0.2*nu)' /
+&load on='x' amplitude=0.01 phase='0.1*nu + a' order=2 /
+&load on='x' amplitude=0.02 phase=0.3 order=2 /
+&load on='y' amplitude='0.01*exp(-nu)' kind='unbalance' order=3 /
+&response nu=0.3 0.5 0.9 method='newton' sampling='yes' dissipation='yes' /
+""",
+    "formulas of loads on a mount": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10
+  stiffness_phi=2 damping=0.3 0 0 0.1 /
+&load amplitude='0.001*nu^2' phase='0.1*nu' /
+&branch nu_from=1 nu_to=3 harmonics=3 /
+""",
+    "formulas of loads on a structure": """&structure mass=1 2 1.5 stiffness=2 -1 0 -1 2 -1 0 -1 2
+  modal_damping=0.05 base_direction=1 1 1 /
+&element on='x1' law='0.4*d^3' /
+&load on='x2' amplitude='0.02*nu^2' phase='0.3*nu' /
+&load amplitude=0.01 kind='base' /
+&branch nu_from=0.5 nu_to=1.5 dissipation='yes' /
+""",
+    "formulas of loads on a damped structure": """&structure mass=1 2 1.5 stiffness=2 -1 0 -1 2 -1 0 -1 2
+  damping=0.1 0 0 0 0.2 0 0 0 0.05 /
+&element on='x1' law='0.4*d^3' /
+&load on='x3' amplitude='0.02*nu^2' order=2 /
+&response nu=0.3 0.5 0.9 dissipation='yes' /
+""",
+    "formulas of loads in time": """&structure mass=1 2 1.5 stiffness=2 -1 0 -1 2 -1 0 -1 2
+  modal_damping=0.05 /
+&element on='x1' law='0.4*d^3' /
+&load on='x2' amplitude='0.02*nu^2' phase='0.3*nu' /
+&transient t_end=9 nu=1.2 /
+""",
+    "formulas of loads on a body": """&body mass=1 inertia=0.03 0.02 0.04 geometry='exact' /
+&mount_point name='a' position=0.2 0.1 0 stiffness=40 50 60 damping=0.5 0.4 0.6 /
+&mount_point name='b' position=-0.2 0.1 0.1 stiffness=40 50 60 damping=0.5 0.4 0.6 /
+&mount_point name='c' position=0 -0.2 0 stiffness=40 50 60 damping=0.5 0.4 0.6 /
+&load force=1 0.5 0 torque=0 0 0.1 amplitude='0.001*nu^2' phase='0.1*nu' /
+&branch nu_from=6 nu_to=9 harmonics=3 /
+""",
+    "formulas of loads in an ensemble": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force on='x' law='0.3*x^3' /
+&load amplitude='0.2*nu^2' phase='0.5*nu' /
+&ensemble vary='nu' from=0.5 to=1.5 count=5 initial=0.1 0 t_end=9 /
+""",
+    "formulas of loads, periodic": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force on='x' law='0.3*x^3' /
+&load amplitude='0.2*nu^2' /
+&trace_motion nu_from=0.5 nu_to=0.8 /
+""",
     "corners": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"
     "&force on='x' law='0.3*abs(x)*x' /\n&load amplitude=0.3 /\n&response nu=0.5 0.6 1.2 /\n",
     "corners_of_a_branch": "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n"

@@ -41,6 +41,7 @@ from viscovib.results.scales import ScalesResponse
 from viscovib.scene.body import body_of, coordinates_of
 from viscovib.scene.keys import groups_of, named_in, namelist_text, with_key, with_numbers
 from viscovib.systems.elements import Spring
+from viscovib.systems.frequency_formulas import ONE, KnownTerms
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
@@ -286,35 +287,31 @@ class Scene:
         base: dict[int, Any] = {}
         # Base motion of single coordinates.
         apart: dict[int, Any] = {}
-        # Formulas in nu, by coordinates.
-        texts: dict[int, list[list[str]]] = {}
+        # Coefficients of formulas in nu.
+        varying: dict[int, dict[str, Any]] = {}
         names, shapes = self._names(), self._shapes()
         for group in self.groups["load"]:
-            order, term = group["order"], _amplitude(with_numbers(group, self._parameters))
+            order, terms = group["order"], _amplitudes(with_numbers(group, self._parameters))
             if group["kind"] == "base":
                 if "on" in group:
                     on = np.array([group["on"] == name for name in self._base_names()])
-                    apart[order] = apart.get(order, 0.0) + on * term
+                    apart[order] = apart.get(order, 0.0) + on * terms[ONE]
                 else:
-                    base[order] = base.get(order, 0.0) + term
+                    base[order] = base.get(order, 0.0) + terms[ONE]
                 continue
             if "force" in group:
                 on = self.body().load(group["force"], group["torque"], group["at"])
             else:
                 on = np.array([group["on"] == name for name in names])
                 on = on if shapes is None else shapes.T @ on
-            if isinstance(term, str):
-                own = texts.setdefault(order, [[] for _ in on])
-                for place in np.flatnonzero(on):
-                    own[place].append(f"{float(on[place])!r}*{term}")
-            else:
-                force[order] = force.get(order, 0.0) + on * term
-        for order, own in texts.items():
-            constant = np.broadcast_to(force.get(order, 0.0), len(own))
-            force[order] = [
-                " + ".join([f"{complex(z)}", *terms]) if terms else complex(z)
-                for z, terms in zip(constant, own, strict=True)
-            ]
+            own = varying.setdefault(order, {})
+            for formula, term in terms.items():
+                own[formula] = own.get(formula, 0.0) + on * term
+        for order, own in varying.items():
+            force[order] = own.get(ONE, 0.0)
+            if set(own) - {ONE}:
+                rows = zip(*own.values(), strict=True)
+                force[order] = [KnownTerms(dict(zip(own, row, strict=True))) for row in rows]
         for order, moved in apart.items():
             along = 0.0
             if order in base:
@@ -509,18 +506,22 @@ class Scene:
         }
 
 
-def _amplitude(group: Mapping[str, Any]) -> complex | str:
-    """Return the coefficient of a load; a text if it depends on nu."""
-    order, amplitude, phase = group["order"], group["amplitude"], group.get("phase", 0.0)
-    if order == 0:
-        return 1j * float(amplitude)
-    turn = 1.0 if isinstance(phase, str) else complex(math.cos(phase), math.sin(phase))
-    if not (group["kind"] == "unbalance" or isinstance(amplitude, str) or isinstance(phase, str)):
-        return float(amplitude) * turn
-    factors = [f"({turn})", f"({str(amplitude).lower()})"]
-    factors += [f"{order**2}", "nu^2"] * (group["kind"] == "unbalance")
-    factors += [f"exp(1j*({phase.lower()}))"] if isinstance(phase, str) else []
-    return "*".join(factors)
+def _amplitudes(group: Mapping[str, Any]) -> dict[str, complex]:
+    """Return the coefficient of each formula in nu of a load, as the core does."""
+    order, by, turn = group["order"], group["amplitude"], group.get("phase", 0.5 * math.pi)
+    size, factors = 1.0, []
+    if isinstance(by, str):
+        factors = [f"({by.lower()})"]
+    else:
+        size = float(by)
+    if group["kind"] == "unbalance":
+        size *= order**2
+        factors.append("nu^2")
+    if isinstance(turn, str):
+        parts = ("cos", size), ("sin", 1j * size)
+        return {"*".join([*factors, f"{f}({turn.lower()})"]): z for f, z in parts}
+    unit = complex(math.cos(turn), math.sin(turn)) if order else 1j
+    return {"*".join(factors) or ONE: size * unit}
 
 
 def _band(group: Mapping[str, Any]) -> float | None:

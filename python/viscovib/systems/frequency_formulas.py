@@ -24,11 +24,25 @@ _NU = re.compile(r"(?<![\w.])nu(?!\w)")
 Terms = dict[str, complex]
 
 
+class KnownTerms(str):
+    """A text whose terms are known, with the same numbers as in the core."""
+
+    terms: Terms
+
+    def __new__(cls, terms: Terms) -> KnownTerms:
+        """Make the text."""
+        made = super().__new__(cls, " + ".join(f"{z}*({one})" for one, z in terms.items()))
+        made.terms = terms
+        return made
+
+
 def terms_of(where: str, text: str) -> Terms:
     """Return the coefficients of real formulas whose sum is the value of a text.
 
     ``where``: its name in errors.
     """
+    if isinstance(text, KnownTerms):
+        return text.terms
     if not _NU.search(text):
         raise InputError(
             f"{where} = {_native.shown(text)}: must be numbers, got text (a text must depend "
