@@ -353,7 +353,7 @@ contains
     end select
   end function polynomial_of
 
-  !> The periodic load of a task, `orders` (k) and `series` (n + 1, k), and `formulas` of `make_load`.
+  !> The periodic load of a task, `orders` (k), `series` (n + 1, k) and `formulas` of `make_load`.
   subroutine load_of(task, n_dof, load)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: n_dof

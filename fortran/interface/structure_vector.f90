@@ -6,8 +6,9 @@
 !!   none), their damping and stiffness (n^2 each), pushed and seen (n q each); for each harmonic:
 !!   order; for forces and base: push on real modes (m), on complex modes (p), flexible deflections
 !!   (q) and their rates (q); static load (q); number of forces that depend on the frequency, and
-!!   of each the push, and the length, instructions and numbers of its law; then laws, linear stiffness of elements with a
-!!   kernel, and kernels as a polynomial system (`viscovib_system_vector`), whose mass is a weight.
+!!   of each the push, and the length, instructions and numbers of its law; then laws, linear
+!!   stiffness of elements with a kernel, and kernels as a polynomial system
+!!   (`viscovib_system_vector`), whose mass is a weight.
 !!
 !! Poles, left, right and loads are complex: two numbers each. Arrays are in column-major order.
 module viscovib_structure_vector

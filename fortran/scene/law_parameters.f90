@@ -92,9 +92,11 @@ contains
         .or. scan(name, digits) == 1) then
       call reader%complain(name, "'"//clipped(name)//"': must be a name of at most " &
                            //show(longest)//' letters, digits and _, not begun by a digit')
-    else if (any(functions == name) .or. any(['d ', 'v ', 'nu', 'pi'] == name)) then
+    else if (any(functions == name) .or. any(['d ', 'v ', 'pi'] == name)) then
       call reader%complain(name, name//': is a name that laws have already, must be another')
     end if
+    if (name == 'nu' .and. has_formulas(file)) call reader%complain(name, 'nu: is the frequency ' &
+      //'in a formula of a &load, must be another name')
     system = place_of(file, 'system')
     if (system > size(file%groups)) return
     k = file%groups(system)%find('coordinates')
@@ -107,6 +109,23 @@ contains
       end do
     end associate
   end subroutine check_name
+
+  !> True if an amplitude or a phase of a load is a text.
+  pure logical function has_formulas(file)
+    type(namelist_type), intent(in) :: file
+    integer :: i, k
+
+    has_formulas = .false.
+    do i = 1, size(file%groups)
+      if (file%groups(i)%name /= 'load') cycle
+      do k = 1, file%groups(i)%n_entries
+        associate (entry => file%groups(i)%entries(k))
+          if (.not. any(['amplitude', 'phase    '] == entry%key)) cycle
+          if (entry%values(1)%quoted) has_formulas = .true.
+        end associate
+      end do
+    end do
+  end function has_formulas
 
   !> A law with numbers instead of names. The original text is kept.
   subroutine put_numbers(entry, known)

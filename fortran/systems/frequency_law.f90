@@ -180,8 +180,8 @@ contains
     class(frequency_law), intent(in) :: self
     real(wp), intent(in) :: nu
     type(status_type), intent(out) :: status
-    call fail(status, status_input_error, 'load', "load: '"//clipped(self%text)//"' has no finite " &
-              //'value at nu = '//show(nu)//': must be finite at all frequencies')
+    call fail(status, status_input_error, 'load', "load: '"//clipped(self%text)//"' has no " &
+              //'finite value at nu = '//show(nu)//': must be finite at all frequencies')
   end subroutine fail_at
 
 end module viscovib_frequency_law

@@ -85,6 +85,50 @@ BAD_SCENES = {
     "order without end": (GOOD.replace("&load", "&load order=2000000000,"), 3, "must be 0 (mean)"),
     "phase of the mean": (GOOD.replace("&load", "&load order=0, phase=1,"), 3, "phase: the mean"),
     "base on phi": (GOOD.replace("&load", "&load kind='base', on='phi',"), 3, "on: the base moves"),
+    "formula of another variable": (
+        GOOD.replace("amplitude=0.1", "amplitude='0.1*mu^2'"),
+        3,
+        "amplitude = '0.1*mu^2': must be a number or a formula in nu: 'mu' is neither",
+    ),
+    "phase of another variable": (
+        GOOD.replace("amplitude=0.1", "amplitude=0.1, phase='nu*t'"),
+        3,
+        "phase = 'nu*t': must be a number or a formula in nu: 't' is neither",
+    ),
+    "parameter with the name of the frequency": (
+        "&parameters nu=2 /\n&system coordinates='x' mass=1 stiffness=1 damping=1 /\n"
+        "&load amplitude='0.1*nu' /\n&response nu=1 /\n",
+        1,
+        "nu: is the frequency in a formula of a &load",
+    ),
+    "empty formula": (GOOD.replace("amplitude=0.1", "amplitude=''"), 3, "a formula in nu"),
+    "formula of the mean": (
+        GOOD.replace("amplitude=0.1", "amplitude='nu', order=0"),
+        3,
+        "must be a number for order = 0",
+    ),
+    "formula of the base": (
+        GOOD.replace("amplitude=0.1", "amplitude='nu', kind='base'"),
+        3,
+        "must be a number for kind = 'base'",
+    ),
+    "formula without a value": (
+        GOOD.replace("amplitude=0.1", "amplitude='log(nu - 1)'"),
+        4,
+        "load: '(log(nu - 1))' has no finite value at nu = ",
+    ),
+    "formula with a pole": (
+        "&system coordinates='x' mass=1 stiffness=1 damping=1 /\n"
+        "&load amplitude='0.1/(nu - 1)' /\n&branch nu_from=0.5 nu_to=1.7 /\n",
+        3,
+        "load: '(0.1/(nu - 1))' has no finite value at nu = ",
+    ),
+    "formula without a value in time": (
+        "&system coordinates='x' mass=1 stiffness=1 damping=1 /\n"
+        "&load amplitude='0.1/(nu - 1)' /\n&transient nu=1 t_end=5 /\n",
+        3,
+        "load: '(0.1/(nu - 1))' has no finite value at nu = 1",
+    ),
     "load order": (GOOD.replace("&load", "&load order=-1,"), 3, "order = -1: must be 0"),
     "no load": (GOOD.replace("&load amplitude=0.1 /", ""), None, "no &load group"),
     "no result": (GOOD[: GOOD.index("&response")], None, "no &response group"),

@@ -180,7 +180,7 @@ SOUND = (
     'vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1, forces="3*max(x - 0.2, 0)"), 4, '
     'initial=[0.1, 0.5], events=[vv.Event("x - 0.1", direction="up"), "x_dot"])(1.5)',
     f"vv.steady_motion({SYSTEM}, nu=0.8, load=0.2)",
-    f"vv.trace_motion({SYSTEM}, (0.7, 0.8), load=0.2, max_step=0.2, max_points=50)",
+    f"vv.trace_motion({SYSTEM}, (0.7, 0.8), load='0.3*nu^2', max_step=0.2, max_points=50)",
     f"vv.steady_motion({STOP}, 0.9, load=0.3, initial=[0.1, 0], n_periods=2).extremes('x')",
     'vv.basins(vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3"), '
     '{"x": [0.5, -0.5], "x_dot": [0.1, 0.2]}, t_end=20, dt=0.1)',
@@ -207,7 +207,7 @@ SOUND = (
     f"{SMALL}.in_modes().start(displacements=[0.01] * 40, velocities=[0.0] * 40)",
     "vv.Structure.read(mass='mass.mtx', stiffness='stiffness.mtx', modal_damping=0.1)",
     f"vv.forced_response({SMALL}, nu=[0.1, 0.2], load={{'x1': 0.01}}, coordinates=['x1', 'x9'])",
-    f"vv.trace_response({STRUCTURE}, (0.3, 0.6), load={{'x1': 0.01}}, harmonics=3)",
+    f"vv.trace_response({STRUCTURE}, (0.3, 0.6), load={{'x1': '0.01*nu^2'}}, harmonics=3)",
     f"vv.forced_response({SMALL}, nu=[0.1], load={{'x1': 0.01}}).check(points=1)",
     "vv.read_dma(path='dma.csv')",
     "vv.read_dynamic_stiffness(path='mount.csv')",
@@ -257,7 +257,7 @@ SOUND = (
     "vv.Springs(stiffness=1)",
     f"vv.simulate({MOUNT}, t_end=5, initial=[0.1, 0, 0, 0])",
     f"vv.simulate({MEMORY}, t_end=2, dt=0.1, held=[0.1, 0])",
-    f"vv.simulate({SYSTEM}, t_end=5, dt=0.1, load=0.3, nu=1.2, tolerance=1e-6)",
+    f"vv.simulate({SYSTEM}, t_end=5, dt=0.1, load='0.2*nu^2*exp(0.1j*nu)', nu=1.2, tolerance=1e-6)",
     f"vv.backbone({SYSTEM}, mode=0, amplitude_range=(0.01, 0.5), harmonics=3)",
     f"vv.backbone({FREE}, mode=1, energy_range=(1e-4, 1e-3), harmonics=3, max_points=20)",
     f"vv.plan_response(system={MOUNT}, nu=[1, 2], load=0.1)",

@@ -59,7 +59,7 @@ SEEDS = {
 """,
     "branch": """&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &kernel kind='abel' amplitude=0.05 alpha=0.3 /
-&load amplitude=0.1 /
+&load amplitude='0.02*nu^2' /
 &branch nu_from=1 nu_to=4 harmonics=3 max_points=60 /
 """,
     "load_branch": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
@@ -78,7 +78,7 @@ SEEDS = {
 &system coordinates='x1' 'x2' mass=1 1 stiffness=2 -1 -1 2 damping=0.02 0.02 /
 &force on='x2' law='k3*(x1 - x2)^3' /
 &force on='x1' law='f0*tanh(x1_dot/soft)' /
-&load on='x1' amplitude=0.3 /
+&load on='x1' amplitude='f0*nu^2/sqrt(1 + soft*nu)' phase='0.1*nu' /
 &response nu_from=0.3 nu_to=2 nu_count=3 harmonics=5 method='newton' sampling='yes'
   dissipation='yes' /
 """,
@@ -117,7 +117,7 @@ SEEDS = {
 &kernel kind='prony' weights=0.3 rates=1.5 /
 &element on='x1' 'x2' weights=1 -1 stiffness=0.4 law='0.5*d^3' kernel=1 /
 &element on='x2' damping=0.1 law='tanh(d)' kernel=0 /
-&load on='x1' amplitude=0.2 /
+&load on='x1' amplitude='0.2*exp(nu - 1)' /
 &branch nu_from=0.6 nu_to=0.9 harmonics=3 max_points=40 /
 """,
     "layers": """&structure size=3 mass=1 1 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 rayleigh=0.02 0 /

@@ -15,7 +15,7 @@ SYSTEM = vv.PolynomialSystem(
     forces={"b": "0.5*b^3"},
 )
 #: Names of NumPy in formulas.
-NUMPY = {"sqrt": np.sqrt, "exp": np.exp, "sin": np.sin, "tan": np.tan, "tanh": np.tanh, "where": np.where}
+NUMPY = {name: getattr(np, name) for name in ("sqrt", "exp", "sin", "tan", "tanh", "where")}
 UNBALANCED = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
 
 
@@ -276,9 +276,17 @@ def test_a_load_without_a_finite_value_is_named(analysis, text):
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize(
     "formula",
-    ["1/(nu - 0.3)", "0.1 + sqrt(nu - 0.4)", "sqrt(nu^2 - 2*nu + 1.000001)", "where(nu < 1, nu, 2 - nu)",
-     "abs(nu - 1)^1.5", "sin(nu)/nu", "tan(0.9*nu)", "where(abs(nu - 1) > 0.1, 1/(nu - 1), 0)"],
-)  # fmt: skip
+    [
+        "1/(nu - 0.3)",
+        "0.1 + sqrt(nu - 0.4)",
+        "sqrt(nu^2 - 2*nu + 1.000001)",
+        "where(nu < 1, nu, 2 - nu)",
+        "abs(nu - 1)^1.5",
+        "sin(nu)/nu",
+        "tan(0.9*nu)",
+        "where(abs(nu - 1) > 0.1, 1/(nu - 1), 0)",
+    ],
+)
 def test_a_load_that_is_finite_is_not_refused(formula):
     """The response is linear, so its harmonic is the load times the receptance."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.4)

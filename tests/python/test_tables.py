@@ -63,8 +63,8 @@ MORE = {
 &load amplitude=0.01 kind='base' /
 &branch nu_from=0.5 nu_to=1.5 dissipation='yes' /
 """,
-    "formulas of loads on a damped structure": """&structure mass=1 2 1.5 stiffness=2 -1 0 -1 2 -1 0 -1 2
-  damping=0.1 0 0 0 0.2 0 0 0 0.05 /
+    "formulas of loads on a damped structure": """&structure mass=1 2 1.5
+  stiffness=2 -1 0 -1 2 -1 0 -1 2 damping=0.1 0 0 0 0.2 0 0 0 0.05 /
 &element on='x1' law='0.4*d^3' /
 &load on='x3' amplitude='0.02*nu^2' order=2 /
 &response nu=0.3 0.5 0.9 dissipation='yes' /

@@ -107,7 +107,7 @@ def forced_response(
         coordinates (for a mount: force on x, moment on phi); or forces by the names of coordinates,
         {"x3": P}; or a Fourier series {harmonic: any of these}, f(t) = Im sum_k P_k exp(i k nu t),
         whose mean is the imaginary part of P_0. `fourier_coefficients` computes it from samples.
-        P may be a text a + b*nu^2: "0.002*nu^2" is the force of an unbalance of 0.002 kg m.
+        P may be a formula in nu, such as "0.002*nu^2" for an unbalance of 0.002 kg m.
     base : complex or mapping
         For an oscillator: displacement of the supports (for a mount: in x, m) in the same form,
         along the ``base_direction`` of the system. For a `PolynomialSystem` or a `Body` also a

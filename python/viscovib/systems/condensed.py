@@ -495,10 +495,10 @@ class LoadedStructure:
             free -= at**2 * (moved.flexible + at * moved.flexible_rate)
             order = self.orders[j[0]]
             for values, i in self.varying_at(order, s.imag / order):
-                value, own = values[:, np.newaxis], self.varying_pushes[i]
-                modes += value * own.modes
-                poles += value * own.poles
-                free += value * (own.flexible + at * own.flexible_rate)
+                value, varied = values[:, np.newaxis], self.varying_pushes[i]
+                modes += value * varied.modes
+                poles += value * varied.poles
+                free += value * (varied.flexible + at * varied.flexible_rate)
             for part in (modes, poles, free):
                 part *= factors[:, np.newaxis]
         # Modes near a resonance are separate unknowns: in H they would hide all other modes.
