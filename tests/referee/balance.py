@@ -1,6 +1,6 @@
 """Independent harmonic balance and Floquet multipliers in plain NumPy."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -68,10 +68,11 @@ class Balance:
         return self._turn(-((k * nu) ** 2) + 0j), self._turn(1j * k * nu), kept
 
     def residual(
-        self, a: Array, nu: float, load: Array, slopes: bool = True
+        self, a: Array, nu: float, load: Array | Callable[[float], Array], slopes: bool = True
     ) -> tuple[Array, Array]:
         """Residual, and its derivatives with respect to the unknowns (flattened row by row)."""
         second, first, kept = self.operators(nu)
+        load = load(nu) if callable(load) else load
         m = self.model
         u = self.waves @ a
         r = second @ a @ m.mass.T + first @ a @ m.damping.T - load
@@ -130,8 +131,13 @@ class Balance:
                 return self.solve(a, nu, load)
         return None
 
-    def fold(self, a: Array, nu: float, load: Array) -> tuple[float, Array] | None:
-        """Fold near a motion: the frequency at which d nu = 0 along the curve, and the motion."""
+    def fold(
+        self, a: Array, nu: float, load: Array | Callable[[float], Array]
+    ) -> tuple[float, Array] | None:
+        """Fold near a motion: the frequency at which d nu = 0 along the curve, and the motion.
+
+        ``load``: rows, or a function of the frequency.
+        """
         # Newton's method for F = 0, F_a v = 0, l.v = 1 with second derivatives by differences.
         r, jac = self.residual(a, nu, load)
         v = np.linalg.svd(jac)[2][-1]

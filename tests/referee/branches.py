@@ -6,6 +6,7 @@ from referee.balance import Balance, load_rows
 from referee.case import Case, Claim, even, few
 from referee.models import Draft, Term, chain, mount, some_memory
 from referee.responses import difference
+from referee.varying_loads import formula
 
 JUDGES = ("trace_response", "Branch", "Branch.amplitude")
 
@@ -19,9 +20,10 @@ def _solve(model, coefficients, orders, nu, load):
 
 
 def _judge_points(model, names, load, tolerance, rng):
-    """Random points, ends, folds."""
+    """Random points, ends, folds; ``load``: by harmonics, or a function of the frequency."""
     branch, reported = names["branch"], names["reported"]
     orders = branch.harmonics
+    at = load if callable(load) else lambda nu: load
     warned = any("Convergence" in text for text in reported)
     yield Claim("truncation is estimated", branch.truncation is not None, True)
     estimate = np.zeros(branch.nu.size) if branch.truncation is None else branch.truncation
@@ -33,13 +35,13 @@ def _judge_points(model, names, load, tolerance, rng):
         # Two folds within a step give no turning point: check that the equations are singular there.
         highest = Balance(model, int(orders.max()))
         for nu, x in zip(branch.folds, branch.fold_coefficients, strict=True):
-            _r, jac = highest.residual(highest.real(x, orders), nu, load_rows(highest, load))
+            _r, jac = highest.residual(highest.real(x, orders), nu, load_rows(highest, at(nu)))
             sizes = np.linalg.svd(jac, compute_uv=False)
             yield Claim("a fold is singular", 1 + sizes[-1] / sizes[0], 1.0, 1e-6, damage=1e-4)
         seen += between
     yield Claim("folds are where the branch turns", len(branch.folds), seen)
     for i in rng.integers(0, branch.nu.size, 3):
-        scaled = {k: p * branch.load_factor[i] for k, p in load.items()}
+        scaled = {k: p * branch.load_factor[i] for k, p in at(branch.nu[i]).items()}
         true = _solve(model, branch.coefficients[i], orders, branch.nu[i], scaled)
         if true is None:
             continue
@@ -58,7 +60,7 @@ def _judge_points(model, names, load, tolerance, rng):
         return
     balance = Balance(model, min(2 * int(orders.max()) + 4, 31))
     start = balance.real(branch.fold_coefficients[i], orders)
-    found = balance.fold(start, float(branch.folds[i]), load_rows(balance, load))
+    found = balance.fold(start, float(branch.folds[i]), lambda nu: load_rows(balance, at(nu)))
     if found is not None and abs(found[0] / branch.folds[i] - 1) < 0.1:
         own, motion = found
         # Newton's method of the reference, by differences, finds the location to about 1e-11.
@@ -94,12 +96,20 @@ def _any(rng, index):
         where = f"({ends[0]}, {ends[1]})" if rng.random() < 0.7 else f"({ends[1]}, {ends[0]})"
     else:
         where = f"nu={float(f'{w * rng.uniform(0.7, 1.4):.4g}')}, load_range=(0.1, {even(rng, 1, 3, 2)})"
+    draw = np.random.default_rng(index)
+    given = size
+    if index % 3 < 2 and index % 7 in (1, 4):
+        text, amplitude = formula(draw, size, w)
+        given = f"{{1: {{{model.names[0]!r}: {text!r}}}}}"
+
+        def load(nu):
+            return {1: np.array([amplitude(nu)] + [0.0] * (model.n - 1))}
+
     call = f"""system = {model.source}
-branch = vv.trace_response(system, {where}, load={size}{kept}, tolerance={tolerance}, stability=False)
+branch = vv.trace_response(system, {where}, load={given}{kept}, tolerance={tolerance}, stability=False)
 outcome, first, last = branch.outcome, branch.parameter[0], branch.parameter[-1]
 amplitude = branch.amplitude({model.names[0]!r})
 """
-    draw = np.random.default_rng(index)
 
     def judge(names, reported):
         names["reported"] = reported

@@ -5,6 +5,7 @@ import numpy as np
 from referee.balance import Balance, load_rows
 from referee.case import Case, Claim, even, few
 from referee.models import chain, mount, rzhanitsyn, some_memory
+from referee.varying_loads import formula
 
 JUDGES = (
     "forced_response", "Response.corrections", "Response.methods", "Monomial", "PeriodicMotions",
@@ -91,6 +92,12 @@ def case(rng, index):
     if orders != "auto":
         orders = max(orders, max(load))
     text = ", ".join(f"{k}: {p.tolist()}" for k, p in load.items())
+    if index % 5 == 2:
+        # The same amplitude as a formula.
+        written, value = formula(np.random.default_rng(index), size, omega[0])
+        load[1] = np.array([value(nu)] + [0.0] * (model.n - 1))
+        others = ", ".join(f"{k}: {p.tolist()}" for k, p in load.items() if k > 1)
+        text = f"1: {{{model.names[0]!r}: {written!r}}}, {others}"
     relaxed = ', relaxation="auto"' if method == "successive" and index % 2 else ""
     call = f"""system = {model.source}
 r = vv.forced_response(
