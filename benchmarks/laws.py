@@ -22,8 +22,8 @@ Row = dict[str, Any]
 #: Target time of a branch point (s), by law.
 _JENKINS, _TANH = 80e-6, 40e-6
 _ROUNDS = 15
-#: Target overhead of a polynomial as text law, as a fraction.
-MOST_RATIO = 1.5
+#: Target overhead of a polynomial as text law, and of a load by a formula, as a fraction.
+MOST_RATIO, MOST_OF_LOAD = 1.5, 1.05
 
 
 def _free(forces: Any) -> vv.PolynomialSystem:
@@ -113,6 +113,37 @@ def run() -> tuple[list[Row], list[Row]]:
              "ratio": (second / m) / (first / n)}
         )  # fmt: skip
     return rows, ratios
+
+
+def varying_loads() -> list[Row]:
+    """Branches under loads by formulas in the frequency, with the same under a constant load.
+
+    The formulas have the value of the constant load, so that the points are the same.
+    """
+    chain = np.diag(np.full(40, 2.0)) - np.diag(np.ones(39), 1) - np.diag(np.ones(39), -1)
+    element = vv.Spring(on="x1", stiffness=0.3, law="0.3*d^3")
+    systems = {
+        "one mass": (_free("x^3"), "x", 0.2, (0.3, 2.0)),
+        "40 masses": (
+            vv.Structure(mass=np.eye(40), stiffness=chain, modal_damping=0.03, elements=[element]),
+            "x3", 0.05, (0.1, 1.5),
+        ),
+    }  # fmt: skip
+    rows = []
+    for name, (system, on, size, ends) in systems.items():
+        formulas = (f"{size} + 1e-14*nu^2", f"{size}*sqrt(1 + 0*nu)*exp(0*nu)")
+
+        def job(load: complex | str, system: Any = system, on: str = on, ends: Any = ends) -> Any:
+            return lambda: vv.trace_response(
+                system, ends, load={1: {on: load}}, harmonics=15, tolerance=1e-6, stability=False
+            )
+
+        first, *others = _by_turns([job(load) for load in (size, *formulas)])
+        for formula, (best, n) in zip(formulas, others, strict=True):
+            plain = first[0] / first[1]
+            rows.append({"system": name, "load": formula, "constant": plain, "seconds": best / n,
+                         "ratio": best / n / plain})  # fmt: skip
+    return rows
 
 
 def ensembles(n: int = 64) -> list[Row]:

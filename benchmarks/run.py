@@ -323,6 +323,15 @@ def of_laws(out: Path) -> Part:
         f"{show_time(row['peer']) if row['peer'] == row['peer'] else ''} |"
         for row in rows
     ]
+    varying = laws.varying_loads()
+    write_csv(out / "varying_loads.csv", varying)
+    lines += ["", "| load by a formula | a point, constant load | formula | ratio | target |"]
+    lines += ["| --- |" + " --- |" * 4]
+    lines += [
+        f"| {row['system']}, {row['load']} | {show_time(row['constant'])} | "
+        f"{show_time(row['seconds'])} | {row['ratio']:.2f} | {laws.MOST_OF_LOAD:g} |"
+        for row in varying
+    ]
     many = laws.ensembles()
     write_csv(out / "law_ensembles.csv", many)
     lines += ["", "| ensembles to t = 200 | method, step | error | a motion | a step |"]

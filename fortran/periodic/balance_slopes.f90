@@ -53,7 +53,7 @@ contains
     end if
     call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, base, &
                                     self%load_factor, total)
-    if (load%varies()) total = total - self%load_factor*self%load_slope
+    if (self%load_varies) total = total - self%load_factor*self%load_slope
     do a = 1, self%n_dof
       slope(1::2, a) = real(total(:, a))
       slope(2::2, a) = aimag(total(:, a))
@@ -64,7 +64,7 @@ contains
       if (size(self%rates) > 0) call add_cycle_slope(self, system, self%cycles(k), slope)
     end do
     if (system%moving) call add_moving_slope(self, system, slope)
-    if (system%moving .and. load%varies()) call add_push_slope(self, system, slope)
+    if (system%moving .and. self%load_varies) call add_push_slope(self, system, slope)
     do k = 1, size(self%set%orders)
       if (self%set%orders(k) == 0) slope(2*k - 1, :) = 0.0_wp
     end do

@@ -51,6 +51,8 @@ module viscovib_harmonic_balance
     real(wp), allocatable, private :: mu(:)
     !> The load, and the derivative of its forces by the frequency, shape (n_orders, n_dof).
     complex(wp), allocatable, private :: load(:, :), load_slope(:, :)
+    !> True if the load depends on the frequency.
+    logical, private :: load_varies = .false.
     !> Harmonics of the remainders w(u) - W u, and of a force, shape (2 n_orders,
     !! n_memory) and (2 n_orders).
     real(wp), allocatable, private :: bent(:, :), kept(:), f_parts(:)
@@ -148,14 +150,16 @@ contains
     call system%retained(self%mu, self%fraction)
     call system%dynamic_stiffness(self%mu, self%fraction, self%stiffness)
     self%load = (0.0_wp, 0.0_wp)
-    if (load%varies()) self%load_slope = 0.0_wp*self%load
+    ! The load of a condensed system is in the system.
+    self%load_varies = .not. system%condensed .and. load%varies()
+    if (self%load_varies) self%load_slope = 0.0_wp*self%load
     moves = system%condensed
     if (.not. moves) moves = load%moves_base()
     do j = 1, size(load%orders)
       do k = 1, size(self%set%orders)
         if (load%orders(j) /= self%set%orders(k)) cycle
         self%load(k, :) = load%force(:, j)
-        if (load%varies()) call load%add_varying(j, nu, self%load(k, :), self%load_slope(k, :))
+        if (self%load_varies) call load%add_varying(j, nu, self%load(k, :), self%load_slope(k, :))
         if (.not. moves) cycle
         self%load(k, :) = system%load_coefficient(self%load(k, :), load%shift(system, j), &
                                                   load%orders(j), nu, self%stiffness(:, :, k), &

@@ -1,6 +1,8 @@
 """Loads that depend on the frequency: closed forms, SciPy, and constant loads of the same value."""
 
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ SYSTEM = vv.PolynomialSystem(
     names=["a", "b"],
     forces={"b": "0.5*b^3"},
 )
+DATA = Path(__file__).parents[2] / "data" / "unbalance_reference.json"
+REFERENCE = {one["name"]: one for one in json.loads(DATA.read_text())}
 #: Names of NumPy in formulas.
 NUMPY = {name: getattr(np, name) for name in ("sqrt", "exp", "sin", "tan", "tanh", "where")}
 UNBALANCED = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
@@ -187,18 +191,44 @@ def test_motions_of_a_branch_repeat_in_scipy(formula):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_folds_of_a_branch_with_unbalance():
-    """Both folds agree with another program to 13 digits.
-
-    The oscillator x'' + 0.05 x' + x + x^3 = 0.02 nu^2 cos nu t by Fourier collocation (25 and 40
-    harmonics) and dnu/da = 0, confirmed by shooting with DOP853.
-    """
+    """Both folds and the largest x at them agree with another program (data/README.md)."""
+    values = REFERENCE["unbalance_duffing"]["value"]
+    folds = [one["nu"] for one in values]
     branch = vv.trace_response(UNBALANCED, (0.3, 2.0), load="0.02*nu^2", stability=True)
-    folds = [1.069208627388277, 1.0576213370217253]
     np.testing.assert_allclose(branch.folds, folds, rtol=1e-10)
     places = [np.abs(branch.nu - nu).argmin() for nu in folds]
     np.testing.assert_array_equal(branch.stable[[0, sum(places) // 2, -1]], [True, False, True])
+    angle = np.linspace(0, 2 * np.pi, 20001)
+    waves = np.exp(1j * np.outer(branch.harmonics, angle))
+    largest = (branch.fold_coefficients[:, 0] @ waves).imag.max(axis=1)
+    np.testing.assert_allclose(largest, [one["max_x"] for one in values], rtol=1e-7)
     motions = vv.trace_motion(UNBALANCED, (0.7, 1.3), load="0.02*nu^2")
     np.testing.assert_allclose(motions.folds, folds, rtol=1e-7)
+
+
+def test_response_of_a_gyroscopic_rotor_to_an_unbalance():
+    """The rotor of data/unbalance_reference.json, z = x + i y: at each speed a matrix of rates."""
+    inertia, polar, unbalance = 0.02, 0.035, 1e-3
+    mass = [1, 1, inertia, inertia]
+    stiffness = np.kron([[400, -30], [-30, 6]], np.eye(2))
+    damping = np.diag([1, 1, 0.01, 0.01]).astype(float)
+    turn = np.zeros((4, 4))
+    turn[2, 3], turn[3, 2] = polar, -polar
+    expected = REFERENCE["gyroscopic_overhung_rotor"]["value"]["response"]
+    load = {1: {"x": f"1j*{unbalance}*nu^2", "y": f"{unbalance}*nu^2"}}
+    for name, one in expected.items():
+        nu = float(name.removeprefix("nu="))
+        system = vv.PolynomialSystem(
+            mass=mass, stiffness=stiffness, damping=damping + nu * turn, names=["x", "y", "a", "b"]
+        )
+        found = vv.forced_response(system, [nu], load=load).coefficients[0, :, 0]
+        # x = Re Z exp(i nu t) and y = Im Z exp(i nu t).
+        z, theta = found[1], found[3]
+        np.testing.assert_allclose(found[[0, 2]], 1j * found[[1, 3]], rtol=1e-10)
+        np.testing.assert_allclose(
+            [abs(z), np.angle(z), abs(theta), np.angle(theta)],
+            [one["abs_z"], one["phase_z"], one["abs_theta"], one["phase_theta"]], rtol=1e-12,
+        )  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")

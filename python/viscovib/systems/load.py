@@ -30,6 +30,11 @@ _MAX_ORDER = 100_000
 FORMULA_CODE = -1_000_000
 
 
+#: Series of recent loads with formulas, by the load and the names of the coordinates.
+_KNOWN: dict[tuple[str, tuple[str, ...]], tuple[npt.NDArray[np.int32], ComplexArray, str]] = {}
+_MOST_KNOWN = 64
+
+
 @dataclass(frozen=True)
 class Job:
     """A system and its load, as arguments of tasks of the core.
@@ -178,8 +183,33 @@ def oscillator_series(
     A term of order -1 - k contains, in place of forces, the displacements of the coordinates by the
     base of order k, and a term of order -k - 10^6 i forces that formula i multiplies.
     """
-    if type(load) is float and base is None:
-        return *load_series(load, None, len(system.dof_names)), ""
+    if base is None:
+        if type(load) is float:
+            return *load_series(load, None, len(system.dof_names)), ""
+        if _is_plain(load):
+            # Reading a formula takes as long as some points of a branch.
+            key = repr(load), tuple(system.dof_names)
+            found = _KNOWN.get(key)
+            if found is None:
+                if len(_KNOWN) >= _MOST_KNOWN:
+                    _KNOWN.clear()
+                found = _KNOWN[key] = _series_of(system, load, None)
+            return found
+    return _series_of(system, load, base)
+
+
+def _is_plain(load: Any) -> bool:
+    """True if a load has a text, and ``repr`` describes it completely."""
+    if type(load) is not dict:
+        return type(load) is str
+    return any(map(_has_text, load.values())) and all(
+        type(one) in (str, int, float, complex) or _is_plain(one) for one in load.values()
+    )
+
+
+def _series_of(
+    system: Any, load: LoadLike | None, base: Any
+) -> tuple[npt.NDArray[np.int32], ComplexArray, str]:
     terms, n = base_by_order(base), len(system.dof_names)
     along = {order: term for order, term in terms.items() if not in_components(term)}
     constant, varying = parts_of(load, n, name_places(system.dof_names))
