@@ -9,6 +9,7 @@ module viscovib_motion_tasks
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type, new_load
+  use viscovib_mesh, only: extend_ends
   use viscovib_motion_inputs, only: load_of, of_pendulum, of_structure, polynomial_of, put_piece, &
     read_equations, read_piece, with_memory, without_memory
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
@@ -25,6 +26,7 @@ module viscovib_motion_tasks
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
   use viscovib_task, only: task_type
+  use viscovib_timed_cubics, only: timed_cubics
   use viscovib_transient_job, only: transient_job
   implicit none
   private
@@ -60,6 +62,12 @@ contains
       call find_accelerations(task)
     case ('shock')
       call find_shock(task)
+    case ('sum of tables')
+      call add_tables(task)
+    case ('corners')
+      call find_corners(task)
+    case ('mesh')
+      call extend_mesh(task)
     case ('moving coordinates')
       call find_moving(task)
     case ('hidden coordinates')
@@ -160,6 +168,63 @@ contains
     call task%found%put_reals('times', times, shape(times))
     call task%found%put_reals('cubics', cubics, shape(cubics))
   end subroutine find_shock
+
+  !> The sum of two tables of loads, `breaks` and `pieces`, `other_breaks` and `other_pieces`:
+  !! `breaks` and `pieces` as of `timed_cubics`.
+  subroutine add_tables(task)
+    type(task_type), intent(inout) :: task
+    type(timed_cubics) :: table, other
+    call read_table(task, '', table)
+    call read_table(task, 'other_', other)
+    if (task%failed()) return
+    call task%check_extents('other_pieces', shape(other%pieces), [size(table%pieces, 1), 4, &
+                                                                  size(other%breaks)])
+    if (task%failed()) return
+    call table%add(other)
+    call task%found%put_reals('breaks', table%breaks, shape(table%breaks))
+    call task%found%put_reals('pieces', table%pieces, shape(table%pieces))
+  end subroutine add_tables
+
+  !> `times` at which a table of loads, `breaks` and `pieces`, is not smooth, and its ends.
+  subroutine find_corners(task)
+    type(task_type), intent(inout) :: task
+    type(timed_cubics) :: table
+    real(wp), allocatable :: times(:)
+    call read_table(task, '', table)
+    if (task%failed()) return
+    allocate (times, source=table%corners())
+    call task%found%put_reals('times', times, shape(times))
+  end subroutine find_corners
+
+  subroutine read_table(task, prefix, table)
+    type(task_type), intent(inout) :: task
+    character(len=*), intent(in) :: prefix
+    type(timed_cubics), intent(out) :: table
+    allocate (table%breaks, source=task%get_reals(prefix//'breaks'))
+    allocate (table%pieces, source=task%get_cube(prefix//'pieces'))
+    call task%check_extents(prefix//'pieces', shape(table%pieces), [size(table%pieces, 1), 4, &
+                                                                    size(table%breaks)])
+  end subroutine read_table
+
+  !> `ends` (n) and `made_by` (n) extended to the time `end`, as of `extend_ends`, with steps of at
+  !! most `h` and the `breaks`.
+  subroutine extend_mesh(task)
+    type(task_type), intent(inout) :: task
+    real(wp), allocatable :: ends(:)
+    integer(i8), allocatable :: made_by(:)
+    real(wp), pointer, contiguous :: breaks(:)
+    real(wp) :: h, end
+    allocate (ends, source=task%get_reals('ends'))
+    allocate (made_by, source=task%get_longs('made_by'))
+    breaks => task%get_reals('breaks')
+    h = task%get_real('h')
+    end = task%get_real('end')
+    call task%check_extents('made_by', shape(made_by), shape(ends))
+    if (task%failed()) return
+    call extend_ends(ends, made_by, h, breaks, end)
+    call task%found%put_reals('ends', ends, shape(ends))
+    call task%found%put_reals('made_by', real(made_by, wp), shape(made_by))
+  end subroutine extend_mesh
 
   !> Which coordinates move (1) if those with `driven` /= 0 (n) are driven: `moves` (n).
   subroutine find_moving(task)

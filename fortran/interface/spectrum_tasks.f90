@@ -6,7 +6,8 @@ module viscovib_spectrum_tasks
   use viscovib_free_decay, only: decay_type, find_free_decay
   use viscovib_kinds, only: i8, wp
   use viscovib_line_fit, only: line_residual, line_sums, lines_type, new_lines
-  use viscovib_shock_response, only: shock_response
+  use viscovib_record_doubts, only: doubt_record
+  use viscovib_shock_spectrum, only: find_shock_spectrum
   use viscovib_task, only: task_type
   use viscovib_windows, only: noise_bandwidth
   implicit none
@@ -36,6 +37,8 @@ contains
       call find_decay(task)
     case ('shock')
       call find_shock_response(task)
+    case ('doubts')
+      call find_doubts(task)
     case default
       call task%refuse_kind()
     end select
@@ -163,25 +166,45 @@ contains
     call task%found%put_real('residual', decay%residual)
   end subroutine find_decay
 
-  !> Extremes of a `quantity` of oscillators of circular frequencies `omega` (m) and `damping` ratio
-  !! on a base of acceleration `record` (n), with `steps` (1 or n - 1): `extremes` (4, m).
+  !> Shock response spectrum of a `record` (n), with `steps` between samples (1 or n - 1), at the
+  !! frequencies `hz` (m) with the ratio `damping`; `kind` and `unit` as of `find_shock_spectrum`:
+  !! `extremes` (4, m).
   subroutine find_shock_response(task)
     type(task_type), intent(inout) :: task
-    real(wp), pointer, contiguous :: record(:), steps(:), omega(:)
+    real(wp), pointer, contiguous :: record(:), steps(:), hz(:)
     real(wp), allocatable :: extremes(:, :)
+    character(len=:), allocatable :: unit
     real(wp) :: damping
-    integer :: quantity
+    integer :: kind
 
     record => task%get_reals('record')
     steps => task%get_reals('steps')
-    omega => task%get_reals('omega')
+    hz => task%get_reals('hz')
     damping = task%get_real('damping')
-    quantity = task%get_integer('quantity')
+    kind = task%get_integer('kind')
+    call task%take_text('unit', unit)
     if (size(steps) /= 1) call task%check_extents('steps', shape(steps), shape(record) - 1)
     if (task%failed()) return
-    allocate (extremes(4, size(omega)))
-    call shock_response(record, steps, omega, damping, quantity, extremes)
+    call find_shock_spectrum(record, steps, hz, damping, kind, unit, extremes, task%status)
+    if (task%failed()) return
     call task%found%put_reals('extremes', extremes, shape(extremes))
   end subroutine find_shock_response
+
+  !> Doubts about `values` (n) of a record (m/s^2) called `name`, given in a `unit`, or of a formula
+  !! (`is_record` false): `text`, a line each.
+  subroutine find_doubts(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: values(:)
+    character(len=:), allocatable :: name, unit, text
+    logical :: is_record
+
+    values => task%get_reals('values')
+    call task%take_text('name', name)
+    call task%take_text('unit', unit)
+    is_record = task%get_flag('is_record')
+    if (task%failed()) return
+    call doubt_record(name, values, unit, is_record, text)
+    call task%found%put_text('text', text)
+  end subroutine find_doubts
 
 end module viscovib_spectrum_tasks

@@ -61,11 +61,12 @@ contains
     complex(wp), target :: amplitudes(system%n_dof(), size(load%orders)), &
                            waves(system%n_dof(), size(load%orders))
     real(wp), target :: frequencies(size(load%orders)), moved(system%n_dof(), 1), start(1)
-    real(wp), target :: pieces(system%n_dof(), 4, 1), still(4, system%n_dof(), 1)
+    real(wp), target :: still(4, system%n_dof(), 1)
+    real(wp), allocatable, target :: breaks(:), pieces(:, :, :)
     integer :: k
 
     start = 0.0_wp
-    pieces = 0.0_wp
+    call load%forces_in_time(breaks, pieces)
     still = 0.0_wp
     waves = (0.0_wp, 0.0_wp)
     moved(:, 1) = job%held
@@ -78,7 +79,7 @@ contains
     equations%moves = moved_coordinates(system, driven(job, system, load))
     equations%frequencies => frequencies
     equations%amplitudes => amplitudes
-    equations%breaks => start
+    equations%breaks => breaks
     equations%pieces => pieces
     equations%waves => waves
     equations%base_breaks => start
@@ -88,7 +89,7 @@ contains
     equations%moved => moved
     if (counting) call count_up(counted_idle, count(.not. equations%moves))
     call run_with_memory(job, system, equations, max(fastest, maxval([0.0_wp, frequencies])), &
-                         trajectory, status)
+                         load%corners(), trajectory, status)
   end subroutine run_hereditary_job
 
   !> Coordinates that the load, the start or the past moves; with events all are computed.
@@ -105,12 +106,14 @@ contains
   !> A motion by equations with memory, with steps and past as in the job. An unstable
   !! motion with memory amplifies the errors of equations and kernels: if no step meets the
   !! tolerance, they are solved more accurately.
-  subroutine run_with_memory(job, system, equations, fastest, trajectory, status)
+  subroutine run_with_memory(job, system, equations, fastest, corners, trajectory, status)
     type(hereditary_job), intent(in), target :: job
     class(oscillator_type), intent(in), target :: system
     class(memory_equations), intent(inout), target :: equations
     !> The frequency that determines the first steps (rad/s).
     real(wp), intent(in) :: fastest
+    !> Of the loads (s).
+    real(wp), intent(in) :: corners(:)
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(piece_runs) :: runs
@@ -130,11 +133,11 @@ contains
       runs%first%tolerance = max(0.1_wp*job%wanted(), rounding)
     end if
     wanted = max(4.0_wp, job%t_end*fastest*per_period(job%method)/(2.0_wp*pi))
-    call run_motion(runs, job, wanted, trajectory, status)
+    call run_motion(runs, job, wanted, corners, merge(2, 1, remembers), trajectory, status)
     if (.not. (status%failed() .and. job%dt <= 0.0_wp .and. remembers)) return
     if (status%subject /= 'tolerance') return
     runs%first%tolerance = max(sharper*runs%first%tolerance, rounding)
-    call run_motion(runs, job, wanted, trajectory, status)
+    call run_motion(runs, job, wanted, corners, merge(2, 1, remembers), trajectory, status)
   end subroutine run_with_memory
 
   !> Text of the plan: computed and skipped parts, with reasons.

@@ -1,14 +1,16 @@
 !> Accelerations of the states that a motion in time has kept, by the equations of motion.
 !!
-!! A motion without memory, or with that of exponentials, is made once more, and its equations give
-!! them on the side of each surface on which the motion is. Other oscillators are looked at in all
-!! their coordinates; what they remember follows from the motion at the points of its steps.
+!! A motion whose laws have surfaces, or with memory of exponentials, is made once more, and its
+!! equations give them on the side of each surface on which the motion is. Other oscillators are
+!! looked at in all their coordinates; what they remember follows from the motion at the points of
+!! its steps.
 module viscovib_motion_accelerations
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: imaginary_unit
   use viscovib_hereditary_job, only: hereditary_job
-  use viscovib_kinds, only: wp
+  use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
+  use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
@@ -42,11 +44,23 @@ contains
     end if
     select type (motion)
     type is (hereditary_job)
-      call by_balance(motion, subject, trajectory, accelerations, status)
+      call by_balance(motion, subject, motion%nu, trajectory, accelerations, status)
     class default
-      call along_once_more(motion, subject, nu, trajectory, accelerations, status)
+      if (switches(subject%polynomial)) then
+        call along_once_more(motion, subject, nu, trajectory, accelerations, status)
+      else
+        call by_balance(motion, subject, nu, trajectory, accelerations, status)
+      end if
     end select
   end subroutine find_accelerations
+
+  !> True if a state does not tell the forces: laws with surfaces, elements with states, memory.
+  logical function switches(system)
+    type(polynomial_type), intent(in) :: system
+    integer :: i
+    switches = any(system%kernel_of > 0) .or. any([(system%laws(i)%state > 0 .or. &
+      system%laws(i)%program%n_surfaces() > 0, i=1, size(system%laws))])
+  end function switches
 
   subroutine of_pendulum(subject, trajectory, accelerations)
     type(subject_type), intent(in) :: subject
@@ -108,6 +122,10 @@ contains
     own%last_only = .false.
     own%tail = 0.0_wp
     own%accelerates = accelerates
+    if (allocated(trajectory%ends)) then
+      own%ends = trajectory%ends
+      own%made_by = trajectory%made_by
+    end if
     if (allocated(own%watched)) deallocate (own%watched)
     call move_subject(own, subject, nu, [(i, i=1, size(motion%initial)/2)], again, status)
     if (status%failed() .or. size(again%t) == size(times)) return
@@ -116,9 +134,11 @@ contains
   end subroutine repeat_motion
 
   !> By the balance of forces in all coordinates.
-  subroutine by_balance(motion, subject, trajectory, accelerations, status)
-    type(hereditary_job), intent(in) :: motion
+  subroutine by_balance(motion, subject, nu, trajectory, accelerations, status)
+    class(transient_job), intent(in) :: motion
     type(subject_type), intent(in), target :: subject
+    !> Frequency of the load (rad/s).
+    real(wp), intent(in) :: nu
     type(trajectory_type), intent(in) :: trajectory
     real(wp), allocatable, intent(out) :: accelerations(:, :)
     type(status_type), intent(out) :: status
@@ -149,23 +169,23 @@ contains
     allocate (recalled(size(trajectory%t), system%n_memory()), source=0.0_wp)
     if (any(system%kernel_of > 0)) then
       call find_panels(trajectory, ends, times, points)
-      call repeat_motion(motion, subject, motion%nu, trajectory, times, .false., again, status)
+      call repeat_motion(motion, subject, nu, trajectory, times, .false., again, status)
       if (status%failed()) return
-      call relative(system, load, motion%nu, again, points, panel_u, panel_rate)
+      call relative(system, load, nu, again, points, panel_u, panel_rate)
       call recalled_along(system, ends, panel_u, panel_rate, motion%held, trajectory%t, recalled)
     end if
     points = [(i, i=1, size(trajectory%t))]
     if (subject%is_structure) then
-      call repeat_motion(motion, subject, motion%nu, trajectory, trajectory%t, .false., again, &
+      call repeat_motion(motion, subject, nu, trajectory, trajectory%t, .false., again, &
                          status)
       if (status%failed()) return
-      call relative(system, load, motion%nu, again, points, u, rate)
+      call relative(system, load, nu, again, points, u, rate)
     else
-      call relative(system, load, motion%nu, trajectory, points, u, rate)
+      call relative(system, load, nu, trajectory, points, u, rate)
     end if
-    call base_at(system, load, motion%nu, trajectory%t, moved)
+    call base_at(system, load, nu, trajectory%t, moved)
     allocate (a(size(u, 1), size(u, 2)))
-    call accelerations_of(system, u, rate, load_at(system, load, motion%nu, trajectory%t), &
+    call accelerations_of(system, u, rate, load_at(system, load, nu, trajectory%t), &
                           recalled, a, singular)
     allocate (accelerations, source=transpose(a))
     accelerations = accelerations + moved(:, :, 3)
@@ -178,13 +198,21 @@ contains
     real(wp), allocatable, intent(out) :: ends(:), times(:)
     integer, allocatable, intent(out) :: points(:)
     type(collocation_type) :: table
+    type(mesh_type) :: mesh
     real(wp) :: until
     integer :: i, j, k, n
 
     call new_collocation(table, panel_points)
     until = max(trajectory%t(size(trajectory%t)), 1.0e-3_wp*trajectory%h)
-    n = max(1, ceiling(until/trajectory%h*(1.0_wp - 1.0e-12_wp)))
-    ends = [0.0_wp, (i*trajectory%h, i=1, n - 1), until]
+    if (allocated(trajectory%ends)) then
+      call new_mesh(mesh, trajectory%h, trajectory%ends, trajectory%made_by)
+      n = int(trajectory%made_by(size(trajectory%made_by)))
+      ends = [(mesh%start_of(int(i, i8)), i=0, n)]
+      ends = [pack(ends, ends < until*(1.0_wp - 1.0e-14_wp)), until]
+    else
+      n = max(1, ceiling(until/trajectory%h*(1.0_wp - 1.0e-12_wp)))
+      ends = [0.0_wp, (i*trajectory%h, i=1, n - 1), until]
+    end if
     n = size(ends) - 1
     k = panel_points + 1
     allocate (times(n*k + 1), points(n*(k + 1)))
@@ -220,6 +248,12 @@ contains
     integer :: i, k
 
     allocate (moved(system%n_dof(), size(t), 3), source=0.0_wp)
+    if (load%has_table()) then
+      ! States are relative to a base whose acceleration is given.
+      do i = 1, size(t)
+        moved(:, i, 3) = matmul(load%floors, load%table%at(t(i)))
+      end do
+    end if
     if (.not. load%moves_base()) return
     do k = 1, size(load%orders)
       w = load%orders(k)*nu
@@ -242,6 +276,11 @@ contains
     complex(wp) :: amplitude(system%n_dof())
     integer :: i, k
     force = 0.0_wp
+    if (load%has_table()) then
+      do i = 1, size(t)
+        force(i, :) = matmul(load%pushes, load%table%at(t(i)))
+      end do
+    end if
     do k = 1, size(load%orders)
       amplitude = load%coefficient(system, load%orders(k), nu)
       do i = 1, size(t)

@@ -1,4 +1,5 @@
-!> A motion in time of any system, with its spectra and the decaying oscillations in it.
+!> A motion in time of any system, with its spectra, its shock response spectrum and the decaying
+!! oscillations in it.
 module viscovib_motion_job
   use viscovib_aliased_share, only: aliased_share, is_aliased
   use viscovib_amplitude_spectrum, only: amplitude_spectrum
@@ -17,6 +18,7 @@ module viscovib_motion_job
   use viscovib_polar, only: argument, modulus
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_rounded, only: six_digits
+  use viscovib_shock_spectrum_job, only: shock_spectrum_job
   use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure
@@ -68,6 +70,7 @@ module viscovib_motion_job
     real(wp) :: nu = 0.0_wp
     type(spectrum_job) :: spectrum
     type(decay_job) :: decay
+    type(shock_spectrum_job) :: shock
     !> Events as given, one per line; not allocated: none.
     type(event_text), allocatable :: events(:)
   contains
@@ -117,6 +120,7 @@ contains
     if (self%decay%wanted) text = text//'computes: '//things(self%decay%count, &
       'decaying oscillation')//' of the motion from t = '//show(self%decay%start)//new_line('a') &
       //plan_unwanted('a fit', subject, self%decay%fitted)
+    if (self%shock%wanted) text = text//self%shock%plan(subject%coordinates)
     if (.not. self%spectrum%wanted) then
       text = text//'skips: Fourier transforms (no spectrum requested)'//new_line('a')
       return
@@ -138,7 +142,7 @@ contains
     type(job_report), intent(out) :: report
     type(status_type), intent(out) :: status
     type(trajectory_type), target :: trajectory
-    character(len=:), allocatable :: folded, method
+    character(len=:), allocatable :: doubts, folded, method
     real(wp), allocatable :: shares(:), accelerations(:, :)
     integer :: kept
 
@@ -156,7 +160,7 @@ contains
         if (status%failed()) return
       end if
     end if
-    if (self%motion%wants_accelerations) then
+    if (self%motion%wants_accelerations .or. self%shock%place > 0) then
       call find_accelerations(self%motion, subject, self%nu, trajectory, accelerations, status)
       if (status%failed()) return
     end if
@@ -165,6 +169,9 @@ contains
     if (allocated(self%events)) call put_events(self, subject, trajectory, sink, status)
     if (status%failed()) return
     if (self%decay%wanted) call put_decay(self%decay, subject, trajectory, sink, folded, status)
+    if (status%failed()) return
+    doubts = ''
+    if (self%shock%wanted) call self%shock%put(trajectory%t, accelerations, sink, doubts, status)
     if (status%failed()) return
     report%complete = any(trajectory%outcome == [run_completed, run_event]) .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &
@@ -182,12 +189,27 @@ contains
       report%summary = report%summary//', '//things(self%decay%count, 'decaying oscillation') &
                        //folded
     end if
+    report%summary = report%summary//after_semicolons(doubts)
     if (self%spectrum%wanted .and. kept >= 2) then
       folded = aliases(self%spectrum, subject, trajectory, kept, shares)
       report%complete = report%complete .and. folded == ''
       report%summary = report%summary//folded
     end if
   end subroutine run
+
+  !> Lines as parts of a sentence.
+  function after_semicolons(lines) result(text)
+    character(len=*), intent(in) :: lines
+    character(len=:), allocatable :: text
+    integer :: first, last
+    text = ''
+    first = 1
+    do while (first <= len(lines))
+      last = first + index(lines(first:), new_line('a')) - 2
+      text = text//'; '//lines(first:last)
+      first = last + 2
+    end do
+  end function after_semicolons
 
   !> Part of each coordinate above the Nyquist frequency of the last `kept` states, by its velocity.
   function aliased_shares(self, trajectory, kept) result(shares)
@@ -318,7 +340,7 @@ contains
     class(motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in), target :: trajectory
-    !> Of all coordinates; not allocated: not wanted.
+    !> Of all coordinates, if they are wanted.
     real(wp), allocatable, intent(in), target :: accelerations(:, :)
     character(len=*), intent(in) :: method
     class(table_sink), intent(inout) :: sink
@@ -337,7 +359,7 @@ contains
       row = trajectory%row_of(self%wanted(i))
       call table%add_reals(name, trajectory%states(row, :))
       call table%add_reals(name//'_dot', trajectory%states(row + 1, :))
-      if (allocated(accelerations)) then
+      if (self%motion%wants_accelerations) then
         call table%add_reals(name//'_ddot', accelerations(self%wanted(i), :))
       end if
     end do

@@ -48,6 +48,9 @@ module viscovib_motion_request
     logical :: wants_accelerations = .false., accelerates = .false.
     !> Displacement relative to the base held for all t < 0, shape (n_dof); not allocated: none.
     real(wp), allocatable :: held(:)
+    !> Steps with corners of the load, as of `trajectory_type`; not allocated: by `dt`.
+    real(wp), allocatable :: ends(:)
+    integer(i8), allocatable :: made_by(:)
   contains
     procedure :: allowed
     procedure :: by_size

@@ -37,7 +37,7 @@ contains
     equations%change = part_of_numbers
     runs%equations => equations
     runs%first%tolerance = job%solved()
-    call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
+    call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), [real(wp) ::], 1, trajectory, status)
   end subroutine run_pendulum_job
 
   !> Text of the plan: computed and skipped parts, with reasons.

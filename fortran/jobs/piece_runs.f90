@@ -139,6 +139,9 @@ contains
     end do
     self%shared%shortest = course%shortest
     call take(self, course, trajectory)
+    if (.not. self%has_mesh) return
+    trajectory%ends = self%mesh%ends
+    trajectory%made_by = self%mesh%made_by*factor
   end subroutine make
 
   !> The run from its start; the part without requested states is run first, unless events are

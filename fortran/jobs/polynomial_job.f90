@@ -37,11 +37,11 @@ contains
     type(polynomial_equations), target :: equations
     type(piece_runs) :: runs
     real(wp), target :: held(system%n_dof()), moved(system%n_dof(), 1), start(1), still(4, 1, 1)
-    real(wp), target :: pieces(system%n_dof(), 4, 1)
+    real(wp), allocatable, target :: breaks(:), pieces(:, :, :)
 
     start = 0.0_wp
     still = 0.0_wp
-    pieces = 0.0_wp
+    call load%forces_in_time(breaks, pieces)
     held = 0.0_wp
     if (allocated(job%held)) held = job%held
     moved(:, 1) = held
@@ -51,7 +51,7 @@ contains
     equations%nu = nu
     equations%reach = furthest*job%t_end
     equations%moves = moved_coordinates(system, driven(job, system, load))
-    equations%breaks => start
+    equations%breaks => breaks
     equations%pieces => pieces
     equations%base_breaks => start
     equations%base_pieces => still
@@ -62,7 +62,7 @@ contains
     runs%equations => equations
     runs%first%tolerance = job%solved()
     if (counting) call count_up(counted_idle, count(.not. equations%moves))
-    call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), trajectory, status)
+    call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), load%corners(), 1, trajectory, status)
   end subroutine run_polynomial_job
 
   !> Coordinates that the load or the start moves. With events all are computed, and also if

@@ -9,7 +9,7 @@ module viscovib_structure_job
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: structure_equations
   use viscovib_modal_maps, only: sections_type
-  use viscovib_plan_text, only: report_laws
+  use viscovib_plan_text, only: report_laws, report_table
   use viscovib_status, only: show, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_model, only: structure_model
@@ -48,6 +48,12 @@ contains
     equations%moved => moved
     allocate (equations%load%frequencies(0), equations%load%amplitudes(0, 0))
     allocate (equations%load%breaks(0), equations%load%pieces(0, 4, 0))
+    if (model%load%has_table()) then
+      equations%load%breaks = model%load%table%breaks
+      equations%load%pieces = model%load%table%pieces
+      deallocate (equations%load%amplitudes)
+      allocate (equations%load%amplitudes(size(model%load%pushes, 2), 0))
+    end if
     call set_sections(equations, job, model, system, places)
     associate (frequencies => model%load%orders*job%nu)
       if (model%load%moves_base()) then
@@ -64,7 +70,8 @@ contains
       own%watched = renumbered(job%watched, size(model%base_direction), places)
     end if
     equations%damps_modes = .true.
-    call run_with_memory(own, equations%system, equations, rate_seen(equations), trajectory, status)
+    call run_with_memory(own, equations%system, equations, rate_seen(equations), &
+                         model%load%corners(), trajectory, status)
     trajectory%places = places
   end subroutine run_structure_job
 
@@ -85,7 +92,7 @@ contains
       sections%squares = rest%squares
       sections%rates = rest%rates
       sections%seen = system%rest%seen(:m, :)
-      sections%pushed = system%rest%pushed(:m, :)
+      sections%pushed = with_columns(system%rest%pushed(:m, :), rest%shapes, load)
       sections%frequencies = load%orders*job%nu
       ! Loads as given, and the inertia of coordinates relative to a moving base.
       inertia = inertia_of(model)
@@ -103,6 +110,10 @@ contains
         others%poles = rest%poles(kept)
         others%left = spread(twice, 2, size(sections%seen, 2))*system%rest%left(kept, :)
         others%right = system%rest%right(kept, :)
+        if (load%has_table()) then
+          others%right = reshape([others%right, matmul(transpose(right), load%pushes)], &
+                                 [size(kept), size(others%right, 2) + size(load%pushes, 2)])
+        end if
         others%sine = matmul(transpose(right), real(forces))
         others%cosine = matmul(transpose(right), aimag(forces))
         equations%shown_left = spread(twice, 2, size(places))*transpose(rest%left(places, kept))
@@ -116,11 +127,26 @@ contains
       sections%rates = [0.0_wp]
       sections%inner = [0.0_wp]
       sections%seen = spread(spread(0.0_wp, 1, q), 1, 1)
-      sections%pushed = sections%seen
+      i = q
+      if (model%load%has_table()) i = q + size(model%load%pushes, 2)
+      sections%pushed = spread(spread(0.0_wp, 1, i), 1, 1)
       sections%waves = spread(spread((0.0_wp, 0.0_wp), 1, size(model%load%orders)), 1, 1)
       equations%shown = spread(spread(0.0_wp, 1, size(places)), 1, 1)
     end associate
   end subroutine set_sections
+
+  !> Pushes of elements on modes, and of the loads in time.
+  pure function with_columns(pushed, shapes, load) result(wide)
+    real(wp), intent(in) :: pushed(:, :), shapes(:, :)
+    type(load_type), intent(in) :: load
+    real(wp), allocatable :: wide(:, :)
+    integer :: q
+    q = size(pushed, 2)
+    if (load%has_table()) q = q + size(load%pushes, 2)
+    allocate (wide(size(pushed, 1), q))
+    wide(:, :size(pushed, 2)) = pushed
+    if (load%has_table()) wide(:, size(pushed, 2) + 1:) = matmul(transpose(shapes), load%pushes)
+  end function with_columns
 
   !> Change of the part without real modes due to a jump of the base.
   subroutine set_base(sections, model)
@@ -254,7 +280,8 @@ contains
     text = 'computes: motion to t = '//show(job%t_end)//' by ' &
            //trim(hereditary_methods(job%method))//', forces of elements at ' &
            //show(nodes(job%method))//' nodes a step, modes exactly'//nl//plan_steps(job) &
-           //plan_forces(job, system%polynomial_type, load)//report_laws(system)
+           //plan_forces(job, system%polynomial_type, load)//report_laws(system) &
+           //report_table(load)
   end function plan_structure
 
 end module viscovib_structure_job

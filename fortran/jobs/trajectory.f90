@@ -54,6 +54,10 @@ module viscovib_trajectory
     !> Error of states by rounding of precomputed frequencies, which all runs share.
     real(wp) :: by_phases = 0.0_wp
     integer(i8) :: n_steps = 0
+    !> Ends of pieces with equal steps, and the number of steps at each; not allocated: all steps
+    !! are equal.
+    real(wp), allocatable :: ends(:)
+    integer(i8), allocatable :: made_by(:)
     !> True if rounding errors of the energy accumulate from step to step.
     logical :: keeps_energy = .false.
     !> Length of the steps relative to that at which nodes resolve every thin layer of a law.

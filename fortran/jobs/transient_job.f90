@@ -2,6 +2,7 @@
 !! step given or found.
 module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
+  use viscovib_mesh, only: extend_ends, first_after
   use viscovib_motion_piece, only: nothing
   use viscovib_motion_request, only: part_of_size, transient_job
   use viscovib_piece_runs, only: piece_runs, shared_type
@@ -33,16 +34,21 @@ contains
     end if
   end function first_steps
 
-  !> One run with the step given, or runs with decreasing steps until the tolerance is met.
-  subroutine run_motion(runs, job, wanted, trajectory, status)
+  !> One run with the step given, or runs with decreasing steps until the tolerance is met. Steps
+  !! end on the corners of the loads.
+  subroutine run_motion(runs, job, wanted, corners, at_first, trajectory, status)
     !> With its equations, its tolerance, and the storage of the past.
     type(piece_runs), intent(inout) :: runs
     class(transient_job), intent(in), target :: job
     !> First number of steps if the step is searched.
     real(wp), intent(in) :: wanted
+    !> Ascending; smallest number of steps until the first.
+    real(wp), intent(in) :: corners(:)
+    integer, intent(in) :: at_first
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(shared_type), target :: shared
+    real(wp), allocatable, target :: times(:)
     type(search_type) :: search
     !> The search compares only kept states, and does not require low peaks between them.
     class(transient_job), allocatable :: checked
@@ -68,6 +74,11 @@ contains
     call check_work(job, n, status)
     if (status%failed()) return
     runs%first%h = job%t_end/n
+    if (size(corners) > 0) then
+      call end_on_corners(runs, job, int(n, i8), corners, at_first, times, status)
+      if (status%failed()) return
+      if (allocated(times)) runs%first%times => times
+    end if
     call runs%begin(shared)
     if (job%dt > 0.0_wp) then
       call runs%make(job, int(n, i8), 1, 1, trajectory, status)
@@ -81,6 +92,49 @@ contains
       call explain(job, n, search, status)
     end if
   end subroutine run_motion
+
+  !> Steps that end on corners, and the times after n equal steps, if these are the states wanted.
+  subroutine end_on_corners(runs, job, n, corners, at_first, times, status)
+    type(piece_runs), intent(inout) :: runs
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    real(wp), intent(in) :: corners(:)
+    integer, intent(in) :: at_first
+    real(wp), allocatable, intent(out) :: times(:)
+    type(status_type), intent(out) :: status
+    integer(i8) :: count, i
+
+    call set_ok(status)
+    associate (first => runs%first)
+      if (allocated(job%ends)) then
+        first%ends = job%ends
+        first%made_by = job%made_by
+      else
+        first%ends = [real(wp) ::]
+        first%made_by = [integer(i8) ::]
+        call extend_ends(first%ends, first%made_by, first%h, corners, job%t_end)
+        first%made_by = first%made_by + max(0_i8, at_first - first%made_by(1))
+      end if
+      count = first%made_by(size(first%made_by))
+      if (real(count, wp) > max_steps) then
+        call fail(status, status_input_error, 'load', 'load: takes '//show(real(count, wp)) &
+                  //' steps, must be at most '//show(max_steps))
+        return
+      end if
+      ! Memory is represented for the shortest step.
+      if (runs%equations%collocated) runs%later = first_after(corners, job%t_end)
+      if (.not. job%dt > 0.0_wp .or. runs%at_times .or. runs%last_only) return
+      allocate (times(n/job%save_every + 1))
+      do i = 0, size(times) - 1
+        times(i + 1) = real(i*job%save_every, wp)*(job%t_end/real(n, wp))
+      end do
+      if (mod(n, int(job%save_every, i8)) == 0) times(size(times)) = job%t_end
+      if (job%tail > 0.0_wp) then
+        times = pack(times, times >= times(size(times)) - job%tail*(1.0_wp + 1.0e-12_wp))
+      end if
+      runs%at_times = .true.
+    end associate
+  end subroutine end_on_corners
 
   !> Set the message of a search that found no step.
   subroutine explain(job, n, search, status)

@@ -1,5 +1,5 @@
-!> A measured kernel as a text file: a time (s) and a value R (1/s) in each
-!! line, separated by blanks or a comma; what follows # or ! is left out.
+!> A measured kernel or a record as a text file: a time (s) and a value in each line,
+!! separated by blanks or a comma; what follows # or ! is left out.
 module viscovib_kernel_table
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
@@ -73,7 +73,7 @@ contains
     else
       ! The message does not contain the line: the scene may come from a foreign source.
       call fail(status, status_input_error, 'file', 'a line must be two finite numbers, a time ' &
-                //'(s) and a value (1/s)')
+                //'and a value')
     end if
   end subroutine read_line
 

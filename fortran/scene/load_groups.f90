@@ -8,12 +8,17 @@ module viscovib_load_groups
   use viscovib_law_faults, only: complain_of_law
   use viscovib_load, only: load_type, new_load
   use viscovib_namelist, only: lower, namelist_type
+  use viscovib_scene_groups, only: place_of
   use viscovib_status, only: clipped, set_ok, status_type
   use viscovib_subject, only: subject_type
+  use viscovib_timed_groups, only: read_in_time
   implicit none
   private
 
   public :: read_loads
+
+  !> Kinds: 1 is a force.
+  integer, parameter :: moves = 2, unbalances = 3, accelerates = 4
 
   !> Terms of a load, as for `new_load`; those of the first n are set.
   type :: term_list
@@ -21,6 +26,11 @@ module viscovib_load_groups
     integer, allocatable :: orders(:), law_of(:)
     complex(wp), allocatable :: force(:, :), base(:), moved(:, :)
     type(frequency_law), allocatable :: laws(:)
+    !> Shocks and records, for a motion in time.
+    type(load_type) :: in_time
+    logical :: is_motion = .false.
+    !> Accelerations along the direction of the system, and of coordinates, that were read.
+    logical :: along(2) = .false.
   contains
     procedure :: add
   end type term_list
@@ -28,11 +38,11 @@ module viscovib_load_groups
 contains
 
   !> Every &load is a term amplitude sin(order nu t + phase), times (order nu)^2 for an unbalance.
-  !! Amplitude and phase may depend on nu. The terms are added.
+  !! Amplitude and phase may depend on nu. Others are shocks and records. They are added.
   subroutine read_loads(file, subject, load, echo, status)
     type(namelist_type), intent(in) :: file
-    !> What it acts on.
-    type(subject_type), intent(in) :: subject
+    !> What it acts on. Its warnings are those of records, too.
+    type(subject_type), intent(inout) :: subject
     type(load_type), intent(out) :: load
     !> Gets the canonical text of the groups added.
     type(growing_text), intent(inout) :: echo
@@ -47,6 +57,7 @@ contains
     allocate (terms%laws(n))
     allocate (terms%base(n), terms%force(size(subject%coordinates), n), source=(0.0_wp, 0.0_wp))
     terms%moved = terms%force
+    terms%is_motion = place_of(file, 'transient') <= size(file%groups)
     call set_ok(status)
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'load') cycle
@@ -58,23 +69,31 @@ contains
     n = terms%n
     call new_load(load, size(subject%coordinates), terms%orders(:n), terms%force(:, :n), &
                   terms%base(:n), status, terms%moved(:, :n), terms%laws, terms%law_of(:n))
+    if (.not. terms%in_time%has_table()) return
+    load%table = terms%in_time%table
+    load%pushes = terms%in_time%pushes
+    load%floors = terms%in_time%floors
   end subroutine read_loads
 
   subroutine read_load(reader, subject, terms)
     type(group_reader), intent(inout) :: reader
-    type(subject_type), intent(in) :: subject
+    type(subject_type), intent(inout) :: subject
     type(term_list), intent(inout) :: terms
-    character(len=:), allocatable :: word, by, turn
+    character(len=:), allocatable :: kind_name, word, by, turn
     real(wp), allocatable :: shape(:)
     real(wp) :: amplitude, phase
     integer :: kind, on, order
 
     on = 1
-    word = reader%read_text('kind', choice=kind)
+    kind_name = reader%read_text('kind', choice=kind)
     allocate (shape(size(subject%coordinates)), source=0.0_wp)
-    if (kind == 2) then
-      call read_base(reader, subject, on)
+    if (kind == moves .or. kind == accelerates) then
+      call read_base(reader, subject, kind == accelerates, on)
       shape(on) = 1.0_wp
+      if (kind == accelerates) then
+        if (.not. reader%has('on')) shape = subject%base_direction()
+        call check_mixed(reader, terms%along)
+      end if
     else if (reader%has('force') .or. reader%has('torque')) then
       deallocate (shape)
       call read_direction(reader, subject, shape)
@@ -82,6 +101,10 @@ contains
       call reader%refuse(['at'], 'needs force')
       word = reader%read_text('on', trim(subject%coordinates(1)), subject%coordinates, on)
       shape(on) = 1.0_wp
+    end if
+    if (reader%may_have('shape') .or. kind == accelerates) then
+      call read_in_time(reader, subject, kind_name, terms%is_motion, shape, terms%in_time)
+      return
     end if
     order = reader%read_integer('order')
     if (reader%has('force') .or. reader%has('torque')) then
@@ -96,13 +119,13 @@ contains
     else
       call reader%read_formula('phase', phase, turn)
     end if
-    call check_formula(reader, 'amplitude', by, kind == 2, order)
-    call check_formula(reader, 'phase', turn, kind == 2, order)
-    if (kind == 3 .and. order == 0) then
+    call check_formula(reader, 'amplitude', by, kind == moves, order)
+    call check_formula(reader, 'phase', turn, kind == moves, order)
+    if (kind == unbalances .and. order == 0) then
       call reader%complain('order', "order = 0: kind = 'unbalance' turns, must be 1, 2, ...")
     end if
     if (reader%status%failed()) return
-    if (kind == 2) then
+    if (kind == moves) then
       call terms%add(order, 0.0_wp*shape, (1.0_wp, 0.0_wp), '')
       associate (n => terms%n, term => amplitude*unit_at(order, phase))
         if ((subject%is_polynomial .or. subject%is_turning) .and. reader%has('on')) then
@@ -114,7 +137,7 @@ contains
       return
     end if
     by = in_brackets(by)
-    if (kind == 3) then
+    if (kind == unbalances) then
       amplitude = amplitude*order**2
       by = product_of(by, 'nu^2')
     end if
@@ -188,10 +211,24 @@ contains
     call new_frequency_law(self%laws(self%n), lower(formula), fault)
   end subroutine add
 
+  !> Accelerations of a base are all along its direction, or all of coordinates.
+  subroutine check_mixed(reader, along)
+    type(group_reader), intent(inout) :: reader
+    !> Accelerations along the direction of the system, and of coordinates, that were read.
+    logical, intent(inout) :: along(2)
+    along(merge(2, 1, reader%has('on'))) = .true.
+    if (all(along)) then
+      call reader%complain('kind', "kind = 'acceleration': another one is along base_direction: " &
+                           //"all of them must have on, or none")
+    end if
+  end subroutine check_mixed
+
   !> A base that moves along the direction of its system, or one coordinate of it.
-  subroutine read_base(reader, subject, on)
+  subroutine read_base(reader, subject, accelerated, on)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(in) :: subject
+    !> Whether its acceleration is given.
+    logical, intent(in) :: accelerated
     !> The coordinate.
     integer, intent(out) :: on
     character(len=:), allocatable :: word
@@ -201,8 +238,9 @@ contains
     call reader%refuse(['force ', 'torque', 'at    '], 'only a force has this key')
     if (.not. reader%has('on')) then
       if (.not. any(abs(subject%base_direction()) > 0.0_wp)) then
-        call reader%complain('kind', "kind = 'base': needs base_direction in &system, or on = " &
-                             //'the coordinate that moves')
+        call reader%complain('kind', "kind = '"//trim(merge('acceleration', 'base        ', &
+                             accelerated))//"': needs base_direction in &system, or on = the " &
+                             //'coordinate that moves')
       end if
       return
     end if
@@ -214,6 +252,12 @@ contains
     n = size(subject%coordinates)
     if (subject%is_body) n = 6
     word = reader%read_text('on', trim(subject%coordinates(1)), subject%coordinates(:n), on)
+    if (accelerated .and. on > 3 .and. subject%is_body .and. .not. subject%is_turning) then
+      if (any(abs([subject%body%gravity, subject%body%spin]) > 0.0_wp)) then
+        call reader%complain('on', "on = '"//word//"': the weight or the spin does not turn with " &
+                             //"the base, must be kind = 'base'")
+      end if
+    end if
     if (.not. subject%is_turning) return
     if (on > 3) then
       call reader%complain('on', "on = '"//word//"': must not turn the floor with geometry = " &

@@ -64,18 +64,22 @@ contains
     end if
   end subroutine read_frequency
 
-  subroutine read_transient(reader, system, job, from_rest)
+  subroutine read_transient(reader, system, job, from_rest, is_pushed)
     type(group_reader), intent(inout) :: reader
     class(driven_system_type), intent(in) :: system
     type(transient_job), intent(out) :: job
     !> Whether it begins at rest where no start is given, which else is needed.
     logical, intent(in), optional :: from_rest
+    !> Whether a shock moves it: it begins at rest where no start is given.
+    logical, intent(in), optional :: is_pushed
     type(status_type) :: checked
     character(len=:), allocatable :: word
     real(wp) :: start(2*(system%n_dof - system%n_hidden))
-    logical :: may_lack
+    logical :: may_lack, is_resting
 
     may_lack = .false.
+    is_resting = .false.
+    if (present(is_pushed)) is_resting = is_pushed
     start = 0.0_wp
     if (present(from_rest)) may_lack = from_rest
     if (may_lack) then
@@ -83,8 +87,10 @@ contains
       if (reader%status%failed()) return
       start(1::2) = job%held
       job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden), start)
+    else if (is_resting) then
+      job%initial = reader%read_reals('initial', size(start), start)
     else
-      job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden))
+      job%initial = reader%read_reals('initial', size(start))
     end if
     call check_start(reader, job%initial)
     job%t_end = reader%read_real('t_end')

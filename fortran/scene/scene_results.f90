@@ -36,6 +36,7 @@ module viscovib_scene_results
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
+  use viscovib_shock_spectrum_groups, only: read_shock_spectrum
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_steady_motion_job, only: steady_motion_job
   use viscovib_structure_model, only: structure_model
@@ -221,8 +222,10 @@ contains
           call fail(status, status_input_error, 'base', 'base: must be at rest in motion in time')
         end if
         call reader%place(status)
-        ! What goes by all coordinates may begin at rest.
-        if (.not. status%failed()) call read_transient(reader, system, motion, subject%goes_whole)
+        ! What goes by all coordinates may begin at rest, and so may what a shock moves.
+        if (.not. status%failed()) then
+          call read_transient(reader, system, motion, subject%goes_whole, subject%load%has_table())
+        end if
       end if
       call move_alloc(motion, own%motion)
     end if
@@ -247,14 +250,15 @@ contains
     end if
   end subroutine check_structure
 
-  !> The groups &spectrum and &free_decay of a scene with &transient.
+  !> The groups &spectrum, &free_decay and &shock_spectrum of a scene with &transient.
   subroutine read_parts(file, subject, job, canonical, status)
     type(namelist_type), intent(in) :: file
-    type(subject_type), intent(in) :: subject
+    type(subject_type), intent(inout) :: subject
     class(job_type), intent(inout) :: job
     type(growing_text), intent(inout) :: canonical
     type(status_type), intent(inout) :: status
-    character(len=*), parameter :: names(2) = [character(len=10) :: 'spectrum', 'free_decay']
+    character(len=*), parameter :: names(3) = &
+      [character(len=14) :: 'spectrum', 'free_decay', 'shock_spectrum']
     type(group_reader) :: reader
     integer :: k, n
 
@@ -264,7 +268,14 @@ contains
         n = place_of(file, trim(names(k)))
         if (n > size(file%groups)) cycle
         call reader%start(file%path, file%groups(n))
-        if (k == 1) then
+        if (k < 3 .and. subject%load%has_table() .and. .not. job%motion%dt > 0.0_wp) then
+          call reader%complain(trim(names(k)), '&'//trim(names(k))//': needs states at equal ' &
+                               //'steps, which end on the corners of a shock: must have dt in ' &
+                               //'&transient')
+        end if
+        if (k == 3) then
+          call read_shock_spectrum(reader, subject, job%motion, job%shock)
+        else if (k == 1) then
           call read_spectrum(reader, job%motion, job%spectrum)
           call read_wanted(reader, subject%coordinates, job%spectrum%transformed, subject%shown())
         else

@@ -10,6 +10,7 @@ module viscovib_load
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
+  use viscovib_timed_cubics, only: timed_cubics
   implicit none
   private
 
@@ -37,7 +38,17 @@ module viscovib_load
     type(varying_force), allocatable :: varying(:)
     !> Orders given whose terms add up to 0.
     integer :: n_zero = 0
+    !> Loads that are not periodic, a row each, and the force on each coordinate per unit of a row,
+    !! shape (n_dof, n_rows). A row may be the acceleration of a base to which the coordinates are
+    !! relative, and which moves them by `floors` (n_dof, n_rows); of other rows these are 0. Not
+    !! allocated: none.
+    type(timed_cubics) :: table
+    real(wp), allocatable :: pushes(:, :), floors(:, :)
   contains
+    procedure :: has_table
+    procedure :: add_row
+    procedure :: forces_in_time
+    procedure :: corners
     procedure :: is_odd
     procedure :: moves_base
     procedure :: force_at
@@ -156,6 +167,70 @@ contains
     complex(wp), intent(in) :: z
     finite = ieee_is_finite(real(z)) .and. ieee_is_finite(aimag(z))
   end function finite
+
+  pure logical function has_table(self)
+    class(load_type), intent(in) :: self
+    has_table = allocated(self%pushes)
+  end function has_table
+
+  !> Add a load in time.
+  subroutine add_row(self, times, cubics, push, floor)
+    class(load_type), intent(inout) :: self
+    !> Shapes (n) and (4, n), as of `timed_cubics`.
+    real(wp), intent(in) :: times(:), cubics(:, :)
+    !> Shape (n_dof).
+    real(wp), intent(in) :: push(:), floor(:)
+    type(timed_cubics) :: row
+    real(wp), allocatable :: wide(:, :, :)
+    integer :: m
+
+    m = 1
+    if (self%has_table()) m = size(self%pushes, 2) + 1
+    row%breaks = times
+    allocate (row%pieces(m, 4, size(times)), source=0.0_wp)
+    row%pieces(m, :, :) = cubics
+    if (m == 1) then
+      self%table = row
+      self%pushes = reshape(push, [size(push), 1])
+      self%floors = reshape(floor, [size(push), 1])
+      return
+    end if
+    allocate (wide(m, 4, size(self%table%breaks)), source=0.0_wp)
+    wide(:m - 1, :, :) = self%table%pieces
+    call move_alloc(wide, self%table%pieces)
+    self%pushes = reshape([self%pushes, push], [size(push), m])
+    self%floors = reshape([self%floors, floor], [size(push), m])
+    call self%table%add(row)
+  end subroutine add_row
+
+  !> The loads in time as forces on the coordinates, cubics of shape (n_dof, 4, n) between breaks
+  !! (n); n = 1 without any.
+  pure subroutine forces_in_time(self, breaks, pieces)
+    class(load_type), intent(in) :: self
+    real(wp), allocatable, intent(out) :: breaks(:), pieces(:, :, :)
+    integer :: i
+
+    if (.not. self%has_table()) then
+      allocate (breaks(1), pieces(size(self%force, 1), 4, 1), source=0.0_wp)
+      return
+    end if
+    breaks = self%table%breaks
+    allocate (pieces(size(self%pushes, 1), 4, size(breaks)))
+    do i = 1, size(breaks)
+      pieces(:, :, i) = matmul(self%pushes, self%table%pieces(:, :, i))
+    end do
+  end subroutine forces_in_time
+
+  !> Times on which steps end.
+  pure function corners(self) result(times)
+    class(load_type), intent(in) :: self
+    real(wp), allocatable :: times(:)
+    type(timed_cubics) :: forces
+    allocate (times(0))
+    if (.not. self%has_table()) return
+    call self%forces_in_time(forces%breaks, forces%pieces)
+    times = forces%corners()
+  end function corners
 
   !> True if every order is odd: the load changes sign after half a period.
   pure logical function is_odd(self)
@@ -295,6 +370,7 @@ contains
     logical :: driven(size(self%force, 1))
     integer :: j
     driven = self%touches()
+    if (self%has_table()) driven = driven .or. any(abs(self%pushes) > 0.0_wp, 2)
     if (.not. self%moves_base()) return
     do j = 1, size(self%orders)
       driven = driven .or. system%moved_by(self%shift(system, j))
@@ -308,6 +384,11 @@ contains
     logical, intent(in) :: kept(:)
     type(load_type), intent(out) :: part
     integer :: i
+    if (self%has_table()) then
+      part%table = self%table
+      part%pushes = self%pushes(pack([(i, i=1, size(kept))], kept), :)
+      part%floors = self%floors(pack([(i, i=1, size(kept))], kept), :)
+    end if
     part%orders = self%orders
     part%base = self%base
     part%moved = self%moved(pack([(i, i=1, size(kept))], kept), :)

@@ -9,7 +9,7 @@ module viscovib_plan_text
   implicit none
   private
 
-  public :: report_idle, report_laws, report_zeros
+  public :: report_idle, report_laws, report_table, report_zeros
 
   character(len=*), parameter :: nl = new_line('a')
 
@@ -26,12 +26,25 @@ contains
                                   //' (coefficient 0)'//nl
     if (system%n_silent > 0) text = text//'skips: memory of '//things(system%n_silent, 'kernel') &
                                     //' (factor 0)'//nl
-    if (size(load%orders) == 0) then
+    text = text//report_table(load)
+    if (size(load%orders) == 0 .and. .not. load%has_table()) then
       text = text//'skips: the load (there is none)'//nl
     else if (load%n_zero > 0) then
       text = text//'skips: '//things(load%n_zero, 'order')//' of the load (amplitude 0)'//nl
     end if
   end function report_zeros
+
+  !> Loads by a table.
+  function report_table(load) result(text)
+    type(load_type), intent(in) :: load
+    character(len=:), allocatable :: text
+    integer :: n
+    text = ''
+    if (.not. load%has_table()) return
+    n = size(load%table%breaks)
+    text = 'computes: force by a table of '//things(n, 'time')//', '//show(load%table%breaks(1)) &
+           //' to '//show(load%table%breaks(n))//nl
+  end function report_table
 
   !> Coordinates that stay at rest.
   function report_idle(moved) result(text)

@@ -308,6 +308,10 @@ contains
     call model%rest%refuse_on_idle(reshape(merge(1.0_wp, 0.0_wp, load%touches()), &
                                            [size(load%force, 1), 1]), 'load', '&load: it', status)
     if (status%failed()) return
+    if (load%has_table()) then
+      call model%rest%refuse_on_idle(load%pushes, 'load', '&load: it', status)
+      if (status%failed()) return
+    end if
     model%load = load
     n = size(load%orders)
     nothing = (0.0_wp, 0.0_wp)

@@ -5,7 +5,10 @@ module viscovib_mesh
   implicit none
   private
 
-  public :: mesh_type, new_mesh, equal_steps
+  public :: mesh_type, new_mesh, equal_steps, extend_ends, first_after
+
+  !> Two times closer than this number of floating-point spacings are equal.
+  real(wp), parameter :: same = 8.0_wp
 
   type :: mesh_type
     !> Ends of the pieces, the first begins at 0; number of steps at the end of each, ascending.
@@ -50,6 +53,61 @@ contains
       if (abs(mesh%h(i) - mesh%h(i - 1)) <= 4.0_wp*spacing(mesh%h(i))) mesh%h(i) = mesh%h(i - 1)
     end do
   end subroutine new_mesh
+
+  !> Extend ends of pieces, and the numbers of steps at them, to a later end, with steps of at most
+  !! h, and a piece between any two of the ascending `breaks`.
+  pure subroutine extend_ends(ends, made_by, h, breaks, end)
+    real(wp), allocatable, intent(inout) :: ends(:)
+    integer(i8), allocatable, intent(inout) :: made_by(:)
+    real(wp), intent(in) :: h, breaks(:), end
+    integer(i8), allocatable :: counts(:)
+    real(wp), allocatable :: all_ends(:)
+    real(wp) :: begin, before, near
+    integer :: i, n
+
+    n = size(ends)
+    allocate (counts(n + size(breaks) + 1), all_ends(n + size(breaks) + 1))
+    begin = 0.0_wp
+    if (n > 0) begin = ends(n)
+    near = same*spacing(max(abs(end), abs(begin)))
+    all_ends(:n) = ends
+    counts(:n) = made_by
+    before = -huge(1.0_wp)
+    do i = 1, size(breaks) + 1
+      if (i > size(breaks)) then
+        n = n + 1
+        all_ends(n) = end
+      else
+        if (breaks(i) <= begin + near .or. breaks(i) >= end - near) cycle
+        if (breaks(i) - before > near) then
+          n = n + 1
+          all_ends(n) = breaks(i)
+        end if
+        before = breaks(i)
+      end if
+    end do
+    do i = size(ends) + 1, n
+      if (i > 1) begin = all_ends(i - 1)
+      counts(i) = max(ceiling((all_ends(i) - begin)/h*(1.0_wp - 1.0e-12_wp), i8), 1_i8)
+      if (i > 1) counts(i) = counts(i) + counts(i - 1)
+    end do
+    ends = all_ends(:n)
+    made_by = counts(:n)
+  end subroutine extend_ends
+
+  !> The shortest time between breaks after an end; infinite without breaks.
+  pure real(wp) function first_after(breaks, end) result(shortest)
+    real(wp), intent(in) :: breaks(:), end
+    real(wp) :: before
+    integer :: i
+    shortest = huge(1.0_wp)
+    before = end
+    do i = 1, size(breaks)
+      if (breaks(i) < end) cycle
+      if (breaks(i) - before > same*spacing(end)) shortest = min(shortest, breaks(i) - before)
+      before = breaks(i)
+    end do
+  end function first_after
 
   !> A mesh of equal steps without end.
   pure type(mesh_type) function equal_steps(h)

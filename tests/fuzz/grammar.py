@@ -147,6 +147,21 @@ SEEDS = {
 &load amplitude=0.3 /
 &transient initial=0.1 0 nu=1.2 t_end=10 tolerance=1e-6 times=0.3 4 9.5 /
 """,
+    "shock": """&system coordinates='x' 'y' mass=1 2 stiffness=3 -1 -1 3 base_direction=1 1 /
+&load kind='acceleration' shape='trapezoid' amplitude=2 unit='g' duration=0.1 rise=0.02 fall=0.03 /
+&load kind='acceleration' shape='record' times=0 0.1 0.3 values=1 2 0 amplitude=3 /
+&load shape='chirp' amplitude=3 duration=0.2 hz=5 20 sweep='logarithmic' start=0.1 on='y' /
+&load shape='step' amplitude=1 /
+&transient t_end=1 dt=0.02 acceleration='yes' /
+&shock_spectrum coordinate='y' frequencies=1 20 300 damping=0.1 kind='pseudo_velocity' /
+""",
+    "structure_shock": """&structure mass=1 2 stiffness=3 2 damping=1 1 base_direction=1 1 /
+&element on='x1' law='d^3' /
+&load kind='acceleration' shape='record' file='k.csv' unit='g' /
+&load shape='half_sine' amplitude=1 duration=0.3 on='x2' /
+&transient t_end=2 tolerance=1e-6 /
+&shock_spectrum file='k.csv' from=1 to=20 count=5 spacing='linear' /
+""",
     "law": """&system coordinates='x' 'y' mass=1 0.1 stiffness=1.2 -0.2 -0.2 0.2
   damping=0.03 -0.01 -0.01 0.01 /
 &kernel kind='rzhanitsyn' amplitude=0.048 alpha=0.1 beta=0.05 /

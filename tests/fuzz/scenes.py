@@ -50,7 +50,7 @@ _TEXTS = [
 _PRECIOUS = "precious:x:0\n"
 _KINDS = (
     "response", "branch", "backbone", "transient", "multiple_scales", "modes", "spectrum", "event",
-    "basins", "steady",
+    "basins", "steady", "shock_spectrum",
 )  # fmt: skip
 _FILES = {"k.csv": b"0 0.2\n1, 0.1\n# note\n2 0.05\n"}
 

@@ -152,7 +152,7 @@ def test_what_an_acceleration_cannot_be_is_refused_in_a_line():
     ]:  # fmt: skip
         with pytest.raises(vv.InputError, match=says):
             vv.simulate(system, 1, **given)
-    with pytest.warns(vv.RangeWarning, match=r"base_acceleration: its peak is 4903.32 m/s\^2"):
+    with pytest.warns(vv.RangeWarning, match=r"base_acceleration: its peak is 4903.33 m/s\^2"):
         vv.simulate(along, 0.1, base_acceleration=vv.Step(amplitude=500, unit="g"))
     drifts = vv.LoadTable(times=np.arange(200), values=0.3 + np.zeros(200))
     with pytest.warns(vv.RangeWarning, match=r"offset of 0.3 m/s\^2"):

@@ -45,6 +45,7 @@ NEEDS = {
     "steady_motion": "nu=1",
     "trace_motion": "nu_from=0.5 nu_to=2",
     "transient": "t_end=5",
+    "shock_spectrum": "coordinate='{0}' frequencies=1 2",
     "event": "function='{0} - 0.1'",
     "ensemble": "vary='load_scale' from=0.5 to=1 count=2 t_end=5",
     "basins": "vary='{0}' '{0}_dot' from=-0.1 -0.1 to=0.1 0.1 count=2 2 n_periods=20",
@@ -67,6 +68,20 @@ INSTEAD = {
     ("kernel", "shift_numbers"): "kind='fitted' numbers=1 0.1 0.5 1",
     ("kernel", "temperature"): "kind='fitted' numbers=1 0.1 0.5 1 shift_law='wlf' "
     "shift_numbers=20 10 100",
+    **{("load", key): "shape='half_sine' amplitude=1 duration=1" for key in ("start", "duration")},
+    **{("load", key): "shape='trapezoid' amplitude=1 duration=1" for key in ("rise", "fall")},
+    **{("load", key): "shape='chirp' amplitude=1 duration=1 hz=1 2" for key in ("hz", "sweep")},
+    **{("load", key): "shape='record' times=0 1 values=0 1" for key in ("times", "values")},
+    ("load", "unit"): "kind='acceleration' shape='step' amplitude=1",
+    ("load", "file"): "shape='record' times=0 1 values=0 1",
+    **{
+        ("shock_spectrum", key): "coordinate='x' from=1 to=2 count=3"
+        for key in ("frequencies", "from", "to", "count", "spacing")
+    },
+    **{
+        ("shock_spectrum", key): "times=0 1 values=0 1 frequencies=1"
+        for key in ("file", "times", "values", "unit")
+    },
     ("load", "force"): "torque=1 0 0",
     ("load", "torque"): "force=1 0 0",
     ("load", "at"): "force=1 0 0",
@@ -100,7 +115,8 @@ def scene(row, group, system, given=None, *, name=None):
     """Return a scene with a key of a group; without the key if nothing is given."""
     key, here = row["name"], group["name"]
     result = here if group["role"] == "result" else group.get("needs", "")
-    result = result or ("transient" if system == "pendulum" else "response")
+    in_time = system == "pendulum" or (here == "load" and "shape" in INSTEAD.get((here, key), key))
+    result = result or ("transient" if in_time else "response")
     texts = {"scene": "title='a'", **SYSTEMS[system]}
     if here == "parameters":
         texts["force"] = "law='k*x^3'"
@@ -114,8 +130,9 @@ def scene(row, group, system, given=None, *, name=None):
     texts[here] = INSTEAD.get((here, key), texts[here])
     if result in ("transient", "ensemble"):
         texts[result] += " initial=" + " ".join(["0.01"] * START[system])
-    if result in ("transient", "ensemble", "basins") and system != "pendulum" and not constant:
-        texts[result] += " nu=1"
+    is_shock = in_time and here == "load"
+    if result in ("transient", "ensemble", "basins") and system != "pendulum":
+        texts[result] += " nu=1" * (not constant and not is_shock)
     if system == "pendulum":
         texts[result] = texts[result].replace("nu_", "").replace("load_scale", "f0")
     lines = []

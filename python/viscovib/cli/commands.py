@@ -204,6 +204,9 @@ def _run(options: argparse.Namespace) -> int:
     if result.decay is not None:
         tables.append(options.out / f"{options.scene.stem}_free_decay.csv")
         result.decay_to_csv(tables[-1])
+    if result.shock_spectrum is not None:
+        tables.append(options.out / f"{options.scene.stem}_shock_spectrum.csv")
+        result.shock_spectrum_to_csv(tables[-1])
     pictures = _picture(options, result)
     status = 0 if value.complete and not wanting else _UNSOLVED
     if options.json:

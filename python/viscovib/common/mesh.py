@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from viscovib import _native
 from viscovib._native import FloatArray
 
 #: Two times closer than this number of floating-point spacings are equal.
@@ -44,19 +45,11 @@ class Mesh:
 
     def extended(self, end: float) -> "Mesh":
         """Return the mesh extended to a later end."""
-        begin = float(self.ends[-1]) if self.ends.size else 0.0
-        near = _SAME * np.spacing(max(abs(end), abs(begin)))
-        inner = self.breaks[(self.breaks > begin + near) & (self.breaks < end - near)]
-        apart = np.diff(inner, prepend=-math.inf) > near
-        ends = np.append(inner[apart], end)
-        counts = np.ceil(np.diff(ends, prepend=begin) / self.h * (1 - 1e-12)).astype(np.int64)
-        made = int(self.made_by[-1]) if self.made_by.size else 0
-        return Mesh(
-            self.h,
-            self.breaks,
-            np.append(self.ends, ends),
-            np.append(self.made_by, made + np.cumsum(np.maximum(counts, 1))),
-        )
+        found = _native.run(
+            "motion mesh", ends=self.ends, made_by=self.made_by, h=float(self.h), end=float(end),
+            breaks=self.breaks,
+        )  # fmt: skip
+        return Mesh(self.h, self.breaks, found["ends"], found["made_by"].astype(np.int64))
 
     def finer(self, factor: int) -> "Mesh":
         """Return the mesh with each step divided by the factor."""

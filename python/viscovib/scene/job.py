@@ -17,6 +17,7 @@ from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.forced import forced_response
 from viscovib.analyses.periodic import trace_response
+from viscovib.analyses.shock_spectra import ShockResponseSpectrum
 from viscovib.analyses.signals import warn_of_aliases
 from viscovib.analyses.spectral import Spectrum, spectrum
 from viscovib.analyses.transient import simulate
@@ -30,6 +31,7 @@ from viscovib.results.sampling import NOTES
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory, given_plan
 from viscovib.scene.scene import Scene, texts
+from viscovib.scene.shocks import shock_spectrum, spectrum_of_table
 from viscovib.scene.table import TableResult, run_tables
 
 if TYPE_CHECKING:
@@ -44,7 +46,7 @@ _SUBJECTS = (
 )  # fmt: skip
 
 #: Groups whose tables are additions to that of another group.
-_FURTHER = ("spectrum", "event", "free_decay")
+_FURTHER = ("spectrum", "event", "free_decay", "shock_spectrum")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +54,9 @@ class SceneResult:
     """The result of a scene.
 
     ``value`` is the result that the Python function of the analysis returns: a `Response`, a
-    `Branch`, a `Backbone`, a `Trajectory` with its ``spectrum`` and ``events``, or a
-    `ScalesResponse`; `switched` are the branches that bifurcate from it. Structures and bodies,
-    motions with &free_decay, and analyses without a result class have a `TableResult` (see
+    `Branch`, a `Backbone`, a `Trajectory` with its ``spectrum``, ``shock_spectrum`` and ``events``,
+    or a `ScalesResponse`; `switched` are the branches that bifurcate from it. Structures and
+    bodies, motions with &free_decay, and analyses without a result class have a `TableResult` (see
     `Scene.structure` and `Scene.body`); a scene with &sweep has a Dataset.
 
     Examples
@@ -76,6 +78,7 @@ class SceneResult:
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] | tuple[TableResult, ...] = ()
     #: The table of &free_decay; the motion itself is then a table too.
     decay: TableResult | None = None
+    shock_spectrum: ShockResponseSpectrum | None = None
 
     @property
     def _result(self) -> Result | None:
@@ -130,8 +133,15 @@ class SceneResult:
             raise InputError("decay_to_csv: this scene has no &free_decay")
         self._write(self.decay, path)
 
+    def shock_spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of the shock response spectrum."""
+        if self.shock_spectrum is None:
+            raise InputError("shock_spectrum_to_csv: this scene has no &shock_spectrum")
+        self._write(self.shock_spectrum, path)
+
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
         group = "transient" if value.kind == "event" else value.kind
+        group = group.replace("shock_response", "shock")
         wanted = self.scene.groups[group].get("coordinates")
         title = self.scene.groups.get("scene", {}).get("title", "")
         table = value._table(None if wanted is None else texts(wanted))
@@ -188,7 +198,11 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         run = replace(found, _planned=partial(given_plan, planned))
         accelerates = scene.groups["transient"]["acceleration"] == "yes"
         run = _with(run, _accelerates=accelerates)
-        return SceneResult(scene, run, _spectrum(scene, run), _events(scene, run))
+        shock = scene.groups.get("shock_spectrum")
+        return SceneResult(
+            scene, run, _spectrum(scene, run), _events(scene, run),
+            shock_spectrum=None if shock is None else shock_spectrum(shock, scene._hz(), run),
+        )  # fmt: skip
     if "backbone" in scene.groups:
         free, families = scene._backbones()
         note = tuple(replace(family, plan=planned) for family in families)
@@ -235,8 +249,12 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
         return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
     first, *further_tables = run_tables(scene, kinds, planned)
     further = {table.kind: table for table in further_tables}
-    spectra, located, decay = map(further.get, _FURTHER)
-    return SceneResult(scene, first, spectra, located, decay=decay)
+    spectra, located, decay, shock = map(further.get, _FURTHER)
+    extremes = None
+    if shock is not None:
+        group = scene.groups["shock_spectrum"]
+        extremes = spectrum_of_table(shock.notes, shock.columns, group)
+    return SceneResult(scene, first, spectra, located, decay=decay, shock_spectrum=extremes)
 
 
 def _events(scene: Scene, run: Trajectory) -> TableResult | None:

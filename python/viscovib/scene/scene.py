@@ -40,6 +40,7 @@ from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.scales import ScalesResponse
 from viscovib.scene.body import body_of, coordinates_of
 from viscovib.scene.keys import groups_of, named_in, namelist_text, with_key, with_numbers
+from viscovib.scene.shocks import loads_in_time
 from viscovib.systems.elements import Spring
 from viscovib.systems.frequency_formulas import ONE, KnownTerms
 from viscovib.systems.mount import Mount
@@ -291,6 +292,8 @@ class Scene:
         varying: dict[int, dict[str, Any]] = {}
         names, shapes = self._names(), self._shapes()
         for group in self.groups["load"]:
+            if "shape" in group:
+                continue
             order, terms = group["order"], _amplitudes(with_numbers(group, self._parameters))
             if group["kind"] == "base":
                 if "on" in group:
@@ -330,6 +333,13 @@ class Scene:
             return np.atleast_1d(np.asarray(group["nu"], dtype=float))
         log = group["nu_spacing"] == "log"
         return _grid(group["nu_from"], group["nu_to"], group["nu_count"], log)
+
+    def _hz(self) -> FloatArray:
+        """Frequencies of the shock response spectrum (Hz)."""
+        group = self._group("shock_spectrum")
+        if "frequencies" in group:
+            return np.atleast_1d(np.asarray(group["frequencies"], dtype=float))
+        return _grid(group["from"], group["to"], group["count"], group["spacing"] == "log")
 
     def sweep_grid(self) -> dict[str, FloatArray]:
         """Values of each parameter of the &sweep groups."""
@@ -378,6 +388,7 @@ class Scene:
         return {
             "system": self.pendulum() if self.is_pendulum else self.oscillator(),
             **more,
+            **loads_in_time(self.groups["load"], self._names()),
             "t_end": group["t_end"],
             "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",

@@ -16,11 +16,6 @@ from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.systems.load import LoadLike, load_series, name_places
 from viscovib.systems.load_table import CubicTable, LoadTable, Shock, added
 
-#: Acceleration (m/s^2) above which the unit of a record is doubted.
-_LARGE = 4000.0
-#: Part of a record at each end, relative difference and relative size of an offset.
-_TAIL, _ALIKE, _OFFSET = 0.05, 0.3, 1e-6
-
 
 @dataclass(frozen=True)
 class BaseMotion(Value):
@@ -133,9 +128,12 @@ def _inertia(system: Any, where: str, direction: FloatArray) -> FloatArray:
 def _cubics(where: str, table: LoadTable) -> FloatArray:
     """Return the cubics (4, m) of an acceleration in m/s^2."""
     values = np.asarray(table.values)
+    if values.shape[1:] == (1,):
+        values = values[:, 0]
     if values.ndim != 1 or table.on is not None:
         raise InputError(f"{where}: must have values of shape (n,), without on")
-    warn_of_record(where, values, table.unit, not isinstance(table, Shock))
+    if not isinstance(table, CubicTable):
+        warn_of_record(where, values, table.unit, not isinstance(table, Shock))
     factor = units.g if table.unit == "g" else 1.0
     return np.asarray(factor * table._cubics(values[:, np.newaxis])[0])
 
@@ -157,27 +155,9 @@ def _with_table(
 
 def warn_of_record(name: str, values: FloatArray, unit: str, is_record: bool) -> None:
     """Warn of a unit that looks wrong, and of an offset of a record."""
-    peak = float(np.abs(values).max()) * (units.g if unit == "g" else 1.0)
-    if peak > _LARGE:
-        warnings.warn(
-            f"{name}: its peak is {peak:.6g} m/s^2 = {peak / units.g:.6g} g: check that it is in "
-            f"{unit}",
-            RangeWarning,
-            stacklevel=caller(),
-        )
-    # Four stretches at both ends have the same mean: an offset, unlike the flanks of a pulse.
-    tail = int(_TAIL * values.size)
-    if tail < 4 or not is_record:
-        return
-    half = tail // 2
-    ends = values[:half], values[half:tail], values[-tail:-half], values[-half:]
-    means = np.array([one.mean() for one in ends])
-    offset = float(means.mean())
-    apart, size = float(np.abs(means - offset).max()), float(np.abs(values).max())
-    if apart < _ALIKE * abs(offset) and abs(offset) > _OFFSET * size:
-        warnings.warn(
-            f"{name}: begins and ends with an offset of {offset:.4g} {unit}, with which the base "
-            "drifts: subtract it",
-            RangeWarning,
-            stacklevel=caller(),
-        )
+    doubts: str = _native.run(
+        "spectrum doubts", name=name, unit=unit, is_record=is_record,
+        values=values * (units.g if unit == "g" else 1.0),
+    )["text"]  # fmt: skip
+    for doubt in doubts.splitlines():
+        warnings.warn(doubt, RangeWarning, stacklevel=caller())

@@ -143,24 +143,7 @@ class LoadTable:
         times, values = np.asarray(self.times), np.asarray(self.values)
         one = values.ndim == 1
         pieces = self._cubics(values[:, np.newaxis] if one else self._columns(n_dof))
-        length = np.diff(times)
-        # Value and derivatives at both ends of each piece, by order.
-        a = pieces[:, :, :-1]
-        begin = np.stack([a[:, 3], a[:, 2], 2 * a[:, 1], 6 * a[:, 0]])
-        end = np.stack(
-            [
-                ((a[:, 0] * length + a[:, 1]) * length + a[:, 2]) * length + a[:, 3],
-                (3 * a[:, 0] * length + 2 * a[:, 1]) * length + a[:, 2],
-                6 * a[:, 0] * length + 2 * a[:, 1],
-                6 * a[:, 0],
-            ]
-        )
-        # Relative to the two adjacent pieces: a steep piece elsewhere does not hide a corner.
-        size = np.maximum(np.abs(begin), np.abs(end))
-        size = np.maximum(size[:, :, 1:], size[:, :, :-1])
-        jumps = np.abs(begin[:, :, 1:] - end[:, :, :-1]) > 1e-11 * size
-        inner = times[1:-1][jumps.any(axis=(0, 1))]
-        return np.concatenate([times[:1], inner, times[-1:]])
+        return np.asarray(_native.run("motion corners", breaks=times, pieces=pieces)["times"])
 
     def _refuse_g(self, name: str) -> None:
         if self.unit == "g":
@@ -454,16 +437,8 @@ def added(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """The sum of two tables, each given by times and cubic coefficients, shape (n_dof, 4, n)."""
-    times = np.union1d(one[0], other[0])
-    total = np.zeros((one[1].shape[0], 4, times.size), order="F")
-    middle = (times[1:] + times[:-1]) / 2
-    for own, pieces in (one, other):
-        place = np.searchsorted(own, middle, side="right") - 1
-        inside = (place >= 0) & (place < own.size - 1)
-        a, b, c, d = np.moveaxis(pieces[:, :, place[inside]], 1, 0)
-        x = times[:-1][inside] - own[place[inside]]
-        shifted = np.stack(
-            [a, b + 3 * x * a, c + x * (2 * b + 3 * x * a), d + x * (c + x * (b + x * a))], axis=1
-        )
-        total[:, :, :-1][:, :, inside] += shifted
-    return times, total
+    found = _native.run(
+        "motion sum of tables", breaks=one[0], pieces=one[1], other_breaks=other[0],
+        other_pieces=other[1],
+    )  # fmt: skip
+    return found["breaks"], found["pieces"]

@@ -1,0 +1,195 @@
+!> Loads of a scene that are not periodic: shocks by formula, and records.
+module viscovib_timed_groups
+  use viscovib_checks, only: check_increasing
+  use viscovib_constants, only: standard_gravity
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kernel_table, only: read_kernel_table
+  use viscovib_kinds, only: wp
+  use viscovib_load, only: load_type
+  use viscovib_record_doubts, only: doubt_record
+  use viscovib_shock_shapes, only: new_shock, shock_names
+  use viscovib_status, only: show, status_io_error, status_type
+  use viscovib_subject, only: subject_type
+  implicit none
+  private
+
+  public :: read_in_time, read_record
+
+  !> Place of "record" among the shapes: after "sine" and those of `shock_names`.
+  integer, parameter :: record = size(shock_names) + 2
+
+contains
+
+  !> A shock or a record as a row of loads: a force along a direction, or an acceleration of the
+  !! base, which moves the coordinates along it.
+  subroutine read_in_time(reader, subject, kind, is_motion, direction, load)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(inout) :: subject
+    character(len=*), intent(in) :: kind
+    !> Whether the scene wants a motion in time.
+    logical, intent(in) :: is_motion
+    !> Shape (n_dof).
+    real(wp), intent(in) :: direction(:)
+    type(load_type), intent(inout) :: load
+    real(wp), allocatable :: times(:), cubics(:, :), push(:)
+    character(len=:), allocatable :: word, doubts
+    real(wp) :: factor
+    integer :: shape
+
+    word = reader%read_text('shape', 'sine', choice=shape)
+    if (shape == 1) then
+      call reader%complain('shape', "shape: kind = 'acceleration' needs a shock, such as " &
+                           //"shape = 'half_sine', or shape = 'record'")
+    else if (all(kind /= ['force       ', 'acceleration'])) then
+      call reader%complain('kind', "kind = '"//kind//"': must be 'force' or 'acceleration' with " &
+                           //"shape = '"//word//"'")
+    else if (.not. is_motion) then
+      call reader%complain('shape', "shape = '"//word//"': is a load of &transient only")
+    end if
+    call reader%refuse(['order', 'phase'], "must be left out with shape = '"//word//"'")
+    if (reader%status%failed()) return
+    factor = 1.0_wp
+    if (kind == 'acceleration') then
+      call read_unit(reader, word, factor)
+    else
+      word = 'm/s^2'
+      call reader%refuse(['unit'], "is the unit of kind = 'acceleration'")
+    end if
+    if (shape == record) then
+      call read_pieces(reader, times, cubics)
+      factor = factor*reader%read_real('amplitude', 1.0_wp)
+    else
+      call read_shock(reader, shape - 1, times, cubics)
+      if (reader%has('force') .or. reader%has('torque')) then
+        factor = factor*reader%read_real('amplitude', 1.0_wp)
+      else
+        factor = factor*reader%read_real('amplitude')
+      end if
+    end if
+    if (reader%status%failed()) return
+    cubics = factor*cubics
+    if (kind == 'force') then
+      call load%add_row(times, cubics, direction, 0.0_wp*direction)
+      return
+    end if
+    push = -inertia(subject, direction)
+    if (.not. any(abs(push) > 0.0_wp)) then
+      call reader%complain('kind', 'base_acceleration: no mass moves in this direction of the base')
+      return
+    end if
+    call doubt_record('base_acceleration', cubics(4, :), word, shape == record, doubts)
+    subject%warned = subject%warned//doubts
+    call load%add_row(times, cubics, push, direction)
+  end subroutine read_in_time
+
+  !> The unit of an acceleration, and its size in m/s^2.
+  subroutine read_unit(reader, unit, factor)
+    type(group_reader), intent(inout) :: reader
+    character(len=:), allocatable, intent(out) :: unit
+    real(wp), intent(out) :: factor
+    unit = reader%read_text('unit')
+    factor = merge(standard_gravity, 1.0_wp, unit == 'g')
+  end subroutine read_unit
+
+  !> A shock of height 1.
+  subroutine read_shock(reader, shape, times, cubics)
+    type(group_reader), intent(inout) :: reader
+    !> Place in `shock_names`.
+    integer, intent(in) :: shape
+    real(wp), allocatable, intent(out) :: times(:), cubics(:, :)
+    type(status_type) :: status
+    character(len=:), allocatable :: sweep
+    real(wp) :: start, duration, rise, fall, hz(2)
+
+    sweep = 'linear'
+    duration = 0.0_wp
+    rise = 0.0_wp
+    fall = 0.0_wp
+    hz = 0.0_wp
+    start = reader%read_real('start')
+    if (shock_names(shape) /= 'step') duration = reader%read_real('duration')
+    if (shock_names(shape) == 'trapezoid') then
+      rise = reader%read_real('rise', 0.1_wp*duration)
+      fall = reader%read_real('fall', rise)
+    else if (shock_names(shape) == 'chirp') then
+      hz = reader%read_reals('hz')
+      sweep = reader%read_text('sweep')
+    end if
+    if (reader%status%failed()) return
+    call new_shock(shape, duration, rise, fall, hz, sweep == 'logarithmic', times, cubics, status)
+    call reader%place(status)
+    times = start + times
+  end subroutine read_shock
+
+  !> A record as straight lines between its times.
+  subroutine read_pieces(reader, times, cubics)
+    type(group_reader), intent(inout) :: reader
+    real(wp), allocatable, intent(out) :: times(:), cubics(:, :)
+    real(wp), allocatable :: values(:)
+    integer :: n
+
+    call read_record(reader, times, values)
+    n = size(times)
+    allocate (cubics(4, n), source=0.0_wp)
+    if (reader%status%failed()) return
+    cubics(3, :n - 1) = (values(2:) - values(:n - 1))/(times(2:) - times(:n - 1))
+    cubics(4, :) = values
+  end subroutine read_pieces
+
+  !> Times, ascending, and values of a record, here or in a file of two columns.
+  subroutine read_record(reader, times, values)
+    type(group_reader), intent(inout) :: reader
+    real(wp), allocatable, intent(out) :: times(:), values(:)
+    type(status_type) :: status
+    character(len=:), allocatable :: path
+
+    allocate (times(0), values(0))
+    path = reader%read_path('file')
+    if (reader%has('file')) then
+      call reader%refuse([character(len=6) :: 'times', 'values'], 'is in the file already; give ' &
+                         //'either file, or times and values')
+      if (reader%status%failed()) return
+      call read_kernel_table(path, times, values, status)
+      if (status%category == status_io_error) then
+        call reader%complain('file', 'file: '//status%message, status_io_error)
+      else if (status%failed()) then
+        ! The record's own file and line say more than the scene's.
+        reader%status = status
+      end if
+      call reader%echo_reals('times', times)
+      call reader%echo_reals('values', values)
+    else
+      times = reader%read_reals('times')
+      values = reader%read_reals('values')
+    end if
+    if (reader%status%failed()) return
+    path = merge('file ', 'times', reader%has('file'))
+    if (size(times) /= size(values)) then
+      call reader%complain('values', 'times and values have '//show(size(times))//' and ' &
+                           //show(size(values))//' numbers: must match')
+    else if (size(times) < 2) then
+      call reader%complain(trim(path), trim(path)//': must have at least 2 times, has ' &
+                           //show(size(times)))
+    else
+      call check_increasing('times', times, status)
+      if (status%failed()) call reader%complain(trim(path), status%message)
+    end if
+  end subroutine read_record
+
+  !> M b, for the direction b in which the base moves.
+  function inertia(subject, direction)
+    type(subject_type), intent(in) :: subject
+    real(wp), intent(in) :: direction(:)
+    real(wp) :: inertia(size(direction))
+    if (subject%is_structure) then
+      inertia = matmul(subject%model%mass, direction)
+    else if (subject%is_turning) then
+      inertia = matmul(subject%turning%mass, direction)
+    else if (subject%is_polynomial) then
+      inertia = matmul(subject%polynomial%mass, direction)
+    else
+      inertia = matmul(subject%mount%mass, direction)
+    end if
+  end function inertia
+
+end module viscovib_timed_groups

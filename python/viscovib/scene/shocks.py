@@ -1,0 +1,113 @@
+"""Shocks and records of a scene: loads in time, and shock response spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from viscovib import units
+from viscovib._native import FloatArray
+from viscovib.analyses.shock_spectra import ShockResponseSpectrum, shock_response_spectrum
+from viscovib.results.trajectory import Trajectory
+from viscovib.systems.base_acceleration import warn_of_record
+from viscovib.systems.load_table import (
+    Chirp,
+    CubicTable,
+    HalfSine,
+    Haversine,
+    LoadTable,
+    Sawtooth,
+    Shock,
+    Step,
+    Trapezoid,
+    added,
+)
+
+_SHAPES: dict[str, Any] = {
+    "half_sine": HalfSine, "haversine": Haversine, "chirp": Chirp, "sawtooth": Sawtooth,
+    "trapezoid": Trapezoid, "step": Step,
+}  # fmt: skip
+_NUMBERS = ("start", "duration", "rise", "fall", "hz", "sweep", "unit")
+
+
+def loads_in_time(groups: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, Any]:
+    """Return the arguments of `simulate` for the shocks and records of groups &load."""
+    forces: list[LoadTable] = []
+    accelerations: dict[str | None, list[LoadTable]] = {}
+    for group in groups:
+        if "shape" not in group:
+            continue
+        if group["kind"] == "force":
+            on = np.array([group["on"] == name for name in names], dtype=float)
+            forces.append(_table(group, on))
+        else:
+            accelerations.setdefault(group.get("on"), []).append(_table(group, 1.0))
+    found: dict[str, Any] = {}
+    if forces:
+        found["force"] = _sum(forces, len(names))
+    if accelerations:
+        sums = {on: _sum(tables, 0) for on, tables in accelerations.items()}
+        found["base_acceleration"] = sums.get(None, sums)
+    return found
+
+
+def _table(group: Mapping[str, Any], on: float | FloatArray) -> LoadTable:
+    """The load of a group along a direction."""
+    given = {name: group[name] for name in _NUMBERS if name in group}
+    size = group["amplitude"] * on
+    if group["shape"] != "record":
+        table: LoadTable = _SHAPES[group["shape"]](amplitude=size, **given)
+        return table
+    return LoadTable(times=group["times"], values=np.multiply.outer(group["values"], size), **given)
+
+
+def _sum(tables: Sequence[LoadTable], n_dof: int) -> LoadTable:
+    """Forces on coordinates together, or accelerations (``n_dof`` = 0)."""
+    if len(tables) == 1:
+        return tables[0]
+    parts = []
+    for one in tables:
+        factor = units.g if one.unit == "g" else 1.0
+        values = np.asarray(one.values)
+        if n_dof:
+            pieces = one._pieces(n_dof)
+        else:
+            warn_of_record("base_acceleration", values, one.unit, not isinstance(one, Shock))
+            pieces = factor * one._cubics(values[:, np.newaxis])
+        parts.append((np.asarray(one.times), pieces))
+    return CubicTable.of(*reduce(added, parts))
+
+
+def shock_spectrum(
+    group: Mapping[str, Any], hz: FloatArray, run: Trajectory
+) -> ShockResponseSpectrum:
+    """Return the spectrum that a group &shock_spectrum requests at frequencies."""
+    record: Trajectory | LoadTable = run
+    if "coordinate" not in group:
+        record = LoadTable(times=group["times"], values=group["values"], unit=group["unit"])
+    return shock_response_spectrum(
+        record, hz, coordinate=group.get("coordinate"), damping=group["damping"],
+        kind=group["kind"],
+    )  # fmt: skip
+
+
+def spectrum_of_table(
+    notes: Sequence[str], found: Mapping[str, Any], group: Mapping[str, Any]
+) -> ShockResponseSpectrum:
+    """Return the spectrum in a table of the core, with its notes and columns."""
+    words = notes[1].split()
+    return ShockResponseSpectrum(
+        quantity=group["kind"],
+        frequencies=found["frequency"],
+        damping=group["damping"],
+        primary_positive=found["primary_positive"],
+        primary_negative=found["primary_negative"],
+        residual_positive=found["residual_positive"],
+        residual_negative=found["residual_negative"],
+        unit=notes[0].split()[-1],
+        peak=float(words[5]),
+        duration=float(words[2]),
+    )
