@@ -64,6 +64,8 @@ contains
       call find_shock(task)
     case ('sum of tables')
       call add_tables(task)
+    case ('table at')
+      call evaluate_table(task)
     case ('corners')
       call find_corners(task)
     case ('mesh')
@@ -184,6 +186,23 @@ contains
     call task%found%put_reals('breaks', table%breaks, shape(table%breaks))
     call task%found%put_reals('pieces', table%pieces, shape(table%pieces))
   end subroutine add_tables
+
+  !> The loads of a table, `breaks` and `pieces`, at `times` (n): `values` (n, n_rows).
+  subroutine evaluate_table(task)
+    type(task_type), intent(inout) :: task
+    type(timed_cubics) :: table
+    real(wp), pointer, contiguous :: times(:)
+    real(wp), allocatable :: values(:, :)
+    integer :: i
+    call read_table(task, '', table)
+    times => task%get_reals('times')
+    if (task%failed()) return
+    allocate (values(size(times), size(table%pieces, 1)))
+    do i = 1, size(times)
+      values(i, :) = table%at(times(i))
+    end do
+    call task%found%put_reals('values', values, shape(values))
+  end subroutine evaluate_table
 
   !> `times` at which a table of loads, `breaks` and `pieces`, is not smooth, and its ends.
   subroutine find_corners(task)

@@ -17,6 +17,7 @@ module viscovib_motion_accelerations
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_subject, only: subject_type
   use viscovib_subject_motion, only: move_subject
+  use viscovib_timed_cubics, only: timed_cubics
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: max_kept, transient_job
   use viscovib_whole_structure, only: may_be_whole, whole_polynomial
@@ -274,11 +275,13 @@ contains
     real(wp), intent(in) :: nu, t(:)
     real(wp) :: force(size(t), system%n_dof())
     complex(wp) :: amplitude(system%n_dof())
+    type(timed_cubics) :: table
     integer :: i, k
     force = 0.0_wp
     if (load%has_table()) then
+      call load%forces_in_time(table%breaks, table%pieces)
       do i = 1, size(t)
-        force(i, :) = matmul(load%pushes, load%table%at(t(i)))
+        force(i, :) = table%at(t(i))
       end do
     end if
     do k = 1, size(load%orders)

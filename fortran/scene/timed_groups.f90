@@ -33,7 +33,7 @@ contains
     type(load_type), intent(inout) :: load
     real(wp), allocatable :: times(:), cubics(:, :), push(:)
     character(len=:), allocatable :: word, doubts
-    real(wp) :: factor
+    real(wp) :: amplitude, factor
     integer :: shape
 
     word = reader%read_text('shape', 'sine', choice=shape)
@@ -57,17 +57,16 @@ contains
     end if
     if (shape == record) then
       call read_pieces(reader, times, cubics)
-      factor = factor*reader%read_real('amplitude', 1.0_wp)
     else
       call read_shock(reader, shape - 1, times, cubics)
-      if (reader%has('force') .or. reader%has('torque')) then
-        factor = factor*reader%read_real('amplitude', 1.0_wp)
-      else
-        factor = factor*reader%read_real('amplitude')
-      end if
+    end if
+    if (shape == record .or. reader%has('force') .or. reader%has('torque')) then
+      amplitude = reader%read_real('amplitude', 1.0_wp)
+    else
+      amplitude = reader%read_real('amplitude')
     end if
     if (reader%status%failed()) return
-    cubics = factor*cubics
+    cubics = factor*(amplitude*cubics)
     if (kind == 'force') then
       call load%add_row(times, cubics, direction, 0.0_wp*direction)
       return
@@ -118,7 +117,7 @@ contains
     if (reader%status%failed()) return
     call new_shock(shape, duration, rise, fall, hz, sweep == 'logarithmic', times, cubics, status)
     call reader%place(status)
-    times = start + times
+    if (.not. status%failed()) times = start + times
   end subroutine read_shock
 
   !> A record as straight lines between its times.

@@ -297,6 +297,9 @@ def _compare(scene, folder):
     if result.events is not None:
         result.events_to_csv(mine)
         assert mine.read_bytes() == tables.pop(f"{scene.stem}_event.csv")
+    if result.shock_spectrum is not None:
+        result.shock_spectrum_to_csv(mine)
+        assert mine.read_bytes() == tables.pop(f"{scene.stem}_shock_spectrum.csv")
     if result.spectrum is not None:
         result.spectrum_to_csv(mine)
         assert mine.read_bytes() == tables.pop(f"{scene.stem}_spectrum.csv")

@@ -147,6 +147,7 @@ NOTHING_TO_JUDGE = {
     "Scene.events": "what &event groups say; test_driver_events compares their passages",
     "SceneResult.decay_to_csv": "the table of decaying oscillations, which test_tables compares",
     "SceneResult.events_to_csv": "the table of events, which test_driver_events compares",
+    "SceneResult.shock_spectrum_to_csv": "the table of a spectrum, which test_tables compares",
     "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_tables compares",
 }
 

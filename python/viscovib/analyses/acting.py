@@ -12,6 +12,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.load_table import table_at
 
 #: Gauss nodes of a panel, as in the core, and the places of a panel's points.
 _NODES = 8
@@ -29,24 +30,19 @@ def along(frequencies: FloatArray, amplitudes: ComplexArray, t: FloatArray) -> F
 
 
 def on_cubics(
-    breaks: FloatArray, pieces: FloatArray, t: FloatArray, *, ever: bool = False
+    breaks: FloatArray, pieces: FloatArray, t: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return values, first and second derivatives of piecewise cubics, shape (n_times, n).
 
-    ``pieces`` (n, 4, m): the highest power first. Beyond the breaks they are 0; ``ever``: the last
-    piece goes on for ever, and before the first break the value there. At a break those after it.
+    ``pieces`` (n, 4, m): the highest power first. The last piece goes on for ever, and before the
+    first break the value there. At a break those after it.
     """
-    last = breaks.size - (1 if ever else 2)
-    if last < 0:
-        return (np.zeros((t.size, pieces.shape[0])),) * 3
-    i = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, last)
+    i = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, breaks.size - 1)
     x = np.maximum(t - breaks[i], 0.0)
     a, b, c, d = (pieces[:, p, i] for p in range(4))
     found = [((a * x + b) * x + c) * x + d, (3 * a * x + 2 * b) * x + c, 6 * a * x + 2 * b]
     inside = t >= breaks[0]
     found[1:] = [np.where(inside, one, 0.0) for one in found[1:]]
-    if not ever:
-        found[0] = np.where(inside & (t <= breaks[-1]), found[0], 0.0)
     return found[0].T, found[1].T, found[2].T
 
 
@@ -78,13 +74,15 @@ class Loads:
     def at(self, t: FloatArray) -> Acting:
         """What acts at times."""
         w = self.frequencies
-        load = along(w, self.amplitudes, t) + on_cubics(self.breaks, self.pieces, t)[0]
+        load = along(w, self.amplitudes, t)
+        if self.breaks.size > 1:
+            load = load + table_at(self.breaks, self.pieces, t)
         zero = np.zeros_like(load)
         if self.base is None:
             return Acting(load, zero, zero, zero)
         moved = [along(w, factor * self.base, t) for factor in (1.0, 1j * w, -(w**2))]
         if self.base_breaks.size:
-            cubics = on_cubics(self.base_breaks, self.base_pieces, t, ever=True)
+            cubics = on_cubics(self.base_breaks, self.base_pieces, t)
             moved = [one + other for one, other in zip(moved, cubics, strict=True)]
         return Acting(load, *moved)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from viscovib._native import FloatArray
 from viscovib.common.counts import things
 from viscovib.common.parameters import Number, Word
 from viscovib.common.results import Result, span
+from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory, spacing
 from viscovib.systems.base_acceleration import warn_of_record
@@ -119,6 +121,14 @@ class ShockResponseSpectrum(Result):
             f"frequencies: {span(self.frequencies, 'Hz')}; damping ratio {self.damping:.6g}",
             f"record: {self.duration:.6g} s, peak {peak}",
         ]
+
+    def _table(self, coordinates: Sequence[str] | None) -> Table:
+        notes = [
+            f"kind {self.quantity}, damping ratio {self.damping:.16e}; frequency in Hz, magnitudes "
+            f"in {self.unit}",
+            f"record of {self.duration:.16e} s, peak {self.peak:.16e} m/s^2",
+        ]
+        return Table(notes, super()._table(coordinates).columns)
 
     def to_dataset(self) -> xr.Dataset:
         """Return all extremes as an xarray Dataset over the frequency."""

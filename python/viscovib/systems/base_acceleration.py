@@ -14,7 +14,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.values import Value
 from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.systems.load import LoadLike, load_series, name_places
-from viscovib.systems.load_table import CubicTable, LoadTable, Shock, added
+from viscovib.systems.load_table import CubicTable, LoadTable, Shock, added, table_at
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class BaseMotion(Value):
             inside = np.clip(t, times[0], times[-1])
             speed = a.antiderivative()(inside)
             place = a.antiderivative(2)(inside) + speed * np.maximum(t - times[-1], 0.0)
-            push = np.where((t >= times[0]) & (t <= times[-1]), a(inside), 0.0)
+            push = table_at(times, cubics[np.newaxis], t)[:, 0]
             for part, own in zip(parts, (place, speed, push), strict=True):
                 part += np.multiply.outer(own, direction)
         return parts[0], parts[1], parts[2]

@@ -114,11 +114,8 @@ class LoadTable:
         """Load at times t, shape t.shape + values.shape[1:]."""
         at = _native.real_array("t", t)
         times, values = np.asarray(self.times), np.asarray(self.values)
-        i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
-        a, x = self._cubics(values.reshape(times.size, -1))[:, :, i], at - times[i]
-        result = ((a[:, 0] * x + a[:, 1]) * x + a[:, 2]) * x + a[:, 3]
-        result = np.where((at >= times[0]) & (at <= times[-1]), result, 0.0)
-        return np.asarray(np.moveaxis(result, 0, -1).reshape(at.shape + values.shape[1:]))
+        found = table_at(times, self._cubics(values.reshape(times.size, -1)), at.ravel())
+        return found.reshape(at.shape + values.shape[1:])
 
     def _pieces(self, n_dof: int) -> FloatArray:
         """Cubic coefficients between the times for the core, shape (n_dof, 4, n)."""
@@ -431,6 +428,12 @@ class Step(Shock):
 
     def _numbers(self) -> dict[str, Any]:
         return {}
+
+
+def table_at(breaks: FloatArray, pieces: FloatArray, t: FloatArray) -> FloatArray:
+    """Return the loads of cubic coefficients (n, 4, m) at times, shape (n_times, n)."""
+    found = _native.run("motion table at", breaks=breaks, pieces=pieces, times=t)
+    return np.asarray(found["values"])
 
 
 def added(
