@@ -19,6 +19,10 @@ module viscovib_load_groups
 
   !> Kinds: 1 is a force.
   integer, parameter :: moves = 2, unbalances = 3, accelerates = 4
+  !> Results under loads that repeat.
+  character(len=*), parameter :: repeating(8) = &
+    [character(len=15) :: 'response', 'branch', 'multiple_scales', 'equilibrium', &
+     'steady_motion', 'trace_motion', 'ensemble', 'basins']
 
   !> Terms of a load, as for `new_load`; those of the first n are set.
   type :: term_list
@@ -28,7 +32,8 @@ module viscovib_load_groups
     type(frequency_law), allocatable :: laws(:)
     !> Shocks and records, for a motion in time.
     type(load_type) :: in_time
-    logical :: is_motion = .false.
+    !> Whether the scene wants motions that these do not move.
+    logical :: repeats = .false.
     !> Accelerations along the direction of the system, and of coordinates, that were read.
     logical :: along(2) = .false.
   contains
@@ -57,7 +62,8 @@ contains
     allocate (terms%laws(n))
     allocate (terms%base(n), terms%force(size(subject%coordinates), n), source=(0.0_wp, 0.0_wp))
     terms%moved = terms%force
-    terms%is_motion = place_of(file, 'transient') <= size(file%groups)
+    terms%repeats = any([(place_of(file, trim(repeating(i))) <= size(file%groups), &
+                          i=1, size(repeating))])
     call set_ok(status)
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'load') cycle
@@ -103,7 +109,7 @@ contains
       shape(on) = 1.0_wp
     end if
     if (reader%may_have('shape') .or. kind == accelerates) then
-      call read_in_time(reader, subject, kind_name, terms%is_motion, shape, terms%in_time)
+      call read_in_time(reader, subject, kind_name, terms%repeats, shape, terms%in_time)
       return
     end if
     order = reader%read_integer('order')

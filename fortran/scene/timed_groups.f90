@@ -22,12 +22,12 @@ contains
 
   !> A shock or a record as a row of loads: a force along a direction, or an acceleration of the
   !! base, which moves the coordinates along it.
-  subroutine read_in_time(reader, subject, kind, is_motion, direction, load)
+  subroutine read_in_time(reader, subject, kind, repeats, direction, load)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(inout) :: subject
     character(len=*), intent(in) :: kind
-    !> Whether the scene wants a motion in time.
-    logical, intent(in) :: is_motion
+    !> Whether the scene wants motions under loads that repeat.
+    logical, intent(in) :: repeats
     !> Shape (n_dof).
     real(wp), intent(in) :: direction(:)
     type(load_type), intent(inout) :: load
@@ -43,7 +43,7 @@ contains
     else if (all(kind /= ['force       ', 'acceleration'])) then
       call reader%complain('kind', "kind = '"//kind//"': must be 'force' or 'acceleration' with " &
                            //"shape = '"//word//"'")
-    else if (.not. is_motion) then
+    else if (repeats) then
       call reader%complain('shape', "shape = '"//word//"': is a load of &transient only")
     end if
     call reader%refuse(['order', 'phase'], "must be left out with shape = '"//word//"'")

@@ -272,6 +272,26 @@ def test_calls_give_the_tables_of_scenes(library, solve, tmp_path, name, keys, m
     library.viscovib_system_free(system)
 
 
+def test_shocks_of_a_system_move_it_as_in_a_scene(library):
+    body = b"&system coordinates='x' mass=2 stiffness=50 damping=1 base_direction=1 /\n"
+    keys = b"kind='acceleration' shape='half_sine' amplitude=3 duration=0.1 unit='g'"
+    system = handle_of(library, library.viscovib_system_read, body)
+    assert library.viscovib_system_add(system, b"load", keys) == 0
+    library.viscovib_motion.argtypes = None
+    zero, end = ctypes.c_double(0.0), ctypes.c_double(1.0)
+    moved = handle_of(library, library.viscovib_motion, system, zero, end, None, b"dt=0.01")
+    scene = body + b"&load " + keys + b" /\n&transient t_end=1 dt=0.01 /\n"
+    scene += b"&shock_spectrum frequencies=1 5 20 /\n"
+    whole = handle_of(library, library.viscovib_run, scene)
+    one, other = table(library, moved), table(library, whole)
+    assert np.abs(one["x"]).max() > 0.1
+    assert all(np.array_equal(one[name], other[name]) for name in ("t", "x", "x_dot"))
+    assert library.viscovib_table_name(whole, 1).decode() == "shock_spectrum"
+    library.viscovib_result_free(moved)
+    library.viscovib_result_free(whole)
+    library.viscovib_system_free(system)
+
+
 def test_mistakes_are_reported_and_change_nothing(library):
     system = handle_of(library, library.viscovib_system_read, MOUNT)
     handle = ctypes.byref(ctypes.c_void_p())

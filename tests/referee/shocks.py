@@ -1,4 +1,7 @@
-"""Accelerations of motions under shocks, by SciPy; shock spectra, by matrix exponentials."""
+"""Accelerations of motions under shocks, by SciPy; shock spectra, by matrix exponentials.
+
+Some of the calls are scenes.
+"""
 
 import itertools
 
@@ -15,6 +18,12 @@ JUDGES = (
 )  # fmt: skip
 KINDS = ("absolute_acceleration", "relative_displacement", "pseudo_velocity")
 PARTS = ("primary_positive", "primary_negative", "residual_positive", "residual_negative")
+_RUN = """import pathlib, tempfile
+with tempfile.TemporaryDirectory() as folder:
+    path = pathlib.Path(folder) / "scene.nml"
+    path.write_text(text)
+    result = vv.run(path)
+"""
 #: Samples of a period between which there is at most one extreme.
 DENSE = 40
 
@@ -55,6 +64,11 @@ def _spectrum(times, values, hz, zeta, kind):
     return found
 
 
+def _listed(values):
+    """Numbers of a scene."""
+    return "\n  ".join(repr(float(one)) for one in np.ravel(values))
+
+
 def _of_records(rng, index):
     n = int(rng.integers(2, 12)) if index % 4 else int(rng.integers(150, 400))
     values = (rng.standard_normal(n) * 10.0 ** rng.uniform(-2, 2)).round(6)
@@ -69,7 +83,16 @@ def _of_records(rng, index):
     values[0] = 0.0
     call = f"""record = vv.LoadTable(times={numbers(times)}, values={numbers(values)})
 found = vv.shock_response_spectrum(record, {numbers(hz)}, damping={zeta}, kind={kind!r})
-parts = np.array([getattr(found, name) for name in {PARTS}])
+"""
+    if index % 5 == 3:
+        text = f"""&system coordinates='x' mass=1 stiffness=1 /
+&load shape='step' amplitude=1 /
+&transient t_end=1 dt=0.1 /
+&shock_spectrum times={_listed(times)} values={_listed(values)}
+  frequencies={_listed(hz)} damping={zeta} kind='{kind}' /
+"""
+        call = f"text = {text!r}\n{_RUN}found = result.shock_spectrum\n"
+    call += f"""parts = np.array([getattr(found, name) for name in {PARTS}])
 maximax = found.maximax
 """
 
@@ -96,7 +119,18 @@ def _of_runs(rng, index):
 )
 shock = vv.HalfSine(amplitude={height}, duration={length}, start={start})
 run = vv.simulate(system, 1.5, base_acceleration=shock, initial=[0.01, 0, 0, 0.1], tolerance=1e-9)
-t, a, error, relative = run.t, run.acceleration, run.error, run.relative_to_base
+"""
+    if index % 3 == 1:
+        text = f"""&system coordinates='x1' 'x2' mass={_listed(m)} damping={_listed(c)}
+  stiffness={_listed(stiffness)} base_direction=1 1 /
+&force on='x1' law='{cubic!r}*x1^3' /
+&load kind='acceleration' shape='half_sine' amplitude={height} duration={length} start={start} /
+&transient t_end=1.5 tolerance=1e-9 initial=0.01 0 0 0.1 acceleration='yes' /
+"""
+        if weight:
+            text += f"&kernel kind='prony' weights={weight} rates={rate} /\n"
+        call = f"text = {text!r}\n{_RUN}run = result.trajectory\n"
+    call += """t, a, error, relative = run.t, run.acceleration, run.error, run.relative_to_base
 """
 
     def judge(names, reported):
