@@ -160,9 +160,10 @@ contains
     call task%check_extents('moves', shape(own%moves), [n])
     call task%check_extents('held', shape(own%held), [n])
     call task%check_extents('moved', shape(own%moved), [n, size(own%before)])
-    call task%check_extents('pieces', shape(own%pieces), [size(own%pieces, 1), 4, size(own%breaks)])
+    call task%check_extents('pieces', shape(own%pieces), [shape(own%pieces(:, :, 1)), &
+                                                          size(own%breaks)])
     call task%check_extents('base_pieces', shape(own%base_pieces), &
-                            [4, size(own%base_pieces, 2), size(own%base_breaks)])
+                            [shape(own%base_pieces(:, :, 1)), size(own%base_breaks)])
     if (task%failed()) return
     call own%look_at(own%system)
     call move_alloc(own, equations)
@@ -199,9 +200,10 @@ contains
     call task%check_extents('held', shape(own%held), [n])
     call task%check_extents('moved', shape(own%moved), [n, size(own%before)])
     call task%check_extents('amplitudes', shape(own%amplitudes), [n, size(own%frequencies)])
-    call task%check_extents('pieces', shape(own%pieces), [n, 4, size(own%breaks)])
+    call task%check_extents('pieces', shape(own%pieces), [n, size(own%pieces, 2), size(own%breaks)])
     call task%check_extents('waves', shape(own%waves), [merge(n, 1, w > 1), size(own%frequencies)])
-    call task%check_extents('base_pieces', shape(own%base_pieces), [4, w, size(own%base_breaks)])
+    call task%check_extents('base_pieces', shape(own%base_pieces), &
+                            [size(own%base_pieces, 1), w, size(own%base_breaks)])
     if (task%failed()) return
     call own%look_at(own%system)
     call move_alloc(own, equations)
@@ -209,9 +211,9 @@ contains
 
   !> Components of `structure_equations`: the linear subsystem by `squares`, `rates` (n), `seen` and
   !! `pushed` (n, s); the load Im sum_k `waves`(:, k) exp(i `frequencies`(k) t) on the modes, and
-  !! the cubics `pieces` (c, 4, b) between `breaks` (b = 1: none), which act on modes by `patterns`
+  !! polynomials `pieces` (c, p, b) between `breaks` (b = 1: none), which act on modes by `patterns`
   !! (n, c). The base moves output coordinates by `direction` (m) and modes by `inner` (n); its
-  !! motion is `base_waves` (k) and `base_pieces` (4, c) between `base_breaks` (c = 1: none).
+  !! motion is `base_waves` (k) and `base_pieces` (p, c) between `base_breaks` (c = 1: none).
   !! Initial values: `start`, `start_rates` and `start_others`. Complex modes, as in
   !! `viscovib_pole_maps`: `poles` (p), one of each conjugate pair; the last `n_at_once` of them
   !! follow their forces statically; `left` (p, s), `right` (p, s + c), `shown_left` (p, m), `sine`
@@ -297,14 +299,15 @@ contains
       call task%check_extents('pushed', shape(pushed), [n])
       call task%check_extents('patterns', shape(patterns), [n])
       call task%check_extents('waves', shape(waves), [n, size(frequencies)])
-      call task%check_extents('pieces', shape(pieces), [size(pieces, 1), 4, size(breaks)])
+      call task%check_extents('pieces', shape(pieces), [shape(pieces(:, :, 1)), size(breaks)])
       call task%check_extents('left', shape(left), [size(poles), q])
       call task%check_extents('right', shape(right), [size(poles)])
       call task%check_extents('sine', shape(sine), [size(poles), size(frequencies)])
       call task%check_extents('cosine', shape(cosine), [size(poles), size(frequencies)])
       call task%check_extents('by_base', shape(by_base), [size(poles), 2])
       call task%check_extents('direction', shape(direction), [n_shown])
-      call task%check_extents('base_pieces', shape(base_pieces), [4, size(base_breaks)])
+      call task%check_extents('base_pieces', shape(base_pieces), &
+                              [size(base_pieces, 1), size(base_breaks)])
       if (task%failed()) return
       allocate (sections%pushed(n, q + columns))
       sections%pushed(:, :q) = pushed

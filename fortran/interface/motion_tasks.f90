@@ -26,7 +26,7 @@ module viscovib_motion_tasks
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
   use viscovib_task, only: task_type
-  use viscovib_timed_cubics, only: timed_cubics
+  use viscovib_timed_polynomials, only: timed_polynomials
   use viscovib_transient_job, only: transient_job
   implicit none
   private
@@ -149,10 +149,10 @@ contains
   end subroutine find_accelerations
 
   !> A shock of height 1 by the `shape` of its name and its numbers as of `new_shock`: `times` (n)
-  !! and `cubics` (4, n).
+  !! and `pieces` (p, n).
   subroutine find_shock(task)
     type(task_type), intent(inout) :: task
-    real(wp), allocatable :: times(:), cubics(:, :)
+    real(wp), allocatable :: times(:), pieces(:, :)
     character(len=:), allocatable :: shape_name
     real(wp) :: hz(2)
     integer :: i
@@ -165,22 +165,22 @@ contains
     end do
     call new_shock(i, task%get_real('duration', 0.0_wp), &
                    task%get_real('rise', 0.0_wp), task%get_real('fall', 0.0_wp), hz, &
-                   task%get_flag('is_logarithmic', .false.), times, cubics, task%status)
+                   task%get_flag('is_logarithmic', .false.), times, pieces, task%status)
     if (task%failed()) return
     call task%found%put_reals('times', times, shape(times))
-    call task%found%put_reals('cubics', cubics, shape(cubics))
+    call task%found%put_reals('pieces', pieces, shape(pieces))
   end subroutine find_shock
 
   !> The sum of two tables of loads, `breaks` and `pieces`, `other_breaks` and `other_pieces`:
-  !! `breaks` and `pieces` as of `timed_cubics`.
+  !! `breaks` and `pieces` as of `timed_polynomials`.
   subroutine add_tables(task)
     type(task_type), intent(inout) :: task
-    type(timed_cubics) :: table, other
+    type(timed_polynomials) :: table, other
     call read_table(task, '', table)
     call read_table(task, 'other_', other)
     if (task%failed()) return
-    call task%check_extents('other_pieces', shape(other%pieces), [size(table%pieces, 1), 4, &
-                                                                  size(other%breaks)])
+    call task%check_extents('other_pieces', shape(other%pieces), [size(table%pieces, 1), &
+                                                size(other%pieces, 2), size(other%breaks)])
     if (task%failed()) return
     call table%add(other)
     call task%found%put_reals('breaks', table%breaks, shape(table%breaks))
@@ -190,7 +190,7 @@ contains
   !> The loads of a table, `breaks` and `pieces`, at `times` (n): `values` (n, n_rows).
   subroutine evaluate_table(task)
     type(task_type), intent(inout) :: task
-    type(timed_cubics) :: table
+    type(timed_polynomials) :: table
     real(wp), pointer, contiguous :: times(:)
     real(wp), allocatable :: values(:, :)
     integer :: i
@@ -207,7 +207,7 @@ contains
   !> `times` at which a table of loads, `breaks` and `pieces`, is not smooth, and its ends.
   subroutine find_corners(task)
     type(task_type), intent(inout) :: task
-    type(timed_cubics) :: table
+    type(timed_polynomials) :: table
     real(wp), allocatable :: times(:)
     call read_table(task, '', table)
     if (task%failed()) return
@@ -218,11 +218,11 @@ contains
   subroutine read_table(task, prefix, table)
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: prefix
-    type(timed_cubics), intent(out) :: table
+    type(timed_polynomials), intent(out) :: table
     allocate (table%breaks, source=task%get_reals(prefix//'breaks'))
     allocate (table%pieces, source=task%get_cube(prefix//'pieces'))
-    call task%check_extents(prefix//'pieces', shape(table%pieces), [size(table%pieces, 1), 4, &
-                                                                    size(table%breaks)])
+    call task%check_extents(prefix//'pieces', shape(table%pieces), &
+                            [shape(table%pieces(:, :, 1)), size(table%breaks)])
   end subroutine read_table
 
   !> `ends` (n) and `made_by` (n) extended to the time `end`, as of `extend_ends`, with steps of at

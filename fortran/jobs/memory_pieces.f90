@@ -38,10 +38,10 @@ module viscovib_memory_pieces
     class(oscillator_type), pointer :: system => null()
     !> Coordinates that move; the others stay 0.
     logical, allocatable :: moves(:)
-    !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), and its cubics
-    !! `pieces` (n, 4, b) between `breaks` (b); the base by `waves` (w, k), w = 1: along the
-    !! direction of the system, and by the cubics `base_pieces` (4, w, c) between `base_breaks`
-    !! (c = 1: none). The load already includes the acceleration of the base.
+    !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), and its
+    !! polynomials `pieces` (n, p, b) between `breaks` (b); the base by `waves` (w, k), w = 1: along
+    !! the direction of the system, and by the polynomials `base_pieces` (p, w, c) between
+    !! `base_breaks` (c = 1: none). The load already includes the acceleration of the base.
     real(wp), pointer, contiguous :: frequencies(:), breaks(:), pieces(:, :, :), base_breaks(:), &
                                      base_pieces(:, :, :)
     complex(wp), pointer, contiguous :: amplitudes(:, :), waves(:, :)
@@ -162,7 +162,7 @@ contains
     end if
   end subroutine take_loads
 
-  !> Set a base motion by harmonics and cubics.
+  !> Set a base motion by harmonics and polynomials.
   subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
     type(base_motion_type), intent(inout) :: base
     !> Motion of the coordinates with the base; empty: each has its own displacement.

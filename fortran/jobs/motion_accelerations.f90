@@ -17,7 +17,7 @@ module viscovib_motion_accelerations
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_subject, only: subject_type
   use viscovib_subject_motion, only: move_subject
-  use viscovib_timed_cubics, only: timed_cubics
+  use viscovib_timed_polynomials, only: timed_polynomials
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: max_kept, transient_job
   use viscovib_whole_structure, only: may_be_whole, whole_polynomial
@@ -275,7 +275,7 @@ contains
     real(wp), intent(in) :: nu, t(:)
     real(wp) :: force(size(t), system%n_dof())
     complex(wp) :: amplitude(system%n_dof())
-    type(timed_cubics) :: table
+    type(timed_polynomials) :: table
     integer :: i, k
     force = 0.0_wp
     if (load%has_table()) then

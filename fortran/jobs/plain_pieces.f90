@@ -86,8 +86,9 @@ module viscovib_plain_pieces
     real(wp) :: reach = 0.0_wp
     !> Coordinates that move; the others stay 0.
     logical, allocatable :: moves(:)
-    !> Loads that are cubics, shape (n, 4, b), between the times `breaks` (b), and the motion of the
-    !! base, (4, w, c), w = 1: along the direction of the system; with less than two times: none.
+    !> Loads that are polynomials, shape (n, p, b), between the times `breaks` (b), and the motion
+    !! of the base, (p, w, c), w = 1: along the direction of the system; with less than two times:
+    !! none.
     real(wp), pointer, contiguous :: breaks(:), pieces(:, :, :), base_breaks(:), &
                                      base_pieces(:, :, :)
     !> Displacement for all t < 0 (n), or before the first of the times `before` (m) with
@@ -364,11 +365,11 @@ contains
     if (size(self%breaks) > 1) call motion%add_table(self%breaks, self%pieces(dofs, :, :))
     if (size(self%base_breaks) < 2) return
     if (size(self%base_pieces, 2) > 1) then
-      call motion%base_motion%add_cubics(size(dofs), [real(wp) ::], self%base_breaks, &
-                                         self%base_pieces(:, dofs, :))
+      call motion%base_motion%add_polynomials(size(dofs), [real(wp) ::], self%base_breaks, &
+                                              self%base_pieces(:, dofs, :))
     else
-      call motion%base_motion%add_cubics(size(dofs), reduced%base_direction, self%base_breaks, &
-                                         self%base_pieces)
+      call motion%base_motion%add_polynomials(size(dofs), reduced%base_direction, &
+                                              self%base_breaks, self%base_pieces)
     end if
   end subroutine add_tables
 

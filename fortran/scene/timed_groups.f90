@@ -31,7 +31,7 @@ contains
     !> Shape (n_dof).
     real(wp), intent(in) :: direction(:)
     type(load_type), intent(inout) :: load
-    real(wp), allocatable :: times(:), cubics(:, :), push(:)
+    real(wp), allocatable :: times(:), pieces(:, :), push(:)
     character(len=:), allocatable :: word, doubts
     real(wp) :: amplitude, factor
     integer :: shape
@@ -56,9 +56,9 @@ contains
       call reader%refuse(['unit'], "is the unit of kind = 'acceleration'")
     end if
     if (shape == record) then
-      call read_pieces(reader, times, cubics)
+      call read_pieces(reader, times, pieces)
     else
-      call read_shock(reader, shape - 1, times, cubics)
+      call read_shock(reader, shape - 1, times, pieces)
     end if
     if (shape == record .or. reader%has('force') .or. reader%has('torque')) then
       amplitude = reader%read_real('amplitude', 1.0_wp)
@@ -66,9 +66,9 @@ contains
       amplitude = reader%read_real('amplitude')
     end if
     if (reader%status%failed()) return
-    cubics = factor*(amplitude*cubics)
+    pieces = factor*(amplitude*pieces)
     if (kind == 'force') then
-      call load%add_row(times, cubics, direction, 0.0_wp*direction)
+      call load%add_row(times, pieces, direction, 0.0_wp*direction)
       return
     end if
     push = -inertia(subject, direction)
@@ -76,9 +76,10 @@ contains
       call reader%complain('kind', 'base_acceleration: no mass moves in this direction of the base')
       return
     end if
-    call doubt_record('base_acceleration', cubics(4, :), word, shape == record, doubts)
+    call doubt_record('base_acceleration', pieces(size(pieces, 1), :), word, shape == record, &
+                      doubts)
     subject%warned = subject%warned//doubts
-    call load%add_row(times, cubics, push, direction)
+    call load%add_row(times, pieces, push, direction)
   end subroutine read_in_time
 
   !> The unit of an acceleration, and its size in m/s^2.
@@ -91,11 +92,11 @@ contains
   end subroutine read_unit
 
   !> A shock of height 1.
-  subroutine read_shock(reader, shape, times, cubics)
+  subroutine read_shock(reader, shape, times, pieces)
     type(group_reader), intent(inout) :: reader
     !> Place in `shock_names`.
     integer, intent(in) :: shape
-    real(wp), allocatable, intent(out) :: times(:), cubics(:, :)
+    real(wp), allocatable, intent(out) :: times(:), pieces(:, :)
     type(status_type) :: status
     character(len=:), allocatable :: sweep
     real(wp) :: start, duration, rise, fall, hz(2)
@@ -115,24 +116,24 @@ contains
       sweep = reader%read_text('sweep')
     end if
     if (reader%status%failed()) return
-    call new_shock(shape, duration, rise, fall, hz, sweep == 'logarithmic', times, cubics, status)
+    call new_shock(shape, duration, rise, fall, hz, sweep == 'logarithmic', times, pieces, status)
     call reader%place(status)
     if (.not. status%failed()) times = start + times
   end subroutine read_shock
 
   !> A record as straight lines between its times.
-  subroutine read_pieces(reader, times, cubics)
+  subroutine read_pieces(reader, times, pieces)
     type(group_reader), intent(inout) :: reader
-    real(wp), allocatable, intent(out) :: times(:), cubics(:, :)
+    real(wp), allocatable, intent(out) :: times(:), pieces(:, :)
     real(wp), allocatable :: values(:)
     integer :: n
 
     call read_record(reader, times, values)
     n = size(times)
-    allocate (cubics(4, n), source=0.0_wp)
+    allocate (pieces(4, n), source=0.0_wp)
     if (reader%status%failed()) return
-    cubics(3, :n - 1) = (values(2:) - values(:n - 1))/(times(2:) - times(:n - 1))
-    cubics(4, :) = values
+    pieces(3, :n - 1) = (values(2:) - values(:n - 1))/(times(2:) - times(:n - 1))
+    pieces(4, :) = values
   end subroutine read_pieces
 
   !> Times, ascending, and values of a record, here or in a file of two columns.

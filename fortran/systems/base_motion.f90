@@ -1,5 +1,5 @@
-!> Motion of the base: sinusoids, and a piecewise cubic with corners. The equations use coordinates
-!! relative to the base; given and stored states are absolute.
+!> Motion of the base: sinusoids, and a piecewise polynomial with corners. The equations use
+!! coordinates relative to the base; given and stored states are absolute.
 !!
 !! At a corner of the base motion the relative velocity jumps, but the absolute velocity is
 !! continuous. Velocities are those of the current time interval, also at its ends.
@@ -19,9 +19,9 @@ module viscovib_base_motion
     !! the base is at rest.
     real(wp), allocatable :: frequencies(:)
     complex(wp), allocatable :: amplitudes(:, :)
-    !> Additional cubics sum_p pieces(p,:,i) (t - breaks(i))^(4-p), each valid from its break to the
-    !! next, the last without end. Before the first break the base has its position at that break.
-    !! Shapes (n) and (4, q, n).
+    !> Additional polynomials sum_p pieces(p,:,i) (t - breaks(i))^(n_powers-p), each valid from its
+    !! break to the next, the last without end. Before the first break the base has its position at
+    !! that break. Shapes (n) and (n_powers, q, n).
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
     integer, private :: present = 0
   contains
@@ -32,7 +32,7 @@ module viscovib_base_motion
     procedure :: along
     procedure :: of_coordinates
     procedure :: add_to
-    procedure :: add_cubics
+    procedure :: add_polynomials
   end type base_motion_type
 
 contains
@@ -49,7 +49,7 @@ contains
     if (allocated(self%breaks)) has_corners = self%moves() .and. size(self%breaks) > 0
   end function has_corners
 
-  !> Select the cubic of a time interval that contains no corner.
+  !> Select the polynomial of a time interval that contains no corner.
   pure subroutine enter(self, from, to)
     class(base_motion_type), intent(inout) :: self
     real(wp), intent(in) :: from, to
@@ -84,8 +84,8 @@ contains
     !> Shape (q).
     real(wp), intent(out) :: displacement(:), velocity(:)
     complex(wp) :: wave(size(displacement))
-    real(wp) :: x
-    integer :: k
+    real(wp) :: place(size(displacement)), speed(size(displacement)), x
+    integer :: k, m
 
     displacement = 0.0_wp
     velocity = 0.0_wp
@@ -97,15 +97,20 @@ contains
       velocity = velocity + self%frequencies(k)*real(wave)
     end do
     if (.not. self%has_corners()) return
+    m = size(self%pieces, 1)
     if (self%present == 0) then
-      displacement = displacement + self%pieces(4, :, 1)
+      displacement = displacement + self%pieces(m, :, 1)
       return
     end if
-    associate (a => self%pieces(:, :, self%present))
-      x = t - self%breaks(self%present)
-      displacement = displacement + (((a(1, :)*x + a(2, :))*x + a(3, :))*x + a(4, :))
-      velocity = velocity + ((3.0_wp*a(1, :)*x + 2.0_wp*a(2, :))*x + a(3, :))
-    end associate
+    x = t - self%breaks(self%present)
+    place = 0.0_wp
+    speed = 0.0_wp
+    do k = 1, m
+      speed = speed*x + place
+      place = place*x + self%pieces(k, :, self%present)
+    end do
+    displacement = displacement + place
+    velocity = velocity + speed
   end subroutine along
 
   !> Map base displacements or velocities to the coordinates.
@@ -121,13 +126,13 @@ contains
     end if
   end function of_coordinates
 
-  !> Add a base motion of n coordinates given by cubics.
-  subroutine add_cubics(self, n, direction, breaks, pieces)
+  !> Add a base motion of n coordinates given by polynomials.
+  subroutine add_polynomials(self, n, direction, breaks, pieces)
     class(base_motion_type), intent(inout) :: self
     integer, intent(in) :: n
     !> Displacement of the coordinates per unit base displacement; empty: one displacement each.
     real(wp), intent(in) :: direction(:)
-    !> Shapes (m) and (4, 1 or n, m).
+    !> Shapes (m) and (n_powers, 1 or n, m).
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
     integer :: i
     if (.not. self%moves()) then
@@ -140,7 +145,7 @@ contains
     do i = 1, n
       self%pieces(:, i, :) = direction(i)*pieces(:, 1, :)
     end do
-  end subroutine add_cubics
+  end subroutine add_polynomials
 
   !> Convert a relative state to an absolute state; `share` = -1 converts back.
   pure subroutine add_to(self, t, u, v, share)

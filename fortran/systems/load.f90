@@ -10,7 +10,7 @@ module viscovib_load
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_timed_cubics, only: timed_cubics
+  use viscovib_timed_polynomials, only: timed_polynomials
   implicit none
   private
 
@@ -42,7 +42,7 @@ module viscovib_load
     !! shape (n_dof, n_rows). A row may be the acceleration of a base to which the coordinates are
     !! relative, and which moves them by `floors` (n_dof, n_rows); of other rows these are 0. Not
     !! allocated: none.
-    type(timed_cubics) :: table
+    type(timed_polynomials) :: table
     real(wp), allocatable :: pushes(:, :), floors(:, :)
   contains
     procedure :: has_table
@@ -174,28 +174,28 @@ contains
   end function has_table
 
   !> Add a load in time.
-  subroutine add_row(self, times, cubics, push, floor)
+  subroutine add_row(self, times, pieces, push, floor)
     class(load_type), intent(inout) :: self
-    !> Shapes (n) and (4, n), as of `timed_cubics`.
-    real(wp), intent(in) :: times(:), cubics(:, :)
+    !> Shapes (n) and (n_powers, n), as of `timed_polynomials`.
+    real(wp), intent(in) :: times(:), pieces(:, :)
     !> Shape (n_dof).
     real(wp), intent(in) :: push(:), floor(:)
-    type(timed_cubics) :: row
+    type(timed_polynomials) :: row
     real(wp), allocatable :: wide(:, :, :)
     integer :: m
 
     m = 1
     if (self%has_table()) m = size(self%pushes, 2) + 1
     row%breaks = times
-    allocate (row%pieces(m, 4, size(times)), source=0.0_wp)
-    row%pieces(m, :, :) = cubics
+    allocate (row%pieces(m, size(pieces, 1), size(times)), source=0.0_wp)
+    row%pieces(m, :, :) = pieces
     if (m == 1) then
       self%table = row
       self%pushes = reshape(push, [size(push), 1])
       self%floors = reshape(floor, [size(push), 1])
       return
     end if
-    allocate (wide(m, 4, size(self%table%breaks)), source=0.0_wp)
+    allocate (wide(m, size(self%table%pieces, 2), size(self%table%breaks)), source=0.0_wp)
     wide(:m - 1, :, :) = self%table%pieces
     call move_alloc(wide, self%table%pieces)
     self%pushes = reshape([self%pushes, push], [size(push), m])
@@ -203,8 +203,8 @@ contains
     call self%table%add(row)
   end subroutine add_row
 
-  !> The loads in time as forces on the coordinates, cubics of shape (n_dof, 4, n) between breaks
-  !! (n); n = 1 without any.
+  !> The loads in time as forces on the coordinates, polynomials of shape (n_dof, n_powers, n)
+  !! between breaks (n); n = 1 without any.
   pure subroutine forces_in_time(self, breaks, pieces)
     class(load_type), intent(in) :: self
     real(wp), allocatable, intent(out) :: breaks(:), pieces(:, :, :)
@@ -215,7 +215,7 @@ contains
       return
     end if
     breaks = self%table%breaks
-    allocate (pieces(size(self%pushes, 1), 4, size(breaks)))
+    allocate (pieces(size(self%pushes, 1), size(self%table%pieces, 2), size(breaks)))
     do i = 1, size(breaks)
       pieces(:, :, i) = matmul(self%pushes, self%table%pieces(:, :, i))
     end do
@@ -225,7 +225,7 @@ contains
   pure function corners(self) result(times)
     class(load_type), intent(in) :: self
     real(wp), allocatable :: times(:)
-    type(timed_cubics) :: forces
+    type(timed_polynomials) :: forces
     allocate (times(0))
     if (.not. self%has_table()) return
     call self%forces_in_time(forces%breaks, forces%pieces)

@@ -1,8 +1,8 @@
-!> Loads of a solution in time: a periodic load, piecewise cubics, constants.
+!> Loads of a solution in time: a periodic load, piecewise polynomials, constants.
 module viscovib_motion_loads
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: add_two, n_lanes, turn
-  use viscovib_timed_cubics, only: timed_cubics
+  use viscovib_timed_polynomials, only: timed_polynomials
   implicit none
   private
 
@@ -13,9 +13,11 @@ module viscovib_motion_loads
     !> Shape (n_dof, size(orders)), and harmonic orders in ascending order.
     complex(wp), allocatable :: load(:, :)
     integer, allocatable :: orders(:)
-    !> F, and its current piece, set by `enter`, shape (n_dof, 4).
+    !> F, and its current piece, set by `enter`, shape (n_dof, n_powers); the first power with a
+    !! coefficient, n_powers + 1 where there is no load.
     logical :: timed = .false.
-    type(timed_cubics) :: table
+    integer, private :: first = 1
+    type(timed_polynomials) :: table
     real(wp), allocatable :: piece(:, :)
   contains
     procedure :: hold
@@ -42,27 +44,29 @@ contains
     end if
   end subroutine hold
 
-  !> Add a load given as cubics between breaks.
+  !> Add a load given as polynomials between breaks.
   subroutine add_table(self, inverse, breaks, pieces)
     class(motion_loads), intent(inout) :: self
     !> M^(-1).
     real(wp), intent(in) :: inverse(:, :)
-    !> Forces on the first coordinates; shapes (n) and (m, 4, n). The last piece is not used.
+    !> Forces on the first coordinates; shapes (n) and (m, n_powers, n). The last piece is not used.
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
     integer :: i
     self%table%breaks = breaks
-    allocate (self%table%pieces(size(inverse, 1), 4, size(breaks)))
+    allocate (self%table%pieces(size(inverse, 1), size(pieces, 2), size(breaks)))
     do i = 1, size(breaks)
       self%table%pieces(:, :, i) = matmul(inverse(:, :size(pieces, 1)), pieces(:, :, i))
     end do
-    allocate (self%piece(size(inverse, 1), 4), source=0.0_wp)
+    allocate (self%piece(size(inverse, 1), size(pieces, 2)), source=0.0_wp)
     self%timed = .true.
   end subroutine add_table
 
   subroutine enter(self, from, to)
     class(motion_loads), intent(inout) :: self
     real(wp), intent(in) :: from, to
-    if (self%timed) self%piece = self%table%between(from, to)
+    if (.not. self%timed) return
+    self%piece = self%table%between(from, to)
+    self%first = findloc([any(abs(self%piece) > 0.0_wp, 1), .true.], .true., 1)
   end subroutine enter
 
   !> Highest harmonic order with a nonzero load.
@@ -99,10 +103,13 @@ contains
         call add_two(a(:, d), real(self%load(d, k)), s, aimag(self%load(d, k)), c)
       end do
     end do
-    if (.not. self%timed) return
+    if (.not. self%timed .or. self%first > size(self%piece, 2)) return
     do d = 1, size(a, 2)
-      a(:, d) = a(:, d) + (((self%piece(d, 1)*drive(:, 3) + self%piece(d, 2))*drive(:, 3) &
-                            + self%piece(d, 3))*drive(:, 3) + self%piece(d, 4))
+      s = self%piece(d, self%first)
+      do k = self%first + 1, size(self%piece, 2)
+        s = s*drive(:, 3) + self%piece(d, k)
+      end do
+      a(:, d) = a(:, d) + s
     end do
   end subroutine add_to
 

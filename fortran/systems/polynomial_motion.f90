@@ -1,4 +1,4 @@
-!> A polynomial system without memory in time, with a periodic load and piecewise cubics:
+!> A polynomial system without memory in time, with a periodic load and piecewise polynomials:
 !!
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).
 !!
@@ -376,10 +376,10 @@ contains
     self%fresh = kept(m + n + 1:) > 0.0_wp
   end subroutine recall_switches
 
-  !> Add a force in time, given as cubics between breaks.
+  !> Add a force in time, given as polynomials between breaks.
   subroutine add_table(self, breaks, pieces)
     class(polynomial_motion_type), intent(inout) :: self
-    !> Shapes (n) and (n_dof - n_hidden, 4, n). The last piece is not used.
+    !> Shapes (n) and (n_dof - n_hidden, n_powers, n). The last piece is not used.
     real(wp), intent(in) :: breaks(:), pieces(:, :, :)
     call self%loads%add_table(self%inverse, breaks, pieces)
     self%timed = .true.

@@ -1,4 +1,4 @@
-!> Loads in time: sinusoids of any frequencies, and a piecewise cubic.
+!> Loads in time: sinusoids of any frequencies, and a piecewise polynomial.
 module viscovib_time_load
   use viscovib_constants, only: imaginary_unit
   use viscovib_counters, only: count_up, counted_loads, counting
@@ -14,8 +14,8 @@ module viscovib_time_load
     !! and (n_dof, m); a constant is a frequency of 0.
     real(wp), allocatable :: frequencies(:)
     complex(wp), allocatable :: amplitudes(:, :)
-    !> Cubics between breaks, sum_p pieces(:,p,i) (t - breaks(i))^(4-p), shape
-    !! (n_dof, 4, n_breaks-1); nothing before the first break and after the last.
+    !> Polynomials between breaks, sum_p pieces(:,p,i) (t - breaks(i))^(n_powers-p), shape
+    !! (n_dof, n_powers, n_breaks); nothing before the first break and after the last.
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
   contains
     procedure :: at
@@ -54,14 +54,14 @@ contains
     call self%add_table(t, piece, f)
   end subroutine at
 
-  !> Add the cubic at t; `piece` is the first guess of its interval and returns the interval.
+  !> Add the polynomial at t; `piece` is the first guess of its interval and returns the interval.
   subroutine add_table(self, t, piece, f)
     class(time_load_type), intent(in) :: self
     real(wp), intent(in) :: t
     integer, intent(inout) :: piece
     real(wp), intent(inout) :: f(:)
-    real(wp) :: x
-    integer :: n
+    real(wp) :: value(size(f)), x
+    integer :: k, n
 
     n = size(self%breaks)
     if (n < 2) return
@@ -73,8 +73,11 @@ contains
       piece = piece + 1
     end do
     x = t - self%breaks(piece)
-    f = f + (((self%pieces(:, 1, piece)*x + self%pieces(:, 2, piece))*x &
-              + self%pieces(:, 3, piece))*x + self%pieces(:, 4, piece))
+    value = self%pieces(:, 1, piece)
+    do k = 2, size(self%pieces, 2)
+      value = value*x + self%pieces(:, k, piece)
+    end do
+    f = f + value
   end subroutine add_table
 
   !> A clock at time start, for steps h with nodes c in [0, 1].

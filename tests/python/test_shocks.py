@@ -1,12 +1,14 @@
 """Shocks on systems against the exact answer of their modes."""
 
 import pickle
+from functools import reduce
 
 import numpy as np
 import pytest
 import viscovib as vv
 from scipy.integrate import quad
 from test_body import engine
+from viscovib.systems.load_table import PiecewiseTable, added
 
 LENGTH, START = 0.011, 0.002
 #: Each shock, its formula at s = (t - start)/duration, and corners within it.
@@ -68,7 +70,7 @@ def test_shocks_have_the_values_of_their_formula(name):
     s = np.linspace(0, 1, 1237)[1:-1]
     wanted = np.array([shape(one) for one in s])
     found = shock(START + LENGTH * s)
-    assert np.abs(found - np.outer(wanted, [2.0, -3.0])).max() < 2e-10
+    assert np.abs(found - np.outer(wanted, [2.0, -3.0])).max() < 2e-13
     assert not shock(START - 1e-9).any()
     assert shock(START + 2 * LENGTH).any() == (kind is vv.Step)
     again = pickle.loads(pickle.dumps(shock))
@@ -120,3 +122,25 @@ def test_shocks_on_one_coordinate_and_what_is_refused():
             vv.Chirp(amplitude=1, duration=1, **given)
     with pytest.raises(vv.InputError, match="unit"):
         vv.Step(amplitude=1, unit="ft/s^2")
+
+
+def test_sums_of_shocks_and_records_have_the_sum_of_the_values():
+    """Polynomials of different degrees on random times; steps end at every corner of both."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        a, b = rng.uniform(0.01, 0.05, 2)
+        record = vv.LoadTable(
+            times=np.cumsum(rng.uniform(0.001, 0.02, 6)), values=rng.standard_normal(6)
+        )
+        parts = [
+            vv.HalfSine(amplitude=1.0, duration=a, start=rng.uniform(0, 0.02)),
+            record,
+            vv.Chirp(amplitude=0.5, duration=b, hz=(5.0, 60.0)),
+        ]
+        table = reduce(added, [(one.times, one._pieces(1)) for one in parts])
+        total = PiecewiseTable.of(*table)
+        t = np.sort(rng.uniform(-0.01, 0.15, 200))
+        assert np.abs(total(t)[:, 0] - sum(one(t) for one in parts)).max() < 1e-13
+        corners = total._breaks(1)
+        assert np.isin(record.times, corners).all()
+        assert np.isin([parts[0].times[0], parts[0].times[-1]], corners).all()

@@ -13,6 +13,7 @@ from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.load_table import table_at
+from viscovib.systems.piecewise import values_at
 
 #: Gauss nodes of a panel, as in the core, and the places of a panel's points.
 _NODES = 8
@@ -29,23 +30,6 @@ def along(frequencies: FloatArray, amplitudes: ComplexArray, t: FloatArray) -> F
     return np.asarray((np.exp(1j * np.outer(t, frequencies[used])) @ amplitudes[:, used].T).imag)
 
 
-def on_cubics(
-    breaks: FloatArray, pieces: FloatArray, t: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return values, first and second derivatives of piecewise cubics, shape (n_times, n).
-
-    ``pieces`` (n, 4, m): the highest power first. The last piece goes on for ever, and before the
-    first break the value there. At a break those after it.
-    """
-    i = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, breaks.size - 1)
-    x = np.maximum(t - breaks[i], 0.0)
-    a, b, c, d = (pieces[:, p, i] for p in range(4))
-    found = [((a * x + b) * x + c) * x + d, (3 * a * x + 2 * b) * x + c, 6 * a * x + 2 * b]
-    inside = t >= breaks[0]
-    found[1:] = [np.where(inside, one, 0.0) for one in found[1:]]
-    return found[0].T, found[1].T, found[2].T
-
-
 @dataclass(frozen=True)
 class Acting:
     """Loads on coordinates relative to the base, and how it moves them, at times (n_times, n)."""
@@ -58,9 +42,9 @@ class Acting:
 
 @dataclass(frozen=True)
 class Loads:
-    """Sinusoids and piecewise cubics that act on n coordinates, and that their base moves by.
+    """Sinusoids and piecewise polynomials that act on n coordinates, and that their base moves by.
 
-    Of the base amplitudes (n, m), with the frequencies of the load, and cubics (n, 4, k).
+    Of the base amplitudes (n, m), with the frequencies of the load, and polynomials (n, p, k).
     """
 
     frequencies: FloatArray
@@ -82,8 +66,8 @@ class Loads:
             return Acting(load, zero, zero, zero)
         moved = [along(w, factor * self.base, t) for factor in (1.0, 1j * w, -(w**2))]
         if self.base_breaks.size:
-            cubics = on_cubics(self.base_breaks, self.base_pieces, t)
-            moved = [one + other for one, other in zip(moved, cubics, strict=True)]
+            others = values_at(self.base_breaks, self.base_pieces, t)
+            moved = [one + other for one, other in zip(moved, others, strict=True)]
         return Acting(load, *moved)
 
 

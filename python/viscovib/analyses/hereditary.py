@@ -78,7 +78,7 @@ class MountMotion:
     #: Flags of the coordinates that move, and the load as given.
     moves: npt.NDArray[np.int32]
     series: tuple[npt.NDArray[np.int32], ComplexArray]
-    #: A table of base displacements, its times and cubic coefficients; a single time: no table.
+    #: A table of base displacements, its times and polynomials; a single time: no table.
     table: LoadTable | None = None
     base_breaks: FloatArray = field(default_factory=lambda: np.zeros(1))
     base_pieces: FloatArray = field(default_factory=lambda: np.zeros((4, 1, 1), order="F"))
@@ -139,10 +139,10 @@ class MountMotion:
         if names:
             self.mount._check_base_motion(base_pieces.max(axis=0))  # type: ignore[union-attr]
         times = np.asarray(table.times)
-        cubics = base_pieces
+        moved = np.moveaxis(base_pieces, 1, 0)
         if not names:
-            cubics = np.einsum("dq,pqt->pdt", self._directions, base_pieces)
-        load = inertia_of(self.mount, times, cubics)
+            moved = np.einsum("dq,pqt->dpt", self._directions, base_pieces)
+        load = inertia_of(self.mount, times, moved)
         loaded = times
         if load.shape[2] > times.size:
             loaded = np.concatenate([[times[0] - EVER], times, [times[-1] + EVER]])
@@ -184,14 +184,14 @@ class MountMotion:
     @cached_property
     def acting(self) -> Loads:
         """The loads, with the inertia of what is relative to the base, and its motion."""
-        breaks, base, cubics = np.zeros(0), None, np.zeros((0, 4, 0))
+        breaks, base, pieces = np.zeros(0), None, np.zeros((0, 4, 0))
         if self.table is not None:
             breaks = self.base_breaks
-            cubics = np.einsum("dq,pqt->dpt", self._directions, self.base_pieces)
+            pieces = np.einsum("dq,pqt->dpt", self._directions, self.base_pieces)
         if self.table is not None or self.base.any():
             base = self._directions @ self.base
         return Loads(
-            self.frequencies, self.amplitudes, self.breaks, self.pieces, base, breaks, cubics
+            self.frequencies, self.amplitudes, self.breaks, self.pieces, base, breaks, pieces
         )
 
     @property
@@ -438,14 +438,14 @@ def hereditary_run_of(run: Run) -> MountMotion | None:
 
 @cache
 def _no_pieces(n: int) -> FloatArray:
-    """Cubic coefficients without a table."""
+    """Polynomials without a table."""
     pieces = np.zeros((n, 4, 1), order="F")
     pieces.setflags(write=False)
     return pieces
 
 
 def table_of(force: LoadTable | None, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the times of a table and its cubic coefficients for the core."""
+    """Return the times of a table and its polynomials for the core."""
     if force is None:
         return nothing(1), _no_pieces(n)
     if not isinstance(force, LoadTable):

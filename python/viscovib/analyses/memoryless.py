@@ -252,14 +252,14 @@ def polynomial_runs(
         if motion is not None:
             reach -= float(motion.before[0])
     past = _no_past(n) if motion is None else (motion.held, motion.before, motion.moved)
-    cubics = _no_cubics() if motion is None else (motion.base_breaks, motion.base_pieces)
+    moved = _no_base() if motion is None else (motion.base_breaks, motion.base_pieces)
     loads = {
         "orders": orders, "series": series, "nu": frequency, "breaks": breaks, "pieces": pieces,
-        "base_breaks": cubics[0], "base_pieces": cubics[1],
+        "base_breaks": moved[0], "base_pieces": moved[1],
     }  # fmt: skip
     job = (
         flat, orders, series, frequency, breaks, pieces, moves, layers, reach, force, motion,
-        cubics, past, loads, system._handle,
+        moved, past, loads, system._handle,
     )  # fmt: skip
     return partial(PolynomialRun.of_job, system, name, state, solved, job), steps
 
@@ -271,7 +271,7 @@ def _no_past(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 @cache
-def _no_cubics() -> tuple[FloatArray, FloatArray]:
+def _no_base() -> tuple[FloatArray, FloatArray]:
     """A base without a table."""
     return nothing(1), np.zeros((4, 1, 1), order="F")
 

@@ -9,6 +9,7 @@ from viscovib.common.parameters import no_frequency
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.piecewise import derivative
 
 
 def sinusoids(
@@ -62,26 +63,28 @@ def _squares(frequencies: FloatArray) -> FloatArray:
     return squares
 
 
-def inertia_of(mount: Oscillator, times: FloatArray, cubics: FloatArray) -> FloatArray:
-    """Loads of a base with displacements of the coordinates by cubics (4, n, m), shape (n, 4, m).
+def inertia_of(mount: Oscillator, times: FloatArray, moved: FloatArray) -> FloatArray:
+    """Loads of a base with displacements of the coordinates by polynomials (n, n_powers, m).
 
     -M y'' - C_s y' - K_s y in relative coordinates. If K_s is not 0, infinite pieces before and
-    after the table are added, shape (n, 4, m + 2).
+    after the table are added, shape (n, n_powers, m + 2).
     """
-    a, mass = cubics[:, :, :-1], mount._mass_matrix
-    load = np.zeros((mass.shape[0], 4, times.size), order="F")
-    load[:, 2, :-1] = -6 * (mass @ a[0])
-    load[:, 3, :-1] = -2 * (mass @ a[1])
+    moved = moved.copy()
+    held = moved[:, -1].copy()
+    moved[:, :, -1] = 0.0
+    rate = derivative(moved)
+
+    def forces(matrix: FloatArray, pieces: FloatArray) -> FloatArray:
+        return np.asfortranarray(np.einsum("nk,kpm->npm", matrix, pieces))
+
+    load = -forces(mount._mass_matrix, derivative(rate))
     space = getattr(mount, "_space", None)
     if space is None:
         return load
     damping, stiffness = space
-    for p in range(4):
-        load[:, p, :-1] -= stiffness @ a[p]
-        if p:
-            load[:, p, :-1] -= (4 - p) * (damping @ a[p - 1])
-    ever = np.zeros((mass.shape[0], 4, times.size + 2), order="F")
+    load -= forces(damping, rate) + forces(stiffness, moved)
+    ever = np.zeros((*load.shape[:2], times.size + 2), order="F")
     ever[:, :, 1:-2] = load[:, :, :-1]
-    ever[:, 3, 0] = -stiffness @ cubics[3, :, 0]
-    ever[:, 3, -2] = -stiffness @ cubics[3, :, -1]
+    ever[:, -1, 0] = -stiffness @ held[:, 0]
+    ever[:, -1, -2] = -stiffness @ held[:, -1]
     return ever if stiffness.any() else load

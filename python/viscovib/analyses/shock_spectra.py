@@ -20,6 +20,7 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory, spacing
 from viscovib.systems.base_acceleration import warn_of_record
 from viscovib.systems.load_table import LoadTable, Shock
+from viscovib.systems.piecewise import values_at
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,6 +30,8 @@ _KIND, _UNIT = Word("kind", KINDS), Word("unit", ("m/s^2", "g"))
 _DAMPING, _DT = Number("damping", lowest=0), Number("dt", above=0)
 #: Relative error of the straight lines between samples of a smooth shock, and samples at most.
 _SAMPLED, _MOST = 1e-10, 2_000_000
+#: Places in a piece at which its second derivative is computed, as fractions.
+_INSIDE = np.linspace(0.0, 1.0, 9)
 #: Steps of oscillators that take some milliseconds.
 _FEW = 1_000_000
 
@@ -259,9 +262,11 @@ def _read(
         raise InputError(f"record: values must have shape ({times.size},), got {values.shape}")
     if record.interpolation != "linear":
         # Straight lines are off by the square of their length and the second derivative over 8.
-        cubic, square = record._cubics(values[:, np.newaxis])[0, :2, :-1]
         length = np.diff(times)
-        bend = 2 * np.maximum(np.abs(square), np.abs(square + 3 * cubic * length)) * length**2
+        at = times[:-1, np.newaxis] + length[:, np.newaxis] * _INSIDE
+        pieces = record._polynomials(values[:, np.newaxis])
+        second = values_at(times, pieces, at.ravel())[2].reshape(at.shape)
+        bend = np.abs(second).max(axis=1) * length**2
         part = math.ceil(math.sqrt(bend.max() / (8 * _SAMPLED * (np.abs(values).max() or 1.0))))
         part = max(part, 1)
         part = min(part, max(_MOST // times.size, 1))

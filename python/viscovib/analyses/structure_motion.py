@@ -30,6 +30,7 @@ from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import law_end as end_of_law
 from viscovib.systems.load import LoadLike, base_by_order, in_components
 from viscovib.systems.load_table import LoadTable, added
+from viscovib.systems.piecewise import derivative, values_at
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_loads import (
@@ -147,7 +148,8 @@ class StructureMotion:
     #: Displacements of all coordinates at the times ``before``, shape (n, m).
     whole_past: FloatArray
     memory: str
-    #: Directions of the columns of tables, shape (n, k), times and cubics; a single time: no table.
+    #: Directions of the columns of tables, shape (n, k), times and polynomials; a single time:
+    #: no table.
     patterns: FloatArray
     breaks: FloatArray
     pieces: FloatArray
@@ -217,9 +219,7 @@ class StructureMotion:
         """Return the motion with a base table, whose acceleration is a load."""
         base_pieces = table._base_pieces()[:, 0]
         times = np.asarray(table.times)
-        load = np.zeros((1, 4, times.size), order="F")
-        load[0, 2, :-1] = -6 * base_pieces[0, :-1]
-        load[0, 3, :-1] = -2 * base_pieces[1, :-1]
+        load = np.asfortranarray(-derivative(derivative(base_pieces[np.newaxis])))
         patterns, breaks, pieces = self.patterns, self.breaks, self.pieces
         if load.any():
             push = self.loaded._inertia[:, np.newaxis]
@@ -227,10 +227,9 @@ class StructureMotion:
                 patterns, breaks, pieces = push, times, load
             else:
                 k = pieces.shape[0]
-                wide = np.concatenate([pieces, np.zeros((1, 4, breaks.size))])
-                breaks, pieces = added(
-                    (breaks, wide), (times, np.concatenate([np.zeros((k, 4, times.size)), load]))
-                )
+                wide = np.concatenate([pieces, np.zeros((1, *pieces.shape[1:]))])
+                inert = np.concatenate([np.zeros((k, *load.shape[1:])), load])
+                breaks, pieces = added((breaks, wide), (times, inert))
                 patterns = np.concatenate([patterns, push], axis=1)
         return replace(
             self, patterns=patterns, breaks=breaks, pieces=pieces, table=table, base_breaks=times,
@@ -253,13 +252,8 @@ class StructureMotion:
         place = float(wave.imag.sum())
         speed = float((self.frequencies * wave.real).sum())
         if self.table is not None:
-            times, cubics = self.base_breaks, self.base_pieces
-            if t < times[0]:
-                return place + float(cubics[3, 0]), speed
-            i = int(np.searchsorted(times, t, side="right")) - 1
-            a, x = cubics[:, i], t - times[i]
-            place += float(((a[0] * x + a[1]) * x + a[2]) * x + a[3])
-            speed += float((3 * a[0] * x + 2 * a[1]) * x + a[2])
+            moved = values_at(self.base_breaks, self.base_pieces[np.newaxis], np.array([t]))
+            place, speed = place + float(moved[0][0, 0]), speed + float(moved[1][0, 0])
         return place, speed
 
     @cached_property
@@ -372,11 +366,11 @@ class StructureMotion:
         pieces = np.einsum("nk,kpb->npb", self.patterns, self.pieces)
         if b is None or not self.moves_base:
             return Loads(w, forces, self.breaks, pieces)
-        breaks, cubics = np.zeros(0), np.zeros((0, 4, 0))
+        breaks, moved = np.zeros(0), np.zeros((0, 4, 0))
         if self.table is not None:
-            breaks, cubics = self.base_breaks, np.multiply.outer(b, self.base_pieces)
+            breaks, moved = self.base_breaks, np.multiply.outer(b, self.base_pieces)
         base = np.outer(b, loaded.base)
-        return Loads(w, forces, self.breaks, pieces, base, breaks, cubics)
+        return Loads(w, forces, self.breaks, pieces, base, breaks, moved)
 
     @property
     def past(self) -> EarlierMotion | None:

@@ -31,6 +31,7 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
+from viscovib.systems.piecewise import values_at
 from viscovib.systems.structure import ALL_GIVEN, Structure
 from viscovib.systems.whole import (
     MOST_IN_FRAME,
@@ -162,12 +163,10 @@ def _base_states(motion: MountMotion, times: FloatArray) -> tuple[FloatArray, Fl
     place = (waves @ motion.base.T).imag
     speed = (waves @ (motion.frequencies * motion.base).T).real
     if motion.table is not None:
-        breaks, a = motion.base_breaks, motion.base_pieces
-        i = np.clip(np.searchsorted(breaks, times) - 1, 0, None)
-        x = np.maximum(times - breaks[i], 0.0)
-        place = place + (((a[0][:, i] * x + a[1][:, i]) * x + a[2][:, i]) * x + a[3][:, i]).T
-        rate = (3 * a[0][:, i] * x + 2 * a[1][:, i]) * x + a[2][:, i]
-        speed = speed + np.where(times > breaks[0], rate, 0.0).T
+        breaks, pieces = motion.base_breaks, np.moveaxis(motion.base_pieces, 1, 0)
+        before = np.nextafter(times, -np.inf)
+        moved, rate, _ = values_at(breaks, pieces, before)
+        place, speed = place + moved, speed + rate
     return place @ motion._directions.T, speed @ motion._directions.T
 
 

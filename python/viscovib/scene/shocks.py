@@ -15,10 +15,10 @@ from viscovib.results.trajectory import Trajectory
 from viscovib.systems.base_acceleration import warn_of_record
 from viscovib.systems.load_table import (
     Chirp,
-    CubicTable,
     HalfSine,
     Haversine,
     LoadTable,
+    PiecewiseTable,
     Sawtooth,
     Shock,
     Step,
@@ -76,9 +76,9 @@ def _sum(tables: Sequence[LoadTable], n_dof: int) -> LoadTable:
             pieces = one._pieces(n_dof)
         else:
             warn_of_record("base_acceleration", values, one.unit, not isinstance(one, Shock))
-            pieces = factor * one._cubics(values[:, np.newaxis])
+            pieces = factor * one._polynomials(values[:, np.newaxis])
         parts.append((np.asarray(one.times), pieces))
-    return CubicTable.of(*reduce(added, parts))
+    return PiecewiseTable.of(*reduce(added, parts))
 
 
 def shock_spectrum(

@@ -14,15 +14,15 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.values import Value
 from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.systems.load import LoadLike, load_series, name_places
-from viscovib.systems.load_table import CubicTable, LoadTable, Shock, added, table_at
+from viscovib.systems.load_table import LoadTable, PiecewiseTable, Shock, added, table_at
 
 
 @dataclass(frozen=True)
 class BaseMotion(Value):
-    """How a base moves the coordinates: accelerations by cubics from rest, and sinusoids.
+    """How a base moves the coordinates: accelerations by polynomials from rest, and sinusoids.
 
-    ``tables``: of each the direction (n,), the times and the cubics (4, m). ``amplitudes``: of
-    accelerations, shape (n, k), with ``frequencies`` (k,).
+    ``tables``: of each the direction (n,), the times and the polynomials (n_powers, m).
+    ``amplitudes``: of accelerations, shape (n, k), with ``frequencies`` (k,).
     """
 
     tables: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
@@ -36,12 +36,12 @@ class BaseMotion(Value):
         waves = self.amplitudes * np.exp(1j * t[:, np.newaxis, np.newaxis] * self.frequencies)
         slow = np.where(self.frequencies > 0, self.frequencies, 1.0)
         parts = [(waves / (1j * slow) ** k).imag.sum(axis=2) for k in (2, 1, 0)]
-        for direction, times, cubics in self.tables:
-            a = PPoly(cubics[:, :-1], times)
+        for direction, times, pieces in self.tables:
+            a = PPoly(pieces[:, :-1], times)
             inside = np.clip(t, times[0], times[-1])
             speed = a.antiderivative()(inside)
             place = a.antiderivative(2)(inside) + speed * np.maximum(t - times[-1], 0.0)
-            push = table_at(times, cubics[np.newaxis], t)[:, 0]
+            push = table_at(times, pieces[np.newaxis], t)[:, 0]
             for part, own in zip(parts, (place, speed, push), strict=True):
                 part += np.multiply.outer(own, direction)
         return parts[0], parts[1], parts[2]
@@ -62,10 +62,10 @@ def relative_loads(
         direction = _direction(system, where, name)
         push = -_inertia(system, where, direction)
         if isinstance(part, LoadTable):
-            cubics = _cubics(where, part)
+            pieces = _polynomials(where, part)
             times = np.asarray(part.times)
-            force = _with_table(times, cubics, push, force)
-            tables.append((direction, times, cubics))
+            force = _with_table(times, pieces, push, force)
+            tables.append((direction, times, pieces))
             continue
         if isinstance(part, (str, bytes)):
             raise InputError(
@@ -125,32 +125,32 @@ def _inertia(system: Any, where: str, direction: FloatArray) -> FloatArray:
     return push
 
 
-def _cubics(where: str, table: LoadTable) -> FloatArray:
-    """Return the cubics (4, m) of an acceleration in m/s^2."""
+def _polynomials(where: str, table: LoadTable) -> FloatArray:
+    """Return the polynomials (n_powers, m) of an acceleration in m/s^2."""
     values = np.asarray(table.values)
     if values.shape[1:] == (1,):
         values = values[:, 0]
     if values.ndim != 1 or table.on is not None:
         raise InputError(f"{where}: must have values of shape (n,), without on")
-    if not isinstance(table, CubicTable):
+    if not isinstance(table, PiecewiseTable):
         warn_of_record(where, values, table.unit, not isinstance(table, Shock))
     factor = units.g if table.unit == "g" else 1.0
-    return np.asarray(factor * table._cubics(values[:, np.newaxis])[0])
+    return np.asarray(factor * table._polynomials(values[:, np.newaxis])[0])
 
 
 def _with_table(
-    times: FloatArray, cubics: FloatArray, push: FloatArray, force: LoadTable | None
+    times: FloatArray, pieces: FloatArray, push: FloatArray, force: LoadTable | None
 ) -> LoadTable:
     """Return a load in time with that of an acceleration."""
     if force is None and push.size == 1:
-        return CubicTable.of(times, push[0] * cubics[np.newaxis])
+        return PiecewiseTable.of(times, push[0] * pieces[np.newaxis])
     if force is None:
         # One direction, however many coordinates there are.
-        return CubicTable.of(times, cubics[np.newaxis], on=push)
+        return PiecewiseTable.of(times, pieces[np.newaxis], on=push)
     if not isinstance(force, LoadTable):
         raise InputError(f"force = {_native.shown(force)}: must be a LoadTable")
-    own = times, np.multiply.outer(push, cubics)
-    return CubicTable.of(*added((np.asarray(force.times), force._pieces(push.size)), own))
+    own = times, np.multiply.outer(push, pieces)
+    return PiecewiseTable.of(*added((np.asarray(force.times), force._pieces(push.size)), own))
 
 
 def warn_of_record(name: str, values: FloatArray, unit: str, is_record: bool) -> None:

@@ -114,15 +114,15 @@ class LoadTable:
         """Load at times t, shape t.shape + values.shape[1:]."""
         at = _native.real_array("t", t)
         times, values = np.asarray(self.times), np.asarray(self.values)
-        found = table_at(times, self._cubics(values.reshape(times.size, -1)), at.ravel())
+        found = table_at(times, self._polynomials(values.reshape(times.size, -1)), at.ravel())
         return found.reshape(at.shape + values.shape[1:])
 
     def _pieces(self, n_dof: int) -> FloatArray:
-        """Cubic coefficients between the times for the core, shape (n_dof, 4, n)."""
-        return self._cubics(self._columns(n_dof))
+        """Polynomials between the times for the core (`piecewise`), shape (n_dof, n_powers, n)."""
+        return self._polynomials(self._columns(n_dof))
 
-    def _cubics(self, values: FloatArray) -> FloatArray:
-        """The cubic coefficients of columns, shape (n, n_columns)."""
+    def _polynomials(self, values: FloatArray) -> FloatArray:
+        """The polynomials of columns, shape (n, n_columns)."""
         from scipy.interpolate import CubicSpline
 
         n_dof = values.shape[1]
@@ -139,7 +139,7 @@ class LoadTable:
         """Times at which the spline is not smooth, and both ends."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         one = values.ndim == 1
-        pieces = self._cubics(values[:, np.newaxis] if one else self._columns(n_dof))
+        pieces = self._polynomials(values[:, np.newaxis] if one else self._columns(n_dof))
         return np.asarray(_native.run("motion corners", breaks=times, pieces=pieces)["times"])
 
     def _refuse_g(self, name: str) -> None:
@@ -152,7 +152,7 @@ class LoadTable:
         return np.asarray(self.values).ndim == 2
 
     def _base_pieces(self, n_columns: int = 0, n_dof: int = 1) -> FloatArray:
-        """Cubic coefficients of base displacements, shape (4, q, n); the last value stays constant.
+        """Polynomials of base displacements, shape (n_powers, q, n); the last value stays constant.
 
         0 columns: one displacement, q = 1; else one for each of the first coordinates, q = n_dof.
         """
@@ -171,8 +171,8 @@ class LoadTable:
                 f"base: moves from {columns[i, j]:g} to {columns[i + 1, j]:g} within "
                 f"{np.diff(times)[i]:g} at t = {times[i]:g}, must not jump: take a longer ramp"
             )
-        pieces = self._cubics(columns)
-        pieces[:, 3, -1] = columns[-1]
+        pieces = self._polynomials(columns)
+        pieces[:, -1, -1] = columns[-1]
         return np.asfortranarray(np.moveaxis(pieces, 0, 1))
 
     def _columns(self, n_dof: int) -> FloatArray:
@@ -191,19 +191,19 @@ class LoadTable:
         return values
 
 
-class CubicTable(LoadTable):
-    """A load by cubics."""
+class PiecewiseTable(LoadTable):
+    """A load by polynomials between its times."""
 
     @classmethod
-    def of(cls, times: FloatArray, cubics: FloatArray, on: Any = None) -> CubicTable:
-        """Return a load by cubics (n_dof, 4, n), or along the direction ``on`` by (1, 4, n)."""
-        values = cubics[0, 3] if on is not None else cubics[:, 3].T
+    def of(cls, times: FloatArray, pieces: FloatArray, on: Any = None) -> PiecewiseTable:
+        """Return a load by polynomials of each coordinate, or of the direction ``on``."""
+        values = pieces[0, -1] if on is not None else pieces[:, -1].T
         table = cls(times=times, values=values, interpolation="cubic", on=on)
-        object.__setattr__(table, "_own_cubics", np.asfortranarray(cubics))
+        object.__setattr__(table, "_own", np.asfortranarray(pieces))
         return table
 
-    def _cubics(self, values: FloatArray) -> FloatArray:
-        own: FloatArray = self._own_cubics  # type: ignore[attr-defined]
+    def _polynomials(self, values: FloatArray) -> FloatArray:
+        own: FloatArray = self._own  # type: ignore[attr-defined]
         if self.on is None or values.shape[1] == 1:
             return own
         return np.asfortranarray(np.multiply.outer(np.asarray(self.on), own[0]))
@@ -215,7 +215,7 @@ class CubicTable(LoadTable):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Shock(LoadTable):
-    """A load by a formula, as cubics of the core."""
+    """A load by a formula, as polynomials of the core."""
 
     times: FloatArray = field(init=False)
     values: FloatArray = field(init=False)
@@ -242,10 +242,9 @@ class Shock(LoadTable):
             )
         begin = _native.number("start", self.start)
         found = _native.run("motion shock", shape=self._shape, **self._numbers())
-        heights = found["cubics"][3]
-        object.__setattr__(self, "_shape_cubics", found["cubics"])
+        object.__setattr__(self, "_unit", found["pieces"])
         object.__setattr__(self, "times", begin + found["times"])
-        object.__setattr__(self, "values", np.multiply.outer(heights, size))
+        object.__setattr__(self, "values", np.multiply.outer(found["pieces"][-1], size))
         super().__post_init__()
 
     def _numbers(self) -> dict[str, Any]:
@@ -255,17 +254,20 @@ class Shock(LoadTable):
     def _number(self, name: str) -> float:
         return _native.number(name, getattr(self, name))
 
-    def _cubics(self, values: FloatArray) -> FloatArray:
-        unit: FloatArray = self._shape_cubics  # type: ignore[attr-defined]
-        k = int(np.abs(unit[3]).argmax())
-        pieces = np.multiply.outer(values[k] / unit[3, k], unit)
+    def _breaks(self, n_dof: int) -> FloatArray:
+        return np.asarray(self.times)
+
+    def _polynomials(self, values: FloatArray) -> FloatArray:
+        unit: FloatArray = self._unit  # type: ignore[attr-defined]
+        k = int(np.abs(unit[-1]).argmax())
+        pieces = np.multiply.outer(values[k] / unit[-1, k], unit)
         pieces[:, :, -1] = 0.0
         return np.asfortranarray(pieces)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HalfSine(Shock):
-    """A half-sine shock amplitude sin(pi (t - start)/duration), to 4e-12 of its amplitude.
+    """A half-sine shock amplitude sin(pi (t - start)/duration).
 
     Parameters
     ----------
@@ -292,7 +294,7 @@ class HalfSine(Shock):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Haversine(Shock):
-    """A haversine shock amplitude sin^2(pi (t - start)/duration), to 2e-12 of its amplitude.
+    """A haversine shock amplitude sin^2(pi (t - start)/duration).
 
     Parameters
     ----------
@@ -379,8 +381,7 @@ class Chirp(Shock):
 
     Notes
     -----
-    The error is 6e-11 of the amplitude. Each cycle of the highest frequency has 512 cubics, on
-    whose ends steps in time end; at most 1900 cycles.
+    At least four steps in time are made in a cycle of the highest frequency.
 
     Examples
     --------
@@ -431,7 +432,7 @@ class Step(Shock):
 
 
 def table_at(breaks: FloatArray, pieces: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the loads of cubic coefficients (n, 4, m) at times, shape (n_times, n)."""
+    """Return the loads of polynomials (n, n_powers, m) at times, shape (n_times, n)."""
     found = _native.run("motion table at", breaks=breaks, pieces=pieces, times=t)
     return np.asarray(found["values"])
 
@@ -439,7 +440,7 @@ def table_at(breaks: FloatArray, pieces: FloatArray, t: FloatArray) -> FloatArra
 def added(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """The sum of two tables, each given by times and cubic coefficients, shape (n_dof, 4, n)."""
+    """The sum of two tables, each given by breaks and polynomials (n_dof, n_powers, n)."""
     found = _native.run(
         "motion sum of tables", breaks=one[0], pieces=one[1], other_breaks=other[0],
         other_pieces=other[1],

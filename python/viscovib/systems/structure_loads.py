@@ -55,7 +55,7 @@ def check_forces(structure: Condensed, loaded: LoadedStructure, patterns: FloatA
 def table_columns(
     force: LoadTable | None, structure: Condensed
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Directions of the columns of a table, its times, and its cubic coefficients for the core."""
+    """Directions of the columns of a table, its times, and its polynomials for the core."""
     n = len(structure.dof_names)
     if force is None:
         return np.zeros((n, 1)), np.zeros(1), np.zeros((1, 4, 1), order="F")
@@ -67,19 +67,19 @@ def table_columns(
     if values.ndim == 1:
         on = 0 if force.on is None else force.on
         e = direction_of("force.on", on, n, {name: d for d, name in enumerate(structure.dof_names)})
-        return e[:, np.newaxis], times, force._cubics(values[:, np.newaxis])
+        return e[:, np.newaxis], times, force._polynomials(values[:, np.newaxis])
     pieces = force._pieces(n)
     used = np.flatnonzero(pieces.any(axis=(1, 2)))
     patterns = np.zeros((n, max(used.size, 1)))
     patterns[used, np.arange(used.size)] = 1.0
-    pieces = pieces[used] if used.size else np.zeros((1, 4, times.size))
+    pieces = pieces[used] if used.size else pieces[:1]
     if used.size > 8:
         # Many columns with few independent motions: use these combinations.
         flat = pieces.reshape(used.size, -1)
         left, sizes, right = np.linalg.svd(flat, full_matrices=False)
         rank = int((sizes > _ROUNDING * sizes[0]).sum())
         patterns = patterns @ (left[:, :rank] * sizes[:rank])
-        pieces = right[:rank].reshape(rank, 4, times.size)
+        pieces = right[:rank].reshape(rank, *pieces.shape[1:])
     return patterns, times, np.asfortranarray(pieces)
 
 

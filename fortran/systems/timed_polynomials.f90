@@ -1,17 +1,17 @@
-!> Loads given as piecewise cubics in time; zero before the first and after the last break.
-module viscovib_timed_cubics
+!> Loads given as piecewise polynomials in time; zero before the first and after the last break.
+module viscovib_timed_polynomials
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: timed_cubics
+  public :: timed_polynomials
 
   !> Relative jump of a derivative that is a corner, not rounding.
   real(wp), parameter :: smooth = 1.0e-11_wp
 
-  type :: timed_cubics
-    !> Shapes (n) and (n_rows, 4, n): sum_p pieces(:, p, i) (t - breaks(i))^(4-p). The last piece is
-    !! not used.
+  type :: timed_polynomials
+    !> Shapes (n) and (n_rows, n_powers, n): sum_p pieces(:, p, i) (t - breaks(i))^(n_powers-p). The
+    !! last piece is not used.
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
   contains
     procedure :: between
@@ -19,35 +19,35 @@ module viscovib_timed_cubics
     procedure :: add
     procedure :: corners
     procedure, private :: place
-  end type timed_cubics
+  end type timed_polynomials
 
 contains
 
-  !> The cubic of the interval from `from` to `to`, in powers of the time since `from`, shape
-  !! (n_rows, 4).
-  pure function between(self, from, to) result(cubic)
-    class(timed_cubics), intent(in) :: self
+  !> The polynomial of the interval from `from` to `to`, in powers of the time since `from`, shape
+  !! (n_rows, n_powers).
+  pure function between(self, from, to) result(a)
+    class(timed_polynomials), intent(in) :: self
     real(wp), intent(in) :: from, to
-    real(wp) :: cubic(size(self%pieces, 1), 4)
+    real(wp) :: a(size(self%pieces, 1), size(self%pieces, 2))
     real(wp) :: middle, shift
-    integer :: i
+    integer :: i, k, p
 
-    cubic = 0.0_wp
+    a = 0.0_wp
     middle = 0.5_wp*(from + to)
     if (middle < self%breaks(1) .or. middle > self%breaks(size(self%breaks))) return
     i = self%place(middle)
     shift = from - self%breaks(i)
-    associate (a => self%pieces(:, :, i))
-      cubic(:, 1) = a(:, 1)
-      cubic(:, 2) = a(:, 2) + 3.0_wp*shift*a(:, 1)
-      cubic(:, 3) = a(:, 3) + shift*(2.0_wp*a(:, 2) + 3.0_wp*shift*a(:, 1))
-      cubic(:, 4) = a(:, 4) + shift*(a(:, 3) + shift*(a(:, 2) + shift*a(:, 1)))
-    end associate
+    a = self%pieces(:, :, i)
+    do k = size(a, 2), 2, -1
+      do p = 2, k
+        a(:, p) = a(:, p) + shift*a(:, p - 1)
+      end do
+    end do
   end function between
 
   !> The piece at a time, at a break the one after it, shape from 1 to n - 1.
   pure integer function place(self, t) result(low)
-    class(timed_cubics), intent(in) :: self
+    class(timed_polynomials), intent(in) :: self
     real(wp), intent(in) :: t
     integer :: high, middle
     low = 1
@@ -64,34 +64,43 @@ contains
 
   !> Loads at a time, shape (n_rows).
   pure function at(self, t) result(values)
-    class(timed_cubics), intent(in) :: self
+    class(timed_polynomials), intent(in) :: self
     real(wp), intent(in) :: t
-    real(wp) :: values(size(self%pieces, 1)), jets(size(self%pieces, 1), 4)
-    integer :: i
+    real(wp) :: values(size(self%pieces, 1))
+    integer :: i, p
     values = 0.0_wp
     if (t < self%breaks(1) .or. t > self%breaks(size(self%breaks))) return
     i = self%place(t)
-    jets = derivatives(self%pieces(:, :, i), t - self%breaks(i))
-    values = jets(:, 1)
+    do p = 1, size(self%pieces, 2)
+      values = values*(t - self%breaks(i)) + self%pieces(:, p, i)
+    end do
   end function at
 
-  !> Values of cubics and their derivatives after a time x, shape (n_rows, 4).
+  !> Values of polynomials and all their derivatives after a time x, by order.
   pure function derivatives(a, x) result(jets)
     real(wp), intent(in) :: a(:, :), x
-    real(wp) :: jets(size(a, 1), 4)
-    jets(:, 1) = ((a(:, 1)*x + a(:, 2))*x + a(:, 3))*x + a(:, 4)
-    jets(:, 2) = (3.0_wp*a(:, 1)*x + 2.0_wp*a(:, 2))*x + a(:, 3)
-    jets(:, 3) = 6.0_wp*a(:, 1)*x + 2.0_wp*a(:, 2)
-    jets(:, 4) = 6.0_wp*a(:, 1)
+    real(wp) :: jets(size(a, 1), size(a, 2))
+    integer :: k, n, p
+    n = size(a, 2)
+    jets = a
+    do k = n, 2, -1
+      do p = 2, k
+        jets(:, p) = jets(:, p) + x*jets(:, p - 1)
+      end do
+    end do
+    jets = jets(:, n:1:-1)
+    do k = 2, n
+      jets(:, k) = gamma(real(k, wp))*jets(:, k)
+    end do
   end function derivatives
 
   !> Add a table of the same rows.
   pure subroutine add(self, other)
-    class(timed_cubics), intent(inout) :: self
-    class(timed_cubics), intent(in) :: other
+    class(timed_polynomials), intent(inout) :: self
+    class(timed_polynomials), intent(in) :: other
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
     real(wp) :: t
-    integer :: i, j, n
+    integer :: i, j, m, n
 
     allocate (breaks(size(self%breaks) + size(other%breaks)))
     i = 1
@@ -106,21 +115,33 @@ contains
       if (i <= size(self%breaks)) i = i + merge(1, 0, self%breaks(i) <= t)
       if (j <= size(other%breaks)) j = j + merge(1, 0, other%breaks(j) <= t)
     end do
-    allocate (pieces(size(self%pieces, 1), 4, n), source=0.0_wp)
+    m = max(size(self%pieces, 2), size(other%pieces, 2))
+    allocate (pieces(size(self%pieces, 1), m, n), source=0.0_wp)
     do i = 1, n - 1
-      pieces(:, :, i) = self%between(breaks(i), breaks(i + 1)) &
-                        + other%between(breaks(i), breaks(i + 1))
+      call take(self, pieces(:, :, i))
+      call take(other, pieces(:, :, i))
     end do
     self%breaks = breaks(:n)
     call move_alloc(pieces, self%pieces)
+
+  contains
+
+    pure subroutine take(table, total)
+      class(timed_polynomials), intent(in) :: table
+      real(wp), intent(inout) :: total(:, :)
+      integer :: first
+      first = m - size(table%pieces, 2) + 1
+      total(:, first:) = total(:, first:) + table%between(breaks(i), breaks(i + 1))
+    end subroutine take
+
   end subroutine add
 
   !> Times at which a load or one of its derivatives jumps, and both ends. A jump is relative to the
   !! two adjacent pieces: a steep piece elsewhere does not hide a corner.
   pure function corners(self) result(times)
-    class(timed_cubics), intent(in) :: self
+    class(timed_polynomials), intent(in) :: self
     real(wp), allocatable :: times(:)
-    real(wp), dimension(size(self%pieces, 1), 4) :: begin, end, first, last
+    real(wp), dimension(size(self%pieces, 1), size(self%pieces, 2)) :: begin, end, first, last
     logical, allocatable :: is_corner(:)
     integer :: i, n
 
@@ -137,4 +158,4 @@ contains
     times = pack(self%breaks, is_corner)
   end function corners
 
-end module viscovib_timed_cubics
+end module viscovib_timed_polynomials
