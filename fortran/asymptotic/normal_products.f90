@@ -126,9 +126,12 @@ contains
   pure integer function mirror_of(self, factors)
     class(normal_form_type), intent(in) :: self
     integer, intent(in) :: factors(:)
-    integer :: f(size(factors))
-    f = modulo(factors - 1 + self%n_generators, 2*self%n_generators) + 1
-    if (size(f) == 2) then
+    integer :: f(3), q
+    do q = 1, size(factors)
+      f(q) = factors(q) + merge(self%n_generators, -self%n_generators, &
+                                factors(q) <= self%n_generators)
+    end do
+    if (size(factors) == 2) then
       mirror_of = pair_at(f(1), f(2))
     else
       mirror_of = place_of(f(1), f(2), f(3))

@@ -357,6 +357,7 @@ contains
         n_loads = n_loads + 1
       end if
     end do
+    if (n_loads == 0) return
     if (abs(drive) <= 1.0e-12_wp*maxval(abs(self%exponents))) drive = 0.0_wp
   end subroutine net_of
 

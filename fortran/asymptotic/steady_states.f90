@@ -10,6 +10,7 @@ module viscovib_steady_states
   use viscovib_kinds, only: wp
   use viscovib_real_cubic, only: cubic_roots
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
+  use viscovib_solution_paths, only: size_of
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -163,6 +164,9 @@ contains
     m = size(active)
     n_found = 0
     do i = 1, size(x, 2)
+      ! Most are not: their sums of parts, at most the root of 2 times the moduli, show it.
+      if (size_of(x(:m, i) - conjg(x(m + 1:, i))) > 2.0e-7_wp*max(size_of(x(:, i)), &
+                                                                  1.0e-6_wp)) cycle
       if (maxval(abs(x(:m, i) - conjg(x(m + 1:, i)))) > 1.0e-7_wp*max(maxval(abs(x(:, i))), &
                                                                       1.0e-6_wp)) cycle
       if (n_found == size(a, 2)) exit

@@ -286,15 +286,21 @@ contains
     logical, intent(in) :: nudge
     logical, intent(out) :: singular
     complex(wp) :: a(size(x), size(x)), entry, factor, pivot
-    real(wp) :: smallest, size_of_pivot
-    integer :: n, i, k, p
+    real(wp) :: smallest, size_of_pivot, largest, here
+    integer :: n, i, j, k, p
 
     n = size(x)
     a = matrix
     smallest = 0.0_wp
     if (nudge) smallest = epsilon(1.0_wp)*maxval(abs(a))
     do k = 1, n
-      p = k - 1 + maxloc(abs(real(a(k:, k))) + abs(aimag(a(k:, k))), 1)
+      p = k
+      largest = abs(real(a(k, k))) + abs(aimag(a(k, k)))
+      do i = k + 1, n
+        here = abs(real(a(i, k))) + abs(aimag(a(i, k)))
+        if (here > largest) p = i
+        if (here > largest) largest = here
+      end do
       if (p /= k) then
         do i = k, n
           entry = a(p, i)
@@ -311,13 +317,22 @@ contains
       if (singular) return
       pivot = 1.0_wp/a(k, k)
       do i = k + 1, n
-        factor = a(i, k)*pivot
-        a(i, k + 1:) = a(i, k + 1:) - factor*a(k, k + 1:)
-        x(i) = x(i) - factor*x(k)
+        a(i, k) = a(i, k)*pivot
+        x(i) = x(i) - a(i, k)*x(k)
+      end do
+      a(k, k) = pivot
+      do j = k + 1, n
+        factor = a(k, j)
+        do i = k + 1, n
+          a(i, j) = a(i, j) - a(i, k)*factor
+        end do
       end do
     end do
     do k = n, 1, -1
-      x(k) = (x(k) - sum(a(k, k + 1:)*x(k + 1:)))/a(k, k)
+      x(k) = x(k)*a(k, k)
+      do i = 1, k - 1
+        x(i) = x(i) - a(i, k)*x(k)
+      end do
     end do
   end subroutine solve_complex
 

@@ -43,10 +43,10 @@ contains
     logical, intent(out) :: ended
     !> For each equation, the constant first, shape (0:n, 3, n).
     complex(wp), intent(in), optional :: forms(0:, :, :)
-    complex(wp), dimension(system%n) :: old, old_tangent, tangent, new, f, by_t
-    complex(wp) :: slope(system%n, system%n)
+    complex(wp), dimension(max_unknowns) :: old, old_tangent, tangent, new, f, by_t
+    complex(wp) :: slope(max_unknowns**2)
     real(wp) :: t, h, last, error, before, first, largest_first, enough
-    integer :: step, round
+    integer :: n, step, round
     logical :: singular, settled
 
     largest_first = merge(2.0e-3_wp, 2.0e-2_wp, careful)
@@ -55,26 +55,27 @@ contains
     t = 0.0_wp
     h = 0.02_wp
     last = 0.0_wp
-    old = x
-    call evaluate_between(system, from, to, t, x, f, slope, by_t, forms)
-    call solve_two(system%n, slope, f, by_t, singular)
+    n = system%n
+    old(:n) = x
+    call evaluate_between(n, system, from, to, t, x, f, slope, by_t, forms)
+    call solve_two(n, slope, f, by_t, singular)
     if (singular) return
-    tangent = -by_t
-    old_tangent = tangent
+    tangent(:n) = -by_t(:n)
+    old_tangent(:n) = tangent(:n)
     do step = 1, max_steps
       if (t >= 1.0_wp) exit
       h = min(h, 1.0_wp - t)
-      new = x + h*tangent
-      if (last > 0.0_wp) new = new + bend(h/last)
+      new(:n) = x + h*tangent(:n)
+      if (last > 0.0_wp) call bend(h/last, new)
       settled = .false.
       first = 0.0_wp
       before = 1.0_wp
       do round = 1, 3
-        call evaluate_between(system, from, to, t + h, new, f, slope, by_t, forms)
-        call solve_two(system%n, slope, f, by_t, singular)
+        call evaluate_between(n, system, from, to, t + h, new, f, slope, by_t, forms)
+        call solve_two(n, slope, f, by_t, singular)
         if (singular) exit
-        new = new - f
-        error = size_of(f)/max(size_of(new), least_size)
+        new(:n) = new(:n) - f(:n)
+        error = size_of(f(:n))/max(size_of(new(:n)), least_size)
         if (round == 1) first = error
         ! A large first correction may lead to another path.
         if (.not. error <= largest_first) exit
@@ -86,10 +87,10 @@ contains
       end do
       if (settled) then
         last = h
-        old = x
-        old_tangent = tangent
-        x = new
-        tangent = -by_t
+        old(:n) = x
+        old_tangent(:n) = tangent(:n)
+        x = new(:n)
+        tangent(:n) = -by_t(:n)
         t = t + h
         if (size_of(x) > limit) return
         ! For random coefficients solutions are simple: a path that still grows this late diverges.
@@ -103,27 +104,30 @@ contains
     ! Convergence to a double solution is slow: a point near the end counts as the end.
     if (t < 1.0_wp - merge(0.0_wp, 1.0e-7_wp, present(forms))) return
     do round = 1, 5
-      call evaluate(system, to, x, f, slope)
-      by_t = f
-      call solve_two(system%n, slope, f, by_t, singular)
+      call evaluate(n, system, to, x, f, slope)
+      by_t(:n) = f(:n)
+      call solve_two(n, slope, f, by_t, singular)
       if (singular) exit
-      if (.not. size_of(f) <= 1.0e-2_wp*max(size_of(x), least_size)) exit
-      x = x - f
+      if (.not. size_of(f(:n)) <= 1.0e-2_wp*max(size_of(x), least_size)) exit
+      x = x - f(:n)
     end do
     call clear(x)
     ended = size_of(x) <= infinite
 
   contains
 
-    !> Contribution of the cubic in addition to the tangent, with the step in units of the last one.
-    pure function bend(part) result(more)
+    !> Add the contribution of the cubic to the tangent, with the step in units of the last one.
+    pure subroutine bend(part, new)
       real(wp), intent(in) :: part
-      complex(wp) :: more(size(x))
-      complex(wp), dimension(size(x)) :: a, c
-      a = old - x + last*tangent
-      c = last*(old_tangent - tangent) + 2.0_wp*a
-      more = part**2*((a + c) + part*c)
-    end function bend
+      complex(wp), intent(inout) :: new(:)
+      complex(wp) :: a, c
+      integer :: i
+      do i = 1, n
+        a = old(i) - x(i) + last*tangent(i)
+        c = last*(old_tangent(i) - tangent(i)) + 2.0_wp*a
+        new(i) = new(i) + part**2*((a + c) + part*c)
+      end do
+    end subroutine bend
 
   end subroutine follow
 
@@ -133,20 +137,21 @@ contains
     complex(wp), intent(in) :: coefficients(:)
     complex(wp), intent(inout) :: x(:)
     logical, intent(out) :: found
-    complex(wp) :: f(system%n), slope(system%n, system%n), copy(system%n)
+    complex(wp) :: f(max_unknowns), slope(max_unknowns**2), copy(max_unknowns)
     real(wp) :: error, before
-    integer :: round
+    integer :: n, round
     logical :: singular
 
     found = .false.
     before = 0.2_wp
+    n = system%n
     do round = 1, 10
-      call evaluate(system, coefficients, x, f, slope)
-      copy = f
-      call solve_two(system%n, slope, f, copy, singular)
+      call evaluate(n, system, coefficients, x, f, slope)
+      copy(:n) = f(:n)
+      call solve_two(n, slope, f, copy, singular)
       if (singular) return
-      x = x - f
-      error = size_of(f)/max(size_of(x), least_size)
+      x = x - f(:n)
+      error = size_of(f(:n))/max(size_of(x), least_size)
       if (.not. error <= before) return
       ! Convergence is quadratic: further corrections are rounding.
       found = error <= 1.0e-8_wp
@@ -169,36 +174,42 @@ contains
   end function size_of
 
   !> Evaluate the combined system: value, slope, and derivative by t.
-  pure subroutine evaluate_between(system, from, to, t, x, f, slope, by_t, forms)
+  pure subroutine evaluate_between(n, system, from, to, t, x, f, slope, by_t, forms)
+    integer, intent(in) :: n
     type(polynomials_type), intent(in) :: system
-    complex(wp), intent(in) :: from(:), to(:), x(system%n)
+    complex(wp), intent(in) :: from(:), to(:), x(n)
     real(wp), intent(in) :: t
-    complex(wp), intent(out) :: f(system%n), slope(system%n, system%n), by_t(system%n)
+    complex(wp), intent(out) :: f(n), slope(n, n), by_t(n)
     complex(wp), intent(in), optional :: forms(0:, :, :)
-    complex(wp) :: y(0:system%n), all_slopes(system%n, 0:system%n), c, change, p
-    complex(wp) :: values(3), first(system%n)
+    complex(wp) :: y(0:max_unknowns), all_slopes(max_unknowns, 0:max_unknowns), c, change, p
+    complex(wp) :: values(3)
     integer :: i, q, r
 
     if (present(forms)) then
-      call evaluate(system, to, x, f, slope)
+      call evaluate(n, system, to, x, f, slope)
       by_t = f
       f = t*f
       slope = t*slope
-      do r = 1, system%n
+      do r = 1, n
         do q = 1, 3
-          values(q) = forms(0, q, r) + sum(forms(1:, q, r)*x)
+          values(q) = forms(0, q, r)
+          do i = 1, n
+            values(q) = values(q) + forms(i, q, r)*x(i)
+          end do
         end do
         p = values(1)*values(2)*values(3)
         f(r) = f(r) + (1.0_wp - t)*p
         by_t(r) = by_t(r) - p
-        first = forms(1:, 1, r)*(values(2)*values(3)) + forms(1:, 2, r)*(values(1)*values(3)) &
-                + forms(1:, 3, r)*(values(1)*values(2))
-        slope(r, :) = slope(r, :) + (1.0_wp - t)*first
+        values = (1.0_wp - t)*[values(2)*values(3), values(1)*values(3), values(1)*values(2)]
+        do i = 1, n
+          slope(r, i) = slope(r, i) + (forms(i, 1, r)*values(1) + forms(i, 2, r)*values(2) &
+                                       + forms(i, 3, r)*values(3))
+        end do
       end do
       return
     end if
     y(0) = (1.0_wp, 0.0_wp)
-    y(1:) = x
+    y(1:n) = x
     f = (0.0_wp, 0.0_wp)
     by_t = (0.0_wp, 0.0_wp)
     all_slopes = (0.0_wp, 0.0_wp)
@@ -217,18 +228,19 @@ contains
         all_slopes(r, b) = all_slopes(r, b) + p*y(a)
       end associate
     end do
-    slope = all_slopes(:, 1:)
+    slope = all_slopes(:n, 1:n)
   end subroutine evaluate_between
 
-  pure subroutine evaluate(system, coefficients, x, f, slope)
+  pure subroutine evaluate(n, system, coefficients, x, f, slope)
+    integer, intent(in) :: n
     type(polynomials_type), intent(in) :: system
-    complex(wp), intent(in) :: coefficients(:), x(system%n)
-    complex(wp), intent(out) :: f(system%n), slope(system%n, system%n)
-    complex(wp) :: y(0:system%n), all_slopes(system%n, 0:system%n), p
+    complex(wp), intent(in) :: coefficients(:), x(n)
+    complex(wp), intent(out) :: f(n), slope(n, n)
+    complex(wp) :: y(0:max_unknowns), all_slopes(max_unknowns, 0:max_unknowns), p
     integer :: i, r
 
     y(0) = (1.0_wp, 0.0_wp)
-    y(1:) = x
+    y(1:n) = x
     f = (0.0_wp, 0.0_wp)
     all_slopes = (0.0_wp, 0.0_wp)
     do i = 1, size(system%row)
@@ -243,7 +255,7 @@ contains
         all_slopes(r, b) = all_slopes(r, b) + p*y(a)
       end associate
     end do
-    slope = all_slopes(:, 1:)
+    slope = all_slopes(:n, 1:n)
   end subroutine evaluate
 
   !> A x = b and A y = c by elimination with row pivoting; A is overwritten.
@@ -251,9 +263,9 @@ contains
     integer, intent(in) :: n
     complex(wp), intent(inout) :: a(n, n), b(n), c(n)
     logical, intent(out) :: singular
-    complex(wp) :: factor, row(n)
+    complex(wp) :: factor, other
     real(wp) :: largest, here
-    integer :: i, k, pivot
+    integer :: i, j, k, pivot
 
     singular = .true.
     do k = 1, n
@@ -267,28 +279,38 @@ contains
         end if
       end do
       if (.not. (largest > 0.0_wp .and. largest <= huge(1.0_wp))) return
-      if (pivot /= k) then
-        row(k:) = a(k, k:)
-        a(k, k:) = a(pivot, k:)
-        a(pivot, k:) = row(k:)
-        factor = b(k)
-        b(k) = b(pivot)
-        b(pivot) = factor
-        factor = c(k)
-        c(k) = c(pivot)
-        c(pivot) = factor
-      end if
-      a(k, k) = 1.0_wp/a(k, k)
+      factor = a(pivot, k)
+      a(pivot, k) = a(k, k)
+      a(k, k) = 1.0_wp/factor
       do i = k + 1, n
-        factor = a(i, k)*a(k, k)
-        a(i, k + 1:) = a(i, k + 1:) - factor*a(k, k + 1:)
-        b(i) = b(i) - factor*b(k)
-        c(i) = c(i) - factor*c(k)
+        a(i, k) = a(i, k)*a(k, k)
+      end do
+      do j = k + 1, n
+        factor = a(pivot, j)
+        a(pivot, j) = a(k, j)
+        a(k, j) = factor
+        do i = k + 1, n
+          a(i, j) = a(i, j) - a(i, k)*factor
+        end do
+      end do
+      factor = b(pivot)
+      b(pivot) = b(k)
+      b(k) = factor
+      other = c(pivot)
+      c(pivot) = c(k)
+      c(k) = other
+      do i = k + 1, n
+        b(i) = b(i) - a(i, k)*factor
+        c(i) = c(i) - a(i, k)*other
       end do
     end do
     do k = n, 1, -1
-      b(k) = (b(k) - sum(a(k, k + 1:)*b(k + 1:)))*a(k, k)
-      c(k) = (c(k) - sum(a(k, k + 1:)*c(k + 1:)))*a(k, k)
+      b(k) = b(k)*a(k, k)
+      c(k) = c(k)*a(k, k)
+      do i = 1, k - 1
+        b(i) = b(i) - a(i, k)*b(k)
+        c(i) = c(i) - a(i, k)*c(k)
+      end do
     end do
     singular = .not. (size_of(b) <= huge(1.0_wp) .and. size_of(c) <= huge(1.0_wp))
   end subroutine solve_two
