@@ -94,10 +94,12 @@ module viscovib_condensed_hill
     complex(wp), allocatable :: by_rate(:, :, :, :)
   contains
     procedure :: along
+    procedure :: vary
     procedure :: compliances
     procedure :: count_from
     procedure :: determinant
     procedure :: local_at
+    procedure, private :: find_motion
     procedure, private :: find_local
     procedure, private :: find_orders
     procedure, private :: fill_swings
@@ -153,11 +155,7 @@ contains
     self%ready = system%separable .and. .not. any(abs(system%rest%losses) > 0.0_wp)
     if (.not. self%ready) return
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
-    call self%set%sample(nu, x, self%u, system%rates)
-    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
-    call hold_waves(system, self%set, self%set%orders*nu, x, self%u, self%slopes)
-    call self%find_local(system, largest, strongest)
-    self%ready = max(maxval(largest), maxval(strongest)) <= sqrt(huge(1.0_wp))
+    call self%find_motion(system, x, largest, strongest)
     if (.not. self%ready) return
     self%line = circle*self%period/(2.0_wp*pi)
     ! Without integral of a kernel motions may creep away slowly.
@@ -170,6 +168,32 @@ contains
                           self%ready, all_poles)
     if (self%ready .and. .not. all_poles) call self%find_orders(system)
   end subroutine along
+
+  !> A motion very near that of `along`: its J, with the same poles and orders.
+  subroutine vary(self, system, x)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :)
+    real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
+    call self%find_motion(system, x, largest, strongest)
+    if (self%ready) then
+      call self%modes%prepare(self%band, self%swings, self%others, &
+                              real(self%local(:, :, 0, :)), self%without)
+    end if
+  end subroutine vary
+
+  !> Local stiffness along a motion; `ready` if it is in the range of numbers.
+  subroutine find_motion(self, system, x, largest, strongest)
+    class(condensed_hill), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: x(:, :)
+    real(wp), intent(out) :: largest(:, :), strongest(:, :)
+    call self%set%sample(self%nu, x, self%u, system%rates)
+    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    call hold_waves(system, self%set, self%set%orders*self%nu, x, self%u, self%slopes)
+    call self%find_local(system, largest, strongest)
+    self%ready = max(maxval(largest), maxval(strongest)) <= sqrt(huge(1.0_wp))
+  end subroutine find_motion
 
   !> Count exponents right of another line; the orders contain all poles up to a modulus.
   subroutine count_from(self, system, line, fastest)

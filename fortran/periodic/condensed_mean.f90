@@ -64,18 +64,24 @@ contains
     complex(wp) :: places(2*self%reach + 1)
     complex(wp) :: h(2*self%reach + 1, self%n_dof, self%n_dof)
     real(wp) :: next, both, size_of
-    integer :: m
+    integer :: waves(self%reach), i, m, n
 
-    places(:self%reach) = [(s + cmplx(0.0_wp, m*self%period, wp), m=1, self%reach)]
-    places(self%reach + 1:2*self%reach) = 2.0_wp*s - places(:self%reach)
-    places(2*self%reach + 1) = s + distance
-    call self%compliances(system, places, h)
-    moved = 0.0_wp
+    n = 0
     do m = 1, self%reach
       if (self%parts(m) <= faint) cycle
+      n = n + 1
+      waves(n) = m
+      places(2*n) = s + cmplx(0.0_wp, m*self%period, wp)
+      places(2*n + 1) = 2.0_wp*s - places(2*n)
+    end do
+    places(1) = s + distance
+    call self%compliances(system, places(:2*n + 1), h(:2*n + 1, :, :))
+    moved = 0.0_wp
+    do i = 1, n
+      m = waves(i)
       both = 0.0_wp
-      call add(m)
-      call add(self%reach + m)
+      call add(2*i)
+      call add(2*i + 1)
       ! Strong waves come back more than once.
       size_of = self%sizes(m)
       if (allocated(self%by_rate)) then
@@ -86,7 +92,7 @@ contains
       moved = moved + size_of*next*(1.0_wp + next)
     end do
     both = 0.0_wp
-    call add(2*self%reach + 1)
+    call add(1)
     moved = moved*both*distance
 
   contains

@@ -9,7 +9,7 @@
 module viscovib_condensed_roots
   use viscovib_condensed_hill, only: condensed_hill
   use viscovib_condensed_mean, only: average, moved_by_waves
-  use viscovib_condensed_poles, only: place_of
+  use viscovib_condensed_poles, only: gap_list, new_gaps, place_of
   use viscovib_condensed_secant, only: first_step, folded, local_shape, secant
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
@@ -25,6 +25,11 @@ module viscovib_condensed_roots
   real(wp), parameter :: furthest = 0.02_wp, near = 1.0e-8_wp
   !> Of the distance from the line: how far from their mean exponents zeros may be.
   real(wp), parameter :: safe = 0.1_wp
+  !> Of the same distance: how far zeros may move to stay on their side, by the slope of F, and the
+  !! step to take that. A zero known is one of these if it is as near, in d.
+  real(wp), parameter :: certain = 0.2_wp, least_part = 0.05_wp, same_zero = 0.05_wp
+  !> Zeros nearer to the line are not certain, in d.
+  real(wp), parameter :: too_near = 1.0e-6_wp
   !> Last step to a mean exponent, and how far from its pole it may be, in d.
   real(wp), parameter :: mean_step = 1.0e-4_wp, mean_range = 4.0_wp
   !> A line is separate from the exponents by this part of their distance from the axis at least,
@@ -58,6 +63,8 @@ module viscovib_condensed_roots
     procedure :: doubt
     procedure :: line_beyond
     procedure :: sharpen
+    procedure :: stay
+    procedure :: take_known
     procedure :: search
     procedure :: all_of
     procedure :: n_right
@@ -333,6 +340,106 @@ contains
     end do
     call drop_doubtful(self)
   end subroutine sharpen
+
+  !> Put zeros that are known in place of approximate ones; the others are added.
+  subroutine take_known(self, hill, known)
+    class(condensed_zeros), intent(inout) :: self
+    type(condensed_hill), intent(in) :: hill
+    !> Exponents, conjugates included; NaN for none.
+    complex(wp), intent(in) :: known(:)
+    complex(wp) :: zero
+    integer :: j, k
+
+    self%sharp(:self%n) = .false.
+    do j = 1, size(known)
+      if (.not. abs(known(j)) <= huge(1.0_wp)) cycle
+      zero = folded(known(j), hill%period)
+      ! The conjugate of the one before.
+      if (any(self%sharp(:self%n) .and. .not. abs(self%upper(:self%n) - zero) > 0.0_wp)) cycle
+      k = minloc(abs(self%upper(:self%n) - zero), 1,.not. self%sharp(:self%n))
+      if (k > 0) then
+        if (abs(self%upper(k) - zero) > same_zero*hill%period) k = 0
+      end if
+      if (k == 0) then
+        call self%put(hill, zero, .true., 0)
+      else
+        self%upper(k) = zero
+        self%sharp(k) = .true.
+      end if
+    end do
+  end subroutine take_known
+
+  !> True if it is certain that zeros stay on their side of the line at motions very near that of
+  !! `hill`: by first-order changes -(F of the other motion - F)/F'. Changes of F are linear there,
+  !! so that they are those of motions on the other side too.
+  logical function stay(self, hill, system, n_growing, reach, others)
+    class(condensed_zeros), intent(inout) :: self
+    !> Of the motion; of one of the others afterwards.
+    type(condensed_hill), intent(inout) :: hill
+    class(structure_type), intent(in) :: system
+    !> How many exponents grow.
+    integer, intent(in) :: n_growing
+    !> Zeros further from the line stay for sure (1/s).
+    real(wp), intent(in) :: reach
+    !> Harmonics, shape (2 n_orders, n_dof, n).
+    real(wp), intent(in) :: others(:, :, :)
+    type(gap_list) :: gaps(self%n)
+    complex(wp) :: value(self%n), slope(self%n), now
+    real(wp) :: away(self%n), step
+    integer :: j, k, round
+    logical :: asked(self%n)
+
+    stay = .false.
+    asked = abs(real(self%upper(:self%n)) - hill%line) <= reach
+    do k = 1, self%n
+      if (asked(k)) call new_gaps(gaps(k), self%all_of(hill, .false., k), hill%period)
+    end do
+    do k = 1, self%n
+      if (.not. asked(k)) cycle
+      do round = 1, 2
+        away(k) = abs(real(self%upper(k)) - hill%line)
+        if (.not. away(k) > too_near*hill%period) return
+        step = min(first_step*hill%period, least_part*away(k))
+        call reduced(k, (0.0_wp, 0.0_wp), value(k))
+        call reduced(k, step*(1.0_wp, 1.0_wp), now)
+        slope(k) = (now - value(k))/(step*(1.0_wp, 1.0_wp))
+        if (.not. abs(value(k)) <= huge(1.0_wp)*min(abs(slope(k)), 1.0_wp)) return
+        if (abs(value(k)) <= certain*away(k)*abs(slope(k))) exit
+        if (round == 2 .or. abs(value(k)) > same_zero*hill%period*abs(slope(k))) return
+        self%upper(k) = self%upper(k) - value(k)/slope(k)
+      end do
+    end do
+    associate (right => real(self%upper(:self%n)) > hill%line)
+      if (count(right) + count(right .and. is_pair(self%upper(:self%n), hill%period)) &
+          + hill%poles%n_growing /= n_growing) return
+    end associate
+    ! Without memory there are as many zeros as poles: of a pair that has parted none lacks.
+    if (self%n + count(is_pair(self%upper(:self%n), hill%period)) /= hill%poles%n_multiplied) return
+    do j = 1, size(others, 3)
+      call hill%vary(system, others(:, :, j))
+      if (.not. hill%ready) return
+      do k = 1, self%n
+        if (.not. asked(k)) cycle
+        call reduced(k, (0.0_wp, 0.0_wp), now)
+        if (.not. abs(now - value(k)) <= certain*away(k)*abs(slope(k))) return
+      end do
+    end do
+    stay = .true.
+
+  contains
+
+    !> F near zero i, all others divided out.
+    subroutine reduced(i, step, value)
+      integer, intent(in) :: i
+      complex(wp), intent(in) :: step
+      complex(wp), intent(out) :: value
+      associate (place => self%upper(i))
+        call hill%determinant(system, place + step, value, aimag(place) > 0.25_wp*hill%period)
+        call gaps(i)%divide(place + step, value)
+      end associate
+    end subroutine reduced
+
+  end function stay
 
   !> The other zero of a pair that has met on a line of symmetry and parted.
   subroutine find_nearby(self, hill, system, i, start)

@@ -25,6 +25,7 @@ module viscovib_condensed_stability
     procedure :: check
     procedure :: follow
     procedure :: none_grows
+    procedure :: stays
   end type condensed_checker
 
 contains
@@ -119,6 +120,29 @@ contains
     call count_zeros(self%hill, system, zeros, path, counted)
     none_grows = counted == 0
   end function none_grows
+
+  !> True if it is certain by first-order changes that as many disturbances grow at motions very
+  !! near one as do there. Memory has exponents of its own, which a count alone sees.
+  logical function stays(self, system, nu, x, others, exponents, n_growing, reach)
+    class(condensed_checker), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    !> Shape (2 n_orders, n_dof, n).
+    real(wp), intent(in) :: others(:, :, :)
+    !> Known of the motion, NaN for none, and how many grow.
+    complex(wp), intent(in) :: exponents(:)
+    integer, intent(in) :: n_growing
+    !> Exponents further from the axis are not looked at (1/s).
+    real(wp), intent(in) :: reach
+
+    stays = .false.
+    if (has_states(system) .or. self%hill%remembers) return
+    call self%hill%along(system, nu, x, .false.)
+    if (.not. self%hill%ready) return
+    call self%zeros%approximate(self%hill, system)
+    call self%zeros%take_known(self%hill, exponents)
+    stays = self%zeros%stay(self%hill, system, n_growing, reach, others)
+  end function stays
 
   !> One exponent of a motion from the place it had at a motion nearby.
   subroutine follow(self, system, nu, x, start, exponent, made)

@@ -84,6 +84,7 @@ module viscovib_motion_stability
     procedure :: check
     procedure :: follow
     procedure :: grows_alike
+    procedure :: stays
     procedure, private :: by_condensed
     procedure, private :: by_floquet
     procedure, private :: by_hill
@@ -247,6 +248,30 @@ contains
       grows_alike = modulo(n_above_one, 2) == merge(1, 0, real(path%value(1)) < 0.0_wp)
     end if
   end function grows_alike
+
+  !> True if it is certain by first-order changes that as many perturbations grow of solutions very
+  !! near one as do of itself, and an odd or even number of them with its period, since no exponent
+  !! comes near the axis.
+  logical function stays(self, system, nu, x, others, exponents, n_growing, reach)
+    class(stability_checker), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu, x(:, :)
+    !> Shape (2 n_orders, n_dof, n).
+    real(wp), intent(in) :: others(:, :, :)
+    !> Of the solution (1/s), NaN for none, and how many grow.
+    complex(wp), intent(in) :: exponents(:)
+    integer, intent(in) :: n_growing
+    !> Exponents further from the axis are not looked at (1/s).
+    real(wp), intent(in) :: reach
+
+    stays = .false.
+    if (self%kinked .or. self%jumps .or. .not. allocated(self%condensed)) return
+    if (self%modal .and. .not. self%counted) return
+    select type (system)
+    class is (structure_type)
+      stays = self%condensed%stays(system, nu, x, others, exponents, n_growing, reach)
+    end select
+  end function stays
 
   !> By the argument principle on the determinant of the elements.
   subroutine by_condensed(self, system, nu, x, stability, jumps, decaying, cancel)

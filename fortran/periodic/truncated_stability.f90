@@ -7,7 +7,8 @@
 !! multiplier above 1 to one below -1 the way is through the circle. Where one of them is checked
 !! otherwise, or the logarithm of the largest multiplier is below the truncation itself, stability
 !! is unknown. Multipliers change by less than 10^4 times the truncation, so that motions far from
-!! the circle are not looked at, nor are those whose truncation is allowed.
+!! the circle are not looked at, nor are those whose truncation is allowed. Of condensed structures
+!! first-order changes of exponents show first whether any could come near the axis.
 !! docs/explanation/stability.md says what wrong verdicts this was measured to find.
 module viscovib_truncated_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan
@@ -29,6 +30,8 @@ module viscovib_truncated_stability
   !> Distance of the nearby motions, in truncations.
   real(wp), parameter :: as_far = 3.0_wp
   integer, parameter :: n_nearby = 4
+  !> Distance up to which exponents change linearly.
+  real(wp), parameter :: very_near = 0.05_wp
   !> Frequency below which a disturbance has the period of the motion, of that of the load.
   real(wp), parameter :: on_the_line = 1.0e-6_wp
   !> The verdict is certain, it is not, or nearby motions decide.
@@ -59,6 +62,12 @@ contains
       if (look == lost) call set_unknown(stability, i)
       if (look /= doubtful) cycle
       call nearby_motions(system, x(:, :, i), as_far*truncation(i), nearby)
+      if (as_far*truncation(i) <= very_near) then
+        ! Those that are larger and have more of the higher orders stand for the others.
+        if (checker%stays(system, nu(i), x(:, :, i), nearby(:, :, 1:3:2), &
+                          stability%exponents(:, i), stability%n_growing(i), &
+                          steepest*truncation(i)*nu(i)/(2.0_wp*pi))) cycle
+      end if
       do k = 1, n_nearby, at_once
         if (all_by_count(k, k + at_once - 1)) cycle
         call checker%check(system, spread(nu(i), 1, at_once), nearby(:, :, k:k + at_once - 1), &
