@@ -36,6 +36,8 @@ module viscovib_piece_runs
     real(wp) :: shortest = 0.0_wp
     !> Relative tolerance of the equations of first steps of a smooth motion; 0: as given.
     real(wp) :: solved = 0.0_wp
+    !> Times of the states wanted, if steps end on corners of the load.
+    real(wp), allocatable :: times(:)
   end type shared_type
 
   type :: piece_runs

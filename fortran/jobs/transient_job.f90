@@ -48,7 +48,6 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(shared_type), target :: shared
-    real(wp), allocatable, target :: times(:)
     type(search_type) :: search
     !> The search compares only kept states, and does not require low peaks between them.
     class(transient_job), allocatable :: checked
@@ -75,9 +74,8 @@ contains
     if (status%failed()) return
     runs%first%h = job%t_end/n
     if (size(corners) > 0) then
-      call end_on_corners(runs, job, int(n, i8), corners, at_first, times, status)
+      call end_on_corners(runs, shared, job, int(n, i8), corners, at_first, status)
       if (status%failed()) return
-      if (allocated(times)) runs%first%times => times
     end if
     call runs%begin(shared)
     if (job%dt > 0.0_wp) then
@@ -94,14 +92,15 @@ contains
   end subroutine run_motion
 
   !> Steps that end on corners, and the times after n equal steps, if these are the states wanted.
-  subroutine end_on_corners(runs, job, n, corners, at_first, times, status)
+  subroutine end_on_corners(runs, shared, job, n, corners, at_first, status)
     type(piece_runs), intent(inout) :: runs
+    type(shared_type), intent(inout), target :: shared
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     real(wp), intent(in) :: corners(:)
     integer, intent(in) :: at_first
-    real(wp), allocatable, intent(out) :: times(:)
     type(status_type), intent(out) :: status
+    real(wp), allocatable :: times(:)
     integer(i8) :: count, i
 
     call set_ok(status)
@@ -133,6 +132,8 @@ contains
         times = pack(times, times >= times(size(times)) - job%tail*(1.0_wp + 1.0e-12_wp))
       end if
       runs%at_times = .true.
+      shared%times = times
+      first%times => shared%times
     end associate
   end subroutine end_on_corners
 

@@ -86,8 +86,8 @@ contains
   !> Indices of numbers in ascending order (merge sort).
   pure recursive function ascending(values) result(order)
     real(wp), intent(in) :: values(:)
-    integer :: order(size(values)), half, i, j, k
-    integer, allocatable :: left(:), right(:)
+    integer :: order(size(values)), left(size(values)/2), half, i, j, k
+    integer :: right(size(values) - size(left))
 
     order = [(i, i=1, size(values))]
     half = size(values)/2

@@ -134,7 +134,7 @@ def test_random_shocks_have_the_motion_of_python(solve, tmp_path, name):
             run = vv.simulate(system, 0.3, **call, **given)
         assert done.returncode == 0, done.stderr
         table = read_csv(tmp_path / "shock_transient.csv")
-        assert np.array_equal(table["t"], run.t)
+        assert np.abs(table["t"] - run.t).max() < 1e-14 * run.t[-1]
         assert run.relative_to_base
         for i, one in enumerate(names):
             columns = (one, run.state[:, ::2]), (f"{one}_dot", run.state[:, 1::2])
