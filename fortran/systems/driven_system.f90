@@ -11,6 +11,7 @@ module viscovib_driven_system
   use viscovib_law_branches, only: signal_type
   use viscovib_law_layers, only: law_layers
   use viscovib_modal_frame, only: modal_frame
+  use viscovib_steep_laws, only: steep_law
   use viscovib_vector_math, only: largest_angle, sine_cosine
   implicit none
   private
@@ -72,11 +73,18 @@ module viscovib_driven_system
     type(base_motion_type) :: base_motion
     !> Modal coordinates of the linear subsystem, if steps integrate them exactly.
     type(modal_frame), allocatable :: frame
+    !> Laws that steps solve for (not allocated: none), their rates by velocities, shape (n_steep,
+    !! n_dof), and the accelerations by unit forces, shape (n_dof, n_steep).
+    type(steep_law), allocatable :: steep(:)
+    real(wp), allocatable :: steep_rates(:, :), steep_pushes(:, :)
+    !> The steep law of each surface, 0: none.
+    integer, allocatable :: steep_of(:)
   contains
     procedure :: settle
     procedure :: first_part
     procedure :: linearise
     procedure :: push
+    procedure :: steep_forces
     procedure(acceleration_interface), deferred :: acceleration
     procedure(margin_interface), deferred :: margin
     procedure :: margin_within
@@ -226,7 +234,7 @@ contains
     by_v = 0.0_wp
   end subroutine linearise
 
-  !> Accelerations minus those of the linear subsystem, which are given.
+  !> Accelerations minus those of the linear subsystem and of steep laws, which are given.
   pure subroutine push(self, q, v, drive, rest, a)
     class(driven_system_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -235,6 +243,18 @@ contains
     call self%acceleration(q, v, drive, a)
     a = a - rest
   end subroutine push
+
+  !> Forces of a steep law and their derivatives by w (viscovib_steep_laws) at states.
+  subroutine steep_forces(self, which, q, v, roots, forces, slopes)
+    class(driven_system_type), intent(in) :: self
+    integer, intent(in) :: which
+    !> Shapes (n, n_dof) and (n).
+    real(wp), intent(in) :: q(:, :), v(:, :), roots(:)
+    real(wp), intent(out) :: forces(:), slopes(:)
+    ! Only called for systems with steep laws.
+    forces = 0.0_wp*roots*(q(:, 1) + v(:, 1))*(self%n_dof + which)
+    slopes = 0.0_wp
+  end subroutine steep_forces
 
   !> Event function of a surface at states: its signal or, in sliding, a function that is positive
   !! until the solution leaves the surface.

@@ -258,9 +258,13 @@ contains
       if (number > 0.0_wp) value = 0.0_wp
       if (abs(number - 1.0_wp) <= 0.0_wp) by = 1.0_wp
     else if (x > 0.0_wp .or. is_whole(number)) then
-      if (max(abs(number), abs(number - 1.0_wp))*abs(log(abs(x))) > steepest) then
+      if (abs(number*log(abs(x))) > steepest) then
         ! Overflow (`wall`) or underflow (0).
         if (number*log(abs(x)) < 0.0_wp) value = 0.0_wp
+      else if (abs((number - 1.0_wp)*log(abs(x))) > steepest) then
+        ! The same of the slope.
+        value = x**number
+        if ((number - 1.0_wp)*log(abs(x)) > 0.0_wp) by = sign(wall, number)
       else if (is_whole(number)) then
         value = x**nint(number)
         by = number*x**(nint(number) - 1)

@@ -18,12 +18,13 @@ module viscovib_polynomial_motion
   use viscovib_law_slopes, only: most_arguments
   use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
-  use viscovib_modal_frame, only: most_in_frame
+  use viscovib_modal_frame, only: has_frame, most_in_frame
   use viscovib_monomial_lanes, only: add_monomial_slopes, take_monomials
   use viscovib_motion_loads, only: motion_loads
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
   use viscovib_polynomial_frame, only: new_polynomial_frame
   use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_steep_laws, only: find_steep, steep_force
   use viscovib_stops_at_rest, only: push_on
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
@@ -45,6 +46,7 @@ module viscovib_polynomial_motion
     procedure :: acceleration
     procedure :: linearise
     procedure :: push
+    procedure :: steep_forces
     procedure :: margin
     procedure :: fastest
     procedure :: add_table, enter, hold, jump
@@ -56,7 +58,7 @@ module viscovib_polynomial_motion
     procedure :: law_forces
     procedure :: settle
     procedure :: n_switches, keep_switches, recall_switches
-    procedure, private :: but_laws, add_pushes
+    procedure, private :: but_laws, add_pushes, find_steep_surfaces
   end type polynomial_motion_type
 
 contains
@@ -138,14 +140,15 @@ contains
     motion%range = range_of_degree(highest_degree(system%monomials), size(system%laws) > 0)
     motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness(:n, :)), 2))) &
                          + maxval(sum(abs(motion%damping(:n, :n)), 2))
-    if (motion%n_dof > max_dof .or. motion%n_hidden > 0) then
+    laws = system%laws
+    call find_steep(pack(laws, laws%state == 0 .and. has_frame(system%mass)), motion%steep)
+    if (motion%n_dof > max_dof .or. motion%n_hidden > 0 .or. size(motion%steep) > 0) then
       allocate (motion%frame)
       call new_polynomial_frame(motion%frame, pace, system, motion%n_hidden, status)
       if (status%failed()) return
       if (n > max_dof) motion%linear_rate = pace
       motion%fading = maxval([0.0_wp, motion%frame%rates(n + 1:)])
     end if
-    laws = system%laws
     motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)
     allocate (motion%parted(2*motion%n_dof, size(laws)))
     call part_linear(laws, motion%inverse, motion%stiffness, motion%damping, motion%parted)
@@ -154,10 +157,30 @@ contains
     end do
     call motion%layers%find(laws)
     call new_switched_laws(motion%laws, laws, motion%inverse)
+    call motion%find_steep_surfaces()
     if (size(motion%laws%holds) == 0) return
     motion%signals = motion%laws%signals
     motion%sloped = .false.
   end subroutine set_up
+
+  !> The rates and accelerations of steep laws, and their surfaces.
+  subroutine find_steep_surfaces(self)
+    class(polynomial_motion_type), intent(inout) :: self
+    integer :: i, j, k
+
+    allocate (self%steep_of(size(self%laws%holds)), source=0)
+    allocate (self%steep_rates(size(self%steep), self%n_dof))
+    allocate (self%steep_pushes(self%n_dof, size(self%steep)))
+    do j = 1, size(self%steep)
+      i = self%steep(j)%law
+      self%steep_rates(j, :) = self%laws%laws(i)%rates(self%steep(j)%argument, :)
+      self%steep_pushes(:, j) = -self%laws%weights(:, i)
+      do k = 1, size(self%steep_of)
+        if (self%laws%law_of(k) /= i .or. .not. self%laws%signals(k)%rough > 0.0_wp) cycle
+        where (self%laws%leader == self%laws%leader(k)) self%steep_of = j
+      end do
+    end do
+  end subroutine find_steep_surfaces
 
   !> Fix the laws on one side of each surface, or on it.
   subroutine take_sides(self, sides)
@@ -331,8 +354,13 @@ contains
   real(wp) function longest_part(self, q, v)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(:, :), v(:, :)
-    longest_part = part_by_laws(self%laws%laws, self%inverse, self%linear_rate, self%step_length, &
-                                self%thin, q, v, self%laws%elements)
+    integer :: i
+    associate (laws => self%laws%laws, steep => self%steep%law)
+      ! Steps solve for steep laws.
+      longest_part = part_by_laws(pack(laws, [(all(steep /= i), i=1, size(laws))]), self%inverse, &
+                                  self%linear_rate, self%step_length, self%thin, q, v, &
+                                  self%laws%elements)
+    end associate
   end function longest_part
 
   !> Initialize elements with internal state.
@@ -483,7 +511,7 @@ contains
     call self%add_pushes(q, drive, a)
   end subroutine but_laws
 
-  !> Accelerations without the linear subsystem. Sliding needs the full acceleration.
+  !> Accelerations without the linear subsystem and steep laws. Sliding needs the full acceleration.
   pure subroutine push(self, q, v, drive, rest, a)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
@@ -495,9 +523,20 @@ contains
     a = 0.0_wp
     call self%add_pushes(q, drive, a)
     if (slides) a = a + rest
-    call self%laws%add(q, v, a)
+    call self%laws%add(q, v, a, but=self%steep%law)
     if (slides) a = a - rest
   end subroutine push
+
+  subroutine steep_forces(self, which, q, v, roots, forces, slopes)
+    class(polynomial_motion_type), intent(in) :: self
+    integer, intent(in) :: which
+    real(wp), intent(in) :: q(:, :), v(:, :), roots(:)
+    real(wp), intent(out) :: forces(:), slopes(:)
+    associate (law => self%laws%laws(self%steep(which)%law))
+      call steep_force(law, self%steep(which), matmul(q, transpose(law%arguments)) &
+                       + matmul(v, transpose(law%rates)), roots, forces, slopes)
+    end associate
+  end subroutine steep_forces
 
   !> Add the accelerations by monomials and loads.
   pure subroutine add_pushes(self, q, drive, a)

@@ -56,7 +56,7 @@ module viscovib_switched_laws
     type(signal_type), allocatable :: signals(:)
     type(law_term), allocatable, private :: free(:)
     !> M^(-1) w of each law, shape (n_dof, n_laws).
-    real(wp), allocatable, private :: weights(:, :)
+    real(wp), allocatable :: weights(:, :)
     type(slide_type), allocatable, private :: sliding(:)
   contains
     procedure :: take
@@ -302,12 +302,14 @@ contains
   end subroutine recall
 
   !> Subtract the laws from the accelerations of all other forces.
-  pure subroutine add(self, q, v, a, mu)
+  pure subroutine add(self, q, v, a, mu, but)
     class(switched_laws), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(inout) :: a(n_lanes, self%n_dof)
     !> Position between the sides of each sliding surface, shape (n_lanes, n_slides).
     real(wp), intent(out), optional :: mu(:, :)
+    !> Laws that are left out, by their index among those without state.
+    integer, intent(in), optional :: but(:)
     real(wp) :: value(n_lanes)
     integer :: d, i, l
 
@@ -322,6 +324,9 @@ contains
       end do
     end do
     do i = 1, size(self%laws)
+      if (present(but)) then
+        if (any(but == i)) cycle
+      end if
       call evaluate_term(self%laws(i), q, v, value)
       do d = 1, size(a, 2)
         call add_multiple(a(:, d), -self%weights(d, i), value)

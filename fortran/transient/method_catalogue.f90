@@ -32,7 +32,7 @@ contains
     type(explicit_stepper_type), allocatable :: explicit
     type(modal_gauss_type), allocatable :: modal
 
-    if (allocated(system%frame)) then
+    if (allocated(system%frame) .and. takes_sections(method)) then
       allocate (modal)
       call new_modal_gauss(modal, system, nodes(method), q, v, start, h, tolerance)
       call move_alloc(modal, stepper)

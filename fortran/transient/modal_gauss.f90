@@ -22,6 +22,8 @@ module viscovib_modal_gauss
   use viscovib_modal_maps, only: legendre_of_nodes
   use viscovib_phases, only: new_phases, phases_type, turn_phase
   use viscovib_section_step, only: driven_section, free_section, relaxing_section
+  use viscovib_steep_forces, only: solve_steep
+  use viscovib_steep_laws, only: root_of_rate
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
   implicit none
@@ -33,6 +35,8 @@ module viscovib_modal_gauss
   integer, parameter :: max_iterations = 40
   !> Relative change that a step does not resolve; changes of numbers near underflow.
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp), negligible = 1.0e-300_wp
+  !> Last coefficients of a force, relative to its largest value, that its polynomial represents.
+  real(wp), parameter :: represented = 1.0e-8_wp
   !> Degree of the polynomial that predicts a step.
   integer, parameter :: prediction_degree = 5
 
@@ -44,6 +48,8 @@ module viscovib_modal_gauss
     real(wp), allocatable :: end_state(:, :, :), x_by_push(:, :, :), v_by_push(:, :, :)
     !> Change of a section, with its rate times h, by a unit push at all nodes, shape (n).
     real(wp), allocatable :: size_of_push(:)
+    !> Rates of steep laws at the nodes by their forces, shape (s, n_steep, s, n_steep).
+    real(wp), allocatable :: steep_gains(:, :, :, :)
   end type section_maps
 
   type, extends(stepper_type) :: modal_gauss_type
@@ -62,6 +68,11 @@ module viscovib_modal_gauss
     real(wp), allocatable, private :: coefficients(:, :, :)
     !> Pushes, sections and coordinates at the nodes, shape (n_lanes, n).
     real(wp), allocatable, dimension(:, :), private :: push, x_at, rate_at, q_at, v_at
+    !> Rates of steep laws by sections, shape (n, n_steep), and pushes by their forces, shape
+    !! (n_steep, n); accelerations by steep laws at the nodes, shape (n_lanes, n).
+    real(wp), allocatable, dimension(:, :), private :: steep_rates, steep_pushes, steep_at
+    !> Factors of values at the nodes in the last two coefficients of Legendre, shape (2, s).
+    real(wp), allocatable, private :: last(:, :)
   contains
     procedure :: step
     procedure :: arrive
@@ -74,6 +85,7 @@ module viscovib_modal_gauss
     procedure :: trace
     procedure, private :: pushes
     procedure, private :: follow
+    procedure, private :: add_steep
     procedure, private :: move
     procedure, private :: solve
   end type modal_gauss_type
@@ -106,12 +118,39 @@ contains
     allocate (method%x(n), method%x_rate(n), method%x_rest(n), method%rate_rest(n))
     allocate (method%push(n_lanes, n), source=0.0_wp)
     allocate (method%x_at, method%rate_at, method%q_at, method%v_at, mold=method%push)
+    allocate (method%steep_at(n_lanes, n), source=0.0_wp)
+    if (allocated(system%steep)) then
+      method%steep_rates = matmul(system%frame%to_coordinates, transpose(system%steep_rates))
+      method%steep_pushes = matmul(transpose(system%steep_pushes), system%frame%to_sections)
+    else
+      allocate (method%steep_rates(n, 0), method%steep_pushes(0, n))
+    end if
+    allocate (method%resolved(size(method%steep_rates, 2)), source=.false.)
+    method%last = last_coefficients(method%table)
     call new_phases(method%phases, system%drives, start, h, method%table%nodes(:, :1))
     if (allocated(system%quarters)) then
       call turn_phase(method%phases%high, method%phases%low, system%quarters)
     end if
     call method%change_step(system, h)
   end subroutine new_modal_gauss
+
+  !> Factors of values at the nodes in the last two coefficients of Legendre's polynomials.
+  pure function last_coefficients(table) result(last)
+    type(gauss_table_type), intent(in) :: table
+    real(wp) :: last(2, table%n_nodes), x, values(0:table%n_nodes)
+    integer :: i, k, s
+
+    s = table%n_nodes
+    do i = 1, s
+      x = 2.0_wp*table%nodes(i, 1) - 1.0_wp
+      values(0) = 1.0_wp
+      values(1) = x
+      do k = 2, s - 1
+        values(k) = ((2*k - 1)*x*values(k - 1) - (k - 1)*values(k - 2))/k
+      end do
+      last(:, i) = [2*s - 3, 2*s - 1]*values(s - 2:s - 1)*table%weights(i, 1)
+    end do
+  end function last_coefficients
 
   subroutine change_step(self, system, h)
     class(modal_gauss_type), intent(inout) :: self
@@ -128,7 +167,28 @@ contains
     end do
     self%now = merge(1, 2, abs(h - system%step_length) <= 0.0_wp)
     call make_maps(self%maps(self%now), system%frame, self%table, self%coefficients, h)
+    call make_steep_gains(self%maps(self%now), self%steep_rates, self%steep_pushes)
   end subroutine change_step
+
+  !> The rates of steep laws by their own forces.
+  subroutine make_steep_gains(maps, rates, pushes)
+    type(section_maps), intent(inout) :: maps
+    real(wp), intent(in) :: rates(:, :), pushes(:, :)
+    integer :: j, k, l, m, s
+
+    s = size(maps%end_v, 1)
+    l = size(rates, 2)
+    if (.not. allocated(maps%steep_gains)) allocate (maps%steep_gains(s, l, s, l))
+    maps%steep_gains = 0.0_wp
+    do m = 1, size(rates, 1)
+      do k = 1, size(rates, 2)
+        do j = 1, size(rates, 2)
+          maps%steep_gains(:, j, :, k) = maps%steep_gains(:, j, :, k) &
+                                         + rates(m, j)*pushes(k, m)*maps%v_by_push(:s, :, m)
+        end do
+      end do
+    end do
+  end subroutine make_steep_gains
 
   subroutine make_maps(maps, frame, table, coefficients, h)
     type(section_maps), intent(inout) :: maps
@@ -276,6 +336,7 @@ contains
       end if
       sections = sections + push
       call lane_product(n, n, sections, frame%to_coordinates, rest)
+      rest = rest + self%steep_at
       call system%push(self%q_at, self%v_at, drive, rest, a)
       call lane_product(n, n, a, frame%to_sections, more)
       push = push + more
@@ -305,6 +366,45 @@ contains
     end associate
   end subroutine follow
 
+  !> Add the forces of steep laws to the pushes at the nodes.
+  subroutine add_steep(self, system, roots, push, made)
+    class(modal_gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    !> w of each steep law at each node, on entry a start.
+    real(wp), intent(inout) :: roots(:, :), push(:, :)
+    logical, intent(out) :: made
+    real(wp), dimension(self%table%n_nodes, size(roots, 2)) :: rates, forces
+    real(wp) :: rate(n_lanes)
+    integer :: j, m, s
+
+    s = self%table%n_nodes
+    rates = 0.0_wp
+    associate (maps => self%maps(self%now))
+      do m = 1, size(self%x)
+        if (.not. any(abs(self%steep_rates(m, :)) > 0.0_wp)) cycle
+        rate = maps%v_by_x(:, m)*self%x(m) + maps%v_by_v(:, m)*self%x_rate(m)
+        do j = 1, s
+          rate = rate + maps%v_by_push(:, j, m)*push(j, m)
+        end do
+        rate = self%x_rate(m) + rate
+        do j = 1, size(rates, 2)
+          rates(:, j) = rates(:, j) + self%steep_rates(m, j)*rate(:s)
+        end do
+      end do
+      call solve_steep(system, maps%steep_gains, rates, self%q_at(:s, :), self%v_at(:s, :), roots, &
+                       forces, made)
+    end associate
+    do j = 1, size(rates, 2)
+      self%resolved(j) = all(abs(matmul(self%last, forces(:, j))) &
+                             <= represented*maxval(abs(forces(:, j))))
+    end do
+    push(:s, :) = push(:s, :) + matmul(forces, self%steep_pushes)
+    self%steep_at(:s, :) = matmul(forces, transpose(system%steep_pushes))
+    do j = s + 1, n_lanes
+      self%steep_at(j, :) = self%steep_at(s, :)
+    end do
+  end subroutine add_steep
+
   !> Fixed point of the pushes.
   subroutine solve(self, system, drive, made)
     class(modal_gauss_type), intent(inout) :: self
@@ -312,16 +412,26 @@ contains
     real(wp), intent(in) :: drive(n_lanes, size(system%drives))
     logical, intent(out) :: made
     real(wp) :: new(n_lanes, size(self%x)), change, before, expected, way, places, moved
+    real(wp) :: roots(self%table%n_nodes, size(self%steep_rates, 2))
     integer :: k, m
 
     made = .false.
     before = 0.0_wp
+    self%steep_at = 0.0_wp
+    do m = 1, size(roots, 2)
+      roots(:, m) = root_of_rate(dot_product(self%steep_rates(:, m), self%x_rate), &
+                                 system%steep(m)%exponent)
+    end do
     associate (weight => self%maps(self%now)%size_of_push, s => self%table%n_nodes)
       places = sum(abs(self%x))
       way = self%h*sum(abs(self%x_rate))
       do k = 1, max_iterations
         call self%follow()
         call self%pushes(system, drive, new)
+        if (size(roots) > 0) then
+          call self%add_steep(system, roots, new, made)
+          if (.not. made) return
+        end if
         if (counting) call count_up(counted_turns, 1)
         change = 0.0_wp
         moved = 0.0_wp

@@ -16,6 +16,9 @@ module viscovib_stepper
     real(wp) :: since = 0.0_wp
     !> True if steps may succeed and still be wrong for stiff motions.
     logical :: explicit = .false.
+    !> True for each steep law whose force the last step represents as a polynomial; not allocated:
+    !! the step does not solve for steep laws.
+    logical, allocatable :: resolved(:)
     !> Total number of evaluations of a block of trajectories.
     integer(i8) :: n_evaluations = 0
   contains

@@ -40,8 +40,8 @@ module viscovib_watched_step
   integer, parameter :: most_halvings = 200
   real(wp), parameter :: shortest = 1.0e-6_wp
   !> Allowed error of the part next to a rough surface: under a force x^p the error is the length
-  !! of the part to the power of 2 + p.
-  real(wp), parameter :: left_there = 1.0e-17_wp
+  !! of the part to the power of 2 + p, under a force v^p of a steep law 1 + p.
+  real(wp), parameter :: left_there = 1.0e-17_wp, left_of_steep = 1.0e-14_wp
   !> Largest correction of the position of an event, as a part of the step.
   real(wp), parameter :: furthest = 0.1_wp
 
@@ -132,6 +132,7 @@ contains
     at%q = method%q
     at%v = method%v
     at%memory = method%save_memory()
+    call follow_steep(at, system)
     if (at%grade > 0.0_wp .and. at%grade < method%h) call shorten(at, method, system, at%grade)
     if (system%timed) method%since = at%from - system%present_piece(1)
     call method%step(system, at%made)
@@ -146,8 +147,8 @@ contains
     call trace(at, method, system)
     call look_for_layers(at%path, system, at%until, method%h, length)
     if (.not. length < method%h) then
-      call first_surface(at, system, which, place)
-      call look_for_rough(at, system, which, place, method%h, length)
+      call first_surface(at, method, system, which, place)
+      call look_for_rough(at, method, system, which, place, method%h, length)
       if (which > 0 .or. at%n_passed > 0 .or. at%n_halved > 0) then
         call look_for_stiff(at%path, system, place, method%h, length)
       end if
@@ -184,6 +185,33 @@ contains
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
+
+  !> True if the last part represents the force of the steep law of a surface, which is then smooth
+  !! there: inertia does not matter, and the rate follows from the force.
+  logical function is_smooth(method, system, which)
+    class(stepper_type), intent(in) :: method
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: which
+    is_smooth = allocated(method%resolved)
+    if (is_smooth) is_smooth = system%steep_of(which) > 0
+    if (is_smooth) is_smooth = method%resolved(system%steep_of(which))
+  end function is_smooth
+
+  !> Set the sides of the surfaces of steep laws, which such a part may cross.
+  subroutine follow_steep(at, system)
+    type(watched_step_type), intent(inout) :: at
+    class(driven_system_type), intent(inout) :: system
+    integer :: sides(size(at%sides))
+
+    if (.not. allocated(system%steep_of)) return
+    if (.not. any(system%steep_of > 0)) return
+    sides = sides_of(system, at%from, at%q, at%v)
+    sides = merge(sides, at%sides, system%steep_of > 0 .and. .not. at%fresh &
+                  .and. at%sides /= slides)
+    if (all(sides == at%sides)) return
+    at%sides = sides
+    call system%take_sides(sides)
+  end subroutine follow_steep
 
   !> Initialize before the first step: fix the sides. The motion may begin on or near a surface with
   !! friction.
@@ -225,8 +253,9 @@ contains
   end subroutine begin_small
 
   !> Length that the last part should have had because of rough surfaces ahead.
-  subroutine look_for_rough(at, system, which, place, h, length)
+  subroutine look_for_rough(at, method, system, which, place, h, length)
     type(watched_step_type), intent(in) :: at
+    class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in), target :: system
     !> The surface that it crosses (0: none), and where.
     integer, intent(in) :: which
@@ -244,7 +273,7 @@ contains
     used = place*h
     surface%system => system
     do i = 1, size(system%signals)
-      if (.not. system%signals(i)%rough > 0.0_wp) cycle
+      if (.not. system%signals(i)%rough > 0.0_wp .or. is_smooth(method, system, i)) cycle
       if (used <= max(closest(system, i), 64.0_wp*spacing(at%until))) cycle
       if (i == which) length = 0.5_wp*used
       if (i == which .or. at%sides(i) == slides) cycle
@@ -259,7 +288,14 @@ contains
   real(wp) function closest(system, which)
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: which
-    closest = system%step_length*left_there**(1.0_wp/(2.0_wp + system%signals(which)%rough))
+    logical :: is_steep
+    is_steep = allocated(system%steep_of)
+    if (is_steep) is_steep = system%steep_of(which) > 0
+    associate (p => system%signals(which)%rough)
+      closest = left_there**(1.0_wp/(2.0_wp + p))
+      if (is_steep) closest = left_of_steep**(1.0_wp/(1.0_wp + p))
+    end associate
+    closest = system%step_length*closest
   end function closest
 
   !> Shorten the present part.
@@ -365,8 +401,9 @@ contains
   end subroutine meet
 
   !> The surface that the last part crosses first; 0: none.
-  subroutine first_surface(at, system, which, place)
+  subroutine first_surface(at, method, system, which, place)
     type(watched_step_type), intent(in) :: at
+    class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in), target :: system
     integer, intent(out) :: which
     real(wp), intent(out) :: place
@@ -380,6 +417,7 @@ contains
     if (.not. allocated(system%signals)) return
     surface%system => system
     do i = 1, size(system%signals)
+      if (is_smooth(method, system, i)) cycle
       surface%which = i
       call first_event_point(surface, at%path, 0.0_wp, sign_of(at%sides(i)), at%fresh(i), found, &
                              here)
