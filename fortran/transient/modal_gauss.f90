@@ -37,6 +37,11 @@ module viscovib_modal_gauss
   real(wp), parameter :: rounding = 4.0_wp*epsilon(1.0_wp), negligible = 1.0e-300_wp
   !> Last coefficients of a force, relative to its largest value, that its polynomial represents.
   real(wp), parameter :: represented = 1.0e-8_wp
+  !> Largest factor by which rounding errors of a rate, relative to its change by the force in a
+  !! step, change the force at the nodes.
+  real(wp), parameter :: enlarged = 1.0e3_wp
+  !> The same of the other forces at the nodes.
+  real(wp), parameter :: amplified = 100.0_wp
   !> Degree of the polynomial that predicts a step.
   integer, parameter :: prediction_degree = 5
 
@@ -374,11 +379,12 @@ contains
     real(wp), intent(inout) :: roots(:, :), push(:, :)
     logical, intent(out) :: made
     real(wp), dimension(self%table%n_nodes, size(roots, 2)) :: rates, forces
-    real(wp) :: rate(n_lanes)
+    real(wp) :: rate(n_lanes), lost(size(roots, 2)), push_of_one
     integer :: j, m, s
 
     s = self%table%n_nodes
     rates = 0.0_wp
+    lost = 0.0_wp
     associate (maps => self%maps(self%now))
       do m = 1, size(self%x)
         if (.not. any(abs(self%steep_rates(m, :)) > 0.0_wp)) cycle
@@ -389,14 +395,17 @@ contains
         rate = self%x_rate(m) + rate
         do j = 1, size(rates, 2)
           rates(:, j) = rates(:, j) + self%steep_rates(m, j)*rate(:s)
+          lost(j) = lost(j) + rounding*abs(self%steep_rates(m, j)) &
+                    *(abs(self%x_rate(m)) + maxval(abs(rate)))
         end do
       end do
       call solve_steep(system, maps%steep_gains, rates, self%q_at(:s, :), self%v_at(:s, :), roots, &
                        forces, made)
     end associate
     do j = 1, size(rates, 2)
+      push_of_one = self%h*abs(dot_product(self%steep_rates(:, j), self%steep_pushes(j, :)))
       self%resolved(j) = all(abs(matmul(self%last, forces(:, j))) &
-                             <= represented*maxval(abs(forces(:, j))))
+                             <= represented*maxval(abs(forces(:, j))) + enlarged*lost(j)/push_of_one)
     end do
     push(:s, :) = push(:s, :) + matmul(forces, self%steep_pushes)
     self%steep_at(:s, :) = matmul(forces, transpose(system%steep_pushes))
@@ -412,7 +421,7 @@ contains
     real(wp), intent(in) :: drive(n_lanes, size(system%drives))
     logical, intent(out) :: made
     real(wp) :: new(n_lanes, size(self%x)), change, before, expected, way, places, moved
-    real(wp) :: roots(self%table%n_nodes, size(self%steep_rates, 2))
+    real(wp) :: roots(self%table%n_nodes, size(self%steep_rates, 2)), balanced
     integer :: k, m
 
     made = .false.
@@ -428,7 +437,12 @@ contains
       do k = 1, max_iterations
         call self%follow()
         call self%pushes(system, drive, new)
+        balanced = 0.0_wp
         if (size(roots) > 0) then
+          ! Steep forces may balance the others, and amplify their rounding errors.
+          do m = 1, size(self%x)
+            balanced = balanced + amplified*weight(m)*maxval(abs(new(:s, m)))
+          end do
           call self%add_steep(system, roots, new, made)
           if (.not. made) return
         end if
@@ -448,7 +462,7 @@ contains
         if (before > change) expected = change*(change/before)
         made = expected <= max(self%tolerance*(moved + way), negligible) &
                .or. (k > 2 .and. change >= 0.5_wp*before &
-                     .and. change <= n_lanes*rounding*(moved + way + places))
+                     .and. change <= n_lanes*rounding*(moved + way + places + balanced))
         if (made) exit
         before = change
       end do
