@@ -425,6 +425,7 @@ contains
     element%damping = reader%read_real('damping')
     element%kernel = read_kernel_place(reader, n_kernels)
     law = reader%read_text('law')
+    call add_fluid_damper(reader, element, law)
     if (reader%status%failed()) return
     effort = max_effort
     call expand(law, ['d'], terms, fault, effort)
@@ -446,6 +447,27 @@ contains
       end select
     end do
   end subroutine read_element
+
+  !> Add a fluid viscous damper to the law of an element; a linear one to its damping.
+  subroutine add_fluid_damper(reader, element, law)
+    type(group_reader), intent(inout) :: reader
+    type(element_type), intent(inout) :: element
+    character(len=:), allocatable, intent(inout) :: law
+    real(wp) :: c, a
+
+    c = reader%read_real('fluid_coefficient')
+    a = reader%read_real('fluid_exponent')
+    if (.not. c > 0.0_wp) return
+    if (element%kernel > 0) then
+      call reader%complain('fluid_coefficient', 'fluid_coefficient = '//show(c)//': must be 0 in ' &
+                           //'an element with a kernel: use kernel = 0, or another &element')
+    else if (abs(a - 1.0_wp) > 0.0_wp) then
+      law = '('//law//') + '//show(c)//'*sign(v)*abs(v)^'//show(a)
+      if (law(:6) == '(0) + ') law = law(7:)
+    else
+      element%damping = element%damping + c
+    end if
+  end subroutine add_fluid_damper
 
   !> A law that is no polynomial, if it is one; else the fault stays, or is said better.
   subroutine read_function(element, text, fault)

@@ -149,6 +149,7 @@ contains
     if (.not. length < method%h) then
       call first_surface(at, method, system, which, place)
       call look_for_rough(at, method, system, which, place, method%h, length)
+      if (which == 0) call look_for_steep(method, system, at%until, length)
       if (which > 0 .or. at%n_passed > 0 .or. at%n_halved > 0) then
         call look_for_stiff(at%path, system, place, method%h, length)
       end if
@@ -185,6 +186,23 @@ contains
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
+
+  !> Length that the last part should have had because of steep laws, whose forces change fast after
+  !! another force has changed.
+  subroutine look_for_steep(method, system, until, length)
+    class(stepper_type), intent(in) :: method
+    class(driven_system_type), intent(in) :: system
+    !> End of the step.
+    real(wp), intent(in) :: until
+    real(wp), intent(inout) :: length
+    !> Shortest part relative to the step of the run.
+    real(wp), parameter :: least = 1.0e-9_wp
+
+    if (.not. allocated(method%resolved)) return
+    if (all(method%resolved)) return
+    if (method%h <= max(least*system%step_length, 64.0_wp*spacing(until))) return
+    length = min(length, 0.5_wp*method%h)
+  end subroutine look_for_steep
 
   !> True if the last part represents the force of the steep law of a surface, which is then smooth
   !! there: inertia does not matter, and the rate follows from the force.

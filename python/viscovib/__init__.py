@@ -84,6 +84,7 @@ _NAMES = {
     "systems.characteristic": "CharacteristicRoots",
     "systems.contacts": "Gap Stop",
     "systems.cubic_system": "CubicSystem",
+    "systems.dampers": "FluidDamper",
     "systems.elements": "Coupling Spring",
     "systems.friction": "BoucWen Dahl Iwan Jenkins",
     "systems.load": "fourier_coefficients",
@@ -306,6 +307,7 @@ if TYPE_CHECKING:
         Stop as Stop,
     )
     from viscovib.systems.cubic_system import CubicSystem as CubicSystem
+    from viscovib.systems.dampers import FluidDamper as FluidDamper
     from viscovib.systems.elements import (
         Coupling as Coupling,
         Spring as Spring,

@@ -216,12 +216,19 @@ class Scene:
             weights = np.atleast_1d(group["weights"])
             for name, weight in zip(texts(group["on"]), weights, strict=True):
                 e[names.index(name.lower())] += weight
+            law, damping = group["law"].lower(), group["damping"]
+            c, a = group["fluid_coefficient"], group["fluid_exponent"]
+            if c and a == 1:
+                damping += c
+            elif c:
+                damper = f"{c!r}*sign(v)*abs(v)^{a!r}"
+                law = damper if law == "0" else f"({law}) + {damper}"
             elements.append(
                 Spring(
                     on=e if shapes is None else shapes.T @ e,
                     stiffness=group["stiffness"],
-                    damping=group["damping"],
-                    law=None if group["law"] == "0" else group["law"].lower(),
+                    damping=damping,
+                    law=None if law == "0" else law,
                     parameters=named_in(group["law"], self._parameters) or None,
                     kernel=kernels[group["kernel"]],
                 )

@@ -92,7 +92,7 @@ class Structure(System):
     loss_factor : float
         K (1 + i loss_factor sign(nu)), for harmonic methods only. Modal damping, Rayleigh damping
         and the loss factor refer to the structure with the linear parts of its elements.
-    elements : sequence of Spring, Coupling, Jenkins, Iwan, BoucWen, Dahl, Gap and Stop
+    elements : sequence of Spring, FluidDamper, Coupling, Jenkins, Iwan, BoucWen, Dahl, Gap and Stop
         Local elements. Their linear stiffness and damping are added to K and C.
     layers : sequence of (array, Kernel)
         Stiffness matrices with memory, added to K, for example of a rubber layer, each in the form

@@ -14,6 +14,7 @@ from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.contacts import Contact
 from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
+from viscovib.systems.dampers import FluidDamper
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import (
     _ARGUMENT,
@@ -115,7 +116,10 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
 def _numbers_of(element: object) -> tuple[str, ...]:
     """Parameters of an element that is not a spring; a rigid stop has no steady motion."""
     rigid = isinstance(element, Contact) and element.stiffness is None
-    if rigid or not isinstance(element, (Contact, Hysteresis)):
+    if rigid or not isinstance(element, (Contact, Hysteresis, FluidDamper)):
+        return ()
+    # A linear damper is part of the linear subsystem.
+    if isinstance(element, FluidDamper) and element._law is None:
         return ()
     values = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
     return tuple(key for key, value in values.items() if isinstance(value, float))
@@ -129,6 +133,12 @@ def _other_law(terms: list[ElementTerms], at: int, element: Any, key: str, value
     if isinstance(element, Contact):
         apart = element._law.stiffness_at_rest
         terms[at] = own._replace(law=other._law.without([*apart, 0.0]))
+        return
+    if isinstance(element, FluidDamper):
+        other.__dict__.pop("_law", None)
+        terms[at] = own._replace(law=other._law)
+        if other._law is None:
+            raise InputError(f"{key} = {value:g}: a linear damper belongs to the linear subsystem")
         return
     terms[at] = own._replace(law=other._law)
     # The core subtracts the new stiffness at rest; the linear subsystem contains the old one.

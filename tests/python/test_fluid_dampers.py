@@ -1,0 +1,222 @@
+"""Fluid viscous dampers c sign(v) abs(v)^a, whose slope is infinite at rest for a < 1."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+import viscovib as vv
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "data" / "fluid_dampers.json"
+SOLVE = os.environ.get("VISCOVIB_SOLVE", ROOT / "build" / "release" / "fortran" / "viscovib-solve")
+REFERENCE = {one["name"]: one["value"] for one in json.loads(DATA.read_text())}
+
+
+def _chain(n, stiffness):
+    matrix = stiffness * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    matrix[-1, -1] = stiffness
+    return matrix
+
+
+def _dampers(n, c, a):
+    rest = [(f"x{j + 1}", f"x{j}") for j in range(1, n)]
+    return [vv.FluidDamper(on=on, coefficient=c, exponent=a) for on in ["x1", *rest]]
+
+
+@pytest.mark.parametrize("a, c", [(0.5, 1.5), (1.5, 2.0)])
+def test_reference_from_rest(a, c):
+    given = REFERENCE[f"fluid_damper_alpha_{a}"]
+    damper = vv.FluidDamper(on="x1", coefficient=c, exponent=a)
+    system = vv.Structure(
+        mass=[1.0], stiffness=[100.0], elements=[damper], base_direction=[1.0]
+    )
+    run = vv.simulate(
+        system, 2, base_acceleration=vv.HalfSine(amplitude=5.0, duration=0.3), times=[1, 2],
+        events=["x1_dot"],
+    )  # fmt: skip
+    assert run.outcome == "completed" and run.error < 1e-10
+    assert np.allclose(run.state[0], [given["x_at_1"], given["v_at_1"]], rtol=0, atol=1e-10)
+    assert np.allclose(run.state[1], [given["x_at_2"], given["v_at_2"]], rtol=0, atol=1e-10)
+    assert np.allclose(run.events[0].t, given["zeros_of_v"], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_chains_from_rest(seed):
+    rng = np.random.default_rng(seed)
+    n, a = int(rng.integers(1, 4)), float(rng.uniform(0.3, 2))
+    m, c = rng.uniform(0.5, 2, n), 10 ** rng.uniform(-2, 0.5)
+    k, top, length = _chain(n, 10 ** rng.uniform(0, 2.5)), 10 ** rng.uniform(0, 1), 0.5
+    system = vv.Structure(
+        mass=m, stiffness=k, base_direction=np.ones(n), elements=_dampers(n, c, a)
+    )
+    run = vv.simulate(
+        system, 1.0, base_acceleration=vv.HalfSine(amplitude=top, duration=length)
+    )
+    e = np.eye(n) - np.eye(n, k=-1)
+
+    def slopes(t, y, on):
+        v = e @ y[n:]
+        force = e.T @ (c * np.sign(v) * np.abs(v) ** a)
+        return np.r_[y[n:], -(k @ y[:n] + force) / m - on * top * np.sin(np.pi * t / length)]
+
+    y = np.zeros(2 * n)
+    for begin, on in ((0.0, 1.0), (length, 0.0)):
+        y = solve_ivp(
+            slopes, (begin, begin + length), y, "Radau", args=(on,), rtol=1e-9, atol=1e-12,
+            max_step=length / 50,
+        ).y[:, -1]  # fmt: skip
+    size = np.abs(y).max()
+    assert run.outcome == "completed" and run.error <= 1e-9 * size
+    assert np.allclose(np.r_[run.state[-1][0::2], run.state[-1][1::2]], y, rtol=0, atol=2e-8 * size)
+
+
+@pytest.mark.parametrize("a, top", [(0.15, 0.5), (0.2, 0.5), (0.3, 0.2), (0.3, 0.5), (0.4, 0.1)])
+def test_slow_creep_from_rest(a, top):
+    # Inertia is negligible: c v^a = p - k x.
+    damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
+    system = vv.Structure(mass=[1e-3], stiffness=[1.0], elements=[damper])
+    run = vv.simulate(system, 2, force=vv.HalfSine(amplitude=top, duration=1.0))
+
+    def rate(t, x):
+        force = (top * np.sin(np.pi * t) if t <= 1 else 0.0) - x
+        return np.sign(force) * np.abs(force / 1.5) ** (1 / a)
+
+    found = solve_ivp(rate, (0, 1), [0.0], rtol=1e-10, atol=1e-30)
+    found = solve_ivp(rate, (1, 2), found.y[:, -1], rtol=1e-10, atol=1e-30)
+    assert run.outcome == "completed"
+    assert run.state[-1, 0] == pytest.approx(found.y[0, -1], rel=1e-3)
+
+
+@pytest.mark.parametrize("a", [0.2, 0.35, 0.5])
+def test_many_floors(a):
+    # The balance of energy: the work of the load is stored or lost in the dampers.
+    n = 8
+    k = _chain(n, 100.0)
+    system = vv.Structure(mass=np.ones(n), stiffness=k, elements=_dampers(n, 2.0, a))
+    load = np.zeros(n)
+    load[-1] = 3.0
+    run = vv.simulate(system, 3, load=load, nu=4.0, times=np.linspace(0, 3, 6001))
+    q, v = run.state[:, 0::2], run.state[:, 1::2]
+    rates = v @ (np.eye(n) - np.eye(n, k=-1)).T
+    lost = np.trapezoid(2 * np.abs(rates) ** (1 + a), run.t, axis=0).sum()
+    work = np.trapezoid(load[-1] * np.sin(4 * run.t) * v[:, -1], run.t)
+    stored = 0.5 * (v[-1] @ v[-1] + q[-1] @ k @ q[-1])
+    assert run.outcome == "completed"
+    assert work == pytest.approx(stored + lost, rel=1e-5)
+
+
+@pytest.mark.parametrize("a", [0.3, 0.5, 0.7])
+def test_steady_motion_and_multipliers(a):
+    damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
+    system = vv.Structure(mass=[1.0], stiffness=[100.0], elements=[damper])
+    motion = vv.steady_motion(system, 8.0, load=[5.0])
+    assert motion.outcome == "converged" and motion.stable
+    # Liouville's formula, integrated from the zeros of the rate in powers of the time.
+    times, weights = np.polynomial.legendre.leggauss(400)
+    zero = motion.t[0] + brentq(lambda s: motion(motion.t[0] + s)[1], *_around_zero(motion))
+    s = 0.5 * (times + 1)
+    total = 0.0
+    for way in (1, -1):
+        at = zero + way * np.pi / 16 * s ** (2 / a)
+        speed = np.abs([motion(one % (np.pi / 4))[1] for one in at])
+        rate = 1.5 * a * speed ** (a - 1) * (2 / a) * s ** (2 / a - 1)
+        total += np.pi / 16 * float(0.5 * weights @ rate)
+    product = np.abs(np.prod(motion.multipliers))
+    assert product == pytest.approx(np.exp(-2 * total), rel=1e-2)
+    harmonics = vv.forced_response(system, [8.0], load=[5.0], method="newton", harmonics=99)
+    top = np.abs(motion.extremes("x1")).max()
+    assert np.max(harmonics.peak("x1").values) == pytest.approx(top, rel=1e-4)
+
+
+def _around_zero(motion):
+    times = np.linspace(0, np.pi / 4, 50)
+    speeds = np.array([motion(motion.t[0] + one)[1] for one in times])
+    place = int(np.flatnonzero(speeds[1:] * speeds[:-1] < 0)[0])
+    return times[place], times[place + 1]
+
+
+def test_energy():
+    for text, value in REFERENCE["fluid_energy_closed_form"].items():
+        damper = vv.FluidDamper(on="x1", coefficient=10, exponent=float(text))
+        found = damper.energy(0.02, nu=2 * np.pi * 1.5)
+        assert found == pytest.approx(float(value), rel=1e-14)
+        lost, _ = quad(
+            lambda t, one=damper: float(one.force(np.cos(t)) * np.cos(t)), 0, 2 * np.pi,
+            points=[np.pi / 2, 1.5 * np.pi],
+        )  # fmt: skip
+        assert damper.energy(-1.0, nu=1) == pytest.approx(lost, rel=1e-7)
+
+
+def test_resumed():
+    system = vv.Structure(
+        mass=[1.0, 1.0], stiffness=_chain(2, 100.0), elements=_dampers(2, 1.0, 0.3)
+    )
+    whole = vv.simulate(system, 2, load=[0, 3], nu=5)
+    first = vv.simulate(system, 1, load=[0, 3], nu=5)
+    both = vv.simulate(system, 2, resume=first, times=[2.0])
+    assert np.allclose(both.state[-1], whole.state[-1], rtol=0, atol=1e-10)
+
+
+def test_vary():
+    system = vv.Structure(
+        mass=[1.0], stiffness=[100.0],
+        elements=[vv.FluidDamper(on="x1", coefficient=1.0, exponent=1.5)],
+    )  # fmt: skip
+    branch = vv.trace_response(
+        system, vary="elements[0].coefficient", vary_range=(1.0, 2.0), nu=9.0, load=[1.0]
+    )
+    end = vv.Structure(
+        mass=[1.0], stiffness=[100.0],
+        elements=[vv.FluidDamper(on="x1", coefficient=2.0, exponent=1.5)],
+    )  # fmt: skip
+    there = vv.forced_response(end, [9.0], load=[1.0], method="newton")
+    assert np.allclose(branch.coefficients[-1][0, 0], there.coefficients[0][0, 0], rtol=1e-5)
+
+
+def test_scene(tmp_path):
+    scene = tmp_path / "frame.nml"
+    scene.write_text(
+        "&structure mass=1 2 stiffness=200 -100 -100 200 /\n"
+        "&element on='x1' fluid_coefficient=1.5 fluid_exponent=0.3 kernel=0 /\n"
+        "&element on='x1' 'x2' law='3*d^3' fluid_coefficient=0.4 fluid_exponent=0.75 /\n"
+        "&element on='x2' fluid_coefficient=0.4 /\n&load on='x1' amplitude=3 /\n"
+        "&transient t_end=2 nu=6 tolerance=1e-8 /\n"
+    )
+    subprocess.run([SOLVE, scene, "--out", tmp_path, "--quiet"], check=True, timeout=60)
+    vv.run(scene).to_csv(tmp_path / "mine.csv")
+    table = (tmp_path / "frame_transient.csv").read_bytes()
+    assert table == (tmp_path / "mine.csv").read_bytes()
+    system = vv.Structure(
+        mass=[1, 2], stiffness=[[200, -100], [-100, 200]],
+        elements=[
+            vv.FluidDamper(on="x1", coefficient=1.5, exponent=0.3),
+            vv.FluidDamper(on=("x1", "x2"), coefficient=0.4, exponent=0.75),
+            vv.Spring(on=("x1", "x2"), law="3*d^3"),
+            vv.FluidDamper(on="x2", coefficient=0.4),
+        ],
+    )  # fmt: skip
+    run = vv.simulate(system, 2, load=[3, 0], nu=6, tolerance=1e-8)
+    last = np.array(table.splitlines()[-1].split(b",")[1:], dtype=float)
+    assert np.allclose(last, run.state[-1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"exponent": 0}, "exponent = 0: is dry friction, must be 0.1 to 2: use a Jenkins"),
+        ({"exponent": 0.05}, "exponent = 0.05: must be 0.1 to 2"),
+        ({"exponent": 2.5}, "exponent = 2.5: must be 0.1 to 2"),
+        ({"coefficient": 0}, "coefficient = 0: must be greater than 0"),
+        ({"coefficient": "a"}, "coefficient = 'a'"),
+    ],
+)
+def test_wrong_arguments(given, words):
+    with pytest.raises(vv.InputError) as told:
+        vv.FluidDamper(**{"on": "x1", "coefficient": 1.0, "exponent": 0.5, **given})
+    assert words in str(told.value)
