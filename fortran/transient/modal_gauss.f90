@@ -404,8 +404,10 @@ contains
     end associate
     do j = 1, size(rates, 2)
       push_of_one = self%h*abs(dot_product(self%steep_rates(:, j), self%steep_pushes(j, :)))
-      self%resolved(j) = all(abs(matmul(self%last, forces(:, j))) &
-                             <= represented*maxval(abs(forces(:, j))) + enlarged*lost(j)/push_of_one)
+      associate (tail => abs(matmul(self%last, forces(:, j))))
+        self%resolved(j) = all(tail <= represented*maxval(abs(forces(:, j))) &
+                               + enlarged*lost(j)/push_of_one)
+      end associate
     end do
     push(:s, :) = push(:s, :) + matmul(forces, self%steep_pushes)
     self%steep_at(:s, :) = matmul(forces, transpose(system%steep_pushes))

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import viscovib as vv
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
-
-import viscovib as vv
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "data" / "fluid_dampers.json"
@@ -29,18 +28,17 @@ def _dampers(n, c, a):
     return [vv.FluidDamper(on=on, coefficient=c, exponent=a) for on in ["x1", *rest]]
 
 
-@pytest.mark.parametrize("a, c", [(0.5, 1.5), (1.5, 2.0)])
+@pytest.mark.parametrize(("a", "c"), [(0.5, 1.5), (1.5, 2.0)])
 def test_reference_from_rest(a, c):
     given = REFERENCE[f"fluid_damper_alpha_{a}"]
     damper = vv.FluidDamper(on="x1", coefficient=c, exponent=a)
-    system = vv.Structure(
-        mass=[1.0], stiffness=[100.0], elements=[damper], base_direction=[1.0]
-    )
+    system = vv.Structure(mass=[1.0], stiffness=[100.0], elements=[damper], base_direction=[1.0])
     run = vv.simulate(
         system, 2, base_acceleration=vv.HalfSine(amplitude=5.0, duration=0.3), times=[1, 2],
         events=["x1_dot"],
     )  # fmt: skip
-    assert run.outcome == "completed" and run.error < 1e-10
+    assert run.outcome == "completed"
+    assert run.error < 1e-10
     assert np.allclose(run.state[0], [given["x_at_1"], given["v_at_1"]], rtol=0, atol=1e-10)
     assert np.allclose(run.state[1], [given["x_at_2"], given["v_at_2"]], rtol=0, atol=1e-10)
     assert np.allclose(run.events[0].t, given["zeros_of_v"], rtol=0, atol=1e-9)
@@ -55,9 +53,7 @@ def test_random_chains_from_rest(seed):
     system = vv.Structure(
         mass=m, stiffness=k, base_direction=np.ones(n), elements=_dampers(n, c, a)
     )
-    run = vv.simulate(
-        system, 1.0, base_acceleration=vv.HalfSine(amplitude=top, duration=length)
-    )
+    run = vv.simulate(system, 1.0, base_acceleration=vv.HalfSine(amplitude=top, duration=length))
     e = np.eye(n) - np.eye(n, k=-1)
 
     def slopes(t, y, on):
@@ -72,11 +68,14 @@ def test_random_chains_from_rest(seed):
             max_step=length / 50,
         ).y[:, -1]  # fmt: skip
     size = np.abs(y).max()
-    assert run.outcome == "completed" and run.error <= 1e-9 * size
+    assert run.outcome == "completed"
+    assert run.error <= 1e-9 * size
     assert np.allclose(np.r_[run.state[-1][0::2], run.state[-1][1::2]], y, rtol=0, atol=2e-8 * size)
 
 
-@pytest.mark.parametrize("a, top", [(0.15, 0.5), (0.2, 0.5), (0.3, 0.2), (0.3, 0.5), (0.4, 0.1)])
+@pytest.mark.parametrize(
+    ("a", "top"), [(0.15, 0.5), (0.2, 0.5), (0.3, 0.2), (0.3, 0.5), (0.4, 0.1)]
+)
 def test_slow_creep_from_rest(a, top):
     # Inertia is negligible: c v^a = p - k x.
     damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
@@ -116,7 +115,8 @@ def test_steady_motion_and_multipliers(a):
     damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
     system = vv.Structure(mass=[1.0], stiffness=[100.0], elements=[damper])
     motion = vv.steady_motion(system, 8.0, load=[5.0])
-    assert motion.outcome == "converged" and motion.stable
+    assert motion.outcome == "converged"
+    assert motion.stable
     # Liouville's formula, integrated from the zeros of the rate in powers of the time.
     times, weights = np.polynomial.legendre.leggauss(400)
     zero = motion.t[0] + brentq(lambda s: motion(motion.t[0] + s)[1], *_around_zero(motion))
@@ -207,7 +207,7 @@ def test_scene(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "given, words",
+    ("given", "words"),
     [
         ({"exponent": 0}, "exponent = 0: is dry friction, must be 0.1 to 2: use a Jenkins"),
         ({"exponent": 0.05}, "exponent = 0.05: must be 0.1 to 2"),

@@ -24,6 +24,8 @@ _SHOCK = "tests/python/test_shock_spectra.py: exact solutions of 1000 random rec
 _ALONG = "tests/python/test_motion_results.py: balances of momentum and energy, closed forms"
 _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
+    "FluidDamper.force": "tests/python/test_fluid_dampers.py: the formula",
+    "FluidDamper.energy": "tests/python/test_fluid_dampers.py: gamma functions and quadrature",
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
     "Profile.plot": _PICTURE,
     "Mount.modes": "tests/python/test_mount.py: the paper's equations (7) and (8)",

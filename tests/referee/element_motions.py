@@ -5,7 +5,7 @@ import numpy as np
 from referee.case import Case, Claim, even, few
 from referee.switched import Automaton, Contact, Sliders, Turning, state_of
 
-JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen")
+JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen", "FluidDamper")
 METHODS = ("auto", "gauss8", "gauss16", "gauss2", "gauss3", "rk4", "dop8", "verner8", "verner9")
 #: Methods for more coordinates.
 _OF_MANY = ("auto", "gauss8", "gauss2", "gauss3")
@@ -33,11 +33,11 @@ class Smooth:
         return ()
 
 
-class Quadratic(Smooth):
-    """c v |v|, with one smooth law on each side of v = 0."""
+class Power(Smooth):
+    """c sign(v) |v|^a, with one smooth law on each side of v = 0."""
 
-    def __init__(self, direction, c):
-        super().__init__(direction, lambda d, v: c * v * v * self.way)
+    def __init__(self, direction, c, a=2):
+        super().__init__(direction, lambda d, v: c * np.maximum(v * self.way, 0) ** a * self.way)
 
     def begin(self, d, v):
         self.way = 1 if v >= 0 else -1
@@ -127,13 +127,15 @@ def _nearby(rng, n):
     """Additional elements: gaps, polynomials, dampers."""
     on, e = _direction(rng, n)
     k, gap, c = few(rng, 2, 100), few(rng, 0.05, 0.6), few(rng, 0.05, 1)
+    a = even(rng, 0.7, 2, 2)
     return [
+        (f"vv.FluidDamper(on={on}, coefficient={c}, exponent={a})", Power(e, c, a)),
         (f"vv.Gap(on={on}, stiffness={k}, gap={gap})", Contact(e, k, gap, False)),
         (f"vv.Stop(on={on}, stiffness={k}, gap={gap})", Contact(e, k, gap, True)),
         (f"vv.Spring(on={on}, law='{k}*d^3')", Smooth(e, lambda d, v: k * d**3)),
-        (f"vv.Spring(on={on}, law='{c}*v*abs(v)')", Quadratic(e, c)),
+        (f"vv.Spring(on={on}, law='{c}*v*abs(v)')", Power(e, c)),
         (f"vv.Spring(on={on}, law='{c}*tanh(v/0.3)')", Smooth(e, lambda d, v: c * np.tanh(v / 0.3))),
-    ][rng.integers(5)]  # fmt: skip
+    ][rng.integers(6)]  # fmt: skip
 
 
 def _load(rng, n, mass, end):

@@ -13,8 +13,8 @@ from viscovib import _native
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.contacts import Contact
-from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
 from viscovib.systems.dampers import FluidDamper
+from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import (
     _ARGUMENT,
