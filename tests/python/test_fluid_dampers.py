@@ -110,6 +110,7 @@ def test_many_floors(a):
     assert work == pytest.approx(stored + lost, rel=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("a", [0.3, 0.5, 0.7])
 def test_steady_motion_and_multipliers(a):
     damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
@@ -119,24 +120,26 @@ def test_steady_motion_and_multipliers(a):
     assert motion.stable
     # Liouville's formula, integrated from the zeros of the rate in powers of the time.
     times, weights = np.polynomial.legendre.leggauss(400)
-    zero = motion.t[0] + brentq(lambda s: motion(motion.t[0] + s)[1], *_around_zero(motion))
+    zero = brentq(lambda one: motion(one)[1], *_around_zero(motion), xtol=1e-12)
     s = 0.5 * (times + 1)
     total = 0.0
     for way in (1, -1):
         at = zero + way * np.pi / 16 * s ** (2 / a)
-        speed = np.abs([motion(one % (np.pi / 4))[1] for one in at])
+        speed = np.abs(motion(at % (np.pi / 4))[:, 1])
         rate = 1.5 * a * speed ** (a - 1) * (2 / a) * s ** (2 / a - 1)
         total += np.pi / 16 * float(0.5 * weights @ rate)
     product = np.abs(np.prod(motion.multipliers))
     assert product == pytest.approx(np.exp(-2 * total), rel=1e-2)
-    harmonics = vv.forced_response(system, [8.0], load=[5.0], method="newton", harmonics=99)
+    found = vv.forced_response(system, [8.0], load=[5.0], method="newton", harmonics=99)
+    turns = np.exp(2j * np.pi * np.outer(found.harmonics, np.arange(2000)) / 2000)
+    wave = (found.coefficients[0, 0] @ turns).imag
     top = np.abs(motion.extremes("x1")).max()
-    assert np.max(harmonics.peak("x1").values) == pytest.approx(top, rel=1e-4)
+    assert np.abs(wave).max() == pytest.approx(top, rel=10 * found.truncation[0])
 
 
 def _around_zero(motion):
     times = np.linspace(0, np.pi / 4, 50)
-    speeds = np.array([motion(motion.t[0] + one)[1] for one in times])
+    speeds = motion(times)[:, 1]
     place = int(np.flatnonzero(speeds[1:] * speeds[:-1] < 0)[0])
     return times[place], times[place + 1]
 
