@@ -103,7 +103,8 @@ contains
         call add_two(a(:, d), real(self%load(d, k)), s, aimag(self%load(d, k)), c)
       end do
     end do
-    if (.not. self%timed .or. self%first > size(self%piece, 2)) return
+    if (.not. self%timed) return
+    if (self%first > size(self%piece, 2)) return
     do d = 1, size(a, 2)
       s = self%piece(d, self%first)
       do k = self%first + 1, size(self%piece, 2)
