@@ -136,12 +136,22 @@ def test_random_shocks_have_the_motion_of_python(solve, tmp_path, name):
         table = read_csv(tmp_path / "shock_transient.csv")
         assert np.abs(table["t"] - run.t).max() < 1e-14 * run.t[-1]
         assert run.relative_to_base
+        # Rounding decides whether an acceleration at a jump is that before or after it.
+        ends = np.concatenate([one.times for one in _tables(given)])
+        smooth = np.abs(run.t[:, np.newaxis] - ends).min(axis=1) > 1e-12
         for i, one in enumerate(names):
             columns = (one, run.state[:, ::2]), (f"{one}_dot", run.state[:, 1::2])
             columns = (*columns, (f"{one}_ddot", run.acceleration))
             for column, wanted in columns:
-                off = np.abs(table[column] - wanted[:, i]).max()
+                kept = smooth if column.endswith("_ddot") else slice(None)
+                off = np.abs(table[column] - wanted[:, i])[kept].max()
                 assert off < 1e-12 * np.abs(wanted).max(), (shape, column)
+
+
+def _tables(given):
+    """The tables of the arguments of a call."""
+    for one in given.values():
+        yield from one.values() if isinstance(one, dict) else (one,)
 
 
 @pytest.mark.parametrize("name", ["system", "body"])
