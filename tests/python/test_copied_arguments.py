@@ -112,6 +112,7 @@ GIVEN = [
     (vv.Iwan, {"on": ROW, "stiffness": ROW, "limit": TABLE[:2]}),
     (vv.BoucWen, {"on": ROW, "stiffness": 20, "beta": 2, "gamma": 1, "ratio": 0.1, "exponent": 1}),
     (vv.Dahl, {"on": ROW, "stiffness": 20, "limit": 1}),
+    (vv.FluidDamper, {"on": ROW, "coefficient": 1, "exponent": 0.5}),
     (vv.LoadTable, {"times": TABLE, "values": TABLE, "on": {"x1": 1.0}}),
     (vv.LoadTable, {"times": TABLE, "values": TABLE, "on": ROW}),
     (vv.HalfSine, {"amplitude": ROW, "duration": 1.0}),

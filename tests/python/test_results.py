@@ -154,9 +154,9 @@ DRAWN = set(RESULTS) - {
 #: Public classes that are arguments or containers; all other classes are results.
 NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "BoucWen", "Chirp", "Coupling", "CreepData", "CubicSystem",
-    "Dahl", "Event", "Explorer", "ExponentialSum", "FluidTrack", "Gap", "HalfSine", "Haversine",
-    "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable", "ModalModel", "Monomial",
-    "Mount", "MountPoint", "MultipleScales", "Past",
+    "Dahl", "Event", "Explorer", "ExponentialSum", "FluidDamper", "FluidTrack", "Gap",
+    "HalfSine", "Haversine", "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable",
+    "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
     "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "PythonLaw",
     "RabotnovKernel", "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Sawtooth", "Scene",
     "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "Structure", "SumKernel",
