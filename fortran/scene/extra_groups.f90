@@ -1,4 +1,4 @@
-!> Keys of &response and &branch for what their tables report_to besides.
+!> Keys of &response and &branch for additional columns of their tables.
 module viscovib_extra_groups
   use viscovib_extra_columns, only: extra_columns
   use viscovib_group_reader, only: group_reader

@@ -6,11 +6,11 @@ module viscovib_kernel_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_holder, only: kernel_holder
-  use viscovib_kernel_table, only: read_kernel_table
+  use viscovib_kernel_table, only: check_pairs, read_pairs
   use viscovib_kinds, only: wp
   use viscovib_mount, only: mount_parameters
   use viscovib_namelist, only: namelist_type
-  use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
 
@@ -126,43 +126,13 @@ contains
   subroutine read_tabulated(reader, p)
     type(group_reader), intent(inout) :: reader
     real(wp), allocatable, intent(out) :: p(:)
-    type(status_type) :: status
-    character(len=:), allocatable :: word, path
+    character(len=:), allocatable :: word
     real(wp), allocatable :: times(:), values(:)
     integer :: code
 
-    allocate (times(0), values(0))
     word = reader%read_text('interpolation', choice=code)
-    path = reader%read_path('file')
-    if (reader%has('file')) then
-      call reader%refuse([character(len=6) :: 'times', 'values'], 'is in the file already; give ' &
-                         //'either file, or times and values')
-      if (reader%status%failed()) return
-      call read_kernel_table(path, times, values, status)
-      if (status%category == status_io_error) then
-        call reader%complain('file', 'file: '//status%message, status_io_error)
-      else if (status%failed()) then
-        ! The table's own file and line say more than the scene's.
-        reader%status = status
-      end if
-      call reader%echo_reals('times', times)
-      call reader%echo_reals('values', values)
-    else
-      times = reader%read_reals('times')
-      values = reader%read_reals('values')
-    end if
-    call check_pairs(reader, 'times', 'values', size(times), size(values))
+    call read_pairs(reader, times, values)
     p = [real(code - 1, wp), times, values]
   end subroutine read_tabulated
-
-  !> The flat form of a kernel cannot report_to 3 and 1 numbers from 2 and 2.
-  subroutine check_pairs(reader, first, second, n_first, n_second)
-    type(group_reader), intent(inout) :: reader
-    character(len=*), intent(in) :: first, second
-    integer, intent(in) :: n_first, n_second
-    if (n_first /= n_second) call reader%complain(second, first//' and '//second//' have ' &
-                                                  //show(n_first)//' and '//show(n_second) &
-                                                  //' numbers: must match')
-  end subroutine check_pairs
 
 end module viscovib_kernel_groups

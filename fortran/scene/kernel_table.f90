@@ -1,18 +1,58 @@
 !> A measured kernel or a record as a text file: a time (s) and a value in each line,
 !! separated by blanks or a comma; what follows # or ! is left out.
 module viscovib_kernel_table
+  use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: fail, show, status_input_error, status_io_error, status_type
   use viscovib_text_file, only: count_line_ends, read_text_file
   implicit none
   private
 
-  public :: read_kernel_table
+  public :: check_pairs, read_kernel_table, read_pairs
 
   character(len=*), parameter :: separators = ' ,'//achar(9)//achar(13)
 
 contains
+
+  !> Times and values of a group, from `times` and `values` or from a `file` of two columns.
+  subroutine read_pairs(reader, times, values)
+    type(group_reader), intent(inout) :: reader
+    real(wp), allocatable, intent(out) :: times(:), values(:)
+    type(status_type) :: status
+    character(len=:), allocatable :: path
+
+    allocate (times(0), values(0))
+    path = reader%read_path('file')
+    if (reader%has('file')) then
+      call reader%refuse([character(len=6) :: 'times', 'values'], 'is in the file already; give ' &
+                         //'either file, or times and values')
+      if (reader%status%failed()) return
+      call read_kernel_table(path, times, values, status)
+      if (status%category == status_io_error) then
+        call reader%complain('file', 'file: '//status%message, status_io_error)
+      else if (status%failed()) then
+        ! The table's own file and line say more than the scene's.
+        reader%status = status
+      end if
+      call reader%echo_reals('times', times)
+      call reader%echo_reals('values', values)
+    else
+      times = reader%read_reals('times')
+      values = reader%read_reals('values')
+    end if
+    call check_pairs(reader, 'times', 'values', size(times), size(values))
+  end subroutine read_pairs
+
+  !> Two lists of numbers must have the same length.
+  subroutine check_pairs(reader, first, second, n_first, n_second)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: first, second
+    integer, intent(in) :: n_first, n_second
+    if (n_first /= n_second) call reader%complain(second, first//' and '//second//' have ' &
+                                                  //show(n_first)//' and '//show(n_second) &
+                                                  //' numbers: must match')
+  end subroutine check_pairs
 
   !> Times and values, of the same length; empty on failure.
   subroutine read_kernel_table(path, times, values, status)

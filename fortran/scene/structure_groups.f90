@@ -157,7 +157,7 @@ contains
     end if
   end subroutine read_body
 
-  !> How many coordinates there are, where numbers alone do not report_to; 0: they do.
+  !> Number of coordinates, where the matrices alone do not determine it; 0: they do.
   subroutine read_size(reader, n)
     type(group_reader), intent(inout) :: reader
     integer, intent(out) :: n

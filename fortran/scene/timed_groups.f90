@@ -3,12 +3,12 @@ module viscovib_timed_groups
   use viscovib_checks, only: check_increasing
   use viscovib_constants, only: standard_gravity
   use viscovib_group_reader, only: group_reader
-  use viscovib_kernel_table, only: read_kernel_table
+  use viscovib_kernel_table, only: read_pairs
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_record_doubts, only: doubt_record
   use viscovib_shock_shapes, only: new_shock, shock_names
-  use viscovib_status, only: show, status_io_error, status_type
+  use viscovib_status, only: show, status_type
   use viscovib_subject, only: subject_type
   implicit none
   private
@@ -143,31 +143,10 @@ contains
     type(status_type) :: status
     character(len=:), allocatable :: path
 
-    allocate (times(0), values(0))
-    path = reader%read_path('file')
-    if (reader%has('file')) then
-      call reader%refuse([character(len=6) :: 'times', 'values'], 'is in the file already; give ' &
-                         //'either file, or times and values')
-      if (reader%status%failed()) return
-      call read_kernel_table(path, times, values, status)
-      if (status%category == status_io_error) then
-        call reader%complain('file', 'file: '//status%message, status_io_error)
-      else if (status%failed()) then
-        ! The record's own file and line say more than the scene's.
-        reader%status = status
-      end if
-      call reader%echo_reals('times', times)
-      call reader%echo_reals('values', values)
-    else
-      times = reader%read_reals('times')
-      values = reader%read_reals('values')
-    end if
+    call read_pairs(reader, times, values)
     if (reader%status%failed()) return
     path = merge('file ', 'times', reader%has('file'))
-    if (size(times) /= size(values)) then
-      call reader%complain('values', 'times and values have '//show(size(times))//' and ' &
-                           //show(size(values))//' numbers: must match')
-    else if (size(times) < 2) then
+    if (size(times) < 2) then
       call reader%complain(trim(path), trim(path)//': must have at least 2 times, has ' &
                            //show(size(times)))
     else

@@ -220,6 +220,6 @@ def test_scene(tmp_path):
     ],
 )
 def test_wrong_arguments(given, words):
-    with pytest.raises(vv.InputError) as told:
+    with pytest.raises(vv.InputError) as caught:
         vv.FluidDamper(**{"on": "x1", "coefficient": 1.0, "exponent": 0.5, **given})
-    assert words in str(told.value)
+    assert words in str(caught.value)
