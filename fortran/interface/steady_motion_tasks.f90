@@ -94,7 +94,7 @@ contains
                            [size(ran%at_times, 1), ran%n_reached])
       call found%put_integer('n_passed', int(ran%n_passed, i8))
       call found%put_integer('known', merge(1_i8, 0_i8, ran%known))
-      call found%put_integer('ended', int(ran%outcome, i8))
+      call found%put_integer('ended', int(ran%ended, i8))
       call found%put_integer('n_steps', n_steps)
     end associate
   end subroutine run_period

@@ -11,11 +11,11 @@ module viscovib_basins_job
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
   use viscovib_many_runs, only: many_runs
-  use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: name_length, subject_type
   use viscovib_subject_motion, only: fastest_of, move_subject
   use viscovib_table, only: table_type
+  use viscovib_time_run, only: run_completed, run_names
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: transient_job
   implicit none

@@ -2,7 +2,7 @@
 module viscovib_event_errors
   use viscovib_kinds, only: wp
   use viscovib_event_point_errors, only: event_point_errors
-  use viscovib_simulate, only: run_completed, run_event
+  use viscovib_time_run, only: run_completed, run_event
   use viscovib_trajectory, only: rounding_of, trajectory_type
   implicit none
   private

@@ -7,10 +7,10 @@ module viscovib_many_job
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
   use viscovib_many_runs, only: many_runs
-  use viscovib_simulate, only: run_completed, run_names
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
+  use viscovib_time_run, only: run_completed, run_names
   use viscovib_varied_system, only: varied_system
   implicit none
   private

@@ -1,8 +1,8 @@
 !> Results of many motions, and their change with a smaller step size.
 module viscovib_many_motions
   use viscovib_kinds, only: wp
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged
   use viscovib_event_errors, only: located
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   implicit none
   private
 

@@ -20,7 +20,8 @@ module viscovib_many_runs
   use viscovib_subject, only: subject_type
   use viscovib_transient_job, only: hopeless
   use viscovib_varied_system, only: varied_system
-  use viscovib_watch, only: new_watch, watch_type
+  use viscovib_time_run, only: time_run
+  use viscovib_watch, only: new_watch
   implicit none
   private
 
@@ -412,11 +413,10 @@ contains
     type(polynomial_motion_type) :: motion
     type(polynomial_type) :: system
     class(stepper_type), allocatable :: stepper
-    real(wp), allocatable :: states(:, :)
-    type(watch_type) :: watch
-    real(wp) :: no_times(0), no_states(size(self%starts, 1), 0), h, since, length
+    type(time_run) :: run
+    real(wp) :: h, since, length
     integer(i8) :: every, made, k
-    integer :: method, n_reached
+    integer :: method
 
     every = job%n_steps
     if (job%section_every > 0) every = job%section_every
@@ -442,25 +442,31 @@ contains
     method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
     call new_stepper(stepper, motion, method, self%starts(1::2, i), self%starts(2::2, i), &
                      0.0_wp, h, solved)
-    allocate (states(size(self%starts, 1), job%n_steps/every))
     since = h*(job%n_discard - job%ahead)
     length = h*job%n_steps - since
     ! No events; peaks and means from the time `since`.
-    call new_watch(watch, [0.0_wp, since])
-    watch%extremes%wanted = self%moments
-    call simulate(stepper, motion, 0_i8, job%n_steps, every, no_times, states, no_states, made, &
-                  n_reached, many%t_reached(i), many%ended(i), watch=watch)
+    allocate (run%watch)
+    call new_watch(run%watch, [0.0_wp, since])
+    run%watch%extremes%wanted = self%moments
+    run%n_steps = job%n_steps
+    run%save_every = every
+    call run%allocate_states(size(self%starts, 1), int(job%n_steps/every), h)
+    call simulate(stepper, motion, run)
+    many%t_reached(i) = run%t_reached
+    many%ended(i) = run%ended
     many%state(1::2, i) = stepper%q
     many%state(2::2, i) = stepper%v
-    made = made/every
-    if (self%moments .and. allocated(watch%extremes%peak)) then
-      many%peak(:, i) = watch%extremes%peak
-      many%mean(:, i) = watch%extremes%total/length
-      many%rms(:, i) = sqrt(watch%extremes%squares/length)
-    end if
+    made = run%n_done/every
+    associate (extremes => run%watch%extremes)
+      if (self%moments .and. allocated(extremes%peak)) then
+        many%peak(:, i) = extremes%peak
+        many%mean(:, i) = extremes%total/length
+        many%rms(:, i) = sqrt(extremes%squares/length)
+      end if
+    end associate
     do k = 1, size(many%sections, 2)
       associate (place => (job%n_discard + k*job%section_every)/every)
-        if (place <= made) many%sections(:, k, i) = states(:, place)
+        if (place <= made) many%sections(:, k, i) = run%states(:, place)
       end associate
     end do
   end subroutine make_alone

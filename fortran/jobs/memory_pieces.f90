@@ -6,7 +6,6 @@ module viscovib_memory_pieces
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_kinds, only: wp
   use viscovib_law_layers, only: unseen_by_node
-  use viscovib_mesh, only: mesh_type
   use viscovib_modal_maps, only: sections_type
   use viscovib_motion_piece, only: check_memory, from_start, memory_under_other_loads, &
     motion_equations, piece_type, under_other_loads
@@ -92,7 +91,6 @@ contains
     type(hereditary_type) :: run
     type(time_load_type) :: load
     type(base_motion_type) :: base
-    type(mesh_type) :: mesh
     real(wp), allocatable :: u(:), v(:), shortest
     integer, allocatable :: dofs(:)
     logical, allocatable :: moves(:), kinks
@@ -114,19 +112,18 @@ contains
       system => reduced
     end if
     call take_loads(self, system, dofs, load, base)
-    call piece%mesh(mesh)
-    part = mesh%piece_of(piece%first)
+    part = piece%mesh%piece_of(piece%first)
     u = piece%initial(2*dofs - 1)
     v = piece%initial(2*dofs)
-    call base%enter(mesh%beginning(part), mesh%ends(part))
-    call base%add_to(mesh%start_of(piece%first), u, v, share=-1.0_wp)
+    call base%enter(piece%mesh%beginning(part), piece%mesh%ends(part))
+    call base%add_to(piece%mesh%start_of(piece%first), u, v, share=-1.0_wp)
     call take_shortest(piece, shortest, kinks)
     call new_hereditary(run, system, load, self%nodes, piece%past, self%held(dofs), u, v, &
-                        mesh%h(part), self%t_end, piece%tolerance, piece%reason, self%before, &
+                        piece%mesh%h(part), self%t_end, piece%tolerance, piece%reason, self%before, &
                         self%moved(dofs, :), shortest, kinks)
-    call resume_run(run, system, load, base, piece, mesh, [real(wp) ::], u, v, status)
+    call resume_run(run, system, load, base, piece, [real(wp) ::], u, v, status)
     if (status%failed()) return
-    call make_steps(run, system, load, base, mesh, self%nodes, dofs, piece)
+    call make_steps(run, system, load, base, self%nodes, dofs, piece)
   end subroutine run_oscillator
 
   !> The shortest step after corners, and true if the base has corners; not allocated: no corners.
@@ -187,7 +184,6 @@ contains
     type(structure_march_type) :: run
     type(sections_type) :: pushed
     type(base_motion_type) :: base
-    type(mesh_type) :: mesh
     real(wp), allocatable :: u(:), v(:), shortest
     logical, allocatable :: kinks
     real(wp) :: begin
@@ -198,32 +194,30 @@ contains
     begin = 1.0_wp + piece%sign*shaken
     pushed = self%sections
     if (piece%sign /= 0) call push_harder(pushed, 1.0_wp + 2.0_wp*shaken)
-    call piece%mesh(mesh)
-    part = mesh%piece_of(piece%first)
+    part = piece%mesh%piece_of(piece%first)
     base = self%base
-    call base%enter(mesh%beginning(part), mesh%ends(part))
+    call base%enter(piece%mesh%beginning(part), piece%mesh%ends(part))
     call take_shortest(piece, shortest, kinks)
     call new_structure_march(run, self%system, pushed, self%shown, self%shown_left, self%load, &
                              self%nodes, piece%past, self%held, begin*self%q, begin*self%v, &
-                             mesh%h(part), self%t_end, piece%tolerance, piece%reason, &
+                             piece%mesh%h(part), self%t_end, piece%tolerance, piece%reason, &
                              self%before, self%moved, shortest, kinks)
     allocate (piece%phased(2*n), source=0.0_wp)
-    call resume_run(run, self%system, self%load, base, piece, mesh, self%kick, u, v, status)
+    call resume_run(run, self%system, self%load, base, piece, self%kick, u, v, status)
     if (status%failed()) return
-    call make_steps(run, self%system, self%load, base, mesh, self%nodes, [(i, i=1, n)], piece)
+    call make_steps(run, self%system, self%load, base, self%nodes, [(i, i=1, n)], piece)
     if (piece%reason == begun) piece%phased = run%phase_errors()
   end subroutine run_structure
 
   !> Continue a run with the memory of the piece before. Under other loads it continues from the
   !! state (u, v), or if this is not allocated, from the state that is kept, after a jump of the
   !! base by -`kick` (displacement, velocity).
-  subroutine resume_run(run, system, load, base, piece, mesh, kick, u, v, status)
+  subroutine resume_run(run, system, load, base, piece, kick, u, v, status)
     class(graded_march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     type(base_motion_type), intent(in) :: base
     type(piece_type), intent(inout) :: piece
-    type(mesh_type), intent(in) :: mesh
     real(wp), intent(in) :: kick(:)
     real(wp), allocatable, intent(inout) :: u(:), v(:)
     type(status_type), intent(out) :: status
@@ -241,44 +235,26 @@ contains
       call run%kick(base, kick(1:1), kick(2:2))
       call run%get_state(u, v)
     end if
-    call run%take_up(system, load, mesh%start_of(piece%first), u, v, made)
+    call run%take_up(system, load, piece%mesh%start_of(piece%first), u, v, made)
     if (.not. made) piece%reason = step_too_large
   end subroutine resume_run
 
   !> Make the steps of a piece, of the coordinates `dofs`; the others stay 0.
-  subroutine make_steps(run, system, load, base, mesh, nodes, dofs, piece)
+  subroutine make_steps(run, system, load, base, nodes, dofs, piece)
     class(graded_march_type), intent(inout) :: run
     class(oscillator_type), intent(in) :: system
     type(time_load_type), intent(in) :: load
     type(base_motion_type), intent(inout) :: base
-    type(mesh_type), intent(in) :: mesh
     integer, intent(in) :: nodes, dofs(:)
     type(piece_type), intent(inout) :: piece
-    real(wp), allocatable :: states(:, :), at_times(:, :)
     real(wp) :: u(size(dofs)), v(size(dofs)), too_long
 
     piece%last = piece%initial
     if (piece%reason /= begun) return
     run%gives_up = piece%gives_up
-    if (2*size(dofs) == size(piece%last)) then
-      if (piece%is_watched) call piece%begin_watch(size(dofs))
-      call run_hereditary(run, system, load, base, piece%first, piece%n_steps, piece%save_every, &
-                          piece%times, piece%states, piece%at_times, piece%n_done, &
-                          piece%n_reached, piece%t_reached, piece%ended, mesh, &
-                          piece%resume == under_other_loads, piece%watch, too_long)
-    else
-      allocate (states(2*size(dofs), size(piece%states, 2)))
-      allocate (at_times(2*size(dofs), size(piece%times)), source=0.0_wp)
-      call run_hereditary(run, system, load, base, piece%first, piece%n_steps, piece%save_every, &
-                          piece%times, states, at_times, piece%n_done, piece%n_reached, &
-                          piece%t_reached, piece%ended, mesh, piece%resume == under_other_loads, &
-                          thinnest=too_long)
-      piece%states = 0.0_wp
-      piece%states(2*dofs - 1, :) = states(1::2, :)
-      piece%states(2*dofs, :) = states(2::2, :)
-      piece%at_times(2*dofs - 1, :) = at_times(1::2, :)
-      piece%at_times(2*dofs, :) = at_times(2::2, :)
-    end if
+    if (2*size(dofs) < size(piece%last)) piece%dofs = dofs
+    if (piece%is_watched) call piece%begin_watch(size(dofs))
+    call run_hereditary(run, system, load, base, piece, piece%resume == under_other_loads, too_long)
     call run%observe(u, v)
     call base%add_to(piece%t_reached, u, v)
     piece%last(2*dofs - 1) = u

@@ -19,12 +19,12 @@ module viscovib_motion_job
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_rounded, only: six_digits
   use viscovib_shock_spectrum_job, only: shock_spectrum_job
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event, run_names
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure
   use viscovib_subject, only: subject_type
   use viscovib_subject_motion, only: method_of, move_subject
   use viscovib_table, only: listed_units, table_type
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged, run_event, run_names
   use viscovib_transient_job, only: trajectory_type, transient_job
   use viscovib_watch, only: coordinates_read
   use viscovib_windows, only: window_hann, window_names

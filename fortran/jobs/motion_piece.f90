@@ -2,12 +2,13 @@
 module viscovib_motion_piece
   use viscovib_fitted_memory, only: needs_fit
   use viscovib_kinds, only: i8, wp
-  use viscovib_mesh, only: equal_steps, mesh_type, new_mesh
+  use viscovib_mesh, only: equal_steps, new_mesh
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
+  use viscovib_time_run, only: time_run
   use viscovib_trajectory, only: shaken
-  use viscovib_watch, only: new_watch, watch_type
+  use viscovib_watch, only: new_watch
   implicit none
   private
 
@@ -16,13 +17,8 @@ module viscovib_motion_piece
   !> Start of a run: from a start, continued as before, or continued under other loads.
   integer, parameter, public :: from_start = 0, as_before = 1, under_other_loads = 2
 
-  ! For a run without states at given times, or without saved memory.
-  real(wp), target, public :: nothing(0)
-
   !> The start of a run, its steps, and its results.
-  type :: piece_type
-    !> Number of steps before, number of steps to make, and steps between states that are kept.
-    integer(i8) :: first = 0, n_steps = 0, save_every = 1
+  type, extends(time_run) :: piece_type
     integer :: resume = from_start
     real(wp) :: h = 0.0_wp, tolerance = 0.0_wp
     !> The factor by which steps of a mesh are shorter; the sign of a perturbation, 0: none.
@@ -37,26 +33,24 @@ module viscovib_motion_piece
     logical :: kinks = .false.
     !> True if a step with memory that is too large ends the run, without locating the stop inside.
     logical :: gives_up = .false.
-    real(wp), pointer, contiguous :: initial(:), times(:), memory(:)
+    real(wp), pointer, contiguous :: initial(:), memory(:)
     !> Ends of steps, as in `new_mesh`, before they are shortened; not allocated: equal steps.
     real(wp), allocatable :: ends(:)
     integer(i8), allocatable :: made_by(:)
-    real(wp), allocatable :: states(:, :), at_times(:, :), last(:), kept(:), phased(:)
-    !> Whether accelerations and forces of laws at the wanted times are found, as of `simulate`.
+    real(wp), allocatable :: last(:), kept(:), phased(:)
+    !> True if accelerations are requested.
     logical :: accelerates = .false.
-    real(wp), allocatable :: accelerations(:, :)
-    integer(i8) :: n_done = 0, counted = 0
-    integer :: n_reached = 0, ended = 0, reason = 0
-    real(wp) :: t_reached = 0.0_wp, resolution = 0.0_wp, too_long = 0.0_wp
+    integer(i8) :: counted = 0
+    integer :: reason = 0
+    real(wp) :: resolution = 0.0_wp, too_long = 0.0_wp
     !> Events, as in `new_watch`; sides not allocated: a run begins.
     logical :: is_watched = .false.
     real(wp), pointer, contiguous :: watched(:)
     integer, allocatable :: sides(:)
-    type(watch_type), allocatable :: watch
   contains
     procedure :: allocate_arrays
     procedure :: begin_watch
-    procedure :: mesh => mesh_of_piece
+    procedure :: set_mesh
   end type piece_type
 
   !> Equations of motion under loads, with their past.
@@ -115,10 +109,9 @@ contains
   subroutine allocate_arrays(self, columns)
     class(piece_type), intent(inout) :: self
     integer, intent(in) :: columns
-    integer :: n_rows
-    n_rows = size(self%initial)
-    allocate (self%states(n_rows, columns))
-    allocate (self%at_times(n_rows, size(self%times)), self%last(n_rows), source=0.0_wp)
+    call self%set_mesh()
+    call self%allocate_states(size(self%initial), columns, self%h)
+    allocate (self%last(size(self%initial)), source=0.0_wp)
   end subroutine allocate_arrays
 
   !> Start the search for events, whose signals read only some of n coordinates.
@@ -130,15 +123,14 @@ contains
   end subroutine begin_watch
 
   !> Mesh of steps shortened by the factor.
-  subroutine mesh_of_piece(self, mesh)
-    class(piece_type), intent(in) :: self
-    type(mesh_type), intent(out) :: mesh
+  subroutine set_mesh(self)
+    class(piece_type), intent(inout) :: self
     if (allocated(self%ends)) then
-      call new_mesh(mesh, self%h, self%ends, self%factor*self%made_by)
+      call new_mesh(self%mesh, self%h, self%ends, self%factor*self%made_by)
     else
-      mesh = equal_steps(self%h)
+      self%mesh = equal_steps(self%h)
     end if
-  end subroutine mesh_of_piece
+  end subroutine set_mesh
 
   !> Fail if a run is to continue with less data than it needs.
   subroutine check_memory(piece, needed, status)

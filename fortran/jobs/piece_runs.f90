@@ -11,10 +11,10 @@ module viscovib_piece_runs
   use viscovib_motion_piece, only: as_before, motion_equations, piece_type
   use viscovib_motion_request, only: located_from, transient_job
   use viscovib_plain_pieces, only: plain_equations
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
   use viscovib_stopping, only: begin_piece
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_trajectory, only: trajectory_type
   implicit none
   private
@@ -36,8 +36,6 @@ module viscovib_piece_runs
     real(wp) :: shortest = 0.0_wp
     !> Relative tolerance of the equations of first steps of a smooth motion; 0: as given.
     real(wp) :: solved = 0.0_wp
-    !> Times of the states wanted, if steps end on corners of the load.
-    real(wp), allocatable :: times(:)
   end type shared_type
 
   type :: piece_runs
@@ -93,7 +91,8 @@ contains
     class(piece_runs), intent(inout) :: self
     type(shared_type), intent(inout), target :: shared
     self%shared => shared
-    call self%first%mesh(self%mesh)
+    call self%first%set_mesh()
+    self%mesh = self%first%mesh
     self%has_mesh = self%mesh%is_broken()
     shared%in_parts = self%first%in_parts
     shared%longest = self%first%h
@@ -243,9 +242,9 @@ contains
         end if
       end associate
       course%piece%initial => course%start
-      course%piece%times => course%times
+      course%piece%times = course%times
       ! The times belong to the last piece.
-      if (course%piece%first + count < course%steps) course%piece%times => course%times(:0)
+      if (course%piece%first + count < course%steps) course%piece%times = course%times(:0)
       call course%piece%allocate_arrays(int(count/apart))
       call self%equations%run(course%piece, status)
       if (status%failed()) return

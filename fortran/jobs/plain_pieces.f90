@@ -11,7 +11,6 @@ module viscovib_plain_pieces
   use viscovib_lanes, only: max_dof
   use viscovib_load, only: load_type
   use viscovib_memory_channels, only: channels_type, variables_of
-  use viscovib_mesh, only: mesh_type
   use viscovib_method_catalogue, only: method_order, new_stepper
   use viscovib_motion_piece, only: check_memory, from_start, motion_equations, piece_type, &
     under_other_loads
@@ -19,7 +18,7 @@ module viscovib_plain_pieces
   use viscovib_pendulum_spring, only: new_spring, spring_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: polynomial_motion_type
-  use viscovib_reduction, only: reduce, state_mask
+  use viscovib_reduction, only: reduce
   use viscovib_simulate, only: simulate
   use viscovib_status, only: set_ok, status_type, fail, status_input_error
   use viscovib_stepper, only: stepper_type
@@ -112,7 +111,7 @@ contains
     type(spring_type) :: spring
     class(stepper_type), allocatable :: stepper
     real(wp), pointer, contiguous :: initial(:)
-    real(wp), allocatable :: states(:, :), at_times(:, :)
+    integer :: n
 
     call set_ok(status)
     system => self%system
@@ -135,30 +134,19 @@ contains
       if (status%failed()) return
       call stepper%load_memory(piece%memory(:stepper%memory_size()))
     end if
-    if (.not. self%swings) then
-      allocate (states(2, size(piece%states, 2)))
-      allocate (at_times(2, size(piece%times)), source=0.0_wp)
-      call simulate(stepper, spring, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                    states, at_times, piece%n_done, piece%n_reached, piece%t_reached, piece%ended)
-      piece%states = 0.0_wp
-      piece%states(:2, :) = states
-      piece%at_times(:2, :) = at_times
-      piece%last(:2) = [stepper%q, stepper%v]
-    else
+    if (self%swings) then
       if (piece%is_watched) then
         allocate (piece%watch)
         call new_watch(piece%watch, piece%watched, piece%sides)
-        call simulate(stepper, system, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                      piece%states, piece%at_times, piece%n_done, piece%n_reached, &
-                      piece%t_reached, piece%ended, watch=piece%watch)
-      else
-        call simulate(stepper, system, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                      piece%states, piece%at_times, piece%n_done, piece%n_reached, &
-                      piece%t_reached, piece%ended)
       end if
-      piece%last(1::2) = stepper%q
-      piece%last(2::2) = stepper%v
+      call simulate(stepper, system, piece)
+    else
+      piece%dofs = [1]
+      call simulate(stepper, spring, piece)
     end if
+    n = size(stepper%q)
+    piece%last(1:2*n:2) = stepper%q
+    piece%last(2:2*n:2) = stepper%v
     piece%kept = stepper%save_memory()
     piece%counted = stepper%n_evaluations
   end subroutine run_pendulum
@@ -209,11 +197,10 @@ contains
     type(polynomial_motion_type) :: motion
     type(load_type) :: part
     class(stepper_type), allocatable :: stepper
-    type(mesh_type) :: mesh
     real(wp), allocatable :: q(:), v(:)
     real(wp), pointer, contiguous :: initial(:), memory(:)
     logical, allocatable :: moves(:)
-    integer, allocatable :: dofs(:), rows(:)
+    integer, allocatable :: dofs(:)
     real(wp) :: start
     integer :: i, n, n_all
 
@@ -221,7 +208,6 @@ contains
     initial => piece%initial
     moves = self%moves .or. piece%is_watched .or. piece%accelerates
     dofs = pack([(i, i=1, n_all)], moves)
-    rows = pack([(i, i=1, 2*n_all)], state_mask(moves))
     n = size(dofs)
     if (n == n_all) then
       call copy_system(self%system, reduced)
@@ -240,11 +226,9 @@ contains
     call add_tables(self, motion, reduced, dofs)
     motion%thin = piece%thin
     motion%in_parts = motion%layers%exist() .and. piece%in_parts
-    call piece%mesh(mesh)
-    start = 0.0_wp
-    if (piece%first > 0) start = mesh%time(mesh%piece_of(piece%first - 1), piece%first)
-    i = mesh%piece_of(piece%first)
-    call motion%base_motion%enter(mesh%beginning(i), mesh%ends(i))
+    start = piece%mesh%start_of(piece%first)
+    i = piece%mesh%piece_of(piece%first)
+    call motion%base_motion%enter(piece%mesh%beginning(i), piece%mesh%ends(i))
     allocate (q(motion%n_dof), v(motion%n_dof))
     call motion%start(start, initial(2*dofs - 1), initial(2*dofs), q, v)
     if (piece%resume /= from_start) then
@@ -257,12 +241,23 @@ contains
       q(n + 1:) = memory(n + 1:motion%n_dof)
       v(n + 1:) = memory(motion%n_dof + n + 1:2*motion%n_dof)
     end if
-    call new_stepper(stepper, motion, self%method, q, v, start, mesh%h(i), piece%tolerance)
+    call new_stepper(stepper, motion, self%method, q, v, start, piece%mesh%h(i), &
+                     piece%tolerance)
     if (piece%resume /= from_start) then
       call go_on(piece, motion, stepper, start, maxval(abs(initial)), status)
       if (status%failed()) return
     end if
-    call make_steps(piece, motion, stepper, mesh, dofs, rows)
+    if (n < n_all) piece%dofs = dofs
+    if (piece%is_watched) then
+      ! With events all coordinates are computed.
+      allocate (piece%watch)
+      call new_watch(piece%watch, renumbered(piece%watched, n, [(i, i=1, motion%n_dof)]), &
+                     piece%sides)
+    end if
+    if (piece%accelerates) then
+      allocate (piece%accelerations(n + motion%n_laws(), size(piece%times)), source=0.0_wp)
+    end if
+    call simulate(stepper, motion, piece)
     i = stepper%memory_size()
     piece%kept = [stepper%save_memory(), motion%keep_switches(), motion%grade, &
                   merge(1.0_wp, 0.0_wp, motion%in_parts), real(i, wp)]
@@ -314,46 +309,6 @@ contains
       if (any(abs(v - stepper%v) > 0.0_wp)) call stepper%put(q, v)
     end associate
   end subroutine go_on
-
-  !> The steps of a piece, in the coordinates `dofs`, whose rows in a state are `rows`.
-  subroutine make_steps(piece, motion, stepper, mesh, dofs, rows)
-    type(piece_type), intent(inout) :: piece
-    type(polynomial_motion_type), intent(inout) :: motion
-    class(stepper_type), intent(inout) :: stepper
-    type(mesh_type), intent(in) :: mesh
-    integer, intent(in) :: dofs(:), rows(:)
-    real(wp), allocatable :: states(:, :), at_times(:, :)
-    integer :: i
-
-    if (piece%is_watched) then
-      ! With events all coordinates are computed.
-      allocate (piece%watch)
-      call new_watch(piece%watch, renumbered(piece%watched, size(dofs), [(i, i=1, motion%n_dof)]), &
-                     piece%sides)
-      call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                    piece%states, piece%at_times, piece%n_done, piece%n_reached, &
-                    piece%t_reached, piece%ended, mesh, piece%watch)
-    else if (piece%accelerates) then
-      ! All coordinates are computed then, too.
-      allocate (piece%accelerations(size(dofs) + motion%n_laws(), size(piece%times)))
-      call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                    piece%states, piece%at_times, piece%n_done, piece%n_reached, &
-                    piece%t_reached, piece%ended, mesh, accelerations=piece%accelerations)
-    else if (size(rows) == size(piece%states, 1)) then
-      call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                    piece%states, piece%at_times, piece%n_done, piece%n_reached, &
-                    piece%t_reached, piece%ended, mesh)
-    else
-      allocate (states(size(rows), size(piece%states, 2)))
-      allocate (at_times(size(rows), size(piece%times)), source=0.0_wp)
-      call simulate(stepper, motion, piece%first, piece%n_steps, piece%save_every, piece%times, &
-                    states, at_times, piece%n_done, piece%n_reached, piece%t_reached, &
-                    piece%ended, mesh)
-      piece%states = 0.0_wp
-      piece%states(rows, :) = states
-      piece%at_times(rows, :) = at_times
-    end if
-  end subroutine make_steps
 
   !> Cubics of the load and of the base.
   subroutine add_tables(self, motion, reduced, dofs)

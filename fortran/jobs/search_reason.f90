@@ -3,9 +3,9 @@ module viscovib_search_reason
   use viscovib_kinds, only: i8, wp
   use viscovib_motion_request, only: transient_job
   use viscovib_rounded, only: brief
-  use viscovib_simulate, only: run_completed, run_event, run_names
   use viscovib_status, only: show
   use viscovib_step_search, only: max_steps, search_type, step_grown, step_in_layer, step_too_many
+  use viscovib_time_run, only: run_completed, run_event, run_names
   use viscovib_trajectory, only: trajectory_type
   implicit none
   private

@@ -10,8 +10,8 @@ module viscovib_step_search
   use viscovib_kinds, only: i8, wp
   use viscovib_motion_request, only: solved_to_rounding => rounding, transient_job
   use viscovib_piece_runs, only: piece_runs
-  use viscovib_simulate, only: run_coarse, run_completed, run_stopped
   use viscovib_status, only: set_ok, status_type
+  use viscovib_time_run, only: run_coarse, run_completed, run_stopped
   use viscovib_trajectory, only: change_of, compare, grown_of, hopeless, max_halvings, off_of, &
     risen, trajectory_type
   implicit none

@@ -1,7 +1,7 @@
 !> Results of a motion in time, and differences of two runs.
 module viscovib_trajectory
   use viscovib_kinds, only: i8, wp
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   use viscovib_watch, only: watch_type
   implicit none
   private

@@ -3,7 +3,6 @@
 module viscovib_transient_job
   use viscovib_kinds, only: i8, wp
   use viscovib_mesh, only: extend_ends, first_after
-  use viscovib_motion_piece, only: nothing
   use viscovib_motion_request, only: part_of_size, transient_job
   use viscovib_piece_runs, only: piece_runs, shared_type
   use viscovib_search_reason, only: find_reason, max_kept
@@ -55,8 +54,6 @@ contains
     integer :: i
 
     runs%first%initial => job%initial
-    runs%first%times => nothing
-    runs%first%memory => nothing
     runs%first%is_watched = allocated(job%watched)
     if (runs%first%is_watched) runs%first%watched => job%watched
     runs%first%accelerates = job%accelerates
@@ -64,7 +61,7 @@ contains
     runs%last_only = job%last_only
     runs%tail = job%tail
     runs%at_times = allocated(job%times)
-    if (runs%at_times) runs%first%times => job%times
+    if (runs%at_times) runs%first%times = job%times
     allocate (checked, source=job)
     checked%last_only = job%last_only .or. runs%at_times .or. job%tail > 0.0_wp
     runs%looks = checked%last_only .and. .not. job%dt > 0.0_wp
@@ -74,7 +71,7 @@ contains
     if (status%failed()) return
     runs%first%h = job%t_end/n
     if (size(corners) > 0) then
-      call end_on_corners(runs, shared, job, int(n, i8), corners, at_first, status)
+      call end_on_corners(runs, job, int(n, i8), corners, at_first, status)
       if (status%failed()) return
     end if
     call runs%begin(shared)
@@ -92,9 +89,8 @@ contains
   end subroutine run_motion
 
   !> Steps that end on corners, and the times after n equal steps, if these are the states wanted.
-  subroutine end_on_corners(runs, shared, job, n, corners, at_first, status)
+  subroutine end_on_corners(runs, job, n, corners, at_first, status)
     type(piece_runs), intent(inout) :: runs
-    type(shared_type), intent(inout), target :: shared
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
     real(wp), intent(in) :: corners(:)
@@ -132,8 +128,7 @@ contains
         times = pack(times, times >= times(size(times)) - job%tail*(1.0_wp + 1.0e-12_wp))
       end if
       runs%at_times = .true.
-      shared%times = times
-      first%times => shared%times
+      first%times = times
     end associate
   end subroutine end_on_corners
 

@@ -12,7 +12,7 @@ module viscovib_reduction
   implicit none
   private
 
-  public :: moved_coordinates, reduce, state_mask
+  public :: moved_coordinates, reduce
 
 contains
 
@@ -106,13 +106,5 @@ contains
     end associate
     call read_rates(reduced%laws, size(dofs), reduced%rates)
   end subroutine reduce
-
-  !> Mask of the entries of a state (u_1, u_1', u_2, ...) that belong to moving coordinates.
-  pure function state_mask(moved) result(mask)
-    logical, intent(in) :: moved(:)
-    logical :: mask(2*size(moved))
-    mask(1::2) = moved
-    mask(2::2) = moved
-  end function state_mask
 
 end module viscovib_reduction

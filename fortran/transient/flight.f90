@@ -12,8 +12,8 @@ module viscovib_flight
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_phases, only: split_phase, step_phase
   use viscovib_run_history, only: run_history
-  use viscovib_stops, only: find_stop, needs_small_steps, run_coarse, run_completed, stop_type, &
-    within_reach
+  use viscovib_stops, only: find_stop, needs_small_steps, stop_type, within_reach
+  use viscovib_time_run, only: run_coarse, run_completed
   use viscovib_vector_math, only: sine_cosine_lanes
   implicit none
   private

@@ -9,8 +9,8 @@ module viscovib_hereditary_stops
   use viscovib_kinds, only: i8, wp
   use viscovib_march, only: march_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_stops, only: run_coarse, run_diverged
   use viscovib_time_load, only: time_load_type
+  use viscovib_time_run, only: run_coarse, run_diverged
   implicit none
   private
 

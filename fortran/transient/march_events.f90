@@ -14,8 +14,8 @@ module viscovib_march_events
   use viscovib_law_functions, only: put_argument
   use viscovib_march, only: march_type
   use viscovib_quadrature, only: gauss_nodes, legendre
-  use viscovib_simulate, only: run_event
   use viscovib_step_path, only: new_path, step_path
+  use viscovib_time_run, only: run_event
   use viscovib_watch, only: event_point_type, watch_type
   implicit none
   private

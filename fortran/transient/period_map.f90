@@ -17,9 +17,10 @@ module viscovib_period_map
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_pseudo_inverse, only: pseudo_inverse
-  use viscovib_simulate, only: run_completed, simulate
+  use viscovib_simulate, only: simulate
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_stepper, only: stepper_type
+  use viscovib_time_run, only: run_completed, time_run
   implicit none
   private
 
@@ -50,19 +51,13 @@ module viscovib_period_map
     procedure :: step_back
   end type period_map
 
-  !> A motion over the time of the map.
-  type :: period_run
+  !> A motion over the time of the map; its states are kept without hidden ones.
+  type, extends(time_run) :: period_run
     !> The last state, and its derivatives by the first, 0 if they were not computed.
     real(wp), allocatable :: last(:), by_start(:, :)
-    !> States without hidden ones at the requested times, as many as were reached.
-    real(wp), allocatable :: at_times(:, :)
-    integer :: n_reached = 0
     !> Number of switches of laws.
     integer :: n_passed = 0
-    !> Outcome as in `viscovib_simulate`, its time, and true if the derivatives exist: at a grazing
-    !! contact they do not.
-    integer :: outcome = run_completed
-    real(wp) :: reached = 0.0_wp
+    !> True if the derivatives exist: at a grazing contact they do not.
     logical :: known = .true.
   contains
     procedure :: is_complete
@@ -167,7 +162,7 @@ contains
   !> True if the end was reached, with the derivatives if requested.
   pure logical function is_complete(self)
     class(period_run), intent(in) :: self
-    is_complete = self%outcome == run_completed .and. self%known
+    is_complete = self%ended == run_completed .and. self%known
   end function is_complete
 
   !> The motion from a state in a given number of steps.
@@ -183,9 +178,8 @@ contains
     class(stepper_type), allocatable :: stepper
     type(nearby_motion) :: along
     type(status_type) :: status
-    real(wp), allocatable :: hidden(:), none(:, :), wanted(:)
+    real(wp), allocatable :: hidden(:)
     real(wp) :: h
-    integer(i8) :: n_done
     integer :: n
     logical :: followed
 
@@ -193,11 +187,11 @@ contains
     h = self%period()/n_steps
     followed = .true.
     if (present(derivatives)) followed = derivatives
-    allocate (wanted(0), none(2*n, 0))
-    if (present(times)) wanted = times
+    ran%n_steps = n_steps
+    if (present(times)) ran%times = times
+    call ran%allocate_states(2*n, 0, h)
     allocate (ran%last, source=state)
     allocate (ran%by_start(size(state), merge(size(state), 0, followed)), source=0.0_wp)
-    allocate (ran%at_times(2*n, size(wanted)), source=0.0_wp)
     call new_fitted_motion(motion, self%system, self%load, self%nu, h, h*n_steps, status)
     ! For a varied system the checks were made at its first value.
     ran%known = .not. status%failed()
@@ -209,12 +203,10 @@ contains
     motion%thin = min(1.0_wp, real(self%first_steps(), wp)/n_steps)
     if (followed) then
       call along%begin(motion%n_dof)
-      call simulate(stepper, motion, 0_i8, n_steps, 1_i8, wanted, none, ran%at_times, n_done, &
-                    ran%n_reached, ran%reached, ran%outcome, nearby=along)
+      call simulate(stepper, motion, ran, along)
       call take_derivatives(along, n, motion%n_dof, ran)
     else
-      call simulate(stepper, motion, 0_i8, n_steps, 1_i8, wanted, none, ran%at_times, n_done, &
-                    ran%n_reached, ran%reached, ran%outcome)
+      call simulate(stepper, motion, ran)
     end if
     ran%last(1:2*n:2) = stepper%q(:n)
     ran%last(2:2*n:2) = stepper%v(:n)

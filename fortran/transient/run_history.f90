@@ -7,7 +7,8 @@
 module viscovib_run_history
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
-  use viscovib_stops, only: find_stop, run_coarse, run_completed, stop_type
+  use viscovib_stops, only: find_stop, stop_type
+  use viscovib_time_run, only: run_coarse, run_completed
   implicit none
   private
 

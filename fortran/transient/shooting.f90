@@ -8,8 +8,8 @@ module viscovib_shooting
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_stalled, &
     outcome_stopped
   use viscovib_period_map, only: period_map, period_run
-  use viscovib_simulate, only: run_coarse, run_completed, run_diverged
   use viscovib_stopping, only: begin_piece, given_up
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   implicit none
   private
 
@@ -98,7 +98,7 @@ contains
     call map%run(start, n_steps, ran)
     call take(ran, found)
     if (.not. ran%is_complete()) then
-      if (ran%outcome == run_diverged) found%outcome = outcome_diverged
+      if (ran%ended == run_diverged) found%outcome = outcome_diverged
       return
     end if
     before = huge(before)
@@ -179,7 +179,7 @@ contains
       do k = 1, settling(i)
         call begin_piece()
         call run_one_period(one, state, ran)
-        if (ran%outcome /= run_completed) exit
+        if (ran%ended /= run_completed) exit
         state = ran%last
       end do
       call check_repeating(map, state, wanted, steady)
@@ -195,7 +195,7 @@ contains
     integer :: k
     do k = 0, max_shorter
       call one%run(state, 16_i8**k*one%first_steps(), ran, derivatives=.false.)
-      if (ran%outcome /= run_coarse) exit
+      if (ran%ended /= run_coarse) exit
     end do
   end subroutine run_one_period
 

@@ -22,19 +22,11 @@ module viscovib_stops
   use viscovib_quadrature, only: gauss_nodes
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stiff_step, only: fastest_damping, n_nodes, radau_nodes, stiff_step
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged, run_unphysical
   implicit none
   private
 
   public :: find_stop, stop_type, step_visitor, in_range, least_between, needs_small_steps
-
-  !> Outcome of a run: all steps done; a coordinate or velocity leaves the range of
-  !! numbers; the state leaves the physical range; time limit reached; the motion
-  !! continues, but the steps of the run are too large for it; an event ends the run.
-  integer, parameter, public :: run_completed = 0, run_diverged = 1, run_unphysical = 2, &
-                                run_stopped = 3, run_coarse = 4, run_event = 5
-  character(len=*), parameter, public :: run_names(0:5) = &
-    [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large', &
-     'event']
 
   !> Allowed difference of a step and two half steps, relative to the state.
   real(wp), parameter :: closeness = 1.0e-12_wp

@@ -17,8 +17,9 @@ module viscovib_watched_step
   use viscovib_step_path, only: step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: in_range, needs_small_steps
-  use viscovib_wanted_states, only: wanted_states
-  use viscovib_watch, only: event_point_type, watch_type
+  use viscovib_time_run, only: time_run
+  use viscovib_wanted_states, only: keep_between
+  use viscovib_watch, only: event_point_type
   implicit none
   private
 
@@ -116,12 +117,11 @@ contains
 
   !> The next part of a step: up to its end, or to the first crossing. `more` is true before the
   !! end of the step. On entry the method is at the start of the part and its step is the remainder.
-  subroutine step_watched(at, method, system, watch, wanted, more)
+  subroutine step_watched(at, method, system, run, more)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout), target :: system
-    type(watch_type), intent(inout) :: watch
-    type(wanted_states), intent(inout) :: wanted
+    class(time_run), intent(inout), target :: run
     logical, intent(out) :: more
     type(surface_type) :: surface
     real(wp) :: place, length
@@ -168,7 +168,7 @@ contains
       ! A failed step gives no information about a crossing.
       if (.not. at%made) return
       if (passes) then
-        call pass(at, method, system, watch, wanted, which, place*method%h, more)
+        call pass(at, method, system, run, which, place*method%h, more)
         return
       end if
       ! The polynomial touches the surface within its error.
@@ -176,8 +176,8 @@ contains
       if (.not. at%made) return
     end if
     if (allocated(at%nearby)) call at%nearby%follow(system, at%path)
-    if (wanted%within(at%from, method%h)) call keep_before(at, method, system, wanted)
-    call note_events(at, method, system, watch, any(at%sides == slides))
+    if (run%wants_state(at%from, method%h)) call keep_before(at, method, system, run)
+    call note_events(at, method, system, run, any(at%sides == slides))
     at%fresh = .false.
     if (at%grade > 0.0_wp) at%grade = 2.0_wp*method%h
     if (at%grade >= system%step_length) at%grade = 0.0_wp
@@ -356,24 +356,23 @@ contains
   end subroutine trace
 
   !> Store the requested states inside the last part, from its start.
-  subroutine keep_before(at, method, system, wanted)
+  subroutine keep_before(at, method, system, run)
     type(watched_step_type), intent(in) :: at
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
-    type(wanted_states), intent(inout) :: wanted
+    class(time_run), intent(inout) :: run
     class(stepper_type), allocatable :: start
     allocate (start, source=method)
     call start%load_memory(at%memory)
-    call wanted%keep_between(start, system, at%from)
+    call keep_between(run, start, system, at%from)
   end subroutine keep_before
 
   !> Advance to a surface, and continue on the other side of it.
-  subroutine pass(at, method, system, watch, wanted, which, length, more)
+  subroutine pass(at, method, system, run, which, length, more)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(inout) :: system
-    type(watch_type), intent(inout) :: watch
-    type(wanted_states), intent(inout) :: wanted
+    class(time_run), intent(inout), target :: run
     integer, intent(in) :: which
     !> From the present state of the method.
     real(wp), intent(in) :: length
@@ -385,12 +384,12 @@ contains
     if (at%stuck) return
     if (length > 4.0_wp*spacing(at%from)) then
       call method%change_step(system, length)
-      call wanted%keep_between(method, system, at%from)
+      call keep_between(run, method, system, at%from)
       call method%step(system, at%made)
       if (.not. at%made) return
       call trace(at, method, system)
       if (allocated(at%nearby)) call at%nearby%follow(system, at%path)
-      call note_events(at, method, system, watch, .true.)
+      call note_events(at, method, system, run, .true.)
       if (at%ended) return
       at%from = at%from + length
       at%fresh = .false.
@@ -511,11 +510,11 @@ contains
   end subroutine correct
 
   !> Store the events of the last part; at an event that ends the run the method stops there.
-  subroutine note_events(at, method, system, watch, sticks)
+  subroutine note_events(at, method, system, run, sticks)
     type(watched_step_type), intent(inout) :: at
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in), target :: system
-    type(watch_type), intent(inout), target :: watch
+    class(time_run), intent(inout), target :: run
     !> As in `look`.
     logical, intent(in) :: sticks
     type(event_point_type), allocatable :: found(:)
@@ -526,19 +525,19 @@ contains
     real(wp) :: rate(1, size(at%q))
     integer :: i
 
-    if (watch%is_idle()) return
+    if (.not. allocated(run%watch)) return
     body = at%path
     call put_on_base(system, body%start + body%h*body%points, body%q, body%v)
-    call watch%extremes%take(body)
-    if (size(watch%signals) == 0) return
-    call watch%look(body, sticks, found)
+    call run%watch%extremes%take(body)
+    if (size(run%watch%signals) == 0) return
+    call run%watch%look(body, sticks, found)
     if (size(found) == 0) return
     signal%system => system
     allocate (start, source=method)
     call start%load_memory(at%memory)
     do i = 1, size(found)
       place = found(i)%place
-      signal%signal => watch%signals(found(i)%which)
+      signal%signal => run%watch%signals(found(i)%which)
       call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
       if (abs(place - found(i)%place) > furthest) then
         ! A different event, or one that the steps do not resolve: too many for this step size.
@@ -550,9 +549,9 @@ contains
       here(1, :) = q
       rate(1, :) = v
       call put_on_base(system, [at%from + place*start%h], here, rate)
-      call watch%keep(found(i), at%from + place*start%h, here(1, :), rate(1, :), &
+      call run%watch%keep(found(i), at%from + place*start%h, here(1, :), rate(1, :), &
                       body%acceleration_at(place))
-      at%ended = watch%terminal(found(i)%which)
+      at%ended = run%watch%terminal(found(i)%which)
     end do
     if (.not. at%ended) return
     at%from = at%from + place*start%h

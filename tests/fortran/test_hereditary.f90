@@ -15,10 +15,10 @@ module test_hereditary
   use viscovib_quadrature, only: gauss_nodes, gauss_power_nodes, nodes_of_recurrence, recurrence_of
   use viscovib_rabotnov, only: new_rabotnov, rabotnov_kernel
   use viscovib_rzhanitsyn, only: new_rzhanitsyn, rzhanitsyn_kernel
-  use viscovib_simulate, only: run_completed
   use viscovib_status, only: status_type
   use viscovib_tabulated, only: interpolation_linear, new_tabulated, tabulated_kernel
   use viscovib_time_load, only: time_load_type
+  use viscovib_time_run, only: run_completed, time_run
   implicit none
   private
 
@@ -206,16 +206,17 @@ contains
     real(wp), intent(out) :: last(4)
     type(hereditary_type) :: run
     type(base_motion_type) :: base
-    real(wp) :: no_states(4, 0), no_times(0), reached_at
-    integer(i8) :: n_done
-    integer :: reason, reached, outcome
+    type(time_run) :: steps
+    real(wp) :: thinnest
+    integer :: reason
 
     call new_hereditary(run, mount, load, s, past, [0.0_wp, 0.0_wp], start(1::2), start(2::2), &
                         t_end/n, t_end, 1.0e-13_wp, reason)
     call check(reason == begun, 'begun')
-    call run_hereditary(run, mount, load, base, 0_i8, int(n, i8), 1_i8, no_times, no_states, &
-                        no_states, n_done, reached, reached_at, outcome)
-    call check(outcome == run_completed .and. n_done == n, 'completed')
+    steps%n_steps = n
+    call steps%allocate_states(4, 0, t_end/n)
+    call run_hereditary(run, mount, load, base, steps, .false., thinnest)
+    call check(steps%ended == run_completed .and. steps%n_done == n, 'completed')
     last(1::2) = run%u
     last(2::2) = run%v
   end subroutine run_to

@@ -5,18 +5,18 @@ module test_structure_march
   use viscovib_base_motion, only: base_motion_type
   use viscovib_hereditary_run, only: run_hereditary
   use viscovib_histories, only: past_exponentials
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_march, only: begun
   use viscovib_modal_maps, only: sections_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_quadrature, only: gauss_nodes, legendre
   use viscovib_section_step, only: driven_section, free_section, legendre_moments, &
     relaxing_section, section_wave
-  use viscovib_simulate, only: run_completed
   use viscovib_status, only: status_type
   use viscovib_structure_march, only: new_structure_march, structure_march_type
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_time_load, only: time_load_type
+  use viscovib_time_run, only: run_completed, time_run
   implicit none
   private
 
@@ -184,9 +184,9 @@ contains
     type(time_load_type) :: load
     type(base_motion_type) :: base
     type(status_type) :: status
-    real(wp) :: states(4, 0), at_times(4, 3), reached
-    integer(i8) :: n_done
-    integer :: n_reached, outcome, reason
+    type(time_run) :: steps
+    real(wp) :: thinnest
+    integer :: reason
 
     ! One coordinate; a spring 0.3 with kernel 1, whose elastic part is linear; 0.5 d^3.
     call polynomial_from_vector(elements, [1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 0.0_wp, &
@@ -216,12 +216,13 @@ contains
                              [0.0_wp, 0.1_wp, 0.0_wp, 0.0_wp], 10.0_wp/n, 100.0_wp, 1.0e-13_wp, &
                              reason)
     call check(reason == begun, 'a run begins')
-    call run_hereditary(run, elements, load, base, 0_i8, int(n, i8), 1_i8, &
-                        [0.1_wp, 1.234_wp, 7.7_wp], states, at_times(:2, :), n_done, n_reached, &
-                        reached, outcome)
-    call check(outcome == run_completed .and. n_reached == 3, 'a run ends')
+    steps%n_steps = n
+    steps%times = [0.1_wp, 1.234_wp, 7.7_wp]
+    call steps%allocate_states(2, 0, 10.0_wp/n)
+    call run_hereditary(run, elements, load, base, steps, .false., thinnest)
+    call check(steps%ended == run_completed .and. steps%n_reached == 3, 'a run ends')
     call run%observe(last(1:1), last(2:2))
-    last(3:4) = at_times(:2, 2)
+    last(3:4) = steps%at_times(:, 2)
   end subroutine run_in
 
 end module test_structure_march

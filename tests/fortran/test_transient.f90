@@ -19,9 +19,10 @@ module test_transient
   use viscovib_phases, only: new_phases, phases_type
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_simulate, only: run_coarse, run_completed, run_unphysical, simulate
+  use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
   use viscovib_stepper, only: stepper_type
+  use viscovib_time_run, only: run_coarse, run_completed, run_unphysical, time_run
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine, tangent_lanes
   implicit none
@@ -169,9 +170,7 @@ contains
     type(load_type) :: load
     class(stepper_type), allocatable :: stepper
     type(status_type) :: status
-    real(wp) :: nothing(2, 0), at_times(2, 0), t_reached
-    integer(i8) :: n_done
-    integer :: n_reached, outcome
+    type(time_run) :: run
 
     p%mass = reshape([1.0_wp], [1, 1])
     p%damping = reshape([0.05_wp], [1, 1])
@@ -193,9 +192,10 @@ contains
     call new_polynomial_motion(motion, system, load, 0.8_wp, status)
     call check_ok(status)
     call new_stepper(stepper, motion, method, [0.0_wp], [0.0_wp], 0.0_wp, 0.1_wp, 1.0e-15_wp)
-    call simulate(stepper, motion, 0_i8, 200_i8, 1_i8, [real(wp) ::], nothing, at_times, n_done, &
-                  n_reached, t_reached, outcome)
-    call check(outcome == run_completed, 'completed')
+    run%n_steps = 200
+    call run%allocate_states(2, 0, 0.1_wp)
+    call simulate(stepper, motion, run)
+    call check(run%ended == run_completed, 'completed')
     state = [stepper%q(1), stepper%v(1)]
   end subroutine run_with
 
@@ -274,40 +274,40 @@ contains
   subroutine rest()
     type(pendulum_type) :: pendulum
     type(gauss_type) :: method
-    real(wp) :: states(6, 10), no_times(0), no_states(6, 0)
-    integer(i8) :: n_done
-    real(wp) :: t_reached
-    integer :: equations, outcome, n_reached
+    type(time_run) :: run
+    integer :: equations
+
+    run%n_steps = 20
+    run%save_every = 2
+    call run%allocate_states(6, 10, 0.5_wp)
     do equations = equations_exact, equations_printed
       call example(equations, pendulum)
       call new_gauss(method, pendulum, 8, [0.0_wp, 0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp, 0.0_wp], &
                      0.0_wp, 0.5_wp, 1.0e-15_wp)
-      call simulate(method, pendulum, 0_i8, 20_i8, 2_i8, no_times, states, no_states, n_done, &
-                    n_reached, t_reached, outcome)
-      call check(outcome == run_completed .and. n_done == 20_i8, 'completed')
-      call check_close(maxval(abs(states)), 0.0_wp, 0.0_wp, 'rest')
+      call simulate(method, pendulum, run)
+      call check(run%ended == run_completed .and. run%n_done == 20_i8, 'completed')
+      call check_close(maxval(abs(run%states)), 0.0_wp, 0.0_wp, 'rest')
     end do
   end subroutine rest
 
   subroutine outcomes()
     type(pendulum_type) :: pendulum
     type(gauss_type) :: method
-    real(wp) :: states(6, 0), no_times(0), no_states(6, 0)
-    integer(i8) :: n_done
-    real(wp) :: t_reached
-    integer :: outcome, n_reached
+    type(time_run) :: pivot, large
 
     call example(equations_exact, pendulum)
     call new_gauss(method, pendulum, 8, [0.0_wp, 0.0_wp, 0.0_wp], [-3.0_wp, 0.0_wp, 0.0_wp], &
                    0.0_wp, 0.1_wp, 1.0e-15_wp)
-    call simulate(method, pendulum, 0_i8, 1000_i8, 1_i8, no_times, states, no_states, n_done, &
-                  n_reached, t_reached, outcome)
-    call check(outcome == run_unphysical, 'through the pivot')
+    pivot%n_steps = 1000
+    call pivot%allocate_states(6, 0, 0.1_wp)
+    call simulate(method, pendulum, pivot)
+    call check(pivot%ended == run_unphysical, 'through the pivot')
     call new_gauss(method, pendulum, 8, [0.05_wp, 0.3_wp, -0.2_wp], [0.0_wp, 0.0_wp, 0.0_wp], &
                    0.0_wp, 20.0_wp, 1.0e-15_wp)
-    call simulate(method, pendulum, 0_i8, 10_i8, 1_i8, no_times, states, no_states, n_done, &
-                  n_reached, t_reached, outcome)
-    call check(outcome == run_coarse, 'too large a step')
+    large%n_steps = 10
+    call large%allocate_states(6, 0, 20.0_wp)
+    call simulate(method, pendulum, large)
+    call check(large%ended == run_coarse, 'too large a step')
     call check(all(abs(method%q) < huge(1.0_wp)), 'the state is still a number')
   end subroutine outcomes
 
