@@ -9,12 +9,25 @@
 !! followed by a comma.
 module viscovib_calls
   use, intrinsic :: iso_c_binding, only: c_int
+  use viscovib_backbone_tasks, only: backbone_task
+  use viscovib_branch_tasks, only: branch_task
+  use viscovib_drive_tasks, only: drive_task
+  use viscovib_ensemble_tasks, only: ensemble_task
   use viscovib_handles, only: add_object, find_objects, release, remove_object
+  use viscovib_kernel_tasks, only: kernel_task
   use viscovib_kinds, only: i8, wp
+  use viscovib_lattice_tasks, only: lattice_task
+  use viscovib_law_tasks, only: law_task
+  use viscovib_locks, only: lock_texts, unlock_texts
+  use viscovib_motion_tasks, only: motion_task
   use viscovib_named_values, only: most_dimensions, named_values
+  use viscovib_response_tasks, only: response_task
+  use viscovib_scales_tasks, only: scales_task
+  use viscovib_scene_tasks, only: scene_task
+  use viscovib_spectrum_tasks, only: spectrum_task
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
+  use viscovib_system_tasks, only: system_task
   use viscovib_task, only: task_link, task_type
-  use viscovib_tasks, only: run_task
   implicit none
   private
 
@@ -183,5 +196,52 @@ contains
     if (found%n_integers > 0) integers(n + 1:) = found%integers(:found%n_integers)
     if (found%n_numbers > 0) numbers = found%numbers(:found%n_numbers)
   end subroutine pack_found
+
+  ! All tasks by name. The first word of the name is the family, which has a module.
+
+  !> Run a task by its kind.
+  subroutine run_task(task)
+    type(task_type), intent(inout) :: task
+    character(len=:), allocatable :: name
+    integer :: space
+    logical :: of_texts
+
+    space = index(task%kind//' ', ' ')
+    name = task%kind(space + 1:)
+    ! Compiling and planning create many texts.
+    of_texts = index(name, 'plan') > 0 .or. index(name, 'compile') > 0
+    if (of_texts) call lock_texts()
+    select case (task%kind(:space - 1))
+    case ('backbone')
+      call backbone_task(task, name)
+    case ('branch')
+      call branch_task(task, name)
+    case ('drive')
+      call drive_task(task, name)
+    case ('ensemble')
+      call ensemble_task(task, name)
+    case ('kernel')
+      call kernel_task(task, name)
+    case ('lattice')
+      call lattice_task(task, name)
+    case ('law')
+      call law_task(task, name)
+    case ('motion')
+      call motion_task(task, name)
+    case ('response')
+      call response_task(task, name)
+    case ('scales')
+      call scales_task(task, name)
+    case ('scene')
+      call scene_task(task, name)
+    case ('spectrum')
+      call spectrum_task(task, name)
+    case ('system')
+      call system_task(task, name)
+    case default
+      call task%refuse_kind()
+    end select
+    if (of_texts) call unlock_texts()
+  end subroutine run_task
 
 end module viscovib_calls

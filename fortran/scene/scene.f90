@@ -7,9 +7,9 @@ module viscovib_scene
   use viscovib_growing_text, only: growing_text
   use viscovib_hereditary_job, only: hereditary_methods, past_names
   use viscovib_job, only: job_type
-  use viscovib_kinds, only: wp
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof
   use viscovib_law_parameters, only: read_parameters
   use viscovib_law_program, only: branches
@@ -18,10 +18,9 @@ module viscovib_scene
   use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_method_catalogue, only: takes_sections, transient_methods
   use viscovib_modal_frame, only: has_frame, most_in_frame
-  use viscovib_mount, only: mount_parameters
-  use viscovib_mount_groups, only: read_mount
+  use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: group_type, lower, namelist_type, read_namelist
-  use viscovib_pendulum_groups, only: read_pendulum
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: check_groups, find_result, place_of, place_of_motion
   use viscovib_scene_results, only: read_result
@@ -291,5 +290,60 @@ contains
       if (status%failed()) return
     end do
   end subroutine read_sweeps
+
+  ! The &mount group of a scene.
+
+  subroutine read_mount(reader, kernels, parameters, mount)
+    type(group_reader), intent(inout) :: reader
+    type(kernel_holder), intent(in) :: kernels(2)
+    !> Knows which kernel acts on which spring already.
+    type(mount_parameters), intent(inout) :: parameters
+    type(mount_type), intent(out) :: mount
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+
+    parameters%mass = reader%read_real('mass')
+    parameters%inertia = reader%read_real('inertia')
+    parameters%offset = reader%read_real('offset')
+    parameters%stiffness_x = reader%read_real('stiffness_x')
+    parameters%stiffness_phi = reader%read_real('stiffness_phi')
+    word = reader%read_text('geometry', choice=parameters%geometry)
+    parameters%cubic_scale = reader%read_real('cubic_scale')
+    parameters%memory_scale = reader%read_real('memory_scale')
+    ! Row by row in the file, as one writes a matrix.
+    parameters%damping = reshape(reader%read_reals('damping'), [2, 2], order=[2, 1])
+    if (reader%status%failed()) return
+    call new_mount(mount, parameters, kernels(:max(parameters%kernel_x, parameters%kernel_phi)), &
+                   status)
+    call reader%place(status)
+  end subroutine read_mount
+
+  ! The &pendulum group of a scene.
+
+  subroutine read_pendulum(reader, pendulum)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(out) :: pendulum
+    type(pendulum_parameters) :: p
+    type(status_type) :: built
+    character(len=:), allocatable :: word
+
+    p%e = reader%read_real('e')
+    p%w2 = reader%read_real('w2')
+    p%w3 = reader%read_real('w3')
+    p%alpha = reader%read_real('alpha')
+    p%damping(1) = reader%read_real('c1')
+    p%damping(2) = reader%read_real('c2')
+    p%damping(3) = reader%read_real('c3')
+    p%load(1) = reader%read_real('f0')
+    p%load(2) = reader%read_real('m01')
+    p%load(3) = reader%read_real('m02')
+    p%frequency(1) = reader%read_real('p1')
+    p%frequency(2) = reader%read_real('p2')
+    p%frequency(3) = reader%read_real('p3')
+    word = reader%read_text('equations', choice=p%equations)
+    if (reader%status%failed()) return
+    call new_pendulum(pendulum, p, built)
+    call reader%place(built)
+  end subroutine read_pendulum
 
 end module viscovib_scene

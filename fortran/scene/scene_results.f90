@@ -2,7 +2,6 @@
 !!
 !! A new analysis is added here: its group in `scenes.toml`, its case in `read_result`.
 module viscovib_scene_results
-  use viscovib_condensed_subject, only: condense_subject
   use viscovib_backbone_groups, only: read_backbone, read_free, read_structure_backbone
   use viscovib_backbone_job, only: backbone_job
   use viscovib_basins_groups, only: read_basins
@@ -10,12 +9,17 @@ module viscovib_scene_results
   use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
   use viscovib_characteristic_roots_job, only: characteristic_roots_job
-  use viscovib_driven_groups, only: read_driven
+  use viscovib_checks, only: check_positive
+  use viscovib_condensed_subject, only: condense_subject
+  use viscovib_curve_groups, only: check_between, read_curve, read_switch
+  use viscovib_drive_torus, only: default_bound, largest_bound, lowest_bound, max_unknowns, &
+    n_drives, sort_drives, varies_nu
   use viscovib_driven_job, only: driven_job
   use viscovib_ensemble_groups, only: read_ensemble
   use viscovib_equilibrium_job, only: equilibrium_job
   use viscovib_event_groups, only: read_events
   use viscovib_extra_groups, only: read_extra
+  use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_hereditary_job, only: hereditary_job
@@ -23,12 +27,12 @@ module viscovib_scene_results
   use viscovib_kinds, only: wp
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
-  use viscovib_motion_groups, only: read_decay, read_frequency, read_hereditary, &
-    read_spectrum, read_transient
+  use viscovib_motion_groups, only: read_decay, read_frequency, read_hereditary, read_spectrum, &
+    read_transient
   use viscovib_motion_job, only: motion_job
-  use viscovib_namelist, only: namelist_type
+  use viscovib_namelist, only: lower, namelist_type
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_fitted_motion, only: new_fitted_motion
+  use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_repeating_groups, only: read_steady_motion, read_trace_motion
   use viscovib_response_groups, only: read_response
@@ -43,11 +47,13 @@ module viscovib_scene_results
   use viscovib_subject, only: subject_type
   use viscovib_trace_motion_job, only: trace_motion_job
   use viscovib_transient_job, only: transient_job
-  use viscovib_wanted_coordinates, only: read_wanted
   implicit none
   private
 
   public :: read_result
+
+  !> Most names that are read.
+  integer, parameter :: most = 1000
 
 contains
 
@@ -312,5 +318,95 @@ contains
     status%message = file%path//':'//show(file%groups(i)%line_of(status%subject))//': ' &
                      //status%message
   end subroutine place_failure
+
+  ! The key `coordinates` of a wanted result: which of them its table shows.
+
+  !> Places of the coordinates wanted, ascending; all by default.
+  subroutine read_wanted(reader, names, wanted, default)
+    type(group_reader), intent(inout) :: reader
+    !> All coordinates.
+    character(len=*), intent(in) :: names(:)
+    integer, allocatable, intent(out) :: wanted(:)
+    !> Which of them if the key is absent; all without this.
+    logical, intent(in), optional :: default(:)
+    character(len=len(names)), allocatable :: words(:)
+    logical :: named(size(names))
+    integer :: i, j
+
+    allocate (words(0))
+    if (present(default)) then
+      words = reader%read_words('coordinates', len(names), most, pack(names, default))
+    else
+      words = reader%read_words('coordinates', len(names), most, names)
+    end if
+    named = .false.
+    do i = 1, size(words)
+      j = findloc(names, lower(words(i)), 1)
+      if (j == 0) then
+        call reader%complain('coordinates', "coordinates: '"//trim(words(i)) &
+                             //"' is none of them, must be among "//listed(names))
+      else if (named(j)) then
+        call reader%complain('coordinates', "coordinates: '"//trim(words(i)) &
+                             //"' is there twice: must differ")
+      else
+        named(j) = .true.
+      end if
+      if (reader%status%failed()) exit
+    end do
+    wanted = pack([(i, i=1, size(names))], named)
+  end subroutine read_wanted
+
+  pure function listed(names)
+    character(len=*), intent(in) :: names(:)
+    character(len=:), allocatable :: listed
+    integer :: i
+    listed = "'"//trim(names(1))//"'"
+    do i = 2, size(names)
+      listed = listed//", '"//trim(names(i))//"'"
+    end do
+  end function listed
+
+  ! The &branch group of a scene with a pendulum.
+
+  subroutine read_driven(reader, pendulum, job)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(in) :: pendulum
+    type(driven_job), intent(out) :: job
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+    real(wp) :: frequency(n_drives)
+    integer :: most
+
+    word = reader%read_text('parameter', choice=job%parameter)
+    job%options%start = reader%read_real('from')
+    job%options%finish = reader%read_real('to')
+    job%subharmonic = reader%read_integer('subharmonic')
+    job%max_denominator = reader%read_integer('max_denominator')
+    if (reader%status%failed()) return
+    if (job%parameter <= n_drives .or. job%parameter == varies_nu) then
+      call check_positive('from', job%options%start, status)
+      call reader%place(status)
+      call check_positive('to', job%options%finish, status)
+      call reader%place(status)
+    end if
+    if (.not. abs(job%options%finish - job%options%start) > 0.0_wp) then
+      call reader%complain('to', 'to = '//show(job%options%finish)//': must differ from from')
+    end if
+    if (reader%status%failed()) return
+    frequency = pendulum%parameters%frequency
+    if (job%parameter <= n_drives) frequency(job%parameter) = job%options%start
+    call sort_drives(job%torus, frequency, pendulum%parameters%load, job%parameter, &
+                     job%subharmonic, job%max_denominator, status)
+    call reader%place(status)
+    if (reader%status%failed()) return
+    most = largest_bound(job%torus%n_axes, 1.0_wp, max_unknowns)
+    job%harmonics = default_bound(job%torus)
+    call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
+    call check_between(reader, 'harmonics', job%harmonics, lowest_bound(job%torus), most)
+    call read_curve(reader, job%options)
+    job%stability = reader%read_yes('stability')
+    job%symmetric = reader%read_text('symmetry') == 'kept'
+    call read_switch(reader, job%switch)
+  end subroutine read_driven
 
 end module viscovib_scene_results

@@ -8,24 +8,21 @@
 module viscovib_polynomial_motion
   use viscovib_dense, only: invert
   use viscovib_driven_system, only: driven_system_type, range_of_degree
-  use viscovib_elements_at_start, only: begin_elements
   use viscovib_frozen_surfaces, only: frozen, jump_over, turn_over
   use viscovib_hidden_memory, only: count_hidden, hidden_text, unfold_memory
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: add_two, max_dof, most_sloped, n_lanes
+  use viscovib_lanes, only: add_multiple, add_two, max_dof, most_sloped, multiply_lanes, n_lanes
   use viscovib_law_branches, only: slides
-  use viscovib_law_rates, only: part_by_laws
+  use viscovib_law_program, only: wall
   use viscovib_law_slopes, only: most_arguments
   use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
-  use viscovib_modal_frame, only: has_frame, most_in_frame
-  use viscovib_monomial_lanes, only: add_monomial_slopes, take_monomials
+  use viscovib_modal_frame, only: has_frame, modal_frame, most_in_frame, new_modal_frame
   use viscovib_motion_loads, only: motion_loads
+  use viscovib_moving_element, only: fastest_settling, moving_element
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
-  use viscovib_polynomial_frame, only: new_polynomial_frame
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_steep_laws, only: find_steep, steep_force
-  use viscovib_stops_at_rest, only: push_on
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
   private
@@ -60,6 +57,11 @@ module viscovib_polynomial_motion
     procedure :: n_switches, keep_switches, recall_switches
     procedure, private :: but_laws, add_pushes, find_steep_surfaces
   end type polynomial_motion_type
+
+  !> Largest angle of the fastest motion within a substep (a quarter turn), and its lower bound for
+  !! short steps; shortest substep as a fraction of the step.
+  real(wp), parameter :: most_turn = 1.57_wp, least_turn = most_turn/32.0_wp, &
+                         shortest_part = 1.0_wp/4096.0_wp
 
 contains
 
@@ -561,5 +563,203 @@ contains
     class(polynomial_motion_type), intent(in) :: self
     fastest = max(self%linear_rate, self%drives(1)*self%loads%highest())
   end function fastest
+
+  ! Initial states of hysteresis elements at the start of a solution.
+
+  !> Set every hysteresis element from its deflection and deflection rate.
+  subroutine begin_elements(laws, q, v)
+    type(switched_laws), intent(inout) :: laws
+    !> Shape (n_dof).
+    real(wp), intent(in) :: q(:), v(:)
+    real(wp) :: d(1), rate(1)
+    integer :: i
+
+    do i = 1, size(laws%elements)
+      d = laws%deflection(i, reshape(q, [1, size(q)]))
+      rate = laws%deflection(i, reshape(v, [1, size(v)]))
+      call laws%elements(i)%set(d(1), rate(1))
+    end do
+  end subroutine begin_elements
+
+  ! Impacts in the presence of stops that are already in contact.
+
+  !> Apply successive impacts to the closed stops until none is penetrated.
+  subroutine push_on(laws, first, v, sides)
+    type(switched_laws), intent(inout) :: laws
+    !> Surface of the stop that was hit first.
+    integer, intent(in) :: first
+    real(wp), intent(inout) :: v(:)
+    integer, intent(inout) :: sides(:)
+    integer, parameter :: most = 100
+    real(wp) :: n(size(v)), b(size(v)), away
+    integer :: i, k
+    logical :: settled
+
+    do i = 1, most
+      settled = .true.
+      do k = 1, size(sides)
+        if (laws%element_of(k) == 0 .or. (sides(k) /= slides .and. k /= first)) cycle
+        call laws%normal(k, n, b)
+        away = dot_product(n, v)
+        if (abs(away) <= 1.0e-14_wp*sum(abs(n*v))) cycle
+        if (away > 0.0_wp) then
+          sides(k) = 1
+          laws%elements(laws%element_of(k))%since(laws%which(k)) = -1.0_wp
+        else
+          settled = .false.
+          v = v - (1.0_wp + laws%elements(laws%element_of(k))%restitution) &
+              *(away/dot_product(n, b))*b
+        end if
+      end do
+      if (settled) return
+    end do
+  end subroutine push_on
+
+  ! Modal frame of the linear subsystem of a polynomial system (`viscovib_modal_frame`).
+
+  !> Include the linear parts of the laws.
+  subroutine new_polynomial_frame(frame, pace, system, n_hidden, status)
+    type(modal_frame), intent(out) :: frame
+    !> Largest rate of the coordinates and of the arguments of laws (rad/s).
+    real(wp), intent(out) :: pace
+    type(polynomial_type), intent(in) :: system
+    !> Number of last coordinates that represent memory.
+    integer, intent(in) :: n_hidden
+    type(status_type), intent(inout) :: status
+    real(wp), dimension(system%n_dof(), system%n_dof()) :: identity, stiffness, damping
+    type(law_term) :: laws(size(system%laws))
+    real(wp), allocatable :: seen(:, :)
+    logical :: found
+    integer :: i
+
+    pace = 0.0_wp
+    identity = 0.0_wp
+    do i = 1, size(identity, 1)
+      identity(i, i) = 1.0_wp
+    end do
+    stiffness = system%stiffness_at_rest()
+    damping = system%damping
+    laws = system%laws
+    call part_linear(laws, identity, stiffness, damping)
+    call new_modal_frame(frame, system%mass, damping, stiffness, n_hidden, found)
+    if (found) then
+      allocate (seen(0, size(identity, 1)))
+      do i = 1, size(laws)
+        call add_rows(seen, system%laws(i)%arguments)
+        call add_rows(seen, system%laws(i)%rates)
+      end do
+      pace = frame%pace(seen)
+      return
+    end if
+    call fail(status, status_input_error, 'mass', 'mass: must be symmetric and positive definite ' &
+              //'in a motion in time of so many coordinates')
+  end subroutine new_polynomial_frame
+
+  subroutine add_rows(rows, more)
+    real(wp), allocatable, intent(inout) :: rows(:, :)
+    real(wp), intent(in) :: more(:, :)
+    real(wp) :: all_of_them(size(rows, 1) + size(more, 1), size(rows, 2))
+    all_of_them(:size(rows, 1), :) = rows
+    all_of_them(size(rows, 1) + 1:, :) = more
+    rows = all_of_them
+  end subroutine add_rows
+
+  ! Time scales of force laws, such as the contact stiffness, that limit the step size.
+
+  !> Longest substep allowed by the laws. The angle turned within it is at most that of the linear
+  !! subsystem in a step. `thin`: ratio of this step size to the longest step size of the compared
+  !! runs; the substeps are shorter by the same ratio.
+  pure real(wp) function part_by_laws(laws, inverse, rate, h, thin, q, v, elements) &
+    result(longest)
+    type(law_term), intent(in) :: laws(:)
+    !> M^(-1); rate of the linear subsystem and step size; states, shape (n, n_dof).
+    real(wp), intent(in) :: inverse(:, :), rate, h, thin, q(:, :), v(:, :)
+    !> Their states relax at rates that add to the rates of forces.
+    type(moving_element), intent(in) :: elements(:)
+    real(wp) :: angle, fastest
+    angle = thin*max(least_turn, min(most_turn, rate*h/thin))
+    fastest = fastest_of_laws(laws, inverse, q, v) + fastest_settling(elements, q, v)
+    longest = max(angle/max(fastest, tiny(1.0_wp)), shortest_part*h)
+  end function part_by_laws
+
+  !> Upper bound of the rates of laws over all given states, from their slopes f_q and f_v: the
+  !! square root of the sum of |M^(-1) w f_q|, plus the sum of |M^(-1) w f_v|.
+  pure real(wp) function fastest_of_laws(laws, inverse, q, v) result(fastest)
+    type(law_term), intent(in) :: laws(:)
+    !> M^(-1); states, shape (n, n_dof).
+    real(wp), intent(in) :: inverse(:, :), q(:, :), v(:, :)
+    real(wp) :: square(size(q, 1)), rate(size(q, 1)), value(size(q, 1)), weight
+    integer :: i, k
+
+    square = 0.0_wp
+    rate = 0.0_wp
+    do i = 1, size(laws)
+      associate (law => laws(i))
+        block
+          real(wp) :: slopes(size(q, 1), size(law%arguments, 1))
+          weight = sum(abs(matmul(inverse(:, law%equations), law%weights)))
+          call law%program%differentiate(matmul(q, transpose(law%arguments)) &
+                                         + matmul(v, transpose(law%rates)), value, slopes)
+          slopes = min(abs(slopes), sqrt(wall))
+          do k = 1, size(slopes, 2)
+            square = square + weight*sum(abs(law%arguments(k, :)))*slopes(:, k)
+            rate = rate + weight*sum(abs(law%rates(k, :)))*slopes(:, k)
+          end do
+        end block
+      end associate
+    end do
+    fastest = maxval(sqrt(square) + rate)
+  end function fastest_of_laws
+
+  ! Monomials of a system for a block of vector lanes: their accelerations and derivatives.
+
+  !> a := a - M^(-1) c prod_d u_d^p_d.
+  pure subroutine take_monomials(monomials, n_dof, inverse, q, a)
+    type(monomial_type), intent(in) :: monomials(:)
+    integer, intent(in) :: n_dof
+    real(wp), intent(in) :: inverse(n_dof, n_dof), q(n_lanes, n_dof)
+    real(wp), intent(inout) :: a(n_lanes, n_dof)
+    real(wp) :: product(n_lanes)
+    integer :: d, i, j
+
+    do i = 1, size(monomials)
+      associate (m => monomials(i))
+        product = m%coefficient
+        do j = 1, size(m%dof)
+          call multiply_lanes(product, q(:, m%dof(j)), m%power(j))
+        end do
+        do d = 1, n_dof
+          if (abs(inverse(d, m%equation)) > 0.0_wp) then
+            call add_multiple(a(:, d), -inverse(d, m%equation), product)
+          end if
+        end do
+      end associate
+    end do
+  end subroutine take_monomials
+
+  !> Add the derivatives of these accelerations with respect to coordinates (product rule).
+  pure subroutine add_monomial_slopes(monomials, n_dof, inverse, q, by_q)
+    type(monomial_type), intent(in) :: monomials(:)
+    integer, intent(in) :: n_dof
+    real(wp), intent(in) :: inverse(n_dof, n_dof), q(n_lanes, n_dof)
+    !> Shape (n_lanes, equation, by).
+    real(wp), intent(inout) :: by_q(n_lanes, n_dof, n_dof)
+    real(wp) :: product(n_lanes)
+    integer :: d, i, j, k
+
+    do i = 1, size(monomials)
+      associate (m => monomials(i))
+        do j = 1, size(m%dof)
+          product = m%coefficient*m%power(j)
+          do k = 1, size(m%dof)
+            call multiply_lanes(product, q(:, m%dof(k)), m%power(k) - merge(1, 0, k == j))
+          end do
+          do d = 1, n_dof
+            call add_multiple(by_q(:, d, m%dof(j)), -inverse(d, m%equation), product)
+          end do
+        end do
+      end associate
+    end do
+  end subroutine add_monomial_slopes
 
 end module viscovib_polynomial_motion

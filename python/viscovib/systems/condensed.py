@@ -114,7 +114,7 @@ class Condensation:
 
     @cached_property
     def rest_vector(self) -> list[Any]:
-        """The linear subsystem as numbers in the order of `viscovib_structure_vector`."""
+        """The linear subsystem as numbers in the order of `viscovib_binding_tools`."""
         rest, q = self.rest, self.q
         nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
         return [
