@@ -20,8 +20,6 @@ module viscovib_beating_motion
   public :: beating_motion_type, find_beating_motion, beating_errors
 
   integer, parameter :: max_rounds = 3, max_carriers = 400
-  !> Largest influence of neglected terms up to which a motion is accepted.
-  real(wp), parameter :: least_fall = 0.3_wp
   !> Smallest line that is kept, relative to the largest of its coordinate.
   real(wp), parameter :: least_line = 1.0e-9_wp
   !> Frequencies that differ by less than this fraction of the highest natural one count as equal.
@@ -69,9 +67,8 @@ contains
       if (.not. (scales%normal%choosing .and. wants_more(scales%normal, largest))) exit
       expected = max(expected, largest)
     end do
-    ! Distant terms that make a mode grow have an influence >= 1/2; only this test includes them.
     motion%left_out = max(left_out(scales%normal, largest), &
-                          least_fall/0.5_wp*far_influence(scales%normal, largest, .true.))
+                          far_influence(scales%normal, scales%form, largest, .true.))
     call harmonic_of(scales, cmplx(largest, 0.0_wp, wp), 1.0_wp, x, motion%sizes)
     allocate (motion%typical(size(start)))
     do j = 1, size(start)

@@ -26,8 +26,10 @@ module viscovib_normal_products
   !> Influence from which a term is resonant; below it the error of its effect is of second order.
   real(wp), parameter, public :: least_influence = 0.05_wp
   !> Terms farther from a mode than this fraction of its frequency are not part of the modulation
-  !! equations, but may make modes at rest grow: examined from half of this threshold on.
-  real(wp), parameter, public :: far = 0.5_wp, least_of_far = 0.25_wp
+  !! equations, but may make modes at rest grow. This happens from an influence of 1/2 on. Their
+  !! influence is multiplied by 0.6, so that it may be compared with bounds of 0.3, and examined
+  !! from 0.24 on.
+  real(wp), parameter, public :: far = 0.5_wp, part_of_far = 0.6_wp, least_of_far = 0.24_wp
   !> If no amplitudes are known: this fraction of the highest frequency.
   real(wp), parameter, public :: default_band = 0.05_wp
 
@@ -35,8 +37,6 @@ module viscovib_normal_products
     !> Number of factors, index of the product, mode; factors as generators, 0: none.
     integer :: order = 0, at = 0, mode = 0, factors(3) = 0
     real(wp) :: coupling = 0.0_wp, divisor = 0.0_wp
-    !> Farther than `far`.
-    logical :: is_far = .false.
     !> Part of the modulation equations; resonant, but not compatible with their frame.
     logical :: taken = .false., turned_away = .false.
     !> Not compatible with the frame, although loads and this mode alone may sustain a motion.
@@ -72,7 +72,7 @@ module viscovib_normal_products
     logical :: choosing = .false.
     !> The selected frame, or the natural frequencies.
     real(wp), allocatable :: frame(:)
-    !> Terms near a mode, selected or not; loads alone (no products) come first.
+    !> Terms near a mode, selected or not.
     type(candidate_type), allocatable :: candidates(:)
     !> Generator a + n_generators is the conjugate of a. Exponents of the linear flow and
     !! of products, shape (2 n_generators); vectors, shape (n, 2 n_generators).

@@ -10,7 +10,7 @@ module viscovib_resonant_terms
   use viscovib_kinds, only: wp
   use viscovib_normal_orders, only: need_side
   use viscovib_normal_products, only: candidate_type, default_band, far, influence, &
-    least_influence, normal_form_type, reach_type
+    least_influence, normal_form_type, part_of_far, reach_type
   use viscovib_polynomial_form, only: polynomial_form_type
   use viscovib_status, only: set_ok, status_type
   implicit none
@@ -162,8 +162,7 @@ contains
     end do
     if (.not. self%framed) then
       do i = 1, size(found)
-        found(i)%taken = .not. found(i)%is_far .and. (does(i) >= least_influence &
-                                                      .or. in_band(found(i)))
+        found(i)%taken = does(i) >= least_influence .or. in_band(found(i))
       end do
     else
       allocate (waits(size(found)))
@@ -173,10 +172,9 @@ contains
         ! A shift of the mode's own exponent is constant in every frame.
         found(i)%taken = all(powers == 0) .and. .not. abs(drive) > 0.0_wp
         waits(i) = .not. found(i)%taken .and. does(i) >= least_influence
-        if (n_loads > 0 .and. .not. (found(i)%taken .or. waits(i) .or. found(i)%is_far)) then
+        if (n_loads > 0 .and. .not. (found(i)%taken .or. waits(i))) then
           waits(i) = sustains(self, reach, found(i))
         end if
-        if (found(i)%is_far) waits(i) = waits(i) .and. self%with_far
       end do
       do while (any(waits))
         i = maxloc(does, 1, mask=waits)
@@ -260,27 +258,50 @@ contains
   end function amplitude_of_shift
 
   !> Products of this order that are not too far from a mode, with their effect.
-  subroutine list_candidates(self, form, order, found)
+  subroutine list_candidates(self, form, order, found, moves)
     class(normal_form_type), intent(inout) :: self
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: order
     type(candidate_type), allocatable, intent(out) :: found(:)
+    !> List only products farther than `far`, with at most one mode at rest among their factors:
+    !! others have no influence. Modes at rest have their natural frequencies. Shape (n_modes).
+    logical, intent(in), optional :: moves(:)
     type(candidate_type), allocatable :: some(:)
-    complex(wp) :: s, part, term, side(form%n)
-    real(wp) :: sizes, off
-    integer :: i, j, k, n
+    complex(wp) :: s, part, term, side(form%n), own(2*self%n_generators)
+    real(wp) :: sizes, off, farthest
+    integer :: i, j, k, n, factors(3)
 
+    own = self%s
+    if (present(moves)) then
+      do j = 1, self%n_modes
+        if (.not. moves(j)) own([j, j + self%n_generators]) = cmplx(0.0_wp, aimag( &
+          self%exponents([j, j + self%n_generators])), wp)
+      end do
+    end if
     allocate (some(16))
     n = 0
+    factors = 0
     do i = 1, merge(size(self%pair, 2), size(self%triple, 2), order == 2)
       if (order == 2) then
-        s = self%s_pair(i)
+        factors(:2) = self%pair(:, i)
       else
-        s = self%s_triple(i)
+        factors = self%triple(:, i)
+      end if
+      s = sum(own(factors(:order)))
+      ! In motions under loads, a product with the conjugate of a mode makes modes at rest grow. If
+      ! motions are large, this happens far from equal frequencies, almost down to products of
+      ! frequency 0.
+      farthest = far
+      if (present(moves) .or. self%with_far) then
+        if ((self%framed .or. self%steady) .and. has_conjugate()) farthest = 0.95_wp
+      end if
+      if (present(moves)) then
+        if (.not. farthest > far .or. n_resting(moves) > 1) cycle
       end if
       do j = 1, self%n_modes
-        off = abs(aimag(s - self%s(j)))
-        if (off > farthest(i)*aimag(self%s(j))) cycle
+        off = abs(aimag(s - own(j)))
+        if (off > farthest*aimag(own(j))) cycle
+        if (present(moves) .and. .not. off > far*aimag(own(j))) cycle
         if (order == 2) then
           side = self%side_pair(:, i)
         else
@@ -299,41 +320,36 @@ contains
         if (n == size(some)) some = [some, some]
         n = n + 1
         some(n) = candidate_type(order, i, j, coupling=modulus(part/self%weight(form, j, s)), &
-                                 divisor=modulus(s - self%exponents(j)), &
-                                 is_far=off > far*aimag(self%s(j)))
-        if (order == 2) some(n)%factors(:2) = self%pair(:, i)
-        if (order == 3) some(n)%factors = self%triple(:, i)
+                                 divisor=modulus(s - self%exponents(j)), factors=factors)
       end do
     end do
     found = some(:n)
 
   contains
 
-    !> Relative to the mode's frequency. In motions under loads, a product with the conjugate of a
-    !! mode makes modes at rest grow. If motions are large, this happens far from equal
-    !! frequencies, almost down to products of frequency 0.
-    pure real(wp) function farthest(i)
-      integer, intent(in) :: i
-      logical :: conjugates
-      if (order == 2) then
-        conjugates = any(is_conjugate(self%pair(:, i)))
-      else
-        conjugates = any(is_conjugate(self%triple(:, i)))
-      end if
-      farthest = merge(0.95_wp, far, (self%framed .or. self%steady) .and. conjugates)
-    end function farthest
+    !> True if a factor is the conjugate of a mode.
+    pure logical function has_conjugate()
+      has_conjugate = any(factors > self%n_generators .and. &
+                          factors <= self%n_generators + self%n_modes)
+    end function has_conjugate
+
+    !> Number of factors that are modes at rest.
+    pure integer function n_resting(moves)
+      logical, intent(in) :: moves(:)
+      integer :: q, place
+      n_resting = 0
+      do q = 1, order
+        place = modulo(factors(q) - 1, self%n_generators) + 1
+        if (place > self%n_modes) cycle
+        if (.not. moves(place)) n_resting = n_resting + 1
+      end do
+    end function n_resting
 
     !> The modulus, without a test for overflow.
     elemental real(wp) function modulus(z)
       complex(wp), intent(in) :: z
       modulus = sqrt(real(z)**2 + aimag(z)**2)
     end function modulus
-
-    !> True for the conjugate of a mode.
-    elemental logical function is_conjugate(a)
-      integer, intent(in) :: a
-      is_conjugate = a > self%n_generators .and. a <= self%n_generators + self%n_modes
-    end function is_conjugate
 
   end subroutine list_candidates
 
@@ -392,28 +408,51 @@ contains
     call sizes_of_generators(self, sizes, all_sizes, reference)
     left_out = 0.0_wp
     do i = 1, size(self%candidates)
-      if (self%candidates(i)%taken .or. self%candidates(i)%is_far) cycle
+      if (self%candidates(i)%taken) cycle
       left_out = max(left_out, influence(self%candidates(i), all_sizes, self%n_modes, reference))
     end do
   end function left_out
 
-  !> The largest influence on a mode at rest of distant terms that are not resonant.
-  pure real(wp) function far_influence(self, sizes, moving_too)
-    class(normal_form_type), intent(in) :: self
+  !> The largest influence on a mode at rest of distant terms that are not resonant, times
+  !! `part_of_far`.
+  real(wp) function far_influence(self, form, sizes, moving_too)
+    class(normal_form_type), intent(inout) :: self
+    type(polynomial_form_type), intent(in) :: form
     real(wp), intent(in) :: sizes(:)
     !> Include the influence on active modes.
     logical, intent(in), optional :: moving_too
+    type(candidate_type), allocatable :: found(:)
     real(wp) :: all_sizes(self%n_generators), reference
-    integer :: i
+    integer :: i, order
     call sizes_of_generators(self, sizes, all_sizes, reference)
     far_influence = 0.0_wp
-    do i = 1, size(self%candidates)
-      associate (c => self%candidates(i))
-        if (.not. c%is_far .or. c%taken) cycle
-        if (sizes(c%mode) > 0.0_wp .and. .not. present(moving_too)) cycle
-        far_influence = max(far_influence, influence(c, all_sizes, self%n_modes, reference))
-      end associate
+    do order = 2, 3
+      if (self%with_far) then
+        found = pack(self%candidates, self%candidates%order == order)
+      else
+        call list_candidates(self, form, order, found, sizes > 0.0_wp)
+      end if
+      do i = 1, size(found)
+        associate (c => found(i))
+          if (is_taken(c)) cycle
+          if (sizes(c%mode) > 0.0_wp .and. .not. present(moving_too)) cycle
+          far_influence = max(far_influence, &
+                              part_of_far*influence(c, all_sizes, self%n_modes, reference))
+        end associate
+      end do
     end do
+
+  contains
+
+    pure logical function is_taken(c)
+      type(candidate_type), intent(in) :: c
+      if (order == 2) then
+        is_taken = self%acts_pair(c%mode, c%at)
+      else
+        is_taken = self%acts_triple(c%mode, c%at)
+      end if
+    end function is_taken
+
   end function far_influence
 
   !> True if more terms would be selected at these amplitudes.
@@ -427,7 +466,6 @@ contains
     do i = 1, size(self%candidates)
       associate (c => self%candidates(i))
         if (c%taken .or. c%turned_away) cycle
-        if (c%is_far) cycle
         wants_more = wants_more .or. influence(c, all_sizes, self%n_modes, reference) &
                      >= least_influence
       end associate

@@ -32,6 +32,8 @@ module viscovib_resting_modes
   !> Amplitude of a mode at rest, relative to the motion.
   real(wp), parameter :: little = 3.0e-4_wp
   integer, parameter :: order = 3
+  !> Growth, relative to the largest frequency, up to which a motion counts as stable.
+  real(wp), parameter :: neutral = 1.0e-9_wp
   !> Relative distance from a mode within which terms contribute to its rate of change.
   real(wp), parameter :: still = 1.0e-7_wp
 
@@ -211,8 +213,8 @@ contains
   !> Growth of the modes at rest by terms of the expansion that are too far from a mode for the
   !! modulation equations, but have an effect if motions are large: the growth by the equations
   !! that include them, about the same motion; -huge without such terms.
-  subroutine far_growth(scales, full, form, tolerance, reach_of_modes, a, wide, growth, left)
-    type(multiple_scales_type), intent(in) :: scales
+  subroutine far_growth(scales, full, form, tolerance, reach_of_modes, a, own, wide, growth, left)
+    type(multiple_scales_type), intent(inout) :: scales
     !> As in `find_defect`.
     class(full_system_type), intent(in), optional :: full
     !> In the caller's units.
@@ -221,6 +223,8 @@ contains
     type(reach_type), intent(in) :: reach_of_modes
     !> Amplitudes of a steady motion, in natural units.
     complex(wp), intent(in) :: a(:)
+    !> The largest growth without these terms.
+    real(wp), intent(in) :: own
     !> The expansion with these terms; its arrays are kept.
     type(multiple_scales_type), intent(inout) :: wide
     real(wp), intent(out) :: growth
@@ -234,16 +238,21 @@ contains
     growth = -huge(1.0_wp)
     left = 0.0_wp
     if (.not. scales%normal%framed) return
-    left = far_influence(scales%normal, abs(a))
+    left = far_influence(scales%normal, scales%form, abs(a))
     if (left < least_of_far) return
     call new_multiple_scales(wide, form, tolerance, .true., status, reach_of_modes, abs(a), .true.)
     if (status%failed() .or. .not. wide%flow%autonomous) return
     ! The motion is the same in both.
     if (any(abs(a) > 0.0_wp .and. abs(wide%flow%frame - scales%flow%frame) &
             > 1.0e-9_wp*scales%flow%frame)) return
-    left = far_influence(wide%normal, abs(a))
+    left = far_influence(wide%normal, wide%form, abs(a))
     which = pack([(j, j=1, size(a))], .not. abs(a) > 0.0_wp)
     call wide%flow%slopes(a, by_a, by_conjugate)
+    growth = fastest(by_a(which, which), by_conjugate(which, which))
+    ! The next order is needed only if this growth makes a stable motion unstable.
+    associate (least => neutral*maxval(wide%flow%frame))
+      if (own > least .or. growth <= least) return
+    end associate
     call add_next_order(wide, full, a, which, by_a, by_conjugate)
     growth = fastest(by_a(which, which), by_conjugate(which, which))
   end subroutine far_growth

@@ -184,8 +184,8 @@ contains
                        points%sizes(:, m))
       points%left_out(m) = left_out(scales%normal, abs(amplitudes))
       call resting_growth(scales, full, amplitudes, points%resting(m))
-      call far_growth(scales, full, here, tolerance, reach, amplitudes, wide, by_far, &
-                      left)
+      growth = max(maxval(real(points%eigenvalues(:, m))), points%resting(m))
+      call far_growth(scales, full, here, tolerance, reach, amplitudes, growth, wide, by_far, left)
       points%resting(m) = max(points%resting(m), by_far)
       points%left_out(m) = max(points%left_out(m), left)
       if (with_errors) then

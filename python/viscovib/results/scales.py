@@ -156,8 +156,8 @@ class ScalesResponse(Result):
     left_out : ndarray, shape (n,)
         Largest influence of a near-resonant term that is not part of the modulation equations: its
         coupling times the amplitudes, divided by its divisor. It is usually below 0.05. It is
-        larger if its frequency does not fit and no beating motion was found. For beating motions it
-        includes 0.6 times the influence of terms farther from a mode than half of its frequency.
+        larger if its frequency does not fit and no beating motion was found. It includes 0.6 times
+        the influence of terms farther from a mode than half of its frequency.
     resting_growth : ndarray, shape (n,)
         Growth of modes at rest by terms that are not part of the modulation equations: terms of
         fourth order (as at 3 p ~ 2 w1), and under large motions terms whose frequency is farther
