@@ -6,7 +6,7 @@ module viscovib_vector_math
   implicit none
   private
 
-  public :: exponential_lanes, logarithm_lanes, sine_cosine, sine_cosine_lanes, tangent_lanes
+  public :: exponential_lanes, logarithm_lanes, sine_cosine_array, sine_cosine_lanes, tangent_lanes
 
   !> Largest angle for which the reduction below is accurate to the last digit.
   real(wp), parameter, public :: largest_angle = 1.0e6_wp
@@ -107,6 +107,16 @@ contains
       call sine_cosine(x(l), sine(l), cosine(l))
     end do
   end subroutine sine_cosine_lanes
+
+  !> The same for any number of angles.
+  pure subroutine sine_cosine_array(x, sine, cosine)
+    real(wp), intent(in), contiguous :: x(:)
+    real(wp), intent(out), contiguous :: sine(:), cosine(:)
+    integer :: i
+    do i = 1, size(x)
+      call sine_cosine(x(i), sine(i), cosine(i))
+    end do
+  end subroutine sine_cosine_array
 
   !> sin(x) and cos(x) for |x| <= `largest_angle`, to about an ulp: reduction to
   !! [-pi/4, pi/4] and the polynomials of FDLIBM (Sun Microsystems).

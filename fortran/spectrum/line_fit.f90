@@ -10,7 +10,7 @@ module viscovib_line_fit
   use viscovib_constants, only: pi
   use viscovib_kinds, only: wp
   use viscovib_phases, only: split_phase
-  use viscovib_vector_math, only: sine_cosine
+  use viscovib_vector_math, only: sine_cosine_array
   implicit none
   private
 
@@ -58,7 +58,7 @@ contains
     !> Shapes (m, m) and (m), m = 1 + 2 n_lines + n_free + size(free_decay).
     real(wp), intent(out) :: matrix(:, :), right(:), total
     real(wp) :: columns(block, size(right)), residual(block), weights(block), middle
-    real(wp) :: weighted(block)
+    real(wp) :: angles(block), weighted(block)
     integer :: first, count, i, j, l, m, n_lines
 
     m = size(right)
@@ -69,12 +69,14 @@ contains
     middle = 0.5_wp*(size(signal) - 1)
     do first = 0, size(signal) - 1, block
       count = min(block, size(signal) - first)
-      weights = 0.0_wp
-      residual = 0.0_wp
-      do i = 1, count
-        weights(i) = sin(pi*(first + i - 0.5_wp)/size(signal))**2
-        residual(i) = signal(first + i) - lines%mean
+      do i = 1, block
+        angles(i) = (pi/size(signal))*min(first + i - 0.5_wp, real(size(signal), wp))
       end do
+      call sine_cosine_array(angles, weights, weighted)
+      weights(:count) = weights(:count)**2
+      weights(count + 1:) = 0.0_wp
+      residual(:count) = signal(first + 1:first + count) - lines%mean
+      residual(count + 1:) = 0.0_wp
       columns(:, 1) = 1.0_wp
       do j = 1, n_lines
         associate (c => columns(:, 2*j), s => columns(:, 2*j + 1))
@@ -156,7 +158,7 @@ contains
     do i = 1, block
       angles(i) = omega*(i - 1)
     end do
-    call sine_cosine(high + angles, s, c)
+    call sine_cosine_array(high + angles, s, c)
     cosine = c - s*low
     sine = s + c*low
     if (abs(decay) <= 0.0_wp) return

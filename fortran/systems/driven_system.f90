@@ -12,7 +12,7 @@ module viscovib_driven_system
   use viscovib_law_layers, only: law_layers
   use viscovib_modal_frame, only: modal_frame
   use viscovib_steep_laws, only: steep_law
-  use viscovib_vector_math, only: largest_angle, sine_cosine
+  use viscovib_vector_math, only: largest_angle, sine_cosine_array
   implicit none
   private
 
@@ -373,7 +373,7 @@ contains
     do i = 1, m
       drive(:, i) = self%drives(i)*t
       if (all(abs(drive(:, i)) <= largest_angle)) then
-        call sine_cosine(drive(:, i), sine, cosine)
+        call sine_cosine_array(drive(:, i), sine, cosine)
       else
         sine = sin(drive(:, i))
         cosine = cos(drive(:, i))

@@ -75,18 +75,18 @@ contains
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: t(:), q(:, :), v(:, :)
     real(wp), intent(out) :: a(:, :)
-    real(wp) :: drive(n_lanes, size(system%drives))
+    real(wp) :: drive(size(t), size(system%drives))
     real(wp), dimension(n_lanes, size(q, 2)) :: some_q, some_v, some_a
     integer :: first, i, last, places(n_lanes)
 
+    drive = system%drive_at(t)
     do first = 1, size(t), n_lanes
       ! Lanes beyond the last state repeat it.
       last = min(first + n_lanes - 1, size(t))
       places = [(min(first + i, last), i=0, n_lanes - 1)]
       some_q = q(places, :)
       some_v = v(places, :)
-      drive = system%drive_at(t(places))
-      call system%acceleration(some_q, some_v, drive, some_a)
+      call system%acceleration(some_q, some_v, drive(places, :), some_a)
       a(first:last, :) = some_a(:last - first + 1, :)
     end do
   end subroutine accelerate
@@ -138,16 +138,20 @@ contains
 
   !> Sums of known values by weights, for the polynomial of each step.
   pure subroutine join(known, weights, values)
-    real(wp), intent(in) :: known(:, 0:)
+    real(wp), intent(in), contiguous :: known(:, 0:)
     real(wp), intent(in) :: weights(n_ends, 0:2)
-    real(wp), intent(out) :: values(:)
-    integer :: i, j, n
-    n = size(values)
+    real(wp), intent(out), contiguous :: values(:)
+    integer :: j, k
     values = 0.0_wp
     do j = 0, 2
-      do i = 1, n_ends
-        values = values + weights(i, j)*known(i:i + n - 1, j)
-      end do
+      associate (w => weights(:, j))
+        do k = 1, size(values)
+          values(k) = values(k) + (w(1)*known(k, j) + w(2)*known(k + 1, j) + w(3)*known(k + 2, j) &
+                                   + w(4)*known(k + 3, j) + w(5)*known(k + 4, j) &
+                                   + w(6)*known(k + 5, j) + w(7)*known(k + 6, j) &
+                                   + w(8)*known(k + 7, j))
+        end do
+      end associate
     end do
   end subroutine join
 

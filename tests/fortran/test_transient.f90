@@ -24,7 +24,7 @@ module test_transient
   use viscovib_stepper, only: stepper_type
   use viscovib_time_run, only: run_coarse, run_completed, run_unphysical, time_run
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
-    sine_cosine, tangent_lanes
+    sine_cosine_array, tangent_lanes
   implicit none
   private
 
@@ -58,13 +58,13 @@ contains
   end subroutine run_transient
 
   subroutine compare_sines()
-    real(wp) :: x, s, c
+    real(wp) :: x(4000), s(4000), c(4000)
     integer :: i
-    do i = 1, 4000
-      x = sin(1.7_wp*i)*merge(largest_angle, 4.0_wp, mod(i, 2) == 0)
-      call sine_cosine(x, s, c)
-      call check_close(s, exact_sine(x), 2.3e-16_wp, 'sine', floor=0.1_wp)
-      call check_close(c, exact_cosine(1.0_wp, x, 0.0_wp, 0.0_wp, 0.0_wp), 2.3e-16_wp, &
+    x = [(sin(1.7_wp*i)*merge(largest_angle, 4.0_wp, mod(i, 2) == 0), i=1, size(x))]
+    call sine_cosine_array(x, s, c)
+    do i = 1, size(x)
+      call check_close(s(i), exact_sine(x(i)), 2.3e-16_wp, 'sine', floor=0.1_wp)
+      call check_close(c(i), exact_cosine(1.0_wp, x(i), 0.0_wp, 0.0_wp, 0.0_wp), 2.3e-16_wp, &
                        'cosine', floor=0.1_wp)
     end do
   end subroutine compare_sines

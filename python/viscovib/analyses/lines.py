@@ -267,11 +267,6 @@ def dominant_frequencies(
         if final.refine() and final.total <= fit.total + fit.rounding:
             fit = final
         fit = fit.settle_decays()
-        final = copy(fit)
-        final.solve_amplitudes(1)
-        final.sums(False, final.damped)
-        if final.total <= fit.total + fit.rounding:
-            fit = final
     first = np.hypot(fit.a, fit.b) * np.exp(np.minimum(fit.decay, 0.0) * (samples.size - 1))
     order = np.argsort(-first, kind="stable")
     explained = ~fit.disturbed(min(alarm, _DISTURBED))
