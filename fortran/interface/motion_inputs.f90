@@ -41,7 +41,7 @@ contains
     piece%resume = task%get_integer('resume')
     piece%h = task%get_real('h')
     piece%tolerance = task%get_real('tolerance')
-    piece%times = task%get_reals('times')
+    allocate (piece%times, source=task%get_reals('times'))
     if (task%has('memory')) piece%memory => task%get_reals('memory')
     if (task%has('ends')) then
       allocate (piece%ends, source=task%get_reals('ends'))
