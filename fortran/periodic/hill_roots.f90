@@ -11,7 +11,6 @@ module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
-  use viscovib_hill_clusters, only: clusters_near
   use viscovib_hill_count, only: may_be_of_memory
   use viscovib_hill_creep, only: n_slow, n_strips, rates_in_strip, strip_of
   use viscovib_hill_path, only: hill_path_type
@@ -53,7 +52,7 @@ contains
 
   !> Exponents, largest real part first, both of conjugate pairs, with -d/2 < Im lambda <= d/2;
   !! NaN behind the last.
-  subroutine find_exponents(hill, system, path, near, exponents, sharp)
+  subroutine find_exponents(hill, system, path, near, exponents)
     type(hill_type), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
@@ -61,21 +60,13 @@ contains
     complex(wp), intent(in) :: near(:)
     !> As many as may be kept, at least 2 n_dof.
     complex(wp), intent(out) :: exponents(:)
-    !> Those that are close to each other, accurate to rounding errors.
-    complex(wp), allocatable, intent(out) :: sharp(:)
-    logical :: used(size(near))
     integer :: n, i
 
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
     n = 0
-    allocate (sharp(0))
     if (.not. hill%ready) return
-    call clusters_near(hill, system, merge(exponents(1), near, is_slow(hill, near)), used, &
-                       exponents, n)
-    sharp = exponents(:n)
     do i = 1, n_known(near)
       if (n >= size(exponents) - 1) exit
-      if (used(i)) cycle
       if (is_slow(hill, near(i))) then
         call look_in_strip(hill, system, strip_of(hill, near(i)), exponents, n)
       else if (aimag(near(i)) >= 0.0_wp) then

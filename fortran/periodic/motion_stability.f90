@@ -8,7 +8,6 @@ module viscovib_motion_stability
   use viscovib_floquet, only: floquet_type, new_floquet
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill, only: hill_type, new_hill
-  use viscovib_hill_clusters, only: sharpen_clusters
   use viscovib_hill_count, only: count_right, on_axis
   use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
@@ -417,7 +416,6 @@ contains
     integer, intent(inout), optional :: cancel
     complex(wp), intent(in), optional :: nearby(:)
     complex(wp), dimension(self%n_slots) :: near, change, ahead
-    complex(wp), allocatable :: sharp(:)
     real(wp) :: last, step, part, period
     integer :: i
 
@@ -442,8 +440,7 @@ contains
       end where
       associate (exponents => stability%exponents(:, i))
         call check_by_hill(self%hill, system, into_strip(ahead, near, self%hill%period), &
-                           exponents, stability%n_growing(i), stability%slowest(i), sharp)
-        call sharpen_clusters(self%hill, system, sharp, exponents)
+                           exponents, stability%n_growing(i), stability%slowest(i))
         change = (0.0_wp, 0.0_wp)
         if (last > 0.0_wp) then
           call find_changes(near, period, ahead, exponents, self%hill%period, change)
@@ -514,7 +511,7 @@ contains
   end function distance_of
 
   !> One solution, that of `hill`.
-  subroutine check_by_hill(hill, system, near, exponents, n_growing, slowest, sharp)
+  subroutine check_by_hill(hill, system, near, exponents, n_growing, slowest)
     type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Exponents of a neighbour, NaN for none.
@@ -522,8 +519,6 @@ contains
     complex(wp), intent(out) :: exponents(:)
     integer, intent(out) :: n_growing
     logical, intent(out) :: slowest
-    !> Exponents close to each other, accurate to rounding errors.
-    complex(wp), allocatable, intent(out) :: sharp(:)
     type(hill_path_type) :: path
     real(wp) :: fading, shift
     integer :: counted
@@ -533,7 +528,7 @@ contains
     shift = line_beyond(near, fading, hill%period, wide)
     call hill%count_from(shift)
     call new_hill_path(path, hill, system, shift)
-    call find_exponents(hill, system, path, near, exponents, sharp)
+    call find_exponents(hill, system, path, near, exponents)
     call count_right(hill, system, exponents, path, counted)
     if (counted /= n_right_of(shift, exponents)) then
       call find_more(hill, system, path, exponents)

@@ -62,7 +62,6 @@ contains
     type(hill_path_type) :: path
     real(wp) :: x(20)
     complex(wp) :: exponents(8), near(8), value, nearby
-    complex(wp), allocatable :: sharp(:)
     integer :: i, n_growing, backwards, found, again, total
 
     call example(geometry, 0.05_wp, mount, load)
@@ -81,7 +80,7 @@ contains
       call count_growing(hill, mount, near(:0), n_growing)
       call check(n_growing == merge(1, 0, branch%direction(i) < 0.0_wp), 'one grows there')
       call new_hill_path(path, hill, mount)
-      call find_exponents(hill, mount, path, near, exponents, sharp)
+      call find_exponents(hill, mount, path, near, exponents)
       call count_right(hill, mount, exponents, path, again)
       call check(again == n_growing, 'and counted if it is known')
       total = total + path%n
