@@ -147,14 +147,33 @@ contains
     own%method = task%get_integer('method')
     own%nu = task%get_real('nu')
     own%reach = task%get_real('reach')
+    call read_past(task, own)
+    call read_loads(task, n, piece, own)
+    if (task%failed()) return
+    call own%look_at(own%system)
+    call move_alloc(own, equations)
+  end subroutine read_polynomial
+
+  !> The motion before t = 0: `held`, `before` and `moved`.
+  subroutine read_past(task, own)
+    type(task_type), intent(inout) :: task
+    class(motion_equations), intent(inout) :: own
+    allocate (own%held, source=task%get_reals('held'))
+    allocate (own%before, source=task%get_reals('before'))
+    allocate (own%moved, source=task%get_matrix('moved'))
+  end subroutine read_past
+
+  !> Loads and the motion of the base as polynomials, for n coordinates with a past; `moves` (n).
+  subroutine read_loads(task, n, piece, own)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n
+    type(piece_type), intent(in) :: piece
+    class(motion_equations), intent(inout) :: own
     allocate (own%moves, source=task%get_integers('moves') /= 0)
-    own%held => task%get_reals('held')
-    own%before => task%get_reals('before')
-    own%moved => task%get_matrix('moved')
-    own%breaks => task%get_reals('breaks')
-    own%pieces => task%get_cube('pieces')
-    own%base_breaks => task%get_reals('base_breaks')
-    own%base_pieces => task%get_cube('base_pieces')
+    allocate (own%breaks, source=task%get_reals('breaks'))
+    allocate (own%pieces, source=task%get_cube('pieces'))
+    allocate (own%base_breaks, source=task%get_reals('base_breaks'))
+    allocate (own%base_pieces, source=task%get_cube('base_pieces'))
     call task%check_extents('initial', shape(piece%initial), [2*n])
     call task%check_extents('moves', shape(own%moves), [n])
     call task%check_extents('held', shape(own%held), [n])
@@ -163,10 +182,7 @@ contains
                                                           size(own%breaks)])
     call task%check_extents('base_pieces', shape(own%base_pieces), &
                             [shape(own%base_pieces(:, :, 1)), size(own%base_breaks)])
-    if (task%failed()) return
-    call own%look_at(own%system)
-    call move_alloc(own, equations)
-  end subroutine read_polynomial
+  end subroutine read_loads
 
   !> Components of `oscillator_equations` by name; `moves` (n): see 'moving coordinates'.
   subroutine read_oscillator(task, piece, equations)
@@ -182,22 +198,12 @@ contains
     n = own%system%n_dof()
     call own%set_nodes(task%get_integer('nodes'))
     own%t_end = task%get_real('t_end')
-    allocate (own%moves, source=task%get_integers('moves') /= 0)
-    own%held => task%get_reals('held')
-    own%before => task%get_reals('before')
-    own%moved => task%get_matrix('moved')
-    own%frequencies => task%get_reals('frequencies')
-    own%amplitudes => task%get_complex_matrix('amplitudes')
-    own%breaks => task%get_reals('breaks')
-    own%pieces => task%get_cube('pieces')
-    own%waves => task%get_complex_matrix('waves')
-    own%base_breaks => task%get_reals('base_breaks')
-    own%base_pieces => task%get_cube('base_pieces')
+    call read_past(task, own)
+    call read_loads(task, n, piece, own)
+    allocate (own%frequencies, source=task%get_reals('frequencies'))
+    allocate (own%amplitudes, source=task%get_complex_matrix('amplitudes'))
+    allocate (own%waves, source=task%get_complex_matrix('waves'))
     w = size(own%waves, 1)
-    call task%check_extents('initial', shape(piece%initial), [2*n])
-    call task%check_extents('moves', shape(own%moves), [n])
-    call task%check_extents('held', shape(own%held), [n])
-    call task%check_extents('moved', shape(own%moved), [n, size(own%before)])
     call task%check_extents('amplitudes', shape(own%amplitudes), [n, size(own%frequencies)])
     call task%check_extents('pieces', shape(own%pieces), [n, size(own%pieces, 2), size(own%breaks)])
     call task%check_extents('waves', shape(own%waves), [merge(n, 1, w > 1), size(own%frequencies)])
@@ -232,9 +238,7 @@ contains
     n = size(own%shown, 2)
     call task%check_extents('initial', shape(piece%initial), [2*n])
     shown_left => task%get_complex_matrix('shown_left')
-    own%held => task%get_reals('held')
-    own%before => task%get_reals('before')
-    own%moved => task%get_matrix('moved')
+    call read_past(task, own)
     start => task%get_reals('start')
     start_rates => task%get_reals('start_rates')
     start_others => task%get_complexes('start_others')

@@ -4,8 +4,7 @@ module viscovib_hereditary_job
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counting
-  use viscovib_hereditary, only: past_direct, past_exponentials
-  use viscovib_histories, only: error_of_sums
+  use viscovib_histories, only: error_of_sums, past_direct, past_exponentials
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: memory_equations, oscillator_equations
@@ -58,38 +57,23 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(oscillator_equations), target :: equations
-    complex(wp), target :: amplitudes(system%n_dof(), size(load%orders)), &
-                           waves(system%n_dof(), size(load%orders))
-    real(wp), target :: frequencies(size(load%orders)), moved(system%n_dof(), 1), start(1)
-    real(wp), target :: still(4, system%n_dof(), 1)
-    real(wp), allocatable, target :: breaks(:), pieces(:, :, :)
-    integer :: k
+    integer :: k, n
 
-    start = 0.0_wp
-    call load%forces_in_time(breaks, pieces)
-    still = 0.0_wp
-    waves = (0.0_wp, 0.0_wp)
-    moved(:, 1) = job%held
-    frequencies = load%orders*job%nu
-    do k = 1, size(load%orders)
-      amplitudes(:, k) = load%coefficient(system, load%orders(k), job%nu)
-      if (load%moves_base()) waves(:, k) = load%shift(system, k)
-    end do
+    n = system%n_dof()
     equations%system => system
     equations%moves = moved_coordinates(system, driven(job, system, load))
-    equations%frequencies => frequencies
-    equations%amplitudes => amplitudes
-    equations%breaks => breaks
-    equations%pieces => pieces
-    equations%waves => waves
-    equations%base_breaks => start
-    equations%base_pieces => still
-    equations%held => moved(:, 1)
-    equations%before => start
-    equations%moved => moved
+    call equations%set_past(job%held)
+    call equations%set_loads(system, load)
+    equations%frequencies = load%orders*job%nu
+    allocate (equations%amplitudes(n, size(load%orders)), equations%waves(n, size(load%orders)))
+    equations%waves = (0.0_wp, 0.0_wp)
+    do k = 1, size(load%orders)
+      equations%amplitudes(:, k) = load%coefficient(system, load%orders(k), job%nu)
+      if (load%moves_base()) equations%waves(:, k) = load%shift(system, k)
+    end do
     if (counting) call count_up(counted_idle, count(.not. equations%moves))
-    call run_with_memory(job, system, equations, max(fastest, maxval([0.0_wp, frequencies])), &
-                         load%corners(), trajectory, status)
+    call run_with_memory(job, system, equations, max(fastest, &
+                         maxval([0.0_wp, equations%frequencies])), load%corners(), trajectory, status)
   end subroutine run_hereditary_job
 
   !> Coordinates that the load, the start or the past moves; with events all are computed.

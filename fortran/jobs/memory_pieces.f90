@@ -1,11 +1,12 @@
 !> Equations of motion with memory, of oscillators and of structures by their modes.
 module viscovib_memory_pieces
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_graded_march, only: graded_march_type
-  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, step_too_large
+  use viscovib_hereditary, only: hereditary_type, new_hereditary
   use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_histories, only: past_request
   use viscovib_kinds, only: wp
   use viscovib_law_layers, only: unseen_by_node
+  use viscovib_march, only: begun, march_type, step_too_large
   use viscovib_modal_maps, only: sections_type
   use viscovib_motion_piece, only: check_memory, from_start, memory_under_other_loads, &
     motion_equations, piece_type, under_other_loads
@@ -25,25 +26,18 @@ module viscovib_memory_pieces
   type, abstract, extends(motion_equations) :: memory_equations
     !> The end of any run that continues.
     real(wp) :: t_end = 0.0_wp
-    !> The displacement for all t < 0 (n), or before the first of the times `before` (m) with
-    !! displacements `moved` (n, m), ascending to 0; for structures the deflections of elements.
-    real(wp), pointer, contiguous :: held(:), before(:), moved(:, :)
   contains
     procedure :: set_nodes
+    procedure, private :: request
   end type memory_equations
 
   !> Equations of an oscillator; its past is stored as exponentials or step by step.
   type, extends(memory_equations) :: oscillator_equations
     class(oscillator_type), pointer :: system => null()
-    !> Coordinates that move; the others stay 0.
-    logical, allocatable :: moves(:)
-    !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), and its
-    !! polynomials `pieces` (n, p, b) between `breaks` (b); the base by `waves` (w, k), w = 1: along
-    !! the direction of the system, and by the polynomials `base_pieces` (p, w, c) between
-    !! `base_breaks` (c = 1: none). The load already includes the acceleration of the base.
-    real(wp), pointer, contiguous :: frequencies(:), breaks(:), pieces(:, :, :), base_breaks(:), &
-                                     base_pieces(:, :, :)
-    complex(wp), pointer, contiguous :: amplitudes(:, :), waves(:, :)
+    !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), which already
+    !! includes the acceleration of the base; the base by `waves` (w, k).
+    real(wp), allocatable :: frequencies(:)
+    complex(wp), allocatable :: amplitudes(:, :), waves(:, :)
   contains
     procedure :: run => run_oscillator
   end type oscillator_equations
@@ -91,9 +85,9 @@ contains
     type(hereditary_type) :: run
     type(time_load_type) :: load
     type(base_motion_type) :: base
-    real(wp), allocatable :: u(:), v(:), shortest
+    real(wp), allocatable :: u(:), v(:)
     integer, allocatable :: dofs(:)
-    logical, allocatable :: moves(:), kinks
+    logical, allocatable :: moves(:)
     integer :: i, n, part
 
     call set_ok(status)
@@ -117,24 +111,28 @@ contains
     v = piece%initial(2*dofs)
     call base%enter(piece%mesh%beginning(part), piece%mesh%ends(part))
     call base%add_to(piece%mesh%start_of(piece%first), u, v, share=-1.0_wp)
-    call take_shortest(piece, shortest, kinks)
-    call new_hereditary(run, system, load, self%nodes, piece%past, self%held(dofs), u, v, &
-                        piece%mesh%h(part), self%t_end, piece%tolerance, piece%reason, self%before, &
-                        self%moved(dofs, :), shortest, kinks)
-    call resume_run(run, system, load, base, piece, [real(wp) ::], u, v, status)
+    call new_hereditary(run, system, load, self%request(piece, dofs), u, v, piece%reason)
+    call resume_run(run, base, piece, [real(wp) ::], u, v, status)
     if (status%failed()) return
-    call make_steps(run, system, load, base, self%nodes, dofs, piece)
+    call make_steps(run, base, self%nodes, dofs, piece)
   end subroutine run_oscillator
 
-  !> The shortest step after corners, and true if the base has corners; not allocated: no corners.
-  pure subroutine take_shortest(piece, shortest, kinks)
+  !> The past of the coordinates `dofs`, for a run of a piece.
+  type(past_request) function request(self, piece, dofs)
+    class(memory_equations), intent(in) :: self
     type(piece_type), intent(in) :: piece
-    real(wp), allocatable, intent(out) :: shortest
-    logical, allocatable, intent(out) :: kinks
-    if (.not. piece%shortest > 0.0_wp) return
-    allocate (shortest, source=piece%shortest)
-    allocate (kinks, source=piece%kinks)
-  end subroutine take_shortest
+    integer, intent(in) :: dofs(:)
+    request%nodes = self%nodes
+    request%past = piece%past
+    request%h = piece%mesh%h(piece%mesh%piece_of(piece%first))
+    request%t_end = self%t_end
+    request%tolerance = piece%tolerance
+    request%shortest = piece%shortest
+    request%kinks = piece%kinks
+    allocate (request%held, source=self%held(dofs))
+    allocate (request%before, source=self%before)
+    allocate (request%moved, source=self%moved(dofs, :))
+  end function request
 
   !> Loads and base of the coordinates `dofs`.
   subroutine take_loads(self, system, dofs, load, base)
@@ -184,8 +182,7 @@ contains
     type(structure_march_type) :: run
     type(sections_type) :: pushed
     type(base_motion_type) :: base
-    real(wp), allocatable :: u(:), v(:), shortest
-    logical, allocatable :: kinks
+    real(wp), allocatable :: u(:), v(:)
     real(wp) :: begin
     integer :: i, n, part
 
@@ -197,25 +194,21 @@ contains
     part = piece%mesh%piece_of(piece%first)
     base = self%base
     call base%enter(piece%mesh%beginning(part), piece%mesh%ends(part))
-    call take_shortest(piece, shortest, kinks)
     call new_structure_march(run, self%system, pushed, self%shown, self%shown_left, self%load, &
-                             self%nodes, piece%past, self%held, begin*self%q, begin*self%v, &
-                             piece%mesh%h(part), self%t_end, piece%tolerance, piece%reason, &
-                             self%before, self%moved, shortest, kinks)
+                             self%request(piece, [(i, i=1, size(self%held))]), begin*self%q, &
+                             begin*self%v, piece%reason)
     allocate (piece%phased(2*n), source=0.0_wp)
-    call resume_run(run, self%system, self%load, base, piece, self%kick, u, v, status)
+    call resume_run(run, base, piece, self%kick, u, v, status)
     if (status%failed()) return
-    call make_steps(run, self%system, self%load, base, self%nodes, [(i, i=1, n)], piece)
+    call make_steps(run, base, self%nodes, [(i, i=1, n)], piece)
     if (piece%reason == begun) piece%phased = run%phase_errors()
   end subroutine run_structure
 
   !> Continue a run with the memory of the piece before. Under other loads it continues from the
   !! state (u, v), or if this is not allocated, from the state that is kept, after a jump of the
   !! base by -`kick` (displacement, velocity).
-  subroutine resume_run(run, system, load, base, piece, kick, u, v, status)
-    class(graded_march_type), intent(inout) :: run
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
+  subroutine resume_run(run, base, piece, kick, u, v, status)
+    class(march_type), intent(inout) :: run
     type(base_motion_type), intent(in) :: base
     type(piece_type), intent(inout) :: piece
     real(wp), intent(in) :: kick(:)
@@ -235,15 +228,13 @@ contains
       call run%kick(base, kick(1:1), kick(2:2))
       call run%get_state(u, v)
     end if
-    call run%take_up(system, load, piece%mesh%start_of(piece%first), u, v, made)
+    call run%take_up(piece%mesh%start_of(piece%first), u, v, made)
     if (.not. made) piece%reason = step_too_large
   end subroutine resume_run
 
   !> Make the steps of a piece, of the coordinates `dofs`; the others stay 0.
-  subroutine make_steps(run, system, load, base, nodes, dofs, piece)
-    class(graded_march_type), intent(inout) :: run
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
+  subroutine make_steps(run, base, nodes, dofs, piece)
+    class(march_type), intent(inout) :: run
     type(base_motion_type), intent(inout) :: base
     integer, intent(in) :: nodes, dofs(:)
     type(piece_type), intent(inout) :: piece
@@ -254,7 +245,7 @@ contains
     run%gives_up = piece%gives_up
     if (2*size(dofs) < size(piece%last)) piece%dofs = dofs
     if (piece%is_watched) call piece%begin_watch(size(dofs))
-    call run_hereditary(run, system, load, base, piece, piece%resume == under_other_loads, too_long)
+    call run_hereditary(run, base, piece, piece%resume == under_other_loads, too_long)
     call run%observe(u, v)
     call base%add_to(piece%t_reached, u, v)
     piece%last(2*dofs - 1) = u

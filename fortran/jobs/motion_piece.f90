@@ -2,6 +2,7 @@
 module viscovib_motion_piece
   use viscovib_fitted_memory, only: needs_fit
   use viscovib_kinds, only: i8, wp
+  use viscovib_load, only: load_type
   use viscovib_mesh, only: equal_steps, new_mesh
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
@@ -57,6 +58,15 @@ module viscovib_motion_piece
   type, abstract :: motion_equations
     !> A body with large rotations, whose states have equivalent forms; null: no such body.
     class(oscillator_type), pointer :: turning => null()
+    !> Coordinates that move; the others stay 0.
+    logical, allocatable :: moves(:)
+    !> Loads that are polynomials, shape (n, p, b), between the times `breaks` (b), and the motion
+    !! of the base, (p, w, c), w = 1: along the direction of the system; with less than two times:
+    !! none.
+    real(wp), allocatable :: breaks(:), pieces(:, :, :), base_breaks(:), base_pieces(:, :, :)
+    !> The displacement for all t < 0 (n), or before the first of the times `before` (m) with
+    !! displacements `moved` (n, m), ascending to 0; for structures the deflections of elements.
+    real(wp), allocatable :: held(:), before(:), moved(:, :)
     !> Relative change of the start in shaken runs.
     real(wp) :: change = shaken
     !> True if steps are polynomials through nodes, solved to the tolerance, also between their
@@ -70,6 +80,8 @@ module viscovib_motion_piece
   contains
     procedure(run_interface), deferred :: run
     procedure :: look_at
+    procedure :: set_past
+    procedure :: set_loads
   end type motion_equations
 
   abstract interface
@@ -104,6 +116,26 @@ contains
                           .and. .not. any(system%kernel_of > 0)
     end select
   end subroutine look_at
+
+  !> Set the displacement for all t < 0.
+  pure subroutine set_past(self, held)
+    class(motion_equations), intent(inout) :: self
+    real(wp), intent(in) :: held(:)
+    self%held = held
+    self%before = [0.0_wp]
+    self%moved = reshape(held, [size(held), 1])
+  end subroutine set_past
+
+  !> Set the polynomials of a load, and a base without any.
+  subroutine set_loads(self, system, load)
+    class(motion_equations), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    call load%forces_in_time(self%breaks, self%pieces)
+    self%base_breaks = [0.0_wp]
+    if (allocated(self%base_pieces)) deallocate (self%base_pieces)
+    allocate (self%base_pieces(4, system%n_dof(), 1), source=0.0_wp)
+  end subroutine set_loads
 
   !> Allocate the results, for this number of states.
   subroutine allocate_arrays(self, columns)

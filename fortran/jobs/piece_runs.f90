@@ -4,8 +4,9 @@ module viscovib_piece_runs
   use viscovib_counters, only: count_up, counted_runs, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_fitted_memory, only: shared_error
-  use viscovib_hereditary, only: begun, no_exponentials, past_direct, step_too_large
+  use viscovib_histories, only: past_direct
   use viscovib_kinds, only: i8, wp
+  use viscovib_march, only: begun, no_exponentials, step_too_large
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_method_catalogue, only: method_order, new_stepper
   use viscovib_motion_piece, only: as_before, motion_equations, piece_type

@@ -83,16 +83,6 @@ module viscovib_plain_pieces
     real(wp) :: nu = 0.0_wp
     !> Latest time of any run that continues, for which kernels are fitted.
     real(wp) :: reach = 0.0_wp
-    !> Coordinates that move; the others stay 0.
-    logical, allocatable :: moves(:)
-    !> Loads that are polynomials, shape (n, p, b), between the times `breaks` (b), and the motion
-    !! of the base, (p, w, c), w = 1: along the direction of the system; with less than two times:
-    !! none.
-    real(wp), pointer, contiguous :: breaks(:), pieces(:, :, :), base_breaks(:), &
-                                     base_pieces(:, :, :)
-    !> Displacement for all t < 0 (n), or before the first of the times `before` (m) with
-    !! displacements `moved` (n, m).
-    real(wp), pointer, contiguous :: held(:), before(:), moved(:, :)
   contains
     procedure :: run => run_polynomial
     procedure :: are_smooth => polynomial_is_smooth
@@ -220,8 +210,8 @@ contains
     if (piece%sign /= 0) reduced%mass = reduced%mass*(1.0_wp - 2.0_wp*shaken)
     call new_fitted_motion(motion, reduced, part, self%nu, piece%h, self%reach, status, taken)
     if (status%failed()) return
-    call begin_hidden(motion, reduced, taken, self%held(dofs), status, self%before, &
-                      self%moved(dofs, :))
+    call begin_hidden(motion, reduced, taken, self%held(dofs), self%before, self%moved(dofs, :), &
+                      status)
     if (status%failed()) return
     call add_tables(self, motion, reduced, dofs)
     motion%thin = piece%thin
@@ -341,16 +331,13 @@ contains
   !   m z' = integral_(-inf)^0 exp(r s) (g - g_h) ds.
 
   !> Initialize a motion with its past.
-  subroutine begin_hidden(motion, system, fitted, held, status, before, moved)
+  subroutine begin_hidden(motion, system, fitted, held, before, moved, status)
     type(polynomial_motion_type), intent(inout) :: motion
     !> With its own kernels, and with the kernels of the motion.
     type(polynomial_type), intent(in) :: system, fitted
-    !> Displacement held for all t < 0, shape (n_dof).
-    real(wp), intent(in) :: held(:)
+    !> As in `past_request`.
+    real(wp), intent(in) :: held(:), before(:), moved(:, :)
     type(status_type), intent(out) :: status
-    !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the motion
-    !! before 0 is known; `held` is then the first of these displacements.
-    real(wp), intent(in), optional :: before(:), moved(:, :)
     type(channels_type) :: channels
     type(known_past_type) :: past
     integer, allocatable :: variables(:)
@@ -384,7 +371,6 @@ contains
       force(n + 1:) = -channels%held(variables)
       call motion%hold(force)
     end if
-    if (.not. present(before)) return
     if (size(before) < 2) return
     call new_known_past(past, system, channels, before, moved)
     motion%hidden_speeds = [(dragged(past, variables(i), rates(i))/masses(i), i=1, size(rates))]

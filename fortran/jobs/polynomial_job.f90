@@ -36,28 +36,16 @@ contains
     type(status_type), intent(out) :: status
     type(polynomial_equations), target :: equations
     type(piece_runs) :: runs
-    real(wp), target :: held(system%n_dof()), moved(system%n_dof(), 1), start(1), still(4, 1, 1)
-    real(wp), allocatable, target :: breaks(:), pieces(:, :, :)
 
-    start = 0.0_wp
-    still = 0.0_wp
-    call load%forces_in_time(breaks, pieces)
-    held = 0.0_wp
-    if (allocated(job%held)) held = job%held
-    moved(:, 1) = held
     equations%system => system
     equations%method = job%method
     equations%load = load
     equations%nu = nu
     equations%reach = furthest*job%t_end
     equations%moves = moved_coordinates(system, driven(job, system, load))
-    equations%breaks => breaks
-    equations%pieces => pieces
-    equations%base_breaks => start
-    equations%base_pieces => still
-    equations%held => held
-    equations%before => start
-    equations%moved => moved
+    call equations%set_past(spread(0.0_wp, 1, system%n_dof()))
+    if (allocated(job%held)) call equations%set_past(job%held)
+    call equations%set_loads(system, load)
     call equations%look_at(system)
     runs%equations => equations
     runs%first%tolerance = job%solved()

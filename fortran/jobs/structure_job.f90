@@ -34,18 +34,11 @@ contains
     type(status_type), intent(out) :: status
     type(structure_equations), target :: equations
     type(hereditary_job) :: own
-    real(wp), target :: held(size(model%directions, 2)), moved(size(model%directions, 2), 1), &
-                        start(1)
     real(wp) :: first(size(job%initial))
     integer :: i, n
 
-    start = 0.0_wp
-    held = matmul(job%held, model%directions)
-    moved(:, 1) = held
     equations%system => system%polynomial_type
-    equations%held => held
-    equations%before => start
-    equations%moved => moved
+    call equations%set_past(matmul(job%held, model%directions))
     allocate (equations%load%frequencies(0), equations%load%amplitudes(0, 0))
     allocate (equations%load%breaks(0), equations%load%pieces(0, 4, 0))
     if (model%load%has_table()) then

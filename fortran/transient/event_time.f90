@@ -1,102 +1,130 @@
-!> The time of an event by separate steps from the start of a step, for functions that may be
-!! thin: their slope at one position does not predict the next.
+!> The time of an event along the motion itself, near that of the polynomial of a step, for functions
+!! that may be thin: their slope at one position does not predict the next.
 module viscovib_event_time
-  use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: watched_function
   use viscovib_step_path, only: step_path
-  use viscovib_stepper, only: stepper_type
   implicit none
   private
 
-  public :: settle_thin
+  public :: signal_in_step
 
   !> Numbers of corrections along the motion, of enlargements of the search, and of iterations;
   !! first radius of the search relative to the position, factor of enlargement, largest shift.
   integer, parameter :: n_moves = 3, n_reaches = 16, n_turns = 80
   real(wp), parameter :: first_reach = 8.0_wp*epsilon(1.0_wp), growth = 8.0_wp, furthest = 1.0e-3_wp
+  !> Relative to a step: distance for the slope of its polynomial, largest correction by this slope;
+  !! relative to a position: correction at convergence.
+  real(wp), parameter :: closely = 1.0e-4_wp, nearly = 1.0e-6_wp, exactly = 1.0e-12_wp
 
-  !> A signal along the motion that the method computes in a step, positive before the event.
-  type :: signal_of_method
-    !> The method at the start of the step.
-    class(stepper_type), pointer :: start => null()
-    class(driven_system_type), pointer :: system => null()
+  !> A signal along the motion in a step or in a part of a step, positive before the event.
+  type, abstract :: signal_in_step
     class(watched_function), pointer :: signal => null()
     type(step_path), pointer :: path => null()
+    !> Coordinates that the signal and the path receive; not allocated: all of them.
+    integer, allocatable :: reads(:)
+    !> The sign of the signal before; true if the path represents the motion.
     integer :: side = 1
-    !> True if the last step succeeded, and the state there.
+    logical :: is_smooth = .true.
+    !> True if the motion exists at the last position, and its state there.
     logical :: made = .true.
     real(wp), allocatable :: q(:), v(:)
   contains
-    procedure :: go
-    procedure :: value
-  end type signal_of_method
+    procedure(go_interface), deferred :: go
+    procedure :: settle
+    procedure, private :: value
+    procedure, private :: settle_by_slope
+  end type signal_in_step
+
+  abstract interface
+    !> Advance from the start of the step to a position x in [0, 1] of the path.
+    subroutine go_interface(self, x)
+      import :: signal_in_step, wp
+      class(signal_in_step), intent(inout) :: self
+      real(wp), intent(in) :: x
+    end subroutine go_interface
+  end interface
 
 contains
 
-  !> Position of an event of the method itself, near the event of the polynomial of its step,
-  !! and the state there. If there is none, the position is unchanged, and the state is that of the
-  !! polynomial.
-  subroutine settle_thin(start, system, signal, side, path, place, q, v)
-    !> The method at the start of the step.
-    class(stepper_type), intent(in), target :: start
-    class(driven_system_type), intent(in), target :: system
-    class(watched_function), intent(in), target :: signal
-    !> The sign of the signal before.
-    integer, intent(in) :: side
-    type(step_path), intent(in), target :: path
+  !> Position of an event of the motion itself, near the event of the polynomial of its step,
+  !! and the state there. If it is not found, the position is unchanged.
+  subroutine settle(self, place, found)
+    class(signal_in_step), intent(inout) :: self
     real(wp), intent(inout) :: place
-    real(wp), intent(out) :: q(:), v(:)
-    type(signal_of_method) :: along
-    real(wp) :: t(1), here(1, size(q)), rate(1, size(q)), low, high, x, reach, ends(2)
-    logical :: found
+    logical, intent(out) :: found
+    real(wp), dimension(1, size(self%path%q, 2)) :: here, rate, q, v
+    real(wp) :: t(1), low, high, x, reach, ends(2)
     integer :: i
 
-    along%start => start
-    along%system => system
-    along%signal => signal
-    along%path => path
-    along%side = side
-    along%q = q
-    along%v = v
-    call path%at([place], t, here, rate)
-    ! The state of the polynomial is a state of the method a little earlier or later.
+    self%made = .true.
+    call self%settle_by_slope(place, found)
+    if (found .or. .not. self%made) return
+    call self%path%at([place], t, here, rate)
+    ! The state of the polynomial is a state of the motion a little earlier or later.
     x = place
     do i = 1, n_moves
-      call along%go(x)
-      if (.not. along%made) exit
-      reach = sum((along%q - here(1, :))*along%v)/max(path%h*sum(along%v*along%v), tiny(1.0_wp))
+      call self%go(x)
+      if (.not. self%made) exit
+      call read_state(self, q, v)
+      reach = sum((q - here)*v)/max(self%path%h*sum(v*v), tiny(1.0_wp))
       ! At rest this shift is meaningless.
       if (.not. abs(x - reach - place) <= furthest) exit
       x = min(max(x - reach, 0.0_wp), 1.0_wp)
     end do
-    along%made = .true.
-    found = .false.
+    self%made = .true.
     reach = first_reach*max(x, first_reach)
     do i = 1, n_reaches
       low = max(x - reach, 0.0_wp)
       high = min(x + reach, 1.0_wp)
-      ends = [along%value(low), along%value(high)]
-      found = along%made .and. ends(1) >= 0.0_wp .and. ends(2) < 0.0_wp
+      ends = [self%value(low), self%value(high)]
+      found = self%made .and. ends(1) >= 0.0_wp .and. ends(2) < 0.0_wp
       if (found) exit
       reach = growth*reach
     end do
-    if (.not. found .and. along%made) call look_about_extremum(along, place, low, high, ends, found)
-    q = here(1, :)
-    v = rate(1, :)
+    if (.not. found .and. self%made) call look_about_extremum(self, place, low, high, ends, found)
     if (.not. found) return
-    call close_in(along, low, high, ends)
+    call close_in(self, low, high, ends)
     place = high
-    call along%go(high)
-    q = along%q
-    v = along%v
-  end subroutine settle_thin
+    call self%go(high)
+  end subroutine settle
+
+  !> The same by Newton's method with the slope of the polynomial, if it is accurate enough.
+  subroutine settle_by_slope(self, place, found)
+    class(signal_in_step), intent(inout) :: self
+    real(wp), intent(inout) :: place
+    logical, intent(out) :: found
+    real(wp) :: ends(2), g(2), x, off, before
+    integer :: k
+
+    found = .false.
+    if (.not. self%is_smooth) return
+    ends = min(max([place - closely, place + closely], 0.0_wp), 1.0_wp)
+    call signal_along(self%signal, self%path, ends, g)
+    g = self%side*g
+    if (.not. g(2) < g(1)) return
+    x = place
+    before = nearly
+    do k = 1, 4
+      off = self%value(x)*(ends(2) - ends(1))/(g(1) - g(2))
+      if (.not. (self%made .and. abs(off) <= before)) return
+      ! The remainder is below the rounding of time, and changes no digit of the state.
+      found = abs(off) <= exactly
+      if (found) then
+        self%q = self%q + off*self%path%h*self%v
+        place = x + off
+        return
+      end if
+      x = min(max(x + off, 0.0_wp), 1.0_wp)
+      before = 1.0e-2_wp*abs(off)
+    end do
+  end subroutine settle_by_slope
 
   !> Near grazing the error of the polynomial may exceed the signal beyond 0: then its
   !! event is far from that of the method, but both are near the same extremum.
   subroutine look_about_extremum(along, place, low, high, ends, found)
-    type(signal_of_method), intent(inout) :: along
+    class(signal_in_step), intent(inout) :: along
     !> The event of the polynomial; bracket of the event of the method, and values at its ends.
     real(wp), intent(in) :: place
     real(wp), intent(inout) :: low, high, ends(2)
@@ -138,7 +166,7 @@ contains
 
   !> Reduce the bracket of an event.
   subroutine close_in(along, low, high, ends)
-    type(signal_of_method), intent(inout) :: along
+    class(signal_in_step), intent(inout) :: along
     real(wp), intent(inout) :: low, high, ends(2)
     real(wp) :: x, g
     integer :: i, last
@@ -164,30 +192,31 @@ contains
     end do
   end subroutine close_in
 
-  !> Advance to a position.
-  subroutine go(self, x)
-    class(signal_of_method), intent(inout) :: self
-    real(wp), intent(in) :: x
-    if (x*self%path%h <= 4.0_wp*spacing(self%path%start)) then
-      self%q = self%path%q(1, :)
-      self%v = self%path%v(1, :)
-      self%made = .true.
-    else
-      call self%start%look_ahead(self%system, x*self%path%h, self%q, self%v, self%made)
-    end if
-  end subroutine go
-
   !> The signal at a position.
   real(wp) function value(self, x)
-    class(signal_of_method), intent(inout) :: self
+    class(signal_in_step), intent(inout) :: self
     real(wp), intent(in) :: x
+    real(wp), dimension(1, size(self%path%q, 2)) :: q, v
     real(wp) :: g(1)
     value = 0.0_wp
     call self%go(x)
     if (.not. self%made) return
-    call self%signal%at([self%path%start + x*self%path%h], reshape(self%q, [1, size(self%q)]), &
-                        reshape(self%v, [1, size(self%v)]), g)
+    call read_state(self, q, v)
+    call self%signal%at([self%path%start + x*self%path%h], q, v, g)
     value = self%side*g(1)
   end function value
+
+  !> The part of the present state that the signal receives.
+  pure subroutine read_state(self, q, v)
+    class(signal_in_step), intent(in) :: self
+    real(wp), intent(out) :: q(:, :), v(:, :)
+    if (allocated(self%reads)) then
+      q(1, :) = self%q(self%reads)
+      v(1, :) = self%v(self%reads)
+    else
+      q(1, :) = self%q
+      v(1, :) = self%v
+    end if
+  end subroutine read_state
 
 end module viscovib_event_time

@@ -18,7 +18,8 @@ module viscovib_explicit_stepper
     type(explicit_type), private :: block
   contains
     procedure :: step
-    procedure :: arrive
+    !> Its loads have advanced.
+    procedure :: arrive => put
     procedure :: change_step
     procedure :: put
     procedure :: memory_size
@@ -61,18 +62,6 @@ contains
     self%q = q(1, :)
     self%v = v(1, :)
   end subroutine step
-
-  !> Set the state at the end of a step that left the range of numbers; its loads have advanced.
-  subroutine arrive(self, q, v)
-    class(explicit_stepper_type), intent(inout) :: self
-    real(wp), intent(in) :: q(:), v(:)
-    integer :: l
-    do l = 1, n_lanes
-      call self%block%set_lane(l, q, v)
-    end do
-    self%q = q
-    self%v = v
-  end subroutine arrive
 
   subroutine change_step(self, system, h)
     class(explicit_stepper_type), intent(inout) :: self

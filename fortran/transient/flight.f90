@@ -208,7 +208,7 @@ contains
     type(flight_type), intent(inout) :: f
     integer(i8), intent(in) :: i
     call keep(size(f%q, 2), f%q, f%v, f%q_before, f%v_before)
-    if (f%past%is_due()) call f%past%note(real(i - 1, wp), f%q, f%v)
+    if (f%past%is_due()) call f%past%note(real(i - 1, wp), [f%q, f%v])
   end subroutine before_step
 
   pure subroutine keep(n, q, v, q_before, v_before)
@@ -352,7 +352,7 @@ contains
       if (good .and. f%margin(l) > 0.0_wp) return
       stop%outcome = run_coarse
     end if
-    call f%past%confirm(motion, l, f%n, l, block%frequencies, block%h(l), &
+    call f%past%confirm(motion, n_lanes, f%n, l, block%frequencies, block%h(l), &
                         real(i - 1, wp)*block%h(l), block%h(l), stop)
     if (stop%outcome == run_coarse) then
       stop%ahead = 0.0_wp

@@ -173,11 +173,7 @@ contains
   subroutine arrive(self, q, v)
     class(gauss_type), intent(inout) :: self
     real(wp), intent(in) :: q(:), v(:)
-    self%q = q
-    self%v = v
-    self%q_rest = 0.0_wp
-    self%v_rest = 0.0_wp
-    self%has_history = .false.
+    call self%put(q, v)
     call self%phases%advance()
   end subroutine arrive
 

@@ -6,52 +6,44 @@
 module viscovib_hereditary
   use viscovib_base_motion, only: base_motion_type
   use viscovib_counters, only: count_up, counted_coordinates, counting
-  use viscovib_graded_march, only: graded_march_type, n_common, pull, push
   use viscovib_hereditary_kernels, only: add_any, add_held, add_up, check_resolution, runs_away
-  use viscovib_hereditary_maps, only: find_map, new_step_map, step_map_type
-  use viscovib_hereditary_start, only: direct_panels, march_start, start_type
-  use viscovib_histories, only: past_direct, past_exponentials
+  use viscovib_hereditary_maps, only: new_step_map, step_map_type
+  use viscovib_hereditary_start, only: direct_panels, march_start
+  use viscovib_histories, only: past_request
   use viscovib_kinds, only: wp
-  use viscovib_march, only: begun, no_exponentials, no_integral, step_too_large
+  use viscovib_march, only: begun, march_type, pull
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_step_equations, only: solved_for
-  use viscovib_time_load, only: new_clock, time_load_type
+  use viscovib_time_load, only: time_load_type
   implicit none
   private
 
   public :: hereditary_type, new_hereditary
 
-  ! Re-exported constants.
-  public :: past_exponentials, past_direct, begun, no_exponentials, step_too_large, no_integral
-
   !> The state consists of the coordinates.
-  type, extends(graded_march_type) :: hereditary_type
+  type, extends(march_type) :: hereditary_type
     !> State, shape (n_dof), and its rounding error.
     real(wp), allocatable :: u(:), v(:), u_rest(:), v_rest(:)
     !> Largest last Legendre coefficient of the displacements on a step, and largest
     !! displacement, shape (n_dof): their ratio shows how well steps resolve the motion.
     real(wp), allocatable :: roughness(:), largest(:)
-    !> Maps for each step length, and the index of the present one.
+    !> Maps for each step length.
     type(step_map_type), allocatable :: maps(:)
-    integer :: now = 1
-    type(start_type) :: start
-    !> Step lengths of the maps, and their number.
-    real(wp), allocatable, private :: lengths(:)
-    integer, private :: n_lengths = 0
   contains
-    procedure :: take_up
-    procedure :: kick
-    procedure :: change_step
+    procedure :: set_state
     procedure :: get_state
+    procedure :: kick
+    procedure :: make_maps
     procedure :: observe
     procedure :: inside
     procedure :: furthest
     procedure :: n_observed
     procedure :: resolution
-    procedure :: memory_size
-    procedure :: save_memory
-    procedure :: load_memory
-    procedure :: add_first_step
+    procedure :: n_saved
+    procedure :: n_phases
+    procedure :: save_state
+    procedure :: load_state
+    procedure :: starts_moving
+    procedure :: make_start
     procedure :: plain_step
     procedure :: stand_still
     procedure :: begin_panels
@@ -64,77 +56,39 @@ module viscovib_hereditary
 
 contains
 
-  !> A run from (u, v) at time 0. `reason`: `begun`, or why the run cannot start.
-  subroutine new_hereditary(run, system, load, s, past, held, u, v, h, t_end, tolerance, reason, &
-                            before, moved, shortest, kinks)
+  !> A run from (u, v) at time 0, shape (n_dof). `reason`: `begun`, or why the run cannot start.
+  subroutine new_hereditary(run, system, load, request, u, v, reason)
     type(hereditary_type), intent(out) :: run
-    class(oscillator_type), intent(in) :: system
+    class(oscillator_type), intent(in), target :: system
     type(time_load_type), intent(in) :: load
-    !> Nodes of a step; `past_exponentials` or `past_direct`.
-    integer, intent(in) :: s, past
-    !> Displacement held for all t < 0, shape (n_dof).
-    real(wp), intent(in) :: held(:)
-    !> Start, shape (n_dof); step; latest time; relative error of the kernels as
-    !! exponentials and of a step's solution.
-    real(wp), intent(in) :: u(:), v(:), h, t_end, tolerance
+    type(past_request), intent(in) :: request
+    real(wp), intent(in) :: u(:), v(:)
     integer, intent(out) :: reason
-    !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the
-    !! motion before 0 is known; `held` is then the first of these displacements.
-    real(wp), intent(in), optional :: before(:), moved(:, :)
-    !> Shortest step of a run whose steps change after corners of the load.
-    real(wp), intent(in), optional :: shortest
-    !> Whether velocities may jump at corners.
-    logical, intent(in), optional :: kinks
-    logical :: singular
 
-    run%h = h
-    run%u = u
-    run%v = v
-    run%u_rest = 0.0_wp*u
+    call run%set_state(u, v)
     run%roughness = 0.0_wp*u
     run%largest = 0.0_wp*u
-    run%v_rest = 0.0_wp*v
-    call run%begin_memory(system, s, past, held, h, t_end, tolerance, reason, before, moved, &
-                          shortest, kinks)
-    if (reason /= begun) return
-    allocate (run%maps(1), run%lengths(1))
-    run%lengths = h
-    run%n_lengths = 1
-    call new_step_map(run%maps(1), system, run%channels, run%table, h, singular)
-    if (singular) then
-      reason = step_too_large
-      return
-    end if
-    call new_clock(run%clock, load, 0.0_wp, h, run%table%points(1:s))
-    call run%begin_equations(run%maps(1), solved_for(tolerance))
-    call run%stand_still(system)
+    allocate (run%maps(1))
+    call run%begin(system, load, request, reason)
+    if (reason == begun) call run%begin_equations(run%maps(run%now), request%tolerance)
   end subroutine new_hereditary
 
   !> Start the next step at the present state, without extrapolation from the previous step.
-  subroutine stand_still(self, system)
+  subroutine stand_still(self)
     class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    call self%equations%start_bends(system, self%maps(self%now), self%u, self%v)
+    call self%equations%start_bends(self%system, self%maps(self%now), self%u, self%v)
     self%points(self%table%s + 1, :) = self%u
     self%rolling = .false.
   end subroutine stand_still
 
-  !> Continue at time t from a state, relative to the base, under another load; the memory
-  !! is kept. `made` is false if steps are too large.
-  subroutine take_up(self, system, load, t, u, v, made)
+  pure subroutine set_state(self, u, v)
     class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: t, u(:), v(:)
-    logical, intent(out) :: made
-
+    real(wp), intent(in) :: u(:), v(:)
     self%u = u
     self%v = v
     self%u_rest = 0.0_wp*u
     self%v_rest = 0.0_wp*v
-    call self%enter(system, load, t, self%h, made)
-    call self%stand_still(system)
-  end subroutine take_up
+  end subroutine set_state
 
   !> Add a jump to the state relative to the base.
   subroutine kick(self, base, displacement, velocity)
@@ -145,34 +99,22 @@ contains
     call add_any(self%v, self%v_rest, base%of_coordinates(velocity))
   end subroutine kick
 
-  !> Set the step length to h from time t on.
-  subroutine change_step(self, system, load, t, h, made)
+  subroutine make_maps(self, singular)
     class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: t, h
-    logical, intent(out) :: made
-    logical :: singular
+    logical, intent(out) :: singular
+    type(step_map_type), allocatable :: grown(:)
 
-    self%h = h
-    self%rolling = .false.
-    call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
-    if (self%remembers()) call self%history%change_step(h)
-    singular = .false.
-    call find_map(self%maps, self%lengths, self%n_lengths, h, self%now)
-    if (self%now > self%n_lengths) then
-      call new_step_map(self%maps(self%now), system, self%channels, self%table, h, singular)
-      self%lengths(self%now) = h
-      if (.not. singular) self%n_lengths = self%now
+    if (self%now > size(self%maps)) then
+      allocate (grown(size(self%lengths)))
+      grown(:self%now - 1) = self%maps
+      call move_alloc(grown, self%maps)
     end if
-    made = .not. singular
-  end subroutine change_step
+    call new_step_map(self%maps(self%now), self%system, self%channels, self%table, self%h, singular)
+  end subroutine make_maps
 
   !> One step to time `until`, as a polynomial.
-  subroutine plain_step(self, system, load, until, made)
+  subroutine plain_step(self, until, made)
     class(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: until
     logical, intent(out) :: made
     integer :: d, n, s
@@ -180,18 +122,18 @@ contains
     s = self%table%s
     n = size(self%u)
     if (counting) call count_up(counted_coordinates, n)
-    if (system%moving) call rename_start(self, system)
+    if (self%system%moving) call rename_start(self)
     associate (z => self%equations%z, map => self%maps(self%now))
       z(:n) = self%u
       z(n + 1:2*n) = self%v
-      call self%clock%at_nodes(load, z(map%at_load + 1:map%at_memory))
+      call self%clock%at_nodes(self%load, z(map%at_load + 1:map%at_memory))
       if (map%n_channels > 0) then
         call self%history%recall(z(map%at_memory + 1:map%at_bend))
         call add_held(s*map%n_channels, map%held, z(map%at_memory + 1:map%at_bend))
       end if
       call self%equations%predict(map, self%rolling)
       z(map%at_bend + 1:) = self%equations%y_start
-      call self%equations%iterate(system, map, self%u, made)
+      call self%equations%iterate(self%system, map, self%u, made)
     end associate
     if (.not. made) return
     associate (x => self%equations%x, map => self%maps(self%now))
@@ -229,21 +171,17 @@ contains
   end subroutine plain_step
 
   !> Use an equivalent representation of the same state, if the system has one.
-  subroutine rename_start(self, system)
-    type(hereditary_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
+  subroutine rename_start(self)
+    class(hereditary_type), intent(inout) :: self
     real(wp) :: u(size(self%u)), v(size(self%u))
     logical :: renamed
 
     u = self%u + self%u_rest
     v = self%v + self%v_rest
-    call system%rename_state(u, v, renamed)
+    call self%system%rename_state(u, v, renamed)
     if (.not. renamed) return
-    self%u = u
-    self%v = v
-    self%u_rest = 0.0_wp
-    self%v_rest = 0.0_wp
-    call self%stand_still(system)
+    call self%set_state(u, v)
+    call self%stand_still()
   end subroutine rename_start
 
   !> Allocate the panels of a step.
@@ -270,34 +208,27 @@ contains
     end do
   end function resolution
 
-  !> The first step as a sequence of panels, where memory makes the start singular;
-  !! `made` is false if a plain step suffices.
-  subroutine add_first_step(self, system, load, made)
+  pure logical function starts_moving(self)
+    class(hereditary_type), intent(in) :: self
+    starts_moving = any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp)
+  end function starts_moving
+
+  subroutine make_start(self, made)
     class(hereditary_type), intent(inout), target :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
     logical, intent(out) :: made
-    real(wp), dimension(size(self%u)) :: f
     type(direct_panels) :: panels
 
-    made = .false.
-    if (.not. self%remembers()) return
-    call load%at(0.0_wp, f)
-    if (.not. (any(abs(self%u) > 0.0_wp) .or. any(abs(self%v) > 0.0_wp) &
-               .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known())) return
     panels%u = self%u
     panels%v = self%v
-    call march_start(self%start, system, self%channels, load, self%known_past, self%h, panels, made)
+    call march_start(self%start, self%system, self%channels, self%load, self%known_past, self%h, &
+                     panels, made)
     if (made) made = all(abs(panels%u) <= self%bound) .and. all(abs(panels%v) <= self%bound)
     if (.not. made) return
     self%u = panels%u
     self%v = panels%v
     call move_alloc(panels%begins, self%start%begins)
     call move_alloc(panels%rises, self%start%rises)
-    call self%history%begin(self%start%table, self%start%past)
-    call self%clock%advance(self%h)
-    call self%stand_still(system)
-  end subroutine add_first_step
+  end subroutine make_start
 
   pure integer function n_observed(self)
     class(hereditary_type), intent(in) :: self
@@ -355,52 +286,39 @@ contains
     rises = reshape(self%equations%x(:size(rises)), shape(rises))
   end function rises_of
 
-  pure integer function memory_size(self)
+  pure integer function n_saved(self)
     class(hereditary_type), intent(in) :: self
-    memory_size = n_common + 6*size(self%u) + size(self%equations%y_start) &
-                  + size(self%equations%y) + 2*size(self%clock%high)
-    if (self%remembers()) memory_size = memory_size + self%history%memory_size()
-  end function memory_size
+    n_saved = 6*size(self%u) + self%n_phases()
+  end function n_saved
 
-  function save_memory(self) result(memory)
+  pure integer function n_phases(self)
     class(hereditary_type), intent(in) :: self
-    real(wp) :: memory(self%memory_size())
-    integer :: n
+    n_phases = 2*size(self%clock%high)
+  end function n_phases
 
-    memory(:n_common) = self%common_memory()
-    n = n_common
-    call push(memory, n, [self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest])
-    call push(memory, n, [self%equations%y_start, self%equations%y])
-    if (self%remembers()) call push(memory, n, self%history%save_memory())
-    call push(memory, n, [self%clock%high, self%clock%low])
+  function save_state(self) result(saved)
+    class(hereditary_type), intent(in) :: self
+    real(wp) :: saved(self%n_saved())
+    saved = [self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest, &
+             self%clock%high, self%clock%low]
+  end function save_state
 
-  end function save_memory
-
-  subroutine load_memory(self, memory, other_load)
+  subroutine load_state(self, saved, other_load)
     class(hereditary_type), intent(inout) :: self
-    real(wp), intent(in) :: memory(:)
-    !> The load has changed: the saved phases are not used.
+    real(wp), intent(in) :: saved(:)
     logical, intent(in) :: other_load
     integer :: n
 
-    call self%take_common(memory(:n_common))
-    n = n_common
-    call pull(memory, n, self%u)
-    call pull(memory, n, self%v)
-    call pull(memory, n, self%u_rest)
-    call pull(memory, n, self%v_rest)
-    call pull(memory, n, self%roughness)
-    call pull(memory, n, self%largest)
-    call pull(memory, n, self%equations%y_start)
-    call pull(memory, n, self%equations%y)
-    if (self%remembers()) then
-      call self%history%load_memory(memory(n + 1:))
-      n = n + self%history%memory_size()
-    end if
+    n = 0
+    call pull(saved, n, self%u)
+    call pull(saved, n, self%v)
+    call pull(saved, n, self%u_rest)
+    call pull(saved, n, self%v_rest)
+    call pull(saved, n, self%roughness)
+    call pull(saved, n, self%largest)
     if (other_load) return
-    call pull(memory, n, self%clock%high)
-    call pull(memory, n, self%clock%low)
-
-  end subroutine load_memory
+    call pull(saved, n, self%clock%high)
+    call pull(saved, n, self%clock%low)
+  end subroutine load_state
 
 end module viscovib_hereditary

@@ -27,7 +27,7 @@ module viscovib_hereditary_maps
   private
 
   public :: step_map_type, new_step_map, local_weights
-  public :: find_map, place_of, padded, remaining_weights, remember_held
+  public :: place_of, padded, remaining_weights, remember_held
 
   !> Number of step lengths whose maps are kept.
   integer, parameter :: most_lengths = 64
@@ -384,23 +384,6 @@ contains
       end do
     end do
   end subroutine set_variable_rows
-
-  !> Index of the map for step length h, or the index for a new map: `now`.
-  subroutine find_map(maps, lengths, n_lengths, h, now)
-    type(step_map_type), allocatable, intent(inout) :: maps(:)
-    !> Step length of each map; n_lengths of them are valid.
-    real(wp), allocatable, intent(inout) :: lengths(:)
-    integer, intent(inout) :: n_lengths
-    real(wp), intent(in) :: h
-    integer, intent(out) :: now
-    type(step_map_type), allocatable :: grown(:)
-
-    call place_of(lengths, n_lengths, h, now)
-    if (now <= size(maps)) return
-    allocate (grown(size(lengths)))
-    grown(:now - 1) = maps
-    call move_alloc(grown, maps)
-  end subroutine find_map
 
   !> Index of step length h among the lengths, or a new index; a full list starts again.
   pure subroutine place_of(lengths, n_lengths, h, now)

@@ -2,17 +2,17 @@
 module viscovib_hereditary_run
   use viscovib_base_motion, only: base_motion_type
   use viscovib_collocation, only: parts
-  use viscovib_hereditary_stops, only: hereditary_past, stop_hereditary
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_law_layers, only: law_layers
   use viscovib_layer_watch, only: layer_watch
   use viscovib_march, only: march_type
   use viscovib_march_events, only: look_inside
   use viscovib_mesh, only: mesh_type
-  use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_time_load, only: time_load_type
-  use viscovib_time_run, only: make_run, run_coarse, run_completed, run_motion, time_run
+  use viscovib_run_history, only: run_history
+  use viscovib_stops, only: find_stop_of_march, stop_type
+  use viscovib_time_run, only: make_run, put_state, run_coarse, run_completed, run_motion, &
+    time_run
   implicit none
   private
 
@@ -20,30 +20,26 @@ module viscovib_hereditary_run
 
   type, extends(run_motion) :: hereditary_motion
     class(march_type), pointer :: march => null()
-    class(oscillator_type), pointer :: system => null()
-    type(time_load_type), pointer :: load => null()
     type(base_motion_type), pointer :: base => null()
     !> True if load and base have changed; the state is relative to the new base.
     logical :: anew = .false.
     !> False if the steps of the present piece are too large.
     logical :: entered = .true.
-    type(hereditary_past) :: past
+    type(run_history) :: past
     type(layer_watch) :: layers
   contains
     procedure :: begin
     procedure :: enter
     procedure :: advance
-    procedure :: state
+    procedure :: store
   end type hereditary_motion
 
 contains
 
   !> Make the steps of a run. The state in `march` becomes that at its end. Events are detected by
   !! the polynomials of the steps.
-  subroutine run_hereditary(march, system, load, base, run, anew, thinnest)
+  subroutine run_hereditary(march, base, run, anew, thinnest)
     class(march_type), intent(inout), target :: march
-    class(oscillator_type), intent(in), target :: system
-    type(time_load_type), intent(in), target :: load
     type(base_motion_type), intent(inout), target :: base
     class(time_run), intent(inout) :: run
     !> As in `hereditary_motion`.
@@ -53,8 +49,6 @@ contains
     type(hereditary_motion) :: motion
 
     motion%march => march
-    motion%system => system
-    motion%load => load
     motion%base => base
     motion%anew = anew
     call make_run(motion, run)
@@ -66,7 +60,6 @@ contains
     class(time_run), intent(inout) :: run
     integer, intent(in) :: piece
     type(law_layers) :: layers
-    real(wp), allocatable :: q(:), v(:)
     real(wp), dimension(self%march%n_read()) :: w, w_rate
     logical :: continues
     integer :: before
@@ -76,10 +69,10 @@ contains
     if (piece > 1 .and. continues .and. .not. self%anew) before = piece - 1
     call self%base%enter(run%mesh%beginning(before), run%mesh%ends(before))
     do while (run%wants_state(run%t_reached, spacing(run%t_reached)))
-      call self%state(run%t_reached, q, v)
-      call run%keep_wanted(q, v)
+      run%n_reached = run%n_reached + 1
+      call self%store(run%t_reached, run%at_times(:, run%n_reached), run%dofs)
     end do
-    select type (system => self%system)
+    select type (system => self%march%system)
     class is (polynomial_type)
       if (size(system%laws) > 0) call layers%find(system%laws)
     end select
@@ -94,27 +87,26 @@ contains
     integer, intent(in) :: piece
     if (run%t_reached > 0.0_wp .and. self%base%has_corners()) call turn(self, run%mesh, piece, &
                                                                        run%t_reached)
-    call self%march%enter(self%system, self%load, run%t_reached, run%mesh%h(piece), self%entered)
+    call self%march%enter(run%t_reached, run%mesh%h(piece), self%entered)
     call self%past%forget()
     if (self%layers%on) call look_on(self, run%t_reached, .true.)
   end subroutine enter
 
-  subroutine advance(self, run, piece, k)
+  subroutine advance(self, run, piece, until)
     class(hereditary_motion), intent(inout) :: self
     class(time_run), intent(inout), target :: run
     integer, intent(in) :: piece
-    integer(i8), intent(in) :: k
-    real(wp) :: from, until
+    real(wp), intent(in) :: until
+    real(wp) :: from
     logical :: made
 
     from = run%t_reached
-    until = run%mesh%time(piece, k + 1)
     made = self%entered
     if (made) then
-      call self%past%note(self%march, from, k)
-      call self%march%step(self%system, self%load, k, until, made)
+      if (self%past%is_due()) call self%past%note(from, self%march%save_memory())
+      call self%march%step(until, made)
     end if
-    if (.not. made) call find_end(self, run, piece, k, until)
+    if (.not. made) call find_end(self, run, piece, until)
     if (run%ended /= run_completed) return
     if (self%layers%on) call look_on(self, until, .false.)
     if (allocated(run%watch)) then
@@ -124,42 +116,50 @@ contains
   end subroutine advance
 
   !> Handle a failed step.
-  subroutine find_end(self, run, piece, k, until)
+  subroutine find_end(self, run, piece, until)
     class(hereditary_motion), intent(inout) :: self
     class(time_run), intent(inout) :: run
     integer, intent(in) :: piece
-    integer(i8), intent(in) :: k
     real(wp), intent(in) :: until
-    logical :: made, trusted
+    type(stop_type) :: stop
     real(wp) :: from, h
+    logical :: made, trusted
 
     from = run%t_reached
     h = run%mesh%h(piece)
-    associate (march => self%march, system => self%system, load => self%load)
+    associate (march => self%march)
       trusted = march%doubtful
       run%ended = run_coarse
       if (march%gives_up .and. .not. trusted) return
-      call stop_hereditary(march, system, load, k, from, until, run%t_reached, run%ended)
-      if (run%ended == run_coarse .and. trusted) then
-        march%trusted = .true.
-        call march%change_step(system, load, from, h, made)
-        if (made) call march%step(system, load, k, until, made)
-        if (made) run%ended = run_completed
+      call find_stop_of_march(march, from, until - from, stop)
+      if (stop%outcome == run_coarse) then
+        stop%ahead = 0.0_wp
+        if (trusted) then
+          march%trusted = .true.
+          call march%change_step(from, h, made)
+          if (made) call march%step(until, made)
+          if (made) stop%outcome = run_completed
+        end if
       end if
       self%entered = .true.
+      run%ended = stop%outcome
       if (run%ended == run_completed) return
-      call self%past%confirm(march, system, load, run%mesh%ends(piece), h, run%t_reached, run%ended)
+      call self%past%confirm_march(march, run%mesh%ends(piece), from, h, stop)
+      run%ended = stop%outcome
+      run%t_reached = from + stop%ahead
     end associate
   end subroutine find_end
 
-  subroutine state(self, t, q, v)
+  subroutine store(self, t, state, dofs)
     class(hereditary_motion), intent(inout) :: self
     real(wp), intent(in) :: t
-    real(wp), allocatable, intent(inout) :: q(:), v(:)
-    if (.not. allocated(q)) allocate (q(self%march%n_observed()), v(self%march%n_observed()))
-    call self%march%observe(q, v)
-    call self%base%add_to(t, q, v)
-  end subroutine state
+    real(wp), intent(inout) :: state(:)
+    integer, intent(in), optional :: dofs(:)
+    real(wp), dimension(self%march%n_observed()) :: u, v
+    call self%march%observe(u, v)
+    if (self%base%moves()) call self%base%add_to(t, u, v)
+    call put_state(u, v, state, dofs)
+  end subroutine store
 
   !> Monitor thin layers between the present state and the one before, unless it `jumps`.
   subroutine look_on(self, now, jumps)
@@ -197,7 +197,7 @@ contains
       else
         exit
       end if
-      call self%base%add_to(run%times(run%n_reached + 1), u, v)
+      if (self%base%moves()) call self%base%add_to(run%times(run%n_reached + 1), u, v)
       call run%keep_wanted(u, v)
     end do
   end subroutine keep_reached

@@ -10,7 +10,7 @@ module viscovib_histories
   implicit none
   private
 
-  public :: error_of_sums, new_history, keeping_type
+  public :: error_of_sums, keeping_type, new_history, past_request
 
   integer, parameter, public :: past_exponentials = 1, past_direct = 2
 
@@ -24,6 +24,24 @@ module viscovib_histories
   !> Factor of the error of sums of exponentials for every other halving of the step: otherwise both
   !! runs may use the same lattice, and the difference of states would not show its error.
   real(wp), parameter :: sharper = 0.25_wp
+
+  !> How a run stores its past, and the motion before it.
+  type :: past_request
+    !> Nodes of a step; `past_exponentials` or `past_direct`.
+    integer :: nodes = 8, past = past_exponentials
+    !> Step; latest time of any run that continues; relative error of the kernels as exponentials and
+    !! of a step's solution.
+    real(wp) :: h = 0.0_wp, t_end = 0.0_wp, tolerance = 0.0_wp
+    !> Shortest step of a run whose steps change after corners of the load, 0: there are none; true
+    !! if velocities may jump there.
+    real(wp) :: shortest = 0.0_wp
+    logical :: kinks = .false.
+    !> Displacements held for all t < 0, shape (n_dof), or before the first of the times `before`.
+    real(wp), allocatable :: held(:)
+    !> Times ascending to 0 and displacements there, shapes (n) and (n_dof, n), if the motion
+    !! before 0 is known.
+    real(wp), allocatable :: before(:), moved(:, :)
+  end type past_request
 
   !> Treatment of corners in a run.
   type :: keeping_type
@@ -42,44 +60,39 @@ module viscovib_histories
 contains
 
   !> Create storage for the past. `possible` is false if a kernel has no sum of exponentials.
-  subroutine new_history(history, keeping, system, channels, table, past, h, t_end, tolerance, &
-                         possible, shortest, kinks)
+  subroutine new_history(history, keeping, system, channels, table, request, possible)
     class(history_type), allocatable, intent(out) :: history
     type(keeping_type), intent(out) :: keeping
     class(oscillator_type), intent(in) :: system
     type(channels_type), intent(in) :: channels
     type(collocation_type), intent(in) :: table
-    !> `past_exponentials` or `past_direct`.
-    integer, intent(in) :: past
-    real(wp), intent(in) :: h, t_end, tolerance
+    type(past_request), intent(in) :: request
     logical, intent(out) :: possible
-    !> Shortest step of a run whose steps change after corners of the load, and whether
-    !! velocities may jump there.
-    real(wp), intent(in), optional :: shortest
-    logical, intent(in), optional :: kinks
     type(exponential_history_type), allocatable :: exponentials
     type(direct_history_type), allocatable :: direct
     real(wp) :: least
 
-    least = h
-    keeping%between = modulo(exponent(h), 2) == 1
-    if (present(shortest)) then
-      keeping%steep = is_steep(system, channels, h)
-      least = min(h, shortest)
-      if (present(kinks)) keeping%doublings = merge(kink_doublings, corner_doublings, kinks)
-      if (keeping%steep) least = scale(least, -keeping%doublings - 1)
-    end if
     possible = .true.
-    if (past == past_exponentials) then
-      allocate (exponentials)
-      call new_exponential_history(exponentials, system, channels, table, h, least, t_end, &
-                                   error_of_sums(tolerance, h), possible)
-      call move_alloc(exponentials, history)
-    else
-      allocate (direct)
-      call new_direct_history(direct, system, channels, table, h)
-      call move_alloc(direct, history)
-    end if
+    associate (h => request%h)
+      least = h
+      keeping%between = modulo(exponent(h), 2) == 1
+      if (request%shortest > 0.0_wp) then
+        keeping%steep = is_steep(system, channels, h)
+        least = min(h, request%shortest)
+        if (request%kinks) keeping%doublings = kink_doublings
+        if (keeping%steep) least = scale(least, -keeping%doublings - 1)
+      end if
+      if (request%past == past_exponentials) then
+        allocate (exponentials)
+        call new_exponential_history(exponentials, system, channels, table, h, least, &
+                                     request%t_end, error_of_sums(request%tolerance, h), possible)
+        call move_alloc(exponentials, history)
+      else
+        allocate (direct)
+        call new_direct_history(direct, system, channels, table, h)
+        call move_alloc(direct, history)
+      end if
+    end associate
   end subroutine new_history
 
   !> Relative error of the sums for steps h.

@@ -9,7 +9,7 @@
 !! accurate enough, else by bisection.
 module viscovib_march_events
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_event_search, only: signal_along
+  use viscovib_event_time, only: signal_in_step
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: put_argument
   use viscovib_march, only: march_type
@@ -30,29 +30,47 @@ module viscovib_march_events
   !> Largest number of bisections: a signal with a kink or a jump differs from its interpolant
   !! everywhere near it.
   integer, parameter :: most_halvings = 16
-  !> Relative to a part: distance for the slope of an interpolant, largest correction of a
-  !! crossing by the motion itself; relative to a position: correction at convergence.
-  real(wp), parameter :: closely = 1.0e-4_wp, nearly = 1.0e-6_wp, exactly = 1.0e-12_wp
+  !> Distance for accelerations, relative to a part.
+  real(wp), parameter :: closely = 1.0e-4_wp
+
+  !> A signal along a part of the last step of a run.
+  type, extends(signal_in_step) :: signal_of_march
+    class(march_type), pointer :: run => null()
+    type(base_motion_type), pointer :: base => null()
+    !> Start of the step and its length; begin and width of the part relative to the step.
+    real(wp) :: from = 0.0_wp, length = 0.0_wp, begin = 0.0_wp, width = 1.0_wp
+  contains
+    procedure :: go
+  end type signal_of_march
 
 contains
 
   !> Look for events in the last step; one that ends the run sets the outcome and its time.
   subroutine look_inside(run, base, watch, from, now, t_reached, outcome)
-    class(march_type), intent(inout) :: run
-    type(base_motion_type), intent(inout) :: base
-    type(watch_type), intent(inout) :: watch
+    class(march_type), intent(inout), target :: run
+    type(base_motion_type), intent(inout), target :: base
+    type(watch_type), intent(inout), target :: watch
     real(wp), intent(in) :: from, now
     real(wp), intent(inout) :: t_reached
     integer, intent(inout) :: outcome
     real(wp) :: u(run%n_observed()), v(run%n_observed())
     real(wp) :: begin, width, place
-    type(step_path) :: path
+    type(step_path), target :: path
+    type(signal_of_march) :: along
+    logical :: settled
     type(event_point_type), allocatable :: found(:)
     integer :: i
 
-    if (watch%is_idle()) return
     if (.not. allocated(watch%path)) call prepare(watch, size(u))
     path = watch%path
+    along%run => run
+    along%base => base
+    along%path => path
+    along%reads = watch%reads
+    along%q = u
+    along%v = v
+    along%from = from
+    along%length = now - from
     begin = 0.0_wp
     width = 1.0_wp
     do while (begin < 1.0_wp)
@@ -64,9 +82,17 @@ contains
       call watch%extremes%take(path)
       call watch%look(path, .false., found)
       do i = 1, size(found)
-        place = begin + width*found(i)%place
-        call settle(run, base, watch, path, found(i), from, now, begin, width, place, u, v)
-        t_reached = from + place*(now - from)
+        along%signal => watch%signals(found(i)%which)
+        along%side = found(i)%side
+        along%begin = begin
+        along%width = width
+        along%is_smooth = width > 0.5_wp**most_halvings
+        place = found(i)%place
+        call along%settle(place, settled)
+        if (.not. settled) call along%go(place)
+        u = along%q
+        v = along%v
+        t_reached = path%start + place*path%h
         call watch%keep(found(i), t_reached, u, v, nearby_rate(place))
         if (.not. watch%terminal(found(i)%which)) cycle
         outcome = run_event
@@ -82,12 +108,11 @@ contains
     !> Accelerations at a position where velocities are v, by a difference quotient.
     function nearby_rate(place) result(a)
       real(wp), intent(in) :: place
-      real(wp), dimension(run%n_observed()) :: a, other, speed
-      real(wp) :: nearby
-      nearby = place - closely*width
-      if (nearby < 0.0_wp) nearby = place + closely*width
-      call body_at(run, base, from, now, nearby, other, speed)
-      a = (v - speed)/((place - nearby)*(now - from))
+      real(wp) :: a(run%n_observed()), nearby
+      nearby = place - closely
+      if (begin + width*nearby < 0.0_wp) nearby = place + closely
+      call along%go(nearby)
+      a = (v - along%v)/((place - nearby)*path%h)
     end function nearby_rate
 
     !> Sample the motion of the present part.
@@ -108,100 +133,6 @@ contains
 
   end subroutine look_inside
 
-  !> Position of a crossing of the motion itself, near that of the interpolant of a part, and
-  !! the state there.
-  subroutine settle(run, base, watch, path, event_point, from, now, begin, width, x, u, v)
-    class(march_type), intent(inout) :: run
-    type(base_motion_type), intent(in) :: base
-    type(watch_type), intent(in) :: watch
-    !> The part, the crossing in it, ends of the step, the part in the step.
-    type(step_path), intent(in) :: path
-    type(event_point_type), intent(in) :: event_point
-    real(wp), intent(in) :: from, now, begin, width
-    real(wp), intent(inout) :: x
-    real(wp), intent(out) :: u(:), v(:)
-    real(wp) :: low, high, reach, middle, first
-    logical :: settled
-    integer :: k
-
-    first = x
-    call by_slope(x, settled)
-    if (settled) return
-    x = first
-    reach = 4.0_wp*epsilon(1.0_wp)*max(x, width)
-    do k = 1, 12
-      low = max(x - reach, begin)
-      high = min(x + reach, begin + width)
-      if (.not. beyond(low) .and. beyond(high)) exit
-      reach = 8.0_wp*reach
-    end do
-    if (k <= 12) then
-      do k = 1, 60
-        middle = 0.5_wp*(low + high)
-        if (middle <= low .or. middle >= high) exit
-        if (beyond(middle)) then
-          high = middle
-        else
-          low = middle
-        end if
-      end do
-      x = high
-    end if
-    call body_at(run, base, from, now, x, u, v)
-
-  contains
-
-    !> Newton's method; `settled`: it has converged, (u, v) is the state at x.
-    subroutine by_slope(x, settled)
-      real(wp), intent(inout) :: x
-      logical, intent(out) :: settled
-      real(wp) :: g(2), nearby(2), off, before, ahead
-      integer :: k
-
-      settled = .false.
-      if (width <= 0.5_wp**most_halvings) return
-      associate (local => (x - begin)/width, signal => watch%signals(event_point%which))
-        nearby = min(max([local - closely, local + closely], 0.0_wp), 1.0_wp)
-        call signal_along(signal, path, nearby, g)
-        if (.not. event_point%side*(g(2) - g(1)) < 0.0_wp) return
-        ahead = (nearby(2) - nearby(1))*width/(g(2) - g(1))
-      end associate
-      before = nearly*width
-      do k = 1, 4
-        off = -value_at(x)*ahead
-        if (.not. abs(off) <= before) return
-        ! The remainder is below the rounding of time, and changes no digit of the state.
-        if (abs(off) <= exactly*max(x, width)) then
-          u = u + off*(now - from)*v
-          x = x + off
-          settled = .true.
-          return
-        end if
-        x = min(max(x + off, begin), begin + width)
-        before = 1.0e-2_wp*abs(off)
-      end do
-    end subroutine by_slope
-
-    !> True if the signal of the present crossing has passed 0 at a position.
-    logical function beyond(x)
-      real(wp), intent(in) :: x
-      beyond = event_point%side*value_at(x) < 0.0_wp
-    end function beyond
-
-    !> The signal of the present crossing at a position; the state there is (u, v).
-    real(wp) function value_at(x)
-      real(wp), intent(in) :: x
-      real(wp) :: g(1)
-      call body_at(run, base, from, now, x, u, v)
-      associate (which => watch%reads, signal => watch%signals(event_point%which))
-        call signal%at([from + x*(now - from)], reshape(u(which), [1, size(which)]), &
-                       reshape(v(which), [1, size(which)]), g)
-      end associate
-      value_at = g(1)
-    end function value_at
-
-  end subroutine settle
-
   !> Allocate the sample points of parts, once per run.
   subroutine prepare(watch, n)
     type(watch_type), intent(inout) :: watch
@@ -218,19 +149,19 @@ contains
     end associate
   end subroutine prepare
 
-  !> State of the body at a position in the step.
-  subroutine body_at(run, base, from, now, x, u, v)
-    class(march_type), intent(inout) :: run
-    type(base_motion_type), intent(in) :: base
-    real(wp), intent(in) :: from, now, x
-    real(wp), intent(out) :: u(:), v(:)
-    if (x < 1.0_wp) then
-      call run%inside(x, u, v)
+  !> State of the body at a position in the part.
+  subroutine go(self, x)
+    class(signal_of_march), intent(inout) :: self
+    real(wp), intent(in) :: x
+    real(wp) :: place
+    place = self%begin + self%width*x
+    if (place < 1.0_wp) then
+      call self%run%inside(place, self%q, self%v)
     else
-      call run%observe(u, v)
+      call self%run%observe(self%q, self%v)
     end if
-    call base%add_to(from + x*(now - from), u, v)
-  end subroutine body_at
+    call self%base%add_to(self%from + place*self%length, self%q, self%v)
+  end subroutine go
 
   !> True if the interpolants of a part show all events.
   logical function follows(watch, path)

@@ -18,7 +18,6 @@ module viscovib_mesh
     real(wp), allocatable :: h(:)
   contains
     procedure :: piece_of
-    procedure :: piece_of_next
     procedure :: begins
     procedure :: time
     procedure :: made_until
@@ -141,15 +140,6 @@ contains
     end do
     piece_of = low
   end function piece_of
-
-  !> The same if it is this piece or the next.
-  pure integer function piece_of_next(self, piece, k)
-    class(mesh_type), intent(in) :: self
-    integer, intent(in) :: piece
-    integer(i8), intent(in) :: k
-    piece_of_next = piece
-    if (k >= self%made_by(piece) .and. piece < size(self%ends)) piece_of_next = piece + 1
-  end function piece_of_next
 
   !> True if step k+1 is the first of this piece.
   pure logical function begins(self, piece, k)

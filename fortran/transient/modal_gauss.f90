@@ -16,6 +16,7 @@ module viscovib_modal_gauss
     counted_loads, counted_turns, counting
   use viscovib_driven_system, only: driven_system_type
   use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
+  use viscovib_hereditary_kernels, only: add_up
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: lane_product, n_lanes
   use viscovib_modal_frame, only: modal_frame
@@ -86,7 +87,6 @@ module viscovib_modal_gauss
     procedure :: memory_size
     procedure :: save_memory
     procedure :: load_memory
-    procedure :: least_margin
     procedure :: trace
     procedure, private :: pushes
     procedure, private :: follow
@@ -484,23 +484,11 @@ contains
         change = maps%end_state(:, 1, m)*self%x(m) + maps%end_state(:, 2, m)*self%x_rate(m)
         change = change + [dot_product(maps%end_x(:, m), self%push(:s, m)), &
                            dot_product(maps%end_v(:, m), self%push(:s, m))]
-        call add(self%x(m), self%x_rest(m), change(1))
-        call add(self%x_rate(m), self%rate_rest(m), change(2))
+        call add_up(self%x(m), self%x_rest(m), change(1))
+        call add_up(self%x_rate(m), self%rate_rest(m), change(2))
       end do
     end associate
   end subroutine move
-
-  !> Least margin at both ends of the step and its nodes.
-  real(wp) function least_margin(self, system, q_before, v_before) result(least)
-    class(modal_gauss_type), intent(in) :: self
-    class(driven_system_type), intent(in) :: system
-    real(wp), intent(in) :: q_before(:), v_before(:)
-    real(wp) :: ends(n_lanes, size(self%q))
-    ends = spread(self%q, 1, n_lanes)
-    ends(2, :) = q_before
-    ends(3, :) = q_before + self%h*self%table%nodes(1, 1)*v_before
-    least = min(minval(system%margin(ends)), minval(system%margin(self%q_at)))
-  end function least_margin
 
   !> The polynomial through the nodes and both ends.
   subroutine trace(self, system, memory, path)
@@ -564,16 +552,5 @@ contains
     self%rate_follows = memory(i + 2) > 0.5_wp
     self%has_history = memory(i + 3) > 0.5_wp
   end subroutine load_memory
-
-  !> total + change, keeping the rounding error for the next addition.
-  pure subroutine add(total, rest, change)
-    real(wp), intent(inout) :: total, rest
-    real(wp), intent(in) :: change
-    real(wp) :: increment, new
-    increment = change + rest
-    new = total + increment
-    rest = increment - (new - total)
-    total = new
-  end subroutine add
 
 end module viscovib_modal_gauss

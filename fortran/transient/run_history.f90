@@ -7,8 +7,9 @@
 module viscovib_run_history
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: wp
-  use viscovib_stops, only: find_stop, stop_type
-  use viscovib_time_run, only: run_coarse, run_completed
+  use viscovib_march, only: march_type
+  use viscovib_stops, only: find_stop, find_stop_of_march, stop_type
+  use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   implicit none
   private
 
@@ -19,18 +20,25 @@ module viscovib_run_history
   !> Number of steps after the present one within which the predicted stop must occur.
   real(wp), parameter :: beyond = 8.0_wp
 
-  !> The last two states of every lane, the older first.
+  !> Coordinates and then velocities, each for a number of lanes, or the memory of a run, which may
+  !! grow.
+  type :: stored_state
+    real(wp), allocatable :: x(:)
+  end type stored_state
+
+  !> The last two states, the older first.
   type :: run_history
     !> Steps since the last stored state, and number of stored states.
     integer :: n_steps = 0, n_kept = 0
-    !> Times, in any unit; states, shape (lanes, coordinates, 2).
+    !> Times, in any unit, and states.
     real(wp) :: t(2) = 0.0_wp
-    real(wp), allocatable :: q(:, :, :), v(:, :, :)
+    type(stored_state) :: at(2)
   contains
     procedure :: is_due
     procedure :: note
     procedure :: forget
     procedure :: confirm
+    procedure :: confirm_march
   end type run_history
 
 contains
@@ -44,24 +52,17 @@ contains
   end function is_due
 
   !> Store a state.
-  subroutine note(self, t, q, v)
+  subroutine note(self, t, state)
     class(run_history), intent(inout) :: self
-    real(wp), intent(in) :: t
-    !> Shape (lanes, coordinates).
-    real(wp), intent(in) :: q(:, :), v(:, :)
-    if (.not. allocated(self%q)) then
-      allocate (self%q(size(q, 1), size(q, 2), 2), self%v(size(q, 1), size(q, 2), 2))
-    end if
+    real(wp), intent(in) :: t, state(:)
     if (self%n_kept == 2) then
       self%t(1) = self%t(2)
-      self%q(:, :, 1) = self%q(:, :, 2)
-      self%v(:, :, 1) = self%v(:, :, 2)
+      call move_alloc(self%at(2)%x, self%at(1)%x)
       self%n_kept = 1
     end if
     self%n_kept = self%n_kept + 1
     self%t(self%n_kept) = t
-    self%q(:, :, self%n_kept) = q
-    self%v(:, :, self%n_kept) = v
+    self%at(self%n_kept)%x = state
   end subroutine note
 
   !> Discard the stored states: from here on the equations are different.
@@ -73,11 +74,11 @@ contains
 
   !> Outcome of a motion that seems to stop in the step after `from`, or whose step there
   !! fails: by small steps from the older state. Only a stop that they find is accepted.
-  subroutine confirm(self, system, row, n, lane, frequencies, unit, from, h, stop)
+  subroutine confirm(self, system, lanes, n, lane, frequencies, unit, from, h, stop)
     class(run_history), intent(in) :: self
     class(driven_system_type), intent(in) :: system
-    !> Lane of the stored states; the other arguments as in `find_stop`.
-    integer, intent(in) :: row, n, lane
+    !> Number of lanes of the stored states; the other arguments as in `find_stop`.
+    integer, intent(in) :: lanes, n, lane
     !> Unit of the stored times.
     real(wp), intent(in) :: frequencies(:, :), unit
     real(wp), intent(in) :: from, h
@@ -85,13 +86,15 @@ contains
     type(stop_type), intent(inout) :: stop
     type(stop_type) :: other
     real(wp) :: begin, until
+    integer :: half
 
     if (self%n_kept == 0) return
     begin = self%t(1)*unit
     until = from + (1.0_wp + beyond)*h
     if (system%timed) until = min(until, max(system%present_piece(2), from + h))
-    call find_stop(system, n, lane, frequencies, self%q(row, :n, 1), self%v(row, :n, 1), begin, &
-                   until - begin, other)
+    half = size(self%at(1)%x)/2
+    call find_stop(system, n, lane, frequencies, self%at(1)%x(lane:lanes*n:lanes), &
+                   self%at(1)%x(half + lane:half + lanes*n:lanes), begin, until - begin, other)
     if (other%outcome == run_coarse) return
     if (other%outcome == run_completed) then
       stop%outcome = run_coarse
@@ -100,5 +103,28 @@ contains
     stop = other
     stop%ahead = (begin - from) + other%ahead
   end subroutine confirm
+
+  !> The same of a run with memory, in steps h of a piece of time that ends at `end`. The run is set
+  !! to the stop if it is found, and is otherwise unchanged.
+  subroutine confirm_march(self, march, end, from, h, stop)
+    class(run_history), intent(in) :: self
+    class(march_type), intent(inout) :: march
+    real(wp), intent(in) :: end, from, h
+    type(stop_type), intent(inout) :: stop
+    type(stop_type) :: other
+    real(wp) :: memory(march%memory_size()), until
+
+    if (self%n_kept == 0) return
+    memory = march%save_memory()
+    call march%load_memory(self%at(1)%x, .false.)
+    until = min(end, from + stop%ahead + (1.0_wp + beyond)*h)
+    call find_stop_of_march(march, self%t(1), until - self%t(1), other)
+    if (other%outcome == run_diverged) then
+      stop = other
+      stop%ahead = (self%t(1) - from) + other%ahead
+    else
+      call march%load_memory(memory, .false.)
+    end if
+  end subroutine confirm_march
 
 end module viscovib_run_history

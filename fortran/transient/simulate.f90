@@ -1,7 +1,7 @@
 !> A run without memory in fixed steps.
 module viscovib_simulate
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_layers, only: unseen
   use viscovib_layer_watch, only: layer_watch
@@ -11,8 +11,8 @@ module viscovib_simulate
   use viscovib_step_path, only: step_path
   use viscovib_stepper, only: stepper_type
   use viscovib_stops, only: find_stop, in_range, needs_small_steps, stop_type, step_visitor
-  use viscovib_time_run, only: make_run, run_coarse, run_completed, run_event, run_motion, &
-    run_stopped, time_run
+  use viscovib_time_run, only: make_run, put_state, run_coarse, run_completed, run_event, &
+    run_motion, run_stopped, time_run
   use viscovib_wanted_states, only: keep_along, keep_between
   use viscovib_watch, only: event_point_type, watch_type
   use viscovib_watched_step, only: begin_graded, begin_small, halve, sides_of, step_watched, &
@@ -34,7 +34,7 @@ module viscovib_simulate
     procedure :: begin
     procedure :: enter
     procedure :: advance
-    procedure :: state
+    procedure :: store
   end type plain_motion
 
   type, extends(step_visitor) :: note_taker
@@ -131,14 +131,14 @@ contains
     call self%past%forget()
   end subroutine enter
 
-  subroutine advance(self, run, piece, k)
+  subroutine advance(self, run, piece, until)
     class(plain_motion), intent(inout) :: self
     class(time_run), intent(inout), target :: run
     integer, intent(in) :: piece
-    integer(i8), intent(in) :: k
+    real(wp), intent(in) :: until
 
     self%at%from = run%t_reached
-    self%at%until = run%mesh%time(piece, k + 1)
+    self%at%until = until
     if (allocated(run%watch) .or. allocated(self%system%signals) .or. self%system%in_parts &
         .or. allocated(self%at%nearby)) then
       call make_parts(self, run, piece)
@@ -151,14 +151,21 @@ contains
     if (self%missed) run%ended = run_stopped
   end subroutine advance
 
-  subroutine state(self, t, q, v)
+  subroutine store(self, t, state, dofs)
     class(plain_motion), intent(inout) :: self
     real(wp), intent(in) :: t
-    real(wp), allocatable, intent(inout) :: q(:), v(:)
-    q = self%method%q
-    v = self%method%v
-    call self%system%add_base(t, q, v)
-  end subroutine state
+    real(wp), intent(inout) :: state(:)
+    integer, intent(in), optional :: dofs(:)
+    real(wp), dimension(size(self%method%q)) :: q, v
+    if (self%system%base_motion%moves()) then
+      q = self%method%q
+      v = self%method%v
+      call self%system%add_base(t, q, v)
+      call put_state(q, v, state, dofs)
+    else
+      call put_state(self%method%q, self%method%v, state, dofs)
+    end if
+  end subroutine store
 
   !> Sides of surfaces at the start: from an earlier run, or from the state.
   subroutine find_sides(at, method, system, now)
@@ -190,7 +197,7 @@ contains
       if (run%n_reached < size(run%times)) call keep_between(run, method, system, at%from)
       at%q = method%q
       at%v = method%v
-      if (self%past%is_due()) call note(self%past, at%from, method)
+      if (self%past%is_due()) call self%past%note(at%from, [method%q, method%v])
       call method%step(system, at%made)
       doubtful = .not. at%made
       if (at%made) doubtful = .not. in_range(system, method%q, method%v)
@@ -202,16 +209,6 @@ contains
     if (doubtful) call check_step(self, run, n_before)
     if (run%lost .and. run%ended == run_completed) call give_up(self, run)
   end subroutine make_step
-
-  !> Add the present state to the history.
-  subroutine note(past, t, method)
-    type(run_history), intent(inout) :: past
-    real(wp), intent(in) :: t
-    class(stepper_type), intent(in) :: method
-    integer :: n
-    n = size(method%q)
-    call past%note(t, reshape(method%q, [1, n]), reshape(method%v, [1, n]))
-  end subroutine note
 
   !> Set the outcome of a step that succeeded, except for the part up to a requested time.
   subroutine give_up(self, run)
@@ -239,7 +236,7 @@ contains
       at%short = .false.
       at%graded = .false.
       more = .true.
-      if (self%past%is_due()) call note(self%past, at%from, method)
+      if (self%past%is_due()) call self%past%note(at%from, [method%q, method%v])
       do while (more)
         call step_watched(at, method, system, run, more)
         n_parts = n_parts + 1

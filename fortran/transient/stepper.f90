@@ -2,6 +2,7 @@
 module viscovib_stepper
   use viscovib_driven_system, only: driven_system_type
   use viscovib_kinds, only: i8, wp
+  use viscovib_lanes, only: n_lanes
   use viscovib_step_path, only: step_path
   implicit none
   private
@@ -29,7 +30,7 @@ module viscovib_stepper
     procedure(size_interface), deferred :: memory_size
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
-    procedure(margin_interface), deferred :: least_margin
+    procedure :: least_margin
     procedure(trace_interface), deferred :: trace
     procedure :: look_ahead
   end type stepper_type
@@ -80,16 +81,6 @@ module viscovib_stepper
       real(wp) :: memory(self%memory_size())
     end function save_interface
 
-    !> Lower bound of the system's margin inside the last step, as far as its method provides it,
-    !! and at its end.
-    real(wp) function margin_interface(self, system, q_before, v_before)
-      import :: driven_system_type, stepper_type, wp
-      class(stepper_type), intent(in) :: self
-      class(driven_system_type), intent(in) :: system
-      !> State before the step, shape (n_dof).
-      real(wp), intent(in) :: q_before(:), v_before(:)
-    end function margin_interface
-
     !> The motion inside the last step.
     subroutine trace_interface(self, system, memory, path)
       import :: driven_system_type, step_path, stepper_type, wp
@@ -110,6 +101,21 @@ module viscovib_stepper
   end interface
 
 contains
+
+  !> Lower bound of the system's margin inside the last step, as far as its method provides it:
+  !! by default at both ends.
+  real(wp) function least_margin(self, system, q_before, v_before)
+    class(stepper_type), intent(in) :: self
+    class(driven_system_type), intent(in) :: system
+    !> State before the step, shape (n_dof).
+    real(wp), intent(in) :: q_before(:), v_before(:)
+    real(wp) :: ends(n_lanes, size(self%q))
+    ends = spread(self%q, 1, n_lanes)
+    ends(2, :) = q_before
+    ends(3, :) = self%q - self%h*self%v
+    ends(4, :) = q_before + self%h*v_before
+    least_margin = minval(system%margin(ends))
+  end function least_margin
 
   !> State after a time h by one step of that length, which has the order of the
   !! method, unlike interpolation inside a step; `self` is unchanged.

@@ -9,13 +9,13 @@ module viscovib_structure_march
   use viscovib_base_motion, only: base_motion_type
   use viscovib_collocation, only: collocation_type
   use viscovib_counters, only: count_up, counted_coordinates, counting
-  use viscovib_graded_march, only: graded_march_type, n_common, pull, push
   use viscovib_hereditary_kernels, only: add_any
-  use viscovib_hereditary_maps, only: place_of, remaining_weights
-  use viscovib_hereditary_start, only: march_start, start_type
+  use viscovib_hereditary_maps, only: remaining_weights
+  use viscovib_hereditary_start, only: march_start
+  use viscovib_histories, only: past_request
   use viscovib_kinds, only: wp
-  use viscovib_march, only: begun, step_too_large
-  use viscovib_memory_channels, only: channels_type
+  use viscovib_march, only: begun, enter_piece, march_type, pull, set_step, &
+    step_too_large
   use viscovib_modal_maps, only: sections_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_phases, only: split_phase
@@ -27,7 +27,7 @@ module viscovib_structure_march
     start_state, state_type
   use viscovib_structure_step, only: bends_of, lengthen, make_step, maps_holder, new_maps, &
     part_type, structure_panels
-  use viscovib_time_load, only: load_clock, new_clock, new_swing, time_load_type
+  use viscovib_time_load, only: load_clock, new_swing, time_load_type
   implicit none
   private
 
@@ -54,7 +54,7 @@ module viscovib_structure_march
   integer, parameter :: n_settling = 5
 
   !> The state consists of the modes.
-  type, extends(graded_march_type) :: structure_march_type
+  type, extends(march_type) :: structure_march_type
     type(state_type) :: state
     type(sections_type), private :: sections
     !> Coordinates that are observed, by modes, shape (n, n_observed).
@@ -62,8 +62,6 @@ module viscovib_structure_march
     complex(wp), allocatable, private :: shown_left(:, :)
     real(wp), private :: solved = 0.0_wp
     type(maps_holder), allocatable, private :: maps(:)
-    real(wp), allocatable, private :: lengths(:)
-    integer, private :: n_lengths = 0, now = 1
     !> All quantities that are harmonic with the load; `clock` evaluates the columns of tables.
     type(load_clock), private :: swing
     !> The last step in parts, and their number.
@@ -76,12 +74,13 @@ module viscovib_structure_march
     !> Workspace for a step.
     real(wp), allocatable, private :: values(:), columns(:), recalled(:)
   contains
-    procedure :: take_up
+    procedure :: set_state => set_modes
+    procedure :: get_state, observe
     procedure :: kick
     procedure :: enter => enter_structure
     procedure, private :: settle
     procedure :: change_step
-    procedure :: get_state, observe
+    procedure :: make_maps
     procedure :: read_by_laws, n_read
     procedure :: inside
     procedure :: inside_part
@@ -89,11 +88,13 @@ module viscovib_structure_march
     procedure :: resolution
     procedure :: phase_errors
     procedure :: n_observed
-    procedure :: memory_size
-    procedure :: save_memory
-    procedure :: load_memory
+    procedure :: n_saved
+    procedure :: n_phases
+    procedure :: save_state
+    procedure :: load_state
     procedure :: sharpen
-    procedure :: add_first_step
+    procedure :: starts_moving
+    procedure :: make_start
     procedure :: plain_step
     procedure :: stand_still
     procedure :: begin_panels
@@ -102,75 +103,52 @@ module viscovib_structure_march
 contains
 
   !> A run from modes (q, v) at time 0. `reason`: `begun`, or why the run cannot start.
-  subroutine new_structure_march(run, system, sections, shown, shown_left, load, s, past, held, q, &
-                                 v, h, t_end, tolerance, reason, before, moved, shortest, kinks)
+  subroutine new_structure_march(run, system, sections, shown, shown_left, load, request, q, v, &
+                                 reason)
     type(structure_march_type), intent(out) :: run
     !> The elements, in their deflections; a linear subsystem of n sections.
-    class(oscillator_type), intent(in) :: system
+    class(oscillator_type), intent(in), target :: system
     type(sections_type), intent(in) :: sections
     !> Coordinates observed, by modes, shape (n, n_observed).
     real(wp), intent(in) :: shown(:, :)
     complex(wp), intent(in) :: shown_left(:, :)
     !> Columns of tables, whose forces are the last in `sections%pushed`.
     type(time_load_type), intent(in) :: load
-    !> Nodes of a step; as in `new_history`.
-    integer, intent(in) :: s, past
-    !> Deflections held for all t < 0, shape (n_seen).
-    real(wp), intent(in) :: held(:)
-    !> Start, shape (n), then Re z and Im z of the part without real modes; step; latest time;
-    !! relative error of the kernels as exponentials and of a step's solution.
-    real(wp), intent(in) :: q(:), v(:), h, t_end, tolerance
+    !> The past is that of the deflections.
+    type(past_request), intent(in) :: request
+    !> Start, shape (n), then Re z and Im z of the part without real modes.
+    real(wp), intent(in) :: q(:), v(:)
     integer, intent(out) :: reason
-    !> As in `new_hereditary`, for the deflections.
-    real(wp), intent(in), optional :: before(:), moved(:, :)
-    real(wp), intent(in), optional :: shortest
-    logical, intent(in), optional :: kinks
     logical :: made
 
-    run%solved = solved_for(tolerance)
+    run%solved = solved_for(request%tolerance)
     run%sections = padded_sections(sections)
     run%shown = padded_rows(shown)
     run%shown_left = shown_left
-    call run%begin_memory(system, s, past, held, h, t_end, tolerance, reason, before, moved, &
-                          shortest, kinks)
-    if (reason /= begun) return
-    call set_state(run%state, run%sections, q, v)
+    call run%set_state(q, v)
     call new_phases(run%phases, run%sections)
-    allocate (run%columns(s*size(load%pieces, 1)), run%recalled(s*size(run%channels%kernel_of)))
-    allocate (run%maps(1), run%lengths(1), run%parts(1))
-    call run%change_step(system, load, 0.0_wp, h, made)
-    if (.not. made) then
-      reason = step_too_large
-      return
-    end if
-    call run%begin_equations(run%maps(run%now)%maps%condensed%step, run%solved)
-    call run%settle(system, load, 0.0_wp, made)
+    allocate (run%maps(1), run%parts(1))
+    call run%begin(system, load, request, reason)
+    if (reason /= begun) return
+    allocate (run%columns(run%table%s*size(load%pieces, 1)))
+    allocate (run%recalled(run%table%s*size(run%channels%kernel_of)))
+    call run%begin_equations(run%maps(run%now)%maps%condensed%step, request%tolerance)
+    call run%settle(0.0_wp, made)
     if (.not. made) reason = step_too_large
-    call run%stand_still(system)
   end subroutine new_structure_march
 
   !> Begin a piece of the mesh, where the load may jump.
-  subroutine enter_structure(self, system, load, t, h, made)
+  subroutine enter_structure(self, t, h, made)
     class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: t, h
     logical, intent(out) :: made
-    real(wp) :: before
-
-    before = self%h
-    call self%change_step(system, load, t, h, made)
-    call self%keeping%turn(before, h)
-    if (.not. made .or. self%sections%others%n_at_once == 0) return
-    call self%settle(system, load, t, made)
-    call self%stand_still(system)
+    call enter_piece(self, t, h, made)
+    if (made) call self%settle(t, made)
   end subroutine enter_structure
 
   !> Set the massless variables to their equilibrium at time t.
-  subroutine settle(self, system, load, t, made)
-    class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
+  subroutine settle(self, t, made)
+    class(structure_march_type), intent(inout), target :: self
     real(wp), intent(in) :: t
     logical, intent(out) :: made
     integer :: i
@@ -180,30 +158,24 @@ contains
     if (self%remembers()) call self%history%recall(self%recalled)
     ! The memory of the short step begins at the position found before.
     do i = 1, merge(n_settling, 1, self%remembers())
-      call settle_at_once(self%state, system, self%sections, self%channels, self%table, load, t, &
-                          self%h, self%solved, self%recalled, made)
-      if (.not. made) return
+      call settle_at_once(self, t, made)
+      if (.not. made) exit
     end do
+    call self%stand_still()
   end subroutine settle
 
   !> Start the next step without extrapolation from the previous step.
-  subroutine stand_still(self, system)
+  subroutine stand_still(self)
     class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    call bends_of(self%equations, system, self%maps(self%now)%maps, self%state)
+    call bends_of(self%equations, self%system, self%maps(self%now)%maps, self%state)
     self%rolling = .false.
   end subroutine stand_still
 
-  subroutine take_up(self, system, load, t, u, v, made)
+  pure subroutine set_modes(self, u, v)
     class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: t, u(:), v(:)
-    logical, intent(out) :: made
+    real(wp), intent(in) :: u(:), v(:)
     call set_state(self%state, self%sections, u, v)
-    call self%enter(system, load, t, self%h, made)
-    call self%stand_still(system)
-  end subroutine take_up
+  end subroutine set_modes
 
   subroutine kick(self, base, displacement, velocity)
     class(structure_march_type), intent(inout) :: self
@@ -221,43 +193,35 @@ contains
     call start_state(self%state, self%sections)
   end subroutine kick
 
-  subroutine change_step(self, system, load, t, h, made)
+  subroutine change_step(self, t, h, made)
     class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: t, h
     logical, intent(out) :: made
-    real(wp) :: e(self%table%s, 0:self%table%s + 1, 0:size(system%kernels))
-    logical :: singular
-
-    self%h = h
-    self%rolling = .false.
-    if (self%remembers()) call self%history%change_step(h)
-    singular = .false.
-    call place_of(self%lengths, self%n_lengths, h, self%now)
-    if (size(self%lengths) > size(self%maps)) call lengthen(self%maps, size(self%lengths))
-    if (self%now > self%n_lengths) then
-      if (.not. allocated(self%maps(self%now)%maps)) allocate (self%maps(self%now)%maps)
-      call remaining_weights(system, self%table, h, e)
-      call new_maps(self%maps(self%now)%maps, system, self%channels, self%sections, self%table, &
-                    h, e, singular)
-      self%lengths(self%now) = h
-      if (.not. singular) self%n_lengths = self%now
-    end if
-    made = .not. singular
+    call set_step(self, t, h, made)
     if (.not. made) return
-    call new_clock(self%clock, load, t, h, self%table%points(1:self%table%s))
-    call new_swing(self%swing, self%sections%frequencies, &
-                   self%maps(self%now)%maps%modal%swing, t, h)
-    if (allocated(self%values)) return
-    allocate (self%values(size(self%maps(self%now)%maps%modal%swing, 1)))
+    associate (amplitudes => self%maps(self%now)%maps%modal%swing)
+      call new_swing(self%swing, self%sections%frequencies, amplitudes, t, h)
+      if (.not. allocated(self%values)) allocate (self%values(size(amplitudes, 1)))
+    end associate
   end subroutine change_step
 
-  !> One step to time `until`, with forces as polynomials.
-  subroutine plain_step(self, system, load, until, made)
+  subroutine make_maps(self, singular)
     class(structure_march_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
+    logical, intent(out) :: singular
+    real(wp) :: e(self%table%s, 0:self%table%s + 1, 0:size(self%system%kernels))
+
+    if (size(self%lengths) > size(self%maps)) call lengthen(self%maps, size(self%lengths))
+    associate (holder => self%maps(self%now))
+      if (.not. allocated(holder%maps)) allocate (holder%maps)
+      call remaining_weights(self%system, self%table, self%h, e)
+      call new_maps(holder%maps, self%system, self%channels, self%sections, self%table, self%h, e, &
+                    singular)
+    end associate
+  end subroutine make_maps
+
+  !> One step to time `until`, with forces as polynomials.
+  subroutine plain_step(self, until, made)
+    class(structure_march_type), intent(inout) :: self
     real(wp), intent(in) :: until
     logical, intent(out) :: made
     type(time_load_type) :: no_table
@@ -265,12 +229,12 @@ contains
     if (counting) call count_up(counted_coordinates, size(self%sections%squares))
     allocate (no_table%breaks(0))
     call self%swing%at_nodes(no_table, self%values)
-    call self%clock%at_nodes(load, self%columns)
+    call self%clock%at_nodes(self%load, self%columns)
     if (self%remembers()) call self%history%recall(self%recalled)
     self%n_parts = max(self%panel, 1)
     associate (part => self%parts(self%n_parts), maps => self%maps(self%now)%maps)
       part%start = self%swing%t
-      call make_step(self%state, system, self%sections, self%table, maps, self%equations, &
+      call make_step(self%state, self%system, self%sections, self%table, maps, self%equations, &
                      self%rolling, self%trusted, self%bound, self%values, self%columns, &
                      self%recalled, part, self%points, made, self%doubtful)
       if (.not. made) return
@@ -293,42 +257,34 @@ contains
     allocate (self%parts(size(ends) - 1))
   end subroutine begin_panels
 
-  !> The first step as panels, where memory makes the start singular; `made` is false if a
-  !! plain step suffices.
-  subroutine add_first_step(self, system, load, made)
+  pure logical function starts_moving(self)
+    class(structure_march_type), intent(in) :: self
+    starts_moving = any(abs(self%state%q) > 0.0_wp) .or. any(abs(self%state%v) > 0.0_wp) &
+                    .or. any(abs(self%state%z) > 0.0_wp) &
+                    .or. any(abs(self%sections%others%cosine) > 0.0_wp) &
+                    .or. any(abs(aimag(sum(self%sections%waves, 2))) > 0.0_wp)
+  end function starts_moving
+
+  subroutine make_start(self, made)
     class(structure_march_type), intent(inout), target :: self
-    class(oscillator_type), intent(in) :: system
-    type(time_load_type), intent(in) :: load
     logical, intent(out) :: made
     type(structure_panels) :: panels
-    type(start_type) :: start
-    real(wp) :: f(size(load%pieces, 1))
 
-    made = .false.
-    if (.not. self%remembers()) return
-    call load%at(0.0_wp, f)
-    if (.not. (any(abs(self%state%q) > 0.0_wp) .or. any(abs(self%state%v) > 0.0_wp) &
-               .or. any(abs(self%state%z) > 0.0_wp) &
-               .or. any(abs(self%sections%others%cosine) > 0.0_wp) &
-               .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known() &
-               .or. any(abs(aimag(sum(self%sections%waves, 2))) > 0.0_wp))) return
     panels%sections => self%sections
     panels%state = self%state
     panels%bound = self%bound
     panels%solved = self%solved
     allocate (panels%parts(64))
-    call march_start(start, system, self%channels, load, self%known_past, self%h, panels, made)
+    call march_start(self%start, self%system, self%channels, self%load, self%known_past, self%h, &
+                     panels, made)
     if (.not. made) return
     self%state = panels%state
-    call self%history%begin(start%table, start%past)
-    call self%clock%advance(self%h)
     call self%swing%advance(self%h)
     self%n_parts = panels%n_made
     deallocate (self%parts)
     allocate (self%parts(self%n_parts))
     self%parts(:) = panels%parts(:self%n_parts)
-    call self%stand_still(system)
-  end subroutine add_first_step
+  end subroutine make_start
 
   pure subroutine get_state(self, u, v)
     class(structure_march_type), intent(in) :: self
@@ -430,96 +386,83 @@ contains
     self%solved = min(self%solved, epsilon(1.0_wp))
   end subroutine sharpen
 
-  pure integer function memory_size(self)
+  pure integer function n_saved(self)
     class(structure_march_type), intent(in) :: self
-    memory_size = n_common + self%state%n_numbers() + size(self%equations%y_start) &
-                  + size(self%equations%y) + 2*size(self%swing%high) &
-                  + 3*size(self%state%z_rate)
-    if (self%remembers()) memory_size = memory_size + self%history%memory_size()
-  end function memory_size
+    n_saved = self%state%n_numbers() + self%n_phases()
+  end function n_saved
 
-  function save_memory(self) result(memory)
+  !> With the massless variables, whose number depends on the load.
+  pure integer function n_phases(self)
     class(structure_march_type), intent(in) :: self
-    real(wp) :: memory(self%memory_size())
-    integer :: n
+    n_phases = 2*size(self%swing%high) + 3*size(self%state%z_rate)
+  end function n_phases
 
-    memory(:n_common) = self%common_memory()
-    n = n_common
-    call push(memory, n, self%state%save_numbers())
-    call push(memory, n, [self%equations%y_start, self%equations%y])
-    if (self%remembers()) call push(memory, n, self%history%save_memory())
-    call push(memory, n, [self%swing%high, self%swing%low])
-    call push(memory, n, self%state%at_once_numbers())
-  end function save_memory
+  function save_state(self) result(saved)
+    class(structure_march_type), intent(in) :: self
+    real(wp) :: saved(self%n_saved())
+    saved = [self%state%save_numbers(), self%swing%high, self%swing%low, &
+             self%state%at_once_numbers()]
+  end function save_state
 
-  subroutine load_memory(self, memory, other_load)
+  subroutine load_state(self, saved, other_load)
     class(structure_march_type), intent(inout) :: self
-    real(wp), intent(in) :: memory(:)
+    real(wp), intent(in) :: saved(:)
     logical, intent(in) :: other_load
     integer :: n
 
-    call self%take_common(memory(:n_common))
     self%swing%t = self%clock%t
-    n = n_common + self%state%n_numbers()
-    call self%state%load_numbers(memory(n_common + 1:n))
-    call pull(memory, n, self%equations%y_start)
-    call pull(memory, n, self%equations%y)
-    if (self%remembers()) then
-      call self%history%load_memory(memory(n + 1:))
-      n = n + self%history%memory_size()
-    end if
+    n = self%state%n_numbers()
+    call self%state%load_numbers(saved(:n))
     if (other_load) return
-    call pull(memory, n, self%swing%high)
-    call pull(memory, n, self%swing%low)
-    call self%state%load_at_once(memory(n + 1:n + 3*size(self%state%z_rate)))
-  end subroutine load_memory
+    call pull(saved, n, self%swing%high)
+    call pull(saved, n, self%swing%low)
+    call self%state%load_at_once(saved(n + 1:n + 3*size(self%state%z_rate)))
+  end subroutine load_state
 
   ! Massless variables at the start of a motion or after a jump of the load: a step so short that
   ! everything else is constant determines the forces, and their polynomials give values and slopes
   ! at its start.
 
-  !> `recalled`: memory at the nodes of the next step.
-  subroutine settle_at_once(state, system, sections, channels, table, load, now, h, solved, &
-                            recalled, made)
-    type(state_type), intent(inout) :: state
-    class(oscillator_type), intent(in) :: system
-    type(sections_type), intent(in), target :: sections
-    type(channels_type), intent(in) :: channels
-    type(collocation_type), intent(in) :: table
-    type(time_load_type), intent(in) :: load
-    real(wp), intent(in) :: now, h, solved, recalled(:)
+  !> Set them at time `now`.
+  subroutine settle_at_once(self, now, made)
+    type(structure_march_type), intent(inout), target :: self
+    real(wp), intent(in) :: now
     logical, intent(out) :: made
     type(structure_panels) :: panels
-    real(wp) :: local(table%s, 0:table%s + 1, size(system%kernels))
-    real(wp) :: points(0:table%s + 1, size(system%gather, 2))
-    real(wp) :: g(0:table%s + 1, size(channels%kernel_of))
-    real(wp) :: high(size(sections%frequencies)), low(size(sections%frequencies))
-    real(wp) :: e(table%s, 0:table%s + 1, 0:size(system%kernels))
-    real(wp) :: early(table%s, table%s), weights(table%s), factors(table%s)
-    real(wp) :: forces(size(sections%pushed, 2))
+    real(wp) :: local(self%table%s, 0:self%table%s + 1, size(self%system%kernels))
+    real(wp) :: points(0:self%table%s + 1, size(self%system%gather, 2))
+    real(wp) :: g(0:self%table%s + 1, size(self%channels%kernel_of)), h
+    real(wp), dimension(size(self%sections%frequencies)) :: high, low
+    real(wp) :: e(self%table%s, 0:self%table%s + 1, 0:size(self%system%kernels))
+    real(wp) :: early(self%table%s, self%table%s)
+    real(wp), dimension(self%table%s) :: weights, factors
+    real(wp) :: forces(size(self%sections%pushed, 2))
     integer :: i, m
 
-    associate (c => table%points(1:table%s))
+    h = short*self%h
+    associate (c => self%table%points(1:self%table%s))
       factors = lagrange_factors(c)
       weights = lagrange(c, factors, 0.0_wp)
-      do i = 1, table%s
+      do i = 1, self%table%s
         early(i, :) = lagrange(c, factors, short*c(i))
       end do
     end associate
-    call remaining_weights(system, table, short*h, e)
+    call remaining_weights(self%system, self%table, h, e)
     local = -e(:, :, 1:)
-    do i = 1, table%s
+    do i = 1, self%table%s
       local(i, i, :) = local(i, i, :) + 1.0_wp
     end do
-    panels%sections => sections
-    panels%state = state
-    panels%solved = solved
+    panels%sections => self%sections
+    panels%state = self%state
+    panels%solved = self%solved
     allocate (panels%parts(1))
-    call panels%make(system, channels, load, table, local, now, short*h, &
-                     matmul(early, reshape(recalled, [table%s, size(g, 2)])), points, g, made)
+    call panels%make(self%system, self%channels, self%load, self%table, local, now, h, &
+                     matmul(early, reshape(self%recalled, [self%table%s, size(g, 2)])), points, g, &
+                     made)
     if (.not. made) return
-    call split_phase(sections%frequencies, now, high, low)
-    associate (part => panels%parts(1), poles => sections%others, phi => high + low)
+    call split_phase(self%sections%frequencies, now, high, low)
+    associate (part => panels%parts(1), poles => self%sections%others, state => self%state, &
+               phi => high + low)
       forces = matmul(weights, part%forces)
       do i = 1, poles%n_at_once
         m = size(poles%poles) - poles%n_at_once + i
@@ -527,10 +470,10 @@ contains
                      + sum(real(poles%sine(m, :))*sin(phi) + real(poles%cosine(m, :))*cos(phi))
         state%z_rest(m) = (0.0_wp, 0.0_wp)
       end do
-      call rates_at_once(poles, table, sections%frequencies, 0.0_wp, short*h, part%forces, phi, &
-                         state%z_rate)
+      call rates_at_once(poles, self%table, self%sections%frequencies, 0.0_wp, h, part%forces, &
+                         phi, state%z_rate)
     end associate
-    call start_state(state, sections)
+    call start_state(self%state, self%sections)
   end subroutine settle_at_once
 
   ! Error of the motion of a structure due to rounding of its frequencies and poles.

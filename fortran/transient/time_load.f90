@@ -85,23 +85,17 @@ contains
     type(load_clock), intent(out) :: clock
     type(time_load_type), intent(in) :: load
     real(wp), intent(in) :: start, h, c(:)
-    complex(wp) :: turned(size(c), size(load%amplitudes, 1))
-    integer :: i, k, m
+    complex(wp) :: turned(size(c)*size(load%amplitudes, 1), size(load%frequencies))
+    integer :: i, k
 
-    m = size(load%frequencies)
-    clock%t = start
-    clock%c = h*c
-    allocate (clock%high(m), clock%low(m), clock%step_high(m), clock%step_low(m))
-    call split_phase(load%frequencies, start, clock%high, clock%low)
-    call split_phase(load%frequencies, h, clock%step_high, clock%step_low)
-    allocate (clock%turned_sine(size(turned), m), clock%turned_cosine(size(turned), m))
-    do k = 1, m
+    do k = 1, size(load%frequencies)
       do i = 1, size(c)
-        turned(i, :) = load%amplitudes(:, k)*exp(imaginary_unit*(load%frequencies(k)*h*c(i)))
+        turned(i::size(c), k) = load%amplitudes(:, k) &
+                                *exp(imaginary_unit*(load%frequencies(k)*h*c(i)))
       end do
-      clock%turned_sine(:, k) = reshape(real(turned), [size(turned)])
-      clock%turned_cosine(:, k) = reshape(aimag(turned), [size(turned)])
     end do
+    call new_swing(clock, load%frequencies, turned, start, h)
+    clock%c = h*c
   end subroutine new_clock
 
   !> A clock of any quantities that are harmonic with the load: their amplitudes at phase 0 at the

@@ -9,7 +9,7 @@ module viscovib_time_run
   implicit none
   private
 
-  public :: make_run, run_motion, time_run
+  public :: make_run, put_state, run_motion, time_run
 
   !> Outcome of a run: all steps done; a coordinate or velocity leaves the range of
   !! numbers; the state leaves the physical range; time limit reached; the motion
@@ -57,7 +57,7 @@ module viscovib_time_run
     procedure(begin_interface), deferred :: begin
     procedure(enter_interface), deferred :: enter
     procedure(advance_interface), deferred :: advance
-    procedure(state_interface), deferred :: state
+    procedure(store_interface), deferred :: store
   end type run_motion
 
   abstract interface
@@ -78,23 +78,24 @@ module viscovib_time_run
       integer, intent(in) :: piece
     end subroutine enter_interface
 
-    !> Make step k + 1, from time `run%t_reached`. If the motion ends in it, `run%ended` becomes the
+    !> Make the step from time `run%t_reached` to `until`. If the motion ends in it, `run%ended` becomes the
     !! outcome, and the motion is at `run%t_reached`.
-    subroutine advance_interface(self, run, piece, k)
-      import :: i8, run_motion, time_run
+    subroutine advance_interface(self, run, piece, until)
+      import :: run_motion, time_run, wp
       class(run_motion), intent(inout) :: self
       class(time_run), intent(inout), target :: run
       integer, intent(in) :: piece
-      integer(i8), intent(in) :: k
+      real(wp), intent(in) :: until
     end subroutine advance_interface
 
-    !> State of the body at the present time t.
-    subroutine state_interface(self, t, q, v)
+    !> Store the state of the body at the present time t, by `put_state`.
+    subroutine store_interface(self, t, state, dofs)
       import :: run_motion, wp
       class(run_motion), intent(inout) :: self
       real(wp), intent(in) :: t
-      real(wp), allocatable, intent(inout) :: q(:), v(:)
-    end subroutine state_interface
+      real(wp), intent(inout) :: state(:)
+      integer, intent(in), optional :: dofs(:)
+    end subroutine store_interface
 
   end interface
 
@@ -105,7 +106,7 @@ contains
     class(run_motion), intent(inout) :: motion
     class(time_run), intent(inout), target :: run
     type(flushing_type) :: flushing
-    real(wp), allocatable :: q(:), v(:)
+    real(wp) :: until
     integer(i8) :: i, k
     integer :: piece
 
@@ -128,13 +129,13 @@ contains
         piece = piece + 1
         call motion%enter(run, piece)
       end if
-      call motion%advance(run, piece, k)
+      until = run%mesh%time(piece, k + 1)
+      call motion%advance(run, piece, until)
       if (run%ended /= run_completed) exit
       run%n_done = i
-      run%t_reached = run%mesh%time(piece, k + 1)
+      run%t_reached = until
       if (mod(i, run%save_every) /= 0 .or. i/run%save_every > size(run%states, 2)) cycle
-      call motion%state(run%t_reached, q, v)
-      call put_state(q, v, run%states(:, i/run%save_every), run%dofs)
+      call motion%store(run%t_reached, run%states(:, i/run%save_every), run%dofs)
     end do
     if (run%ended == run_completed .or. run%ended == run_stopped) return
     ! Small steps may locate the stop before the last of the steps made.

@@ -55,7 +55,6 @@ module viscovib_watch
     integer, allocatable :: which(:)
     real(wp), allocatable :: times(:), states(:, :), accelerations(:, :), changes(:, :)
   contains
-    procedure :: is_idle
     procedure :: look
     procedure :: count_of
     procedure :: keep
@@ -120,12 +119,6 @@ contains
     allocate (watch%which(0), watch%times(0), watch%states(0, 0), watch%accelerations(0, 0))
     allocate (watch%changes(2, 0))
   end subroutine new_watch
-
-  !> True if nothing is requested.
-  pure logical function is_idle(self)
-    class(watch_type), intent(in) :: self
-    is_idle = size(self%signals) == 0 .and. .not. self%extremes%wanted
-  end function is_idle
 
   !> True for each of n coordinates if the signals read it or its velocity.
   pure function coordinates_read(vector, n) result(read_at_all)

@@ -9,7 +9,7 @@
 module viscovib_watched_step
   use viscovib_driven_system, only: driven_system_type
   use viscovib_event_search, only: first_event_point, signal_along
-  use viscovib_event_time, only: settle_thin
+  use viscovib_event_time, only: signal_in_step
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
   use viscovib_law_layers, only: unseen
@@ -45,6 +45,15 @@ module viscovib_watched_step
   real(wp), parameter :: left_there = 1.0e-17_wp, left_of_steep = 1.0e-14_wp
   !> Largest correction of the position of an event, as a part of the step.
   real(wp), parameter :: furthest = 0.1_wp
+
+  !> A signal along the motion that the method computes in a step.
+  type, extends(signal_in_step) :: signal_of_method
+    !> The method at the start of the step.
+    class(stepper_type), pointer :: start => null()
+    class(driven_system_type), pointer :: system => null()
+  contains
+    procedure :: go
+  end type signal_of_method
 
   !> A surface of a system in its present state: its signal, or the end of sliding on it.
   type, extends(watched_function) :: surface_type
@@ -446,7 +455,7 @@ contains
 
   !> Position of a crossing by steps from the start of the part, which have the order of the method,
   !! unlike its polynomial: Newton's method with the slope of the polynomial, safeguarded by bounds.
-  subroutine correct(method, system, signal, side, at, place, passes, made, q, v)
+  subroutine correct(method, system, signal, side, at, place, passes, made)
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
     class(watched_function), intent(in) :: signal
@@ -454,9 +463,8 @@ contains
     integer, intent(in) :: side
     type(watched_step_type), intent(in) :: at
     real(wp), intent(inout) :: place
-    !> True if these steps cross the surface too; true if all of them succeeded; state there.
+    !> True if these steps cross the surface too; true if all of them succeeded.
     logical, intent(out) :: passes, made
-    real(wp), intent(out), optional :: q(:), v(:)
     real(wp) :: here(size(at%q)), rate(size(at%q)), g(1), low, high, next, width
     integer :: i
 
@@ -491,9 +499,6 @@ contains
       if (next <= low .or. next >= high) exit
       place = next
     end do
-    if (.not. present(q)) return
-    q = here
-    v = rate
 
   contains
 
@@ -509,19 +514,69 @@ contains
 
   end subroutine correct
 
+  !> Position of an event by steps from the start of the part, and the state there; if there is none,
+  !! those of the polynomial.
+  subroutine settle(start, system, signal, side, at, place, q, v)
+    !> The method at the start of the part.
+    class(stepper_type), intent(in), target :: start
+    class(driven_system_type), intent(in), target :: system
+    class(watched_function), intent(in), target :: signal
+    !> The sign of the signal before.
+    integer, intent(in) :: side
+    type(watched_step_type), intent(in), target :: at
+    real(wp), intent(inout) :: place
+    real(wp), intent(out) :: q(:), v(:)
+    type(signal_of_method) :: along
+    real(wp) :: t(1), here(1, size(at%q)), rate(1, size(at%q)), first
+    logical :: found
+
+    along%start => start
+    along%system => system
+    along%signal => signal
+    along%path => at%path
+    along%side = side
+    along%q = at%q
+    along%v = at%v
+    first = place
+    call along%settle(place, found)
+    ! Far away is a different event, or one that the steps do not resolve: too many for this step
+    ! size.
+    if (.not. found .or. abs(place - first) > furthest) then
+      place = first
+      call at%path%at([place], t, here, rate)
+      along%q = here(1, :)
+      along%v = rate(1, :)
+    end if
+    q = along%q
+    v = along%v
+  end subroutine settle
+
+  !> Advance to a position.
+  subroutine go(self, x)
+    class(signal_of_method), intent(inout) :: self
+    real(wp), intent(in) :: x
+    self%made = .true.
+    if (x*self%path%h <= 4.0_wp*spacing(self%path%start)) then
+      self%q = self%path%q(1, :)
+      self%v = self%path%v(1, :)
+    else
+      call self%start%look_ahead(self%system, x*self%path%h, self%q, self%v, self%made)
+    end if
+  end subroutine go
+
   !> Store the events of the last part; at an event that ends the run the method stops there.
   subroutine note_events(at, method, system, run, sticks)
-    type(watched_step_type), intent(inout) :: at
+    type(watched_step_type), intent(inout), target :: at
     class(stepper_type), intent(inout) :: method
     class(driven_system_type), intent(in), target :: system
     class(time_run), intent(inout), target :: run
     !> As in `look`.
     logical, intent(in) :: sticks
     type(event_point_type), allocatable :: found(:)
-    class(stepper_type), allocatable :: start
-    type(body_function) :: signal
+    class(stepper_type), allocatable, target :: start
+    type(body_function), target :: signal
     type(step_path) :: body
-    real(wp) :: q(size(at%q)), v(size(at%q)), place, t(1), here(1, size(at%q))
+    real(wp) :: q(size(at%q)), v(size(at%q)), place, here(1, size(at%q))
     real(wp) :: rate(1, size(at%q))
     integer :: i
 
@@ -538,14 +593,7 @@ contains
     do i = 1, size(found)
       place = found(i)%place
       signal%signal => run%watch%signals(found(i)%which)
-      call settle_thin(start, system, signal, found(i)%side, at%path, place, q, v)
-      if (abs(place - found(i)%place) > furthest) then
-        ! A different event, or one that the steps do not resolve: too many for this step size.
-        place = found(i)%place
-        call at%path%at([place], t, here, rate)
-        q = here(1, :)
-        v = rate(1, :)
-      end if
+      call settle(start, system, signal, found(i)%side, at, place, q, v)
       here(1, :) = q
       rate(1, :) = v
       call put_on_base(system, [at%from + place*start%h], here, rate)

@@ -3,12 +3,13 @@
 module test_hereditary
   use testing, only: begin, check, check_close, check_ok
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_hereditary, only: begun, hereditary_type, new_hereditary, no_exponentials, &
-    no_integral, past_direct, past_exponentials
+  use viscovib_hereditary, only: hereditary_type, new_hereditary
   use viscovib_hereditary_run, only: run_hereditary
+  use viscovib_histories, only: past_direct, past_exponentials, past_request
   use viscovib_kernel, only: kernel_type
   use viscovib_kernel_holder, only: kernel_holder
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
+  use viscovib_march, only: begun, no_exponentials, no_integral
   use viscovib_mount, only: geometry_cubic, geometry_exact, mount_parameters, mount_type, new_mount
   use viscovib_prony, only: new_prony, prony_kernel
   use viscovib_gauss_points, only: points_16, points_32, points_8, weights_16, weights_32, weights_8
@@ -198,8 +199,19 @@ contains
     load%amplitudes(2, 1) = (0.0_wp, 0.0_wp)
   end function sine_load
 
+  pure type(past_request) function request(s, past, held, h, t_end)
+    integer, intent(in) :: s, past
+    real(wp), intent(in) :: held, h, t_end
+    request%nodes = s
+    request%past = past
+    allocate (request%held, source=[held, held])
+    request%h = h
+    request%t_end = t_end
+    request%tolerance = 1.0e-13_wp
+  end function request
+
   subroutine run_to(mount, load, s, past, start, t_end, n, last)
-    type(mount_type), intent(in) :: mount
+    type(mount_type), intent(in), target :: mount
     type(time_load_type), intent(in) :: load
     integer, intent(in) :: s, past, n
     real(wp), intent(in) :: start(4), t_end
@@ -210,12 +222,12 @@ contains
     real(wp) :: thinnest
     integer :: reason
 
-    call new_hereditary(run, mount, load, s, past, [0.0_wp, 0.0_wp], start(1::2), start(2::2), &
-                        t_end/n, t_end, 1.0e-13_wp, reason)
+    call new_hereditary(run, mount, load, request(s, past, 0.0_wp, t_end/n, t_end), start(1::2), &
+                        start(2::2), reason)
     call check(reason == begun, 'begun')
     steps%n_steps = n
     call steps%allocate_states(4, 0, t_end/n)
-    call run_hereditary(run, mount, load, base, steps, .false., thinnest)
+    call run_hereditary(run, base, steps, .false., thinnest)
     call check(steps%ended == run_completed .and. steps%n_done == n, 'completed')
     last(1::2) = run%u
     last(2::2) = run%v
@@ -288,7 +300,7 @@ contains
   end subroutine no_memory
 
   subroutine refusals()
-    type(mount_type) :: mount
+    type(mount_type), target :: mount
     type(mount_parameters) :: parameters
     type(tabulated_kernel) :: table
     type(rzhanitsyn_kernel) :: abel
@@ -304,20 +316,20 @@ contains
     call new_tabulated(table, [0.0_wp, 1.0_wp], [0.1_wp, 0.0_wp], interpolation_linear, status)
     allocate (kernels(1)%kernel, source=table)
     call new_mount(mount, parameters, kernels, status)
-    call new_hereditary(run, mount, sine_load(1.0_wp), 4, past_exponentials, zero, zero, zero, &
-                        0.1_wp, 1.0_wp, 1.0e-10_wp, reason)
+    call new_hereditary(run, mount, sine_load(1.0_wp), &
+                        request(4, past_exponentials, 0.0_wp, 0.1_wp, 1.0_wp), zero, zero, reason)
     call check(reason == no_exponentials, 'a table is no sum of exponentials')
     call new_rzhanitsyn(abel, 0.1_wp, 0.5_wp, 0.0_wp, status)
     deallocate (kernels(1)%kernel)
     allocate (kernels(1)%kernel, source=abel)
     call new_mount(mount, parameters, kernels, status)
-    call new_hereditary(run, mount, sine_load(1.0_wp), 4, past_exponentials, zero + 1.0_wp, zero, &
-                        zero, 0.1_wp, 1.0_wp, 1.0e-10_wp, reason)
+    call new_hereditary(run, mount, sine_load(1.0_wp), &
+                        request(4, past_exponentials, 1.0_wp, 0.1_wp, 1.0_wp), zero, zero, reason)
     call check(reason == no_integral, 'a kernel without integral forgets what was held')
   end subroutine refusals
 
   subroutine goes_on()
-    type(mount_type) :: mount
+    type(mount_type), target :: mount
     type(hereditary_type) :: whole, first, second
     real(wp), allocatable :: memory(:)
     integer :: past, i, reason
@@ -325,21 +337,23 @@ contains
 
     do past = past_exponentials, past_direct
       call build(mount, geometry_exact, .true.)
-      call new_hereditary(whole, mount, sine_load(0.5_wp), 4, past, [0.0_wp, 0.0_wp], &
-                          [0.1_wp, 0.0_wp], [0.0_wp, 0.0_wp], 0.1_wp, 2.0_wp, 1.0e-13_wp, reason)
+      call new_hereditary(whole, mount, sine_load(0.5_wp), &
+                          request(4, past, 0.0_wp, 0.1_wp, 2.0_wp), [0.1_wp, 0.0_wp], &
+                          [0.0_wp, 0.0_wp], reason)
       first = whole
       do i = 1, 20
-        call whole%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*whole%h, made)
+        call whole%step(i*whole%h, made)
       end do
       do i = 1, 7
-        call first%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*first%h, made)
+        call first%step(i*first%h, made)
       end do
       memory = first%save_memory()
-      call new_hereditary(second, mount, sine_load(0.5_wp), 4, past, [0.0_wp, 0.0_wp], &
-                          [0.0_wp, 0.0_wp], [0.0_wp, 0.0_wp], 0.1_wp, 2.0_wp, 1.0e-13_wp, reason)
+      call new_hereditary(second, mount, sine_load(0.5_wp), &
+                          request(4, past, 0.0_wp, 0.1_wp, 2.0_wp), [0.0_wp, 0.0_wp], &
+                          [0.0_wp, 0.0_wp], reason)
       call second%load_memory(memory, .false.)
       do i = 8, 20
-        call second%step(mount, sine_load(0.5_wp), int(i - 1, i8), i*second%h, made)
+        call second%step(i*second%h, made)
       end do
       call check(all(second%u == whole%u) .and. all(second%v == whole%v), 'bit for bit')
     end do

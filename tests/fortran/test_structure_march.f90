@@ -4,7 +4,7 @@ module test_structure_march
   use testing, only: begin, check, check_close, check_ok
   use viscovib_base_motion, only: base_motion_type
   use viscovib_hereditary_run, only: run_hereditary
-  use viscovib_histories, only: past_exponentials
+  use viscovib_histories, only: past_request
   use viscovib_kinds, only: wp
   use viscovib_march, only: begun
   use viscovib_modal_maps, only: sections_type
@@ -178,8 +178,9 @@ contains
   subroutine run_in(n, last)
     integer, intent(in) :: n
     real(wp), intent(out) :: last(4)
-    type(polynomial_type) :: elements
+    type(polynomial_type), target :: elements
     type(sections_type) :: sections
+    type(past_request) :: request
     type(structure_march_type) :: run
     type(time_load_type) :: load
     type(base_motion_type) :: base
@@ -211,15 +212,18 @@ contains
     load%breaks = [0.0_wp, 20.0_wp]
     load%pieces = reshape([1.0e-3_wp, -0.01_wp, 0.1_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp], &
                           [1, 4, 2])
+    request%held = [0.0_wp]
+    request%h = 10.0_wp/n
+    request%t_end = 100.0_wp
+    request%tolerance = 1.0e-13_wp
     call new_structure_march(run, elements, sections, sections%seen, sections%others%left, load, &
-                             8, past_exponentials, [0.0_wp], [0.1_wp, 0.0_wp, 0.0_wp, 0.2_wp], &
-                             [0.0_wp, 0.1_wp, 0.0_wp, 0.0_wp], 10.0_wp/n, 100.0_wp, 1.0e-13_wp, &
-                             reason)
+                             request, [0.1_wp, 0.0_wp, 0.0_wp, 0.2_wp], &
+                             [0.0_wp, 0.1_wp, 0.0_wp, 0.0_wp], reason)
     call check(reason == begun, 'a run begins')
     steps%n_steps = n
     steps%times = [0.1_wp, 1.234_wp, 7.7_wp]
     call steps%allocate_states(2, 0, 10.0_wp/n)
-    call run_hereditary(run, elements, load, base, steps, .false., thinnest)
+    call run_hereditary(run, base, steps, .false., thinnest)
     call check(steps%ended == run_completed .and. steps%n_reached == 3, 'a run ends')
     call run%observe(last(1:1), last(2:2))
     last(3:4) = steps%at_times(:, 2)
