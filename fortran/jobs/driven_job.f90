@@ -575,8 +575,8 @@ contains
     end do
   end subroutine tabulate
 
-  ! Errors of special points along a branch of motions of a driven system: branch points, and changes
-  ! of stability. Both are located again with more shells of orders.
+  ! Errors of special points along a branch of motions of a driven system: branch points, and
+  ! changes of stability. Both are located again with more shells of orders.
 
   !> Number of additional shells for the errors of locations: for one axis as many as the bound,
   !! since the next omitted orders may cancel each other.

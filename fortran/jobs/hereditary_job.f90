@@ -72,8 +72,9 @@ contains
       if (load%moves_base()) equations%waves(:, k) = load%shift(system, k)
     end do
     if (counting) call count_up(counted_idle, count(.not. equations%moves))
-    call run_with_memory(job, system, equations, max(fastest, &
-                         maxval([0.0_wp, equations%frequencies])), load%corners(), trajectory, status)
+    call run_with_memory(job, system, equations, &
+                         max(fastest, maxval([0.0_wp, equations%frequencies])), load%corners(), &
+                         trajectory, status)
   end subroutine run_hereditary_job
 
   !> Coordinates that the load, the start or the past moves; with events all are computed.

@@ -414,9 +414,9 @@ contains
     end do
   end function next_bound
 
-  ! Errors of solutions of harmonic balance on a torus: the remaining correction, and rounding errors
-  ! (like `viscovib_rounding_error` for oscillators). With many unknowns both use the approximate
-  ! derivatives of `viscovib_torus_levels`.
+  ! Errors of solutions of harmonic balance on a torus: the remaining correction, and rounding
+  ! errors (like `viscovib_rounding_error` for oscillators). With many unknowns both use the
+  ! approximate derivatives of `viscovib_torus_levels`.
 
   !> Error relative to the largest unknown, as for the truncation error.
   subroutine torus_error(balance, p, x, most, error)

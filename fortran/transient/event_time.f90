@@ -1,5 +1,5 @@
-!> The time of an event along the motion itself, near that of the polynomial of a step, for functions
-!! that may be thin: their slope at one position does not predict the next.
+!> The time of an event along the motion itself, near that of the polynomial of a step, for
+!! functions that may be thin: their slope at one position does not predict the next.
 module viscovib_event_time
   use viscovib_event_search, only: signal_along
   use viscovib_kinds, only: wp

@@ -29,8 +29,8 @@ module viscovib_histories
   type :: past_request
     !> Nodes of a step; `past_exponentials` or `past_direct`.
     integer :: nodes = 8, past = past_exponentials
-    !> Step; latest time of any run that continues; relative error of the kernels as exponentials and
-    !! of a step's solution.
+    !> Step; latest time of any run that continues; relative error of the kernels as exponentials
+    !! and of a step's solution.
     real(wp) :: h = 0.0_wp, t_end = 0.0_wp, tolerance = 0.0_wp
     !> Shortest step of a run whose steps change after corners of the load, 0: there are none; true
     !! if velocities may jump there.

@@ -357,7 +357,8 @@ contains
     made = .false.
     if (.not. self%remembers()) return
     call self%load%at(0.0_wp, f)
-    if (.not. (self%starts_moving() .or. any(abs(f) > 0.0_wp) .or. self%known_past%is_known())) return
+    if (.not. (self%starts_moving() .or. any(abs(f) > 0.0_wp) &
+               .or. self%known_past%is_known())) return
     call self%make_start(made)
     if (.not. made) return
     call self%history%begin(self%start%table, self%start%past)

@@ -73,7 +73,9 @@ contains
     motion%system => system
     if (present(nearby)) motion%at%nearby = nearby
     call make_run(motion, run)
-    if (motion%layers%on .and. .not. motion%missed) motion%missed = motion%layers%thinness() > unseen
+    if (motion%layers%on .and. .not. motion%missed) then
+      motion%missed = motion%layers%thinness() > unseen
+    end if
     if (motion%missed) then
       system%in_parts = .true.
       call method%load_memory(memory)

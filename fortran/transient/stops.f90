@@ -167,8 +167,9 @@ contains
     begin%q = q
     begin%v = v
     if (.not. allocated(system%frame)) then
-      call new_explicit(own%method, system%n_dof, method_place, frequencies, spread(q, 1, n_lanes), &
-                        spread(v, 1, n_lanes), start, spread(0.0_wp, 1, n_lanes))
+      call new_explicit(own%method, system%n_dof, method_place, frequencies, &
+                        spread(q, 1, n_lanes), spread(v, 1, n_lanes), start, &
+                        spread(0.0_wp, 1, n_lanes))
     end if
     call make_small_steps(own, begin, h, last, stop, visitor)
   end subroutine find_stop

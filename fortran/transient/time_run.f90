@@ -78,8 +78,8 @@ module viscovib_time_run
       integer, intent(in) :: piece
     end subroutine enter_interface
 
-    !> Make the step from time `run%t_reached` to `until`. If the motion ends in it, `run%ended` becomes the
-    !! outcome, and the motion is at `run%t_reached`.
+    !> Make the step from time `run%t_reached` to `until`. If the motion ends in it, `run%ended`
+    !! becomes the outcome, and the motion is at `run%t_reached`.
     subroutine advance_interface(self, run, piece, until)
       import :: run_motion, time_run, wp
       class(run_motion), intent(inout) :: self

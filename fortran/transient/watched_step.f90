@@ -514,8 +514,8 @@ contains
 
   end subroutine correct
 
-  !> Position of an event by steps from the start of the part, and the state there; if there is none,
-  !! those of the polynomial.
+  !> Position of an event by steps from the start of the part, and the state there; if there is
+  !! none, those of the polynomial.
   subroutine settle(start, system, signal, side, at, place, q, v)
     !> The method at the start of the part.
     class(stepper_type), intent(in), target :: start
