@@ -7,7 +7,6 @@
 !! step is proportional to the number of modes times the number of nodes.
 module viscovib_structure_march
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_collocation, only: collocation_type
   use viscovib_counters, only: count_up, counted_coordinates, counting
   use viscovib_hereditary_kernels, only: add_any
   use viscovib_hereditary_maps, only: remaining_weights
