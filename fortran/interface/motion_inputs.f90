@@ -4,7 +4,7 @@ module viscovib_motion_inputs
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: make_base, oscillator_equations, structure_equations
-  use viscovib_motion_piece, only: motion_equations, piece_type
+  use viscovib_motion_piece, only: motion_equations, nothing, piece_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_plain_pieces, only: part_of_numbers, pendulum_equations, polynomial_equations
   use viscovib_polynomial, only: polynomial_type
@@ -42,6 +42,7 @@ contains
     piece%h = task%get_real('h')
     piece%tolerance = task%get_real('tolerance')
     allocate (piece%times, source=task%get_reals('times'))
+    piece%memory => nothing
     if (task%has('memory')) piece%memory => task%get_reals('memory')
     if (task%has('ends')) then
       allocate (piece%ends, source=task%get_reals('ends'))

@@ -18,6 +18,9 @@ module viscovib_motion_piece
   !> Start of a run: from a start, continued as before, or continued under other loads.
   integer, parameter, public :: from_start = 0, as_before = 1, under_other_loads = 2
 
+  !> The memory of a run that has none.
+  real(wp), target, public :: nothing(0)
+
   !> The start of a run, its steps, and its results.
   type, extends(time_run) :: piece_type
     integer :: resume = from_start

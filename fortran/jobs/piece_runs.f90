@@ -239,7 +239,7 @@ contains
         else if (self%shared%solved > 0.0_wp) then
           ! Far less than 1/gain for half the step: a number of iterations is not continuous, and
           ! unstable motions amplify the error of the solution.
-          piece%tolerance = max(self%shared%solved/real(course%factor, wp)**8, rounding)
+          piece%tolerance = max(self%shared%solved/real(course%factor, wp)**12, rounding)
         end if
       end associate
       course%piece%initial => course%start

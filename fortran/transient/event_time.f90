@@ -109,14 +109,14 @@ contains
     do k = 1, 4
       off = self%value(x)*(ends(2) - ends(1))/(g(1) - g(2))
       if (.not. (self%made .and. abs(off) <= before)) return
-      ! The remainder is below the rounding of time, and changes no digit of the state.
       found = abs(off) <= exactly
+      x = min(max(x + off, 0.0_wp), 1.0_wp)
       if (found) then
-        self%q = self%q + off*self%path%h*self%v
-        place = x + off
+        place = x
+        call self%go(place)
+        found = self%made
         return
       end if
-      x = min(max(x + off, 0.0_wp), 1.0_wp)
       before = 1.0e-2_wp*abs(off)
     end do
   end subroutine settle_by_slope
