@@ -28,7 +28,6 @@ module viscovib_condensed_hill
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_orders, only: fading_rate
-  use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_slope_waves, only: hold_waves
   use viscovib_structure, only: structure_type
@@ -51,8 +50,6 @@ module viscovib_condensed_hill
   real(wp), parameter :: silent = 1.0e-11_wp
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp
-  !> Exponents of memory itself are no faster, in nu.
-  real(wp), parameter :: widest = 100.0_wp
 
   type :: condensed_hill
     !> Frequency, and d: exponents matter modulo i d (rad/s).
@@ -64,9 +61,8 @@ module viscovib_condensed_hill
     type(condensed_poles) :: poles
     logical :: remembers = .false.
     logical, private :: creeps = .false.
-    !> The slowest rate at which memory fades, and where memory alone relaxes (1/s).
+    !> The slowest rate at which memory fades (1/s).
     real(wp) :: fading = huge(1.0_wp)
-    real(wp), allocatable :: relaxing(:)
     !> Exponents right of the line Re lambda = line grow (1/s).
     real(wp) :: line = 0.0_wp
     !> Poles nearer to 0 are those of rigid bodies (rad/s).
@@ -154,7 +150,6 @@ contains
     ! Loss factors have no meaning off the axis.
     self%ready = system%separable .and. .not. any(abs(system%rest%losses) > 0.0_wp)
     if (.not. self%ready) return
-    if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
     call self%find_motion(system, x, largest, strongest)
     if (.not. self%ready) return
     self%line = circle*self%period/(2.0_wp*pi)
