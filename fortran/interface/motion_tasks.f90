@@ -22,7 +22,7 @@ module viscovib_motion_tasks
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates
-  use viscovib_shock_shapes, only: new_shock, shock_names
+  use viscovib_shock_shapes, only: new_shock, shock_names, shock_type
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
   use viscovib_task, only: task_type
@@ -148,27 +148,48 @@ contains
     call task%found%put_integer('singular', merge(1_i8, 0_i8, singular))
   end subroutine find_accelerations
 
-  !> A shock of height 1 by the `shape` of its name and its numbers as of `new_shock`: `times` (n)
+  !> A shock of height 1 by the `shape` of its name and its numbers as of `shock_type`: `times` (n)
   !! and `pieces` (p, n).
   subroutine find_shock(task)
     type(task_type), intent(inout) :: task
+    type(shock_type) :: shock
     real(wp), allocatable :: times(:), pieces(:, :)
     character(len=:), allocatable :: shape_name
-    real(wp) :: hz(2)
     integer :: i
 
     call task%take_text('shape', shape_name)
-    hz = [task%get_real('first_hz', 0.0_wp), task%get_real('last_hz', 0.0_wp)]
     if (task%failed()) return
     do i = 1, size(shock_names) - 1
       if (shock_names(i) == shape_name) exit
     end do
-    call new_shock(i, task%get_real('duration', 0.0_wp), &
-                   task%get_real('rise', 0.0_wp), task%get_real('fall', 0.0_wp), hz, &
-                   task%get_flag('is_logarithmic', .false.), times, pieces, task%status)
+    shock%shape = i
+    shock%start = task%get_real('start')
+    shock%duration = task%get_real('duration', 0.0_wp)
+    shock%rise = task%get_real('rise', 0.0_wp)
+    shock%fall = task%get_real('fall', 0.0_wp)
+    shock%is_logarithmic = task%get_flag('is_logarithmic', .false.)
+    shock%hold = task%get_real('hold', 0.0_wp)
+    shock%phase = task%get_real('phase', 0.0_wp)
+    if (shape_name == 'chirp') shock%hz = pair('hz')
+    if (shape_name == 'run_up') shock%speed = pair('speed')
+    if (task%failed()) return
+    call new_shock(shock, times, pieces, task%status)
     if (task%failed()) return
     call task%found%put_reals('times', times, shape(times))
     call task%found%put_reals('pieces', pieces, shape(pieces))
+
+  contains
+
+    function pair(name)
+      character(len=*), intent(in) :: name
+      real(wp) :: pair(2)
+      pair = 0.0_wp
+      associate (given => task%get_reals(name))
+        call task%check_extents(name, shape(given), [2])
+        if (.not. task%failed()) pair = given
+      end associate
+    end function pair
+
   end subroutine find_shock
 
   !> The sum of two tables of loads, `breaks` and `pieces`, `other_breaks` and `other_pieces`:

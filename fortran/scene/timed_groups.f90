@@ -7,7 +7,7 @@ module viscovib_timed_groups
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_record_doubts, only: doubt_record
-  use viscovib_shock_shapes, only: new_shock, shock_names
+  use viscovib_shock_shapes, only: new_shock, shock_names, shock_type
   use viscovib_status, only: show, status_type
   use viscovib_subject, only: subject_type
   implicit none
@@ -40,13 +40,16 @@ contains
     if (shape == 1) then
       call reader%complain('shape', "shape: kind = 'acceleration' needs a shock, such as " &
                            //"shape = 'half_sine', or shape = 'record'")
-    else if (all(kind /= ['force       ', 'acceleration'])) then
+    else if (word == 'run_up' .and. kind /= 'unbalance') then
+      call reader%complain('kind', "kind = '"//kind//"': must be 'unbalance' with shape = 'run_up'")
+    else if (word /= 'run_up' .and. all(kind /= ['force       ', 'acceleration'])) then
       call reader%complain('kind', "kind = '"//kind//"': must be 'force' or 'acceleration' with " &
                            //"shape = '"//word//"'")
     else if (repeats) then
       call reader%complain('shape', "shape = '"//word//"': is a load of &transient only")
     end if
-    call reader%refuse(['order', 'phase'], "must be left out with shape = '"//word//"'")
+    call reader%refuse(pack(['order', 'phase'], [.true., word /= 'run_up']), &
+                       "must be left out with shape = '"//word//"'")
     if (reader%status%failed()) return
     factor = 1.0_wp
     if (kind == 'acceleration') then
@@ -67,7 +70,7 @@ contains
     end if
     if (reader%status%failed()) return
     pieces = factor*(amplitude*pieces)
-    if (kind == 'force') then
+    if (kind /= 'acceleration') then
       call load%add_row(times, pieces, direction, 0.0_wp*direction)
       return
     end if
@@ -97,28 +100,26 @@ contains
     !> Place in `shock_names`.
     integer, intent(in) :: shape
     real(wp), allocatable, intent(out) :: times(:), pieces(:, :)
+    type(shock_type) :: shock
     type(status_type) :: status
-    character(len=:), allocatable :: sweep
-    real(wp) :: start, duration, rise, fall, hz(2)
 
-    sweep = 'linear'
-    duration = 0.0_wp
-    rise = 0.0_wp
-    fall = 0.0_wp
-    hz = 0.0_wp
-    start = reader%read_real('start')
-    if (shock_names(shape) /= 'step') duration = reader%read_real('duration')
+    shock%shape = shape
+    shock%start = reader%read_real('start')
+    if (shock_names(shape) /= 'step') shock%duration = reader%read_real('duration')
     if (shock_names(shape) == 'trapezoid') then
-      rise = reader%read_real('rise', 0.1_wp*duration)
-      fall = reader%read_real('fall', rise)
+      shock%rise = reader%read_real('rise', 0.1_wp*shock%duration)
+      shock%fall = reader%read_real('fall', shock%rise)
     else if (shock_names(shape) == 'chirp') then
-      hz = reader%read_reals('hz')
-      sweep = reader%read_text('sweep')
+      shock%hz = reader%read_reals('hz')
+      shock%is_logarithmic = reader%read_text('sweep') == 'logarithmic'
+    else if (shock_names(shape) == 'run_up') then
+      shock%speed = reader%read_reals('speed')
+      shock%hold = reader%read_real('hold')
+      shock%phase = reader%read_real('phase')
     end if
     if (reader%status%failed()) return
-    call new_shock(shape, duration, rise, fall, hz, sweep == 'logarithmic', times, pieces, status)
+    call new_shock(shock, times, pieces, status)
     call reader%place(status)
-    if (.not. status%failed()) times = start + times
   end subroutine read_shock
 
   !> A record as straight lines between its times.

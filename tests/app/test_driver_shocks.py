@@ -148,6 +148,43 @@ def test_random_shocks_have_the_motion_of_python(solve, tmp_path, name):
                 assert off < 1e-12 * np.abs(wanted).max(), (shape, column)
 
 
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_run_ups_have_the_motion_of_python(solve, tmp_path, name):
+    """In two coordinates, and of a body along directions at a point."""
+    random = np.random.default_rng(5 + len(name))
+    head, build, _ = SYSTEMS[name]
+    system = build()
+    size, turn, start, hold = random.uniform(0.001, 0.01, 4).round(4).tolist()
+    keys = f"start={start}, duration=0.2, speed=0 150, hold={hold}"
+    ons = [f"on='{one}'" for one in system.dof_names[:2]]
+    directions = np.eye(len(system.dof_names))[:2]
+    if name == "body":
+        ons = ["force=0 1 0, at=0.1 0.2 0", "force=0 0 1, at=0.1 0.2 0"]
+        directions = [system.load(force=one, at=(0.1, 0.2, 0)).real for one in np.eye(3)[1:]]
+    text = head
+    for on, phase in zip(ons, (turn, turn + np.pi / 2), strict=True):
+        text += f"&load kind='unbalance', shape='run_up', amplitude={size}, phase={phase!r}, {on}"
+        text += f", {keys} /\n"
+    scene = tmp_path / "run_up.nml"
+    scene.write_text(f"{text}&transient t_end=0.3, dt=0.002 /\n")
+    load = vv.RunUp(
+        unbalance=size * (directions[0] + 1j * np.asarray(directions[1])), phase=turn,
+        speed=(0, 150), duration=0.2, start=start, hold=hold,
+    )  # fmt: skip
+    with silence():
+        done = solve(scene, "--out", tmp_path)
+        run = vv.simulate(system, 0.3, dt=0.002, force=load)
+        if name in ("system", "mount"):
+            again = vv.run(scene).trajectory
+            assert np.abs(again.state - run.state).max() < 1e-12 * np.abs(run.state).max()
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "run_up_transient.csv")
+    size = np.abs(run.state).max()
+    for i, one in enumerate(system.dof_names):
+        assert np.abs(table[one] - run.state[:, 2 * i]).max() < 1e-12 * size
+        assert np.abs(table[f"{one}_dot"] - run.state[:, 2 * i + 1]).max() < 1e-12 * size
+
+
 def _tables(given):
     """The tables of the arguments of a call."""
     for one in given.values():
@@ -231,6 +268,13 @@ def test_scenes_give_python_its_shocks(tmp_path):
         ("shape='chirp', amplitude=1, duration=1, hz=0 2, sweep='logarithmic'",
          "hz = 0, 2: must be greater than 0"),
         ("shape='chirp', amplitude=1, duration=1, hz=0 1e6", "cycles, must be at most"),
+        ("kind='unbalance', shape='run_up', amplitude=1, duration=1, speed=0 0",
+         "speed = 0, 0: must not be negative, and not both 0"),
+        ("kind='unbalance', shape='run_up', amplitude=1, duration=1", "speed"),
+        ("shape='run_up', amplitude=1, duration=1, speed=0 9", "kind = 'force': must be 'unbal"),
+        ("kind='unbalance', shape='step', amplitude=1", "must be 'force' or 'acceleration'"),
+        ("kind='unbalance', shape='run_up', amplitude=1, duration=1, speed=0 9, phase='nu'",
+         "phase"),
         ("shape='record', times=0 1 1, values=0 1 2", "after 1: must be strictly increasing"),
         ("shape='record', times=0 1 2, values=0 1", "must match"),
         ("shape='record', times=0, values=1", "must have at least 2 times"),

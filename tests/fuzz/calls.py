@@ -253,6 +253,7 @@ SOUND = (
     "vv.Sawtooth(amplitude=[1.0, 2.0], duration=0.1)",
     "vv.Trapezoid(amplitude=1.0, duration=0.1, rise=0.02, fall=0.01)",
     "vv.Chirp(amplitude=1.0, duration=1.0, hz=[1.0, 5.0], sweep='linear')",
+    "vv.RunUp(unbalance=[0.1, 0.1j], speed=(0, 5), duration=2.0, hold=1.0, phase=0.3)",
     "vv.Step(amplitude=1.0, start=0.5, unit='g')",
     f"vv.simulate({MOUNT}, t_end=1, dt=0.1, base_acceleration=vv.Step(amplitude=1.0))",
     "vv.Past(times=[-1, 0], displacements=[[0, 0], [0.1, 0]])",

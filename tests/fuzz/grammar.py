@@ -152,6 +152,7 @@ SEEDS = {
 &load kind='acceleration' shape='record' times=0 0.1 0.3 values=1 2 0 amplitude=3 /
 &load shape='chirp' amplitude=3 duration=0.2 hz=5 20 sweep='logarithmic' start=0.1 on='y' /
 &load shape='step' amplitude=1 /
+&load kind='unbalance' shape='run_up' amplitude=1 speed=0 9 duration=0.5 hold=0.2 phase=1 on='y' /
 &transient t_end=1 dt=0.02 acceleration='yes' /
 &shock_spectrum coordinate='y' frequencies=1 20 300 damping=0.1 kind='pseudo_velocity' /
 """,

@@ -120,6 +120,7 @@ GIVEN = [
     (vv.Sawtooth, {"amplitude": ROW, "duration": 1.0}),
     (vv.Trapezoid, {"amplitude": ROW, "duration": 1.0}),
     (vv.Chirp, {"amplitude": ROW, "duration": 1.0, "hz": ROW}),
+    (vv.RunUp, {"unbalance": ROW, "duration": 1.0, "speed": ROW}),
     (vv.Step, {"amplitude": ROW}),
     (vv.Past, {"times": TABLE - 3, "displacements": np.outer(TABLE, ROW)}),
     (vv.PronyKernel, {"weights": ROW / 10, "rates": ROW}),

@@ -158,7 +158,8 @@ NOT_FOUND = [
     "HalfSine", "Haversine", "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable",
     "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
     "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "PythonLaw",
-    "RabotnovKernel", "RelaxationData", "Result", "RzhanitsynKernel", "Sample", "Sawtooth", "Scene",
+    "RabotnovKernel", "RelaxationData", "Result", "RunUp", "RzhanitsynKernel", "Sample", "Sawtooth",
+    "Scene",
     "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "Structure", "SumKernel",
     "TabulatedKernel", "ThermalKernel", "Trapezoid", "WLF",
 ]  # fmt: skip

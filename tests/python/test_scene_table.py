@@ -71,6 +71,10 @@ INSTEAD = {
     **{("load", key): "shape='half_sine' amplitude=1 duration=1" for key in ("start", "duration")},
     **{("load", key): "shape='trapezoid' amplitude=1 duration=1" for key in ("rise", "fall")},
     **{("load", key): "shape='chirp' amplitude=1 duration=1 hz=1 2" for key in ("hz", "sweep")},
+    **{
+        ("load", key): "kind='unbalance' shape='run_up' amplitude=1 duration=1 speed=1 2"
+        for key in ("speed", "hold")
+    },
     **{("load", key): "shape='record' times=0 1 values=0 1" for key in ("times", "values")},
     ("load", "unit"): "kind='acceleration' shape='step' amplitude=1",
     ("load", "file"): "shape='record' times=0 1 values=0 1",

@@ -1,4 +1,4 @@
-"""Accelerations of motions under shocks, by SciPy; shock spectra, by matrix exponentials.
+"""Accelerations under shocks and run-ups, by SciPy; shock spectra, by matrix exponentials.
 
 Some of the calls are scenes.
 """
@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from referee.case import Case, Claim, even, few, numbers
 
 JUDGES = (
-    "shock_response_spectrum", "ShockResponseSpectrum", "ShockResponseSpectrum.maximax",
+    "RunUp", "shock_response_spectrum", "ShockResponseSpectrum", "ShockResponseSpectrum.maximax",
     "Trajectory.acceleration", "Trajectory.relative_to_base",
 )  # fmt: skip
 KINDS = ("absolute_acceleration", "relative_displacement", "pseudo_velocity")
@@ -169,6 +169,46 @@ run = vv.simulate(system, 1.5, base_acceleration=shock, initial=[0.01, 0, 0, 0.1
     return Case(call, judge)
 
 
+def _of_run_ups(rng, index):
+    """A rotor with an anisotropic spring and a cubic one: run-up or coast-down, and after it."""
+    k, c = rng.uniform(50, 200, 2).round(2), rng.uniform(0.2, 2, 2).round(3)
+    cubic = few(rng, 1, 1e3)
+    speed = np.sort(rng.uniform(0, 30, 2).round(2))[:: rng.choice([1, -1])]
+    u, duration, hold = few(rng, 1e-3, 0.05), even(rng, 1, 4, 2), even(rng, 0, 1, 2)
+    start, phase = even(rng, 0, 0.5, 2), even(rng, -3, 3)
+    call = f"""rotor = vv.PolynomialSystem(
+    mass=np.eye(2), stiffness=np.diag({numbers(k)}), damping=np.diag({numbers(c)}),
+    forces={{x: f"{cubic!r}*(x1^2 + x2^2)*{{x}}" for x in ("x1", "x2")}},
+)
+load = vv.RunUp(
+    unbalance=[{u}, {u}j], speed={numbers(speed)}, duration={duration}, hold={hold},
+    start={start}, phase={phase},
+)
+run = vv.simulate(rotor, {start + duration + hold + 1}, force=load, tolerance=1e-9)
+state, error = run.state[-1, [0, 2, 1, 3]], run.error
+"""
+    slope = (speed[1] - speed[0]) / duration
+
+    def judge(names, reported):
+        y = np.zeros(4)
+        cuts = start + np.cumsum([0.0, duration, hold, 1.0])
+        for part, (begin, end) in enumerate(itertools.pairwise(cuts)):
+
+            def right(t, y, part=part):
+                early = duration if part else t - start
+                rate = speed[0] + slope * early
+                phi = phase + (speed[0] + rate) / 2 * early + speed[1] * (t - start - early)
+                force = u * (rate**2 - (0 if part else 1j * slope)) * np.exp(1j * phi)
+                push = np.array([force.imag, force.real]) * (part < 2)
+                return np.append(y[2:], push - (k + cubic * (y[:2] @ y[:2])) * y[:2] - c * y[2:])
+
+            if end > begin:
+                y = solve_ivp(right, (begin, end), y, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+        yield Claim("state", names["state"], y, names["error"] + 1e-11, 10.0)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw a record or a motion."""
-    return (_of_records, _of_records, _of_runs)[index % 3](rng, index // 3)
+    return (_of_records, _of_records, _of_runs, _of_run_ups)[index % 4](rng, index // 4)

@@ -19,7 +19,7 @@ from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory, spacing
 from viscovib.systems.base_acceleration import warn_of_record
-from viscovib.systems.load_table import LoadTable, Shock
+from viscovib.systems.load_table import FormulaLoad, LoadTable
 from viscovib.systems.piecewise import values_at
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def shock_response_spectrum(
         factor * float(np.abs(values).max()),
         float(steps.sum() if steps.size > 1 else steps[0] * (values.size - 1)),
     )
-    warn_of_record("record", values, unit, not isinstance(record, Shock))
+    warn_of_record("record", values, unit, not isinstance(record, FormulaLoad))
     one, two, three, four = _native.run_either(
         values.size * places.size > _FEW, "spectrum shock", record=values, steps=steps, hz=places,
         damping=ratio, kind=KINDS.index(quantity) + 1, unit=unit,

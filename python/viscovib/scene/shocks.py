@@ -15,12 +15,13 @@ from viscovib.results.trajectory import Trajectory
 from viscovib.systems.base_acceleration import warn_of_record
 from viscovib.systems.load_table import (
     Chirp,
+    FormulaLoad,
     HalfSine,
     Haversine,
     LoadTable,
     PiecewiseTable,
+    RunUp,
     Sawtooth,
-    Shock,
     Step,
     Trapezoid,
     added,
@@ -30,7 +31,7 @@ _SHAPES: dict[str, Any] = {
     "half_sine": HalfSine, "haversine": Haversine, "chirp": Chirp, "sawtooth": Sawtooth,
     "trapezoid": Trapezoid, "step": Step,
 }  # fmt: skip
-_NUMBERS = ("start", "duration", "rise", "fall", "hz", "sweep", "unit")
+_NUMBERS = ("start", "duration", "rise", "fall", "hz", "sweep", "speed", "hold", "unit")
 
 
 def loads_in_time(groups: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, Any]:
@@ -40,7 +41,7 @@ def loads_in_time(groups: Sequence[Mapping[str, Any]], names: Sequence[str]) -> 
     for group in groups:
         if "shape" not in group:
             continue
-        if group["kind"] == "force":
+        if group["kind"] != "acceleration":
             on = np.array([group["on"] == name for name in names], dtype=float)
             forces.append(_table(group, on))
         else:
@@ -58,6 +59,8 @@ def _table(group: Mapping[str, Any], on: float | FloatArray) -> LoadTable:
     """The load of a group along a direction."""
     given = {name: group[name] for name in _NUMBERS if name in group}
     size = group["amplitude"] * on
+    if group["shape"] == "run_up":
+        return RunUp(unbalance=size, phase=group["phase"], **given)
     if group["shape"] != "record":
         table: LoadTable = _SHAPES[group["shape"]](amplitude=size, **given)
         return table
@@ -75,7 +78,7 @@ def _sum(tables: Sequence[LoadTable], n_dof: int) -> LoadTable:
         if n_dof:
             pieces = one._pieces(n_dof)
         else:
-            warn_of_record("base_acceleration", values, one.unit, not isinstance(one, Shock))
+            warn_of_record("base_acceleration", values, one.unit, not isinstance(one, FormulaLoad))
             pieces = factor * one._polynomials(values[:, np.newaxis])
         parts.append((np.asarray(one.times), pieces))
     return PiecewiseTable.of(*reduce(added, parts))

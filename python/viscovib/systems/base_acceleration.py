@@ -14,7 +14,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.values import Value
 from viscovib.errors import InputError, RangeWarning, caller
 from viscovib.systems.load import LoadLike, load_series, name_places
-from viscovib.systems.load_table import LoadTable, PiecewiseTable, Shock, added, table_at
+from viscovib.systems.load_table import FormulaLoad, LoadTable, PiecewiseTable, added, table_at
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def _polynomials(where: str, table: LoadTable) -> FloatArray:
     if values.ndim != 1 or table.on is not None:
         raise InputError(f"{where}: must have values of shape (n,), without on")
     if not isinstance(table, PiecewiseTable):
-        warn_of_record(where, values, table.unit, not isinstance(table, Shock))
+        warn_of_record(where, values, table.unit, not isinstance(table, FormulaLoad))
     factor = units.g if table.unit == "g" else 1.0
     return np.asarray(factor * table._polynomials(values[:, np.newaxis])[0])
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from viscovib._native import FloatArray
 from viscovib.common.values import own_fields, short_repr
 from viscovib.errors import InputError
 
+_Array = TypeVar("_Array", bound=npt.NDArray[Any])
 #: Two times of a base closer than this, relative to the last, are a jump.
 _JUMP = 1e-12
 
@@ -214,13 +216,12 @@ class PiecewiseTable(LoadTable):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Shock(LoadTable):
+class FormulaLoad(LoadTable):
     """A load by a formula, as polynomials of the core."""
 
     times: FloatArray = field(init=False)
     values: FloatArray = field(init=False)
     interpolation: str = field(init=False, default="cubic")
-    amplitude: npt.ArrayLike
     start: float = 0.0
     _shape: ClassVar[str]
 
@@ -233,36 +234,61 @@ class Shock(LoadTable):
         ]
         return f"{type(self).__name__}({', '.join(words)})"
 
-    def __post_init__(self) -> None:
-        own_fields(self, "amplitude")
-        size = _native.real_array("amplitude", self.amplitude)
-        if size.ndim > 1:
-            raise InputError(
-                f"amplitude: must be a number or have shape (n_dof,), got {size.shape}"
+    def _expand(self, *terms: tuple[FloatArray, dict[str, Any]]) -> None:
+        """Set the table to a sum of loads, each a vector times the formula of some numbers."""
+        own: Any = 0.0
+        for size, numbers in terms:
+            found = _native.run(
+                "motion shock", shape=self._shape, start=self._number("start"), **numbers
             )
-        begin = _native.number("start", self.start)
-        found = _native.run("motion shock", shape=self._shape, **self._numbers())
-        object.__setattr__(self, "_unit", found["pieces"])
-        object.__setattr__(self, "times", begin + found["times"])
-        object.__setattr__(self, "values", np.multiply.outer(found["pieces"][-1], size))
+            own = own + np.multiply.outer(size, found["pieces"])
+        object.__setattr__(self, "times", found["times"])
+        object.__setattr__(self, "values", np.moveaxis(own[..., -1, :], -1, 0).copy())
+        own[..., -1] = 0.0
+        object.__setattr__(self, "_own", own.reshape(-1, *own.shape[-2:]))
         super().__post_init__()
-
-    def _numbers(self) -> dict[str, Any]:
-        """Numbers of the shape, as the core calls them."""
-        return {"duration": self._number("duration")}
 
     def _number(self, name: str) -> float:
         return _native.number(name, getattr(self, name))
+
+    def _size(self, name: str, convert: Callable[[str, object], _Array]) -> _Array:
+        """A number, or a number of each coordinate."""
+        own_fields(self, name)
+        size = convert(name, getattr(self, name))
+        if size.ndim > 1:
+            raise InputError(f"{name}: must be a number or have shape (n_dof,), got {size.shape}")
+        return size
+
+    def _ends(self, name: str, what: str) -> FloatArray:
+        """A first and a last value."""
+        own_fields(self, name)
+        ends = _native.real_array(name, getattr(self, name))
+        if ends.shape != (2,):
+            raise InputError(f"{name}: must be two {what}, got shape {ends.shape}")
+        return ends
 
     def _breaks(self, n_dof: int) -> FloatArray:
         return np.asarray(self.times)
 
     def _polynomials(self, values: FloatArray) -> FloatArray:
-        unit: FloatArray = self._unit  # type: ignore[attr-defined]
-        k = int(np.abs(unit[-1]).argmax())
-        pieces = np.multiply.outer(values[k] / unit[-1, k], unit)
-        pieces[:, :, -1] = 0.0
-        return np.asfortranarray(pieces)
+        own: FloatArray = self._own  # type: ignore[attr-defined]
+        pieces = np.zeros((values.shape[1], *own.shape[1:]), order="F")
+        pieces[: len(own)] = own
+        return pieces
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Shock(FormulaLoad):
+    """A formula of height 1 times an amplitude."""
+
+    amplitude: npt.ArrayLike
+
+    def __post_init__(self) -> None:
+        self._expand((self._size("amplitude", _native.real_array), self._numbers()))
+
+    def _numbers(self) -> dict[str, Any]:
+        """Numbers of the shape, as the core calls them."""
+        return {"duration": self._number("duration")}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -397,15 +423,82 @@ class Chirp(Shock):
     _shape: ClassVar[str] = "chirp"
 
     def _numbers(self) -> dict[str, Any]:
-        own_fields(self, "hz")
-        ends = _native.real_array("hz", self.hz)
-        if ends.shape != (2,):
-            raise InputError(f"hz: must be two frequencies, got shape {ends.shape}")
         sweep = _native.choice("sweep", self.sweep, ("linear", "logarithmic"))
         return {
-            "duration": self._number("duration"), "first_hz": float(ends[0]),
-            "last_hz": float(ends[1]), "is_logarithmic": sweep == "logarithmic",
+            "duration": self._number("duration"), "hz": self._ends("hz", "frequencies"),
+            "is_logarithmic": sweep == "logarithmic",
         }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RunUp(FormulaLoad):
+    r"""The force of an unbalance whose speed changes linearly: run-up or coast-down of a machine.
+
+    The shaft has the angle phi(t), with phi = ``phase`` at ``start``. Its speed phi' goes from the
+    first to the last value of ``speed`` within ``duration``, and then keeps the last value for
+    ``hold``. A real unbalance u = m e has the force -u d^2/dt^2 sin(phi), a complex one
+
+    .. math:: F = \mathrm{Im}[u\,(\dot\varphi^2 - i\ddot\varphi)\,e^{i\varphi}]
+
+    so that ``unbalance=(u, 1j*u)`` rotates from the second coordinate to the first. At constant
+    speed nu this is the load u nu^2 of `forced_response`. The motion of the shaft is given: the
+    vibration does not act on the speed.
+
+    Parameters
+    ----------
+    unbalance : complex or array_like, shape (n_dof,)
+        m e (kg m) on the first coordinate, or on each (kg m, kg m^2). For a `Body` it is
+        ``body.unbalance(1.0, m_e, at, axis)``.
+    speed : tuple of two floats
+        First and last speed (rad/s, not Hz), not negative. A coast-down has the larger speed first.
+    duration : float
+        Time of the change of speed (s).
+    hold : float
+        Time at the last speed after it (s). The load is 0 before ``start`` and after ``hold``.
+    phase : float
+        Angle of the shaft at ``start`` (rad).
+    start, on
+        As for `HalfSine`.
+
+    Raises
+    ------
+    InputError
+        If a speed is negative, both are 0, or the largest speed has more than 20000 revolutions.
+
+    Notes
+    -----
+    The load is a polynomial of degree 21 in each quarter of a revolution at the largest speed, and
+    steps in time end on these quarters. Its error is below 1e-13 of the largest force.
+
+    Source: R. Gasch, R. Nordmann, H. Pfuetzner, Rotordynamik, 2nd ed., Springer 2006 (passage
+    through resonance); F. M. Lewis, Trans. ASME 54 (1932), 253-261.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> load = vv.RunUp(unbalance=0.01, speed=(0.0, 100.0), duration=2.0)
+    >>> round(float(load(1.0)), 9)  # phi = 25, phi' = 50, phi'' = 50
+    -3.804395158
+    """
+
+    unit: str = field(init=False, default="m/s^2")
+    unbalance: npt.ArrayLike
+    speed: tuple[float, float]
+    duration: float
+    hold: float = 0.0
+    phase: float = 0.0
+    _shape: ClassVar[str] = "run_up"
+
+    def __post_init__(self) -> None:
+        size = self._size("unbalance", _native.complex_array)
+        numbers: dict[str, Any] = {
+            name: self._number(name) for name in ("duration", "hold", "phase")
+        }
+        numbers["speed"] = self._ends("speed", "speeds")
+        terms = [(size.real, numbers)]
+        if size.imag.any():
+            terms.append((size.imag, numbers | {"phase": numbers["phase"] + 0.5 * np.pi}))
+        self._expand(*terms)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
