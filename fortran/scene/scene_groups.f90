@@ -17,6 +17,7 @@ contains
     type(namelist_type), intent(inout) :: file
     logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
+    integer :: first(size(group_table))
     integer :: i
 
     is_pendulum = has(file, 'pendulum')
@@ -25,8 +26,9 @@ contains
       if (has(file, system_groups(i))) file%groups%systems = ibset(0, i - 1)
     end do
     call set_ok(status)
+    first = [(place_of(file, trim(group_names(i))), i=1, size(group_names))]
     do i = 1, size(file%groups)
-      call check_group(file, i, status)
+      call check_group(file, first, i, status)
       if (status%failed()) return
     end do
     if (.not. any([(has(file, system_groups(i)), i=1, size(system_groups))])) then
@@ -41,8 +43,10 @@ contains
   end subroutine check_groups
 
   !> Whether a group is known, given once, and goes with the system.
-  subroutine check_group(file, i, status)
+  subroutine check_group(file, first, i, status)
     type(namelist_type), intent(in) :: file
+    !> Place of the first group of each name of the table, so that no group is searched for again.
+    integer, intent(in) :: first(:)
     integer, intent(in) :: i
     type(status_type), intent(inout) :: status
     character(len=:), allocatable :: name
@@ -56,33 +60,41 @@ contains
     end if
     associate (group => group_table(row), is_valid => iand(group_table(row)%systems, &
                                                            file%groups(i)%systems) /= 0)
-      if (.not. group%repeats .and. place_of(file, name) < i) then
+      if (.not. group%repeats .and. first(row) < i) then
         call refuse_at(file, i, 'a second &'//name//': must be given once', status)
-      else if (has(file, 'pendulum') .and. .not. btest(group%systems, size(system_groups) - 1)) then
+      else if (given('pendulum') .and. .not. btest(group%systems, size(system_groups) - 1)) then
         call refuse_at(file, i, '&'//name//': belongs to a mount, and this scene has &pendulum', &
                        status)
       else if (group%role == role_system) then
         do k = 1, size(system_groups)
-          if (place_of(file, trim(system_groups(k))) >= i) cycle
+          if (first(find_group(trim(system_groups(k)))) >= i) cycle
           call refuse_at(file, i, '&'//name//': this scene has &'//trim(system_groups(k)) &
                          //' already, give one of them', status)
         end do
-      else if (group%role == role_result .and. has(file, 'structure') .and. .not. is_valid) then
+      else if (group%role == role_result .and. given('structure') .and. .not. is_valid) then
         call refuse_at(file, i, '&'//name//': of a &structure it is computed by Python ' &
                        //'(Scene.structure), here are ' &
                        //listed(wanted(file%groups(i)%systems)), status)
       else if (group%role == role_part .and. .not. is_valid .and. popcnt(group%systems) == 1) then
         call refuse_at(file, i, '&'//name//': needs &'//trim(system_groups(1 + trailz( &
                                                              group%systems))), status)
-      else if (name == 'parameters' .and. .not. any([has(file, 'system'), has(file, 'structure'), &
-                                                     has(file, 'body'), has(file, 'event')])) then
+      else if (name == 'parameters' .and. .not. any([given('system'), given('structure'), &
+                                                     given('body'), given('event')])) then
         call refuse_at(file, i, '&parameters: needs &system, &structure or &body, which have ' &
                        //'laws, or &event', status)
       else if (group%role == role_part .and. group%needs /= '' .and. &
-               .not. has(file, group%needs)) then
+               .not. given(trim(group%needs))) then
         call refuse_at(file, i, '&'//name//': needs &'//trim(group%needs), status)
       end if
     end associate
+
+  contains
+
+    pure logical function given(group)
+      character(len=*), intent(in) :: group
+      given = first(find_group(group)) <= size(file%groups)
+    end function given
+
   end subroutine check_group
 
   !> One result, and a load where it needs one.
@@ -134,8 +146,10 @@ contains
   !> The place of the group of the result, of which there is one.
   pure integer function find_result(file)
     type(namelist_type), intent(in) :: file
+    character(len=longest), allocatable :: results(:)
+    results = wanted(-1)
     do find_result = 1, size(file%groups)
-      if (any(wanted(-1) == file%groups(find_result)%name)) exit
+      if (any(results == file%groups(find_result)%name)) exit
     end do
   end function find_result
 
