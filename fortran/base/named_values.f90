@@ -19,6 +19,7 @@ module viscovib_named_values
   !> Location of a value.
   type :: value_place
     character(len=longest_name) :: name = ''
+    integer :: name_length = 0
     integer :: kind = 0, rank = 0, extents(most_dimensions) = 1
     !> Numbers of elements before it, and of its own: numbers, integers or letters.
     integer(i8) :: before = 0, size = 0
@@ -62,6 +63,8 @@ contains
     first = self%latest
     do i = 1, self%n
       place = modulo(first + i - 1, self%n) + 1
+      ! Different lengths are most of the comparisons.
+      if (self%places(place)%name_length /= len(name)) cycle
       if (self%places(place)%name == name) then
         self%latest = place
         return
@@ -88,6 +91,7 @@ contains
     self%n = self%n + 1
     associate (place => self%places(self%n))
       place%name = name
+      place%name_length = len(name)
       place%kind = kind
       place%rank = size(extents)
       place%extents = 1

@@ -160,7 +160,7 @@ contains
     integer :: i
     sizes = [found%n_letters, found%n_integers, found%n_numbers]
     do i = 1, found%n
-      sizes(1) = sizes(1) + len_trim(found%places(i)%name) + 1
+      sizes(1) = sizes(1) + found%places(i)%name_length + 1
       sizes(2) = sizes(2) + 2 + found%places(i)%rank
     end do
     sizes(1) = sizes(1) + 1
@@ -177,10 +177,10 @@ contains
     n = 0
     do i = 1, found%n
       associate (place => found%places(i))
-        do j = 1, len_trim(place%name)
+        do j = 1, place%name_length
           text(n_text + j) = place%name(j:j)
         end do
-        n_text = n_text + len_trim(place%name) + 1
+        n_text = n_text + place%name_length + 1
         text(n_text) = ','
         integers(n + 1) = place%kind
         integers(n + 2) = place%rank

@@ -62,6 +62,7 @@ contains
     type(task_type), intent(inout) :: task
     type(load_type), intent(out) :: load
     integer, allocatable :: orders(:)
+    character(len=:), allocatable :: formulas
     complex(wp), pointer, contiguous :: series(:, :)
 
     allocate (orders, source=task%get_integers('orders'))
@@ -71,8 +72,8 @@ contains
       call fail(task%status, status_input_error, 'series', 'series: must have a row for each ' &
                 //'coordinate and one for the base')
     end if
-    if (.not. task%failed()) call make_load(load, orders, series, &
-                                                task%get_text('formulas', ''), task%status)
+    call task%take_text('formulas', formulas, '')
+    if (.not. task%failed()) call make_load(load, orders, series, formulas, task%status)
   end subroutine given_load
 
   !> System and load of a task, with matching sizes.
@@ -169,6 +170,7 @@ contains
     call new_plan(task, system, load, nu, plan)
     if (task%failed()) return
     allocate (orders, source=planned_orders(plan, system, load))
+    call plan%describe(system, load, size(nu))
     call task%found%put_integers('kept', orders, shape(orders))
     call task%found%put_text('method', trim(method_names(plan%method)))
     call task%found%put_text('text', plan%text)

@@ -94,6 +94,7 @@ contains
     text = ''
     call self%response_plan(subject, plan, status)
     if (status%failed()) return
+    call plan%describe(subject%oscillator(), subject%load, 1)
     varies = self%varies
     if (varies == 'load_factor') varies = 'load factor'
     text = subject%description()//plan_along(varies, self%curve%start, self%curve%finish, &

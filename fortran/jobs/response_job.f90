@@ -57,8 +57,9 @@ contains
     text = ''
     call new_response_plan(plan, subject%oscillator(), subject%load, self%nu, self%method, &
                            self%options, status)
-    if (.not. status%failed()) text = subject%description()//plan%text &
-                                       //plan_unwanted('columns', subject, self%wanted)
+    if (status%failed()) return
+    call plan%describe(subject%oscillator(), subject%load, size(self%nu))
+    text = subject%description()//plan%text//plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_response
 
   subroutine run(self, subject, sink, report, status)

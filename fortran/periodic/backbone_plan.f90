@@ -109,6 +109,7 @@ contains
       call new_harmonic_set(plan%set, min(first_chosen, plan%most), planned%set%half_wave, &
                             plan%system%degree)
     end if
+    call planned%describe(plan%system, load, 1)
     plan%rest = lines_with('harmonics', planned%rest)
   end subroutine new_backbone_plan
 

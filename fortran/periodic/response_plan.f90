@@ -43,10 +43,13 @@ module viscovib_response_plan
     integer :: most = 0, newton_most = 0
     !> Computed coordinates, shape (n_dof); the remaining coordinates stay at rest.
     logical, allocatable :: moved(:)
-    !> Lines `computes: ...` and `skips: ...`, separated by new-line characters; and the lines that
-    !! also apply to a branch.
+    !> The requested method.
+    integer, private :: requested = method_linear
+    !> Set by `describe`: lines `computes: ...` and `skips: ...`, separated by new-line characters;
+    !! and the lines that also apply to a branch.
     character(len=:), allocatable :: text, rest
   contains
+    procedure :: describe
     procedure, private :: say
   end type response_plan_type
 
@@ -63,7 +66,6 @@ contains
     type(response_options), intent(in) :: options
     type(status_type), intent(out) :: status
     type(polynomial_type) :: reduced
-    character(len=:), allocatable :: zeros
     integer :: i
 
     do i = 1, size(nu)
@@ -84,23 +86,19 @@ contains
     plan%moved = moved_coordinates(system, load%drives(system) .or. options%keep_idle &
                                    .or. options%stability)
     if (all(plan%moved)) then
-      call choose(plan, system, load, size(nu), method, status)
+      call choose(plan, system, load, method, status)
     else
       call reduce(system, plan%moved, reduced)
-      call choose(plan, reduced, load, size(nu), method, status)
+      call choose(plan, reduced, load, method, status)
     end if
-    if (status%failed()) return
-    zeros = report_idle(plan%moved)//report_zeros(system, load)
-    plan%text = plan%text//zeros
-    plan%rest = plan%rest//zeros
   end subroutine new_response_plan
 
   !> Method and harmonics for a system without idle coordinates.
-  subroutine choose(plan, system, load, n_nu, method, status)
+  subroutine choose(plan, system, load, method, status)
     type(response_plan_type), intent(inout) :: plan
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    integer, intent(in) :: n_nu, method
+    integer, intent(in) :: method
     type(status_type), intent(inout) :: status
     integer :: n, highest
 
@@ -109,6 +107,7 @@ contains
                 //"elements with hysteresis, take 'newton'")
       return
     end if
+    plan%requested = method
     plan%method = merge(method_linear, method, system%is_linear() .and. &
                         .not. (plan%options%on_branch .or. plan%options%stability))
     if (plan%method == method_auto .and. (has_states(system) .or. system%moving .or. &
@@ -148,9 +147,7 @@ contains
       call fail(status, status_input_error, 'harmonics', 'harmonics = ' &
                 //show(plan%options%harmonics)//': makes '//show(n)//' unknowns with ' &
                 //show(system%n_dof())//' coordinates, must be at most '//show(max_unknowns))
-      return
     end if
-    call describe(plan, system, load, n_nu, method)
   end subroutine choose
 
   !> Smallest root of a mass: a displacement d of any coordinate has a norm (`weighted_norm`) of at
@@ -215,18 +212,41 @@ contains
               //'harmonics only and odd forces (and keep to their symmetry)')
   end subroutine check_mean
 
-  subroutine describe(plan, system, load, n_nu, method)
-    type(response_plan_type), intent(inout) :: plan
+  !> Write the lines of a plan for `n_nu` frequencies. A run does not need them.
+  subroutine describe(plan, system, load, n_nu)
+    class(response_plan_type), intent(inout) :: plan
+    !> System and load of the plan.
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    integer, intent(in) :: n_nu, method
+    integer, intent(in) :: n_nu
+    type(polynomial_type) :: reduced
+    character(len=:), allocatable :: zeros
+
+    if (all(plan%moved)) then
+      call describe_moving(plan, system, load, n_nu)
+    else
+      call reduce(system, plan%moved, reduced)
+      call describe_moving(plan, reduced, load, n_nu)
+    end if
+    zeros = report_idle(plan%moved)//report_zeros(system, load)
+    plan%text = plan%text//zeros
+    plan%rest = plan%rest//zeros
+  end subroutine describe
+
+  !> Lines about a system without idle coordinates.
+  subroutine describe_moving(plan, system, load, n_nu)
+    class(response_plan_type), intent(inout) :: plan
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    integer, intent(in) :: n_nu
     character(len=:), allocatable :: kept, by_turns
     integer :: n_kernels, i
 
     plan%rest = ''
     n_kernels = count([(any(system%kernel_of == i), i=1, size(system%kernels))])
     if (plan%method == method_linear) then
-      if (method /= method_linear) call plan%say('skips: the iteration (nothing is nonlinear)')
+      if (plan%requested /= method_linear) call plan%say('skips: the iteration (nothing is ' &
+                                                         //'nonlinear)')
       call plan%say('skips: harmonics that the load lacks (a linear system does not respond ' &
                     //'at them)')
     else
@@ -266,7 +286,7 @@ contains
     if (.not. plan%options%keep_history) plan%text = plan%text &
                                                      //'skips: history of corrections (not ' &
                                                      //'requested)'//new_line('a')
-  end subroutine describe
+  end subroutine describe_moving
 
   subroutine say(self, line)
     class(response_plan_type), intent(inout) :: self

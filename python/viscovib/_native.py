@@ -7,11 +7,12 @@ argument is converted to its exact type, shape and memory order here.
 import ctypes
 import math
 import os
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from numbers import Number
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -137,19 +138,25 @@ def any_array(name: str, value: object) -> npt.NDArray[Any]:
     return array
 
 
-def refuse_mask(name: str, value: object) -> None:
+def _masked() -> tuple[type, ...]:
+    """The type of masked arrays. Before the import of `numpy.ma`, which is slow, there are none."""
+    return (np.ma.MaskedArray,) if "numpy.ma" in sys.modules else ()
+
+
+def refuse_mask(name: str, value: Any) -> None:
     """Refuse an array with masked entries, which have no value."""
-    if isinstance(value, np.ma.MaskedArray):
+    masked = _masked()
+    if isinstance(value, masked):
         if np.ma.is_masked(value):
-            n = int(np.ma.getmaskarray(value).sum())
+            flags = np.ma.getmaskarray(np.ma.asarray(value))
             raise InputError(
-                f"{name}: {n} of {value.size} masked, must be without a mask: remove them, or "
-                "replace them by filled()"
+                f"{name}: {flags.sum()} of {flags.size} masked, must be without a mask: remove "
+                "them, or replace them by filled()"
             )
     elif isinstance(value, (list, tuple)):
         # Most lists contain only numbers and need no further check.
         kinds = set(map(type, value))
-        if any(issubclass(kind, (np.ma.MaskedArray, list, tuple)) for kind in kinds):
+        if any(issubclass(kind, (*masked, list, tuple)) for kind in kinds):
             if any(part is value for part in value):
                 raise InputError(f"{name}: contains itself, must be numbers")
             for i, part in enumerate(value):
@@ -160,7 +167,7 @@ def _refuse_below(name: str, value: object, depth: int) -> None:
     if depth < _DEEPEST and isinstance(value, (list, tuple)):
         for i, part in enumerate(value):
             _refuse_below(f"{name}[{i}]", part, depth + 1)
-    elif isinstance(value, np.ma.MaskedArray):
+    elif isinstance(value, _masked()):
         refuse_mask(name, value)
 
 
@@ -346,40 +353,38 @@ def _begin(
     plan = _plans.get(key)
     if plan is None:
         plan = _plans[key] = _plan_of(task, list(values), kinds)
-    text, of_reals, of_whole, of_arrays, of_texts = plan
-    reals = [given[i] for i in of_reals]
-    whole = [given[i] for i in of_whole]
-    forms: list[int] = []
-    arrays: list[Any] = []
-    whole_arrays: list[Any] = []
+    text, single_forms, of_reals, of_whole, of_arrays, of_texts = plan
+    numbers: Any = [given[i] for i in of_reals]
+    whole: Any = [given[i] for i in of_whole]
+    layout: Any = [len(parents), *[parent.number for parent in parents], *single_forms]
+    long_reals: list[Any] = []
+    long_whole: list[Any] = []
     for i in of_arrays:
         value = given[i]
         if kinds[i] is complex:
             value = np.array(value)
         code = _KINDS[value.dtype.kind]
-        forms += (code, value.ndim, *value.shape)
+        layout += (code, value.ndim, *value.shape)
         flat = value if value.ndim == 1 else value.ravel("F")
-        if code == _REAL:
-            arrays.append(flat)
-        elif code == _COMPLEX:
-            arrays.append(flat.view(np.float64))
+        if code == _COMPLEX:
+            flat = flat.view(np.float64)
+        # A few numbers are joined faster as a list; the order of elements must be kept.
+        elements, long = (whole, long_whole) if code == _INTEGER else (numbers, long_reals)
+        if flat.size <= _SHORT_LIST and not long:
+            elements += flat.tolist()
         else:
-            whole_arrays.append(flat)
+            long.append(flat)
     for i in of_texts:
         letters = given[i].encode() if kinds[i] is str else given[i]
-        forms += (_TEXT, 1, len(letters))
+        layout += (_TEXT, 1, len(letters))
         text += letters
-    layout: Any = [
-        len(parents), *[parent.number for parent in parents],
-        *(_REAL, 0) * len(reals), *(_INTEGER, 0) * len(whole), *forms, *whole,
-    ]  # fmt: skip
-    if whole_arrays:
-        layout = np.concatenate((layout, *whole_arrays))
-    numbers: Any = reals
-    if arrays:
+    layout += whole
+    if long_whole:
+        layout = np.concatenate((layout, *long_whole))
+    if long_reals:
         # A single array is not copied.
-        alone = len(arrays) == 1 and not reals
-        numbers = arrays[0] if alone else np.concatenate((reals, *arrays))
+        alone = len(long_reals) == 1 and not numbers
+        numbers = long_reals[0] if alone else np.concatenate((numbers, *long_reals))
     handle, sizes, status = core.begin_call(
         text, layout, numbers,
         _NO_CANCEL if _listening.flag is None else _listening.flag,
@@ -394,13 +399,13 @@ def _begin(
 
 #: Names of results of tasks, by their bytes.
 _names: dict[bytes, list[str]] = {}
+#: Text of a call, forms of single numbers, and indices of the values of each kind.
+_Plan: TypeAlias = tuple[bytes, list[int], list[int], list[int], list[int], list[int]]
 #: Packing of values, by task, kinds and names.
-_plans: dict[tuple[Any, ...], tuple[bytes, list[int], list[int], list[int], list[int]]] = {}
+_plans: dict[tuple[Any, ...], _Plan] = {}
 
 
-def _plan_of(
-    task: str, names: list[str], kinds: tuple[type, ...]
-) -> tuple[bytes, list[int], list[int], list[int], list[int]]:
+def _plan_of(task: str, names: list[str], kinds: tuple[type, ...]) -> _Plan:
     """Return the names in the order of a call, and the indices of values of each kind.
 
     Single numbers come first, then arrays, then texts, so that all elements are joined in one step.
@@ -418,7 +423,8 @@ def _plan_of(
         else:
             raise TypeError(f"{names[i]}: is a {kind.__name__}, which no task takes")
     ordered = "".join(f"{names[i]}," for one in places for i in one)
-    return f"{task};{ordered};".encode(), *places
+    forms = [*(_REAL, 0) * len(places[0]), *(_INTEGER, 0) * len(places[1])]
+    return f"{task};{ordered};".encode(), forms, *places
 
 
 def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
@@ -438,28 +444,30 @@ def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
         kind, rank = whole[at], whole[at + 1]
         at += 2 + rank
         shape = whole[at - rank : at]
-        size = 1
-        for extent in shape:
-            size *= extent
+        size = shape[0] if rank == 1 else math.prod(shape) if rank else 1
         if kind == _INTEGER:
-            integer_values.append((name, shape, size))
-        elif kind == _TEXT:
+            integer_values.append((name, rank, shape, size))
+            continue
+        if kind == _TEXT:
             found[name] = letters[first : first + size].decode(errors="replace")
             first += size
-        elif kind == _REAL:
-            if rank == 0:
-                found[name] = float(numbers[before])
-            elif rank == 1:
-                found[name] = numbers[before : before + size]
-            else:
-                found[name] = numbers[before : before + size].reshape(shape, order="F")
+            continue
+        if kind == _REAL:
+            part = numbers[before : before + size]
             before += size
         else:
             part = numbers[before : before + 2 * size].view(np.complex128)
-            found[name] = part.reshape(shape, order="F") if rank else complex(part[0])
             before += 2 * size
-    for name, shape, size in integer_values:
-        found[name] = integers[at : at + size].reshape(shape, order="F") if shape else whole[at]
+        if rank == 1:
+            found[name] = part
+        else:
+            found[name] = part.reshape(shape[::-1]).T if rank else part.item()
+    for name, rank, shape, size in integer_values:
+        if rank:
+            part = integers[at : at + size]
+            found[name] = part if rank == 1 else part.reshape(shape[::-1]).T
+        else:
+            found[name] = whole[at]
         at += size
     return found
 

@@ -20,6 +20,7 @@ from viscovib.common.parameters import (
     PROGRESS,
     STABILITY,
     TOLERANCE,
+    for_recent_options,
 )
 from viscovib.common.periodic_motions import power_of_fall
 from viscovib.common.plan import Plan
@@ -72,7 +73,7 @@ def mount_response(
         method = "newton"
     job, frequencies, options, loaded = prepare(
         system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
-        STABILITY.check(stability),
+        stability,
     )  # fmt: skip
     PROGRESS.check(progress)
     if coordinates is not None and loaded is None:
@@ -121,7 +122,7 @@ def mount_response(
         response._warn_of_reduction()
     else:
         response = Response(**given)
-    if codes.any():
+    if np.count_nonzero(codes):
         _warn_of_gaps(response, system)
     _warn_of_few_orders(response)
     return response
@@ -160,7 +161,7 @@ def mount_plan(
     return _Work(
         *prepare(
             system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations,
-            relaxation, STABILITY.check(stability),
+            relaxation, stability,
         )
     ).plan()  # fmt: skip
 
@@ -171,7 +172,7 @@ class _Work:
 
     job: Job
     frequencies: FloatArray
-    options: dict[str, Any]
+    options: Mapping[str, Any]
     loaded: LoadedStructure | None
     #: All forces are polynomials.
     is_polynomial: bool = False
@@ -250,13 +251,13 @@ def prepare(
     *,
     flat: FloatArray | None = None,
     whole: bool = False,
-) -> tuple[Job, FloatArray, dict[str, Any], LoadedStructure | None]:
+) -> tuple[Job, FloatArray, Mapping[str, Any], LoadedStructure | None]:
     """Check all arguments and convert them to the form of the core.
 
     ``flat``: replaces the vector of the system; ``whole``: do not condense a polynomial system.
     """
     check_steady(system, base)
-    _native.choice("method", method, METHODS)
+    options = _checked_options(method, harmonics, *wanted, max_iterations, relaxation, stability)
     if method == "successive":
         refuse_turning(system, "the method of successive approximations")
     if nu is None:
@@ -271,8 +272,27 @@ def prepare(
     frequencies = frequencies.reshape(-1)
     if not frequencies.size:
         raise InputError("nu: must not be empty")
-    if frequencies.min() <= 0:
+    if np.count_nonzero(frequencies > 0) < frequencies.size:
         raise InputError(f"nu = {frequencies.min():g}: must be greater than 0")
+    if method == "linear" and isinstance(system, PolynomialSystem):
+        # Condensation only helps nonlinear problems; expansion loses digits near antiresonances.
+        whole = whole or system._may_be_whole
+    job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=stability)
+    return job, frequencies, options, loaded
+
+
+@for_recent_options
+def _checked_options(
+    method: str,
+    harmonics: int | str,
+    tolerance: float,
+    atol: float,
+    max_iterations: int,
+    relaxation: float | str,
+    stability: bool,
+) -> Mapping[str, Any]:
+    """Options in the form of the core."""
+    _native.choice("method", method, METHODS)
     fraction = 0.0
     if not _native.is_auto(relaxation):
         fraction = _native.number("relaxation", relaxation)
@@ -280,22 +300,17 @@ def prepare(
             raise InputError(f"relaxation = {fraction:g}: must be in (0, 1], or 'auto'")
     if isinstance(harmonics, str) and harmonics != "auto":
         raise InputError(f"harmonics = {harmonics!r}: must be an integer or 'auto'")
-    if method == "linear" and isinstance(system, PolynomialSystem):
-        # Condensation only helps nonlinear problems; expansion loses digits near antiresonances.
-        whole = whole or system._may_be_whole
-    job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=stability)
-    options = {
+    return {
         "method": method,
         "harmonics": 0
         if isinstance(harmonics, str)
         else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS),
-        "tolerance": TOLERANCE.check(wanted[0]),
-        "atol": ATOL.check(wanted[1]),
+        "tolerance": TOLERANCE.check(tolerance),
+        "atol": ATOL.check(atol),
         "max_iterations": MAX_ITERATIONS.check(max_iterations),
         "relaxation": fraction,
-        "stability": stability,
+        "stability": STABILITY.check(stability),
     }
-    return job, frequencies, options, loaded
 
 
 def _all_coefficients(parts: list[dict[str, Any]], n_orders: int) -> ComplexArray:
@@ -363,7 +378,7 @@ def falling(coefficients: ComplexArray) -> str:
 
 def _warn_of_few_orders(response: Response) -> None:
     few = response.truncation > response._allowed
-    if not few.any():
+    if not np.count_nonzero(few):
         return
     worst = int(np.nanargmax(np.where(few, response.truncation, 0)))
     motions = response._solved

@@ -10,7 +10,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, wraps
 from inspect import Parameter as SignatureParameter, signature
 from operator import is_
 from typing import Any, Generic, TypeVar
@@ -272,6 +272,21 @@ class CurveOptions:
     def along(self, start: float, finish: float, **more: Any) -> dict[str, Any]:
         """Return the options as values for tasks of the core, with start and end of the curve."""
         return {**self.values, "start": float(start), "finish": float(finish), **more}
+
+
+def for_recent_options(find: Callable[..., _T]) -> Callable[..., _T]:
+    """Keep the results of a check of options, which most calls repeat; they must not be changed."""
+    known = lru_cache(maxsize=64, typed=True)(find)
+
+    @wraps(find)
+    def found(*options: Any) -> _T:
+        try:
+            return known(*options)
+        except TypeError:
+            # An option that is not a number or word has no hash.
+            return find(*options)
+
+    return found
 
 
 def checked(table: Iterable[Parameter[Any]], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 import os
 from collections.abc import Sequence
@@ -170,7 +169,9 @@ class Result(Value):
 
     def _repr_html_(self) -> str:
         """Return the description with a small picture, for notebooks."""
-        text = f"<pre>{html.escape(repr(self))}</pre>"
+        from html import escape
+
+        text = f"<pre>{escape(repr(self))}</pre>"
         try:
             picture = io.StringIO()
             _pictures().save_picture(self, picture, small=True)

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -46,6 +45,8 @@ class Table:
 
         ``heading``: text after the version, such as the scene and its title.
         """
+        from importlib.metadata import version
+
         lines = [f"viscovib {version('viscovib')}{heading}", *plan.splitlines(), *self.notes]
         names = [_quoted(name) for name in self.columns]
         columns = [cells(values) for values in self.columns.values()]

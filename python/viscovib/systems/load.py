@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,9 +31,60 @@ _MAX_ORDER = 100_000
 FORMULA_CODE = -1_000_000
 
 
-#: Series of recent loads with formulas, by the load and the names of the coordinates.
-_KNOWN: dict[tuple[str, tuple[str, ...]], tuple[npt.NDArray[np.int32], ComplexArray, str]] = {}
-_MOST_KNOWN = 64
+#: Number of recent loads of a system whose form for the core is kept; largest array of a load.
+_MOST_KNOWN, _LONGEST_KNOWN = 8, 4096
+_PLAIN = frozenset({float, int, complex, str, bool, type(None)})
+
+_Found = TypeVar("_Found")
+
+
+class _Recent(dict[Any, Any]):
+    """Results for recent loads, which copies and pickles of their system do not contain."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Recent, ()
+
+
+def for_recent_loads(find: Callable[..., _Found]) -> Callable[..., _Found]:
+    """Keep the results of ``find(system, load, base)`` for the last loads of each system.
+
+    Systems do not change. Reading the load of a structure takes longer than its linear response.
+    """
+
+    @wraps(find)
+    def found(system: Any, load: Any, base: Any) -> _Found:
+        try:
+            key = find.__qualname__, _key_of(load), _key_of(base)
+        except TypeError:
+            return find(system, load, base)
+        known = system.__dict__.get("_recent_loads")
+        if known is None:
+            known = system.__dict__["_recent_loads"] = _Recent()
+        result: _Found | None = known.get(key)
+        if result is None:
+            result = find(system, load, base)
+            if len(known) >= _MOST_KNOWN:
+                known.clear()
+            known[key] = result
+        return result
+
+    return found
+
+
+def _key_of(load: Any, depth: int = 2) -> Any:
+    """A key that only equal loads of the same types have; a TypeError for all other loads."""
+    kind = type(load)
+    if kind in _PLAIN:
+        return kind, load
+    if kind is dict and depth:
+        return tuple((key, type(key), _key_of(one, depth - 1)) for key, one in load.items())
+    if kind is np.ndarray and load.dtype.kind in "iufc" and load.size <= _LONGEST_KNOWN:
+        return load.dtype.str, load.shape, load.tobytes()
+    if kind in (list, tuple) and len(load) <= _LONGEST_KNOWN:
+        kinds = tuple(map(type, load))
+        if _PLAIN.issuperset(kinds):
+            return kind, kinds, tuple(load)
+    raise TypeError
 
 
 @dataclass(frozen=True)
@@ -175,6 +227,7 @@ def in_components(term: Any) -> bool:
         return True
 
 
+@for_recent_loads
 def oscillator_series(
     system: Any, load: LoadLike | None, base: Any
 ) -> tuple[npt.NDArray[np.int32], ComplexArray, str]:
@@ -183,33 +236,6 @@ def oscillator_series(
     A term of order -1 - k contains, in place of forces, the displacements of the coordinates by the
     base of order k, and a term of order -k - 10^6 i forces that formula i multiplies.
     """
-    if base is None:
-        if type(load) is float:
-            return *load_series(load, None, len(system.dof_names)), ""
-        if _is_plain(load):
-            # Reading a formula takes as long as some points of a branch.
-            key = repr(load), tuple(system.dof_names)
-            found = _KNOWN.get(key)
-            if found is None:
-                if len(_KNOWN) >= _MOST_KNOWN:
-                    _KNOWN.clear()
-                found = _KNOWN[key] = _series_of(system, load, None)
-            return found
-    return _series_of(system, load, base)
-
-
-def _is_plain(load: Any) -> bool:
-    """True if a load has a text, and ``repr`` describes it completely."""
-    if type(load) is not dict:
-        return type(load) is str
-    return any(map(_has_text, load.values())) and all(
-        type(one) in (str, int, float, complex) or _is_plain(one) for one in load.values()
-    )
-
-
-def _series_of(
-    system: Any, load: LoadLike | None, base: Any
-) -> tuple[npt.NDArray[np.int32], ComplexArray, str]:
     terms, n = base_by_order(base), len(system.dof_names)
     along = {order: term for order, term in terms.items() if not in_components(term)}
     constant, varying = parts_of(load, n, name_places(system.dof_names))

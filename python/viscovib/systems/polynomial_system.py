@@ -22,6 +22,7 @@ from viscovib.systems.condensed import Condensation, LoadedStructure
 from viscovib.systems.laws import Law, named_in, parameter_values
 from viscovib.systems.load import (
     LoadLike,
+    for_recent_loads,
     load_series,
     name_places,
     parts_of,
@@ -262,6 +263,7 @@ class PolynomialSystem(System):
             return self._condensation is not None
         return checked_condensed(n, self._condensation.q, bool(self._active_kernels))
 
+    @for_recent_loads
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         """The condensed system under a load."""
         condensation = self._condensation or self._modes_in_time

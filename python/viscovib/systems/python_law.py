@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-import secrets
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -163,7 +163,7 @@ class CalledLaw:
 
     def __post_init__(self) -> None:
         # A random number keeps its meaning if the system is sent to another process.
-        self._register(secrets.randbits(52))
+        self._register(int.from_bytes(os.urandom(8)) >> 12)
 
     def _register(self, number: int) -> None:
         object.__setattr__(self, "number", number)

@@ -27,7 +27,7 @@ from viscovib.systems.elements import (
 )
 from viscovib.systems.laws import Law, named_in
 from viscovib.systems.layers import Layers, checked_layers
-from viscovib.systems.load import LoadLike, load_series, parts_of
+from viscovib.systems.load import LoadLike, for_recent_loads, load_series, parts_of
 from viscovib.systems.mount import warn_of_creep
 from viscovib.systems.penalty_supports import (
     fixed,
@@ -252,13 +252,13 @@ class Structure(System):
                 kernels.append(one.kernel)
         return tuple(kernels)
 
-    @property
+    @cached_property
     def _all_kernels(self) -> tuple[Kernel, ...]:
         """Kernels of elements and layers."""
         layers: Layers = self._layers  # type: ignore[attr-defined]
         return (*self._active_kernels, *(kernel for _, kernel in layers.whole))
 
-    @property
+    @cached_property
     def _all_laws(self) -> tuple[Law, ...]:
         laws = [element.law for element in self._all_elements if element.law is not None]
         for coupling in coupling_terms(self.elements, self.dof_names, self._places):  # type: ignore[attr-defined]
@@ -588,6 +588,7 @@ class Structure(System):
     def _base_direction(self) -> FloatArray | None:
         return None if self.base_direction is None else np.asarray(self.base_direction)
 
+    @for_recent_loads
     def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
         n = self.n_coordinates
         places: Mapping[str, int] = self._places  # type: ignore[attr-defined]
