@@ -29,6 +29,7 @@ _NAMES = {
     "bodies.forces": "MountForces",
     "bodies.modes": "BodyModes",
     "bodies.mount_point": "FluidTrack MountPoint",
+    "bodies.piston_engine": "PistonEngine",
     "bodies.statics": "Sag",
     "common.past": "Past",
     "common.periodic_motions": "PeriodicMotions",
@@ -148,6 +149,7 @@ if TYPE_CHECKING:
         FluidTrack as FluidTrack,
         MountPoint as MountPoint,
     )
+    from viscovib.bodies.piston_engine import PistonEngine as PistonEngine
     from viscovib.bodies.statics import Sag as Sag
     from viscovib.common.past import Past as Past
     from viscovib.common.periodic_motions import PeriodicMotions as PeriodicMotions

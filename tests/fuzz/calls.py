@@ -253,6 +253,11 @@ SOUND = (
     "vv.Sawtooth(amplitude=[1.0, 2.0], duration=0.1)",
     "vv.Trapezoid(amplitude=1.0, duration=0.1, rise=0.02, fall=0.01)",
     "vv.Chirp(amplitude=1.0, duration=1.0, hz=[1.0, 5.0], sweep='linear')",
+    "vv.PistonEngine(crank_radius=0.05, rod_length=0.2, reciprocating_mass=1, crank_angles=[0, 3], "
+    "positions=[0, 1], bank_angles=0.5, rotating_mass=[1, -1], axis='y', up='z', at=[0, 0, 1], "
+    "strokes=4, firing_order=[1, 2], pressure=([0, 3, 9], [1e5, 0, 1]), bore=0.1, highest=6)",
+    "vv.PistonEngine(crank_radius=0.05, rod_length=0.2, reciprocating_mass=1, crank_angles=[0], "
+    f"positions=[0], gas_torque={{0.5: 30j, 1: 2}}).load({BODY}, per='cycle')",
     "vv.RunUp(unbalance=[0.1, 0.1j], speed=(0, 5), duration=2.0, hold=1.0, phase=0.3)",
     "vv.Step(amplitude=1.0, start=0.5, unit='g')",
     f"vv.simulate({MOUNT}, t_end=1, dt=0.1, base_acceleration=vv.Step(amplitude=1.0))",

@@ -157,9 +157,9 @@ NOT_FOUND = [
     "Dahl", "Event", "Explorer", "ExponentialSum", "FluidDamper", "FluidTrack", "Gap",
     "HalfSine", "Haversine", "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable",
     "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
-    "Pendulum", "PeriodicMotions", "Plan", "PolynomialSystem", "PronyKernel", "PythonLaw",
-    "RabotnovKernel", "RelaxationData", "Result", "RunUp", "RzhanitsynKernel", "Sample", "Sawtooth",
-    "Scene",
+    "Pendulum", "PeriodicMotions", "PistonEngine", "Plan", "PolynomialSystem", "PronyKernel",
+    "PythonLaw", "RabotnovKernel", "RelaxationData", "Result", "RunUp", "RzhanitsynKernel",
+    "Sample", "Sawtooth", "Scene",
     "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "Structure", "SumKernel",
     "TabulatedKernel", "ThermalKernel", "Trapezoid", "WLF",
 ]  # fmt: skip

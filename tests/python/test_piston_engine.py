@@ -1,0 +1,251 @@
+"""Reciprocating engines: balances of standard engines, and random ones by mechanics."""
+
+import pickle
+
+import mpmath
+import numpy as np
+import pytest
+import viscovib as vv
+from scipy.interpolate import CubicSpline
+
+PI = np.pi
+FOUR = {
+    "crank_radius": 0.045, "rod_length": 0.15, "reciprocating_mass": 0.6,
+    "crank_angles": (0, PI, PI, 0), "positions": (-0.15, -0.05, 0.05, 0.15),
+}  # fmt: skip
+
+
+def test_an_inline_four_has_a_force_of_second_order_only():
+    """4 m r A_2 along the cylinders, which is 4 m r (r/l) to first order in r/l."""
+    for radius in (0.045, 0.003):
+        engine = vv.PistonEngine(**FOUR | {"crank_radius": radius}, axis="y", up="z")
+        ratio, size = radius / 0.15, 4 * 0.6 * radius
+        assert engine.orders.tolist()[:2] == [2, 4]
+        second = ratio + ratio**3 / 4 + 15 * ratio**5 / 128 + 35 * ratio**7 / 512
+        fourth = ratio**3 / 4 + 3 * ratio**5 / 16 + 35 * ratio**7 / 256
+        # cos 2 theta is Im[i exp(2 i theta)].
+        wanted = size * np.array([[0, 0, 1j * second], [0, 0, -1j * fourth]])
+        assert np.abs(engine.forces[:2] - wanted).max() < 2 * size * ratio**9
+        assert not engine.forces[:, :2].any()
+        # No moment across the shaft: cylinders are symmetric about the point.
+        assert not engine.moments[:, [0, 2]].any()
+    torque = -0.5 * 4 * 0.6 * 0.003**2  # -m r^2/2 sin 2 theta of each cylinder, to first order
+    assert engine.moments[0, 1] == pytest.approx(-torque, rel=1e-3)
+
+
+def test_a_cross_plane_v8_with_counterweights_is_balanced():
+    """90 degrees. Without counterweights only a rotating moment of order 1 is left."""
+    throws = np.repeat(np.radians([0, 90, 270, 180]), 2)
+    given = {
+        "crank_radius": 0.042, "rod_length": 0.15, "reciprocating_mass": 0.7,
+        "crank_angles": throws, "positions": np.repeat([-0.165, -0.055, 0.055, 0.165], 2),
+        "bank_angles": np.tile([-PI / 4, PI / 4], 4), "highest": 3,
+    }  # fmt: skip
+    engine = vv.PistonEngine(**given, rotating_mass=-0.35)
+    assert not engine.forces.any()
+    assert not engine.moments[:, 1:].any()
+    bare = vv.PistonEngine(**given)
+    assert bare.orders.tolist() == [1]
+    assert not bare.forces.any()
+    # Im[i exp(i x)] = cos x: y and z differ by a quarter turn.
+    assert np.abs(bare.moments[0, 1]) == pytest.approx(np.abs(bare.moments[0, 2]), rel=1e-12)
+    assert np.abs(bare.moments[0, 1]) > 0.7 * 0.042 * 0.1
+
+
+def test_an_inline_six_has_neither_forces_nor_moments():
+    engine = vv.PistonEngine(
+        crank_radius=0.04, rod_length=0.14, reciprocating_mass=0.5,
+        crank_angles=np.radians([0, 120, 240, 240, 120, 0]),
+        positions=0.09 * np.arange(6) - 0.225, rotating_mass=0.8, highest=5,
+    )  # fmt: skip
+    assert engine.orders.tolist() == [3]
+    assert not engine.forces.any()
+    assert not engine.moments[:, 1:].any()
+    # To first order in r/l the torque is -m r^2 (3/4) (r/l) sin 3 theta of each cylinder.
+    assert engine.moments[0, 0] == pytest.approx(6 * 0.75 * 0.5 * 0.04**3 / 0.14, rel=0.05)
+
+
+def drawn(rng, n, **more):
+    """A random engine."""
+    radius = rng.uniform(0.02, 0.1)
+    return {
+        "crank_radius": radius, "rod_length": radius * rng.uniform(2.5, 5),
+        "reciprocating_mass": rng.uniform(0.1, 2), "crank_angles": rng.uniform(-7, 7, n),
+        "positions": rng.uniform(-0.5, 0.5, n), "bank_angles": rng.uniform(-3, 3, n),
+        "rotating_mass": rng.normal(size=n), "axis": rng.normal(size=3),
+        "up": rng.normal(size=3), "highest": 40,
+    } | more  # fmt: skip
+
+
+def piston(given, theta):
+    """Speed and acceleration of a piston by its angle, from its position in many digits."""
+    radius, rod = given["crank_radius"], given["rod_length"]
+
+    def height(t):
+        return radius * mpmath.cos(t) + mpmath.sqrt(rod**2 - (radius * mpmath.sin(t)) ** 2)
+
+    with mpmath.workdps(30):
+        return float(mpmath.diff(height, theta)), float(mpmath.diff(height, theta, 2))
+
+
+def test_random_engines_have_the_loads_of_their_moving_masses():
+    """Minus the rates of momentum and of angular momentum, and the power of the kinetic energy."""
+    rng = np.random.default_rng(0)
+    for index in range(8):
+        n = index % 4 + 1
+        given = drawn(rng, n)
+        engine = vv.PistonEngine(**given)
+        radius, m = given["crank_radius"], given["reciprocating_mass"]
+        along = given["axis"] / np.linalg.norm(given["axis"])
+        up = given["up"] - along * (along @ given["up"])
+        up /= np.linalg.norm(up)
+        across = np.cross(along, up)
+        for angle in rng.uniform(0, 7, 3):
+            force, moment = np.zeros(3), np.zeros(3)
+            for i in range(n):
+                bank, throw = given["bank_angles"][i], given["crank_angles"][i]
+                speed, acceleration = piston(given, angle + throw - bank)
+                cylinder = np.cos(bank) * up + np.sin(bank) * across
+                push = -m * acceleration * cylinder
+                pin = np.cos(throw + angle) * up + np.sin(throw + angle) * across
+                push = push + given["rotating_mass"][i] * radius * pin
+                force += push
+                moment += given["positions"][i] * np.cross(along, push)
+                # The shaft receives -d/dtheta (m x'^2/2), and the engine the reaction.
+                moment += m * speed * acceleration * along
+            turns = np.exp(1j * engine.orders * angle)
+            size = n * (m + 3) * radius
+            assert np.abs((turns @ engine.forces).imag - force).max() < 1e-11 * size
+            assert np.abs((turns @ engine.moments).imag - moment).max() < 1e-11 * size
+        assert engine.neglected < 1e-12
+
+
+def test_gas_torque_is_the_work_of_the_pressure():
+    """-p dV/dtheta of each cylinder from its dead centre on, of both kinds of cycle."""
+    rng = np.random.default_rng(3)
+    for strokes, throws, order in [
+        (4, [0, PI, PI, 0], (1, 3, 4, 2)), (4, np.radians([0, 240, 120]), (1, 3, 2)),
+        (2, [0.3, 2.0], None), (4, [0.7], None),
+    ]:  # fmt: skip
+        n, cycle = len(throws), strokes * PI
+        table = np.sort(rng.uniform(-1, cycle - 1, 60))
+        p = 1e5 * rng.uniform(0, 10, 60)
+        engine = vv.PistonEngine(
+            crank_radius=0.05, rod_length=0.16, reciprocating_mass=0.1, crank_angles=throws,
+            positions=np.zeros(n), pressure=(table, p), bore=0.08, firing_order=order,
+            strokes=strokes, highest=50,
+        )  # fmt: skip
+        # The order k of one cylinder by the rule of rectangles with very many points.
+        theta = (np.arange(100000) + 0.5) * cycle / 100000
+        volume = CubicSpline(
+            theta,
+            -0.25
+            * PI
+            * 0.08**2
+            * (0.05 * np.cos(theta) + np.sqrt(0.16**2 - (0.05 * np.sin(theta)) ** 2)),
+        )
+        torque = np.interp(theta, table, p, period=cycle) * volume(theta, 1)
+        fires = engine.firing_angles
+        for k, found in zip(engine.orders, engine.gas_moments[:, 0], strict=True):
+            one = 2j * (torque * np.exp(-1j * k * theta)).mean()
+            wanted = -one * np.exp(-1j * k * fires).sum()
+            assert abs(found - wanted) < 1e-6 * np.abs(torque).mean()
+        assert engine.mean_torque == pytest.approx(n * torque.mean(), rel=1e-6)
+        # Tabulated harmonics of the same torque.
+        harmonics = {
+            k: 2j * (torque * np.exp(-1j * k * theta)).mean() for k in (0.5, 1.0, 2.0)
+            if strokes == 4 or k >= 1
+        }  # fmt: skip
+        same = vv.PistonEngine(
+            crank_radius=0.05, rod_length=0.16, reciprocating_mass=0.1, crank_angles=throws,
+            positions=np.zeros(n), gas_torque=harmonics | {0: torque.mean()}, firing_order=order,
+            strokes=strokes,
+        )  # fmt: skip
+        assert same.mean_torque == pytest.approx(engine.mean_torque)
+        for k, one in zip(engine.orders, engine.gas_moments[:, 0], strict=True):
+            if k in harmonics and k in same.orders:
+                other = same.gas_moments[same.orders == k][0, 0]
+                assert abs(other - one) < 1e-6 * np.abs(torque).mean()
+
+
+def test_cylinders_fire_at_a_dead_centre_in_their_order():
+    for throws, banks, order, wanted in [
+        ([0, 180, 180, 0], 0, (1, 3, 4, 2), [0, 540, 180, 360]),
+        ([0, 120, 240, 240, 120, 0], 0, (1, 5, 3, 6, 2, 4), [0, 480, 240, 600, 120, 360]),
+        ([0, 0], [0, 45], (1, 2), [0, 405]),
+        ([0, 180], 0, (1, 2), [0, 180]),
+        ([0, 0], 0, (2, 1), [360, 0]),
+        ([0, 90, 270, 180], 0, (1, 3, 2, 4), [0, 450, 270, 540]),
+    ]:  # fmt: skip
+        n = len(throws)
+        engine = vv.PistonEngine(
+            crank_radius=0.05, rod_length=0.16, reciprocating_mass=1, positions=np.zeros(n),
+            crank_angles=-np.radians(throws), bank_angles=np.radians(banks), firing_order=order,
+        )  # fmt: skip
+        np.testing.assert_allclose(np.degrees(engine.firing_angles), wanted, atol=1e-9)
+
+
+def test_loads_on_a_body_by_speed_and_as_formulas():
+    rng = np.random.default_rng(5)
+    foot = vv.MountPoint(name="foot", position=(0.1, 0, -0.2), stiffness=(1e5, 2e5, 3e5),
+                         damping=(100, 100, 100), rotational_stiffness=(9e4, 8e4, 9e4))  # fmt: skip
+    body = vv.Body(mass=90, inertia=(3, 5, 6), center=(0.02, 0.03, 0.01), mounts=[foot])
+    engine = vv.PistonEngine(
+        **drawn(rng, 3, highest=4, crank_angles=(0, 4, 2), bank_angles=0), at=(0.1, 0.2, 0.3),
+        firing_order=(1, 3, 2), gas_torque={0.5: 20 - 5j, 1: 30j, 1.5: 90},
+    )  # fmt: skip
+    speeds = np.array([50.0, 120.0])
+    loads = engine.amplitudes(body, speeds)
+    for i, nu in enumerate(speeds):
+        for j in range(engine.orders.size):
+            wanted = body.load(
+                force=nu**2 * engine.forces[j], at=engine.at,
+                torque=nu**2 * engine.moments[j] + engine.gas_moments[j],
+            )  # fmt: skip
+            np.testing.assert_allclose(loads[i, j], wanted, rtol=1e-13, atol=1e-13)
+    found = body.engine_orders(speeds, engine.orders, loads)
+    # The same as one periodic motion of the cycle, whose frequency is half the speed.
+    cycle = vv.forced_response(body, speeds / 2, load=engine.load(body, per="cycle"))
+    for i, name in enumerate(body.dof_names):
+        for j, order in enumerate(engine.orders):
+            amplitude = cycle.amplitude(name, harmonic=int(2 * order))
+            np.testing.assert_allclose(amplitude, np.abs(found[:, j, i]), rtol=1e-9)
+    with pytest.raises(vv.InputError, match="must be 'cycle'"):
+        engine.load(body)
+    branch = vv.trace_response(body, (50.0, 70.0), load=engine.load(body, per="cycle"))
+    on_branch = body.engine_orders(
+        2 * branch.nu, engine.orders, engine.amplitudes(body, 2 * branch.nu)
+    )
+    for j, order in enumerate(engine.orders):
+        amplitude = branch.amplitude("ry", harmonic=int(2 * order))
+        np.testing.assert_allclose(amplitude, np.abs(on_branch[:, j, 4]), rtol=1e-7)
+    again = pickle.loads(pickle.dumps(engine))
+    assert np.array_equal(again.forces, engine.forces)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"crank_radius": 0}, "crank_radius = 0: must be greater than 0"),
+        ({"rod_length": 0.04}, "rod_length = 0.04: must be greater than crank_radius"),
+        ({"positions": 0.0}, r"positions: must have shape \(4,\)"),
+        ({"bank_angles": (0, 1)}, r"bank_angles: must have shape \(4,\)"),
+        ({"up": "x"}, "up: must not be parallel to axis"),
+        ({"strokes": 3}, "strokes"),
+        ({"highest": 51}, "highest = 51: must be 1 to 50"),
+        ({"bore": 0.08}, "pressure, bore: must be given together"),
+        ({"gas_torque": {0.3: 1}}, r"gas_torque\[0.3\]: orders must be 0, 0.5, 1"),
+        ({"gas_torque": {0: 1j}}, "is the mean, must be real"),
+        ({"gas_torque": {1: 1}}, "firing_order: is needed"),
+        ({"gas_torque": {1: 1}, "firing_order": (1, 2, 3)}, "must contain each of 1 to 4 once"),
+        ({"gas_torque": {1: 1}, "firing_order": (1, 4, 3, 2)}, "do not reach their dead centres"),
+        ({"gas_torque": {1: 1}, "firing_order": (1, 2, 3), "positions": (0, 1, 2),
+          "crank_angles": (0, 4 * PI / 3, 2 * PI / 3)}, "do not reach their dead centres"),
+        ({"pressure": ([0, 180, 720], [1, 2, 1]), "bore": 0.1}, "not degrees"),
+        ({"pressure": ([0, 1], [1, 2]), "bore": 0.1}, "at least 3"),
+        ({"at": (0, 0)}, "at: must have shape"),
+    ],
+)  # fmt: skip
+def test_bad_engines_are_refused(given, says):
+    with pytest.raises(vv.InputError, match=says):
+        vv.PistonEngine(**FOUR | given)
