@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import KnownMotion
+from viscovib.analyses.acting import KnownMotion, accelerations
 from viscovib.bodies.body import Body
 from viscovib.bodies.in_time import deflected, elastic, point_moved
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
-from viscovib.results.motion_forces import ElementForces, MountForcesInTime
+from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
 from viscovib.systems.laws import Law
 from viscovib.systems.mount import Mount
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -98,13 +98,37 @@ def element_forces(system: object, motion: KnownMotion) -> ElementForces:
     raise InputError("element_forces: is for a Structure, a PolynomialSystem or a Mount")
 
 
-def _of_structure(structure: Structure, motion: KnownMotion) -> ElementForces:
+def support_reactions(
+    structure: Structure, motion: KnownMotion, base: Sequence[FloatArray]
+) -> SupportReactions:
+    """Forces that hold or move the supports, for a base motion y, y', y'', each (n,)."""
+    held = structure._held
+    if held is None:
+        raise InputError("support_reactions: the structure has no supports")
+    weights, rows = held.rows("support_reactions")
+    relative = motion.u, motion.rate, accelerations(motion) - motion.acting.push
+    force: FloatArray = np.zeros((motion.t.size, held.held.size))
+    for row, own, moved in zip(rows[::-1], relative, base, strict=True):
+        force += own @ row[:, held.free].T
+        if held.motion is not None:
+            force += np.outer(moved, row @ held.motion)
+    if held.touched:
+        # A coupling has one entry for each of its deflections.
+        first = np.cumsum([0, *(len(one) for one in held.ends)])[held.touched].tolist()
+        force += _of_structure(structure, motion, first).force @ weights
+    return SupportReactions(motion.t, held.names, force, held.units)
+
+
+def _of_structure(
+    structure: Structure, motion: KnownMotion, only: Sequence[int] | None = None
+) -> ElementForces:
     at = law_places(structure)
     chosen = [
         (element, at[i])
         for i, element in enumerate(structure._all_elements)
         # Directions of a coupling are places only.
-        if element.powers or element.damping or element.law is not None
+        if (element.powers or element.damping or element.law is not None)
+        and (only is None or i in only)
     ]
     directions = np.array([element.direction for element, _ in chosen])
     directions = directions.reshape(-1, structure.n_coordinates).T

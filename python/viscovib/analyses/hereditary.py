@@ -194,6 +194,15 @@ class MountMotion:
             self.frequencies, self.amplitudes, self.breaks, self.pieces, base, breaks, pieces
         )
 
+    def base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
+        """Displacement, velocity and acceleration of a base with one direction, each (n,)."""
+        breaks, pieces = np.zeros(0), np.zeros((1, 4, 0))
+        if self.table is not None:
+            breaks, pieces = self.base_breaks, np.moveaxis(self.base_pieces, 1, 0)
+        none = np.zeros((1, self.frequencies.size), complex)
+        now = Loads(self.frequencies, none, np.zeros(0), pieces, self.base, breaks, pieces).at(t)
+        return now.place[:, 0], now.speed[:, 0], now.push[:, 0]
+
     @property
     def past(self) -> EarlierMotion | None:
         """What came before t = 0; None: nothing remembers it."""

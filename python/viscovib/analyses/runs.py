@@ -23,7 +23,7 @@ from viscovib.analyses.acting import (
     panel_ends,
 )
 from viscovib.analyses.events import Watch
-from viscovib.analyses.forces_in_time import element_forces, mount_forces
+from viscovib.analyses.forces_in_time import element_forces, mount_forces, support_reactions
 from viscovib.bodies.body import Body
 from viscovib.bodies.turning import renamed_like
 from viscovib.common.counts import things
@@ -32,10 +32,11 @@ from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
 from viscovib.common.progress import SILENT, Bar, progress_bar
 from viscovib.errors import InputError
-from viscovib.results.motion_forces import ElementForces, MountForcesInTime
+from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
 from viscovib.results.trajectory import OUTCOMES, Trajectory
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
+from viscovib.systems.structure import Structure
 
 MAX_STEPS = 10**12
 #: Largest array size of the states of a run: 1 GiB.
@@ -530,6 +531,23 @@ class Run(ABC):
     def element_forces(self, kept: Trajectory) -> ElementForces:
         """Forces of elements or springs."""
         return element_forces(self.system, self.along(kept))
+
+    def support_reactions(self, kept: Trajectory) -> SupportReactions:
+        """Forces at the supports of a structure."""
+        if not isinstance(self.system, Structure):
+            raise InputError("support_reactions: is for motions of a Structure with supports")
+        motion, base = self.along(kept), self._base_motion(kept.t)
+        if kept._floor is not None:
+            direction = np.asarray(self.system._base_direction)
+            if not direction.any():
+                raise InputError("support_reactions: base_acceleration moves no free coordinate")
+            floor = kept._floor.at(kept.t)
+            base = tuple(one @ direction / (direction @ direction) for one in floor)
+        return support_reactions(self.system, motion, base)
+
+    def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
+        """Displacement, velocity and acceleration of a base along its direction, each (n,)."""
+        return np.zeros(t.size), np.zeros(t.size), np.zeros(t.size)
 
     def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
         """What acts along the states that ``kept`` holds.

@@ -188,7 +188,8 @@ class StructureMotion:
         frequency = 0.0 if nu is None else _native.number("nu", nu)
         if load is None and waved is None and nu is not None:
             raise InputError("nu: must not be given without load or base")
-        loaded = structure._loaded(load, waved)
+        at: tuple[float, ...] = (frequency,) if isinstance(structure, Structure) else ()
+        loaded = structure._loaded(load, waved, *at)
         if any(place.law.state for place in loaded.condensation.laws.programs):
             raise InputError(
                 "elements: have a Jenkins, motions in time of such are not available (periodic "
@@ -219,18 +220,23 @@ class StructureMotion:
         """Return the motion with a base table, whose acceleration is a load."""
         base_pieces = table._base_pieces()[:, 0]
         times = np.asarray(table.times)
-        load = np.asfortranarray(-derivative(derivative(base_pieces[np.newaxis])))
+        bent = np.asfortranarray(-derivative(derivative(base_pieces[np.newaxis])))
+        loads = [(self.loaded._inertia, (times, bent))]
+        held = self.mount._held if isinstance(self.mount, Structure) else None
+        if held is not None:
+            loads += held.pulls_of(times, base_pieces)
         patterns, breaks, pieces = self.patterns, self.breaks, self.pieces
-        if load.any():
-            push = self.loaded._inertia[:, np.newaxis]
+        for push, (at, load) in loads:
+            if not load.any():
+                continue
             if breaks.size < 2:
-                patterns, breaks, pieces = push, times, load
+                patterns, breaks, pieces = push[:, np.newaxis], at, load
             else:
                 k = pieces.shape[0]
                 wide = np.concatenate([pieces, np.zeros((1, *pieces.shape[1:]))])
                 inert = np.concatenate([np.zeros((k, *load.shape[1:])), load])
-                breaks, pieces = added((breaks, wide), (times, inert))
-                patterns = np.concatenate([patterns, push], axis=1)
+                breaks, pieces = added((breaks, wide), (at, inert))
+                patterns = np.column_stack([patterns, push])
         return replace(
             self, patterns=patterns, breaks=breaks, pieces=pieces, table=table, base_breaks=times,
             base_pieces=base_pieces,
@@ -372,6 +378,16 @@ class StructureMotion:
         base = np.outer(b, loaded.base)
         return Loads(w, forces, self.breaks, pieces, base, breaks, moved)
 
+    def base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
+        """Displacement, velocity and acceleration of the base, each (n,), after corners."""
+        breaks, pieces = np.zeros(0), np.zeros((1, 4, 0))
+        if self.table is not None:
+            breaks, pieces = self.base_breaks, self.base_pieces[np.newaxis]
+        none = np.zeros((1, self.frequencies.size), complex)
+        base = self.loaded.base[np.newaxis]
+        now = Loads(self.frequencies, none, np.zeros(0), pieces, base, breaks, pieces).at(t)
+        return now.place[:, 0], now.speed[:, 0], now.push[:, 0]
+
     @property
     def past(self) -> EarlierMotion | None:
         """What came before t = 0; None: nothing remembers it."""
@@ -427,6 +443,9 @@ class StructureRun(MountRun):
         """The structure in all its coordinates, its loads and its past."""
         motion = self.motion
         return _native.polynomial_object(motion.whole._vector), motion.acting, motion.past
+
+    def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
+        return self.motion.base_motion(t)
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Of the coordinates that are kept, from a run that keeps all of them."""

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeGuard
 import numpy as np
 import numpy.typing as npt
 
+from viscovib import _native
 from viscovib._native import FloatArray, shown
 from viscovib.analyses.hereditary import MountMotion
 from viscovib.analyses.memoryless import (
@@ -33,6 +34,7 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.piecewise import values_at
 from viscovib.systems.structure import ALL_GIVEN, Structure
+from viscovib.systems.supports import with_base_loads
 from viscovib.systems.whole import (
     MOST_IN_FRAME,
     has_text_laws,
@@ -137,6 +139,8 @@ def whole_runs(
         waved = None if isinstance(base, LoadTable) else base
         places = structure._wanted(None, structure._loaded(load, waved))
     whole = whole_system(structure)
+    frequency = 0.0 if nu is None else _native.number("nu", nu)
+    load, force = with_base_loads(structure, end, load, frequency, base, force)
     make, steps = polynomial_runs(
         whole, end, initial, method, load, nu, force, solved, True, base, held
     )
@@ -201,6 +205,9 @@ class WholeRun(PolynomialRun):
         begin = int(self.memory[-1])
         belongs[begin : begin + 2 * self._n_stops] = False
         return belongs
+
+    def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
+        return super()._base_motion(t) if self.motion is None else self.motion.base_motion(t)
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Of the coordinates that are kept."""

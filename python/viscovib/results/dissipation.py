@@ -144,14 +144,48 @@ def _loss_of(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) 
     if terms.kernel is None and (law is None or max(law.places, default=0) < 1):
         # A force that depends only on the deflection loses no energy.
         return work
-    kinked = law is not None and law.branches and not linear
-    theta, at, rate = _samples(orders, nu, d, kinked)
+    theta, force, rate = _sampled(terms, nu, orders, d, linear)
+    return work + _work(force, rate, theta, nu, orders, own, terms.kernel)
+
+
+def _sampled(
+    terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Phases of a period, forces of springs and laws without memory, and rates, shape (n,)."""
+    law = terms.law
+    theta, at, rate = _samples(orders, nu, d, law is not None and law.branches and not linear)
     powers = {power: c for power, c in terms.powers.items() if power == 1 or not linear}
     force = sum((c * at[:, 0] ** power for power, c in powers.items()), 0 * at[:, 0])
-    if law is not None:
+    if law is not None and law.state:
+        if not linear:
+            force = cycles(law.state, law.number[1:], at)[0][:, 0]
+    elif law is not None:
         both = np.stack([at[:, 0], rate[:, 0]], axis=1)
         force = force + _values(law, both, linear)
-    return work + _work(force, rate[:, 0], theta, nu, orders, own, terms.kernel)
+    return theta, force, rate[:, 0]
+
+
+def forces_of_elements(
+    view: View, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray, chosen: Any,
+    *, linear: bool,
+) -> ComplexArray:  # fmt: skip
+    """Harmonics of the forces of the elements ``chosen``, shape (n, n_chosen, m).
+
+    Arguments as of `dissipated`; couplings are not possible.
+    """
+    found = np.full((nu.size, len(chosen), orders.size), np.nan, dtype=complex)
+    for column, place in enumerate(chosen):
+        terms = view.elements[place]
+        d = _deflections(view, terms, nu, orders, y, factors)
+        for i in np.flatnonzero(np.isfinite(d).all(axis=(1, 2))):
+            theta, force, _ = _sampled(terms, float(nu[i]), orders, d[i], linear)
+            parts = 2j / theta.size * (force @ np.exp(-1j * np.outer(theta, orders)))
+            parts[orders == 0] /= 2
+            if terms.kernel is not None:
+                parts[orders == 0] *= 1 - terms.kernel.integral
+                parts[orders > 0] *= 1 - terms.kernel.laplace(1j * nu[i] * orders[orders > 0])
+            found[i, column] = parts + 1j * orders * nu[i] * terms.damping * d[i, 0]
+    return found
 
 
 def _values(law: Law, at: FloatArray, linear: bool) -> FloatArray:

@@ -116,6 +116,61 @@ class ElementForces(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class SupportReactions(Result):
+    """Forces that hold or move the supports of a structure in time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times (s).
+    names : tuple of str
+        Names of the supports.
+    force : ndarray, shape (n, n_supports)
+        Force on the structure at each support (N; a moment at a rotation).
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> bar = vv.Structure(
+    ...     mass=[1.0, 0.0], stiffness=[[4.0, -4.0], [-4.0, 4.0]], supports=["x2"]
+    ... )
+    >>> run = vv.simulate(bar, 1, initial=[0.5, 0])
+    >>> float(run.support_reactions().force[0, 0])
+    -2.0
+    """
+
+    t: FloatArray
+    names: tuple[str, ...]
+    force: FloatArray
+    units: tuple[str, ...]
+
+    kind = "support reactions"
+
+    def of(self, name: str) -> FloatArray:
+        """Force at one support, shape (n,)."""
+        return self.force[:, self.names.index(_native.choice("name", name, self.names))]
+
+    def _headline(self) -> str:
+        return f"forces at {things(len(self.names), 'support')}, t: {span(self.t, 's')}"
+
+    def panels(self) -> list[Panel]:
+        """Return the force at each support over time."""
+        return [
+            Panel(self.t, column, "$t$ (s)", f"reaction at {name}", unit)
+            for name, unit, column in zip(self.names, self.units, self.force.T, strict=True)
+        ]
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return all data as an xarray Dataset."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {"force": (("t", "support"), self.force)},
+            coords={"t": ("t", self.t, {"units": "s"}), "support": list(self.names)},
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class MountForcesInTime(Result):
     """Deflections, forces and moments of mounts in local axes along a motion in time.
 

@@ -12,9 +12,9 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
-from viscovib.systems.elements import terms_in_order
 from viscovib.systems.load import one_of
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.supports import Supports
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class View:
     all_units: tuple[str, ...] = field(repr=False)
     #: Elements in their order, in the form of the condensation.
     elements: tuple[Any, ...] = field(repr=False)
+    #: Supports that were removed from the matrices; None: none.
+    held: Supports | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, system: Any, loaded: LoadedStructure, coordinates: Sequence[str] | None) -> View:
@@ -39,10 +41,10 @@ class View:
         # Springs of a polynomial system or a body are not elements.
         elements: tuple[Any, ...] = ()
         if not isinstance(system, PolynomialSystem):
-            elements = terms_in_order(system.elements, names, system._places)
+            elements = system._terms_in_order
         return cls(
             loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
-            names, units, elements,
+            names, units, elements, getattr(system, "_held", None),
         )  # fmt: skip
 
     def at(self, coordinates: Sequence[str]) -> View:

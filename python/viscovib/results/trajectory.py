@@ -28,6 +28,7 @@ from viscovib.results.motion_forces import (
     FloorForce,
     MountForcesInTime,
     PointMotion,
+    SupportReactions,
 )
 from viscovib.systems.base_acceleration import BaseMotion
 from viscovib.systems.law_ends import edges_text, law_end as end_of_law
@@ -505,6 +506,32 @@ class Trajectory(Result):
         4.0
         """
         found: ElementForces = self._equations("element_forces").element_forces(self)
+        return found
+
+    def support_reactions(self) -> SupportReactions:
+        """Return the forces that hold or move the supports of a `Structure` along the motion.
+
+        R = M_s u'' + C_s u' + K_s u + forces of elements; modal damping, Rayleigh damping and the
+        loss factor do not act on supports. With memory, the run is computed once more, at the
+        points of its steps.
+
+        Raises
+        ------
+        InputError
+            For systems without supports, and as for `acceleration`; if a `Coupling` or a layer with
+            memory acts on a support.
+
+        Examples
+        --------
+        >>> import viscovib as vv
+        >>> bar = vv.Structure(
+        ...     mass=[1.0, 0.0], stiffness=[[4.0, -4.0], [-4.0, 4.0]], supports=["x2"]
+        ... )
+        >>> run = vv.simulate(bar, 1, initial=[0.5, 0])
+        >>> round(float(run.support_reactions().of("x2")[-1]), 9)  # -2 cos 2
+        0.832293673
+        """
+        found: SupportReactions = self._equations("support_reactions").support_reactions(self)
         return found
 
     def motion_of(self, point: str | npt.ArrayLike, *, relative: bool = False) -> PointMotion:

@@ -120,6 +120,14 @@ def _inertia(system: Any, where: str, direction: FloatArray) -> FloatArray:
     """Return M b, for the direction b in which the base moves."""
     mass = system._mass_matrix if hasattr(system, "_mass_matrix") else system.mass
     push = np.asarray(mass @ direction, dtype=float)
+    held = getattr(system, "_held", None)
+    if held is not None:
+        if held.strains:
+            raise InputError(
+                f"{where}: the base deforms springs or dampers, so its displacement matters: give "
+                "base, or a base_direction without deformation"
+            )
+        push = push + held.mass
     if not push.any():
         raise InputError(f"{where}: no mass moves in this direction of the base")
     return push

@@ -19,7 +19,6 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.element_laws import Monomials, add_force
-from viscovib.systems.elements import coupling_terms
 from viscovib.systems.load import load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Monomial, Springs
@@ -166,7 +165,7 @@ def _system(
                 linear += c * np.outer(seen, seen) * (element.kernel is not None)
             else:
                 add_force(forces, c, mix, [(mix, power)], m)
-    for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
+    for coupling in structure._couplings:
         if coupling.programs:
             raise InputError("elements: must have polynomial laws for an expansion in modes")
         own = [_mix(turned.T @ e) for e in coupling.directions]

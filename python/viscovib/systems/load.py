@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any, TypeVar
+from weakref import ref
 
 import numpy as np
 import numpy.typing as npt
@@ -39,30 +40,37 @@ _Found = TypeVar("_Found")
 
 
 class _Recent(dict[Any, Any]):
-    """Results for recent loads, which copies and pickles of their system do not contain."""
+    """Results for recent loads of a system, which its pickles do not contain.
+
+    A copy of the system has the same object, but does not use it: it may differ.
+    """
+
+    def __init__(self, system: Any = None) -> None:
+        super().__init__()
+        self.owner = None if system is None else ref(system)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _Recent, ()
 
 
 def for_recent_loads(find: Callable[..., _Found]) -> Callable[..., _Found]:
-    """Keep the results of ``find(system, load, base)`` for the last loads of each system.
+    """Keep the results of ``find(system, load, base, ...)`` for the last loads of each system.
 
     Systems do not change. Reading the load of a structure takes longer than its linear response.
     """
 
     @wraps(find)
-    def found(system: Any, load: Any, base: Any) -> _Found:
+    def found(system: Any, load: Any, base: Any, *more: Any) -> _Found:
         try:
-            key = find.__qualname__, _key_of(load), _key_of(base)
+            key = find.__qualname__, _key_of(load), _key_of(base), *map(_key_of, more)
         except TypeError:
-            return find(system, load, base)
+            return find(system, load, base, *more)
         known = system.__dict__.get("_recent_loads")
-        if known is None:
-            known = system.__dict__["_recent_loads"] = _Recent()
+        if known is None or known.owner is None or known.owner() is not system:
+            known = system.__dict__["_recent_loads"] = _Recent(system)
         result: _Found | None = known.get(key)
         if result is None:
-            result = find(system, load, base)
+            result = find(system, load, base, *more)
             if len(known) >= _MOST_KNOWN:
                 known.clear()
             known[key] = result

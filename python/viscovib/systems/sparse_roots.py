@@ -134,8 +134,8 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
         model = _in_modes(structure, relaxing, len(more), model.dampers)
     else:
         model = model._replace(layers=relaxing)
-    if structure.supports:
-        model = _without(model, [structure._places[name] for name in structure.supports])
+    if structure._fixed:
+        model = _without(model, [structure._places[name] for name in structure._fixed])
     roots, _ = sparse_roots(model, wanted)
     real = _growing(model)
     growing = 2 * int((roots.real > 0).sum()) + (0 if real is None else real.size)

@@ -20,14 +20,22 @@ from viscovib.systems.condensed import Condensation, LoadedStructure
 from viscovib.systems.element_laws import element_laws
 from viscovib.systems.elements import (
     Coupling,
+    CouplingTerms,
     ElementTerms,
-    coupling_terms,
     direction_of,
     element_terms,
+    terms_in_order,
 )
 from viscovib.systems.laws import Law, named_in
 from viscovib.systems.layers import Layers, checked_layers
-from viscovib.systems.load import LoadLike, for_recent_loads, load_series, parts_of
+from viscovib.systems.load import (
+    LoadLike,
+    VaryingForce,
+    for_recent_loads,
+    load_series,
+    name_places,
+    parts_of,
+)
 from viscovib.systems.mount import warn_of_creep
 from viscovib.systems.penalty_supports import (
     fixed,
@@ -51,6 +59,7 @@ from viscovib.systems.structure_matrices import (
     with_elements,
 )
 from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
+from viscovib.systems.supports import Supports, block, split, supports_of
 from viscovib.systems.system import System
 
 if TYPE_CHECKING:
@@ -103,8 +112,12 @@ class Structure(System):
         Names and units of the coordinates; default "x1", "x2", ..., and "m".
     base_direction : array_like, shape (n,), optional
         Motion of the coordinates with the base without deformation of a spring; None: the base is
-        fixed. If the mass matrix couples coordinates to the supports by a block M_fs, add the load
-        -M_fs a with the acceleration a of the supports.
+        fixed. With ``supports``: the motion of each of these, shape (n_supports,), or of all n.
+    supports : sequence of str, optional
+        Names of coordinates of the matrices that are fixed, or move with the base. The structure
+        has all other coordinates. The base acts on them by K_fs, C_fs and M_fs, and by the elements
+        between them and supports. Modal damping, Rayleigh damping and the loss factor are those of
+        the motion relative to the base.
 
     Examples
     --------
@@ -126,7 +139,7 @@ class Structure(System):
         If the integral of a kernel is not between 0 and 1, or the stiffness or damping matrix has
         entries on one side of its diagonal only; if a diagonal entry of the mass or stiffness is
         1e20 times as large as all others (a support by the penalty method): such a coordinate is
-        replaced by an exact support and listed in ``supports``.
+        replaced by an exact support and added to ``supports``.
     """
 
     mass: npt.ArrayLike
@@ -140,17 +153,20 @@ class Structure(System):
     names: Sequence[str] | None = None
     units: Sequence[str] | None = None
     base_direction: npt.ArrayLike | None = None
+    supports: Sequence[str] = ()
 
     time_unit: ClassVar[str] = "s"
     #: Names of all coordinates and their units.
     dof_names: tuple[str, ...] = field(init=False, repr=False)
     dof_units: tuple[str, ...] = field(init=False, repr=False)
-    #: Names of the coordinates with a huge mass or stiffness, which are exact supports: ``mass``,
-    #: ``stiffness`` and ``damping`` no longer couple them to other coordinates.
-    supports: tuple[str, ...] = field(init=False, repr=False)
+
+    #: Supports that were removed from the matrices; None: none.
+    _held: Supports | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
-        own_fields(self, "modal_damping", "rayleigh", "elements", "layers", "names", "units")
+        own_fields(
+            self, "modal_damping", "rayleigh", "elements", "layers", "names", "units", "supports"
+        )
         sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
         mass = matrix_of("mass", self.mass, None, sparse)
         n = mass.shape[0]
@@ -164,23 +180,26 @@ class Structure(System):
         check_mass(mass)
         warn_of_triangle("stiffness", self.stiffness)
         warn_of_triangle("damping", self.damping)
-        self._set("_modal", modal_damping_of(self, n))
-        self._set("_layers", checked_layers(self.layers, n, sparse))
+        layers = checked_layers(self.layers, n, sparse)
         names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
         self._set("dof_names", texts_of("names", names, n))
-        self._set("_places", {name: d for d, name in enumerate(self.dof_names)})
+        self._set("_places", name_places(self.dof_names))
         if len(self._places) < n:  # type: ignore[attr-defined]
             raise InputError("names: must differ")
         units = ("m",) * n if self.units is None else self.units
         self._set("dof_units", texts_of("units", units, n))
-        if self.base_direction is not None:
+        found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        self._set("_elements", found + layers.elements)
+        self._set("_layers", layers)
+        if len(self.supports):
+            self._remove_supports()
+        elif self.base_direction is not None:
             direction = _native.real_array("base_direction", self.base_direction).copy()
             if direction.shape != (n,):
                 raise InputError(f"base_direction: must have shape ({n},), got {direction.shape}")
             direction.setflags(write=False)
             self._set("base_direction", direction)
-        found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
-        self._set("_elements", found + self._layers.elements)  # type: ignore[attr-defined]
+        self._set("_modal", modal_damping_of(self, self.n_coordinates))
         self._eliminate_penalties()
         warn_of_creep([kernel.integral for kernel in self._all_kernels])
 
@@ -194,14 +213,15 @@ class Structure(System):
         places = penalty_supports(
             self.dof_names, self.mass, [self.stiffness, *whole], self._all_elements
         )
-        self._set("supports", tuple(self.dof_names[i] for i in places))
+        self._set("_fixed", tuple(self.dof_names[i] for i in places))
         if not places.size:
             return
+        self._set("supports", (*self.supports, *self._fixed))  # type: ignore[attr-defined]
         if places.size == self.n_coordinates:
             raise InputError(
                 "mass: all coordinates are fixed by huge numbers, at least one must be free"
             )
-        warn_of_supports(self.supports)
+        warn_of_supports(self._fixed)  # type: ignore[attr-defined]
         elements = fixed_elements(self._all_elements, places)
         whole = [fixed(matrix, places) for matrix in whole]
         self._set("_elements", elements)
@@ -210,6 +230,29 @@ class Structure(System):
         self._set("mass", fixed(self.mass, places))
         self._set("damping", fixed(self.damping, places))
         self._set("stiffness", held_stiffness(self.stiffness, whole, places))
+
+    def _remove_supports(self) -> None:
+        """Keep the free coordinates; `_held` keeps the supports and the whole matrices."""
+        free, held = split(self.supports, self.dof_names)
+        given = tuple(self.supports)
+        matrices = (self.mass, self.damping, self.stiffness)
+        layers: Layers = self._layers  # type: ignore[attr-defined]
+        found = supports_of(
+            given, (self.dof_names, self.dof_units), (free, held), matrices, self.base_direction,
+            (*self._terms_in_order, *layers.elements),
+        )  # fmt: skip
+        self._set("supports", given)
+        self._set("_held", found.with_layers(layers, len(self.elements)))
+        for name, matrix in zip(("mass", "damping", "stiffness"), matrices, strict=True):
+            self._set(name, block(matrix, free, free))
+        whole = tuple((block(matrix, free, free), kernel) for matrix, kernel in layers.whole)
+        self._set("_layers", layers._replace(whole=whole))
+        for name in ("dof_names", "dof_units"):
+            self._set(name, tuple(getattr(self, name)[i] for i in free))
+        self._set("_places", name_places(self.dof_names))
+        self._set("_elements", tuple(map(found.cut, self._all_elements)))
+        if found.motion is not None:
+            self._set("base_direction", found.motion[free])
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -240,6 +283,20 @@ class Structure(System):
     def _all_elements(self) -> tuple[ElementTerms, ...]:
         return self._elements  # type: ignore[attr-defined,no-any-return]
 
+    @property
+    def _terms_in_order(self) -> tuple[ElementTerms | CouplingTerms, ...]:
+        """One entry for each element, with directions of the coordinates."""
+        held = self._held
+        if held is None:
+            return terms_in_order(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        names = held.all_names
+        return tuple(map(held.cut, terms_in_order(self.elements, names, name_places(names))))
+
+    @property
+    def _couplings(self) -> tuple[CouplingTerms, ...]:
+        found = self._terms_in_order
+        return tuple(one for one in found if isinstance(one, CouplingTerms))
+
     @cached_property
     def _active_kernels(self) -> tuple[Kernel, ...]:
         kernels: list[Kernel] = []
@@ -261,7 +318,7 @@ class Structure(System):
     @cached_property
     def _all_laws(self) -> tuple[Law, ...]:
         laws = [element.law for element in self._all_elements if element.law is not None]
-        for coupling in coupling_terms(self.elements, self.dof_names, self._places):  # type: ignore[attr-defined]
+        for coupling in self._couplings:
             laws += [law for _, law in coupling.programs]
         return tuple(laws)
 
@@ -299,7 +356,24 @@ class Structure(System):
             if key in inner:
                 change = {"parameters": {**inner, key: value}}
             elements[int(place)] = replace(element, **change)
-        return replace(self, elements=elements)
+        return replace(self, elements=elements, **self._given)
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        """Arguments that `supports` change, and those of a file, as they were given."""
+        given = {
+            name: getattr(self, name)
+            for name in ("mass", "damping", "stiffness", "base_direction", "modal_damping",
+                         "rayleigh")
+        } | {"names": self.dof_names, "units": self.dof_units, "supports": ()}  # fmt: skip
+        held = self._held
+        if held is None:
+            return given
+        names = ("mass", "damping", "stiffness")
+        return given | dict(zip(names, held.matrices, strict=True)) | {
+            "base_direction": held.given, "names": held.all_names, "units": held.all_units,
+            "supports": held.names,
+        }  # fmt: skip
 
     @cached_property
     def _rest(self) -> Rest:
@@ -323,23 +397,23 @@ class Structure(System):
 
     @cached_property
     def _condensation(self) -> Condensation:
-        couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
-        laws = element_laws(self._all_elements, self.n_coordinates, couplings)
+        laws = element_laws(self._all_elements, self.n_coordinates, self._couplings)
         found = Condensation(self._rest, laws, self._reduced)
-        found.supports = self.supports
+        found.supports = self._fixed  # type: ignore[attr-defined]
         return found
 
     @property
     def _element_directions(self) -> FloatArray:
         """Directions of the deflections in results, shape (n, q)."""
-        couplings = coupling_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
-        return element_laws(self._all_elements, self.n_coordinates, couplings).directions
+        return element_laws(self._all_elements, self.n_coordinates, self._couplings).directions
 
     @property
     def _inertia(self) -> FloatArray:
-        """M b, where b is the direction of the base motion."""
+        """M b, where b is the direction of the base motion; with supports also M_fs d."""
         mass: Any = self.mass
-        return np.asarray(mass @ self._base_direction, dtype=float)
+        found = np.asarray(mass @ self._base_direction, dtype=float)
+        held = self._held
+        return found if held is None else found + held.mass
 
     @property
     def _uncoupled(self) -> ModalDamping | None:
@@ -428,6 +502,9 @@ class Structure(System):
         pushed += [element.direction for element in self._all_elements]
         if self._base_direction is not None:
             pushed.append(self._inertia)
+        held = self._held
+        if held is not None:
+            pushed += [push for push in (held.rate, held.place) if push.any()]
         if not pushed:
             raise InputError("loads: must not be empty for a structure without elements")
         directions = np.array(pushed).T
@@ -589,11 +666,22 @@ class Structure(System):
         return None if self.base_direction is None else np.asarray(self.base_direction)
 
     @for_recent_loads
-    def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
+    def _loaded(
+        self, load: LoadLike | None, base: LoadLike | None, nu: float | None = None
+    ) -> LoadedStructure:
+        """The structure with its loads; ``nu``: their frequency, if it is known."""
         n = self.n_coordinates
         places: Mapping[str, int] = self._places  # type: ignore[attr-defined]
         constant, varying = parts_of(load, n, places)
         orders, series = load_series(constant, base, n, places)
+        held = self._held
+        if base is not None and held is not None and held.pulls:
+            for j, order in enumerate(orders.tolist()):
+                series[:-1, j] += held.force(order, nu or 0.0) * series[-1, j]
+                if nu is None and order and series[-1, j] and held.rate.any():
+                    varying.append(
+                        VaryingForce("nu", order, -1j * order * series[-1, j] * held.rate)
+                    )
         inertia = np.zeros(n)
         if self._base_direction is not None:
             inertia = self._inertia

@@ -30,6 +30,7 @@ _SPARSE = ("data", "indices", "indptr")
 #: Entries of a file in addition to the arrays of sparse matrices.
 _PARTS = {
     *_MATRICES, "modal_damping", "rayleigh", "base_direction", "loss_factor", "names", "units",
+    "supports",
 }  # fmt: skip
 
 
@@ -107,6 +108,8 @@ def write_structure(
         _write_whole(structure, file)
         return
     parts = {name: getattr(structure, name) for name in _MATRICES}
+    if structure._held is not None:
+        raise InputError(f"path = {str(path)!r}: supports have no matrix: must end in .npz")
     if structure._reduced is not None:
         parts = _reduced_parts(structure, coordinates)
     elif structure._uncoupled is not None:
@@ -129,18 +132,21 @@ def write_structure(
 
 def _write_whole(structure: Any, file: Path) -> None:
     parts: dict[str, Any] = {"form": np.array(_FORM)}
+    given = structure._given
     for name in _MATRICES:
-        matrix = getattr(structure, name)
+        matrix = given[name]
         if is_sparse(matrix):
             parts |= {f"{name}.{k}": getattr(matrix, k) for k in ("data", "indices", "indptr")}
         else:
             parts[name] = matrix
     for name in ("modal_damping", "rayleigh", "base_direction"):
-        value = getattr(structure, name)
+        value = given[name]
         if value is not None:
             parts[name] = np.asarray(value, dtype=float)
     parts["loss_factor"] = np.array(float(structure.loss_factor))
-    parts["names"], parts["units"] = np.array(structure.dof_names), np.array(structure.dof_units)
+    parts["names"], parts["units"] = np.array(given["names"]), np.array(given["units"])
+    if given["supports"]:
+        parts["supports"] = np.array(given["supports"])
     with whole_file(file, "wb") as target:
         np.savez_compressed(target, **parts)  # type: ignore[arg-type]
 

@@ -186,7 +186,7 @@ def _variant(structure: Structure, name: str, place: int, key: str, value: float
     result = copy(structure)
     # Modes and a reduction do not change.
     result.__dict__["_rest"] = structure._rest
-    for cached in ("_condensation", "_free", "_active_kernels"):
+    for cached in ("_condensation", "_free", "_active_kernels", "_all_laws"):
         result.__dict__.pop(cached, None)
     result._set("_elements", tuple(terms))
     return result

@@ -15,7 +15,6 @@ from viscovib._native import FloatArray
 from viscovib.common.parameters import CORNER_TOLERANCE, SMOOTH_TOLERANCE
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Monomials, add_force
-from viscovib.systems.elements import coupling_terms
 from viscovib.systems.laws import Law, compile_law
 from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -168,7 +167,7 @@ def whole_system(structure: Structure) -> PolynomialSystem:
             add_force(forces[behind], c, mix, [(mix, power)], n)
         if element.law is not None:
             laws.append(element.law.numbers(element.direction[np.newaxis], mix, behind))
-    for coupling in coupling_terms(structure.elements, structure.dof_names, structure._places):  # type: ignore[attr-defined]
+    for coupling in structure._couplings:
         own = [_mix(e) for e in coupling.directions]
         behind = place.get(coupling.kernel, 0)
         reads = np.array(coupling.directions)

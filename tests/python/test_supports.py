@@ -1,0 +1,278 @@
+"""Structures on supports that are fixed or move: full matrices, and reactions."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import viscovib as vv
+from scipy.integrate import solve_ivp
+
+NAMES = [f"u{i}" for i in range(5)]
+FREE, HELD = [0, 2, 4], [3, 1]
+MOVED = np.array([0.5, 1.0])
+
+
+def _definite(rng, n, size=1.0):
+    a = rng.normal(size=(n, n))
+    return size * (a @ a.T / n + 0.3 * np.eye(n))
+
+
+def _matrices(rng, n=5):
+    return {
+        "mass": _definite(rng, n), "stiffness": _definite(rng, n, 10.0),
+        "damping": _definite(rng, n, 0.2),
+    }  # fmt: skip
+
+
+def _structure(given, **more):
+    return vv.Structure(
+        **given, **({"names": NAMES, "supports": ["u3", "u1"], "base_direction": MOVED} | more)
+    )
+
+
+def _e(i, j):
+    e = np.zeros(5)
+    e[[i, j]] = 1.0, -1.0
+    return e
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_linear_response_and_reactions_solve_the_full_equations(seed):
+    rng = np.random.default_rng(seed)
+    given, kernel = _matrices(rng), vv.PronyKernel(weights=[0.2], rates=[1.5])
+    springs = [
+        vv.Spring(on=("u2", "u1"), stiffness=3.0, damping=0.1, kernel=kernel),
+        vv.Spring(on=("u4", "u3"), stiffness=2.0),
+    ]
+    structure = _structure(given, elements=springs[: seed % 3])
+    base = {0: 0.05j, 1: 0.2 - 0.1j, 2: 0.03}
+    nu = rng.uniform(0.3, 4, 3)
+    r = vv.forced_response(structure, nu, load={"u0": 0.3, "u4": 0.1j}, base=base, method="linear")
+    reactions = r.support_reactions()
+    assert structure.dof_names == r.dof_names == ("u0", "u2", "u4")
+    for i, w in enumerate(nu):
+        for j, k in enumerate(r.harmonics):
+            s = 1j * k * w
+            full = given["mass"] * s**2 + given["damping"] * s + given["stiffness"]
+            if seed % 3 > 0:
+                recalled = kernel.laplace(s) if k else kernel.integral
+                full = full + (3 * (1 - recalled) + 0.1 * s) * np.outer(_e(2, 1), _e(2, 1))
+            if seed % 3 > 1:
+                full = full + 2 * np.outer(_e(4, 3), _e(4, 3))
+            u = np.zeros(5, complex)
+            u[HELD] = MOVED * base[k]
+            p = np.zeros(5, complex)
+            if k == 1:
+                p[[0, 4]] = 0.3, 0.1j
+            u[FREE] = np.linalg.solve(
+                full[np.ix_(FREE, FREE)], p[FREE] - full[np.ix_(FREE, HELD)] @ u[HELD]
+            )
+            assert np.allclose(r.coefficients[i][:, j], u[FREE], rtol=0, atol=1e-13)
+            assert np.allclose(reactions[i][:, j], (full @ u)[HELD], rtol=0, atol=2e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nonlinear_elements_on_a_moving_support(seed):
+    # The balance of harmonics, with forces sampled in time, on all coordinates.
+    rng = np.random.default_rng(seed)
+    given = _matrices(rng)
+    laws = {_e_name: law for _e_name, law in (("u2", "0.7*d^3"), ("u4", "0.2*d^2 + 0.5*d^3"))}
+    elements = [
+        vv.Spring(on=("u2", "u1"), stiffness=3.0, law=laws["u2"]),
+        vv.Spring(on=("u4", "u3"), damping=0.1, law=laws["u4"]),
+    ]
+    structure = _structure(given, elements=elements)
+    r = vv.forced_response(
+        structure, [1.3], load={"u0": 0.4}, base=0.3, method="newton", harmonics=40
+    )
+    assert r.complete
+    k, w = r.harmonics, 1.3
+    x = np.zeros((5, k.size), complex)
+    x[FREE] = r.coefficients[0]
+    x[np.ix_(HELD, np.flatnonzero(k == 1))] = 0.3 * MOVED[:, np.newaxis]
+    theta = 2 * np.pi * np.arange(512) / 512
+    waves = np.exp(1j * np.outer(k, theta))
+    u, v, a = ((x * (1j * k * w) ** p) @ waves for p in range(3))
+    d, e = (_e(2, 1) @ u.imag), (_e(4, 3) @ u.imag)
+    forces = np.outer(_e(2, 1), 3 * d + 0.7 * d**3)
+    forces += np.outer(_e(4, 3), 0.1 * (_e(4, 3) @ v.imag) + 0.2 * e**2 + 0.5 * e**3)
+    total = given["mass"] @ a.imag + given["damping"] @ v.imag + given["stiffness"] @ u.imag
+    total += forces
+    total[0] -= 0.4 * np.sin(theta)
+    assert np.abs(total[FREE]).max() < 1e-9
+    reactions = (r.support_reactions()[0] @ waves).imag
+    assert np.allclose(reactions, total[HELD], rtol=0, atol=1e-9)
+
+
+def _full(given, t, x, base, gap):
+    """Accelerations of the free coordinates, and reactions, of the nonlinear test structure."""
+    u, v, a = np.zeros((3, 5))
+    u[FREE], v[FREE] = x[:3], x[3:]
+    for part, moved in zip((u, v, a), base(t), strict=True):
+        part[HELD] = MOVED * moved
+    d = _e(2, 1) @ u
+    force = (3 * d + 0.7 * d**3 + 0.1 * (_e(2, 1) @ v)) * _e(2, 1)
+    if gap is not None:
+        force += 20 * max(_e(4, 3) @ u - gap, 0) * _e(4, 3)
+    rest = given["damping"] @ v + given["stiffness"] @ u + force
+    inertia = given["mass"][np.ix_(FREE, HELD)] @ a[HELD]
+    a[FREE] = np.linalg.solve(given["mass"][np.ix_(FREE, FREE)], -rest[FREE] - inertia)
+    return a[FREE], (given["mass"] @ a + rest)[HELD]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_motions_in_time_and_reactions_follow_the_full_equations(seed):
+    rng = np.random.default_rng(100 + seed)
+    given, table = _matrices(rng), seed % 2 == 1
+    gap = 0.1 if seed % 4 > 1 else None
+    elements = [vv.Spring(on=("u2", "u1"), stiffness=3.0, damping=0.1, law="0.7*d^3")]
+    if gap is not None:
+        elements.append(vv.Gap(on=("u4", "u3"), gap=gap, stiffness=20.0))
+    structure = _structure(given, elements=elements)
+    end, w, size = 4.0, 1.3, 0.2
+    times = np.linspace(0, 5, 9)
+    moved = vv.LoadTable(times=times, values=size * np.sin(2 * times), interpolation="cubic")
+
+    def base(t):
+        if table:
+            return [float(moved(t)), *(_slope(moved, times, t, order) for order in (1, 2))]
+        return size * np.sin(w * t), size * w * np.cos(w * t), -size * w**2 * np.sin(w * t)
+
+    call = {"base": moved} if table else {"base": size, "nu": w}
+    run = vv.simulate(structure, end, initial=[0.1, 0, 0, 0.2, -0.1, 0], **call)
+    found = solve_ivp(
+        lambda t, x: np.r_[x[3:], _full(given, t, x, base, gap)[0]], (0, end),
+        [0.1, 0, -0.1, 0, 0.2, 0], "DOP853", rtol=1e-11, atol=1e-12, max_step=0.02,
+    ).y[:, -1]  # fmt: skip
+    accurate = 1e-9 if gap is None else 1e-7
+    assert run.outcome == "completed"
+    assert np.allclose(
+        np.r_[run.state[-1, 0::2], run.state[-1, 1::2]], found, rtol=0, atol=accurate
+    )
+    acceleration, reaction = _full(given, end, found, base, gap)
+    assert np.allclose(run.acceleration[-1], acceleration, rtol=0, atol=20 * accurate)
+    reactions = run.support_reactions()
+    assert reactions.names == ("u3", "u1")
+    assert np.allclose(reactions.force[-1], reaction, rtol=0, atol=50 * accurate)
+    assert np.array_equal(reactions.of("u1"), reactions.force[:, 1])
+
+
+def _slope(table, times, t, order):
+    from scipy.interpolate import PPoly
+
+    i = min(np.searchsorted(times, t, "right") - 1, times.size - 2)
+    return float(PPoly(table._base_pieces()[:, 0, i : i + 1], [times[i], times[i + 1]])(t, order))
+
+
+def test_sparse_reduced_and_written_structures_are_the_same(tmp_path):
+    rng = np.random.default_rng(3)
+    n = 60
+    k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    m = (4 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)) / 6
+    given = {"mass": m, "stiffness": 100 * k, "damping": 0.05 * k + 0.01 * np.eye(n)}
+    more = {
+        "supports": ["x1", f"x{n}"], "base_direction": [1.0, 0.7],
+        "elements": [vv.Spring(on=("x30", "x1"), stiffness=0.5, law="d^3")],
+    }  # fmt: skip
+    call = {"load": {"x20": 0.1}, "base": 0.02, "method": "newton", "harmonics": 9}
+    nu = rng.uniform(0.5, 2, 3)
+    dense = vv.Structure(**given, **more)
+    expected = vv.forced_response(dense, nu, **call)
+    sparse = vv.Structure(**{name: sp.csc_array(one) for name, one in given.items()}, **more)
+    dense.write(tmp_path / "bar.npz")
+    again = vv.Structure.read(tmp_path / "bar.npz", elements=more["elements"])
+    reduced = sparse.reduce(frequency=40.0, tolerance=1e-9, loads=["x20"])
+    for other, accurate in ((sparse, 1e-12), (again, 1e-14), (reduced, 1e-7)):
+        r = vv.forced_response(other, nu, **call)
+        size = np.abs(expected.coefficients).max()
+        reactions = expected.support_reactions()
+        wanted = expected.at(r.dof_names).coefficients
+        assert other.supports == ("x1", "x60")
+        assert np.allclose(r.coefficients, wanted, rtol=0, atol=accurate * size)
+        assert np.allclose(
+            r.support_reactions(), reactions, rtol=0, atol=200 * accurate * np.abs(reactions).max()
+        )
+
+
+def test_a_base_that_deforms_nothing_may_be_given_by_its_acceleration():
+    # A chain that hangs on one support, with a mass matrix that couples it to the support.
+    k = np.array([[4.0, -4, 0], [-4, 7, -3], [0, -3, 3]])
+    m = np.array([[2.0, 0.5, 0], [0.5, 1.0, 0.2], [0, 0.2, 1.5]])
+    chain = vv.Structure(
+        mass=m, stiffness=k, damping=0.02 * k, supports=["x1"], base_direction=[1.0]
+    )
+    w, size = 1.1, 0.1
+    by_base = vv.simulate(chain, 10, base=size, nu=w, initial=[0, w * size, 0, w * size])
+    by_push = vv.simulate(chain, 10, base_acceleration=-(w**2) * size, nu=w, times=[10.0])
+    moved = size * np.sin(10 * w), w * size * np.cos(10 * w)
+    assert np.allclose(by_base.state[-1] - np.tile(moved, 2), by_push.state[-1], atol=1e-12)
+    assert np.allclose(
+        by_base.support_reactions().force[-1], by_push.support_reactions().force[-1], atol=1e-11
+    )
+    stuck = vv.Structure(
+        mass=m, stiffness=k, damping=[0, 0.1, 0], supports=["x1", "x3"], base_direction=[1.0, 0.0]
+    )
+    with pytest.raises(vv.InputError, match="base_acceleration: the base deforms springs"):
+        vv.simulate(stuck, 10, base_acceleration=1.0, nu=1.0)
+
+
+def test_supports_without_base_direction_are_fixed():
+    k = np.array([[4.0, -4, 0], [-4, 7, -3], [0, -3, 3]])
+    fixed = vv.Structure(mass=[1.0, 2, 0], stiffness=k, supports=["x3"])
+    plain = vv.Structure(mass=[1.0, 2], stiffness=k[:2, :2])
+    assert np.array_equal(fixed.natural_frequencies(), plain.natural_frequencies())
+    run = vv.simulate(fixed, 3, initial=[0.1, 0, 0, 0])
+    assert np.array_equal(run.state, vv.simulate(plain, 3, initial=[0.1, 0, 0, 0]).state)
+    assert np.allclose(run.support_reactions().of("x3"), -3 * run.state[:, 2], rtol=0, atol=1e-14)
+    with pytest.raises(vv.InputError, match="base: this system has no base_direction"):
+        vv.forced_response(fixed, [1.0], base=0.1)
+
+
+def test_numbers_of_elements_may_vary():
+    rng = np.random.default_rng(5)
+    spring = vv.Spring(on=("u2", "u1"), stiffness=3.0, law="k3*d^3", parameters={"k3": 0.7})
+    structure = _structure(_matrices(rng), elements=[spring])
+    branch = vv.trace_response(
+        structure, vary="elements[0].k3", vary_range=(0.2, 1.0), nu=1.3, base=0.3, load={"u0": 0.4},
+        harmonics=9,
+    )  # fmt: skip
+    stiffer = structure._with_parameters({"elements[0].k3": 1.0})
+    r = vv.forced_response(stiffer, [1.3], base=0.3, load={"u0": 0.4}, method="newton", harmonics=9)
+    assert np.allclose(branch.coefficients[-1], r.coefficients[0], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"supports": "u1"}, "supports = 'u1': must be a list of names"),
+        ({"supports": ["v1"]}, "supports: 'v1' must be one of the 5 coordinates u0, ..."),
+        ({"supports": ["u1", "u1"]}, "supports: must differ"),
+        ({"supports": NAMES}, "supports: all coordinates are supports"),
+        ({"base_direction": [1.0]}, r"base_direction: must have shape \(2,\), the motion of"),
+        ({"elements": [vv.Spring(on=("u1", "u3"), stiffness=1)]}, r"elements\[0\]: acts on supp"),
+        (
+            {"elements": [vv.Spring(on=("u0", name), stiffness=1) for name in ("u1", "u3")]},
+            "elements: the base stretches deflection",
+        ),
+    ],
+)
+def test_bad_supports(more, message):
+    with pytest.raises(vv.InputError, match=message):
+        _structure(_matrices(np.random.default_rng(1)), **more)
+
+
+def test_reactions_need_supports():
+    k = np.array([[4.0, -4], [-4, 7]])
+    plain = vv.Structure(mass=[1.0, 2], stiffness=k)
+    with pytest.raises(vv.InputError, match="support_reactions: the structure has no supports"):
+        vv.simulate(plain, 1, initial=[1, 0, 0, 0]).support_reactions()
+    with pytest.raises(vv.InputError, match="support_reactions: the structure has no supports"):
+        vv.forced_response(plain, [1.0], load={"x1": 1.0}).support_reactions()
+    with pytest.raises(vv.InputError, match="is for motions of a Structure with supports"):
+        vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 1, initial=[1, 0]).support_reactions()
+    kernel = vv.PronyKernel(weights=[0.2], rates=[1.0])
+    rubber = vv.Structure(
+        mass=[1.0, 0.0], stiffness=np.zeros((2, 2)), supports=["x2"],
+        layers=[(np.array([[1.0, -1], [-1, 1]]), kernel)],
+    )  # fmt: skip
+    with pytest.raises(vv.InputError, match="support_reactions: a layer with memory acts on"):
+        vv.simulate(rubber, 1, initial=[1, 0]).support_reactions()
