@@ -102,7 +102,7 @@ contains
       call subject%show_motions(nu, factor, orders, [(j, j=1, n)], .false., whole)
       allocate (push(size(orders), n), pulled(n))
       pulled = 0.0_wp
-      if (load%moves_base()) pulled = matmul(subject%model%mass, subject%model%base_direction)
+      if (load%moves_base()) pulled = subject%model%inertia()
       lost = ieee_value(lost, ieee_quiet_nan)
       do i = 1, size(nu)
         if (highest(i) <= 0) cycle

@@ -88,7 +88,7 @@ contains
       sections%pushed = with_columns(system%rest%pushed(:m, :), rest%shapes, load)
       sections%frequencies = load%orders*job%nu
       ! Loads as given, and the inertia of coordinates relative to a moving base.
-      inertia = inertia_of(model)
+      inertia = model%inertia()
       allocate (forces, mold=load%force)
       do i = 1, size(load%orders)
         forces(:, i) = load%force_at(i, job%nu) + sections%frequencies(i)**2*load%base(i)*inertia
@@ -205,16 +205,6 @@ contains
     all_z = all_z + matmul(matmul(model%mass, v), model%rest%right)
     z = pack(all_z, aimag(model%rest%poles) >= 0.0_wp)
   end function pole_state
-
-  !> M b, of a base that moves the coordinates by b.
-  function inertia_of(model) result(inertia)
-    type(structure_model), intent(in) :: model
-    real(wp) :: inertia(size(model%base_direction))
-    inertia = 0.0_wp
-    if (any(abs(model%base_direction) > 0.0_wp)) then
-      inertia = matmul(model%mass, model%base_direction)
-    end if
-  end function inertia_of
 
   !> The frequency that determines the first steps (rad/s), with all coordinates kept.
   real(wp) function rate_of_structure(model, system, nu) result(fastest)

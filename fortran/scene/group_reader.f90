@@ -532,6 +532,7 @@ contains
     else if (present(default)) then
       words = default
     end if
+    if (size(words) == 0) return
     call line%add('  '//key//' =')
     do j = 1, size(words)
       call line%add(" '"//doubled(trim(words(j)))//"'")

@@ -167,6 +167,14 @@ contains
       if (place_of_motion(file) > size(file%groups)) return
       if (.not. switches(subject%model)) return
     end if
+    if (allocated(subject%model%support_mass) .and. load%moves_base()) then
+      if (any(abs(subject%model%support_mass) > 0.0_wp)) then
+        call fail(status, status_input_error, 'supports', 'supports: the mass matrix couples ' &
+                  //'moving supports to a structure with kinks, must not here; Structure of ' &
+                  //'Python takes it')
+        return
+      end if
+    end if
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return
     if (.not. is_always_whole) then

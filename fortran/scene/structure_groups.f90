@@ -1,6 +1,7 @@
 !> The groups of a scene that make up a structure: &structure, &element.
 module viscovib_structure_groups
   use viscovib_coordinate_names, only: read_coordinates, read_kernel_place, read_units
+  use viscovib_dense, only: factorize, solve
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
   use viscovib_kernel_groups, only: read_system_kernels
@@ -18,7 +19,7 @@ module viscovib_structure_groups
   use viscovib_status, only: clipped, show, status_io_error, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_elements, only: element_type
-  use viscovib_structure_model, only: condense, structure_model
+  use viscovib_structure_model, only: add_linear, condense, structure_model
   use viscovib_structure_rest, only: is_symmetric
   use viscovib_subject, only: name_length
   use viscovib_symmetric_modes, only: find_symmetric_modes
@@ -30,8 +31,9 @@ module viscovib_structure_groups
   !> Most coordinates, elements, and steps of expanding a law: what takes seconds.
   integer, parameter :: max_size = 300, max_elements = 1000, max_effort = 100000
 
-  !> Eigenvalues below this part of the largest are 0.
-  real(wp), parameter :: no_part = 1.0e-12_wp
+  !> Eigenvalues, and stretches by the base, below this part of the largest are 0; forces of a base
+  !! motion above this part deform something.
+  real(wp), parameter :: no_part = 1.0e-12_wp, strained = 1.0e-9_wp
 
 contains
 
@@ -49,6 +51,7 @@ contains
     type(element_type), allocatable :: springs(:)
     real(wp), allocatable :: matrix(:, :)
     type(status_type) :: built
+    integer, allocatable :: held(:)
     integer :: at, i, n
 
     call read_system_kernels(file, kernels, echo, status)
@@ -56,7 +59,7 @@ contains
     n = count([(file%groups(i)%name == 'element', i=1, size(file%groups))])
     at = findloc([(file%groups(i)%name == 'structure', i=1, size(file%groups))], .true., 1)
     call reader%start(file%path, file%groups(at))
-    call read_body(reader, model, coordinates, units)
+    call read_body(reader, model, coordinates, units, held)
     call reader%close(echo, status)
     if (status%failed()) return
     if (n > max_elements) then
@@ -86,6 +89,9 @@ contains
       call append(model%elements, springs)
     end do
     call reader%start(file%path, file%groups(at))
+    if (size(held) > 0) call remove_supports(reader, model, held, coordinates, units)
+    status = reader%status
+    if (status%failed()) return
     call condense(model, kernels, system, built)
     call reader%place(built)
     status = reader%status
@@ -110,15 +116,17 @@ contains
   end subroutine append
 
   !> The &structure group.
-  subroutine read_body(reader, model, coordinates, units)
+  subroutine read_body(reader, model, coordinates, units, held)
     type(group_reader), intent(inout) :: reader
     type(structure_model), intent(inout) :: model
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    !> Supports among the coordinates.
+    integer, allocatable, intent(out) :: held(:)
     character(len=:), allocatable :: names
     character(len=name_length), allocatable :: own(:)
     integer :: i, n, n_modes, rows
 
-    allocate (coordinates(0), units(0))
+    allocate (coordinates(0), units(0), held(0))
     call read_size(reader, n)
     call read_matrix(reader, 'mass', .true., n, model%mass)
     reader%echo = reader%echo//'  size = '//show(n)//new_line('a')
@@ -126,7 +134,6 @@ contains
     call read_matrix(reader, 'damping', .false., n, model%damping)
     if (reader%status%failed()) return
     call check_mass(reader, model%mass)
-    n_modes = count(any(abs(model%mass) > 0.0_wp, 2))
     call read_shapes(reader, n, model%places, names)
     if (reader%status%failed()) return
     rows = size(model%places, 1)
@@ -139,6 +146,9 @@ contains
       return
     end if
     call read_units(reader, rows, units)
+    call read_supports(reader, coordinates, held)
+    if (reader%status%failed()) return
+    n_modes = count([(any(abs(model%mass(:, i)) > 0.0_wp) .and. all(held /= i), i=1, n)])
     model%modal%ratios = reader%read_reals('modal_damping')
     if (size(model%modal%ratios) == 1) model%modal%ratios = [(model%modal%ratios(1), i=1, n_modes)]
     if (size(model%modal%ratios) /= n_modes) then
@@ -152,13 +162,123 @@ contains
       call reader%complain('mass', 'mass: of a structure with shapes must be positive definite')
     end if
     if (model%is_reduced) then
-      call reader%refuse(['base_direction'], 'belongs to a structure in all its coordinates, not ' &
+      call reader%refuse(['base_direction', 'supports      '], 'belongs to a structure in all its coordinates, not ' &
                          //'to one with shapes')
       allocate (model%base_direction(rows), source=0.0_wp)
-    else
+    else if (size(held) == 0) then
       model%base_direction = reader%read_reals('base_direction', rows)
+    else
+      model%base_direction = reader%read_reals('base_direction', &
+                                               default=[(0.0_wp, i=1, size(held))])
+      if (all(size(model%base_direction) /= [size(held), rows])) then
+        call reader%complain('base_direction', 'base_direction has ' &
+                             //show(size(model%base_direction))//' values: must be ' &
+                             //show(size(held))//', of the supports, or '//show(rows))
+      end if
     end if
   end subroutine read_body
+
+  subroutine read_supports(reader, coordinates, held)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: coordinates(:)
+    integer, allocatable, intent(out) :: held(:)
+    character(len=name_length), allocatable :: names(:)
+    integer :: i
+
+    allocate (names(0))
+    names = reader%read_words('supports', name_length, size(coordinates), names)
+    allocate (held(size(names)))
+    do i = 1, size(names)
+      held(i) = findloc(coordinates, lower(names(i)), 1)
+      if (held(i) == 0) then
+        call reader%complain('supports', "supports: '"//trim(names(i))//"' must be one of the " &
+                             //show(size(coordinates))//' coordinates '//some(coordinates))
+      else if (any(held(:i - 1) == held(i))) then
+        call reader%complain('supports', 'supports: must differ')
+      end if
+      if (reader%status%failed()) return
+    end do
+    if (size(held) == size(coordinates)) then
+      call reader%complain('supports', 'supports: all coordinates are supports, at least one ' &
+                           //'must be free')
+    end if
+  end subroutine read_supports
+
+  !> Keep the free coordinates u_f = r y + w of a structure whose supports move by u_s = d y:
+  !!
+  !!   M_ff w'' + C_ff w' + K_ff w + elements(w) = p - (M_ff r + M_fs d) y'',
+  !!
+  !! where K_ff r + K_fs d = 0, C_ff r + C_fs d = 0, and no element is stretched by (r, d).
+  subroutine remove_supports(reader, model, held, coordinates, units)
+    type(group_reader), intent(inout) :: reader
+    type(structure_model), intent(inout) :: model
+    integer, intent(in) :: held(:)
+    character(len=name_length), allocatable, intent(inout) :: coordinates(:), units(:)
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: damping, stiffness, low
+    real(wp) :: moved(size(model%mass, 1)), pulled(size(model%mass, 1))
+    integer :: i, n
+    integer, allocatable :: free(:)
+
+    n = size(moved)
+    free = pack([(i, i=1, n)], [(all(held /= i), i=1, n)])
+    call add_linear(model, stiffness, damping, low)
+    moved = 0.0_wp
+    if (size(model%base_direction) == n) then
+      moved = model%base_direction
+    else
+      moved(held) = model%base_direction
+      if (any(abs(moved) > 0.0_wp)) moved(free) = static(stiffness(free, free), &
+                                                 -matmul(stiffness(free, held), moved(held)))
+    end if
+    do i = 1, size(model%elements)
+      associate (e => model%elements(i)%direction)
+        if (.not. any(abs(e(free)) > 0.0_wp)) then
+          call reader%complain('supports', '&element '//show(i)//': acts on supports only, must ' &
+                               //'act on a free coordinate')
+        else if (abs(sum(e*moved)) > no_part*sum(abs(e*moved))) then
+          call reader%complain('base_direction', 'base_direction: stretches &element '//show(i) &
+                               //', must not here; Structure of Python takes it')
+        end if
+        if (reader%status%failed()) return
+      end associate
+      model%elements(i)%direction = model%elements(i)%direction(free)
+    end do
+    pulled = matmul(stiffness, moved)
+    if (any(abs(pulled(free)) > strained*matmul(abs(stiffness(free, :)), abs(moved)))) then
+      call reader%complain('base_direction', 'base_direction: deforms springs, must not; the ' &
+                           //'motion of the supports alone is enough')
+      return
+    end if
+    pulled = matmul(damping, moved)
+    model%base_strains = any(abs(pulled(free)) > strained*matmul(abs(damping(free, :)), abs(moved)))
+    model%support_mass = matmul(model%mass(free, held), moved(held))
+    model%base_direction = moved(free)
+    model%mass = model%mass(free, free)
+    model%damping = model%damping(free, free)
+    model%stiffness = model%stiffness(free, free)
+    model%places = model%places(free, free)
+    coordinates = coordinates(free)
+    units = units(free)
+
+  contains
+
+    !> Static deflection; 0 without supports that hold the structure.
+    function static(matrix, forces) result(found)
+      real(wp), intent(in) :: matrix(:, :), forces(:)
+      real(wp) :: found(size(forces)), factors(size(forces), size(forces))
+      integer :: pivots(size(forces))
+      logical :: singular
+      factors = matrix
+      found = forces
+      call factorize(size(forces), factors, pivots, singular)
+      if (singular) then
+        found = 0.0_wp
+      else
+        call solve(size(forces), factors, pivots, found)
+      end if
+    end function static
+
+  end subroutine remove_supports
 
   !> Number of coordinates, where the matrices alone do not determine it; 0: they do.
   subroutine read_size(reader, n)

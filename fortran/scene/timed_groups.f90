@@ -163,6 +163,11 @@ contains
     real(wp) :: inertia(size(direction))
     if (subject%is_structure) then
       inertia = matmul(subject%model%mass, direction)
+      if (allocated(subject%model%support_mass)) then
+        if (all(abs(direction - subject%model%base_direction) <= 0.0_wp)) then
+          inertia = subject%model%inertia()
+        end if
+      end if
     else if (subject%is_turning) then
       inertia = matmul(subject%turning%mass, direction)
     else if (subject%is_polynomial) then

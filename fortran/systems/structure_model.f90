@@ -37,6 +37,10 @@ module viscovib_structure_model
     logical :: is_reduced = .false.
     !> Displacement of observed coordinates per unit base displacement, shape (n_places).
     real(wp), allocatable :: base_direction(:)
+    !> Inertia of supports, M_fs d, for their motion d by a unit base displacement; not allocated:
+    !! none. True if a base motion deforms dampers.
+    real(wp), allocatable :: support_mass(:)
+    logical :: base_strains = .false.
     type(element_type), allocatable :: elements(:)
     !> Results: directions (n_places, q), linear subsystem, loads on observed coordinates,
     !! (n_places, n_loads), and base motion (n_loads) by order.
@@ -49,10 +53,20 @@ module viscovib_structure_model
   contains
     procedure :: description
     procedure :: all_damping
+    procedure :: inertia
     procedure, private :: at_rest
   end type structure_model
 
 contains
+
+  !> M b of a base that moves the coordinates by b, and the inertia of supports.
+  pure function inertia(self)
+    class(structure_model), intent(in) :: self
+    real(wp) :: inertia(size(self%base_direction))
+    inertia = 0.0_wp
+    if (any(abs(self%base_direction) > 0.0_wp)) inertia = matmul(self%mass, self%base_direction)
+    if (allocated(self%support_mass)) inertia = inertia + self%support_mass
+  end function inertia
 
   !> Condense the structure, without loads.
   subroutine condense(model, kernels, system, status)
@@ -312,14 +326,15 @@ contains
       call model%rest%refuse_on_idle(load%pushes, 'load', '&load: it', status)
       if (status%failed()) return
     end if
+    if (model%base_strains .and. load%moves_base()) then
+      call fail(status, status_input_error, 'base_direction', 'base_direction: the base deforms ' &
+                //'dampers of &structure, must not here; Structure of Python takes it')
+      return
+    end if
     model%load = load
     n = size(load%orders)
     nothing = (0.0_wp, 0.0_wp)
-    if (any(abs(model%base_direction) > 0.0_wp)) then
-      inertia = matmul(model%mass, model%base_direction)
-    else
-      inertia = 0.0_wp*model%base_direction
-    end if
+    inertia = model%inertia()
     deallocate (system%loads)
     allocate (system%loads(n), force(size(nothing), n))
     do j = 1, n

@@ -59,7 +59,9 @@ _NAMES = {
     "results.modulation": "Modulation Resonance",
     "results.located_peaks": "LocatedPeak",
     "results.motion_branch": "MotionBranch",
-    "results.motion_forces": "ElementForces FloorForce MountForcesInTime PointMotion",
+    "results.motion_forces": (
+        "ElementForces FloorForce MountForcesInTime PointMotion SupportReactions"
+    ),
     "results.scales": "ScalesMotion ScalesResponse",
     "results.steady_motion": "SteadyMotion",
     "results.trajectory": "Trajectory",
@@ -231,6 +233,7 @@ if TYPE_CHECKING:
         FloorForce as FloorForce,
         MountForcesInTime as MountForcesInTime,
         PointMotion as PointMotion,
+        SupportReactions as SupportReactions,
     )
     from viscovib.results.response import (
         Peak as Peak,

@@ -115,6 +115,11 @@ RESULTS |= {
     "mount forces in time": lambda: _shaken().mount_forces(),
     "motion of a point": lambda: _shaken().motion_of("foot"),
     "floor force": lambda: _shaken().floor_force(),
+    "support reactions": lambda: vv.simulate(
+        vv.Structure(mass=[1, 0], stiffness=[[4, -4], [-4, 4]], supports=["x2"]),
+        1,
+        initial=[0.5, 0],
+    ).support_reactions(),
     "element forces": lambda: RESULTS["structure motion"]().element_forces(),
     "modulation": lambda: vv.MultipleScales(BODY).modulation([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
     "scales motion": lambda: vv.MultipleScales(BODY).motion([0, 1, 2], [0.1, 0, 0.1, 0, 0, 0]),
@@ -148,6 +153,7 @@ PARTS = {
 DRAWN = set(RESULTS) - {
     "basins", "ensemble", "ensemble with an estimate", "lines", "body modes",
     "mount forces in time", "motion of a point", "floor force", "element forces",
+    "support reactions",
     "mount forces", "modulation", "scales motion", "beating motion", "master curve",
     "kramers kronig", "fit", "prony fit",
 }  # fmt: skip

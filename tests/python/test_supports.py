@@ -276,3 +276,70 @@ def test_reactions_need_supports():
     )  # fmt: skip
     with pytest.raises(vv.InputError, match="support_reactions: a layer with memory acts on"):
         vv.simulate(rubber, 1, initial=[1, 0]).support_reactions()
+
+
+SCENE = """&structure
+  coordinates = 'u0' 'u1' 'u2' 'u3'
+  mass = 2 0.5 0 0  0.5 1 0.2 0  0 0.2 1.5 0.3  0 0 0.3 1
+  stiffness = 4 -4 0 0  -4 7 -3 0  0 -3 5 -2  0 0 -2 2
+  damping = {damping}
+  supports = {supports}
+  base_direction = {moved}
+/
+&element on = 'u2' 'u0', stiffness = 0.5, law = '{law}' /
+&load kind = 'base', amplitude = 0.1 /
+"""
+PLAIN = "0.08 -0.08 0 0 -0.08 0.14 -0.06 0 0 -0.06 0.1 -0.04 0 0 -0.04 0.04"
+
+
+def _scene(tmp_path, analysis, **changes):
+    given = {"damping": PLAIN, "supports": "'u0'", "moved": "1", "law": "0.8*d^3"} | changes
+    path = tmp_path / "scene.nml"
+    path.write_text(SCENE.format(**given) + analysis)
+    return path
+
+
+def test_scenes_take_supports(tmp_path):
+    k = np.array([[4.0, -4, 0, 0], [-4, 7, -3, 0], [0, -3, 5, -2], [0, 0, -2, 2]])
+    m = np.array([[2, 0.5, 0, 0], [0.5, 1, 0.2, 0], [0, 0.2, 1.5, 0.3], [0, 0, 0.3, 1]])
+    structure = vv.Structure(
+        names=["u0", "u1", "u2", "u3"], mass=m, stiffness=k, damping=0.02 * k, supports=["u0"],
+        base_direction=[1.0], elements=[vv.Spring(on=("u2", "u0"), stiffness=0.5, law="0.8*d^3")],
+    )  # fmt: skip
+    r = vv.forced_response(structure, [0.5, 1.4], base=0.1, method="newton", harmonics=9)
+    path = _scene(tmp_path, "&response method = 'newton', nu = 0.5 1.4, harmonics = 9 /")
+    table = vv.run(path).value.columns
+    for name in ("u1", "u3"):
+        own = table[f"{name}_1_re"] + 1j * table[f"{name}_1_im"]
+        assert np.allclose(own, r.coefficient(name, 1), rtol=0, atol=1e-13)
+    run = vv.simulate(structure, 10, base=0.1, nu=1.1)
+    last = vv.run(_scene(tmp_path, "&transient t_end = 10, nu = 1.1 /")).value.columns
+    assert np.allclose(last["u3"][-1], run.state[-1, 4], rtol=0, atol=1e-11)
+    pushed = _scene(tmp_path, "&transient t_end = 10 /")
+    pushed.write_text(
+        pushed.read_text().replace("kind = 'base', amplitude = 0.1", "shape = 'half_sine', "
+                                   "kind = 'acceleration', amplitude = 0.1, duration = 2")
+    )  # fmt: skip
+    shock = vv.HalfSine(amplitude=0.1, duration=2)
+    run = vv.simulate(structure, 10, base_acceleration=shock)
+    assert np.allclose(vv.run(pushed).value.columns["u3"][-1], run.state[-1, 4], atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"supports": "'v0'"}, "supports: 'v0' must be one of the 4 coordinates"),
+        ({"supports": "'u0' 'u0'", "moved": "1 1"}, "supports: must differ"),
+        ({"supports": "'u0' 'u1' 'u2' 'u3'"}, "supports: all coordinates are supports"),
+        ({"moved": "1 1"}, "base_direction has 2 values: must be 1, of the supports, or 4"),
+        ({"supports": "'u0' 'u2'", "moved": "1 1"}, "&element 1: acts on supports only"),
+        ({"supports": "'u0' 'u3'", "moved": "1 0"}, "base_direction: stretches &element 1"),
+        ({"moved": "1 1 1 2"}, "base_direction: deforms springs"),
+        ({"damping": "0 0.1 0 0"}, "base_direction: the base deforms dampers of &structure"),
+        ({"law": "max(d - 0.01, 0)"}, "supports: the mass matrix couples moving supports"),
+    ],
+)
+def test_bad_supports_of_scenes(tmp_path, changes, message):
+    path = _scene(tmp_path, "&transient t_end = 1, nu = 1.1 /", **changes)
+    with pytest.raises(vv.InputError, match=message):
+        vv.run(path)

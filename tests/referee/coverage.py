@@ -22,6 +22,7 @@ _WHOLE = "tests/python/test_structure.py compares it with the whole system"
 _SHOCKS = "tests/python/test_shocks.py: Duhamel's integral of each mode"
 _SHOCK = "tests/python/test_shock_spectra.py: exact solutions of 1000 random records"
 _ALONG = "tests/python/test_motion_results.py: balances of momentum and energy, closed forms"
+_SUPPORTS = "tests/python/test_supports.py: the full equations by SciPy"
 _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "FluidDamper.force": "tests/python/test_fluid_dampers.py: the formula",
@@ -55,6 +56,10 @@ NOTHING_TO_JUDGE = {
     "Trajectory.element_forces": _ALONG,
     "Trajectory.motion_of": _ALONG,
     "Trajectory.floor_force": _ALONG,
+    "Trajectory.support_reactions": _SUPPORTS,
+    "SupportReactions": _SUPPORTS,
+    "SupportReactions.of": _SUPPORTS,
+    "SupportReactions.to_dataset": _ARRAYS,
     "Trajectory.peak": _ALONG,
     "LocatedPeak": _ALONG,
     "MountForcesInTime": _ALONG,

@@ -170,8 +170,52 @@ amplitudes, supports = r.amplitude({name!r}), list(system.supports)
     return Case(call, judge)
 
 
+def _supported(rng, index):
+    """Response and reactions of full matrices whose supports move, by the full equations."""
+    n = int(rng.integers(3, 8))
+    held = rng.choice(n, int(rng.integers(1, n)), replace=False)
+    free = np.setdiff1d(np.arange(n), held)
+
+    def definite(size):
+        a = rng.normal(size=(n, n))
+        return (size * (a @ a.T / n + 0.2 * np.eye(n))).round(6)
+
+    mass, damping, stiffness = definite(1), definite(0.2), definite(10)
+    moved = rng.normal(size=held.size).round(3)
+    nu = [few(rng, 0.2, 10) for _ in range(3)]
+    load, base = rng.normal(size=free.size).round(3), few(rng, 0.01, 1)
+    names = [f"x{i + 1}" for i in held]
+    call = f"""system = vv.Structure(
+    mass={numbers(mass)}, stiffness={numbers(stiffness)}, damping={numbers(damping)},
+    supports={names}, base_direction={numbers(moved)},
+)
+r = vv.forced_response(system, {nu}, load={numbers(load)}, base={base}, method="linear")
+coefficients, reactions = r.coefficients, r.support_reactions()
+"""
+
+    def judge(names, reported):
+        true, pulled, off = [], [], []
+        for x in nu:
+            whole = stiffness - x**2 * mass + 1j * x * damping
+            inner = whole[np.ix_(free, free)]
+            u = np.zeros(n, complex)
+            u[held] = base * moved
+            u[free] = np.linalg.solve(inner, load - whole[np.ix_(free, held)] @ u[held])
+            true.append(u[free])
+            pulled.append((whole @ u)[held])
+            off.append(1e-14 * np.linalg.cond(inner) * np.abs(u).max())
+        off = np.array(off)[:, np.newaxis]
+        size = np.abs(stiffness).max() + np.abs(mass).max() * max(nu) ** 2
+        yield Claim("coefficients", names["coefficients"][:, :, 0], np.array(true), off, 5)
+        yield Claim("reactions", names["reactions"][:, :, 0], np.array(pulled), n * size * off, 5)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
     """Draw a system and a question: modes or response."""
+    if index % 12 == 7:
+        return _supported(rng, index // 12)
     if index % 12 == 11:
         return _held(rng, index // 12)
     return (_modes, _response, _response, _fourier)[index % 4](rng, index // 4)

@@ -207,7 +207,7 @@ class Scene:
         coordinates "q1", "q2", ...: its named coordinates are ``shapes`` times these.
         """
         given = self._group("structure")
-        names, shapes = self._names(), self._shapes()
+        names, shapes = texts(given["coordinates"]), self._shapes()
         n = len(names) if shapes is None else shapes.shape[1]
         kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
         elements = []
@@ -239,6 +239,8 @@ class Scene:
             more = {"names": [f"q{i + 1}" for i in range(n)]}
         elif np.any(given["base_direction"]):
             more["base_direction"] = np.atleast_1d(given["base_direction"])
+        if "supports" in given:
+            more["supports"] = [name.lower() for name in texts(given["supports"])]
         layers, stiffness = [], _matrix(given["stiffness"], n)
         for group in self.groups["layer"]:
             kernel = kernels[group["kernel"]]
@@ -365,7 +367,9 @@ class Scene:
     def _names(self) -> tuple[str, ...]:
         for name in ("system", "structure"):
             if name in self.groups:
-                return texts(self.groups[name]["coordinates"])
+                held = texts(self.groups[name].get("supports", ()))
+                names = texts(self.groups[name]["coordinates"])
+                return tuple(one for one in names if one not in map(str.lower, held))
         if "body" in self.groups:
             return coordinates_of(self.groups["mount_point"])
         return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
