@@ -182,7 +182,7 @@ contains
       if (.not. task%failed()) call builder%build(options%start, own, task%status)
       system => own
     else
-      system => task%system()
+      system => task%system(with_speed=.true.)
     end if
     if (task%failed()) return
     call task%check_extents('series', [size(load%force, 1)], [system%n_dof()])

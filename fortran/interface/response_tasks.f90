@@ -82,7 +82,7 @@ contains
     class(oscillator_type), pointer, intent(out) :: system
     type(load_type), intent(out) :: load
 
-    system => task%system()
+    system => task%system(with_speed=.true.)
     if (.not. task%failed()) call given_load(task, load)
     if (.not. task%failed()) call task%check_extents('series', [size(load%force, 1)], &
                                                      [system%n_dof()])
@@ -304,7 +304,7 @@ contains
       if (.not. task%failed()) call builder%build(p(1), own, task%status)
       system => own
     else
-      system => task%system()
+      system => task%system(with_speed=.true.)
     end if
     if (task%failed()) return
     call task%check_extents('samples', shape(samples), [size(kept), system%n_dof(), n])
@@ -422,7 +422,7 @@ contains
     if (parameter > vary_load) then
       builder = given_builder(task)
     else
-      system => task%system()
+      system => task%system(with_speed=.true.)
     end if
     if (task%failed()) return
     allocate (errors(size(p)), source=-1.0_wp)

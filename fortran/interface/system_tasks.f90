@@ -218,7 +218,7 @@ contains
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
 
-    system => task%system()
+    system => task%system(with_speed=.true.)
     if (task%failed()) return
     call lock_texts()
     select type (system)
@@ -255,13 +255,13 @@ contains
     real(wp), pointer, contiguous :: nu(:)
     complex(wp), allocatable :: fraction(:, :), stiffness(:, :, :)
 
-    system => task%system()
+    system => task%system(with_speed=.true.)
     nu => task%get_reals('nu')
     if (task%failed()) return
     allocate (fraction(size(nu), system%n_memory()))
     allocate (stiffness(system%n_dof(), system%n_dof(), size(nu)))
     call system%retained(nu, fraction)
-    call system%dynamic_stiffness(nu, fraction, stiffness)
+    call system%dynamic_stiffness(nu, nu, fraction, stiffness)
     call task%found%put_complexes('stiffness', stiffness, shape(stiffness))
   end subroutine find_stiffness
 

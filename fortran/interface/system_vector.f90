@@ -3,8 +3,9 @@
 !!   n, n_springs, n_monomials, n_kernels, factor of all kernels; M (n^2); C (n^2); base direction
 !!   (n); for each spring: kernel, K (n^2); for each monomial: coefficient, equation, kernel, powers
 !!   (n); for each kernel: kind, number of data, data; number of nonpolynomial laws, and each law
-!!   (`new_law_term`); absolute damping and stiffness (n^2 each; see `space_damping`). The last two
-!!   parts, or the last part, may be missing.
+!!   (`new_law_term`); absolute damping and stiffness (n^2 each; see `space_damping`); gyroscopic,
+!!   circulatory and centrifugal matrix (n^2 each). The last three parts may be missing. If the laws
+!!   are there, either of the last two parts may be missing.
 !!
 !! Matrices are in column-major order.
 module viscovib_system_vector
@@ -72,9 +73,14 @@ contains
         at = at + n_data
       end do
     end if
-    if (at < size(vector)) then
+    if (size(vector) - at == 2*n*n .or. size(vector) - at == 5*n*n) then
       p%space_damping = reshape(next(n*n), [n, n])
       p%space_stiffness = reshape(next(n*n), [n, n])
+    end if
+    if (at < size(vector)) then
+      p%gyroscopic = reshape(next(n*n), [n, n])
+      p%circulatory = reshape(next(n*n), [n, n])
+      p%centrifugal = reshape(next(n*n), [n, n])
     end if
     call check_finite('memory_scale', vector(5:5), status)
     if (status%failed()) return

@@ -8,7 +8,7 @@ module viscovib_task
   use viscovib_kinds, only: i8, wp
   use viscovib_named_values, only: complex_value, integer_value, named_values, real_value, &
     text_value
-  use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator, only: oscillator_type, speed_needed
   use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
@@ -374,8 +374,10 @@ contains
   end subroutine check_extents
 
   !> The oscillator of the task; fails if there is none.
-  function system(self) result(it)
+  !> The oscillator. Fails if it depends on the speed, unless the task takes such systems.
+  function system(self, with_speed) result(it)
     class(task_type), intent(inout), target :: self
+    logical, intent(in), optional :: with_speed
     class(oscillator_type), pointer :: it
     type(task_link) :: holder
     nullify (it)
@@ -388,6 +390,10 @@ contains
     type is (built_system)
       it => own%it
     end select
+    if (present(with_speed) .or. .not. associated(it)) return
+    if (it%depends_on_speed() .and. .not. self%failed()) then
+      call fail(self%status, status_input_error, 'speed', speed_needed)
+    end if
   end function system
 
   function pendulum(self) result(it)

@@ -47,8 +47,8 @@ module viscovib_harmonic_balance
     !! n_memory).
     complex(wp), allocatable :: stiffness(:, :, :)
     complex(wp), allocatable, private :: fraction(:, :)
-    !> Frequencies of the orders (rad/s), shape (n_orders).
-    real(wp), allocatable, private :: mu(:)
+    !> Frequencies of the orders and their speeds, the frequency nu (rad/s), shape (n_orders).
+    real(wp), allocatable, private :: mu(:), speeds(:)
     !> The load, and the derivative of its forces by the frequency, shape (n_orders, n_dof).
     complex(wp), allocatable, private :: load(:, :), load_slope(:, :)
     !> True if the load depends on the frequency.
@@ -121,7 +121,7 @@ contains
     balance%n_memory = m
     balance%n = 2*k*d
     allocate (balance%stiffness(d, d, k), balance%fraction(k, m), balance%load(k, d), &
-              balance%mu(k))
+              balance%mu(k), balance%speeds(k))
     allocate (balance%u(s, seen), balance%w(s, m), balance%f(s, d), balance%slopes(s, m, seen), &
               balance%by_u(s, d, d), balance%by_v(s, d, m), balance%bent(2*k, m), &
               balance%kept(2*k), balance%f_parts(2*k), balance%block(2*k, 2*k), &
@@ -148,7 +148,8 @@ contains
     self%nu = nu
     self%mu(:) = self%set%orders*nu
     call system%retained(self%mu, self%fraction)
-    call system%dynamic_stiffness(self%mu, self%fraction, self%stiffness)
+    self%speeds(:) = nu
+    call system%dynamic_stiffness(self%mu, self%speeds, self%fraction, self%stiffness)
     self%load = (0.0_wp, 0.0_wp)
     ! The load of a condensed system is in the system.
     self%load_varies = .not. system%condensed .and. load%varies()

@@ -41,7 +41,7 @@ contains
     singular = .false.
     do k = 1, size(orders)
       call system%retained(orders(k)*nu, fraction(:, :, k))
-      call system%dynamic_stiffness(orders(k)*nu, fraction(:, :, k), stiffness)
+      call system%dynamic_stiffness(orders(k)*nu, nu, fraction(:, :, k), stiffness)
       if (present(by_rate)) call add_rates(system, by_rate, orders(k)*nu, fraction(:, :, k), &
                                            stiffness)
       do i = 1, size(nu)

@@ -180,7 +180,7 @@ contains
     integer :: k
 
     call system%retained(orders*nu, fraction)
-    call system%dynamic_stiffness(orders*nu, fraction, stiffness)
+    call system%dynamic_stiffness(orders*nu, spread(nu, 1, size(orders)), fraction, stiffness)
     do k = 1, size(orders)
       force(k, :) = matmul(stiffness(:, :, k), x(k, :))
     end do

@@ -137,7 +137,7 @@ contains
     end if
   end subroutine new_stability_checker
 
-  subroutine check(self, system, nu, x, stability, cancel, near)
+  recursive subroutine check(self, system, nu, x, stability, cancel, near)
     class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     !> Frequencies (rad/s), shape (n).
@@ -152,6 +152,10 @@ contains
     complex(wp), intent(in), optional :: near(:)
     logical :: jumps(size(nu))
 
+    if (system%depends_on_speed()) then
+      call check_at_speeds(self, system, nu, x, stability, cancel, near)
+      return
+    end if
     allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
     allocate (stability%slowest(size(nu)), source=self%complete)
     allocate (stability%exponents(self%n_slots, size(nu)), &
@@ -172,6 +176,51 @@ contains
     where (stability%n_growing >= 0) stability%stable = merge(1, 0, stability%n_growing == 0)
   end subroutine check
 
+  !> Each solution for the system at its speed, the frequency.
+  recursive subroutine check_at_speeds(checker, system, nu, x, stability, cancel, near)
+    type(stability_checker), intent(inout) :: checker
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    type(stability_type), intent(out) :: stability
+    integer, intent(inout), optional :: cancel
+    complex(wp), intent(in), optional :: near(:)
+    type(stability_type) :: one
+    class(oscillator_type), allocatable :: turned
+    complex(wp) :: nearby(checker%n_slots)
+    integer :: i
+
+    allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
+    allocate (stability%slowest(size(nu)), source=.false.)
+    allocate (stability%exponents(checker%n_slots, size(nu)), &
+              stability%multipliers(checker%n_slots, size(nu)), source=not_a_number())
+    nearby = not_a_number()
+    if (present(near)) nearby = near
+    do i = 1, size(nu)
+      if (given_up(cancel)) return
+      call turn(checker, system, nu(i), turned)
+      call checker%check(turned, nu(i:i), x(:, :, i:i), one, cancel, nearby)
+      stability%stable(i) = one%stable(1)
+      stability%n_growing(i) = one%n_growing(1)
+      stability%slowest(i) = one%slowest(1)
+      stability%exponents(:, i) = one%exponents(:, 1)
+      stability%multipliers(:, i) = one%multipliers(:, 1)
+      nearby = one%exponents(:, 1)
+    end do
+  end subroutine check_at_speeds
+
+  !> The system at a speed (rad/s), and its checker.
+  subroutine turn(checker, system, speed, turned)
+    type(stability_checker), intent(inout) :: checker
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: speed
+    class(oscillator_type), allocatable, intent(out) :: turned
+    type(harmonic_set_type) :: set
+    set = checker%set
+    allocate (turned, source=system)
+    call turned%set_speed(speed)
+    call new_stability_checker(checker, turned, set)
+  end subroutine turn
+
   !> Motions on whose way a law jumps.
   subroutine find_jumping(self, system, nu, x, jumps)
     class(stability_checker), intent(in) :: self
@@ -191,14 +240,20 @@ contains
   end subroutine find_jumping
 
   !> One exponent (1/s) near that of a neighbour.
-  subroutine follow(self, system, nu, x, near, exponent, made)
+  recursive subroutine follow(self, system, nu, x, near, exponent, made)
     class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
     complex(wp), intent(in) :: near
     complex(wp), intent(out) :: exponent
     logical, intent(out) :: made
+    class(oscillator_type), allocatable :: turned
 
+    if (system%depends_on_speed()) then
+      call turn(self, system, nu, turned)
+      call self%follow(turned, nu, x, near, exponent, made)
+      return
+    end if
     if (allocated(self%condensed)) then
       made = .false.
       select type (system)
@@ -217,7 +272,7 @@ contains
 
   !> True if it is certain, by a count alone, that as many perturbations of a solution grow as of
   !! its neighbour, and an odd or even number of them with its period: exponents are not sought.
-  logical function grows_alike(self, system, nu, x, near, n_growing, n_above_one)
+  recursive logical function grows_alike(self, system, nu, x, near, n_growing, n_above_one)
     class(stability_checker), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
@@ -225,9 +280,15 @@ contains
     complex(wp), intent(in) :: near(:)
     !> Of the neighbour: those that grow, and those of them with a real multiplier above 1.
     integer, intent(in) :: n_growing, n_above_one
+    class(oscillator_type), allocatable :: turned
     type(hill_path_type) :: path
     integer :: counted
 
+    if (system%depends_on_speed()) then
+      call turn(self, system, nu, turned)
+      grows_alike = self%grows_alike(turned, nu, x, near, n_growing, n_above_one)
+      return
+    end if
     grows_alike = .false.
     if (self%kinked .or. self%jumps) return
     if (allocated(self%condensed)) then

@@ -14,7 +14,9 @@ module viscovib_system_groups
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
+  use viscovib_oscillator, only: speed_needed
   use viscovib_polynomial_text, only: expand, terms_type
+  use viscovib_scene_groups, only: find_result
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_subject, only: name_length
   implicit none
@@ -77,9 +79,43 @@ contains
     call reader%start(file%path, file%groups(at))
     call new_polynomial(system, p, kernels, built)
     call reader%place(built)
+    if (system%depends_on_speed()) call fix_speed(file, reader, system)
     status = reader%status
-
   end subroutine read_system
+
+  !> Fix the matrices at the speed: that of the system, or the one frequency of the load. Over
+  !! several frequencies they stay as they are.
+  subroutine fix_speed(file, reader, system)
+    type(namelist_type), intent(in) :: file
+    !> At the group of the system.
+    type(group_reader), intent(inout) :: reader
+    type(polynomial_type), intent(inout) :: system
+    type(group_reader) :: result
+
+    associate (group => file%groups(find_result(file)))
+      if (any(abs(system%gyroscopic) > 0.0_wp)) then
+        if (group%name == 'modes') then
+          call reader%complain('gyroscopic', 'gyroscopic: undamped modes omit it; use campbell ' &
+                               //'or characteristic_roots')
+        else if (group%name == 'backbone') then
+          call reader%complain('gyroscopic', 'gyroscopic: must be 0 for a backbone, which omits ' &
+                               //'damping and gyroscopic terms')
+        end if
+        if (reader%status%failed()) return
+      end if
+      if (reader%has('speed')) then
+        call system%set_speed(reader%read_real('speed'))
+        return
+      end if
+      call result%start(file%path, group)
+      if (group%name == 'response' .or. (group%name == 'branch' .and. result%has('nu_from'))) return
+      if (.not. result%has('nu')) then
+        call reader%complain('speed', speed_needed)
+        return
+      end if
+      call system%set_speed(result%read_real('nu'))
+    end associate
+  end subroutine fix_speed
 
   !> The &system group.
   subroutine read_body(reader, p, n_springs, coordinates, units, n_kernels)
@@ -88,6 +124,7 @@ contains
     !> &spring groups to come.
     integer, intent(in) :: n_springs, n_kernels
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
+    real(wp) :: speed
     integer :: n
 
     call read_coordinates(reader, max_coordinates, coordinates)
@@ -106,6 +143,18 @@ contains
     p%damping = read_matrix(reader, 'damping', n, .false.)
     p%spring_kernel(1) = read_kernel_place(reader, n_kernels)
     p%base_direction = reader%read_reals('base_direction', n)
+    if (reader%may_have('speed')) speed = reader%read_real('speed')
+    if (.not. any([reader%may_have('gyroscopic'), reader%may_have('circulatory'), &
+                   reader%may_have('centrifugal')])) then
+      if (reader%has('speed')) then
+        call reader%complain('speed', 'speed: has no effect without gyroscopic, circulatory or ' &
+                             //'centrifugal')
+      end if
+      return
+    end if
+    p%gyroscopic = read_matrix(reader, 'gyroscopic', n, .false.)
+    p%circulatory = read_matrix(reader, 'circulatory', n, .false.)
+    p%centrifugal = read_matrix(reader, 'centrifugal', n, .false.)
   end subroutine read_body
 
   !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one

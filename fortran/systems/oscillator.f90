@@ -18,6 +18,11 @@ module viscovib_oscillator
   ! Also exported for modules that fill `kernels`.
   public :: oscillator_type, kernel_holder
 
+  !> Error of an analysis without a speed.
+  character(len=*), parameter, public :: speed_needed = &
+    'speed: must be given to the system, whose matrices depend on it; no frequency nu of a load ' &
+    //'is the speed here'
+
   type, abstract :: oscillator_type
     !> M and C, shape (n_dof, n_dof).
     real(wp), allocatable :: mass(:, :), damping(:, :)
@@ -44,6 +49,9 @@ module viscovib_oscillator
     !> Forces due to the absolute rates and displacements of a moving base (relative to inertial
     !! space), shape (n_dof, n_dof); not allocated: none.
     real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
+    !> Damping and stiffness in proportion to the speed, and stiffness in proportion to its square,
+    !! shape (n_dof, n_dof); all or none are allocated. The speed is the frequency of the load.
+    real(wp), allocatable :: gyroscopic(:, :), circulatory(:, :), centrifugal(:, :)
     !> True if F also depends on rates and loads: `moving_remainder` and `moving_slopes` then apply.
     logical :: moving = .false.
     !> True if other coordinates were eliminated: the load then also depends on the frequency, and
@@ -65,6 +73,8 @@ module viscovib_oscillator
     procedure :: n_memory
     procedure :: n_rates
     procedure :: is_linear
+    procedure :: depends_on_speed
+    procedure :: set_speed
     procedure :: drop_zero_kernels
     procedure :: coupling
     procedure :: linear_coupling
@@ -130,6 +140,33 @@ contains
     real(wp), intent(in) :: factor
     self%mass = factor*self%mass
   end subroutine weigh
+
+  !> True if damping or stiffness depend on the speed.
+  pure logical function depends_on_speed(self)
+    class(oscillator_type), intent(in) :: self
+    depends_on_speed = allocated(self%gyroscopic)
+  end function depends_on_speed
+
+  !> Fix the speed: the matrices become constant.
+  subroutine set_speed(self, speed)
+    class(oscillator_type), intent(inout) :: self
+    !> rad/s.
+    real(wp), intent(in) :: speed
+    integer :: a, j
+
+    if (.not. self%depends_on_speed()) return
+    self%damping = self%damping + speed*self%gyroscopic
+    ! Each row of the stiffness has a variable without memory.
+    do a = 1, self%n_dof()
+      do j = 1, self%n_memory()
+        if (self%kernel_of(j) > 0 .or. .not. abs(self%spread(a, j)) > 0.0_wp) cycle
+        self%gather(j, :) = self%gather(j, :) + speed*self%circulatory(a, :) &
+                            + speed**2*self%centrifugal(a, :)
+        exit
+      end do
+    end do
+    deallocate (self%gyroscopic, self%circulatory, self%centrifugal)
+  end subroutine set_speed
 
   !> Variables with a zero kernel have no memory.
   subroutine drop_zero_kernels(self)
@@ -246,6 +283,10 @@ contains
     integer :: j, b
 
     coupled = abs(self%mass) > 0.0_wp .or. abs(self%damping) > 0.0_wp
+    if (self%depends_on_speed()) then
+      coupled = coupled .or. abs(self%gyroscopic) > 0.0_wp .or. abs(self%circulatory) > 0.0_wp &
+                .or. abs(self%centrifugal) > 0.0_wp
+    end if
     do j = 1, self%n_memory()
       do b = 1, self%n_dof()
         if (abs(self%gather(j, b)) > 0.0_wp) then
@@ -315,11 +356,11 @@ contains
   end subroutine retained_slope
 
   !> D(mu) = sum_j B(:,j) W(j,:) (1 - Rhat_j(mu)) + i mu C - mu^2 M for
-  !! u = Im(X exp(i mu t)).
-  pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
+  !! u = Im(X exp(i mu t)), with the matrices at the speed.
+  pure subroutine dynamic_stiffness(self, mu, speed, fraction, stiffness)
     class(oscillator_type), intent(in) :: self
-    !> Circular frequencies (rad/s), shape (n).
-    real(wp), intent(in), contiguous :: mu(:)
+    !> Circular frequencies and speeds (rad/s), shape (n).
+    real(wp), intent(in), contiguous :: mu(:), speed(:)
     !> From `retained`, shape (n, n_memory).
     complex(wp), intent(in), contiguous :: fraction(:, :)
     !> D, shape (n_dof, n_dof, n).
@@ -354,6 +395,12 @@ contains
           end do
         end do
       end do
+    end do
+    if (.not. self%depends_on_speed()) return
+    do k = 1, size(mu)
+      stiffness(:, :, k) = stiffness(:, :, k) &
+                           + cmplx(speed(k)*(self%circulatory + speed(k)*self%centrifugal), &
+                                   mu(k)*speed(k)*self%gyroscopic, wp)
     end do
   end subroutine dynamic_stiffness
 
@@ -394,7 +441,8 @@ contains
     end if
   end function moved_by
 
-  !> Add d(D y - s P)/dnu for each order, without memory: k (i C - 2 k nu M) Y_k - s dP_k/dnu.
+  !> Add d(D y - s P)/dnu for each order, without memory: k (i C - 2 k nu M) Y_k - s dP_k/dnu, and
+  !! the derivatives of matrices that depend on the speed nu.
   pure subroutine add_frequency_slope(self, orders, nu, y, load_orders, force, base, factor, total)
     class(oscillator_type), intent(in) :: self
     integer, intent(in) :: orders(:)
@@ -417,6 +465,12 @@ contains
         end do
       end do
     end do
+    if (self%depends_on_speed()) then
+      do k = 1, size(orders)
+        total(k, :) = total(k, :) + matmul(cmplx(self%circulatory + 2.0_wp*nu*self%centrifugal, &
+                                                 2.0_wp*orders(k)*nu*self%gyroscopic, wp), y(k, :))
+      end do
+    end if
     associate (not_needed => size(force))
     end associate
     do j = 1, size(load_orders)

@@ -69,7 +69,7 @@ contains
     loss = huge(loss)
     do r = 1, size(omega)
       call system%retained(omega(r:r), fraction)
-      call system%dynamic_stiffness(omega(r:r), fraction, dynamic)
+      call system%dynamic_stiffness(omega(r:r), omega(r:r), fraction, dynamic)
       loss = min(loss, dot_product(shapes(:, r), matmul(aimag(dynamic(:, :, 1)), shapes(:, r))) &
                  /(omega(r)**2*dot_product(shapes(:, r), matmul(system%mass, shapes(:, r)))))
     end do

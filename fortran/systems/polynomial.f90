@@ -39,10 +39,14 @@ module viscovib_polynomial
     !> Parts of C, and additional forces, that refer to inertial space and not to a moving base,
     !! shapes (n_dof, n_dof); not allocated: none.
     real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
+    !> Damping and stiffness in proportion to the speed, and stiffness in proportion to its square,
+    !! shape (n_dof, n_dof); the first is skew. All or none are allocated.
+    real(wp), allocatable :: gyroscopic(:, :), circulatory(:, :), centrifugal(:, :)
     !> Nonpolynomial forces; not allocated: none.
     type(law_term), allocatable :: laws(:)
   contains
     procedure :: resize_monomials
+    procedure :: depends_on_speed
   end type polynomial_parameters
 
   !> c prod u_dof^power, dof and power of its factors.
@@ -84,6 +88,11 @@ contains
     if (allocated(parameters%space_damping)) then
       system%space_damping = parameters%space_damping
       system%space_stiffness = parameters%space_stiffness
+    end if
+    if (parameters%depends_on_speed()) then
+      system%gyroscopic = parameters%gyroscopic
+      system%circulatory = parameters%circulatory
+      system%centrifugal = parameters%centrifugal
     end if
     call copy_kernels(kernels, system%kernels)
     allocate (system%monomials(count(abs(parameters%coefficient) > 0.0_wp)))
@@ -130,6 +139,15 @@ contains
     call move_alloc(powers, self%powers)
   end subroutine resize_monomials
 
+  !> True if a matrix that depends on the speed is not 0.
+  pure logical function depends_on_speed(self)
+    class(polynomial_parameters), intent(in) :: self
+    depends_on_speed = .false.
+    if (.not. allocated(self%gyroscopic)) return
+    depends_on_speed = any(abs(self%gyroscopic) > 0.0_wp .or. abs(self%circulatory) > 0.0_wp &
+                           .or. abs(self%centrifugal) > 0.0_wp)
+  end function depends_on_speed
+
   subroutine check_parameters(p, n_kernels, status)
     type(polynomial_parameters), intent(in) :: p
     integer, intent(in) :: n_kernels
@@ -149,6 +167,8 @@ contains
     call check_finite('damping', reshape(p%damping, [size(p%damping)]), status)
     if (status%failed()) return
     call check_finite('stiffness', reshape(p%stiffness, [size(p%stiffness)]), status)
+    if (status%failed()) return
+    call check_speed_matrices(p, status)
     if (status%failed()) return
     call check_finite('base_direction', p%base_direction, status)
     if (status%failed()) return
@@ -181,6 +201,29 @@ contains
                 //show(n_kernels))
     end if
   end subroutine check_parameters
+
+  subroutine check_speed_matrices(p, status)
+    type(polynomial_parameters), intent(in) :: p
+    type(status_type), intent(inout) :: status
+    real(wp) :: a(size(p%mass, 1), size(p%mass, 1))
+    integer :: at(2)
+
+    if (.not. allocated(p%gyroscopic)) return
+    call check_finite('gyroscopic', reshape(p%gyroscopic, [size(a)]), status)
+    if (status%failed()) return
+    call check_finite('circulatory', reshape(p%circulatory, [size(a)]), status)
+    if (status%failed()) return
+    call check_finite('centrifugal', reshape(p%centrifugal, [size(a)]), status)
+    if (status%failed()) return
+    a = abs(p%gyroscopic + transpose(p%gyroscopic))
+    if (.not. any(a > 1.0e-12_wp*maxval(abs(p%gyroscopic)))) return
+    at = maxloc(a)
+    associate (i => minval(at), j => maxval(at))
+      call fail(status, status_input_error, 'gyroscopic', 'gyroscopic: must be skew, has ' &
+                //show(p%gyroscopic(i, j))//' in row '//show(i)//', column '//show(j)//' and ' &
+                //show(p%gyroscopic(j, i))//' in row '//show(j)//', column '//show(i))
+    end associate
+  end subroutine check_speed_matrices
 
   !> Check that the mass is symmetric, with positive Cholesky pivots.
   subroutine check_mass(mass, status)
@@ -237,9 +280,12 @@ contains
     real(wp) :: stiffness(size(p%mass, 1), size(p%mass, 1))
     integer :: kernel_of((n_kernels + 1)*size(p%mass, 1)), equation((n_kernels + 1)*size(p%mass, 1))
     real(wp) :: rows((n_kernels + 1)*size(p%mass, 1), size(p%mass, 1))
-    logical :: bent((n_kernels + 1)*size(p%mass, 1))
+    logical :: bent((n_kernels + 1)*size(p%mass, 1)), turning(size(p%mass, 1))
     integer :: a, i, j, k, m
 
+    turning = .false.
+    if (p%depends_on_speed()) turning = any(abs(p%circulatory) > 0.0_wp &
+                                            .or. abs(p%centrifugal) > 0.0_wp, 2)
     m = 0
     do k = 0, n_kernels
       stiffness = 0.0_wp
@@ -265,6 +311,7 @@ contains
           bent(m) = bent(m) .or. any(system%laws(i)%equations == a)
           where (system%laws(i)%equations == a) system%laws(i)%variables = m
         end do
+        if (k == 0 .and. turning(a)) cycle
         if (.not. bent(m) .and. .not. any(abs(rows(m, :)) > 0.0_wp)) m = m - 1
       end do
     end do

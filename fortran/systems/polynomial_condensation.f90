@@ -39,7 +39,7 @@ contains
     n = size(system%mass, 1)
     q = count(touched(system))
     condenses = n >= smallest .and. q > 0 .and. 2*q <= n &
-                .and. .not. allocated(system%space_damping)
+                .and. .not. (allocated(system%space_damping) .or. system%depends_on_speed())
     if (.not. (condenses .and. stability) .or. any(system%kernel_of > 0)) return
     condenses = n >= max(smallest_checked, checked_each*q + 2)
   end function condenses

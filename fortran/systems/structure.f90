@@ -81,14 +81,17 @@ contains
   end subroutine modal_forces
 
   !> H(i mu)^-1, plus the hereditary parts sum_j B(:,j) W(j,:) (f_j - 1).
-  pure subroutine dynamic_stiffness(self, mu, fraction, stiffness)
+  pure subroutine dynamic_stiffness(self, mu, speed, fraction, stiffness)
     class(structure_type), intent(in) :: self
-    real(wp), intent(in), contiguous :: mu(:)
+    !> A structure does not depend on the speed.
+    real(wp), intent(in), contiguous :: mu(:), speed(:)
     complex(wp), intent(in), contiguous :: fraction(:, :)
     complex(wp), intent(out), contiguous :: stiffness(:, :, :)
     complex(wp) :: h(size(stiffness, 1), size(stiffness, 1), size(mu))
     integer :: b, j, k
 
+    associate (not_needed => size(speed))
+    end associate
     call self%rest%on_axis(mu, h)
     do k = 1, size(mu)
       if (abs(mu(k)) > 0.0_wp) then

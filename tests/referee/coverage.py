@@ -9,7 +9,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FAMILIES = (
-    "kernels", "rubber", "fits", "systems", "bodies", "piston_engines", "laws", "hysteresis", "linear", "roots", "responses",
+    "kernels", "rubber", "fits", "systems", "bodies", "piston_engines", "laws", "hysteresis", "linear", "roots", "rotors", "responses",
     "peaks", "branches", "crossings",
     "stability", "backbones", "steady", "repeating", "motions", "switched", "singular", "element_motions", "events", "ensembles", "spectra", "shocks", "scales",
     "scenes",

@@ -288,6 +288,11 @@ def oscillator_backbone(
     refuse_turning(system, "the backbone")
     if np.any(getattr(system, "spin", 0.0)):
         raise InputError("spin: must be 0 for a backbone, which omits damping and gyroscopic terms")
+    if np.any(getattr(system, "gyroscopic", None)):
+        raise InputError(
+            "gyroscopic: must be 0 for a backbone, which omits damping and gyroscopic terms"
+        )
+    system = system._turned()
     names = system.dof_names
     j = _native.integer("mode", mode, 0, len(names) - 1)
     place = 0 if dof is None else names.index(_native.choice("dof", dof, names)) + 1

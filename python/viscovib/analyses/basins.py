@@ -21,7 +21,7 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
-from viscovib.systems.system import System
+from viscovib.systems.system import System, turned
 from viscovib.systems.whole import whole_system
 
 if TYPE_CHECKING:
@@ -197,6 +197,7 @@ def basins(
             f"system: has {len(system.dof_names)} coordinates, must have at most "
             f"{_MOST_COORDINATES}"
         )
+    system = turned(system, nu)
     names, x, y, states = _grid(system, starts, others)
     near = _native.number("tolerance", tolerance)
     if not 0 < near < 1:

@@ -34,6 +34,7 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.system import turned
 
 #: Motions computed together: in a block of vector lanes, and by Taylor's method.
 _LANES, _WIDE = 8, 32
@@ -176,6 +177,7 @@ def simulate_ensemble(
     ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
     ... )
     """
+    system = turned(system, None if "nu" in (parameters or ()) else nu)
     surface = None
     if isinstance(sections, (str, Event)):
         surface, sections = (Event(sections) if isinstance(sections, str) else sections), None

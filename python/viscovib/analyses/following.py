@@ -48,6 +48,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import advice_on_sticking
 from viscovib.systems.stiffness_ratio import advice_on_springs
 from viscovib.systems.structure import Structure
+from viscovib.systems.system import turned
 from viscovib.systems.varying import Varied, varied
 from viscovib.systems.varying_structure import varied_structure
 
@@ -180,6 +181,8 @@ def trace_mount(
     """`trace_response` of a mount, a polynomial system or a structure."""
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
     check_steady(system, base)
+    if nu is not None:
+        system = turned(system, nu)
     way = _Way.checked(system, ranges, nu, vary, load, base)
     system = way.system
     stops = checked_stops(at, way.varies, way.start, way.finish)

@@ -24,6 +24,7 @@ from viscovib.results.steady_motion import SteadyMotion
 from viscovib.systems.load import LoadLike
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.system import turned
 
 #: Outcomes of a branch and kinds of events, by their numbers in the core.
 _OUTCOMES = ("completed", "stuck", "points", "stopped", "without start", "singular")
@@ -99,6 +100,8 @@ def trace_motion(
     >>> vv.trace_motion(duffing, (0.5, 2.0), load=0.3).folds.size
     2
     """
+    if nu is not None:
+        system = turned(system, nu)
     check_mapped(system)
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
     if vary is not None and isinstance(system, Structure):

@@ -111,6 +111,7 @@ def _oscillator(system: Oscillator, load: npt.ArrayLike | None, nu: float | None
     frequency = _native.number("nu", 1.0 if nu is None else nu)
     if frequency <= 0:
         raise InputError(f"nu = {frequency:g}: must be greater than 0")
+    system = system._turned(nu)
     return _native.Handle("scales form", system._handle, load=forces, nu=frequency)
 
 

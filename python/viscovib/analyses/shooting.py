@@ -20,6 +20,7 @@ from viscovib.results.steady_motion import SteadyMotion
 from viscovib.systems.load import LoadLike
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
+from viscovib.systems.system import turned
 
 MOST_PERIODS = 64
 #: Outcomes of a search, by their number in the core.
@@ -97,6 +98,7 @@ def steady_motion(
     >>> motion.stable, bool(np.abs(motion.multipliers[-1]) < 1e-9)  # it sticks on the way
     (True, True)
     """
+    system = turned(system, nu)
     periods = _native.integer("n_periods", n_periods, 1, MOST_PERIODS)
     wanted = Accuracy.checked(tolerance, rtol, atol, 1e-10)
     assert wanted is not None

@@ -230,7 +230,7 @@ def simulate(
         )
     if coordinates is not None and not isinstance(system, Structure):
         raise InputError("coordinates: is for a Structure; of other systems all are kept")
-    end = _native.number("t_end", t_end)
+    system, end = system._turned(_speed(nu, resume)), _native.number("t_end", t_end)
     _native.flag("progress", progress)
     want = Wanted.checked(times, save_every, keep, tail)
     auto = _native.is_auto(dt)
@@ -307,6 +307,11 @@ def _on_moving_base(
     if isinstance(system, Pendulum):
         raise InputError("base_acceleration: is for a Mount; a Pendulum has its loads in itself")
     return relative_loads(system, acceleration, at_frequency(load, nu), nu, force)
+
+
+def _speed(nu: float | None, resume: Trajectory | None) -> float | None:
+    """Return the speed of a rotor: nu, or its speed in the run that is resumed."""
+    return nu if resume is None or nu is not None else getattr(resume.system, "speed", None)
 
 
 def _heard(run: Trajectory, floor: BaseMotion | None) -> Trajectory:

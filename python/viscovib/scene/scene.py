@@ -46,7 +46,7 @@ from viscovib.systems.frequency_formulas import ONE, KnownTerms
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
-from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.polynomial_system import OF_SPEED, PolynomialSystem
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
 
@@ -190,6 +190,7 @@ class Scene:
                 on=group["on"],
             )
             springs.append(Springs(forces=[monomial], kernel=kernels[group["kernel"]]))
+        turning = {name: _matrix(given[name], len(names)) for name in OF_SPEED if name in given}
         return PolynomialSystem(
             mass=_matrix(given["mass"], len(names)),
             damping=_matrix(given["damping"], len(names)),
@@ -198,6 +199,10 @@ class Scene:
             units=texts(given["units"]),
             base_direction=direction if direction.any() else None,
             parameters=self._parameters or None,
+            gyroscopic=turning.get("gyroscopic"),
+            circulatory=turning.get("circulatory"),
+            centrifugal=turning.get("centrifugal"),
+            speed=given.get("speed"),
         )
 
     def structure(self) -> Structure:

@@ -40,10 +40,12 @@ from viscovib.systems.spring_groups import (
     texts_of,
 )
 from viscovib.systems.stiffness_ratio import warn_of_lost_springs
-from viscovib.systems.system import System
+from viscovib.systems.system import SPEED_NEEDED, System
 
 #: Bounds of coordinates: in dense matrices; with forces or memory in more than half of them.
 _MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
+#: Matrices that depend on the speed.
+OF_SPEED = ("gyroscopic", "circulatory", "centrifugal")
 #: Kernel kind in x that marks a vector that contains all kernels for the core.
 _KERNELS_IN_VECTOR = -2
 
@@ -89,6 +91,16 @@ class PolynomialSystem(System):
     parameters : mapping of str to float, optional
         Numbers in the forces, also those of ``springs``; each may vary along a branch
         (``vary="k3"``).
+    gyroscopic : array_like, shape (n, n), optional
+        G, skew: the damping of a rotor at the speed Omega is C + Omega G. Up to 64 coordinates.
+    circulatory, centrifugal : array_like, optional
+        K1 and K2, in the forms of the stiffness: the stiffness at the speed Omega is K + Omega K1 +
+        Omega^2 K2, without memory in the last two terms. K1 comes from the damping of rotating
+        parts (internal damping), K2 from centrifugal forces.
+    speed : float, optional
+        Speed Omega (rad/s) of the three matrices. None: the frequency nu of the load; an analysis
+        without a load frequency then refuses the system. For a speed of r nu, multiply G and K1 by
+        r and K2 by r^2.
 
     Warns
     -----
@@ -121,6 +133,10 @@ class PolynomialSystem(System):
     units: Sequence[str] | None = None
     base_direction: npt.ArrayLike | None = None
     parameters: Mapping[str, float] | None = None
+    gyroscopic: npt.ArrayLike | None = None
+    circulatory: npt.ArrayLike | None = None
+    centrifugal: npt.ArrayLike | None = None
+    speed: float | None = None
 
     time_unit: ClassVar[str] = "s"
     dof_names: tuple[str, ...] = field(init=False, repr=False)
@@ -169,6 +185,7 @@ class PolynomialSystem(System):
                 raise InputError(f"base_direction: must have shape ({n},), got {direction.shape}")
             direction.setflags(write=False)
             self._set("base_direction", direction)
+        self._read_speed()
         if n <= _MAX_WHOLE:
             handle = _native.polynomial_object(self._vector)
             if n > 1:
@@ -176,6 +193,53 @@ class PolynomialSystem(System):
         else:
             self._check_large()
         warn_of_creep([kernel.integral for kernel in self._active_kernels])
+
+    def _read_speed(self) -> None:
+        """Check the matrices that depend on the speed; with a speed they become constant."""
+        n = len(self.dof_names)
+        given = [name for name in OF_SPEED if getattr(self, name) is not None]
+        for name in given:
+            if n > _MAX_WHOLE:
+                raise InputError(f"{name}: {n} coordinates, must be 1 to {_MAX_WHOLE}")
+            self._set(name, square_matrix(name, getattr(self, name), n))
+        if self.speed is None:
+            return
+        if not given:
+            raise InputError("speed: has no effect without gyroscopic, circulatory or centrifugal")
+        speed = _native.number("speed", self.speed)
+        # The core checks the matrices.
+        self._set("speed", None)
+        _native.polynomial_object(self._numbers())
+        self._set("speed", speed)
+        del self.__dict__["_damping"]
+        with np.errstate(over="ignore", invalid="ignore"):
+            _, circulatory, centrifugal = self._speed_matrices
+            turning = speed * (circulatory + speed * centrifugal)
+        self._set("groups", (*self.groups, SpringGroup(turning, {}, None, given=turning)))
+
+    @property
+    def _speed_matrices(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The gyroscopic, circulatory and centrifugal matrix."""
+        given = (getattr(self, name) for name in OF_SPEED)
+        none = np.zeros_like(self._mass_matrix)
+        gyroscopic, circulatory, centrifugal = (none if one is None else one for one in given)
+        return gyroscopic, circulatory, centrifugal
+
+    @property
+    def _depends_on_speed(self) -> bool:
+        """True if the speed is the frequency of the load."""
+        return self.speed is None and any(one.any() for one in self._speed_matrices)
+
+    def at_speed(self, speed: float) -> PolynomialSystem:
+        """Return the system with constant matrices: those at a speed (rad/s)."""
+        return replace(self, speed=speed)
+
+    def _turned(self, nu: float | None = None) -> PolynomialSystem:
+        if not self._depends_on_speed:
+            return self
+        if nu is None:
+            raise InputError(SPEED_NEEDED)
+        return self.at_speed(nu)
 
     @property
     def _named_parameters(self) -> tuple[str, ...]:
@@ -230,6 +294,8 @@ class PolynomialSystem(System):
         """The system condensed to coordinates with forces or memory; None: these are too many."""
         from viscovib.systems.polynomial_laws import condensation_of
 
+        if self._depends_on_speed:
+            return None
         note = len(self.dof_names) <= _MAX_WHOLE
         return condensation_of(self._mass_matrix, self._damping, self.groups, quiet=note)
 
@@ -291,7 +357,10 @@ class PolynomialSystem(System):
         object.__setattr__(self, name, value)
 
     def natural_frequencies(self) -> FloatArray:
-        """Undamped natural circular frequencies at rest without memory (rad/s), ascending."""
+        """Undamped natural circular frequencies at rest without memory (rad/s), ascending.
+
+        For a rotor with a gyroscopic matrix see `campbell`.
+        """
         return self._modes[0].copy()
 
     def mode_shapes(self) -> FloatArray:
@@ -304,18 +373,22 @@ class PolynomialSystem(System):
         They are the decay and frequency of free motion. C_g is the linear part of the laws of a
         group with a kernel in the rates.
         """
-        return characteristic_roots(self._handle, len(self.dof_names))
+        return characteristic_roots(self._turned()._handle, len(self.dof_names))
 
     def dynamic_stiffness(self, nu: npt.ArrayLike) -> ComplexArray:
         """D(nu), shape nu.shape + (n, n), for u = Im(X exp(i nu t)).
 
         sum_g (K_g + i nu C_g) (1 - R_g(nu)) + i nu C - nu^2 M. C_g is the linear part of the laws
-        of a group with a kernel in the rates.
+        of a group with a kernel in the rates. Matrices that depend on the speed are those at nu, or
+        at ``speed``.
         """
         frequencies = check_dynamic_frequencies(nu, self._active_kernels)
         at = frequencies[..., np.newaxis, np.newaxis]
         with np.errstate(over="ignore", invalid="ignore"):
             total: Any = 1j * at * self._damping - at**2 * self._mass_matrix
+            if self._depends_on_speed:
+                gyroscopic, circulatory, centrifugal = self._speed_matrices
+                total = total + at * (1j * at * gyroscopic + circulatory + at * centrifugal)
         for group in self.groups:
             kept: Any = 1.0
             if group.kernel is not None:
@@ -391,12 +464,19 @@ class PolynomialSystem(System):
         for group in self.groups:
             if group.law_damping is not None:
                 total = total + group.law_damping
+        if self.speed is not None:
+            total = total + self.speed * self._speed_matrices[0]
         return total
 
     @cached_property
     def _modes(self) -> tuple[FloatArray, FloatArray]:
         from scipy.linalg import eig, eigh
 
+        if self.gyroscopic is not None and np.any(self.gyroscopic):
+            raise InputError(
+                "gyroscopic: undamped modes omit it; use campbell or characteristic_roots"
+            )
+        self._turned()
         stiffness = self._stiffness_at_rest
         if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
             mass = self._mass_matrix
@@ -423,6 +503,7 @@ class PolynomialSystem(System):
     @cached_property
     def _conservative(self) -> tuple[FloatArray, dict[tuple[int, tuple[int, ...]], float]]:
         """Stiffness and forces of all groups, if they have a potential."""
+        self._turned()
         if self._active_kernels:
             raise InputError("kernel: energy is not defined with memory")
         if any(group.laws for group in self.groups):
@@ -462,6 +543,9 @@ class PolynomialSystem(System):
 
     @cached_property
     def _vector(self) -> FloatArray:
+        return self._numbers()
+
+    def _numbers(self) -> FloatArray:
         n = len(self.dof_names)
         kernels = list(self._active_kernels)
         springs: list[Any] = []
@@ -482,10 +566,12 @@ class PolynomialSystem(System):
             self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
             direction, *springs, *monomials, *data,
         ]  # fmt: skip
-        if laws or self._space is not None:
+        turning = self._speed_matrices if self._depends_on_speed else ()
+        if laws or self._space is not None or turning:
             parts += [[len(laws)], *laws]
         if self._space is not None:
             parts += [matrix.ravel(order="F") for matrix in self._space]
+        parts += [matrix.ravel(order="F") for matrix in turning]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from viscovib._native import FloatArray
 
@@ -13,6 +13,14 @@ if TYPE_CHECKING:
 
 #: Parameters of the load of a system.
 OF_LOADS = ("nu", "load_scale")
+
+
+#: Error of an analysis without a speed, as in the core.
+SPEED_NEEDED = (
+    "speed: must be given to the system, whose matrices depend on it; no frequency nu of a load is "
+    "the speed here"
+)
+_Any = TypeVar("_Any")
 
 
 class System:
@@ -60,6 +68,21 @@ class System:
         """Parameters that may vary in an ensemble, without scales."""
         return ()
 
+    def _turned(self, nu: float | None = None) -> Any:
+        """See `turned`."""
+        return self
+
     def _with_parameters(self, numbers: Mapping[str, float]) -> Any:
         """Return the system with new values of these parameters."""
         raise NotImplementedError
+
+
+def turned(system: _Any, nu: float | None) -> _Any:
+    """Return the system with constant matrices: at the speed nu if they depend on it.
+
+    Raises InputError if a speed is needed and nu is None. Other values are returned as they are.
+    """
+    if not isinstance(system, System):
+        return system
+    found: _Any = system._turned(nu)
+    return found

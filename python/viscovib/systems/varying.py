@@ -127,9 +127,9 @@ def _of_polynomial(system: PolynomialSystem, name: object) -> Varied:
         )
     group = 0 if form[1] is None else int(form[1]) + 1
     what, kind = form[2], form[3] or ""
-    if group >= len(system.groups) or (group and what not in ("stiffness", "forces")):
+    if group > len(system.springs) or (group and what not in ("stiffness", "forces")):
         raise InputError(
-            f"vary = {name!r}: the system has {len(system.groups) - 1} springs, whose stiffness "
+            f"vary = {name!r}: the system has {len(system.springs)} springs, whose stiffness "
             "and forces may vary"
         )
     flat = system._flat
