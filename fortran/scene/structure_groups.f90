@@ -162,8 +162,8 @@ contains
       call reader%complain('mass', 'mass: of a structure with shapes must be positive definite')
     end if
     if (model%is_reduced) then
-      call reader%refuse(['base_direction', 'supports      '], 'belongs to a structure in all its coordinates, not ' &
-                         //'to one with shapes')
+      call reader%refuse(['base_direction', 'supports      '], 'belongs to a structure in all ' &
+                         //'its coordinates, not to one with shapes')
       allocate (model%base_direction(rows), source=0.0_wp)
     else if (size(held) == 0) then
       model%base_direction = reader%read_reals('base_direction', rows)
