@@ -212,6 +212,8 @@ def test_loads_on_a_body_by_speed_and_as_formulas():
             np.testing.assert_allclose(amplitude, np.abs(found[:, j, i]), rtol=1e-9)
     with pytest.raises(vv.InputError, match="must be 'cycle'"):
         engine.load(body)
+    with pytest.raises(vv.InputError, match="body"):
+        engine.load(foot, per="cycle")
     branch = vv.trace_response(body, (50.0, 70.0), load=engine.load(body, per="cycle"))
     on_branch = body.engine_orders(
         2 * branch.nu, engine.orders, engine.amplitudes(body, 2 * branch.nu)
@@ -227,7 +229,10 @@ def test_loads_on_a_body_by_speed_and_as_formulas():
     ("given", "says"),
     [
         ({"crank_radius": 0}, "crank_radius = 0: must be greater than 0"),
-        ({"rod_length": 0.04}, "rod_length = 0.04: must be greater than crank_radius"),
+        ({"rod_length": 0.04}, "rod_length = 0.04: must be at least 1.001 crank_radius"),
+        ({"crank_radius": 1e40}, "crank_radius = 1e.40: must be at most 1e.30"),
+        ({"rotating_mass": 1e40}, "rotating_mass: must be at most 1e.30"),
+        ({"crank_angles": []}, "crank_angles: must have a number of each cylinder"),
         ({"positions": 0.0}, r"positions: must have shape \(4,\)"),
         ({"bank_angles": (0, 1)}, r"bank_angles: must have shape \(4,\)"),
         ({"up": "x"}, "up: must not be parallel to axis"),

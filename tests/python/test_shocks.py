@@ -105,6 +105,8 @@ def test_shocks_on_one_coordinate_and_what_is_refused():
         vv.LoadTable.half_sine(1.0, 0)
     with pytest.raises(vv.InputError, match="amplitude: must be a number"):
         vv.LoadTable.half_sine([[1.0]], 1)
+    with pytest.raises(vv.InputError, match="the load is not finite"):
+        vv.HalfSine(amplitude=1.7e308, duration=0.1)
     for given, says in [
         ({"rise": 0.7, "fall": 0.5}, r"rise \+ fall = 1.2: must be at most the duration, 1"),
         ({"rise": -0.1}, "rise, fall = -0.1: must not be negative"),

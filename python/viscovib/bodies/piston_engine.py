@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: Samples of a revolution for the series of the slider-crank, whose terms fall geometrically.
 _SAMPLES = 4096
+#: Largest number, and least length of a rod relative to the crank.
+_LARGEST, _SHORTEST = 1e30, 1.001
 #: Highest order that may be requested.
 _MOST = 50
 #: Sums below this part of their largest term are zero.
@@ -151,10 +153,12 @@ class PistonEngine:
             value = _native.number(name, getattr(self, name))
             if not value > 0:
                 raise InputError(f"{name} = {value:g}: must be greater than 0")
-        if not self.rod_length > self.crank_radius:
+            if not 1 / _LARGEST <= value <= _LARGEST:
+                raise InputError(f"{name} = {value:g}: must be at most {_LARGEST:g}, or 1 over it")
+        if not self.rod_length >= _SHORTEST * self.crank_radius:
             raise InputError(
-                f"rod_length = {self.rod_length:g}: must be greater than crank_radius = "
-                f"{self.crank_radius:g}"
+                f"rod_length = {self.rod_length:g}: must be at least {_SHORTEST:g} crank_radius, "
+                f"{_SHORTEST * self.crank_radius:g}"
             )
         if _native.integer("strokes", self.strokes, 2, 4) == 3:
             raise InputError(f"strokes = {_native.shown(self.strokes)}: must be 4 or 2")
@@ -171,6 +175,8 @@ class PistonEngine:
     def _angles(self) -> FloatArray:
         """Angles of the throws and of the cylinders, and positions, shape (3, n)."""
         angles = _native.real_array("crank_angles", self.crank_angles, ndim=1)
+        if not angles.size:
+            raise InputError("crank_angles: must have a number of each cylinder, got none")
         return np.array([angles, self._each("bank_angles"), self._each("positions")])
 
     def _each(self, name: str) -> FloatArray:
@@ -179,6 +185,8 @@ class PistonEngine:
         n = np.size(self.crank_angles)
         if given.shape != (n,) and not (given.ndim == 0 and (n == 1 or name != "positions")):
             raise InputError(f"{name}: must have shape ({n},), as crank_angles, got {given.shape}")
+        if not (np.abs(given) <= _LARGEST).all():
+            raise InputError(f"{name}: must be at most {_LARGEST:g}")
         return np.asarray(np.broadcast_to(given, n))
 
     @cached_property
@@ -232,8 +240,8 @@ class PistonEngine:
             return {}
         angles, values = self._trace()
         bore = _native.number("bore", self.bore)
-        if not bore > 0:
-            raise InputError(f"bore = {bore:g}: must be greater than 0")
+        if not 0 < bore <= _LARGEST:
+            raise InputError(f"bore = {bore:g}: must be greater than 0 and at most {_LARGEST:g}")
         cycle = 2 * math.pi / step
         ends = np.union1d(np.linspace(0, cycle, _INTERVALS + 1), angles % cycle)
         points, weights = np.polynomial.legendre.leggauss(_POINTS)
@@ -260,6 +268,8 @@ class PistonEngine:
                 f"pressure: must be two arrays of the same size, at least 3, got {angles.shape} "
                 f"and {values.shape}"
             )
+        if not (np.abs(values) <= _LARGEST).all():
+            raise InputError(f"pressure: must be at most {_LARGEST:g}")
         cycle = math.pi * self.strokes
         if (np.diff(angles) <= 0).any() or angles[-1] - angles[0] > cycle * (1 + 1e-12):
             raise InputError(
@@ -278,12 +288,13 @@ class PistonEngine:
             return first
         if self.firing_order is None:
             raise InputError("firing_order: is needed with gas forces and four strokes")
-        order = [_native.integer("firing_order", one, 1, n) - 1 for one in self.firing_order]
-        if sorted(order) != list(range(n)):
+        order = _native.real_array("firing_order", self.firing_order, ndim=1) - 1
+        if sorted(order.tolist()) != list(range(n)):
             raise InputError(
                 f"firing_order = {_native.shown(self.firing_order)}: must contain each of 1 to {n}"
                 " once"
             )
+        order = order.astype(int)
         start, even = first[order[0]], np.arange(n) * (2 * turn / n)
         # Two dead centres of each cylinder, relative to even intervals.
         late = (first[order] - start) % turn + np.array([[0.0], [turn]])
@@ -357,6 +368,9 @@ class PistonEngine:
 
     def _on(self, body: Body) -> tuple[ComplexArray, ComplexArray]:
         """Loads on a body over nu^2, and independent of nu, each of shape (m, n_dof)."""
+        from viscovib.bodies.body import Body
+
+        _native.check_instance("body", body, Body)
         inertia = [
             body.load(force=one, torque=moment, at=self.at)
             for one, moment in zip(self.forces, self.moments, strict=True)

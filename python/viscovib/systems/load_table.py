@@ -241,7 +241,10 @@ class FormulaLoad(LoadTable):
             found = _native.run(
                 "motion shock", shape=self._shape, start=self._number("start"), **numbers
             )
-            own = own + np.multiply.outer(size, found["pieces"])
+            with np.errstate(over="ignore"):
+                own = own + np.multiply.outer(size, found["pieces"])
+        if not np.isfinite(own).all():
+            raise InputError("the load is not finite, must be smaller or longer")
         object.__setattr__(self, "times", found["times"])
         object.__setattr__(self, "values", np.moveaxis(own[..., -1, :], -1, 0).copy())
         own[..., -1] = 0.0
