@@ -195,6 +195,64 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
     assert memory == "direct" or seen == {"completed", "diverged"}
 
 
+@pytest.mark.parametrize(
+    ("method", "dt", "off"), [("rk4", 0.02, 1e-4), ("dop8", 0.1, 1e-6), ("verner9", 0.1, 1e-6)]
+)
+def test_nothing_is_reported_after_an_escape(method, dt, off):
+    """Steps pass the escape before one of them fails, from which small steps go back."""
+    rng = np.random.default_rng(41)
+    for _ in range(8):
+        power, soft = int(rng.choice([2, 3])), float(rng.uniform(0.3, 1))
+        system = vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.05, forces=f"-{soft!r}*x^{power}"
+        )
+
+        def rhs(t, y, power=power, soft=soft):
+            return [y[1], soft * y[0] ** power - 0.05 * y[1] - y[0]]
+
+        start = [rng.uniform(1.2, 2) * soft ** (-1 / (power - 1)), rng.uniform(-0.3, 0.3)]
+        bound = 1e9 if power == 3 else 1e18
+        whole_until_the_escape(system, rhs, np.array(start), dt, off, bound=bound, method=method)
+
+
+def test_nothing_is_reported_after_an_escape_with_memory():
+    rng = np.random.default_rng(42)
+    kernel = vv.PronyKernel(weights=[0.1, 0.2], rates=[0.7, 3.0])
+    for _ in range(6):
+        system, rhs, start = remembering(rng, kernel)
+        start[0] *= 1.5
+        whole_until_the_escape(system, rhs, start, 0.1, 1e-5)
+
+
+def whole_until_the_escape(system, rhs, start, dt, off, *, bound=1e9, **job):
+    """Check that events and requested states are there up to the escape, and none after it.
+
+    Of the step in which the motion escapes they may be missing.
+    """
+    t, _, event = reach(rhs, start, 5.0, [lambda t, y: abs(y[0]) - bound])
+    assert event == 0
+    times = np.arange(0.0, 5.0, 0.01)
+    early = times[times < t - max(0.3, dt)]
+    exact = solve_ivp(
+        rhs, (0, early[-1]), start, "DOP853", rtol=1e-11, atol=1e-12, t_eval=early
+    ).y[:2].T  # fmt: skip
+    zeros = (np.arange(100) + 0.5) * np.pi / 40
+    events = ["cos(40*t)", "x - 1e4"]
+    for more in ({"times": times}, {}):
+        run = vv.simulate(system, 5, initial=start[:2], events=events, dt=dt, **more, **job)
+        assert run.outcome == "diverged"
+        assert run.t_reached == pytest.approx(t, abs=off)
+        clock, level = (one.t for one in run.events)
+        for found, known in [(clock, zeros)] + ([(run.t, times)] if more else []):
+            np.testing.assert_allclose(found, known[: found.size], atol=1e-9)
+            lower, upper = (np.count_nonzero(known <= run.t_reached - part) for part in (dt, 0))
+            assert lower <= found.size <= upper
+        assert (level <= run.t_reached).all()
+        assert run.t[-1] <= run.t_reached
+        if more:
+            assert np.abs(run.state[: early.size] - exact).max() <= off * np.abs(exact).max()
+
+
 def test_an_escape_that_a_singular_kernel_remembers():
     """Divided steps need kernels fitted for them: the time does not depend on the step size."""
     rng = np.random.default_rng(32)
