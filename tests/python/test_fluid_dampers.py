@@ -44,7 +44,7 @@ def test_reference_from_rest(a, c):
     assert np.allclose(run.events[0].t, given["zeros_of_v"], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_random_chains_from_rest(seed):
     rng = np.random.default_rng(seed)
     n, a = int(rng.integers(1, 4)), float(rng.uniform(0.3, 2))
@@ -112,7 +112,7 @@ def test_many_floors(a):
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("a", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("a", [0.3, 0.7])
 def test_steady_motion_and_multipliers(a):
     damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
     system = vv.Structure(mass=[1.0], stiffness=[100.0], elements=[damper])

@@ -92,7 +92,7 @@ def test_multipliers_are_those_of_an_ordinary_system(load, geometry):
     assert branch.folds.size >= 4
     assert {True, False} == set(branch.stable)
     assert branch.slowest.all()
-    for i in range(5, branch.nu.size, branch.nu.size // 4):
+    for i in range(5, branch.nu.size, branch.nu.size // 2):
         all_of_them = multipliers(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
         found = known(branch.multipliers[i])
         assert branch.stable[i] == (np.abs(all_of_them).max() <= 1)

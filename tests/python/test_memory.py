@@ -61,7 +61,7 @@ LENGTHS = {
     "tail": (20_000, 200_000),
     "thinned": (20_000, 200_000),
     "ensemble": (5_000, 20_000),
-    "sweep on disk": (10, 40),
+    "sweep on disk": (5, 25),
     "ensembles in chunks": (20, 200),
 }
 #: Overhead of the allocator, far below the memory of stored states.

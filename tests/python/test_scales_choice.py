@@ -249,7 +249,7 @@ def test_backbones_with_internal_resonance_against_shooting():
                 lambda t, q: [
                     q[1], -q[0] - 2 * k * q[0] * q[2], q[3], -(w2**2) * q[2] - k * q[0] ** 2
                 ],
-                (0, 2 * np.pi / y[2]), [y[0], 0, y[1], 0], rtol=1e-10, atol=1e-13,
+                (0, 2 * np.pi / y[2]), [y[0], 0, y[1], 0], "DOP853", rtol=1e-10, atol=1e-13,
                 t_eval=np.arange(65) / 64 * 2 * np.pi / y[2],
             )  # fmt: skip
             first = 2 * np.mean(run.y[0, :64] * np.cos(np.arange(64) * 2 * np.pi / 64))

