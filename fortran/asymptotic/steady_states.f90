@@ -1,16 +1,19 @@
 !> All steady motions of a slow flow that is autonomous in its frame.
 !!
-!! The terms determine which modes are active. There are three cases, by the coupling of modes. One
+!! The terms determine which modes are active. There are four cases, by the coupling of modes. One
 !! mode with its own shift, sigma a + gamma |a|^2 a + g = 0, is a cubic equation for x = |a|^2.
-!! Several modes that only shift each other are equations of third degree for their squares. The
-!! general case is solved for amplitudes and conjugates as independent unknowns.
-!! `viscovib_homotopy` finds all solutions in the last two cases, with amplitudes in a natural unit.
+!! Several modes that only shift each other are equations of third degree for their squares. So are
+!! a driven mode and modes that it excites parametrically (`viscovib_parametric_modes`); with one
+!! such mode they are a polynomial in one unknown. The general case is solved for amplitudes and
+!! conjugates as independent unknowns. `viscovib_homotopy` finds all solutions of several equations,
+!! with amplitudes in a natural unit.
 module viscovib_steady_states
   use viscovib_homotopy, only: family_type, max_unknowns, new_family
   use viscovib_kinds, only: wp
+  use viscovib_parametric_modes, only: find_parametric, max_pairs, pair_type, parametric_type
   use viscovib_real_cubic, only: cubic_roots
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
-  use viscovib_solution_paths, only: size_of
+  use viscovib_solution_paths, only: infinite, size_of
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -26,6 +29,8 @@ module viscovib_steady_states
   contains
     procedure :: solve
     procedure, private :: choose_family
+    procedure, private :: solve_parametric
+    procedure, private :: solve_squares
   end type steady_solver_type
 
 contains
@@ -41,10 +46,11 @@ contains
     !> A value other than 0, possibly set by another thread, cancels the computation.
     integer, intent(inout) :: cancel
     integer, allocatable :: active(:), row(:), at(:, :)
-    complex(wp), allocatable :: coefficients(:), x(:, :)
+    complex(wp), allocatable :: coefficients(:), x(:, :), sigma(:), gamma(:, :), load(:)
+    type(parametric_type) :: modes
     real(wp) :: unit
-    integer :: n, n_solutions, which
-    logical :: shifts_only
+    integer :: j, n, n_solutions, which
+    logical :: shifts_only, is_parametric
 
     call set_ok(status)
     call find_moving(flow, active, shifts_only)
@@ -58,26 +64,29 @@ contains
       return
     end if
     if (n == 1 .and. shifts_only) then
-      call solve_one(flow, active, a, n_found)
+      call shifts(flow, active, 1.0_wp, sigma, gamma, load)
+      if (abs(load(1)) > 0.0_wp) call solve_cubic(sigma(1), gamma(1, 1), load(1), active(1), &
+                                                  1.0_wp, a, n_found)
+      call sort_by_size(a, n_found)
+      return
+    end if
+    unit = natural_unit(flow, active)
+    call find_parametric(flow, active, unit, modes, is_parametric)
+    if (is_parametric) then
+      call self%solve_parametric(modes, unit, a, n_found, cancel)
+    else if (shifts_only) then
+      call shifts(flow, active, unit, sigma, gamma, load)
+      call self%solve_squares(sigma, gamma, load, spread(0, 1, n), [(.true., j=1, n)], unit, x, &
+                              n_solutions, cancel)
+      call from_squares(sigma, gamma, load, active, unit, real(x(:, :n_solutions)), a, n_found)
     else
-      unit = natural_unit(flow, active)
-      if (shifts_only) then
-        call square_terms(flow, active, unit, row, at, coefficients)
-        call self%choose_family(n, .false., row, at, which, cancel)
-      else
-        call general_terms(flow, active, unit, row, at, coefficients)
-        call self%choose_family(2*n, .true., row, at, which, cancel)
-      end if
+      call general_terms(flow, active, unit, row, at, coefficients)
+      call self%choose_family(2*n, .true., row, at, which, cancel)
       associate (family => self%families(which))
         allocate (x(family%system%n, size(family%solutions, 2)))
-        call family%solve_member(coefficients, merge(unit**2, unit, shifts_only), x, n_solutions, &
-                                 cancel)
+        call family%solve_member(coefficients, unit, x, n_solutions, cancel)
       end associate
-      if (shifts_only) then
-        call from_squares(flow, active, unit, x(:, :n_solutions), a, n_found)
-      else
-        call from_conjugates(active, unit, x(:, :n_solutions), a, n_found)
-      end if
+      call from_conjugates(active, unit, x(:, :n_solutions), a, n_found)
     end if
     call sort_by_size(a, n_found)
   end subroutine solve
@@ -101,50 +110,131 @@ contains
     call move_alloc(more, self%families)
   end subroutine choose_family
 
-  !> |gamma|^2 x^3 + 2 Re(conj(sigma) gamma) x^2 + |sigma|^2 x - |g|^2 = 0.
-  pure subroutine solve_one(flow, active, a, n_found)
-    type(slow_flow_type), intent(in) :: flow
-    integer, intent(in) :: active(:)
+  !> |gamma|^2 x^3 + 2 Re(conj(sigma) gamma) x^2 + |sigma|^2 x - |g|^2 = 0, amplitudes in `unit`.
+  pure subroutine solve_cubic(sigma, gamma, load, mode, unit, a, n_found)
+    complex(wp), intent(in) :: sigma, gamma, load
+    integer, intent(in) :: mode
+    real(wp), intent(in) :: unit
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    complex(wp) :: sigma(1), gamma(1, 1), load(1), bottom
+    complex(wp) :: bottom
     real(wp) :: x(3)
     integer :: i, n
 
-    call shifts(flow, active, 1.0_wp, sigma, gamma, load)
-    n_found = 1
-    if (.not. abs(load(1)) > 0.0_wp) return
-    call cubic_roots([abs(gamma(1, 1))**2, 2.0_wp*real(conjg(sigma(1))*gamma(1, 1)), &
-                      abs(sigma(1))**2, -abs(load(1))**2], x, n)
+    call cubic_roots([abs(gamma)**2, 2.0_wp*real(conjg(sigma)*gamma), abs(sigma)**2, &
+                      -abs(load)**2], x, n)
     n_found = 0
     do i = 1, n
       if (x(i) < 0.0_wp) cycle
-      bottom = sigma(1) + gamma(1, 1)*x(i)
+      bottom = sigma + gamma*x(i)
       if (.not. abs(bottom) > 0.0_wp) cycle
       n_found = n_found + 1
       a(:, n_found) = (0.0_wp, 0.0_wp)
-      a(active(1), n_found) = -load(1)/bottom
+      a(mode, n_found) = -load/bottom*unit
     end do
-  end subroutine solve_one
+  end subroutine solve_cubic
 
-  !> Amplitudes from their squares x: those that are real and not negative.
-  pure subroutine from_squares(flow, active, unit, x, a, n_found)
-    type(slow_flow_type), intent(in) :: flow
-    integer, intent(in) :: active(:)
+  !> A driven mode with and without each of the modes that it excites.
+  subroutine solve_parametric(self, modes, unit, a, n_found, cancel)
+    class(steady_solver_type), intent(inout) :: self
+    type(parametric_type), intent(in) :: modes
     real(wp), intent(in) :: unit
-    complex(wp), intent(in) :: x(:, :)
     complex(wp), intent(inout) :: a(:, :)
     integer, intent(out) :: n_found
-    complex(wp) :: sigma(size(active)), gamma(size(active), size(active))
-    complex(wp) :: load(size(active)), bottom(size(active))
-    integer :: i
+    integer, intent(inout) :: cancel
+    type(pair_type) :: pair
+    complex(wp) :: both(2, max_pairs)
+    complex(wp), allocatable :: x(:, :)
+    integer :: i, j, n, n_solutions
 
-    call shifts(flow, active, unit, sigma, gamma, load)
+    n = size(modes%modes)
+    call solve_cubic(modes%sigma(1), modes%gamma(1, 1), modes%g, modes%modes(1), unit, a, n_found)
+    do j = 2, n
+      pair = modes%pair(j)
+      call pair%both_move(both, n_solutions)
+      do i = 1, n_solutions
+        call add([modes%modes(1), modes%modes(j)], both(:, i))
+      end do
+    end do
+    if (n == 2) return
+    call self%solve_squares(modes%sigma, modes%gamma, [modes%g, modes%k(2:)], [0, modes%m(2:)], &
+                            [(j == 1, j=1, n)], unit, x, n_solutions, cancel)
+    do i = 1, n_solutions
+      if (all(real(x(:, i)) > 0.0_wp)) call add_all(real(x(:, i)))
+    end do
+
+  contains
+
+    subroutine add(places, amplitudes)
+      integer, intent(in) :: places(:)
+      complex(wp), intent(in) :: amplitudes(:)
+      if (size_of(amplitudes) > infinite .or. n_found == size(a, 2)) return
+      n_found = n_found + 1
+      a(:, n_found) = (0.0_wp, 0.0_wp)
+      a(places, n_found) = amplitudes*unit
+    end subroutine add
+
+    !> All modes move; each excited one has two phases.
+    subroutine add_all(squares)
+      real(wp), intent(in) :: squares(:)
+      complex(wp) :: l(n), moving(n)
+      integer :: code, q
+      l = modes%sigma + matmul(modes%gamma, squares)
+      if (.not. abs(l(1)) > 0.0_wp) return
+      moving(1) = -modes%g/l(1)
+      moving(2:) = sqrt(-conjg(l(2:)/modes%k(2:))*squares(2:)/conjg(moving(1))**modes%m(2:))
+      do code = 0, 2**(n - 1) - 1
+        call add(modes%modes, [moving(1), (merge(-moving(q), moving(q), btest(code, q - 2)), &
+                                           q=2, n)])
+      end do
+    end subroutine add_all
+
+  end subroutine solve_parametric
+
+  !> Real x of |L_j|^2 x_j^(1 or 0) = |g_j|^2 x_1^m_j, L_j = sigma_j + sum_k gamma_jk x_k, that are
+  !! not negative; x_j is a factor where `times` is true.
+  subroutine solve_squares(self, sigma, gamma, load, m, times, unit, x, n_found, cancel)
+    class(steady_solver_type), intent(inout) :: self
+    complex(wp), intent(in) :: sigma(:), gamma(:, :), load(:)
+    integer, intent(in) :: m(:)
+    logical, intent(in) :: times(:)
+    !> Unit of the amplitudes.
+    real(wp), intent(in) :: unit
+    complex(wp), allocatable, intent(out) :: x(:, :)
+    integer, intent(out) :: n_found
+    integer, intent(inout) :: cancel
+    integer, allocatable :: row(:), at(:, :)
+    complex(wp), allocatable :: coefficients(:)
+    integer :: i, n, which
+
+    call square_terms(sigma, gamma, load, m, times, row, at, coefficients)
+    call self%choose_family(size(sigma), .false., row, at, which, cancel)
+    associate (family => self%families(which))
+      allocate (x(family%system%n, size(family%solutions, 2)))
+      call family%solve_member(coefficients, unit**2, x, n, cancel)
+    end associate
     n_found = 0
-    do i = 1, size(x, 2)
+    do i = 1, n
       if (maxval(abs(aimag(x(:, i)))) > 1.0e-7_wp*maxval(abs(x(:, i)))) cycle
       if (minval(real(x(:, i))) < -1.0e-9_wp*maxval(abs(x(:, i)))) cycle
-      bottom = sigma + matmul(gamma, real(x(:, i)))
+      n_found = n_found + 1
+      x(:, n_found) = x(:, i)
+    end do
+  end subroutine solve_squares
+
+  !> Amplitudes from their squares x.
+  pure subroutine from_squares(sigma, gamma, load, active, unit, x, a, n_found)
+    complex(wp), intent(in) :: sigma(:), gamma(:, :), load(:)
+    integer, intent(in) :: active(:)
+    real(wp), intent(in) :: unit, x(:, :)
+    complex(wp), intent(inout) :: a(:, :)
+    integer, intent(out) :: n_found
+    complex(wp) :: bottom(size(active))
+    integer :: i
+
+    n_found = 0
+    do i = 1, size(x, 2)
+      bottom = sigma + matmul(gamma, x(:, i))
       if (.not. all(abs(bottom) > 0.0_wp) .or. n_found == size(a, 2)) cycle
       n_found = n_found + 1
       a(:, n_found) = (0.0_wp, 0.0_wp)
@@ -291,33 +381,29 @@ contains
     if (.not. (unit > 0.0_wp .and. unit < huge(unit))) unit = 1.0_wp
   end function natural_unit
 
-  !> x_j |sigma_j + sum_k gamma_jk x_k|^2 - |g_j|^2 = 0 for the squared amplitudes, in `unit`.
-  subroutine square_terms(flow, active, unit, row, at, coefficients)
-    type(slow_flow_type), intent(in) :: flow
-    !> Numbers of the active modes.
-    integer, intent(in) :: active(:)
-    !> Unit of the amplitudes.
-    real(wp), intent(in) :: unit
+  !> The equations of `solve_squares`.
+  subroutine square_terms(sigma, gamma, load, m_of, times, row, at, coefficients)
+    complex(wp), intent(in) :: sigma(:), gamma(:, :), load(:)
+    integer, intent(in) :: m_of(:)
+    logical, intent(in) :: times(:)
     integer, allocatable, intent(out) :: row(:), at(:, :)
     complex(wp), allocatable, intent(out) :: coefficients(:)
-    complex(wp) :: sigma(size(active)), gamma(size(active), size(active))
-    complex(wp) :: load(size(active))
     real(wp) :: scale
-    integer :: j, k, l, n, m
+    integer :: j, k, l, n, m, own
 
-    call shifts(flow, active, unit, sigma, gamma, load)
-    n = size(active)
+    n = size(sigma)
     allocate (row(n*(2 + n + n*(n + 1)/2)), at(3, n*(2 + n + n*(n + 1)/2)))
     allocate (coefficients(size(row)))
     m = 0
     do j = 1, n
+      own = merge(j, 0, times(j))
       scale = max(abs(sigma(j))**2, maxval(abs(gamma(j, :)))**2, abs(load(j))**2)
-      call add(j, [0, 0, 0], -abs(load(j))**2/scale)
-      call add(j, [j, 0, 0], abs(sigma(j))**2/scale)
+      call add(j, [merge(1, 0, m_of(j) > 0), merge(1, 0, m_of(j) > 1), 0], -abs(load(j))**2/scale)
+      call add(j, [own, 0, 0], abs(sigma(j))**2/scale)
       do k = 1, n
-        call add(j, [j, k, 0], 2.0_wp*real(conjg(sigma(j))*gamma(j, k))/scale)
+        call add(j, [own, k, 0], 2.0_wp*real(conjg(sigma(j))*gamma(j, k))/scale)
         do l = k, n
-          call add(j, [j, k, l], real(gamma(j, k)*conjg(gamma(j, l)))*merge(1, 2, k == l)/scale)
+          call add(j, [own, k, l], real(gamma(j, k)*conjg(gamma(j, l)))*merge(1, 2, k == l)/scale)
         end do
       end do
     end do
@@ -342,12 +428,11 @@ contains
     integer, intent(in) :: active(:)
     !> Unit of the amplitudes.
     real(wp), intent(in) :: unit
-    complex(wp), intent(out) :: sigma(:), gamma(:, :), load(:)
+    complex(wp), allocatable, intent(out) :: sigma(:), gamma(:, :), load(:)
     integer :: i, j, k, q, n
 
     n = size(active)
-    gamma = (0.0_wp, 0.0_wp)
-    load = (0.0_wp, 0.0_wp)
+    allocate (sigma(n), gamma(n, n), load(n), source=(0.0_wp, 0.0_wp))
     do j = 1, n
       k = active(j)
       sigma(j) = flow%s(k) - cmplx(0.0_wp, flow%frame(k), wp)

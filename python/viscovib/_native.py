@@ -617,12 +617,15 @@ def run_in_parts(
 
 def all_finite(array: npt.NDArray[Any]) -> bool:
     """True without NaN and infinity."""
+    flat = array.ravel("K")
     if array.size <= _SHORT_ARRAY:
         # Half the time; the products of more entries may start threads.
-        flat = array.ravel("K")
         if math.isfinite(np.vdot(flat, flat).real):
             return True
-    return bool(np.isfinite(array).all())
+    elif flat.dtype == np.complex128:
+        # The parts alone take a fifth of the time.
+        flat = flat.view(np.float64)
+    return bool(np.isfinite(flat).all())
 
 
 def check_range(name: str, given: npt.NDArray[Any], found: npt.NDArray[Any], what: str) -> None:
