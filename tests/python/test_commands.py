@@ -197,3 +197,9 @@ def test_the_cost_of_a_scene_and_its_error(capsys):
     assert "not estimated (linear" in lines[6]
     assert main(["bench", str(PAPER), "--runs", "0"]) == 2
     assert "runs = 0: must be 1 to" in capsys.readouterr().err
+
+
+def test_a_scene_result_shows_what_was_computed_and_not_the_scene():
+    text = repr(vv.run(PAPER))
+    assert text.startswith("<SceneResult of mount_paper.nml>\n<Response: 400 of 400")
+    assert "&mount" not in text

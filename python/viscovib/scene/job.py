@@ -49,7 +49,7 @@ _SUBJECTS = (
 _FURTHER = ("spectrum", "event", "free_decay", "shock_spectrum")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SceneResult:
     """The result of a scene.
 
@@ -79,6 +79,11 @@ class SceneResult:
     #: The table of &free_decay; the motion itself is then a table too.
     decay: TableResult | None = None
     shock_spectrum: ShockResponseSpectrum | None = None
+
+    def __repr__(self) -> str:
+        parts = (self.spectrum, self.events, self.decay, self.shock_spectrum, *self.switched)
+        more = [repr(one) for one in parts if one is not None]
+        return "\n".join([f"<SceneResult of {self.scene.path.name}>", repr(self.value), *more])
 
     @property
     def _result(self) -> Result | None:
