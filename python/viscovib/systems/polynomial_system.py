@@ -228,7 +228,11 @@ class PolynomialSystem(System):
     @property
     def _depends_on_speed(self) -> bool:
         """True if the speed is the frequency of the load."""
-        return self.speed is None and any(one.any() for one in self._speed_matrices)
+        return self.speed is None and self._has_speed_matrices
+
+    @cached_property
+    def _has_speed_matrices(self) -> bool:
+        return any(one.any() for one in self._speed_matrices)
 
     def at_speed(self, speed: float) -> PolynomialSystem:
         """Return the system with constant matrices: those at a speed (rad/s)."""
