@@ -232,7 +232,8 @@ class PolynomialSystem(System):
 
     @cached_property
     def _has_speed_matrices(self) -> bool:
-        return any(one.any() for one in self._speed_matrices)
+        given = (getattr(self, name) for name in OF_SPEED)
+        return any(one is not None and np.count_nonzero(one) > 0 for one in given)
 
     def at_speed(self, speed: float) -> PolynomialSystem:
         """Return the system with constant matrices: those at a speed (rad/s)."""
