@@ -239,7 +239,7 @@ class Structure(System):
         layers: Layers = self._layers  # type: ignore[attr-defined]
         found = supports_of(
             given, (self.dof_names, self.dof_units), (free, held), matrices, self.base_direction,
-            (*self._terms_in_order, *layers.elements),
+            (*terms_in_order(self.elements, self.dof_names, self._places), *layers.elements),  # type: ignore[attr-defined]
         )  # fmt: skip
         self._set("supports", given)
         self._set("_held", found.with_layers(layers, len(self.elements)))
@@ -283,7 +283,7 @@ class Structure(System):
     def _all_elements(self) -> tuple[ElementTerms, ...]:
         return self._elements  # type: ignore[attr-defined,no-any-return]
 
-    @property
+    @cached_property
     def _terms_in_order(self) -> tuple[ElementTerms | CouplingTerms, ...]:
         """One entry for each element, with directions of the coordinates."""
         held = self._held
