@@ -357,7 +357,7 @@ def test_long_work_hears_an_interrupt(what):
         "max_points=9999, stability=False)",
         "response": "vv.forced_response(m, np.linspace(0.5, 10, 9999), load=0.5, harmonics=199, "
         "method='newton')",
-        "orders": "vv.forced_response(m, np.linspace(0.5, 10, 999999), load=0.5, "
+        "orders": "vv.forced_response(m, np.linspace(0.5, 10, 99999), load=0.5, "
         "harmonics='auto', method='newton')",
     }[what]
     program = (

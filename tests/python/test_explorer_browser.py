@@ -123,9 +123,7 @@ def test_a_slider_moved_by_keys_moves_the_curve(page):
     reads(page, value)
     page.get_by_role("button", name="Reset").click()
     shows(page, amplitude())
-
-
-def test_sliders_have_names(page):
+    # Sliders have names, also after they were built again.
     slider = page.get_by_role("slider", name="mass (kg)")
     slider.wait_for()
     slider.focus()

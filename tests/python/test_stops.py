@@ -170,7 +170,7 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
     job = {"base": {0: 0j}} | ({} if memory is None else {"memory": memory})
     seen = set()
     # The cost of the whole past grows with the square of the time.
-    tolerance, t_end = (1e-6, 4.0) if memory == "direct" else (1e-8, 8.0)
+    tolerance, t_end = (1e-5, 4.0) if memory == "direct" else (1e-8, 8.0)
     for _ in range(1 if memory == "direct" else 6):
         system, rhs, start = remembering(rng, kernel)
         t, state, event = reach(rhs, start, t_end, [lambda t, y: abs(y[0]) - 1e9])
@@ -531,8 +531,8 @@ def test_what_has_escaped_does_not_depend_on_the_units(power):
     """Lengths and times in other units: the same outcome, time and state, in runs and ensembles."""
     rng = np.random.default_rng(power)
     seen = set()
-    for number in range(6):
-        soft, side = float(rng.uniform(0.1, 1)), (-0.2, 0.05, 0.3)[number % 3]
+    for number in range(3):
+        soft, side = float(rng.uniform(0.1, 1)), (-0.2, 0.05, 0.3)[number]
         start = soft ** (-1 / (power - 1)) * (1 + side)
         runs = []
         for m, s in ((1.0, 1.0), 10 ** rng.uniform([-9, -4], [9, 4])):
