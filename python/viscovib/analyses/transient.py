@@ -311,7 +311,8 @@ def _on_moving_base(
 
 def _speed(nu: float | None, resume: Trajectory | None) -> float | None:
     """Return the speed of a rotor: nu, or its speed in the run that is resumed."""
-    return nu if resume is None or nu is not None else getattr(resume.system, "speed", None)
+    # `resume` is checked later, with its name.
+    return getattr(getattr(resume, "system", None), "speed", None) if nu is None else nu
 
 
 def _heard(run: Trajectory, floor: BaseMotion | None) -> Trajectory:
