@@ -10,8 +10,6 @@ import matplotlib
 import matplotlib.pyplot
 import pytest
 import viscovib as vv
-from matplotlib.animation import Animation
-from matplotlib.figure import Figure
 
 matplotlib.use("Agg")
 
@@ -25,18 +23,6 @@ PAGES = [
     + [page for folder in FOLDERS for page in sorted((ROOT / "docs" / folder).rglob("*.md"))]
     if BLOCK.search(page.read_text())
 ]
-
-
-@pytest.fixture(autouse=True)
-def _coarse_pictures(monkeypatch):
-    """Most of the time of a picture is that of its pixels, which no test of this file reads."""
-    for owner, name in ((Figure, "savefig"), (Animation, "save")):
-        saves = getattr(owner, name)
-
-        def coarse(self, *arguments, saves=saves, **options):
-            return saves(self, *arguments, **options | {"dpi": 20})
-
-        monkeypatch.setattr(owner, name, coarse)
 
 
 @pytest.mark.parametrize("page", PAGES)
