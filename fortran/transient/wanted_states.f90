@@ -30,7 +30,8 @@ contains
     do while (run%n_reached < size(run%times))
       next = run%times(run%n_reached + 1)
       ahead = next - now
-      if (ahead >= method%h*(1.0_wp - 4.0_wp*epsilon(1.0_wp))) return
+      ! A time that differs from the end of the step by rounding only is the end.
+      if (ahead >= method%h - 4.0_wp*spacing(next)) return
       q = method%q
       v = method%v
       if (ahead > 4.0_wp*spacing(now)) then

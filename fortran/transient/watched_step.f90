@@ -224,6 +224,23 @@ contains
     if (is_smooth) is_smooth = method%resolved(system%steep_of(which))
   end function is_smooth
 
+  !> True if the last part is one of the shortest next to the surface of a steep law and ends on the
+  !! side where it began: its polynomial may cross the surface and return within its error.
+  logical function returns(at, method, system, which)
+    type(watched_step_type), intent(in) :: at
+    class(stepper_type), intent(in) :: method
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: which
+    real(wp) :: g(1)
+    returns = allocated(system%steep_of)
+    if (returns) returns = system%steep_of(which) > 0 .and. at%sides(which) /= slides
+    if (returns) returns = method%h <= closest(system, which)
+    if (.not. returns) return
+    call system%signal_at(which, [at%from + method%h], reshape(method%q, [1, size(method%q)]), &
+                          reshape(method%v, [1, size(method%v)]), g)
+    returns = at%sides(which)*g(1) > 0.0_wp
+  end function returns
+
   !> Set the sides of the surfaces of steep laws, which such a part may cross.
   subroutine follow_steep(at, system)
     type(watched_step_type), intent(inout) :: at
@@ -444,6 +461,7 @@ contains
     surface%system => system
     do i = 1, size(system%signals)
       if (is_smooth(method, system, i)) cycle
+      if (returns(at, method, system, i)) cycle
       surface%which = i
       call first_event_point(surface, at%path, 0.0_wp, sign_of(at%sides(i)), at%fresh(i), found, &
                              here)

@@ -73,6 +73,18 @@ def test_random_chains_from_rest(seed):
     assert np.allclose(np.r_[run.state[-1][0::2], run.state[-1][1::2]], y, rtol=0, atol=2e-8 * size)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("a", [0.15, 0.25])
+def test_given_steps_are_as_accurate_and_without_a_warning(a):
+    """Steps end where the rate is 0, so that no layer is missed."""
+    system = vv.Structure(mass=[1.0, 2.0], stiffness=_chain(2, 100.0), elements=_dampers(2, 5.0, a))
+    shock = vv.HalfSine(amplitude=[100.0, 0.0], duration=0.1)
+    wanted = vv.simulate(system, 1, force=shock, tolerance=1e-11).state[-1]
+    for step in (1e-2, 1e-3):
+        found = vv.simulate(system, 1, force=shock, dt=step).state[-1]
+        assert np.abs(found - wanted).max() < 1e-10 * np.abs(wanted).max()
+
+
 @pytest.mark.parametrize(
     ("a", "top"), [(0.15, 0.5), (0.2, 0.5), (0.3, 0.2), (0.3, 0.5), (0.4, 0.1)]
 )
@@ -208,6 +220,32 @@ def test_scene(tmp_path):
     run = vv.simulate(system, 2, load=[3, 0], nu=6, tolerance=1e-8)
     last = np.array(table.splitlines()[-1].split(b",")[1:], dtype=float)
     assert np.allclose(last, run.state[-1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("a", [0.433, 0.44, 0.455, 0.47])
+def test_first_moments_under_a_sinusoid(a):
+    """At first c v^a = 5 sin(8 t): inertia is negligible, and the rate far below its error."""
+    damper = vv.FluidDamper(on="x1", coefficient=1.2, exponent=a)
+    system = vv.Structure(mass=[1.0], stiffness=[200.0], elements=[damper])
+    run = vv.simulate(system, 1, load=[5.0], nu=8.0, tolerance=1e-9)
+    assert run.outcome == "completed"
+    for step in (1e-2, 1e-3):
+        other = vv.simulate(system, 1, load=[5.0], nu=8.0, dt=step)
+        assert other.outcome == "completed"
+        assert np.abs(other.state[-1] - run.state[-1]).max() < 1e-9
+
+
+def test_scenes_name_dry_friction(tmp_path):
+    scene = tmp_path / "friction.nml"
+    scene.write_text(
+        "&structure mass=1 stiffness=100 /\n"
+        "&element on='x1' fluid_coefficient=1 fluid_exponent=0 /\n"
+        "&load amplitude=3 /\n&transient t_end=2 nu=6 /\n"
+    )
+    with pytest.raises(
+        vv.InputError, match=r"0.1 to 2; dry friction \(0\) is the law F\*sign\(v\)"
+    ):
+        vv.run(scene)
 
 
 @pytest.mark.parametrize(

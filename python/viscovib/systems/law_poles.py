@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viscovib._native import FloatArray
-from viscovib.systems.laws import _CALLED, WALL, Law
+from viscovib.systems.laws import _CALLED, BRANCHES, WALL, Law
 from viscovib.systems.system import System
 
 #: Instruction codes of the core.
@@ -19,6 +19,7 @@ _SQUARE, _KNOWN_POWER, _NEGATE = 8, 9, 10
 _COS, _TAN, _SQRT, _ABS, _ATAN2, _ATLEAST, _WHERE = 12, 13, 25, 26, 29, 35, 36
 #: Smooth functions of one operand, which may turn a small change of it into a layer.
 _SMOOTH = frozenset((_SQUARE, _KNOWN_POWER, *range(11, 26)))
+_ROOTS = frozenset((_KNOWN_POWER, _SQRT))
 _DIVIDING = frozenset((_DIVIDE, _POWER, _KNOWN_POWER, _TAN))
 _EPS = float(np.finfo(float).eps)
 #: Secant steps and bisections for a zero; largest number of distinct points.
@@ -360,8 +361,15 @@ def _divisors(law: Law) -> list[Law]:
 
 
 def _bent(law: Law) -> list[Law]:
-    """Operands of the smooth functions of a law; near their zeros the law may change most."""
-    found = [_operands(law, i)[0] for i, code in enumerate(law.code) if code in _SMOOTH]
+    """Operands of the smooth functions of a law; near their zeros the law may change most.
+
+    Steps end at the zero of a branch, such as abs(v), whose root is not smooth there.
+    """
+    found = [
+        _operands(law, i)[0]
+        for i, code in enumerate(law.code)
+        if code in _SMOOTH and not (code in _ROOTS and law.code[i - 1] in BRANCHES)
+    ]
     return [factor for one in found for factor in _factors(one)]
 
 

@@ -25,7 +25,7 @@ _ODD = -1
 #: Code of a Python function of n operands: this + n; its number is its index in `Law.calls`.
 _CALLED = 40
 #: Codes with a kink or a jump: abs, sign, heaviside, atan2, min, max and comparisons.
-_BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
+BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
 #: Codes with a jump.
 _JUMPS = (27, 28, 29, 32, 33, 34, 35)
 #: Value that the core returns outside a domain; distance from rest at which a law must be defined.
@@ -105,7 +105,7 @@ class Law:
     @cached_property
     def branches(self) -> bool:
         """True if the law has a kink or a jump."""
-        return any(code in _BRANCHES for code in self.code)
+        return any(code in BRANCHES for code in self.code)
 
     @property
     def stiffness_at_rest(self) -> FloatArray:
