@@ -3,6 +3,7 @@ module viscovib_system_tasks
   use viscovib_binding_tools, only: make_pendulum, make_system
   use viscovib_body_checks, only: check_inertia, doubt_units
   use viscovib_body_vector, only: mounted_from_vector
+  use viscovib_campbell, only: campbell_type, find_campbell
   use viscovib_characteristic_matrix, only: characteristic_matrix, oscillator_matrix
   use viscovib_characteristic_roots, only: find_characteristic_roots, roots_type
   use viscovib_kernel_holder, only: kernel_holder
@@ -53,6 +54,8 @@ contains
       call find_stiffness(task)
     case ('roots')
       call find_roots(task)
+    case ('campbell')
+      call find_lines(task)
     case ('pendulum_modes')
       call find_pendulum_modes(task)
     case ('pendulum_frequencies')
@@ -285,6 +288,37 @@ contains
     call task%found%put_integer('complete', merge(1_i8, 0_i8, roots%complete))
     call task%found%put_text('region', trim(roots%region))
   end subroutine find_roots
+
+  !> Modes of a polynomial system over `speeds` (n): `roots` (m, n), `shapes` (n_dof, m, n),
+  !! `growth` (n), `threshold`, and the critical speeds of `orders`: `critical` (k), their `mode`
+  !! (k) and `order` (k).
+  subroutine find_lines(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(campbell_type) :: campbell
+    real(wp), pointer, contiguous :: speeds(:), orders(:)
+
+    system => task%system(with_speed=.true.)
+    speeds => task%get_reals('speeds')
+    orders => task%get_reals('orders')
+    if (task%failed()) return
+    select type (system)
+    type is (polynomial_type)
+      call find_campbell(system, speeds, orders, campbell, task%status)
+    class default
+      call task%refuse_kind()
+    end select
+    if (task%failed()) return
+    associate (found => task%found, critical => campbell%critical)
+      call found%put_complexes('roots', campbell%roots, shape(campbell%roots))
+      call found%put_complexes('shapes', campbell%shapes, shape(campbell%shapes))
+      call found%put_reals('growth', campbell%growth, shape(campbell%growth))
+      call found%put_real('threshold', campbell%threshold)
+      call found%put_reals('critical', critical%speed, shape(critical))
+      call found%put_reals('order', critical%order, shape(critical))
+      call found%put_integers('mode', critical%mode, shape(critical))
+    end associate
+  end subroutine find_lines
 
   !> Natural frequencies `omega` (3) of a pendulum, mode `shapes` (3, 3), `r`, `z_r`.
   subroutine find_pendulum_modes(task)

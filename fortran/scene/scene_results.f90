@@ -8,6 +8,8 @@ module viscovib_scene_results
   use viscovib_basins_job, only: basins_job
   use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
+  use viscovib_campbell_groups, only: read_campbell
+  use viscovib_campbell_job, only: campbell_job
   use viscovib_characteristic_roots_job, only: characteristic_roots_job
   use viscovib_checks, only: check_positive
   use viscovib_condensed_subject, only: condense_subject
@@ -90,6 +92,8 @@ contains
       allocate (equilibrium_job :: job)
     case ('characteristic_roots')
       allocate (characteristic_roots_job :: job)
+    case ('campbell')
+      allocate (campbell_job :: job)
     case ('steady_motion')
       allocate (steady_motion_job :: job)
     case ('trace_motion')
@@ -109,6 +113,8 @@ contains
       call read_backbone_job(reader, subject, job)
     type is (scales_job)
       call read_scales_job(reader, subject, job)
+    type is (campbell_job)
+      call read_campbell(reader, subject%coordinates, job)
     type is (steady_motion_job)
       call read_steady_motion(reader, subject, job)
     type is (trace_motion_job)
@@ -118,7 +124,7 @@ contains
     type is (basins_job)
       call read_basins(reader, subject, job)
     end select
-    if (file%groups(n)%name == 'characteristic_roots') then
+    if (any(['characteristic_roots', 'campbell            '] == job_name(n))) then
       ! Its table has no columns of coordinates.
       allocate (job%wanted(0))
     else
@@ -134,7 +140,7 @@ contains
       return
     end select
     if (any(job%kind() == ['response     ', 'branch       ', 'equilibrium  ', &
-                           'steady_motion', 'trace_motion '])) then
+                           'steady_motion', 'trace_motion ', 'campbell     '])) then
       ! What only the whole job shows to be wrong.
       call job%plan(subject, plan, status)
       if (status%failed()) call place_failure(file, subject, job%kind(), status)

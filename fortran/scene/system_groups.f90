@@ -103,6 +103,12 @@ contains
         end if
         if (reader%status%failed()) return
       end if
+      if (group%name == 'campbell') then
+        if (reader%has('speed')) then
+          call reader%complain('speed', 'speed: must not be given for campbell, which varies it')
+        end if
+        return
+      end if
       if (reader%has('speed')) then
         call system%set_speed(reader%read_real('speed'))
         return

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 _NAMES = {
     "analyses.backbones": "Backbone BackbonePoint",
     "analyses.basins": "Basins basins",
+    "analyses.campbell": "Campbell campbell",
     "analyses.decay": "FreeDecay free_decay",
     "analyses.driven": "DrivenResponse",
     "analyses.driven_branch": "DrivenBranch",
@@ -44,6 +45,7 @@ _NAMES = {
     "kernels.tabulated": "TabulatedKernel",
     "kernels.time_temperature": "Arrhenius ShiftLaw ThermalKernel WLF",
     "plots.animation": "animate",
+    "plots.campbell": "plot_campbell",
     "plots.bodies": "plot_body plot_energy plot_transmissibility",
     "plots.maps": "plot_map",
     "plots.motions": "plot_sections plot_spectrum plot_trajectory",
@@ -110,6 +112,10 @@ if TYPE_CHECKING:
         BackbonePoint as BackbonePoint,
     )
     from viscovib.analyses.basins import Basins as Basins, basins as basins
+    from viscovib.analyses.campbell import (
+        Campbell as Campbell,
+        campbell as campbell,
+    )
     from viscovib.analyses.decay import (
         FreeDecay as FreeDecay,
         free_decay as free_decay,
@@ -192,6 +198,7 @@ if TYPE_CHECKING:
         plot_energy as plot_energy,
         plot_transmissibility as plot_transmissibility,
     )
+    from viscovib.plots.campbell import plot_campbell as plot_campbell
     from viscovib.plots.maps import plot_map as plot_map
     from viscovib.plots.motions import (
         plot_sections as plot_sections,

@@ -135,6 +135,11 @@ STOP = (
     "vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, "
     "forces='0.2*tanh(3*x) + where(x > 0.5, (x - 0.5)^2, 0)', names=('x',))"
 )
+ROTOR = (
+    "vv.PolynomialSystem(mass=[1, 2], stiffness=[1, 2], damping=[0.3, 0.3], "
+    "gyroscopic=[[0, 0.5], [-0.5, 0]], circulatory=[[0, 0.2], [-0.2, 0]], centrifugal=[0, 0.1], "
+    "forces={'x1': 'x1^3'})"
+)
 HELD = (
     "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, 0], [-1, 2, -1], [0, -1, 1]], "
     "modal_damping=0.02, elements=[vv.Spring(on='x3', stiffness=0.2, law='0.1*sinh(d)', "
@@ -270,6 +275,12 @@ SOUND = (
     f"vv.backbone({SYSTEM}, mode=0, amplitude_range=(0.01, 0.5), harmonics=3)",
     f"vv.backbone({FREE}, mode=1, energy_range=(1e-4, 1e-3), harmonics=3, max_points=20)",
     f"vv.plan_response(system={MOUNT}, nu=[1, 2], load=0.1)",
+    f"vv.campbell(system={ROTOR}, speeds=[0, 1, 2, 3], orders=[1, 2], plane=('x1', 'x2'))",
+    f"vv.plot_campbell(diagram=vv.campbell({ROTOR}, [0, 1, 2, 3]))",
+    f"vv.trace_response({ROTOR}, nu_range=(0.5, 1.5), load=[0.1, 0], harmonics=3, max_points=50)",
+    f"vv.simulate({ROTOR}, t_end=5, load=[0.1, 0], nu=1.2, tolerance=1e-6)",
+    f"{ROTOR}.at_speed(speed=1.5)",
+    f"{ROTOR[:-1]}, speed=2.0).characteristic_roots()",
     f"vv.spectrum(signal={SIGNAL}, dt=0.1, window='hann')",
     f"vv.shock_response_spectrum(record={SIGNAL}, frequencies=[0.1, 2], dt=0.1, damping=0.05)",
     f"vv.amplitudes_at(signal={SIGNAL}, dt=1, frequencies=[0.3])",

@@ -74,6 +74,16 @@ GIVEN = [
         {"mass": ROW, "stiffness": ROW, "forces": {"x1": "k*x1^3"}, "parameters": {"k": 1.0}},
     ),
     (
+        vv.PolynomialSystem,
+        {
+            "mass": ROW,
+            "stiffness": PAIR,
+            "gyroscopic": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+            "circulatory": 0.1 * PAIR,
+            "centrifugal": ROW,
+        },
+    ),
+    (
         vv.Structure,
         {
             "mass": np.eye(2),

@@ -51,6 +51,11 @@ RESULTS = {
     "ensemble": lambda: vv.simulate_ensemble(BODY, initial=np.full((3, 6), 0.01), t_end=5, dt=0.1),
     "ensemble with an estimate": lambda: vv.simulate_ensemble(DUFFING, initial=[[0.1, 0]], t_end=5),
     "spectrum": lambda: vv.spectrum(_driven_motion()),
+    "campbell diagram": lambda: vv.campbell(
+        vv.PolynomialSystem(mass=[1, 1], stiffness=[4, 4], gyroscopic=[[0, 0.5], [-0.5, 0]]),
+        [0, 1, 2, 3],
+        plane=("x1", "x2"),
+    ),
     "shock response spectrum": lambda: vv.shock_response_spectrum(
         np.sin(np.arange(9)), [0.1, 0.2], dt=1
     ),

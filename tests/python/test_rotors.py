@@ -40,6 +40,7 @@ class Rotor:
             circulatory=self.circulatory,
             centrifugal=self.centrifugal,
             forces=forces if self.cubic else None,
+            names=[f"x{i + 1}" for i in range(self.n)],
         )
         if self.memory:
             kernel = vv.PronyKernel(weights=[0.2], rates=[0.7])

@@ -42,6 +42,7 @@ NEEDS = {
     "branch": "nu_from=0.5 nu_to=2",
     "backbone": "from=0.1 to=0.2",
     "multiple_scales": "from=0.5 to=2",
+    "campbell": "speed_from=0 speed_to=2 speed_count=3",
     "steady_motion": "nu=1",
     "trace_motion": "nu_from=0.5 nu_to=2",
     "transient": "t_end=5",

@@ -186,6 +186,10 @@ MORE = {
 &mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /
 &characteristic_roots /
 """,
+    "campbell": """&system coordinates='x' 'y' mass=1 1 stiffness=2 3 damping=0.3 0.3
+  gyroscopic=0 0.5 -0.5 0 circulatory=0 0.2 -0.2 0 /
+&campbell speed_from=0 speed_to=4 speed_count=9 orders=1 2 plane='x' 'y' /
+""",
     "free_decay": """&system coordinates='x' 'y' mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0 0 0.05 /
 &transient t_end=40 dt=0.1 initial=0.1 0 0 0 /
 &free_decay start=2 /

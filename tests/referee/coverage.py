@@ -29,6 +29,8 @@ NOTHING_TO_JUDGE = {
     "FluidDamper.energy": "tests/python/test_fluid_dampers.py: gamma functions and quadrature",
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
     "Profile.plot": _PICTURE,
+    "plot_campbell": _PICTURE,
+    "Campbell.to_dataset": _ARRAYS,
     "Mount.modes": "tests/python/test_mount.py: the paper's equations (7) and (8)",
     "NormalCoordinates": "tests/python/test_mount.py, with all of its methods",
     "NormalCoordinates.normal": "the same",

@@ -5,7 +5,10 @@ from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few, numbers
 
-JUDGES = ("PolynomialSystem.at_speed",)
+JUDGES = (
+    "PolynomialSystem.at_speed", "campbell", "Campbell", "Campbell.frequencies",
+    "Campbell.damping_ratios",
+)  # fmt: skip
 
 
 class _Rotor:
@@ -128,6 +131,42 @@ last, error = run.state[-1], run.error
     return Case(call, judge)
 
 
+def _campbell(rng, index):
+    rotor = _Rotor(rng, int(rng.integers(2, 7)))
+    order = few(rng, 0.5, 3, 2)
+    speeds = np.linspace(0, few(rng, 1, 6, 2), int(rng.integers(5, 40)))
+    call = f"""system = {rotor.source}
+diagram = vv.campbell(system, {numbers(speeds)}, orders={order})
+frequencies, ratios = diagram.frequencies, diagram.damping_ratios
+growth, threshold, critical = diagram.growth, diagram.threshold, diagram.critical_speeds
+"""
+
+    def judge(names, reported):
+        largest = []
+        for i, speed in enumerate(speeds):
+            values = np.linalg.eigvals(rotor.state(speed))
+            largest.append(values.real.max())
+            up = values[values.imag > 1e-6]
+            up = up[np.argsort(up.imag)]
+            kept = np.isfinite(names["frequencies"][i])
+            own = np.argsort(names["frequencies"][i][kept])
+            yield Claim("frequencies", names["frequencies"][i][kept][own], up.imag, 1e-9)
+            yield Claim("damping ratios", names["ratios"][i][kept][own], -up.real / abs(up), 1e-8)
+        yield Claim("growth", names["growth"], np.array(largest), 1e-9)
+        for speed in names["critical"]:
+            values = np.linalg.eigvals(rotor.state(speed)).imag
+            nearest = values[np.abs(values - order * speed).argmin()]
+            yield Claim("frequency at a critical speed", nearest, order * speed, 1e-8)
+        threshold = names["threshold"]
+        stable = np.array(largest) < 1e-9
+        yield Claim("is stable at all speeds", bool(np.isnan(threshold)), bool(stable.all()))
+        if np.isfinite(threshold) and stable[0]:
+            at = np.linalg.eigvals(rotor.state(threshold)).real.max()
+            yield Claim("growth at the threshold", at, 0.0, 1e-9)
+
+    return Case(call, judge)
+
+
 def case(rng, index):
-    """Draw a rotor and a question: roots, response or motion."""
-    return (_roots, _response, _motion)[index % 3](rng, index // 3)
+    """Draw a rotor and a question: roots, response, motion or Campbell diagram."""
+    return (_roots, _response, _motion, _campbell)[index % 4](rng, index // 4)

@@ -9,6 +9,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from viscovib.analyses.backbones import Backbone
+from viscovib.analyses.campbell import Campbell
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
 from viscovib.analyses.shock_spectra import ShockResponseSpectrum
@@ -19,6 +20,7 @@ from viscovib.common.results import Result
 from viscovib.errors import InputError, near_name
 from viscovib.plots.axes import moving
 from viscovib.plots.bodies import plot_mount_forces, plot_mount_forces_in_time
+from viscovib.plots.campbell import plot_campbell
 from viscovib.plots.motions import (
     motion_axes,
     plot_in_time,
@@ -141,6 +143,10 @@ def _draw_shock(result: ShockResponseSpectrum, figure: "Figure", _: Drawn) -> No
     plot_shock_spectrum(result, figure.subplots())
 
 
+def _draw_campbell(result: Campbell, figure: "Figure", _: Drawn) -> None:
+    plot_campbell(result, figure.subplots())
+
+
 def _table_size(result: TableResult) -> tuple[float, float]:
     return 7, 1.6 * (len(result.columns) - 1) + 1
 
@@ -185,6 +191,7 @@ _DRAWN: dict[type, tuple[Callable[..., Any], Callable[[Any], tuple[float, float]
     SteadyMotion: (_draw_trajectory, lambda r: (10, 2.4 * len(r.dof_names)), plot_trajectory),
     Spectrum: (_draw_spectrum, lambda _: (8, 4.5), plot_spectrum),
     ShockResponseSpectrum: (_draw_shock, lambda _: (7, 5), plot_shock_spectrum),
+    Campbell: (_draw_campbell, lambda _: (7, 4.5), plot_campbell),
     TableResult: (_draw_table, _table_size, _plot_table),
     ScalesResponse: (
         _draw_scales, lambda r: (7, 3 * len(moving_steadily(r))), plot_scales_response,
