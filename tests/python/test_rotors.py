@@ -396,3 +396,21 @@ UNDAMPED = "gyroscopic: undamped modes omit it; use campbell or characteristic_r
 def test_a_scene_that_cannot_be_computed_says_why(tmp_path, result, speed, message):
     with pytest.raises(vv.InputError, match=message):
         vv.run(in_scene(tmp_path, result, speed))
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        vv.PolynomialSystem(mass=1, stiffness=1),
+        vv.Body(mass=1, inertia=[1, 1, 1], mounts=[]),
+    ],
+)
+def test_at_speed_refuses_a_system_without_these_matrices(system):
+    with pytest.raises(vv.InputError, match="speed: has no effect without gyroscopic"):
+        system.at_speed(2.0)
+
+
+def test_wrong_parameters_of_an_ensemble_are_named():
+    system = vv.PolynomialSystem(mass=1, stiffness=1)
+    with pytest.raises(vv.InputError, match="parameters"):
+        vv.simulate_ensemble(system, initial=[0, 0], t_end=1, parameters=b"nu")

@@ -177,7 +177,8 @@ def simulate_ensemble(
     ...     parameters={"f0": [0.001, 0.002, 0.003, 0.004]},
     ... )
     """
-    system = turned(system, None if "nu" in (parameters or ()) else nu)
+    varies = isinstance(parameters, Mapping) and "nu" in parameters
+    system = turned(system, None if varies else nu)
     surface = None
     if isinstance(sections, (str, Event)):
         surface, sections = (Event(sections) if isinstance(sections, str) else sections), None

@@ -46,6 +46,7 @@ from viscovib.systems.system import SPEED_NEEDED, System
 _MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
 #: Matrices that depend on the speed.
 OF_SPEED = ("gyroscopic", "circulatory", "centrifugal")
+_NO_EFFECT = "speed: has no effect without gyroscopic, circulatory or centrifugal"
 #: Kernel kind in x that marks a vector that contains all kernels for the core.
 _KERNELS_IN_VECTOR = -2
 
@@ -205,7 +206,7 @@ class PolynomialSystem(System):
         if self.speed is None:
             return
         if not given:
-            raise InputError("speed: has no effect without gyroscopic, circulatory or centrifugal")
+            raise InputError(_NO_EFFECT)
         speed = _native.number("speed", self.speed)
         # The core checks the matrices.
         self._set("speed", None)
@@ -237,6 +238,8 @@ class PolynomialSystem(System):
 
     def at_speed(self, speed: float) -> PolynomialSystem:
         """Return the system with constant matrices: those at a speed (rad/s)."""
+        if all(getattr(self, name) is None for name in OF_SPEED):
+            raise InputError(_NO_EFFECT)
         return replace(self, speed=speed)
 
     def _turned(self, nu: float | None = None) -> PolynomialSystem:
