@@ -88,7 +88,7 @@ contains
       sections%pushed = with_columns(system%rest%pushed(:m, :), rest%shapes, load)
       sections%frequencies = load%orders*job%nu
       ! Loads as given, and the inertia of coordinates relative to a moving base.
-      inertia = model%inertia()
+      allocate (inertia, source=model%inertia())
       allocate (forces, mold=load%force)
       do i = 1, size(load%orders)
         forces(:, i) = load%force_at(i, job%nu) + sections%frequencies(i)**2*load%base(i)*inertia

@@ -334,7 +334,7 @@ contains
     model%load = load
     n = size(load%orders)
     nothing = (0.0_wp, 0.0_wp)
-    inertia = model%inertia()
+    allocate (inertia, source=model%inertia())
     deallocate (system%loads)
     allocate (system%loads(n), force(size(nothing), n))
     do j = 1, n
