@@ -147,7 +147,7 @@ contains
   pure integer function find_result(file)
     type(namelist_type), intent(in) :: file
     character(len=longest), allocatable :: results(:)
-    results = wanted(-1)
+    allocate (results, source=wanted(-1))
     do find_result = 1, size(file%groups)
       if (any(results == file%groups(find_result)%name)) exit
     end do
