@@ -90,9 +90,13 @@ contains
 
   contains
 
+    !> False for the empty name of a group that needs no other.
     pure logical function given(group)
       character(len=*), intent(in) :: group
-      given = first(find_group(group)) <= size(file%groups)
+      integer :: place
+      place = find_group(group)
+      given = place > 0
+      if (given) given = first(place) <= size(file%groups)
     end function given
 
   end subroutine check_group
