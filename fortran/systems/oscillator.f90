@@ -360,7 +360,8 @@ contains
   pure subroutine dynamic_stiffness(self, mu, speed, fraction, stiffness)
     class(oscillator_type), intent(in) :: self
     !> Circular frequencies and speeds (rad/s), shape (n).
-    real(wp), intent(in), contiguous :: mu(:), speed(:)
+    real(wp), intent(in), contiguous :: mu(:)
+    real(wp), intent(in) :: speed(:)
     !> From `retained`, shape (n, n_memory).
     complex(wp), intent(in), contiguous :: fraction(:, :)
     !> D, shape (n_dof, n_dof, n).

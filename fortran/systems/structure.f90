@@ -84,7 +84,8 @@ contains
   pure subroutine dynamic_stiffness(self, mu, speed, fraction, stiffness)
     class(structure_type), intent(in) :: self
     !> A structure does not depend on the speed.
-    real(wp), intent(in), contiguous :: mu(:), speed(:)
+    real(wp), intent(in), contiguous :: mu(:)
+    real(wp), intent(in) :: speed(:)
     complex(wp), intent(in), contiguous :: fraction(:, :)
     complex(wp), intent(out), contiguous :: stiffness(:, :, :)
     complex(wp) :: h(size(stiffness, 1), size(stiffness, 1), size(mu))
