@@ -263,11 +263,11 @@ def test_bad_supports(more, message):
 def test_reactions_need_supports():
     k = np.array([[4.0, -4], [-4, 7]])
     plain = vv.Structure(mass=[1.0, 2], stiffness=k)
-    with pytest.raises(vv.InputError, match="support_reactions: the structure has no supports"):
+    with pytest.raises(vv.InputError, match="support_reactions: this system has no supports"):
         vv.simulate(plain, 1, initial=[1, 0, 0, 0]).support_reactions()
-    with pytest.raises(vv.InputError, match="support_reactions: the structure has no supports"):
+    with pytest.raises(vv.InputError, match="support_reactions: this system has no supports"):
         vv.forced_response(plain, [1.0], load={"x1": 1.0}).support_reactions()
-    with pytest.raises(vv.InputError, match="is for motions of a Structure with supports"):
+    with pytest.raises(vv.InputError, match="support_reactions: this system has no supports"):
         vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 1, initial=[1, 0]).support_reactions()
     kernel = vv.PronyKernel(weights=[0.2], rates=[1.0])
     rubber = vv.Structure(

@@ -103,8 +103,7 @@ def support_reactions(
 ) -> SupportReactions:
     """Forces that hold or move the supports, for a base motion y, y', y'', each (n,)."""
     held = structure._held
-    if held is None:
-        raise InputError("support_reactions: the structure has no supports")
+    assert held is not None
     weights, rows = held.rows("support_reactions")
     relative = motion.u, motion.rate, accelerations(motion) - motion.acting.push
     force: FloatArray = np.zeros((motion.t.size, held.held.size))

@@ -36,7 +36,6 @@ from viscovib.results.motion_forces import ElementForces, MountForcesInTime, Sup
 from viscovib.results.trajectory import OUTCOMES, Trajectory
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
-from viscovib.systems.structure import Structure
 
 MAX_STEPS = 10**12
 #: Largest array size of the states of a run: 1 GiB.
@@ -534,16 +533,17 @@ class Run(ABC):
 
     def support_reactions(self, kept: Trajectory) -> SupportReactions:
         """Forces at the supports of a structure."""
-        if not isinstance(self.system, Structure):
-            raise InputError("support_reactions: is for motions of a Structure with supports")
+        system: Any = self.system
+        if system._held is None:
+            raise InputError("support_reactions: this system has no supports")
         motion, base = self.along(kept), self._base_motion(kept.t)
         if kept._floor is not None:
-            direction = np.asarray(self.system._base_direction)
+            direction = np.asarray(system._base_direction)
             if not direction.any():
                 raise InputError("support_reactions: base_acceleration moves no free coordinate")
             floor = kept._floor.at(kept.t)
             base = tuple(one @ direction / (direction @ direction) for one in floor)
-        return support_reactions(self.system, motion, base)
+        return support_reactions(system, motion, base)
 
     def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
         """Displacement, velocity and acceleration of a base along its direction, each (n,)."""

@@ -188,8 +188,7 @@ class StructureMotion:
         frequency = 0.0 if nu is None else _native.number("nu", nu)
         if load is None and waved is None and nu is not None:
             raise InputError("nu: must not be given without load or base")
-        at: tuple[float, ...] = (frequency,) if isinstance(structure, Structure) else ()
-        loaded = structure._loaded(load, waved, *at)
+        loaded = structure._loaded(load, waved, frequency)
         if any(place.law.state for place in loaded.condensation.laws.programs):
             raise InputError(
                 "elements: have a Jenkins, motions in time of such are not available (periodic "
@@ -222,9 +221,8 @@ class StructureMotion:
         times = np.asarray(table.times)
         bent = np.asfortranarray(-derivative(derivative(base_pieces[np.newaxis])))
         loads = [(self.loaded._inertia, (times, bent))]
-        held = self.mount._held if isinstance(self.mount, Structure) else None
-        if held is not None:
-            loads += held.pulls_of(times, base_pieces)
+        if self.mount._held is not None:
+            loads += self.mount._held.pulls_of(times, base_pieces)
         patterns, breaks, pieces = self.patterns, self.breaks, self.pieces
         for push, (at, load) in loads:
             if not load.any():

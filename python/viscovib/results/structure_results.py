@@ -82,7 +82,7 @@ class _OfStructure:
         """
         view = _known(self._view)
         if view.held is None:
-            raise InputError("support_reactions: the structure has no supports")
+            raise InputError("support_reactions: this system has no supports")
         nu, orders, factors = self.nu, self.harmonics, self._factors  # type: ignore[attr-defined]
         weights, (mass, damping, stiffness) = view.held.rows("support_reactions")
         linear = getattr(self, "method", "") == "linear"

@@ -44,7 +44,7 @@ class View:
             elements = system._terms_in_order
         return cls(
             loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
-            names, units, elements, getattr(system, "_held", None),
+            names, units, elements, system._held,
         )  # fmt: skip
 
     def at(self, coordinates: Sequence[str]) -> View:

@@ -120,7 +120,7 @@ def _inertia(system: Any, where: str, direction: FloatArray) -> FloatArray:
     """Return M b, for the direction b in which the base moves."""
     mass = system._mass_matrix if hasattr(system, "_mass_matrix") else system.mass
     push = np.asarray(mass @ direction, dtype=float)
-    held = getattr(system, "_held", None)
+    held = system._held
     if held is not None:
         if held.strains:
             raise InputError(

@@ -338,7 +338,9 @@ class PolynomialSystem(System):
         return checked_condensed(n, self._condensation.q, bool(self._active_kernels))
 
     @for_recent_loads
-    def _loaded(self, load: LoadLike | None, base: LoadLike | None) -> LoadedStructure:
+    def _loaded(
+        self, load: LoadLike | None, base: LoadLike | None, _: float | None = None
+    ) -> LoadedStructure:
         """The condensed system under a load."""
         condensation = self._condensation or self._modes_in_time
         assert condensation is not None

@@ -10,6 +10,7 @@ from viscovib._native import FloatArray
 if TYPE_CHECKING:
     from viscovib.kernels.relaxation import Kernel
     from viscovib.systems.laws import Law
+    from viscovib.systems.supports import Supports
 
 #: Parameters of the load of a system.
 OF_LOADS = ("nu", "load_scale")
@@ -28,6 +29,8 @@ class System:
 
     #: True if the loads are parameters of the system itself.
     _has_own_loads = False
+    #: Supports that were removed from the matrices; None: none.
+    _held: Supports | None = None
 
     @property
     def _turns(self) -> bool:
