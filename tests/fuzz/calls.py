@@ -118,6 +118,10 @@ STRUCTURE = (
     "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, 0], [-1, 2, -1], [0, -1, 1]], "
     "modal_damping=0.02, elements=[vv.Spring(on='x3', law='0.1*d^3')])"
 )
+HUNG = (
+    "vv.Structure(mass=[1, 2, 1], stiffness=[[2, -1, -1], [-1, 2, -1], [-1, -1, 2]], "
+    "supports=['x3'], base_direction=[1.0], elements=[vv.Spring(on=('x1', 'x3'), law='0.1*d^3')])"
+)
 CHAIN = (
     "vv.Structure(mass=[1] * 40, stiffness=sparse.diags_array([-1.0, 2, -1], "
     "offsets=[-1, 0, 1], shape=(40, 40)), rayleigh=(0.01, 0.01), "
@@ -166,6 +170,7 @@ SOUND = (
     f"vv.simulate({BODY}, t_end=0.1, dt=0.005, initial=[0, 0, 1e-3, 0, 0, 0] + [0] * 6)"
     ".motion_of(point='foot', relative=True)",
     f"vv.simulate({STRUCTURE}, t_end=5, dt=0.1, initial=[0.1, 0, 0, 0, 0, 0]).element_forces()",
+    f"vv.simulate({HUNG}, t_end=5, dt=0.1, base=0.1, nu=1.0).support_reactions()",
     f"vv.simulate({STOP}, t_end=5, dt=0.1, initial=[0.1, 0]).peak(quantity='x_ddot')",
     f"vv.plot_energy(modes={BODY}.modes())",
     f"vv.plot_transmissibility(body={BODY}, hz=[5.0, 10.0], axis='z')",

@@ -41,6 +41,7 @@ from viscovib.results.motion_forces import (
     FloorForce,
     MountForcesInTime,
     PointMotion,
+    SupportReactions,
 )
 from viscovib.results.response import Response, lowest_order
 from viscovib.results.scales import ScalesResponse
@@ -206,6 +207,7 @@ _PLOTTED: dict[type, Any] = {
     ElementForces: plot_in_time,
     PointMotion: plot_in_time,
     FloorForce: plot_in_time,
+    SupportReactions: plot_in_time,
 }
 
 
