@@ -31,9 +31,11 @@ def plot_kernel(
         raise InputError("t: must be times greater than 0")
     first, second = axes = panels(ax, 2, "R(t) and the relaxation")
     values = kernel(times)
-    first.loglog(times, values, color=_DARK)
-    # With an exponential decay in view the other decades would be invisible.
-    first.set(ylabel="kernel $R(t)$ (1/s)", ylim=(max(values.min(), _SHOWN * values.max()), None))
+    first.semilogx(times, values, color=_DARK)
+    first.set(ylabel="kernel $R(t)$ (1/s)")
+    if values.max() > 0:
+        # With an exponential decay in view the other decades would be invisible.
+        first.set(yscale="log", ylim=(max(values.min(), _SHOWN * values.max()), None))
     second.semilogx(times, kernel.relaxation(times), color=_DARK)
     second.set(xlabel="time $t$ (s)", ylabel=r"relaxation $1 - \int_0^t R$")
     return axes
