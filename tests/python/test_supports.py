@@ -244,6 +244,7 @@ def test_numbers_of_elements_may_vary():
     ("more", "message"),
     [
         ({"supports": "u1"}, "supports = 'u1': must be a list of names"),
+        ({"supports": 1.5}, "supports = 1.5: must be a list of names"),
         ({"supports": ["v1"]}, "supports: 'v1' must be one of the 5 coordinates u0, ..."),
         ({"supports": ["u1", "u1"]}, "supports: must differ"),
         ({"supports": NAMES}, "supports: all coordinates are supports"),

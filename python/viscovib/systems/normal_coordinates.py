@@ -76,7 +76,7 @@ class NormalCoordinates:
 
 
 def _pairs(name: str, value: npt.ArrayLike) -> ComplexArray | FloatArray:
-    array = np.asarray(value)
+    array = _native.any_array(name, value)
     checked = (_native.complex_array if array.dtype.kind == "c" else _native.real_array)(
         name, value
     )

@@ -191,7 +191,7 @@ class Structure(System):
         found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
         self._set("_elements", found + layers.elements)
         self._set("_layers", layers)
-        if len(self.supports):
+        if not isinstance(self.supports, Sequence) or self.supports:
             self._remove_supports()
         elif self.base_direction is not None:
             direction = _native.real_array("base_direction", self.base_direction).copy()
