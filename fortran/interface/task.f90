@@ -373,8 +373,8 @@ contains
     end do
   end subroutine check_extents
 
-  !> The oscillator of the task; fails if there is none.
-  !> The oscillator. Fails if it depends on the speed, unless the task takes such systems.
+  !> The oscillator of the task. The task fails if there is none, or if it depends on the speed and
+  !! `with_speed` does not say that the task takes such systems.
   function system(self, with_speed) result(it)
     class(task_type), intent(inout), target :: self
     logical, intent(in), optional :: with_speed

@@ -199,5 +199,4 @@ def test_a_response_before_does_not_change_variants_or_reductions():
     assert np.abs(last.coefficients - first.coefficients).max() > 1e-5
     assert np.allclose(branch.coefficients[-1], last.coefficients[0], rtol=0, atol=1e-10)
     reduced = structure.reduce(frequency=0.6, loads=["x1"])
-
     assert reduced._loaded({"x1": 0.05}, None).condensation.reduced is not None
