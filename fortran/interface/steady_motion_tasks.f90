@@ -3,7 +3,8 @@ module viscovib_steady_motion_tasks
   use viscovib_binding_tools, only: kernels_in_vector
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
-  use viscovib_motion_branch, only: branch_options, motion_branch, trace_motion
+  use viscovib_locks, only: lock_texts, unlock_texts
+  use viscovib_motion_branch, only: branch_options, check_branch, motion_branch, trace_motion
   use viscovib_motion_extremes, only: find_extremes
   use viscovib_motion_inputs, only: load_of, polynomial_of
   use viscovib_motion_path, only: map_family, map_motion, plain_family
@@ -11,7 +12,7 @@ module viscovib_steady_motion_tasks
   use viscovib_period_map, only: new_period_map, period_map, period_run
   use viscovib_polynomial, only: polynomial_type
   use viscovib_shooting, only: accuracy_type, check_repeating, find_shortest_period, &
-    show_repeating, steady_from_rest, steady_type
+    show_repeating, steady_doubt, steady_from_rest, steady_type
   use viscovib_status, only: status_type
   use viscovib_task, only: task_type
   use viscovib_vector_builder, only: vector_builder
@@ -109,6 +110,7 @@ contains
     type(steady_type) :: steady
     real(wp), pointer, contiguous :: begin(:)
     real(wp), allocatable :: t(:), states(:, :)
+    character(len=:), allocatable :: doubt
 
     call read_map(task, map)
     if (task%failed()) return
@@ -135,10 +137,11 @@ contains
       call found%put_integer('n_steps', steady%n_steps)
       call found%put_real('error', steady%error)
       call found%put_real('multiplier_error', steady%multiplier_error)
-      call found%put_real('correction', steady%found%correction)
-      call found%put_real('enlarged', steady%found%enlarged)
-      call found%put_real('allowed', wanted%allowed(map, steady%found%state))
     end associate
+    call lock_texts()
+    call steady_doubt(map, steady, wanted, doubt)
+    call unlock_texts()
+    call task%found%put_text('doubt', doubt)
   end subroutine steady_motion
 
   !> Extremes `low`, `high` of each displacement of the solution from `begin` in `n_steps`, between
@@ -173,7 +176,7 @@ contains
     type(branch_options) :: options
     type(motion_branch) :: branch
     real(wp), pointer, contiguous :: flat(:), direction(:), begin(:)
-    character(len=:), allocatable :: varies
+    character(len=:), allocatable :: doubts, varies
 
     varies = task%get_text('varies')
     options%start = task%get_real('start')
@@ -182,7 +185,7 @@ contains
     options%max_points = task%get_integer('max_points')
     options%accuracy = accuracy_type(task%get_real('absolute'), task%get_real('relative'))
     if (task%failed()) return
-    if (varies == 'nu' .or. varies == 'load_factor') then
+    if (.not. task%has('direction')) then
       allocate (plain)
       plain%is_frequency = varies == 'nu'
       call read_map(task, plain%map)
@@ -206,6 +209,11 @@ contains
       options%begin = begin
     end if
     call trace_motion(family, options, branch)
+    call lock_texts()
+    call check_branch(branch, varies, options%start, doubts, task%status)
+    call unlock_texts()
+    if (task%failed()) return
+    call task%found%put_text('doubts', doubts)
     call put_branch(task, branch)
   end subroutine trace_branch
 
@@ -229,7 +237,6 @@ contains
     end do
     associate (found => task%found, motions => branch%motions(:n))
       call found%put_integer('ended', int(branch%outcome, i8))
-      call found%put_text('reason', branch%reason)
       call found%put_reals('p', branch%p(:n), [n])
       call found%put_reals('begin', states, shape(states))
       call found%put_complexes('multipliers', multipliers, shape(multipliers))
@@ -242,7 +249,6 @@ contains
       call found%put_longs('n_steps', motions%n_steps, [n])
       call found%put_reals('error', motions%error, [n])
       call found%put_reals('multiplier_error', motions%multiplier_error, [n])
-      call found%put_reals('allowed', branch%allowed(:n), [n])
       call found%put_integers('kind', branch%kind, shape(branch%kind))
       call found%put_integers('before', branch%before, shape(branch%kind))
       call found%put_reals('place', branch%place, shape(branch%kind))

@@ -13,6 +13,7 @@ module viscovib_system_tasks
   use viscovib_mount, only: mount_type
   use viscovib_mounted_body, only: mounted_body, preload_stiffness, rest_type, spring_turned
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_oscillator_modes, only: oscillator_modes
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_rotation, only: new_rotation
@@ -49,7 +50,7 @@ contains
     case ('lost springs')
       call find_lost_springs(task)
     case ('modes')
-      call find_mount_modes(task)
+      call find_modes(task)
     case ('dynamic_stiffness')
       call find_stiffness(task)
     case ('roots')
@@ -233,23 +234,24 @@ contains
     call unlock_texts()
   end subroutine find_lost_springs
 
-  !> Natural frequencies `omega` (2) and mode `shapes` (2, 2) of a mount.
-  subroutine find_mount_modes(task)
+  !> Natural frequencies `omega` (n) and mode `shapes` (n, n) of an oscillator.
+  subroutine find_modes(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
-    real(wp) :: omega(2), shapes(2, 2)
+    real(wp), allocatable :: omega(:), shapes(:, :)
 
-    system => task%system()
+    system => task%system(with_speed=.true.)
     if (task%failed()) return
+    allocate (omega(system%n_dof()), shapes(system%n_dof(), system%n_dof()))
     select type (system)
     class is (mount_type)
       call system%natural_modes(omega, shapes)
-      call task%found%put_reals('omega', omega, shape(omega))
-      call task%found%put_reals('shapes', shapes, shape(shapes))
     class default
-      call task%refuse_kind()
+      call oscillator_modes(system, omega, shapes, task%status)
     end select
-  end subroutine find_mount_modes
+    call task%found%put_reals('omega', omega, shape(omega))
+    call task%found%put_reals('shapes', shapes, shape(shapes))
+  end subroutine find_modes
 
   !> Dynamic `stiffness` (n_dof, n_dof, n) at frequencies `nu` (n).
   subroutine find_stiffness(task)
@@ -291,7 +293,7 @@ contains
 
   !> Modes of a polynomial system over `speeds` (n): `roots` (m, n), `shapes` (n_dof, m, n),
   !! `growth` (n), `threshold`, and the critical speeds of `orders`: `critical` (k), their `mode`
-  !! (k) and `order` (k).
+  !! (k) and `order` (k). With two coordinates, `plane` (2): `whirl` (m, n).
   subroutine find_lines(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -318,6 +320,10 @@ contains
       call found%put_reals('order', critical%order, shape(critical))
       call found%put_integers('mode', critical%mode, shape(critical))
     end associate
+    if (task%has('plane')) then
+      call task%found%put_reals('whirl', campbell%whirl(task%get_integers('plane')), &
+                                shape(campbell%roots))
+    end if
   end subroutine find_lines
 
   !> Natural frequencies `omega` (3) of a pendulum, mode `shapes` (3, 3), `r`, `z_r`.

@@ -5,7 +5,8 @@ module viscovib_backbone_job
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
-  use viscovib_curve_columns, only: add_stability, note_folds, stability_note
+  use viscovib_column_notes, only: backbone_errors_note, backbone_note, stability_note
+  use viscovib_curve_columns, only: add_stability, note_folds
   use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
   use viscovib_free_orders, only: chosen_text, first_chosen, most_chosen
   use viscovib_free_structure, only: free_structure
@@ -318,15 +319,13 @@ contains
     end if
     call table%add_reals('nu', family%nu)
     if (allocated(family%energy)) call table%add_reals('energy', family%energy)
-    note = 'nu: circular frequency'
+    note = backbone_note
     if (allocated(family%multipliers)) then
       note = note//stability_note
       call add_stability(table, [(count_larger(family%multipliers(:, i), free_circle), &
                                   i=1, size(family%nu))], family%multipliers(1, :))
     end if
-    call table%note(note//'; truncation: estimated relative error by neglected ' &
-                    //'harmonics; error: by the last correction and rounding; ' &
-                    //'u = sum_k a_k cos(k nu t); ' &
+    call table%note(note//backbone_errors_note &
                     //listed_units(subject%coordinates(self%wanted), subject%units(self%wanted)))
     call table%add_reals('truncation', family%truncation)
     call table%add_reals('error', family%error)

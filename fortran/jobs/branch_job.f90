@@ -4,7 +4,8 @@ module viscovib_branch_job
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_crossings, only: crossing_type, find_crossings
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
-  use viscovib_curve_columns, only: add_stability, note_crossings, note_folds, stability_note
+  use viscovib_column_notes, only: branch_errors_note, branch_note, stability_note
+  use viscovib_curve_columns, only: add_stability, note_crossings, note_folds
   use viscovib_extra_columns, only: extra_columns
   use viscovib_family_curve, only: check_systems, new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -325,18 +326,15 @@ contains
                     branch%folds%p(:branch%folds%n), branch%folds%error(:branch%folds%n))
     call note_crossings(table, crossings, varies)
     call table%add_reals(varies, branch%parameter(:n))
-    note = 'nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)'
+    note = branch_note
     if (allocated(stability%stable)) then
       note = note//stability_note
       call add_stability(table, stability%n_growing(:n), stability%multipliers(1, :n))
     end if
-    call table%note(note//'; highest: highest harmonic; truncation: estimated relative error ' &
-                    //'by neglected harmonics; error: by the last correction and rounding; ' &
-                    //listed_units(names, units))
+    call table%note(note//branch_errors_note//listed_units(names, units))
     call table%add_integers('highest', highest)
     call table%add_reals('truncation', branch%truncation(:n))
     call table%add_reals('error', branch%error(:n))
-    call extra%add_notes(table)
     call extra%add(table)
     i = 0
     do d = 1, size(names)

@@ -52,6 +52,7 @@ contains
     type(status_type), intent(out) :: status
     type(campbell_type) :: found
     type(table_type) :: table
+    real(wp), allocatable :: whirl(:, :)
     integer :: i
 
     call find_campbell(subject%polynomial, self%speeds, self%orders, found, status)
@@ -68,6 +69,10 @@ contains
     else
       call table%note('no eigenvalue has a positive real part')
     end if
+    if (self%plane(1) > 0) then
+      call table%note('whirl: 1 forward, -1 backward on a circle, 0 on a line')
+      allocate (whirl, source=found%whirl(self%plane))
+    end if
     call table%hold_reals('speed', found%speeds)
     call table%hold_reals('growth', found%growth)
     do i = 1, size(found%roots, 1)
@@ -75,11 +80,8 @@ contains
       call table%hold_reals('damping_ratio_'//show(i - 1), &
                             -real(found%roots(i, :))/abs(found%roots(i, :)))
       if (self%plane(1) == 0) cycle
-      call table%hold_reals('whirl_'//show(i - 1), found%whirl(i, self%plane))
+      call table%hold_reals('whirl_'//show(i - 1), whirl(i, :))
     end do
-    if (self%plane(1) > 0) then
-      call table%note('whirl: 1 forward, -1 backward on a circle, 0 on a line')
-    end if
     call sink%put(this_kind(), table, status)
     report%summary = things(size(found%roots, 1), 'mode')//', ' &
                      //things(size(found%critical), 'critical speed')

@@ -12,12 +12,6 @@ module viscovib_curve_columns
 
   public :: add_stability, note_crossings, note_folds
 
-  !> Description of the columns about stability.
-  character(len=*), parameter, public :: &
-    stability_note = '; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit ' &
-                     //'circle, unknown: -1; multiplier: size of the largest, nan: unknown or ' &
-                     //'too large for a number'
-
 contains
 
   !> Note the outcome of a curve, its folds, and their errors.

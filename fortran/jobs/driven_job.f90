@@ -5,7 +5,8 @@ module viscovib_driven_job
   use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, &
     curve_outcomes, follow_curve
-  use viscovib_curve_columns, only: add_stability, note_crossings, note_folds, stability_note
+  use viscovib_column_notes, only: driven_error_note, driven_note, stability_note
+  use viscovib_curve_columns, only: add_stability, note_crossings, note_folds
   use viscovib_drive_torus, only: checking_shells, drive_torus_type, kept_by_symmetry, &
     largest_bound, lattice, max_unknowns, n_drives, varied_names, varies_nu
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
@@ -543,7 +544,7 @@ contains
     do i = 1, self%torus%n_axes
       call table%add_reals('omega_'//show(i), branch%base(i, :))
     end do
-    note = 'q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)'
+    note = driven_note
     if (allocated(branch%multipliers)) then
       call note_crossings(table, branch%crossings, varies)
       note = note//stability_note
@@ -552,7 +553,7 @@ contains
     end if
     call table%note(note//'; harmonics up to '//show(branch%harmonics)//', largest ' &
                     //'estimated relative error '//trim(exact(branch%truncation)) &
-                    //'; error: by the last correction and rounding')
+                    //driven_error_note)
     call table%add_reals('error', branch%error)
     do j = 1, size(self%wanted)
       d = self%wanted(j)

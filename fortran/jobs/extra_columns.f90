@@ -1,6 +1,7 @@
 !> Optional columns in tables of responses and branches.
 module viscovib_extra_columns
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_column_notes, only: dissipation_note, sampling_note
   use viscovib_kinds, only: wp
   use viscovib_motion_checks, only: losses_of, relative_motions, sampling_of, work_of
   use viscovib_status, only: fail, status_input_error, status_type
@@ -11,11 +12,6 @@ module viscovib_extra_columns
 
   public :: extra_columns
 
-  !> Descriptions of the columns.
-  character(len=*), parameter :: &
-    sampling_note = 'sampling: estimated relative error by the samples of forces', &
-    dissipation_note = 'dissipation: energy loss per period (J)'
-
   type :: extra_columns
     !> True if requested.
     logical :: sampling = .false., dissipation = .false.
@@ -24,7 +20,6 @@ module viscovib_extra_columns
   contains
     procedure :: check
     procedure :: find
-    procedure :: add_notes
     procedure :: add
   end type extra_columns
 
@@ -120,17 +115,11 @@ contains
     end associate
   end subroutine find_fed
 
-  !> A line above the table.
-  subroutine add_notes(self, table)
-    class(extra_columns), intent(in) :: self
-    type(table_type), intent(inout) :: table
-    if (self%sampling) call table%note(sampling_note)
-    if (self%dissipation) call table%note(dissipation_note)
-  end subroutine add_notes
-
   subroutine add(self, table)
     class(extra_columns), intent(in), target :: self
     type(table_type), intent(inout) :: table
+    if (self%sampling) call table%note(sampling_note)
+    if (self%dissipation) call table%note(dissipation_note)
     if (self%sampling) call table%hold_reals('sampling', self%errors)
     if (self%dissipation) call table%hold_reals('dissipation', self%lost)
   end subroutine add

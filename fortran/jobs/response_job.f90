@@ -1,5 +1,6 @@
 !> A steady response at given frequencies, of a mount or a polynomial system.
 module viscovib_response_job
+  use viscovib_column_notes, only: response_note, unsolved_note
   use viscovib_counters, only: count_up, counted_columns, counting
   use viscovib_extra_columns, only: extra_columns
   use viscovib_forced_response, only: forced_response
@@ -153,16 +154,13 @@ contains
     integer :: d, k
 
     if (counting) call count_up(counted_columns, size(coordinates))
-    call table%note('nu: circular frequency of the load (rad/s); rate: ratio of the last ' &
-                    //'corrections; highest: highest harmonic; truncation: estimated relative ' &
-                    //'error by neglected harmonics; error: by the last correction and ' &
-                    //'rounding; u = Im sum_k X_k exp(i k nu t),')
+    call table%note(response_note)
     names = ''
     do d = 1, size(coordinates)
       names = names//trim(coordinates(d))//'_k_re, '//trim(coordinates(d))//'_k_im: X_k of ' &
               //trim(coordinates(d))//' ('//trim(units(d))//'); '
     end do
-    call table%note(names//'nan where no solution was found')
+    call table%note(names//unsolved_note)
     call table%add_reals('nu', response%nu)
     call table%add_words('outcome', response%outcome, outcome_names)
     call table%add_words('method', response%method, [repeat(' ', len(method_names)), method_names])
@@ -171,10 +169,7 @@ contains
     call table%add_integers('highest', response%highest)
     call table%add_reals('truncation', response%truncation)
     call table%hold_reals('error', errors)
-    if (present(extra)) then
-      call extra%add_notes(table)
-      call extra%add(table)
-    end if
+    if (present(extra)) call extra%add(table)
     if (allocated(response%stability%stable)) then
       call table%note('stable: 1: stable, 0: not, -1: unknown')
       ! The reason of an unknown stability is not part of the table.

@@ -1,6 +1,7 @@
 !> Steady motions by multiple scales, along the frequency or the amplitude of a load, of any
 !! system.
 module viscovib_scales_job
+  use viscovib_column_notes, only: scales_columns_note, scales_note
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_normal_form, only: by_influence
@@ -111,10 +112,8 @@ contains
     integer :: d, i, n
 
     n = points%n
-    call table%note('steady motions by multiple scales to third order')
-    call table%note('first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes ' &
-                    //'of the modes; largest growth and its estimated error; sizes of the three ' &
-                    //'orders; estimated error of X, of the coordinate where it is largest')
+    call table%note(scales_note)
+    call table%note(scales_columns_note)
     call table%hold_reals(trim(self%parameter), self%values(points%value(:n)))
     call table%hold_integers('stable', merge(1, 0, stable_points(points)))
     call table%hold_integers('beats', points%beats(:n))

@@ -8,7 +8,7 @@ module viscovib_steady_motion_job
   use viscovib_outcomes, only: outcome_converged, outcome_names
   use viscovib_period_map, only: new_period_map, period_map
   use viscovib_shooting, only: accuracy_type, check_repeating, find_shortest_period, &
-    show_repeating, steady_from_rest, steady_type
+    show_repeating, steady_doubt, steady_from_rest, steady_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed_units, table_type
@@ -94,6 +94,7 @@ contains
     type(period_map) :: map
     type(steady_type) :: steady
     real(wp), allocatable :: state(:)
+    character(len=:), allocatable :: doubt
     integer :: shortest
 
     call check_repeats(subject, this_kind(), status)
@@ -115,16 +116,8 @@ contains
     report%summary = trim(outcome_names(steady%found%outcome))//', ' &
                      //stability_words(steady)//', repeats after '//things(shortest, 'period') &
                      //', '//things(steady%found%n_passed, 'switch', 'switches')//' of laws'
-    if (.not. report%complete) then
-      report%summary = report%summary//': no motion was found that repeats after ' &
-                       //things(self%n_periods, 'period')//' (the last correction is ' &
-                       //show(steady%found%correction) &
-                       //'); give a nearer initial state, or another n_periods'
-    else if (steady%error > self%accuracy%allowed(map, steady%found%state)) then
-      report%summary = report%summary//'; the error '//show(steady%error)//' is above the ' &
-                       //'tolerance: rounding is amplified '//show(steady%found%enlarged) &
-                       //' times in the motion that repeats'
-    end if
+    call steady_doubt(map, steady, self%accuracy, doubt)
+    report%summary = report%summary//doubt
   end subroutine run
 
   function stability_words(steady) result(words)

@@ -4,12 +4,12 @@ module viscovib_trace_motion_job
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_motion_branch, only: branch_completed, branch_endings, branch_options, &
-    branch_singular, branch_without_start, motion_branch, trace_motion
+    check_branch, motion_branch, trace_motion
   use viscovib_motion_events, only: event_fold, event_grazing, event_names
   use viscovib_motion_path, only: plain_family
   use viscovib_number_text, only: exact
   use viscovib_period_map, only: new_period_map
-  use viscovib_status, only: fail, show, status_input_error, status_type, things
+  use viscovib_status, only: show, status_type, things
   use viscovib_steady_motion_job, only: check_repeats
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed_units, table_type
@@ -89,32 +89,18 @@ contains
     type(status_type), intent(out) :: status
     type(plain_family), target :: family
     type(motion_branch) :: branch
+    character(len=:), allocatable :: doubts
 
     call self%make_family(subject, family, status)
     if (status%failed()) return
     call trace_motion(family, self%options, branch)
-    if (branch%outcome == branch_without_start) then
-      call fail(status, status_input_error, 'from', 'no motion was found at the start ' &
-                //show(self%options%start)//' that repeats after '//show(self%n_periods) &
-                //' periods of the load: give another initial, or start at another value')
-    else if (branch%outcome == branch_singular) then
-      call fail(status, status_input_error, 'from', 'the motion at the start ' &
-                //show(self%options%start)//' cannot be followed, because it is not isolated ' &
-                //'(sticking friction, or a fold): start at another value')
-    end if
+    call check_branch(branch, self%varies(), self%options%start, doubts, status)
     if (status%failed()) return
     call put_branch(self, subject, branch, sink, status)
     report%complete = branch%outcome == branch_completed
     report%summary = trim(branch_endings(branch%outcome))//', '//things(branch%n_points, 'point') &
                      //', '//things(count(branch%kind == event_fold), 'fold')//', ' &
-                     //things(count(branch%kind == event_grazing), 'grazing')//branch%reason
-    associate (n => branch%n_points)
-      if (any(branch%motions(:n)%error > branch%allowed(:n))) then
-        report%summary = report%summary//'; the error exceeds the tolerance at ' &
-          //things(count(branch%motions(:n)%error > branch%allowed(:n)), 'point')//': give a ' &
-          //'smaller tolerance, or start there'
-      end if
-    end associate
+                     //things(count(branch%kind == event_grazing), 'grazing')//doubts
   end subroutine run
 
   !> One row per point.

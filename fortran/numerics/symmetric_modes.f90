@@ -164,9 +164,12 @@ contains
     total = 0.0_real128
     do k = 1, size(shape_of)
       do i = 1, size(shape_of)
-        if (.not. (abs(stiffness(i, k)) > 0.0_wp .or. abs(mass(i, k)) > 0.0_wp)) cycle
-        total(i) = total(i) + (real(stiffness(i, k), real128) &
-                               - real(square, real128)*mass(i, k))*shape_of(k)
+        if (abs(stiffness(i, k)) > 0.0_wp) then
+          total(i) = total(i) + real(stiffness(i, k), real128)*shape_of(k)
+        end if
+        if (abs(mass(i, k)) > 0.0_wp) then
+          total(i) = total(i) - real(square, real128)*mass(i, k)*shape_of(k)
+        end if
       end do
     end do
     if (present(low)) then

@@ -256,14 +256,14 @@ contains
     end do
   end subroutine gather
 
-  !> Direction of the motion of two coordinates in a mode over the speed: 1 forward, -1 backward on
-  !! a circle, 0 on a line; forward is from the first coordinate to the second. Re(x exp(i w t))
-  !! goes around its ellipse with the area pi Im(x_1 conj(x_2)).
-  pure function whirl(self, mode, plane)
+  !> Direction of the motion of two coordinates in the modes over the speed: 1 forward, -1 backward
+  !! on a circle, 0 on a line; forward is from the first coordinate to the second. Re(x exp(i w t))
+  !! goes around its ellipse with the area pi Im(x_1 conj(x_2)). NaN without motion of both.
+  pure function whirl(self, plane)
     class(campbell_type), intent(in) :: self
-    integer, intent(in) :: mode, plane(2)
-    real(wp) :: whirl(size(self%speeds))
-    associate (x => self%shapes(plane(1), mode, :), y => self%shapes(plane(2), mode, :))
+    integer, intent(in) :: plane(2)
+    real(wp) :: whirl(size(self%roots, 1), size(self%speeds))
+    associate (x => self%shapes(plane(1), :, :), y => self%shapes(plane(2), :, :))
       whirl = 2.0_wp*aimag(x*conjg(y))/(abs(x)**2 + abs(y)**2)
     end associate
   end function whirl

@@ -39,7 +39,8 @@ contains
     end if
     if (minval(omega) < -negative*maxval(abs(omega))) then
       call fail(status, status_input_error, 'stiffness', 'stiffness: has an eigenvalue ' &
-                //show(minval(omega))//' < 0, rest is unstable and has no natural frequency there')
+                //show(minval(omega))//' < 0, rest is unstable and has no natural frequency ' &
+                //'there (see characteristic_roots)')
       return
     end if
     omega = sqrt(max(omega, 0.0_wp))

@@ -9,11 +9,12 @@ module viscovib_motion_branch
   use viscovib_period_map, only: period_map
   use viscovib_shooting, only: accuracy_type, check_repeating, find_shortest_period, &
     check_periodic, steady_from_rest, steady_type
+  use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_stopping, only: begin_piece, given_up
   implicit none
   private
 
-  public :: branch_options, motion_branch, trace_motion
+  public :: branch_options, check_branch, motion_branch, trace_motion
 
   !> Outcome of a branch; no motion at the start of the range; no motion next to the start.
   integer, parameter, public :: branch_completed = 0, branch_stuck = 1, branch_points = 2, &
@@ -104,6 +105,47 @@ contains
     call check_points(path, options%accuracy, points, branch)
     call check_events(path, points, branch)
   end subroutine trace_motion
+
+  !> What is wrong with a branch, as further clauses of a sentence; empty if nothing is. Fails if
+  !! the branch has no point.
+  subroutine check_branch(branch, varies, start, doubts, status)
+    type(motion_branch), intent(in) :: branch
+    !> Name of the parameter, and the start of its range.
+    character(len=*), intent(in) :: varies
+    real(wp), intent(in) :: start
+    character(len=:), allocatable, intent(out) :: doubts
+    type(status_type), intent(out) :: status
+    real(wp) :: errors(branch%n_points)
+    logical :: above(branch%n_points)
+    integer :: n
+
+    call set_ok(status)
+    doubts = ''
+    if (branch%outcome == branch_without_start) then
+      call fail(status, status_input_error, 'from', 'no motion that repeats was found at the ' &
+                //'start, '//varies//' = '//show(start)//': give another initial or n_periods, ' &
+                //'or start at another value')
+    else if (branch%outcome == branch_singular) then
+      call fail(status, status_input_error, 'from', 'the motion at the start, '//varies//' = ' &
+                //show(start)//', cannot be followed, because it is not isolated (sticking ' &
+                //'friction, or a fold): start at another value')
+    else if (branch%outcome == branch_stuck) then
+      doubts = '; the branch ends at '//varies//' = '//show(branch%p(branch%n_points)) &
+               //': no step continues it'//branch%reason
+    end if
+    if (branch%n_points == 0) return
+    n = count(.not. abs(branch%place) <= huge(start))
+    if (n > 0) doubts = doubts//'; '//things(n, 'place')//' could not be located (nan)'
+    errors = branch%motions(:branch%n_points)%error
+    where (.not. errors <= huge(start)) errors = huge(start)
+    above = errors > branch%allowed(:branch%n_points)
+    if (.not. any(above)) return
+    n = maxloc(errors, 1, above)
+    doubts = doubts//'; the error exceeds the tolerance at '//things(count(above), 'point') &
+             //', largest ('//show(errors(n))//') at '//varies//' = '//show(branch%p(n)) &
+             //', because the step size is that of the start of the branch: give a smaller ' &
+             //'tolerance, or start there'
+  end subroutine check_branch
 
   !> Trace the points from the beginning of the range to its end.
   subroutine follow(path, state, options, points, outcome)

@@ -8,13 +8,14 @@ module viscovib_shooting
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_stalled, &
     outcome_stopped
   use viscovib_period_map, only: period_map, period_run
+  use viscovib_status, only: show, things
   use viscovib_stopping, only: begin_piece, given_up
   use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   implicit none
   private
 
   public :: check_repeating, find_repeating, find_shortest_period, check_periodic, &
-    multipliers_of, show_repeating, steady_from_rest
+    multipliers_of, show_repeating, steady_doubt, steady_from_rest
   public :: accuracy_type, repeating_type, steady_type
 
   !> Rounding error of a state at the end of a period, relative to its largest entry.
@@ -389,6 +390,24 @@ contains
     end if
     shortest = map%n_periods
   end function find_shortest_period
+
+  !> What is wrong with a motion, as a further clause of a sentence; empty if nothing is.
+  subroutine steady_doubt(map, steady, accuracy, doubt)
+    type(period_map), intent(in) :: map
+    type(steady_type), intent(in) :: steady
+    type(accuracy_type), intent(in) :: accuracy
+    character(len=:), allocatable, intent(out) :: doubt
+
+    doubt = ''
+    if (steady%found%outcome /= outcome_converged) then
+      doubt = ': no motion was found that repeats after '//things(map%n_periods, 'period') &
+              //' (the last correction is '//show(steady%found%correction) &
+              //'); give a nearer initial state, or another n_periods'
+    else if (steady%error > accuracy%allowed(map, steady%found%state)) then
+      doubt = '; the error '//show(steady%error)//' is above the tolerance: rounding is ' &
+              //'amplified '//show(steady%found%enlarged)//' times in the motion that repeats'
+    end if
+  end subroutine steady_doubt
 
   !> States at equidistant times over the period, shape (2 n_dof, size(t)).
   subroutine show_repeating(map, steady, t, states)

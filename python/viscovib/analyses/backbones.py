@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
-from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns
+from viscovib.common.motion_stability import stability_columns
 from viscovib.common.parameters import MAX_HARMONICS, CurveOptions, Interval
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
@@ -256,16 +257,12 @@ class Backbone(PeriodicMotions, Result):
             table.notes.append(f"branch points at {self.varies} ={places}")
         if self.energy is not None:
             table.columns["energy"] = self.energy
-        note = "nu: circular frequency"
+        note = NOTES["backbone"]
         if self.growing is not None:
-            note += STABILITY_NOTE
+            note += NOTES["stability"]
             table.columns |= stability_columns(self.growing, self.multipliers)
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
-        note += (
-            "; truncation: estimated relative error by neglected harmonics; error: by the last "
-            "correction and rounding"
-        )
-        table.notes.append(f"{note}; u = sum_k a_k cos(k nu t); {units}")
+        table.notes.append(f"{note}{NOTES['backbone_errors']}{units}")
         table.columns |= {"truncation": self.truncation, "error": self.error}
         for d, name in names.items():
             for j, k in enumerate(self.harmonics):

@@ -228,14 +228,14 @@ def campbell(
     places = _plane(system, plane)
     n = len(system.dof_names)
     given = {"speeds": over, "orders": wanted.astype(float)}
+    given |= {} if places is None else {"plane": np.array(places) + 1}
     found = _native.run_either(n * over.size > _FEW, "system campbell", system._handle, **given)
     roots, shapes = found["roots"].T, np.moveaxis(found["shapes"], 0, -1).swapaxes(0, 1)
-    whirl = None if places is None else _whirl(shapes, *places)
     return Campbell(
         over.copy(), np.ascontiguousarray(roots), np.ascontiguousarray(shapes), found["growth"],
-        whirl, found["critical"], found["order"], found["mode"].astype(np.int64) - 1,
-        float(found["threshold"]), wanted.copy(), system.dof_names,
-        system.dof_units,
+        None if places is None else found["whirl"].T.copy(), found["critical"], found["order"],
+        found["mode"].astype(np.int64) - 1, float(found["threshold"]), wanted.copy(),
+        system.dof_names, system.dof_units,
         None if places is None else (system.dof_names[places[0]], system.dof_names[places[1]]),
     )  # fmt: skip
 
@@ -251,15 +251,3 @@ def _plane(system: PolynomialSystem, plane: Any) -> tuple[int, int] | None:
             f"plane = {_native.shown(plane)}: must be two of the coordinates {', '.join(names)}"
         )
     return names.index(plane[0]), names.index(plane[1])
-
-
-def _whirl(shapes: ComplexArray, i: int, j: int) -> FloatArray:
-    """Return the direction of the motion of two coordinates.
-
-    The motion Re(x exp(i w t)) goes around its ellipse with the area pi Im(x_i conj(x_j)).
-    """
-    x, y = shapes[..., i], shapes[..., j]
-    size = np.abs(x) ** 2 + np.abs(y) ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found: FloatArray = 2 * (x * y.conj()).imag / size
-    return found

@@ -27,6 +27,7 @@ from viscovib.analyses.torus import (
     place_of,
 )
 from viscovib.analyses.torus_plan import torus_plan
+from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import three_valued, whole_or_codes
 from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
@@ -248,10 +249,7 @@ class DrivenResponse(Result):
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         varies = self.varies or self.axes[0]
         table = Table(
-            [
-                f"{varies} varies; q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad); "
-                "nan where no solution was found"
-            ],
+            [f"{varies} varies; {NOTES['driven']}; {NOTES['unsolved']}"],
             {varies: self.parameter},
         )
         table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}

@@ -29,8 +29,8 @@ from viscovib.analyses.torus import (
     unknowns_of,
 )
 from viscovib.analyses.torus_plan import torus_plan
+from viscovib.common.column_notes import NOTES
 from viscovib.common.motion_stability import (
-    STABILITY_NOTE,
     stability_columns,
     three_valued,
     whole_or_codes,
@@ -270,16 +270,16 @@ class DrivenBranch(PeriodicMotions, Curve):
         notes[first:first] = message
         table = Table(notes, {self.varies: self.parameter})
         table.columns |= {f"omega_{j + 1}": self.base[:, j] for j in range(len(self.axes))}
-        note = "q = Im sum_k X_k exp(i k.omega t) of z, phi (rad), psi (rad)"
+        note = NOTES["driven"]
         if self.growing is not None:
-            note += STABILITY_NOTE
+            note += NOTES["stability"]
             table.columns |= stability_columns(self.growing, self.multipliers)
         elif self.stable is not None:
             table.columns["stable"] = whole_or_codes(self.stable)
         highest = int(np.abs(self.orders).sum(axis=1).max())
         table.notes.append(
             f"{note}; harmonics up to {highest}, largest estimated relative error "
-            f"{self._worst:.16e}; error: by the last correction and rounding"
+            f"{self._worst:.16e}{NOTES['driven_error']}"
         )
         table.columns["error"] = self.error
         names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}

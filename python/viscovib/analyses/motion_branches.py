@@ -15,7 +15,6 @@ from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.following import _Way
 from viscovib.analyses.period_map import PeriodMap, check_mapped
 from viscovib.analyses.shooting import MOST_PERIODS, SEARCHES, STABLE, begin_of
-from viscovib.common.counts import things
 from viscovib.common.parameters import Number
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.curves import Crossing
@@ -27,7 +26,7 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.system import turned
 
 #: Outcomes of a branch and kinds of events, by their numbers in the core.
-_OUTCOMES = ("completed", "stuck", "points", "stopped", "without start", "singular")
+_OUTCOMES = ("completed", "stuck", "points", "stopped")
 _EVENTS = ("", "fold", "branch point", "period doubling", "Neimark-Sacker", "grazing")
 #: Smallest number of states of a motion over its period.
 _SHOWN = 256
@@ -121,50 +120,14 @@ def trace_motion(
     found = _native.apart(
         lambda: _native.run(
             "motion branch", mapping.system_in_core, **mapping.given, **along, **begin,
-            varies=way.varies if way.numbers is None else "numbers", start=way.start,
+            varies=way.varies, start=way.start,
             finish=way.finish, max_step=longest, max_points=most, absolute=wanted.absolute,
             relative=wanted.relative,
         )
     )  # fmt: skip
-    outcome = _OUTCOMES[found["ended"]]
-    if outcome == "without start":
-        raise InputError(
-            f"{way.argument}: no motion was found at the start {way.start:g} that repeats "
-            f"after {periods} periods of the load: give another initial, or start at another "
-            "value"
-        )
-    if outcome == "singular":
-        raise InputError(
-            f"{way.argument}: the motion at the start {way.start:g} cannot be followed, "
-            "because it is not isolated (sticking friction, or a fold): start at another value"
-        )
-    branch = _branch(system, mapping, way, found)
-    _warn_of_doubts(branch, found, wanted)
-    return branch
-
-
-def _warn_of_doubts(branch: MotionBranch, found: dict[str, Any], wanted: Accuracy) -> None:
-    """Warn of a branch that ends early, of events without a location, and of large errors."""
-    at, doubts = branch.varies, []
-    if branch.outcome == "stuck":
-        doubts.append(
-            f"the branch ends at {at} = {branch.parameter[-1]:.9g}: no step continues it"
-            + found["reason"]
-        )
-    if branch._n_not_located:
-        places = things(branch._n_not_located, "place")
-        doubts.append(f"{places} could not be located (nan, None)")
-    above = np.flatnonzero(~(branch.error <= found["allowed"]))
-    if above.size:
-        worst = int(above[np.nan_to_num(branch.error[above], nan=np.inf).argmax()])
-        doubts.append(
-            f"the error exceeds {wanted} at {things(above.size, 'point')}, largest "
-            f"({branch.error[worst]:.1e}) at {at} = {branch.parameter[worst]:.9g}, because the "
-            "step size is that of the start of the branch: give a smaller tolerance, or start "
-            "there"
-        )
-    for sentence in doubts:
-        warnings.warn(f"trace_motion: {sentence}", ConvergenceWarning, stacklevel=caller())
+    if found["doubts"]:
+        warnings.warn(f"trace_motion{found['doubts']}", ConvergenceWarning, stacklevel=caller())
+    return _branch(system, mapping, way, found)
 
 
 def _branch(

@@ -14,7 +14,6 @@ from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.period_map import PeriodMap
 from viscovib.analyses.runs import starting_state
 from viscovib.analyses.whole_structure import check_outside
-from viscovib.common.counts import things
 from viscovib.errors import ConvergenceWarning, caller
 from viscovib.results.steady_motion import SteadyMotion
 from viscovib.systems.load import LoadLike
@@ -105,21 +104,9 @@ def steady_motion(
     mapping = PeriodMap.checked(system, load, nu, periods, method)
     found = search(system, mapping, initial, wanted)
     motion = _motion(system, mapping, found)
-    if motion.outcome != "converged":
-        warnings.warn(
-            f"steady_motion: {motion.outcome}: no motion was found that repeats after "
-            f"{things(periods, 'period')} (the last correction is {found['correction']:.1e}); "
-            "give a nearer initial state, or another n_periods",
-            ConvergenceWarning,
-            stacklevel=caller(),
-        )
-    elif motion.error > found["allowed"]:
-        warnings.warn(
-            f"steady_motion: the error {motion.error:.1e} is above {wanted}: rounding is enlarged "
-            f"{found['enlarged']:.1e} times in the motion that repeats",
-            ConvergenceWarning,
-            stacklevel=caller(),
-        )
+    if found["doubt"]:
+        about = f"steady_motion: {motion.outcome}{found['doubt']}"
+        warnings.warn(about, ConvergenceWarning, stacklevel=caller())
     return motion
 
 

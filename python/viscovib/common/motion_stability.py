@@ -31,13 +31,6 @@ def three_valued(stable: npt.NDArray[np.bool_], unknown: npt.NDArray[np.bool_]) 
     return verdicts
 
 
-#: Note on the columns of stability.
-STABILITY_NOTE = (
-    "; stable: 1, not: 0, unknown: -1; growing: multipliers outside the unit circle, unknown: -1; "
-    "multiplier: size of the largest, nan: unknown or too large for a number"
-)
-
-
 def stability_columns(
     growing: npt.NDArray[np.int32], multipliers: ComplexArray | None
 ) -> dict[str, Any]:

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
-from viscovib.common.motion_stability import STABILITY_NOTE, stability_columns, whole_or_codes
+from viscovib.common.motion_stability import stability_columns, whole_or_codes
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.tables import Table, listed_units
@@ -324,15 +325,12 @@ class Branch(PeriodicMotions, Curve):
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         names = {d: self.dof_names[d] for d in wanted_places(coordinates, self.dof_names)}
         table = Table(branch_notes(self), {self.varies: self.parameter})
-        note = "nu: circular frequency of the load (rad/s); u = Im sum_k X_k exp(i k nu t)"
+        note = NOTES["branch"]
         if self.growing is not None:
-            note += STABILITY_NOTE
+            note += NOTES["stability"]
             table.columns |= stability_columns(self.growing, self.multipliers)
         units = listed_units(list(names.values()), [self.dof_units[d] for d in names])
-        table.notes.append(
-            f"{note}; highest: highest harmonic; truncation: estimated relative error by "
-            f"neglected harmonics; error: by the last correction and rounding; {units}"
-        )
+        table.notes.append(f"{note}{NOTES['branch_errors']}{units}")
         table.columns |= {"highest": self.highest, "truncation": self.truncation}
         table.columns["error"] = self.error
         add_requested(table, self)

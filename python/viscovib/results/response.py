@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import codes_of
 from viscovib.common.periodic_motions import PeriodicMotions
@@ -539,11 +540,8 @@ class Response(PeriodicMotions, Result):
         )
         table = Table(
             [
-                "nu: circular frequency of the load (rad/s); rate: ratio of the last "
-                "corrections; highest: highest harmonic; truncation: estimated relative error "
-                "by neglected harmonics; error: by the last correction and rounding; u = Im "
-                "sum_k X_k exp(i k nu t),",
-                f"{about}nan where no solution was found",
+                NOTES["response"],
+                f"{about}{NOTES['unsolved']}",
             ],
             {
                 "nu": self.nu,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.column_notes import NOTES
 from viscovib.common.tables import Table
 from viscovib.systems.load import Job
 
@@ -63,13 +64,6 @@ def lost_energy(
         highest=result.highest, linear=linear, motions=y.T,
     )  # fmt: skip
     return np.asarray(found["lost"])
-
-
-#: Notes on the columns that scenes request.
-NOTES = {
-    "sampling": "sampling: estimated relative error by the samples of forces",
-    "dissipation": "dissipation: energy loss per period (J)",
-}
 
 
 def add_requested(table: Table, result: Any) -> None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
+from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Result, span
@@ -394,12 +395,7 @@ class ScalesResponse(Result):
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         table = Table(
-            [
-                "steady motions by multiple scales to third order",
-                "first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes of "
-                "the modes; largest growth and its estimated error; sizes of the three "
-                "orders; estimated error of X, of the coordinate where it is largest",
-            ],
+            [NOTES["scales"], NOTES["scales_columns"]],
             {self.parameter: self.at, "stable": self.stable, "beats": self.n_beats},
         )
         for d in wanted_places(coordinates, self.dof_names):

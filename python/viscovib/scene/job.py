@@ -27,7 +27,6 @@ from viscovib.common.results import Result
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.branch import Branch
 from viscovib.results.response import Response
-from viscovib.results.sampling import NOTES
 from viscovib.results.scales import ScalesResponse
 from viscovib.results.trajectory import Trajectory, given_plan
 from viscovib.scene.scene import Scene, texts
@@ -240,7 +239,7 @@ def _with(result: _R, **values: Any) -> _R:
 
 def _extra_columns(scene: Scene, name: str) -> tuple[str, ...]:
     """Optional columns that a group requests."""
-    return tuple(key for key in NOTES if scene.groups[name].get(key) == "yes")
+    return tuple(key for key in ("sampling", "dissipation") if scene.groups[name].get(key) == "yes")
 
 
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:

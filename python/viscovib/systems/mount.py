@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -147,14 +147,7 @@ class Mount(System):
 
         K_x (1 - R_x(nu)) + K_phi (1 - R_phi(nu)) + i nu C - nu^2 M.
         """
-        frequencies = check_dynamic_frequencies(nu, self._active_kernels)
-        seconds = 1e-6 + sum(kernel._seconds for kernel in self._active_kernels)
-        stiffness = _native.run_in_parts(
-            "system dynamic_stiffness", self._handle, seconds, nu=frequencies.ravel()
-        )["stiffness"]
-        found = np.ascontiguousarray(np.moveaxis(stiffness, 2, 0)).reshape(*frequencies.shape, 2, 2)
-        _native.check_range("nu", frequencies, found, "the dynamic stiffness")
-        return found
+        return dynamic_stiffness(self, nu)
 
     @property
     def _flat(self) -> FloatArray:
@@ -219,13 +212,19 @@ class Mount(System):
         return np.array([1.0, 0.0])
 
 
-def check_dynamic_frequencies(nu: npt.ArrayLike, kernels: Sequence[Kernel]) -> FloatArray:
-    """Return frequencies at which all kernels have a transform."""
-    frequencies = _native.real_array("nu", nu)
+def dynamic_stiffness(system: Any, nu: npt.ArrayLike) -> ComplexArray:
+    """Return D(nu) of an oscillator at frequencies at which all kernels have a transform."""
+    frequencies, kernels = _native.real_array("nu", nu), system._active_kernels
     for kernel in kernels:
         if frequencies.size and (frequencies == 0).any() and math.isinf(kernel.integral):
             raise InputError("nu = 0: a kernel has no integral, nu must not be 0")
-    return frequencies
+    seconds = 1e-6 + sum(kernel._seconds for kernel in kernels)
+    found = _native.run_in_parts(
+        "system dynamic_stiffness", system._handle, seconds, nu=frequencies.ravel()
+    )["stiffness"]
+    found = np.moveaxis(found, 2, 0).reshape(*frequencies.shape, *found.shape[:2])
+    _native.check_range("nu", frequencies, found, "the dynamic stiffness")
+    return found
 
 
 def warn_of_creep(integrals: Iterable[float]) -> None:

@@ -27,9 +27,8 @@ from viscovib.systems.load import (
     name_places,
     parts_of,
 )
-from viscovib.systems.mount import check_dynamic_frequencies, warn_of_creep
+from viscovib.systems.mount import dynamic_stiffness, warn_of_creep
 from viscovib.systems.python_law import python_laws
-from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.spring_groups import (
     Forces,
     SpringGroup,
@@ -392,24 +391,12 @@ class PolynomialSystem(System):
         of a group with a kernel in the rates. Matrices that depend on the speed are those at nu, or
         at ``speed``.
         """
-        frequencies = check_dynamic_frequencies(nu, self._active_kernels)
-        at = frequencies[..., np.newaxis, np.newaxis]
-        with np.errstate(over="ignore", invalid="ignore"):
-            total: Any = 1j * at * self._damping - at**2 * self._mass_matrix
-            if self._depends_on_speed:
-                gyroscopic, circulatory, centrifugal = self._speed_matrices
-                total = total + at * (1j * at * gyroscopic + circulatory + at * centrifugal)
+        found = dynamic_stiffness(self, nu)
         for group in self.groups:
-            kept: Any = 1.0
-            if group.kernel is not None:
-                kept = 1 - np.asarray(group.kernel.transform(frequencies))
-                kept = kept[..., np.newaxis, np.newaxis]
-            linear: Any = group.stiffness
-            if group.law_dampers is not None:
-                linear = linear + 1j * at * group.law_dampers
-            total = total + kept * linear
-        found = np.asarray(total, dtype=complex)
-        _native.check_range("nu", frequencies, found, "the dynamic stiffness")
+            if group.law_dampers is not None and group.kernel is not None:
+                at = np.asarray(nu, dtype=float)
+                kept = 1j * at * (1 - np.asarray(group.kernel.transform(at)))
+                found += kept[..., np.newaxis, np.newaxis] * group.law_dampers
         return found
 
     def _fastest(self) -> float:
@@ -480,31 +467,14 @@ class PolynomialSystem(System):
 
     @cached_property
     def _modes(self) -> tuple[FloatArray, FloatArray]:
-        from scipy.linalg import eig, eigh
-
         if self.gyroscopic is not None and np.any(self.gyroscopic):
             raise InputError(
                 "gyroscopic: undamped modes omit it; use campbell or characteristic_roots"
             )
-        self._turned()
-        stiffness = self._stiffness_at_rest
-        if np.allclose(stiffness, stiffness.T, rtol=1e-12, atol=0):
-            mass = self._mass_matrix
-            squares, shapes = eigh(stiffness, mass)
-            squares, shapes = refined_modes(squares, shapes, mass, stiffness)
-        else:
-            squares, shapes = eig(stiffness, self._mass_matrix)
-            if np.abs(squares.imag).max() > 1e-9 * np.abs(squares).max():
-                raise InputError("stiffness: has complex eigenvalues, rest flutters: no modes")
-            order = np.argsort(squares.real)
-            squares, shapes = squares.real[order], shapes.real[:, order]
-        if squares[0] < -1e-12 * np.abs(squares).max():
-            raise InputError(
-                f"stiffness: has an eigenvalue {squares[0]:.6g} < 0, rest is unstable and has no "
-                "natural frequency there (see characteristic_roots)"
-            )
+        found = _native.run("system modes", self._turned()._handle)
+        shapes = found["shapes"]
         largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[np.newaxis], axis=0)
-        return np.sqrt(np.maximum(squares, 0)), np.asarray(shapes / largest)
+        return found["omega"], np.ascontiguousarray(shapes / largest)
 
     @cached_property
     def _stiffness_at_rest(self) -> FloatArray:
