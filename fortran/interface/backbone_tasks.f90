@@ -4,11 +4,15 @@ module viscovib_backbone_tasks
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_branch_tasks, only: given_curve
   use viscovib_curve_branch, only: curve_branch_type, curve_options
-  use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
+  use viscovib_free_family, only: check_begun, follow_family, free_circle, free_family_type, &
+    free_options
+  use viscovib_free_pendulum, only: begin_free, free_text
   use viscovib_kinds, only: i8, wp
+  use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_orbit_multipliers, only: count_larger
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
   implicit none
   private
@@ -68,45 +72,56 @@ contains
     end associate
   end subroutine follow_oscillator
 
-  !> Free vibrations of the pendulum, whose damping must be 0, by their amplitude (the cosine of an
-  !! order of coordinate `dof`, counted from 1) or, for `dof` = 0, their energy. `pattern` is 1
-  !! where an order of a coordinate is an unknown, and repeats from order 0 on; `unit`: base
-  !! frequency of small vibrations. The highest order is `harmonics` times `order`, or set by the
-  !! tolerance up to `most` times `order`. The curve starts near the cosines `begin`, which are only
-  !! scaled, or, with a direction `along`, at these cosines, the frequency `begin_nu` and the size
-  !! `begin_p`; both up to order `harmonics` times `order`.
+  !> Free vibrations of the pendulum in a `mode`, from 0, by their amplitude (the cosine of an order
+  !! of coordinate `dof`, from 1; 0: the one that moves most) or, `by_energy`, their energy; only
+  !! `symmetric` ones, or all. The highest order is `harmonics` times `order`, or, if `chosen`, set
+  !! by the tolerance up to `most` times `order`. The curve starts at the linear mode, or, with a
+  !! direction `along`, at the cosines `begin` up to order `harmonics` times `order`, the frequency
+  !! `begin_nu` and the size `begin_p`.
   subroutine follow_pendulum(task)
     type(task_type), intent(inout) :: task
-    type(pendulum_type), pointer :: system
+    type(pendulum_type), pointer :: pendulum
+    type(pendulum_type), target :: system
     type(free_options) :: options
     type(free_family_type) :: family
     real(wp), pointer, contiguous :: begin(:), along(:)
-    integer, allocatable :: pattern(:, :)
 
-    system => task%pendulum()
-    allocate (pattern, source=task%get_integer_matrix('pattern'))
+    pendulum => task%pendulum()
+    options%mode = task%get_integer('mode')
+    options%chosen = task%get_flag('chosen')
+    options%symmetric = task%get_flag('symmetric')
     options%highest = task%get_integer('harmonics')
     options%most = task%get_integer('most')
-    options%unit = task%get_real('unit')
     options%dof = task%get_integer('dof')
     options%order = task%get_integer('order')
     options%curve = given_curve(task)
     options%stability = task%get_flag('stability')
-    begin => task%get_reals('begin')
-    call task%check_extents('pattern', shape(pattern), [size(pattern, 1), 3])
-    call task%check_extents('begin', shape(begin), [3*(options%highest*options%order + 1)])
     if (task%failed()) return
-    options%pattern = pattern /= 0
+    call begin_free(pendulum, task%get_flag('by_energy'), options, system, task%status)
+    if (task%failed()) return
     if (task%has('along')) then
+      begin => task%get_reals('begin')
       along => task%get_reals('along')
+      call task%check_extents('begin', shape(begin), shape(options%begin))
       call task%check_extents('along', shape(along), [size(begin) + 2])
       if (task%failed()) return
+      if (maxval(abs(along(:size(begin))), .not. [options%kept(options%highest*options%order)]) &
+          > 1.0e-6_wp*maxval(abs(along(:size(begin))))) then
+        call fail(task%status, status_input_error, 'leave', 'leave: the bifurcating motions do ' &
+                  //'not have this symmetry: give symmetric=False')
+        return
+      end if
       call follow_family(family, system, options, begin, task%status, task%cancel, &
                          task%get_real('begin_nu'), task%get_real('begin_p'), along)
     else
-      call follow_family(family, system, options, begin, task%status, task%cancel)
+      call follow_family(family, system, options, options%begin, task%status, task%cancel)
     end if
-    if (.not. task%failed()) call put_family(task, family)
+    if (.not. task%failed()) call check_begun(family, options%curve, task%status)
+    if (task%failed()) return
+    call put_family(task, family)
+    call lock_texts()
+    call task%found%put_text('text', free_text(options))
+    call unlock_texts()
   end subroutine follow_pendulum
 
   !> Cosines are for all orders, (m, 3, n); `multipliers` (6, n) in descending order, NaN if

@@ -7,14 +7,16 @@ module viscovib_backbone_job
   use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, curve_outcomes
   use viscovib_column_notes, only: backbone_errors_note, backbone_note, stability_note
   use viscovib_curve_columns, only: add_stability, note_folds
-  use viscovib_free_family, only: follow_family, free_circle, free_family_type, free_options
-  use viscovib_free_orders, only: chosen_text, first_chosen, most_chosen
+  use viscovib_free_family, only: check_begun, follow_family, free_circle, free_family_type, &
+    free_options
+  use viscovib_free_orders, only: first_chosen
+  use viscovib_free_pendulum, only: begin_free, free_text
   use viscovib_free_structure, only: free_structure
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_orbit_multipliers, only: count_larger
-  use viscovib_pendulum, only: equations_printed, new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: listed, listed_units, table_type
@@ -35,10 +37,8 @@ module viscovib_backbone_job
     !> Highest order of the mode's frequency; the first one if orders are chosen.
     integer :: harmonics = first_chosen
     logical :: choose_harmonics = .true.
-    !> For a pendulum: periods of the mode in one of the motion; whether only symmetric motions
-    !! are kept; branch points at which to switch.
-    integer :: subharmonic = 1
-    logical :: stability = .false., symmetric = .false.
+    !> For a pendulum: its family, and branch points at which to switch.
+    type(free_options) :: free
     integer, allocatable :: switch(:)
   contains
     procedure, nopass :: kind => this_kind
@@ -65,7 +65,7 @@ contains
     call set_ok(status)
     text = ''
     if (subject%is_pendulum) then
-      text = plan_free(self, subject%pendulum)
+      text = plan_free(self)
     else
       call set_free(self, subject, free, dof, status)
       if (status%failed()) return
@@ -78,24 +78,11 @@ contains
   end subroutine plan_backbone
 
   !> Text of the plan for a pendulum.
-  function plan_free(job, pendulum) result(text)
+  function plan_free(job) result(text)
     type(backbone_job), intent(in) :: job
-    type(pendulum_type), intent(in) :: pendulum
-    character(len=:), allocatable :: text, kept
+    character(len=:), allocatable :: text
     character(len=*), parameter :: nl = new_line('a')
-    if (job%choose_harmonics) then
-      kept = chosen_text(job%harmonics)
-    else
-      kept = things(count(kept_orders(pendulum, job%mode, job%harmonics*job%subharmonic, &
-                                      job%subharmonic, job%symmetric)), 'cosine')
-    end if
-    text = 'computes: free motions of mode '//show(job%mode)//' from ' &
-           //trim(backbone_parameters(job%parameter))//' '//show(job%options%start)//' to ' &
-           //show(job%options%finish)//', '//kept//nl &
-           //'skips: damping and loads (free motions of the system without losses)'//nl &
-           //'skips: sines (motions that start at rest are even in time)'//nl &
-           //trim(merge('computes: Floquet multipliers   ', 'skips: stability (not requested)', &
-                        job%stability))//nl
+    text = free_text(job%free)
     if (size(job%switch) > 0) then
       text = text//'computes: '//things(size(job%switch), 'branch that bifurcates from it', &
                                         'branches that bifurcate from it')//nl
@@ -214,7 +201,7 @@ contains
     family%folds = branch%folds%p(:branch%folds%n)
     family%fold_errors = branch%folds%error(:branch%folds%n)
     allocate (family%branch_p(0))
-    call check_begun(family, job, status)
+    call check_begun(family, job%options, status)
   end subroutine run_backbone
 
   !> The family of a pendulum, then the bifurcating families, in the given order.
@@ -224,36 +211,16 @@ contains
     type(free_family_type), allocatable, intent(out) :: families(:)
     type(status_type), intent(out) :: status
     type(pendulum_type), target :: system
-    type(pendulum_parameters) :: parameters
     type(free_options) :: options
-    real(wp), allocatable :: begin(:, :)
-    real(wp) :: omega(3), shapes(3, 3)
-    integer :: i, n, place
+    integer :: i, n
 
     allocate (families(1 + size(job%switch)))
-    parameters = pendulum%parameters
-    parameters%damping = 0.0_wp
-    parameters%load = 0.0_wp
-    call new_pendulum(system, parameters, status)
+    options = job%free
+    call begin_free(pendulum, job%parameter > 1, options, system, status)
     if (status%failed()) return
-    call system%natural_modes(omega, shapes)
-    options%pattern = kept_orders(pendulum, job%mode, 2*job%subharmonic - 1, job%subharmonic, &
-                                  job%symmetric)
-    options%highest = job%harmonics
-    options%most = job%harmonics
-    if (job%choose_harmonics) options%most = most_chosen(job%subharmonic)
-    options%unit = omega(job%mode + 1)/job%subharmonic
-    options%dof = job%dof
-    options%order = job%subharmonic
-    options%curve = job%options
-    options%stability = job%stability
-    allocate (begin(job%harmonics*job%subharmonic + 1, 3), source=0.0_wp)
-    place = job%dof
-    if (place == 0) place = maxloc(abs(shapes(:, job%mode + 1)), 1)
-    begin(job%subharmonic + 1, :) = shapes(:, job%mode + 1)/shapes(place, job%mode + 1)
     associate (first => families(1))
-      call follow_family(first, system, options, [begin], status)
-      if (.not. status%failed()) call check_begun(first, job, status)
+      call follow_family(first, system, options, options%begin, status)
+      if (.not. status%failed()) call check_begun(first, options%curve, status)
       if (status%failed()) return
       ! Bifurcating families begin with its orders.
       options%highest = first%highest
@@ -271,34 +238,6 @@ contains
       end do
     end associate
   end subroutine run_free
-
-  subroutine check_begun(family, job, status)
-    type(free_family_type), intent(in) :: family
-    type(backbone_job), intent(in) :: job
-    type(status_type), intent(inout) :: status
-    if (size(family%nu) > 0) return
-    call fail(status, status_input_error, 'from', 'from = '//show(job%options%start) &
-              //': no solution was found there: start at a smaller value')
-  end subroutine check_begun
-
-  !> Orders of z, phi, psi that are unknowns, shape (highest + 1, 3): the printed equations
-  !! keep energy in z only; symmetric motions are mirrored in phi and psi half a
-  !! period later, and those of mode 0 do not swing.
-  pure function kept_orders(pendulum, mode, highest, multiple, symmetric) result(kept)
-    type(pendulum_type), intent(in) :: pendulum
-    integer, intent(in) :: mode, highest, multiple
-    logical, intent(in) :: symmetric
-    logical :: kept(highest + 1, 3)
-    integer :: k
-
-    kept = .true.
-    if (mode == 0 .and. (symmetric .or. pendulum%parameters%equations == equations_printed)) then
-      kept(:, 2:) = .false.
-    else if (symmetric) then
-      kept(:, 1) = [(mod(k, 2*multiple) == 0, k=0, highest)]
-      kept(:, 2:) = spread([(mod(k, 2*multiple) == multiple, k=0, highest)], 2, 2)
-    end if
-  end function kept_orders
 
   !> One row per motion.
   subroutine tabulate(self, subject, family, table)

@@ -9,13 +9,13 @@ module viscovib_free_family
   use viscovib_kinds, only: wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
   use viscovib_sized_curve, only: refitted
-  use viscovib_status, only: status_type
+  use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_stopping, only: is_set
   use viscovib_torus, only: new_torus, torus_type
   implicit none
   private
 
-  public :: free_family_type, free_options, follow_family
+  public :: check_begun, follow_family, free_family_type, free_options
 
   !> Multipliers larger than this grow. Multipliers of free motions come in pairs about the unit
   !! circle; where two meet, their error is the root of the rounding error.
@@ -34,6 +34,13 @@ module viscovib_free_family
     integer :: dof = 0, order = 1
     type(curve_options) :: curve
     logical :: stability = .true.
+    !> Whether `highest` is adapted; linear mode, counted from 0, and its cosines; whether only
+    !! motions with its symmetry are kept.
+    logical :: chosen = .true., symmetric = .false.
+    integer :: mode = 0
+    real(wp), allocatable :: begin(:)
+  contains
+    procedure :: kept
   end type free_options
 
   !> Results at n points. Cosine coefficients of all orders, shape (n_orders n_dof).
@@ -60,6 +67,15 @@ module viscovib_free_family
   end type free_family_type
 
 contains
+
+  !> True where an order up to `highest` of the base frequency is an unknown.
+  pure function kept(self, highest)
+    class(free_options), intent(in) :: self
+    integer, intent(in) :: highest
+    logical :: kept(highest + 1, size(self%pattern, 2))
+    integer :: k
+    kept = self%pattern([(mod(k, size(self%pattern, 1)) + 1, k=0, highest)], :)
+  end function kept
 
   !> Start near the cosines `begin`, which are only scaled to the initial size; or, with `along`, at
   !! the cosines `begin` with frequency begin_nu and size begin_p, in that direction (cosines,
@@ -113,15 +129,23 @@ contains
     integer, intent(in) :: highest
     type(status_type), intent(out) :: status
     type(torus_type) :: torus
-    integer :: k, period
+    integer :: k
 
     call new_torus(torus, reshape([(k, k=0, highest)], [1, highest + 1]), status)
     if (status%failed()) return
-    period = size(options%pattern, 1)
-    call new_free_curve(curve, system, torus, options%pattern([(mod(k, period) + 1, &
-                                                                k=0, highest)], :), &
-                        options%unit, options%dof, options%order)
+    call new_free_curve(curve, system, torus, options%kept(highest), options%unit, options%dof, &
+                        options%order)
   end subroutine new_curve_of
+
+  !> Fail if a family has no point.
+  subroutine check_begun(family, curve, status)
+    type(free_family_type), intent(in) :: family
+    type(curve_options), intent(in) :: curve
+    type(status_type), intent(inout) :: status
+    if (size(family%nu) > 0) return
+    call fail(status, status_input_error, 'from', 'no solution was found at the start ' &
+              //show(curve%start)//': start at a smaller value')
+  end subroutine check_begun
 
   subroutine follow_once(curve, options, begin, branch, cancel, begin_nu, begin_p, along)
     type(free_curve_type), intent(inout) :: curve

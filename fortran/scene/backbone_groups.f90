@@ -3,13 +3,15 @@ module viscovib_backbone_groups
   use viscovib_backbone_job, only: backbone_job
   use viscovib_backbone_plan, only: backbone_plan_type, new_backbone_plan
   use viscovib_curve_groups, only: check_between, read_curve, read_switch
+  use viscovib_free_family, only: free_options
   use viscovib_free_orders, only: most_chosen
+  use viscovib_free_pendulum, only: begin_free, pendulum_names
   use viscovib_free_structure, only: free_structure, structure_modes
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_limits, only: max_harmonics
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_pendulum, only: equations_printed, pendulum_type
+  use viscovib_pendulum, only: pendulum_type
   use viscovib_status, only: show, status_type
   use viscovib_structure, only: structure_type
   use viscovib_structure_model, only: structure_model
@@ -20,7 +22,6 @@ module viscovib_backbone_groups
 
   !> Sizes that count as equal, relative.
   real(wp), parameter :: equal = 1.0e-9_wp
-  character(len=*), parameter :: pendulum_names(3) = [character(len=3) :: 'z', 'phi', 'psi']
 
 contains
 
@@ -121,40 +122,38 @@ contains
     type(pendulum_type), intent(in) :: pendulum
     type(backbone_job), intent(out) :: job
     character(len=:), allocatable :: word
-    real(wp) :: omega(3), shapes(3, 3)
+    type(free_options) :: free
+    type(pendulum_type) :: system
+    type(status_type) :: status
 
-    job%mode = reader%read_integer('mode')
+    free%mode = reader%read_integer('mode')
     word = reader%read_text('parameter', choice=job%parameter)
     call read_ends(reader, job)
-    job%subharmonic = reader%read_integer('subharmonic')
-    call reader%read_count('harmonics', job%harmonics, job%choose_harmonics)
+    free%order = reader%read_integer('subharmonic')
+    call reader%read_count('harmonics', free%highest, free%chosen)
     call read_curve(reader, job%options)
-    job%stability = reader%read_yes('stability')
-    job%symmetric = reader%read_text('symmetry') == 'kept'
+    free%stability = reader%read_yes('stability')
+    free%symmetric = reader%read_text('symmetry') == 'kept'
     call read_switch(reader, job%switch)
     if (reader%status%failed()) return
-    call check_between(reader, 'mode', job%mode, 0, 2)
+    call check_between(reader, 'mode', free%mode, 0, 2)
     if (reader%status%failed()) return
-    if (job%choose_harmonics) job%harmonics = min(job%harmonics, most_chosen(job%subharmonic))
-    call check_between(reader, 'harmonics', job%harmonics, 1, max_harmonics/job%subharmonic)
-    if (pendulum%parameters%equations == equations_printed .and. job%mode > 0) then
-      call reader%complain('mode', 'mode = '//show(job%mode)//': the printed equations keep no ' &
-                           //'energy in swings, must be 0 with them')
-    end if
+    if (free%chosen) free%highest = min(free%highest, most_chosen(free%order))
+    free%most = merge(most_chosen(free%order), free%highest, free%chosen)
+    call check_between(reader, 'harmonics', free%highest, 1, max_harmonics/free%order)
     if (job%parameter > 1) then
       call reader%refuse(['dof'], "is allowed with parameter = 'amplitude' only")
-      return
+    else if (reader%has('dof')) then
+      word = reader%read_text('dof', allowed=pendulum_names, choice=free%dof)
     end if
-    call pendulum%natural_modes(omega, shapes)
-    associate (shape => shapes(:, job%mode + 1))
-      word = reader%read_text('dof', trim(pendulum_names(maxloc(abs(shape), 1))), &
-                              pendulum_names, job%dof)
-      if (reader%status%failed()) return
-      if (.not. abs(shape(job%dof)) > 0.0_wp) then
-        call reader%complain('dof', "dof = '"//trim(pendulum_names(job%dof)) &
-                             //"': does not move in mode "//show(job%mode))
-      end if
-    end associate
+    if (reader%status%failed()) return
+    free%curve = job%options
+    call begin_free(pendulum, job%parameter > 1, free, system, status)
+    call reader%place(status)
+    if (.not. (status%failed() .or. job%parameter > 1 .or. reader%has('dof'))) then
+      word = reader%read_text('dof', trim(pendulum_names(free%dof)), pendulum_names, free%dof)
+    end if
+    job%free = free
   end subroutine read_free
 
   !> Sizes from which and to which.
