@@ -7,6 +7,7 @@ module viscovib_law_tasks
   use viscovib_hysteresis_loop, only: run_loop
   use viscovib_kinds, only: i8, wp
   use viscovib_law_program, only: law_program, wall
+  use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
@@ -34,6 +35,8 @@ contains
       call find_frequency_values(task)
     case ('compile')
       call compile_once(task)
+    case ('fault')
+      call find_fault(task)
     case ('compile_many')
       call compile_many(task)
     case ('loops')
@@ -57,10 +60,8 @@ contains
     real(wp), allocatable :: values(:), slopes(:, :)
     type(law_program) :: law
 
-    allocate (law%code, source=task%get_integers('code'))
-    allocate (law%number, source=task%get_reals('number'))
+    call read_program(task, law)
     arguments => task%get_matrix('arguments')
-    call task%check_extents('number', shape(law%number), shape(law%code))
     if (task%failed()) return
     law%n_arguments = size(arguments, 2)
     call law%measure()
@@ -74,6 +75,14 @@ contains
     end if
     call task%found%put_reals('values', values, shape(values))
   end subroutine find_values
+
+  subroutine read_program(task, law)
+    type(task_type), intent(inout) :: task
+    type(law_program), intent(out) :: law
+    allocate (law%code, source=task%get_integers('code'))
+    allocate (law%number, source=task%get_reals('number'))
+    call task%check_extents('number', shape(law%number), shape(law%code))
+  end subroutine read_program
 
   !> Values (n, m) of functions of the frequency, one per line of the `text`, at `nu` (n).
   subroutine find_frequency_values(task)
@@ -123,6 +132,22 @@ contains
     call task%found%put_integer('parity', int(parity, i8))
     call task%found%put_integer('degree', int(degree, i8))
   end subroutine compile_once
+
+  !> The `fault` of a program near zero arguments, `n_arguments`, see `about_rest`; '': none.
+  subroutine find_fault(task)
+    type(task_type), intent(inout) :: task
+    character(len=:), allocatable :: fault
+    real(wp), allocatable :: slopes(:)
+    type(law_term) :: law
+
+    call read_program(task, law%program)
+    law%program%n_arguments = task%get_integer('n_arguments')
+    if (task%failed()) return
+    call law%program%measure()
+    allocate (slopes(law%program%n_arguments))
+    call about_rest(law, slopes, fault)
+    call task%found%put_text('fault', fault)
+  end subroutine find_fault
 
   !> Compile a `text` for `values` (n_names, n) of its parameters: `code` and `number` (n_code, n),
   !! 0 after the `lengths` (n); `slopes` (n_arguments, n) at zero arguments; `flaws` (n): 1 if the

@@ -9,7 +9,7 @@ module viscovib_law_faults
   implicit none
   private
 
-  public :: complain_of_law, sign_text
+  public :: complain_of_law
 
 contains
 
@@ -36,19 +36,5 @@ contains
     if (present(must)) description = must//': '//description
     call reader%complain(key, key//" = '"//clipped(written)//"': "//description)
   end subroutine complain_of_law
-
-  !> How to say a sign that is written as a quotient, if one may be.
-  pure function sign_text(text) result(description)
-    character(len=*), intent(in) :: text
-    character(len=:), allocatable :: description, packed
-    integer :: i
-
-    packed = ''
-    do i = 1, len(text)
-      if (text(i:i) /= ' ') packed = packed//lower(text(i:i))
-    end do
-    description = ''
-    if (index(packed, '/abs(') > 0) description = ' (u/abs(u) is sign(u) but for u = 0: write sign)'
-  end function sign_text
 
 end module viscovib_law_faults

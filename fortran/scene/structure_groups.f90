@@ -7,8 +7,7 @@ module viscovib_structure_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: complain_of_law, sign_text
-  use viscovib_law_functions, only: wall
+  use viscovib_law_faults, only: complain_of_law
   use viscovib_law_term, only: about_rest
   use viscovib_law_text, only: compile_law
   use viscovib_limits, only: least_mass
@@ -600,7 +599,6 @@ contains
     character(len=name_length) :: none(0)
     real(wp) :: no_values(0), slopes(2)
     character(len=:), allocatable :: other
-    logical :: defined
 
     deallocate (element%laws)
     allocate (element%laws(1))
@@ -613,17 +611,11 @@ contains
       end if
       law%kernel = element%kernel
       law%text = text
-      call about_rest(law, slopes, defined)
+      call about_rest(law, slopes, fault)
       law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
       law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])
       call law%drop_unread()
     end associate
-    fault = ''
-    if (.not. defined) then
-      fault = 'must be defined near rest, where d is 0'//sign_text(text)
-    else if (any(abs(slopes) >= wall)) then
-      fault = 'must have a finite derivative at rest, where d is 0'
-    end if
     element%stiffness = element%stiffness + slopes(1)
     element%damping = element%damping + slopes(2)
   end subroutine read_function

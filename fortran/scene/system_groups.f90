@@ -6,8 +6,7 @@ module viscovib_system_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: complain_of_law, sign_text
-  use viscovib_law_functions, only: wall
+  use viscovib_law_faults, only: complain_of_law
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower, namelist_type
@@ -276,7 +275,6 @@ contains
     real(wp), dimension(size(coordinates), size(coordinates)) :: zero, unit
     character(len=name_length + 4) :: arguments(2*size(coordinates))
     character(len=:), allocatable :: other
-    logical :: defined
     integer :: i, n
 
     n = size(coordinates)
@@ -293,16 +291,8 @@ contains
     law%equations = [on]
     law%weights = [1.0_wp]
     law%variables = [0]
-    call about_rest(law, slopes, defined)
-    fault = ''
-    if (.not. defined) then
-      fault = 'must be defined near rest, where its arguments are 0'//sign_text(text)
-      return
-    end if
-    if (any(abs(slopes) >= wall)) then
-      fault = 'must have a finite derivative at rest, where its arguments are 0'
-      return
-    end if
+    call about_rest(law, slopes, fault)
+    if (fault /= '') return
     unit = reshape([(merge(1.0_wp, 0.0_wp, mod(i, n + 1) == 0), i=0, n*n - 1)], [n, n])
     allocate (law%arguments(2*n, n), law%rates(2*n, n), source=0.0_wp)
     law%arguments(:n, :) = unit

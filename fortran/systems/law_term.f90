@@ -2,7 +2,7 @@
 module viscovib_law_term
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_law_functions, only: jumps
+  use viscovib_law_functions, only: divide, f_abs, jumps
   use viscovib_law_program, only: law_program, multiply, put_argument, put_number, subtract, wall
   implicit none
   private
@@ -46,15 +46,17 @@ contains
 
   !> Subtract the linear part at static equilibrium from a law of all coordinates and rates, and
   !! return it in `slopes`.
-  subroutine about_rest(law, slopes, defined)
+  subroutine about_rest(law, slopes, fault)
     !> Its program reads the coordinates, then the rates. Its parity may be lost.
     type(law_term), intent(inout) :: law
     !> Derivatives at equilibrium, shape (2 n_dof); 0 for rates if the law has a kernel.
     real(wp), intent(out) :: slopes(:)
-    !> True if the law has a unique value near equilibrium, unlike tanh(1/x).
-    logical, intent(out) :: defined
+    !> Fault of a law without a unique value near equilibrium, as tanh(1/x), or without a finite
+    !! derivative there; empty: none.
+    character(len=:), allocatable, intent(out) :: fault
     real(wp) :: at(4*size(slopes) + 1, size(slopes)), value(4*size(slopes) + 1)
     real(wp) :: by(4*size(slopes) + 1, size(slopes)), change(2*size(slopes))
+    logical :: defined
     integer :: i, n
 
     n = size(slopes)
@@ -73,6 +75,15 @@ contains
     end if
     slopes = by(1, :)
     if (law%kernel > 0) slopes(n/2 + 1:) = 0.0_wp
+    fault = ''
+    if (.not. defined) then
+      fault = 'must be defined near rest, where its arguments are 0'
+      if (any(eoshift(law%program%code, 1) == divide .and. law%program%code == f_abs)) then
+        fault = fault//' (u/abs(u) is sign(u) but for u = 0: write sign)'
+      end if
+    else if (any(abs(slopes) >= wall)) then
+      fault = 'must have a finite derivative at rest, where its arguments are 0'
+    end if
     if (law%parity == 1 .and. any(abs(slopes) > 0.0_wp)) law%parity = 0
     do i = 1, n
       if (.not. abs(slopes(i)) > 0.0_wp) cycle

@@ -41,7 +41,7 @@ contains
     real(wp), intent(in) :: at
     type(body_spring) :: seen
     real(wp) :: force, slope, slopes(2), ways, series(2:max_degree)
-    logical :: defined
+    character(len=:), allocatable :: fault
     integer :: i, p, power
 
     seen = spring
@@ -62,7 +62,7 @@ contains
       associate (law => seen%laws(i))
         call shift(law, at)
         law%kernel = spring%kernel
-        call about_rest(law, slopes, defined)
+        call about_rest(law, slopes, fault)
         law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
         law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])
         seen%stiffness = seen%stiffness + slopes(1)

@@ -1,7 +1,8 @@
 !> Branches of periodic motions: pseudo-arclength continuation (Keller 1977) of the map of a
 !! period, with errors by another step size, bifurcation points and extremes.
 module viscovib_motion_branch
-  use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_quiet_nan, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_positive_inf, ieee_quiet_nan, &
+    ieee_value
   use viscovib_kinds, only: wp
   use viscovib_motion_events, only: event_grazing, find_event_errors, find_events, motion_event
   use viscovib_motion_path, only: map_family, motion_path, motion_point
@@ -134,10 +135,10 @@ contains
                //': no step continues it'//branch%reason
     end if
     if (branch%n_points == 0) return
-    n = count(.not. abs(branch%place) <= huge(start))
+    n = count(ieee_is_nan(branch%place))
     if (n > 0) doubts = doubts//'; '//things(n, 'place')//' could not be located (nan)'
     errors = branch%motions(:branch%n_points)%error
-    where (.not. errors <= huge(start)) errors = huge(start)
+    where (ieee_is_nan(errors)) errors = huge(start)
     above = errors > branch%allowed(:branch%n_points)
     if (.not. any(above)) return
     n = maxloc(errors, 1, above)

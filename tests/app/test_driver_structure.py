@@ -196,7 +196,7 @@ ELEMENTS = {
     "on='x1' law='y^3'": "'y' is not a coordinate (only d is); a parameter is written as its",
     "on='x1' law='log(d)'": "must be defined near rest",
     "on='x1' law='d/abs(d)'": "u/abs(u) is sign(u) but for u = 0: write sign",
-    "on='x1' law='d*log(abs(d))'": "must have a finite derivative at rest, where d is 0",
+    "on='x1' law='d*log(abs(d))'": "must have a finite derivative at rest, where its",
     "on='x1' kernel=1": "kernel = 1: must be 0 (none) to 0",
     "on='x1' 'x2' weights=0 0": "is not a direction",
     "law='d^3'": "&element lacks on",

@@ -26,14 +26,8 @@ _ODD = -1
 _CALLED = 40
 #: Codes with a kink or a jump: abs, sign, heaviside, atan2, min, max and comparisons.
 BRANCHES = (26, 27, 28, 29, 30, 31, 32, 33, 34, 35)
-#: Codes with a jump.
-_JUMPS = (27, 28, 29, 32, 33, 34, 35)
-#: Value that the core returns outside a domain; distance from rest at which a law must be defined.
+#: Value that the core returns outside a domain; distance from rest at which laws are defined.
 WALL, _NEAR = 1e60, 1e-9
-#: Largest change over this distance, relative to the steepest slope, and the smallest fraction of
-#: it in the second half of the distance, for laws that do not jump at rest. Rounding errors of
-#: laws with cancelling terms differ from point to point.
-_STEEP, _LEAST_LATER = 10.0, 1e-2
 #: Relative tolerance for a function and its equivalent text; values that are rounding errors.
 _SAME, _NONE = 1e-10, 1e-25
 #: Largest number of variables in a message.
@@ -318,38 +312,11 @@ def _is_text(
     return bool(valid.any() and (off <= _SAME * np.abs(wanted[valid]) + _NONE).all())
 
 
-def _sign_text(text: str) -> str:
-    """Hint to write ``sign`` instead of u/abs(u); empty if the text has no such quotient."""
-    if "/abs(" not in text.replace(" ", ""):
-        return ""
-    return " (u/abs(u) is sign(u) but for u = 0: write sign)"
-
-
 def _refuse_edge(where: str, law: Law) -> None:
     """Refuse a law without a value or a finite derivative near rest."""
-    n = len(law.arguments)
-    ways = _NEAR * np.concatenate([np.eye(n), -np.eye(n)])
-    values, slopes = law(np.concatenate([np.zeros((1, n)), ways, 0.5 * ways]))
-    there, halfway = values[1 : 2 * n + 1], values[2 * n + 1 :]
-    change = np.abs(there - values[0])
-    # For example 1/x in tanh(1/x), with a different sign on each side of 0.
-    split = (
-        not any(code in _JUMPS for code in law.code)
-        and (
-            (change > _NEAR * max(_STEEP * np.abs(slopes).max(), np.abs(values).max()))
-            & (np.abs(there - halfway) <= _LEAST_LATER * change)
-        ).any()
-    )
-    if (np.abs(values) >= WALL).any() or split:
-        raise InputError(
-            f"{where} = {law.text!r}: must be defined near rest, where its arguments are 0"
-            + _sign_text(law.text)
-        ) from None
-    if (np.abs(slopes[0]) >= WALL).any():
-        raise InputError(
-            f"{where} = {law.text!r}: must have a finite derivative at rest, where its "
-            "arguments are 0"
-        ) from None
+    fault = _native.run("law fault", **law._program, n_arguments=len(law.arguments))["fault"]
+    if fault:
+        raise InputError(f"{where} = {law.text!r}: {fault}") from None
 
 
 def read_law(
