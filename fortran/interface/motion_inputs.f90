@@ -1,7 +1,7 @@
 !> Input and output of tasks about solutions in time.
 module viscovib_motion_inputs
   use viscovib_binding_tools, only: make_load
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: make_base, oscillator_equations, structure_equations
   use viscovib_motion_piece, only: motion_equations, nothing, piece_type
@@ -10,33 +10,25 @@ module viscovib_motion_inputs
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
-  use viscovib_watch, only: n_event_rows
   implicit none
   private
 
-  public :: load_of, polynomial_of, put_piece, read_equations, read_piece
-
-  !> Kinds of equations.
-  integer, parameter, public :: of_pendulum = 1, without_memory = 2, with_memory = 3, &
-                                of_structure = 4
-  !> Number of columns gathered for events: peaks, integrals of values and of squares.
-  integer, parameter :: n_gathered = 3
+  public :: load_of, polynomial_of, read_equations, read_piece
 
 contains
 
-  !> What every piece is given: `initial` (m), `first`, `n_steps`, `save_every`, `resume`, `h`,
-  !! `tolerance`, `times` (n); with resume > 0 `memory`; with events `watched` and `sides`; where
-  !! steps end, as of `new_mesh`, `ends` and `made_by`. Some pieces have `in_parts`, `thin`, `past`
-  !! (1: exponentials, 2: step by step), `shortest` (steps after corners of the load, and with
-  !! `kinks` of the base, are not shorter; 0: there are none). `accelerates`: accelerations
-  !! relative to the base, then forces of laws, are found at the times.
+  !> What every run is given: `initial` (m), its state after the `first` steps; `resume`, as of
+  !! `piece_type`, with `memory`; `save_every`, `h`, `tolerance`, `times` (n); with events `watched`
+  !! and `sides`; where steps end, as of `new_mesh`, `ends` and `made_by`. Some runs have
+  !! `in_parts`, `past` (1: exponentials, 2: step by step), `shortest` (steps after corners of the
+  !! load, and with `kinks` of the base, are not shorter; 0: there are none). `accelerates`:
+  !! accelerations relative to the base, then forces of laws, are found at the times.
   subroutine read_piece(task, piece)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(out) :: piece
 
     piece%initial => task%get_reals('initial')
     piece%first = task%get_long('first')
-    piece%n_steps = task%get_long('n_steps')
     piece%save_every = task%get_long('save_every')
     piece%resume = task%get_integer('resume')
     piece%h = task%get_real('h')
@@ -49,7 +41,6 @@ contains
       allocate (piece%made_by, source=task%get_longs('made_by'))
     end if
     piece%in_parts = task%get_flag('in_parts', .false.)
-    piece%thin = task%get_real('thin', 1.0_wp)
     piece%past = task%get_integer('past', 0)
     piece%shortest = task%get_real('shortest', 0.0_wp)
     piece%kinks = task%get_flag('kinks', .false.)
@@ -60,59 +51,22 @@ contains
     allocate (piece%sides, source=task%get_integers('sides'))
   end subroutine read_piece
 
-  !> Output of a piece; with events at most `most` of them.
-  subroutine put_piece(task, piece)
+  !> Read the equations of a task or object, whose name tells their kind.
+  subroutine read_equations(task, piece, equations)
     type(task_type), intent(inout) :: task
-    type(piece_type), intent(inout) :: piece
-    real(wp), allocatable :: found(:, :)
-    integer :: n, n_found
-
-    if (task%failed()) return
-    call task%found%put_reals('states', piece%states, shape(piece%states))
-    call task%found%put_reals('at_times', piece%at_times, shape(piece%at_times))
-    call task%found%put_reals('last', piece%last, shape(piece%last))
-    if (.not. allocated(piece%kept)) allocate (piece%kept(0))
-    call task%found%put_reals('memory', piece%kept, shape(piece%kept))
-    call task%found%put_integer('made', piece%n_done)
-    call task%found%put_integer('n_reached', int(piece%n_reached, i8))
-    call task%found%put_real('reached', piece%t_reached)
-    call task%found%put_integer('ended', int(piece%ended, i8))
-    call task%found%put_integer('counted', piece%counted)
-    call task%found%put_integer('reason', int(piece%reason, i8))
-    call task%found%put_real('resolution', piece%resolution)
-    if (piece%accelerates) then
-      call task%found%put_reals('accelerations', piece%accelerations, shape(piece%accelerations))
-    end if
-    call task%found%put_real('too_long', piece%too_long)
-    if (.not. allocated(piece%phased)) allocate (piece%phased(0))
-    call task%found%put_reals('phased', piece%phased, shape(piece%phased))
-    if (.not. piece%is_watched) return
-    allocate (found(n_event_rows + 3*(size(piece%initial)/2), task%get_integer('most')), &
-              source=0.0_wp)
-    n_found = 0
-    if (allocated(piece%watch)) call piece%watch%hand_over(piece%sides, found, n_found)
-    ! The events are followed by the gathered columns.
-    n = min(n_found + n_gathered, size(found, 2))
-    call task%found%put_reals('found', found(:, :n), [size(found, 1), n])
-    call task%found%put_integer('n_found', int(n_found, i8))
-    call task%found%put_integers('sides', piece%sides, shape(piece%sides))
-  end subroutine put_piece
-
-  !> Read the equations of a piece.
-  subroutine read_equations(task, kind, piece, equations)
-    type(task_type), intent(inout) :: task
-    integer, intent(in) :: kind
     type(piece_type), intent(in) :: piece
     class(motion_equations), allocatable, intent(out) :: equations
-    select case (kind)
-    case (of_pendulum)
+    select case (task%kind)
+    case ('motion of pendulum')
       call read_pendulum(task, piece, equations)
-    case (without_memory)
+    case ('motion without memory')
       call read_polynomial(task, piece, equations)
-    case (with_memory)
+    case ('motion with memory')
       call read_oscillator(task, piece, equations)
-    case default
+    case ('motion of structure')
       call read_structure(task, piece, equations)
+    case default
+      call task%refuse_kind()
     end select
   end subroutine read_equations
 

@@ -1,7 +1,4 @@
-!> Tasks about solutions in time: pieces of runs, their preparation, and plans.
-!!
-!! A run consists of pieces. The data to continue is `memory`, an output of one piece and an input
-!! of the next.
+!> Tasks about solutions in time: runs, their preparation, and plans.
 module viscovib_motion_tasks
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion
@@ -10,11 +7,9 @@ module viscovib_motion_tasks
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mesh, only: extend_ends
-  use viscovib_motion_inputs, only: load_of, of_pendulum, of_structure, polynomial_of, put_piece, &
-    read_equations, read_piece, with_memory, without_memory
+  use viscovib_motion_inputs, only: load_of, polynomial_of
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
-  use viscovib_motion_piece, only: motion_equations, piece_type
-  use viscovib_motion_search, only: search_step
+  use viscovib_motion_search, only: run_motion
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_job, only: plan_pendulum
@@ -42,14 +37,11 @@ contains
     case ('given')
       ! An object that contains values for the tasks that use it.
       return
-    case ('of pendulum')
-      call run_motion(task, of_pendulum)
-    case ('without memory')
-      call run_motion(task, without_memory)
-    case ('with memory')
-      call run_motion(task, with_memory)
-    case ('of structure')
-      call run_motion(task, of_structure)
+    case ('of pendulum', 'without memory', 'with memory', 'of structure')
+      ! Without steps it is an object, the equations of a part of a run.
+      if (task%has('n_steps')) call run_motion(task)
+    case ('run')
+      call run_motion(task)
     case ('of a period')
       call run_period(task)
     case ('steady')
@@ -86,25 +78,6 @@ contains
       call task%refuse_kind()
     end select
   end subroutine motion_task
-
-  !> A piece of a run, or with `estimate` (see `search_step`) a whole run with its error.
-  subroutine run_motion(task, kind)
-    type(task_type), intent(inout) :: task
-    integer, intent(in) :: kind
-    class(motion_equations), allocatable :: equations
-    type(piece_type) :: piece
-
-    if (task%has('estimate')) then
-      call search_step(task, kind)
-      return
-    end if
-    call read_piece(task, piece)
-    call piece%allocate_arrays(task%get_integer('columns'))
-    if (.not. task%failed()) call read_equations(task, kind, piece, equations)
-    if (task%failed()) return
-    call equations%run(piece, task%status)
-    call put_piece(task, piece)
-  end subroutine run_motion
 
   !> Accelerations (n, n_dof) by the equations, of states that are known: `u`, `rate` and `load`
   !! (n, n_dof), relative to the base. With kernels also the motion until then: ends of panels

@@ -9,7 +9,8 @@ module viscovib_piece_runs
   use viscovib_march, only: begun, no_exponentials, step_too_large
   use viscovib_mesh, only: mesh_type, new_mesh
   use viscovib_method_catalogue, only: method_order, new_stepper
-  use viscovib_motion_piece, only: as_before, motion_equations, piece_type
+  use viscovib_motion_piece, only: as_before, from_start, motion_equations, nothing, piece_type, &
+    under_other_loads
   use viscovib_motion_request, only: located_from, transient_job
   use viscovib_plain_pieces, only: plain_equations
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
@@ -17,10 +18,11 @@ module viscovib_piece_runs
   use viscovib_stopping, only: begin_piece
   use viscovib_time_run, only: run_coarse, run_completed, run_diverged, run_event
   use viscovib_trajectory, only: trajectory_type
+  use viscovib_watch, only: n_event_rows
   implicit none
   private
 
-  public :: piece_runs, shared_type
+  public :: part_type, piece_runs, shared_type
 
   !> Part of a step for which kernels are fitted if a run stops inside it.
   real(wp), parameter :: fine = 2.0_wp**(-14)
@@ -34,19 +36,32 @@ module viscovib_piece_runs
     logical :: in_parts = .false.
     real(wp) :: longest = 0.0_wp
     integer :: past = 0
-    real(wp) :: shortest = 0.0_wp
     !> Relative tolerance of the equations of first steps of a smooth motion; 0: as given.
     real(wp) :: solved = 0.0_wp
   end type shared_type
 
+  !> A part of a run under loads that acted earlier, and the number of steps at its end.
+  type :: part_type
+    class(motion_equations), pointer :: equations => null()
+    integer(i8) :: until = 0
+  end type part_type
+
   type :: piece_runs
     class(motion_equations), pointer :: equations => null()
     type(shared_type), pointer :: shared => null()
-    !> The first run to `t_end`; ends of steps, if they are not equal.
+    !> The first run to `t_end`; ends of steps, if they are not equal. A run that continues has
+    !! steps before (`first%first`).
     type(piece_type) :: first
+    !> Of a run that continues: its parts under other loads than now, its state at time 0, and true
+    !! if the data of the steps before are not those that the next steps need.
+    type(part_type), allocatable :: earlier(:)
+    real(wp), allocatable :: begun(:)
+    logical :: remakes = .false.
     logical :: has_mesh = .false.
     type(mesh_type) :: mesh
     real(wp) :: t_end = 0.0_wp
+    !> True if a number of steps counts those of the mesh, else equal ones.
+    logical :: counts = .false.
     !> States to keep: at given times, the last one, or those of the last `tail`, 0: all;
     !! true if states on the way are kept for comparison.
     logical :: at_times = .false., last_only = .false., looks = .false.
@@ -78,8 +93,17 @@ module viscovib_piece_runs
     integer(i8) :: steps = 0
     integer :: factor = 1
     real(wp) :: h = 0.0_wp, shortest = 0.0_wp
-    real(wp), allocatable :: times(:), start(:), memory(:)
+    real(wp), allocatable :: times(:), start(:)
     type(piece_type) :: piece
+    !> The next piece: its equations, the steps before it, how it starts, and its data.
+    class(motion_equations), pointer :: equations => null()
+    integer(i8) :: made = 0
+    integer :: resume = from_start
+    real(wp), allocatable :: memory(:)
+    integer, allocatable :: sides(:)
+    !> Number of the times that belong to the pieces before, and their states and accelerations.
+    integer :: n_taken = 0
+    real(wp), allocatable :: at_times(:, :), accelerations(:, :)
     !> Steps of that piece without requested states; true if only the state at its end remains.
     integer(i8) :: dropped = 0
     logical :: cut_off = .false.
@@ -96,7 +120,7 @@ contains
     self%mesh = self%first%mesh
     self%has_mesh = self%mesh%is_broken()
     shared%in_parts = self%first%in_parts
-    shared%longest = self%first%h
+    shared%longest = max(shared%longest, self%first%h)
     shared%past = self%first%past
   end subroutine begin
 
@@ -116,17 +140,17 @@ contains
     if (counting) call count_up(counted_runs, 1)
     call set_ok(status)
     course%factor = factor
-    course%steps = n*factor
-    if (self%has_mesh) course%steps = self%mesh%made_by(size(self%mesh%made_by))*factor
-    course%h = self%t_end/real(course%steps, wp)
-    if (self%has_mesh) course%h = self%first%h/real(factor, wp)
+    course%steps = (self%first%first + n)*factor
+    if (self%has_mesh .and. .not. self%counts) then
+      course%steps = self%mesh%made_by(size(self%mesh%made_by))*factor
+    end if
+    course%h = self%first%h/real(factor, wp)
     if (self%at_times) then
       allocate (course%times, source=self%first%times)
     else
       call times_of(self, job, n, factor, parts, course%times)
     end if
-    course%shortest = self%first%shortest
-    if (self%later > 0.0_wp) course%shortest = min(minval(self%mesh%h)/factor, self%later)
+    course%shortest = shortest_step(self, factor)
     trajectory%h = course%h
     do
       call run_once(self, job, n, parts, course, trajectory, status)
@@ -139,7 +163,7 @@ contains
       ! The stop is located by steps for which the exponentials were not fitted.
       course%shortest = fine*course%h
     end do
-    self%shared%shortest = course%shortest
+    trajectory%shortest = course%shortest
     call take(self, course, trajectory)
     if (.not. self%has_mesh) return
     trajectory%ends = self%mesh%ends
@@ -159,45 +183,33 @@ contains
     real(wp), allocatable :: looks(:, :)
     integer(i8) :: apart, between, skipped
 
-    call set_ok(status)
-    course%start = self%first%initial
-    if (self%first%sign /= 0) call shake(self, course%start)
-    course%piece = self%first
-    ! In a search, steps that are too large become shorter anyway.
-    course%piece%gives_up = job%dt <= 0.0_wp .and. course%factor < located_from
-    course%cut_off = .false.
+    call begin_course(self, job, course, status)
+    if (status%failed() .or. course%cut_off) return
     apart = job%save_every*course%factor
     between = job%steps_between_looks(n)*course%factor
     if (self%has_mesh) between = job%steps_between_looks(course%steps/course%factor)*course%factor
     skipped = 0
     if (self%tail > 0.0_wp .and. size(course%times) == 0) then
-      skipped = course%steps - ceiling(min(self%tail/course%h, real(course%steps, wp)), i8)
+      skipped = course%steps - course%made
+      skipped = skipped - ceiling(min(self%tail/course%h, real(skipped, wp)), i8)
       skipped = max(skipped, 0_i8)/apart*apart
     end if
     course%dropped = 0
     if (self%first%is_watched) course%dropped = skipped
     if (skipped > course%dropped) then
-      call go(self, course, skipped, between, status)
+      call go(self, job, course, skipped, between, status)
       if (status%failed()) return
       allocate (looks, source=states_of(course%piece))
       ! The requested states are after a stop: only the state there exists.
       course%cut_off = course%piece%ended /= run_completed
-      if (.not. course%cut_off) then
-        course%memory = course%piece%kept
-        course%start = course%piece%last
-        course%piece = self%first
-        course%piece%gives_up = job%dt <= 0.0_wp .and. course%factor < located_from
-        course%piece%memory => course%memory
-        course%piece%resume = as_before
-        course%piece%first = skipped
-      end if
+      if (.not. course%cut_off) call carry_on(course)
     end if
     if (.not. course%cut_off) then
       apart = max(job%save_every*(course%factor/parts), 1)
       if (self%last_only .or. size(course%times) > 0) then
         apart = merge(between, course%steps + 1, self%looks)
       end if
-      call go(self, course, course%steps - course%piece%first, apart, status)
+      call go(self, job, course, course%steps - course%made, apart, status)
       if (status%failed()) return
       if (course%piece%ended == run_completed) course%piece%t_reached = self%t_end
     end if
@@ -218,14 +230,175 @@ contains
     allocate (states, source=piece%states(:, :kept))
   end function states_of
 
-  !> Make `count` steps from the start of the piece, and keep every `apart`-th state.
-  subroutine go(self, course, count, apart, status)
+  !> The shortest step of a run, 0: all are equal, and it ends with them.
+  pure real(wp) function shortest_step(self, factor) result(shortest)
     class(piece_runs), intent(in) :: self
+    integer, intent(in) :: factor
+    real(wp) :: needed
+    associate (first => self%first)
+      shortest = first%shortest
+      if (first%first == 0 .or. first%resume == from_start) then
+        if (self%later > 0.0_wp) shortest = min(minval(self%mesh%h)/factor, self%later)
+        return
+      end if
+      needed = first%h
+      if (self%has_mesh) needed = min(minval(self%mesh%h), self%later)
+      if (first%resume == under_other_loads .or. self%has_mesh) then
+        if (shortest > 0.0_wp) needed = min(needed, shortest)
+        shortest = needed
+      end if
+      shortest = shortest/factor
+    end associate
+  end function shortest_step
+
+  !> Begin a run: from its start, from the data of its steps before, or if these do not serve, by
+  !! making its earlier parts again.
+  subroutine begin_course(self, job, course, status)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    type(course_type), intent(inout), target :: course
+    type(status_type), intent(out) :: status
+    logical :: goes_on
+
+    call set_ok(status)
+    course%cut_off = .false.
+    course%made = 0
+    course%resume = from_start
+    course%n_taken = 0
+    if (allocated(course%at_times)) deallocate (course%at_times)
+    if (allocated(course%accelerations)) deallocate (course%accelerations)
+    if (allocated(course%sides)) deallocate (course%sides)
+    if (allocated(self%first%sides)) course%sides = self%first%sides
+    course%equations => self%equations
+    goes_on = .true.
+    if (self%first%first > 0) goes_on = data_serve(self, course)
+    if (goes_on) then
+      course%start = self%first%initial
+      course%made = self%first%first
+      course%resume = self%first%resume
+      if (course%resume /= from_start) course%memory = self%first%memory
+    else
+      course%start = self%begun
+    end if
+    if (self%first%sign /= 0) call shake(self, course%start)
+    if (.not. goes_on) call make_earlier(self, job, course, status)
+  end subroutine begin_course
+
+  !> True if a run may continue from the data of its steps before: it has their steps, and kernels
+  !! are not fitted for longer ones.
+  logical function data_serve(self, course)
+    class(piece_runs), intent(in) :: self
+    type(course_type), intent(inout) :: course
+    data_serve = .false.
+    associate (first => self%first)
+      if (first%resume == from_start .or. course%factor > 1 .or. first%sign /= 0) return
+      if (self%remakes) return
+      data_serve = .true.
+      if (self%shared%past == past_direct) return
+      if (.not. (self%equations%collocated .and. self%equations%fitted)) return
+      data_serve = course%shortest >= first%shortest*(1.0_wp - 1.0e-9_wp)
+      if (.not. first%shortest > 0.0_wp) data_serve = .not. (course%shortest > 0.0_wp)
+      if (data_serve) course%shortest = first%shortest
+    end associate
+  end function data_serve
+
+  !> Make the parts of a run before its next piece, without keeping states but those at the times.
+  subroutine make_earlier(self, job, course, status)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
+    type(course_type), intent(inout), target :: course
+    type(status_type), intent(out) :: status
+    integer(i8) :: until
+    integer :: i, n
+
+    call set_ok(status)
+    n = 0
+    if (allocated(self%earlier)) n = size(self%earlier)
+    do i = 1, n + 1
+      until = self%first%first*course%factor
+      if (i <= n) then
+        until = self%earlier(i)%until*course%factor
+        course%equations => self%earlier(i)%equations
+      else
+        course%equations => self%equations
+        if (n > 0) then
+          ! Data of other equations do not serve.
+          if (.not. same_type_as(self%equations, self%earlier(n)%equations)) then
+            course%memory = nothing
+          end if
+        end if
+      end if
+      if (i > 1) course%resume = under_other_loads
+      if (until <= course%made) cycle
+      call go(self, job, course, until - course%made, course%steps + 1, status)
+      if (status%failed()) return
+      course%cut_off = course%piece%ended /= run_completed
+      if (course%cut_off) return
+      call collect(course)
+      call carry_on(course)
+    end do
+  end subroutine make_earlier
+
+  !> Add the states at times of a piece that is not the last one.
+  subroutine collect(course)
+    type(course_type), intent(inout) :: course
+    associate (piece => course%piece)
+      course%n_taken = course%n_taken + size(piece%times)
+      call append(course%at_times, piece%at_times(:, :piece%n_reached))
+      if (allocated(piece%accelerations)) then
+        call append(course%accelerations, piece%accelerations(:, :piece%n_reached))
+      end if
+    end associate
+  end subroutine collect
+
+  subroutine append(columns, more)
+    real(wp), allocatable, intent(inout) :: columns(:, :)
+    real(wp), intent(in) :: more(:, :)
+    real(wp), allocatable :: both(:, :)
+    integer :: n
+    n = 0
+    if (allocated(columns)) n = size(columns, 2)
+    allocate (both(size(more, 1), n + size(more, 2)))
+    if (n > 0) both(:, :n) = columns
+    both(:, n + 1:) = more
+    call move_alloc(both, columns)
+  end subroutine append
+
+  !> Let the next piece continue the last one.
+  subroutine carry_on(course)
+    type(course_type), intent(inout) :: course
+    integer :: n_events, n_found
+    real(wp) :: none(n_event_rows, 0)
+    associate (piece => course%piece)
+      course%made = piece%first + piece%n_done
+      course%resume = as_before
+      course%start = piece%last
+      course%memory = piece%kept
+      if (.not. allocated(piece%watch)) return
+      n_events = size(piece%watch%sides)
+      if (.not. allocated(course%sides)) allocate (course%sides(3*n_events))
+      call piece%watch%hand_over(course%sides, none, n_found)
+      course%sides(2*n_events + 1:) = 0
+    end associate
+  end subroutine carry_on
+
+  !> Make `count` steps of the next piece, and keep every `apart`-th state.
+  subroutine go(self, job, course, count, apart, status)
+    class(piece_runs), intent(in) :: self
+    class(transient_job), intent(in) :: job
     type(course_type), intent(inout), target :: course
     integer(i8), intent(in) :: count, apart
     type(status_type), intent(out) :: status
     do
+      course%piece = self%first
       associate (piece => course%piece)
+        piece%first = course%made
+        piece%resume = course%resume
+        piece%memory => nothing
+        if (course%resume /= from_start) piece%memory => course%memory
+        if (allocated(course%sides)) piece%sides = course%sides
+        ! In a search, steps that are too large become shorter anyway.
+        piece%gives_up = job%dt <= 0.0_wp .and. course%factor < located_from
         piece%n_steps = count
         piece%save_every = apart
         piece%h = course%h
@@ -241,27 +414,40 @@ contains
           ! unstable motions amplify the error of the solution.
           piece%tolerance = max(self%shared%solved/real(course%factor, wp)**12, rounding)
         end if
+        piece%initial => course%start
+        call take_times(course, course%made + count >= course%steps)
+        call piece%allocate_arrays(int(count/apart))
+        call course%equations%run(piece, status)
+        if (status%failed()) return
+        if (piece%reason == begun) exit
+        if (piece%reason == step_too_large) then
+          piece%ended = run_coarse
+          piece%n_done = 0
+          piece%t_reached = piece%mesh%start_of(piece%first)
+          piece%last = course%start
+          exit
+        end if
+        call turn_direct(self, piece%reason, course%steps, status)
+        if (status%failed()) return
       end associate
-      course%piece%initial => course%start
-      course%piece%times = course%times
-      ! The times belong to the last piece.
-      if (course%piece%first + count < course%steps) course%piece%times = course%times(:0)
-      call course%piece%allocate_arrays(int(count/apart))
-      call self%equations%run(course%piece, status)
-      if (status%failed()) return
-      if (course%piece%reason == begun) exit
-      if (course%piece%reason == step_too_large) then
-        course%piece%ended = run_coarse
-        course%piece%n_done = 0
-        course%piece%last = course%start
-        exit
-      end if
-      call turn_direct(self, course%piece%reason, course%steps, status)
-      if (status%failed()) return
-      course%piece = self%first
     end do
     self%shared%in_parts = self%shared%in_parts .or. course%piece%in_parts
   end subroutine go
+
+  !> The times within the next piece; the last piece has all that are left.
+  subroutine take_times(course, is_last)
+    type(course_type), intent(inout) :: course
+    logical, intent(in) :: is_last
+    integer :: last
+    last = size(course%times)
+    associate (piece => course%piece)
+      if (last > course%n_taken .and. .not. is_last) then
+        call piece%set_mesh()
+        last = count(course%times < piece%mesh%start_of(piece%first + piece%n_steps))
+      end if
+      piece%times = course%times(course%n_taken + 1:last)
+    end associate
+  end subroutine take_times
 
   !> Store the whole past if kernels are no sums of exponentials, or fail if that is too much.
   subroutine turn_direct(self, reason, steps, status)
@@ -337,13 +523,19 @@ contains
         n = size(piece%last)
         trajectory%last = piece%watch%states(:n, piece%watch%n_found)
       end if
-      if (size(course%times) > 0) then
-        trajectory%t = course%times(:piece%n_reached)
-        if (piece%n_reached == size(piece%at_times, 2)) then
+      if (size(course%times) > 0 .and. .not. course%cut_off) then
+        if (allocated(course%at_times)) then
+          call collect(course)
+          call move_alloc(course%at_times, states)
+          if (allocated(course%accelerations)) then
+            call move_alloc(course%accelerations, piece%accelerations)
+          end if
+        else if (piece%n_reached == size(piece%at_times, 2)) then
           call move_alloc(piece%at_times, states)
         else
           states = piece%at_times(:, :piece%n_reached)
         end if
+        trajectory%t = course%times(:size(states, 2))
       else if (self%last_only .or. course%cut_off) then
         states = reshape(trajectory%last, [size(piece%last), 1])
         trajectory%t = [piece%t_reached]

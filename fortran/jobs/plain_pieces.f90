@@ -12,8 +12,8 @@ module viscovib_plain_pieces
   use viscovib_load, only: load_type
   use viscovib_memory_channels, only: channels_type, variables_of
   use viscovib_method_catalogue, only: method_order, new_stepper
-  use viscovib_motion_piece, only: check_memory, from_start, motion_equations, piece_type, &
-    under_other_loads
+  use viscovib_motion_piece, only: as_before, check_memory, from_start, motion_equations, &
+    piece_type, under_other_loads
   use viscovib_pendulum, only: new_pendulum, pendulum_type
   use viscovib_pendulum_spring, only: new_spring, spring_type
   use viscovib_polynomial, only: polynomial_type
@@ -119,7 +119,7 @@ contains
       call new_stepper(stepper, spring, self%method, initial(1:1), initial(2:2), &
                        piece%first*piece%h, piece%h, piece%tolerance)
     end if
-    if (piece%resume /= from_start) then
+    if (piece%resume == as_before) then
       call check_memory(piece, stepper%memory_size(), status)
       if (status%failed()) return
       call stepper%load_memory(piece%memory(:stepper%memory_size()))

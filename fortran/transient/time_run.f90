@@ -3,7 +3,7 @@ module viscovib_time_run
   use viscovib_counters, only: count_up, counted_states, counting
   use viscovib_kinds, only: i8, wp
   use viscovib_mesh, only: equal_steps, mesh_type
-  use viscovib_stopping, only: stop_wanted
+  use viscovib_stopping, only: begin_piece, stop_wanted
   use viscovib_subnormals, only: flushing_type
   use viscovib_watch, only: watch_type
   implicit none
@@ -19,6 +19,9 @@ module viscovib_time_run
   character(len=*), parameter, public :: run_names(0:5) = &
     [character(len=14) :: 'completed', 'diverged', 'unphysical', 'stopped', 'step too large', &
      'event']
+
+  !> Number of steps after which progress is reported.
+  integer(i8), parameter :: steps_of_piece = 1024_i8
 
   type :: time_run
     !> Number of steps before, number of steps to make, and steps between states that are kept.
@@ -124,6 +127,7 @@ contains
         run%ended = run_stopped
         return
       end if
+      if (mod(i, steps_of_piece) == 0) call begin_piece()
       k = run%first + i - 1
       if (k >= run%mesh%made_by(piece)) then
         piece = piece + 1

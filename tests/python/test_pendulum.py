@@ -171,13 +171,6 @@ def test_a_run_goes_on_bit_for_bit():
     assert (rest.t == whole.t[80::2]).all()
 
 
-def test_pieces_of_a_long_run_leave_no_trace(monkeypatch):
-    body = vv.Pendulum(**P1R)
-    whole = vv.simulate(body, 100, dt=0.5, initial=START, save_every=3)
-    monkeypatch.setattr("viscovib.analyses.runs.Run.piece", 7)
-    assert (vv.simulate(body, 100, dt=0.5, initial=START, save_every=3).state == whole.state).all()
-
-
 def test_phases_lose_no_digit_in_a_long_run():
     """A driven linear spring, against its closed steady solution after 1e6."""
     body = free(alpha=0.0, c1=0.05, f0=1e-3, p1=0.93)
@@ -244,15 +237,12 @@ def test_states_at_wanted_times_are_as_exact_as_steps(method):
     assert run.state[1:] == pytest.approx(np.array(exact), abs=2e-12)
 
 
-def test_wanted_times_leave_the_run_alone(monkeypatch):
+def test_wanted_times_leave_the_run_alone():
     body = vv.Pendulum(**P1R)
     times = np.sort(np.random.default_rng(3).uniform(0, 100, 50))
     plain = vv.simulate(body, 100, dt=0.5, initial=START, keep="last")
     run = vv.simulate(body, 100, dt=0.5, initial=START, times=[*times, 100.0])
     assert (run.state[-1] == plain.state[-1]).all()
-    monkeypatch.setattr("viscovib.analyses.runs.Run.piece", 13)
-    pieces = vv.simulate(body, 100, dt=0.5, initial=START, times=[*times, 100.0])
-    assert pieces.state == pytest.approx(run.state, abs=1e-14)
 
 
 def test_tail_is_the_end_of_the_whole():

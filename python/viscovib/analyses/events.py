@@ -16,8 +16,8 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import LocatedEvents
 from viscovib.systems.laws import Law, compile_law
 
-#: Largest numbers of events of a native call and of a run.
-LIMIT, _MOST = 50_000, 5_000_000
+#: Largest number of events of a run.
+_MOST = 5_000_000
 #: Columns for peaks and means along the motion.
 _GATHERED = 3
 #: Exponent of the size of a signal that never had a value (`watch_type` of the core).
@@ -202,11 +202,6 @@ class Watch:
         watch.gathers = True
         return watch
 
-    @property
-    def room(self) -> int:
-        """Number of columns for the events of a native call."""
-        return LIMIT if self.events else _GATHERED
-
     def going_on(self) -> Watch:
         """Return the events for a continued run, with new results only."""
         other = self.fresh()
@@ -227,11 +222,8 @@ class Watch:
 
     def take(self, found: FloatArray, count: int) -> npt.NDArray[np.bool_]:
         """Store the events of a native call; return the mask of valid events."""
-        if count > found.shape[1] or sum(map(len, self.found)) + count > _MOST:
-            raise InputError(
-                f"events: more than {LIMIT} in a part of the run, or {_MOST} in total: use a "
-                "shorter run, or fewer events"
-            )
+        if sum(map(len, self.found)) + count > _MOST:
+            raise InputError(f"events: more than {_MOST}: use a shorter run, or fewer events")
         rows = np.array(found[:, :count].T)
         counts = np.ones(count, dtype=bool)
         for i, impact in enumerate(self.impacts):
@@ -244,10 +236,6 @@ class Watch:
 
     def take_gathered(self, found: FloatArray, count: int) -> None:
         """Add the peaks and integrals of a native call that found ``count`` events."""
-        if found.shape[1] < count + _GATHERED:
-            raise InputError(
-                f"sections: more than {LIMIT - _GATHERED} in a part of the run: use a shorter run"
-            )
         states = found[2 : 2 + n_states(found.shape[0])]
         peak, *integrals = states[:, count : count + _GATHERED].T
         if self.gathered is None:
@@ -273,9 +261,3 @@ class Watch:
         if not self.found:
             return np.empty((4, 0), order="F")
         return np.asfortranarray(np.concatenate(self.found).T)
-
-    @property
-    def last_state(self) -> FloatArray:
-        """The state at the last event."""
-        last = self.found[-1][-1]
-        return np.asarray(last[2 : 2 + n_states(last.size)])

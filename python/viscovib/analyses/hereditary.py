@@ -1,6 +1,5 @@
 """Motions with memory: checked arguments of a run of a mount, and its steps."""
 
-import copy
 import math
 import warnings
 from collections.abc import Callable
@@ -17,19 +16,10 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.acting import EarlierMotion, Loads
 from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.mount_loads import inertia_of, sinusoids
-from viscovib.analyses.runs import (
-    MAX_STEPS,
-    Run,
-    Wanted,
-    again,
-    nothing,
-    starting_state,
-)
-from viscovib.common.mesh import Mesh
+from viscovib.analyses.runs import MAX_STEPS, Run, nothing, starting_state
 from viscovib.common.past import Past
 from viscovib.errors import InputError, StabilityWarning, caller
 from viscovib.kernels.relaxation import AbelKernel, PronyKernel, RzhanitsynKernel
-from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
@@ -41,15 +31,10 @@ NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
 FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
 #: Methods for the past, by their index in the core.
 PASTS = ("exponentials", "direct")
-_NO_EXPONENTIALS, _STEP_TOO_LARGE, _NO_INTEGRAL = range(1, 4)
-#: Index of "step too large" in the outcomes of runs.
-_COARSE = 4
 #: Largest number of steps for which the whole past is kept by default.
 _DIRECT_STEPS = 20_000
 #: Largest continued time of a run in units of its end; sums of exponentials are fitted for it.
 _REACH = 100.0
-#: Fraction of a step for which kernels are fitted if a run stops inside a step.
-_FINE = 2.0**-14
 #: Kernels whose weights need no quadrature, and their largest number of parameters.
 _CLOSED, _FEW = {kind._kind for kind in (AbelKernel, PronyKernel, RzhanitsynKernel)}, 50
 #: A time that represents infinity (s).
@@ -243,9 +228,6 @@ class MountRun(Run):
     """A run of a mount or of a system with the same kind of motion."""
 
     counts = "iterations"
-    remembers_past = True
-    #: Code of the core for steps that are too large, and index of the outcome.
-    too_large, coarse = _STEP_TOO_LARGE, _COARSE
 
     def __init__(
         self, motion: Any, tolerance: float, h: float, state: FloatArray | None = None
@@ -258,77 +240,29 @@ class MountRun(Run):
         #: Shortest step after kinks and jumps (0: none), and True if the base has kinks.
         self.shortest, self.kinks = 0.0, motion.table is not None
         self.moves: Any = getattr(motion, "moves", None)
-        #: Flags of the coordinates that the previous run computed.
-        self.left_out: Any = None
         if motion.memory == "direct":
-            self._keep_all()
+            self.past = "direct"
 
     @property
     def over_kinks(self) -> bool:
         """True if laws have kinks: the past is known at whole steps only."""
         return has_kinks(self.system)
 
-    def on(self, mesh: Mesh) -> Run:
-        """Return the run with the steps of a mesh."""
-        self.shortest = mesh.shortest
-        return super().on(mesh)
-
-    def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
-        """Compute n steps."""
-        begun = copy.copy(self)
-        run = super().steps(n, want, progress)
-        least = _FINE * self.h
-        unsure = run.outcome in ("diverged", "step too large") and self.fitted
-        if not unsure or 0 < self.shortest <= least:
-            return run
-        # Locating the end needs steps for which the exponentials were not fitted.
-        begun.shortest = least
-        finer = again(begun, 1)
-        return run if finer is None else finer.steps(n, want, progress)
-
     def adopt(self, earlier: Run) -> None:
         """Continue from the end of an earlier run, with the loads of this run."""
         super().adopt(earlier)
         if not isinstance(earlier, MountRun):
             return
-        self.memory, self.past, self.piece = earlier.memory, earlier.past, earlier.piece
-        self.shortest, self.kinks = earlier.shortest, earlier.kinks
-        self.left_out = earlier.moves
+        self.memory, self.past, self.shortest = earlier.memory, earlier.past, earlier.shortest
+        self.stale = self.kinks and not earlier.kinks
+        self.stale |= self.moves is not None and not np.array_equal(self.moves, earlier.moves)
+        self.kinks |= earlier.kinks
         self.resolution = earlier.resolution
-
-    def prepare(self, like: Run, factor: int) -> None:
-        """Keep the memory that a continued run needs."""
-        if isinstance(like, MountRun):
-            self.shortest, self.kinks = like.shortest / factor, like.kinks
-            self.moves = like.moves
 
     def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
         """The oscillator, its loads and its past."""
         motion = self.motion
         return motion.mount._handle, motion.acting, motion.past
-
-    @property
-    def fitted(self) -> bool:
-        """True if a kernel is a fitted sum of exponentials, valid for certain steps only."""
-        return self.past == "exponentials" and any(
-            not isinstance(kernel, PronyKernel) for kernel in self.motion.mount._active_kernels
-        )
-
-    def serves(self) -> bool:
-        """True if the stored memory is valid for the next steps; else set the needed values."""
-        kinks = self.kinks or self.motion.table is not None
-        shortest = self.shortest
-        if self.anew or self.mesh is not None:
-            needed = self.h if self.mesh is None else self.mesh.shortest
-            shortest = min(shortest or needed, needed)
-        same = self.shortest > 0 and kinks == self.kinks
-        same = same and shortest >= self.shortest * (1 - 1e-9)
-        same = same or (shortest == 0 and not kinks)
-        if same:
-            shortest = self.shortest
-        left_out = self.left_out is not None and not np.array_equal(self.left_out, self.moves)
-        self.shortest, self.kinks = shortest, kinks
-        return not ((self.fitted and not same) or left_out)
 
     def belongs_to_state(self) -> npt.NDArray[np.bool_]:
         """Mask of coordinates, velocities, their rounding errors, forces and past."""
@@ -367,77 +301,37 @@ class MountRun(Run):
         mount = self.motion.mount
         return any(k._kind not in _CLOSED or k._data.size > _FEW for k in mount._all_kernels)
 
-    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """Compute steps in the core, with the whole past if kernels have no exponentials."""
-        until = self._time_after(self.done + count)
-        if until > _REACH * self.motion.end * (1 + 1e-9):
+    def check_reach(self, end: float) -> None:
+        """Refuse a run that continues beyond the time for which kernels are fitted."""
+        if end > self.reach * (1 + 1e-9):
             raise InputError(
-                f"t_end = {until:g}: a run made for t_end = {self.motion.end:g} may go on to "
-                f"{_REACH * self.motion.end:g} at most"
+                f"t_end = {end:g}: a run made for t_end = {self.motion.end:g} may go on to "
+                f"{self.reach:g} at most"
             )
-        found = super()._found(count, every, columns, times)
-        if found["reason"] == _NO_EXPONENTIALS:
-            self._turn_direct()
-            return self._found(count, every, columns, times)
-        self.resolution = found["resolution"]
-        self.too_long = max(self.too_long, found["too_long"])
-        if found["reason"] == _NO_INTEGRAL:
-            raise InputError(
-                "held: must be None, because a kernel has no finite integral: a deflection "
-                "held for all t < 0 has no force"
-            )
-        if found["reason"] == _STEP_TOO_LARGE:
-            found |= {"ended": _COARSE, "reached": self.time, "last": self.state}
-        return found
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """Task, handles and values for an oscillator."""
-        values = {**self._with_memory(), **self.motion.given, "moves": self.moves}
+        """Task, handles and values of the equations of an oscillator."""
+        values = {**self.motion.given, "moves": self.moves, **self._order()}
         return "motion with memory", (self.motion.mount._handle,), values
 
-    def _search_values(self) -> dict[str, Any]:
-        """Values of the step size search for a run with memory."""
-        mesh = self.mesh
+    def _order(self) -> dict[str, Any]:
+        """Nodes of a step, and latest time of the equations."""
+        return {"nodes": NODES[self.method], "t_end": self.reach}
+
+    def _run_values(self) -> dict[str, Any]:
+        """Values of a run with memory."""
         return {
-            "holds_places": False,
             "most_direct": _DIRECT_STEPS if self.motion.memory == "auto" else 0,
-            "later": 0.0 if mesh is None else mesh.later,
+            "later": 0.0 if self.mesh is None else self.mesh.later,
+            "past": PASTS.index(self.past) + 1, "shortest": float(self.shortest),
+            "kinks": bool(self.kinks),
         }  # fmt: skip
 
-    def take_search(self, found: dict[str, Any]) -> None:
-        """Store the result of the step size search: resolution, shortest step, kind of past."""
-        super().take_search(found)
+    def take(self, found: dict[str, Any]) -> npt.NDArray[np.bool_] | None:
+        """Move to the end of a run; store its resolution, shortest step and kind of past."""
         self.resolution, self.shortest = found["resolution"], found["shortest"]
-        if PASTS[found["past"] - 1] == "direct":
-            self._keep_all()
-
-    def _with_memory(self) -> dict[str, Any]:
-        """Values of tasks with memory."""
-        ends, made_by = self._mesh_arrays()
-        return {
-            "nodes": NODES[self.method], "past": PASTS.index(self.past) + 1,
-            "shortest": float(self.shortest), "kinks": bool(self.kinks), "t_end": self.reach,
-            "ends": ends, "made_by": made_by,
-        }  # fmt: skip
-
-    def _keep_all(self) -> None:
-        """Keep the whole past, with shorter parts because each part is set up again."""
-        self.past, self.piece = "direct", 1000
-
-    def _turn_direct(self) -> None:
-        n = math.ceil(self.motion.end / self.h) if self.mesh is None else self.mesh.count
-        if self.motion.memory == "exponentials":
-            raise InputError(
-                'memory = "exponentials": a kernel is not a sum of exponentials (tables of points '
-                'never are); must be "direct" or "auto"'
-            )
-        if n > _DIRECT_STEPS:
-            raise InputError(
-                f'memory = "auto": a kernel is not a sum of exponentials, and {n} steps with the '
-                f'whole history are more than {_DIRECT_STEPS}; use memory="direct", or fit the '
-                "kernel by sum_of_exponentials"
-            )
-        self._keep_all()
+        self.past = PASTS[found["past"] - 1]
+        return super().take(found)
 
 
 def hereditary_run_of(run: Run) -> MountMotion | None:

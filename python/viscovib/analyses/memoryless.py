@@ -61,8 +61,6 @@ AS_COORDINATES = ("auto", "exponentials")
 _N_KERNELS = 3
 #: Largest continued time of a run in units of its end; sums of exponentials are fitted for it.
 _REACH = 100.0
-#: Relative error of these sums that runs with different sums do not show, as in the core.
-_FITTED = 1e-13
 
 
 def pendulum_runs(
@@ -308,11 +306,9 @@ class PolynomialRun(Run):
         super().__init__(system, method, state, h, solved)
         self.job = job
         self.layers = job[7]
+        self.hidden, self.fitted = 0, False
         if job[0][_N_KERNELS]:
-            self.hidden, fitted = n_hidden(system, h, job[8])
-            self.represented = _FITTED if fitted else 0.0
-        else:
-            self.hidden = 0
+            self.hidden, self.fitted = n_hidden(system, h, job[8])
 
     @classmethod
     def of_job(
@@ -335,7 +331,7 @@ class PolynomialRun(Run):
             self.job = (
                 *self.job[:8], earlier.job[8], *self.job[9:12], earlier.job[12], *self.job[13:]
             )  # fmt: skip
-            self.hidden = earlier.hidden
+            self.hidden, self.fitted = earlier.hidden, earlier.fitted
 
     @property
     def has_layers(self) -> bool:
@@ -389,9 +385,9 @@ class PolynomialRun(Run):
         n = len(self.job[6])
 
         def states(t: FloatArray) -> tuple[FloatArray, ...]:
-            found: list[FloatArray] = []
-            state, now = self.states_at(t, kept, found), loads.at(t)
-            gathered.append(np.concatenate(found) if found else np.zeros((0, n)))
+            found, now = self.made_again(t, kept, accelerates=True), loads.at(t)
+            state = found["states"].T
+            gathered.append(found["accelerations"].T[: state.shape[0]])
             return state[:, ::2] - now.place, state[:, 1::2] - now.speed, gathered[-1][:, n:]
 
         gathered: list[FloatArray] = []
@@ -413,11 +409,6 @@ class PolynomialRun(Run):
             force[:, 0] += given if given.ndim == 1 else 0.0
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
 
-    def _past_left(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The displacement held, without the motion before a continued run."""
-        held, before, moved = self.job[12]
-        return held, before[-1:], moved[:, -1:]
-
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
         job = self.job
         text: str = _native.run(
@@ -428,35 +419,22 @@ class PolynomialRun(Run):
         )["text"]  # fmt: skip
         return text
 
-    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """Compute steps in the core, within the time for which kernels are fitted."""
-        if self.represented:
-            until, reach = self._time_after(self.done + count), self.job[8]
-            if until > reach * (1 + 1e-9):
-                raise InputError(
-                    f"t_end = {until:g}: a run made for t_end = {reach / _REACH:g} with kernels "
-                    f"that are not sums of exponentials may go on to {reach:g} at most"
-                )
-        self.layers.longest = max(self.layers.longest, self.h)
-        found = super()._found(count, every, columns, times)
-        if self.accelerated is not None:
-            self.accelerated.append(found["accelerations"].T[: found["n_reached"]])
-        self.layers.seen |= bool(found["memory"][-2])
-        return found
+    def check_reach(self, end: float) -> None:
+        """Refuse a run that continues beyond the time for which kernels are fitted."""
+        reach = self.job[8]
+        if self.fitted and end > reach * (1 + 1e-9):
+            raise InputError(
+                f"t_end = {end:g}: a run made for t_end = {reach / _REACH:g} with kernels that are "
+                f"not sums of exponentials may go on to {reach:g} at most"
+            )
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """Task, handles and values for a polynomial system."""
-        in_parts = self.layers.seen or (self.memory is not None and bool(self.memory[-2]))
-        held, before, moved = self.job[12] if self.memory is None else self._past_left()
-        ends, made_by = self._mesh_arrays()
+        """Task, handles and values of the equations of a polynomial system."""
+        held, before, moved = self.job[12]
         values = {
-            "held": held, "before": before, "moved": moved, "ends": ends, "made_by": made_by,
-            "method": METHODS[self.method], "in_parts": in_parts,
-            "thin": self.h / max(self.layers.longest, self.h), "moves": self.job[6],
-            "reach": float(self.job[8]), **self.job[13],
+            "held": held, "before": before, "moved": moved, "method": METHODS[self.method],
+            "moves": self.job[6], "reach": float(self.job[8]), **self.job[13],
         }  # fmt: skip
-        if self.accelerated is not None:
-            values["accelerates"] = True
         return "motion without memory", (self.system_in_core,), values
 
 

@@ -1,17 +1,14 @@
 """Continued runs, with the same loads or with new loads."""
 
 import copy
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.accuracy import rounding_of
 from viscovib.analyses.events import Watch
 from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
 from viscovib.analyses.memoryless import (
@@ -20,14 +17,15 @@ from viscovib.analyses.memoryless import (
     pendulum_runs,
     polynomial_runs,
 )
-from viscovib.analyses.runs import Run, Wanted, again, difference, nothing
+from viscovib.analyses.runs import Run, Wanted, nothing
+from viscovib.analyses.step_search import with_estimate
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
 from viscovib.analyses.whole_structure import WholeRun, whole_runs
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
 from viscovib.kernels.tabulated import TabulatedKernel
-from viscovib.results.trajectory import LocatedEvents, Trajectory
+from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
@@ -53,7 +51,7 @@ def known(
     base: LoadLike | LoadTable | None = None,
     watch: Watch | None = None,
 ) -> Maker:
-    """Add to runs their maker, the corners of their loads, and the tables for their plan."""
+    """Add to runs the corners of their loads, and the tables for their plan."""
     words = []
     tables = () if force is base is None else (("force", force), ("motion of the base", base))
     for name, table in tables:
@@ -66,7 +64,7 @@ def known(
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Maker of runs that adds itself and the data of loads to each run."""
+    """Maker of runs that adds the data of loads to each run."""
 
     make: Maker
     breaks: FloatArray
@@ -75,7 +73,7 @@ class _Known:
 
     def __call__(self, h: float) -> Run:
         run = self.make(h)
-        run.maker, run.breaks, run.tables = self, self.breaks, self.tables
+        run.breaks, run.tables = self.breaks, self.tables
         if self.watch is not None:
             run.watch = self.watch.fresh()
         return run
@@ -269,63 +267,10 @@ def go_on(
     if other is not None:
         before, run = run, other(run.h)
         run.adopt(before)
-        run.has_found_step = before.has_found_step
     n, kept = _ahead(run, end, want)
-    if not run.serves():
-        prepared = again(run, 1)
-        assert prepared is not None
-        run = prepared
-    begun = copy.copy(run)
-    result = run.steps(n, kept, progress)
-    if not estimated:
-        return result
-
-    return _with_estimate(result, begun, n, kept)
-
-
-def _with_estimate(run: Trajectory, begun: Run, n: int, kept: Wanted) -> Trajectory:
-    """The run with its error, from runs with half the step size, with kinks also a third.
-
-    ``begun``: the run at the start of the continuation, which has n steps.
-    """
-    finer: list[Trajectory | None] = []
-    for factor in (2, 3) if begun.over_kinks else (2,):
-        part = again(begun, factor)
-        finer.append(None if part is None else part.steps(factor * n, kept.finer(factor), False))
-    change = max(math.inf if one is None else difference(run, one) for one in finer)
-    half, third = finer[0], finer[-1]
-    if half is not third and half is not None and third is not None:
-        change += difference(half, third)
-    how = (
-        "by a run with half the step size"
-        if len(finer) == 1
-        else ("by runs with a half and a third of the step size")
-    )
-    how += " from the first start on"
-    words = "estimate of the error"
-    plan = partial(run.plan.instead, words, f"computes: {words}, {how}")
-    error = max(change, rounding_of(run.state))
-    events = tuple(
-        _with_errors(one, None if half is None else half.events[i], begun.time, error)
-        for i, one in enumerate(run.events)
-    )
-    return replace(run, error=error, events=events, _planned=plan)
-
-
-def _with_errors(
-    one: LocatedEvents, other: LocatedEvents | None, since: float, error: float
-) -> LocatedEvents:
-    """Events with errors, from the events of a finer run and the error of states."""
-    unknown = np.full(one.t.size, math.nan)
-    if other is None:
-        return replace(one, error=unknown, state_error=unknown)
-    here = other.t >= since - error
-    times, states = other.t[here], other.state[here]
-    if times.size != one.t.size:
-        return replace(one, error=unknown, state_error=unknown)
-    late = np.maximum(np.abs(one.t - times), error)
-    off = np.maximum(np.abs(one.state - states).max(axis=1, initial=0.0), error)
-    return replace(one, error=late, state_error=off)
+    if estimated:
+        return with_estimate(run, n, end, kept, progress)
+    return run.steps(n, kept, progress)
 
 
 def _ahead(run: Run, end: float, want: Wanted) -> tuple[int, Wanted]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -24,13 +25,11 @@ from viscovib.analyses.acting import (
 )
 from viscovib.analyses.events import Watch
 from viscovib.analyses.forces_in_time import element_forces, mount_forces, support_reactions
-from viscovib.bodies.body import Body
-from viscovib.bodies.turning import renamed_like
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
-from viscovib.common.progress import SILENT, Bar, progress_bar
+from viscovib.common.progress import counted_pieces
 from viscovib.errors import InputError
 from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
 from viscovib.results.trajectory import OUTCOMES, Trajectory
@@ -49,8 +48,11 @@ LOCATED = 1e-12
 _MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
 #: Growth factor of a motion that has diverged.
 _AWAY = 10.0
-#: Largest number of coordinates in a message; steps per native call with events.
-_LISTED, _WATCHED = 4, 10_000
+#: What a native call makes: one run, one run and its error, or runs with decreasing steps.
+ONE_RUN, WITH_ERROR, WITH_SEARCH = range(3)
+#: Largest number of coordinates in a message; number of first steps from which on a search may
+#: take long.
+_LISTED, _FEW = 4, 16
 
 
 class NotMetError(InputError):
@@ -96,12 +98,6 @@ class Wanted:
         """True without a selection, so that all states are kept."""
         return self.times is None and self.every == 1 and self.keep == "all"
 
-    def finer(self, factor: int) -> Wanted:
-        """Return the selection of the same states for a run with more steps by a factor."""
-        if factor == 1:
-            return self
-        return replace(self, every=self.every * factor)
-
     def at(self, times: FloatArray) -> Wanted:
         """Return the selection as states at these times, for unequal steps."""
         if self.keep == "tail":
@@ -134,29 +130,6 @@ def has_outrun(start: FloatArray, end: FloatArray, one: float, other: float, h: 
         and abs(one - other) <= h
         and np.abs(end).max() > _AWAY * np.abs(start).max()
     )
-
-
-def difference(coarse: Trajectory, fine: Trajectory) -> float:
-    """Largest difference of the states of two runs, and of the times at which they stop."""
-    n, m = coarse.t.size, fine.t.size
-    coarse = renamed_alike(coarse, fine)
-    if coarse.outcome == "completed" == fine.outcome and n == m:
-        return float(np.abs(fine.state - coarse.state).max())
-    if coarse.outcome != fine.outcome or coarse.outcome == "step too large" or abs(n - m) > 1:
-        return math.inf
-    n = min(n, m)
-    if fine.outcome == "diverged" and n and fine.t[n - 1] >= fine.t_reached:
-        n -= 1  # at the bound of a coordinate the state changes too fast for a comparison
-    moved = abs(fine.t_reached - coarse.t_reached)
-    return max(moved, float(np.abs(fine.state[:n] - coarse.state[:n]).max(initial=0.0)))
-
-
-def renamed_alike(run: Trajectory, like: Trajectory) -> Trajectory:
-    """The run, for a body with large rotations with comparable rotation vectors."""
-    turns = isinstance(run.system, Body) and run.system._winds
-    if not turns or run.state.shape != like.state.shape:
-        return run
-    return replace(run, state=renamed_like(run.state, like.state))
 
 
 def starting_state(initial: Any, n: int, dof_names: Sequence[str]) -> FloatArray:
@@ -193,28 +166,18 @@ class ThinLayers:
 
 
 class Run(ABC):
-    """A run that can be continued, with its native state and time."""
+    """A run that can be continued: its equations, and its state and data after some steps."""
 
-    #: Relative error of the approximation of kernels, which two runs may share.
-    represented: float = 0.0
-    #: Error of states by rounding errors of frequencies, which all runs share.
-    by_phases: float = 0.0
     #: Quantity that native calls count.
     counts: ClassVar[str]
-    #: Thin layers of laws that steps may miss; shared by the runs of a step size search.
-    layers: ThinLayers = ThinLayers()
-    #: True if a run without memory data may be continued with new loads from its state.
-    remembers_past: ClassVar[bool] = False
-    #: Step size divided by the step size whose nodes resolve every layer.
-    too_long: float = 0.0
-    #: Largest number of steps per native call, which sets the interval of progress and Ctrl-C.
-    piece: int = 200_000
     #: Number of equal steps to a given time, and this time (the product with h is rounded).
     goal: tuple[int, float] = (-1, 0.0)
     #: True if the step was found by a tolerance.
     has_found_step: bool = False
     #: As of `Trajectory`, for motions with memory.
     resolution: float | None = None
+    #: True if the data of earlier steps are not those that the next steps need.
+    stale: bool = False
 
     def __init__(
         self,
@@ -234,20 +197,16 @@ class Run(ABC):
         self.mesh: Mesh | None = None
         #: Texts of the plan about tables of loads.
         self.tables: tuple[str, ...] = ()
-        #: Function that created the run, and corners of its loads.
-        self.maker: Callable[[float], Run] | None = None
+        #: Corners of the loads.
         self.breaks: FloatArray = nothing(0)
-        #: True if new loads act from now on; functions that created the earlier parts, with the
-        #: number of steps at the end of each.
+        #: True if new loads act from now on; the runs under earlier loads.
         self.anew = False
-        self.parts: tuple[tuple[Callable[[float], Run], int], ...] = ()
-        #: Events, and start time of the last steps.
+        self.parts: tuple[Run, ...] = ()
+        #: Events, and the number of states kept per step, from its polynomial.
         self.watch: Watch | None = None
-        self.began = 0.0
-        #: Number of states kept per step, from its polynomial.
         self.kept_of_step = 1
-        #: Accelerations at wanted times, piece by piece, if these are wanted.
-        self.accelerated: list[FloatArray] | None = None
+        #: Thin layers of laws that steps may miss; other runs of a call may share them.
+        self.layers = ThinLayers()
         #: The motion on panels until a time, as what springs remember needs it.
         self.on_panels: tuple[float, Panels] | None = None
 
@@ -262,76 +221,93 @@ class Run(ABC):
         self.mesh, self.h = mesh, mesh.h
         return self
 
-    def sharpen(self, factor: int) -> None:
-        """Reduce the tolerance of equations and kernels for steps that are shorter by the factor.
-
-        Runs with the same tolerance share this error, so their difference would not show it. The
-        square of the factor is less than any method gains.
-        """
-        self.solved = max(self.solved / float(factor) ** 2, ROUNDING)
-
     def adopt(self, earlier: Run) -> None:
         """Continue from the end of an earlier run, with the loads of this run."""
-        assert earlier.maker is not None
         self.state, self.done, self.reached = earlier.state, earlier.done, earlier.reached
         self.h, self.mesh = earlier.h, earlier.mesh
+        self.has_found_step = earlier.has_found_step
         self.anew = True
-        self.watch = None if earlier.watch is None else earlier.watch.going_on()
-        self.parts = (*earlier.parts, (earlier.maker, earlier.done))
+        self.watch, self.layers = earlier.watch, earlier.layers
+        self.parts = (*earlier.parts, earlier)
 
-    def prepare(self, like: Run, factor: int) -> None:
-        """Keep the memory that a continued run needs, with steps shorter by the factor."""
-        self.piece = like.piece
-
-    def serves(self) -> bool:
-        """True if the stored memory is valid for the next steps."""
-        return True
-
-    def _mesh_arrays(self) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-        """Return the ends of mesh parts and the numbers of their steps; 0 for equal steps."""
-        if self.mesh is None:
-            return nothing(1), nothing(1, np.int64)
-        return self.mesh.ends, self.mesh.made_by
+    def check_reach(self, end: float) -> None:  # noqa: B027
+        """Refuse a run that continues beyond the time for which kernels are fitted."""
 
     @abstractmethod
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """Return the task, its objects, and the values for this kind of run."""
+        """Return the task, its objects, and the values of the equations."""
 
     def _takes_long(self, count: int) -> bool:
         """True if this number of steps may take long."""
         return count > _native.MANY_STEPS
 
-    def _values(
-        self, count: int, every: int, times: FloatArray
-    ) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
-        """`_given` with the common values, for ``count`` steps from the present state."""
-        task, objects, values = self._given()
-        watch = self.watch
-        if watch is not None:
-            values |= {"watched": watch.vector, "sides": watch.sides, "most": watch.room}
-        resume = 0 if self.memory is None else 2 if self.anew else 1
-        if self.memory is not None:
-            values["memory"] = self.memory
-        elif self.anew and self.remembers_past:
-            resume = 2
-        values |= {
-            "first": self.done, "n_steps": count, "save_every": every, "resume": resume,
-            "h": self.h, "tolerance": self.solved, "times": times, "initial": self.state,
-        }  # fmt: skip
-        return task, objects, values
+    def _equations(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
+        """`_given`; of a run with parts: an object for each of them."""
+        own = self._given()
+        if not self.parts:
+            return own
+        handles = []
+        for task, objects, values in (*(part._given() for part in self.parts), own):
+            if task == own[0] and "moves" in own[2]:
+                # Steps of all parts compute the same coordinates.
+                values = {**values, "moves": own[2]["moves"]}
+            handles.append(_native.Handle(task, *objects, **values))
+        return "motion run", tuple(handles), {"until": np.array([one.done for one in self.parts])}
 
-    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """Compute ``count`` steps from the present state in the core, and return the results.
+    def made(
+        self,
+        aim: int,
+        n: int,
+        want: Wanted,
+        end: float,
+        progress: bool = False,
+        **more: Any,
+    ) -> dict[str, Any]:
+        """Results of the core: of n steps to ``end``, with their error, or of a search (``aim``).
 
         For example the final state ``last`` and its time ``reached``, the number ``made`` of full
         steps and the outcome ``ended``.
         """
-        task, objects, values = self._values(count, every, times)
-        long = self._takes_long(count)
-        found = _native.run_either(long, task, *objects, columns=columns, **values)
+        self.check_reach(end)
+        times = nothing(0) if want.times is None else want.times
+        task, objects, values = self._equations()
+        self.layers.longest = max(self.layers.longest, self.h)
+        values = values | self._run_values() | {
+            "aim": aim, "first": self.done, "n_steps": n, "save_every": want.every,
+            "resume": 2 if self.anew else 1 if self.done else 0, "h": self.h,
+            "tolerance": self.solved, "times": times, "initial": self.state,
+            "t_end_of_run": float(end),
+        }  # fmt: skip
+        if want.keep != "all":
+            values |= {"last_only": want.keep == "last", "tail": float(want.tail)}
+        if self.layers.seen or self.layers.longest > self.h:
+            values |= {"in_parts": self.layers.seen, "longest": self.layers.longest}
+        if self.mesh is not None:
+            values |= {"ends": self.mesh.ends, "made_by": self.mesh.made_by}
+        if self.done:
+            values |= {"begun": (*self.parts, self)[0].begin, "remakes": self.stale}
+            if self.memory is not None:
+                values["memory"] = self.memory
         if self.watch is not None:
-            self.watch.sides[:] = found["sides"]
-        return found
+            values |= {"watched": self.watch.vector, "sides": self.watch.sides}
+        long = self._takes_long(n) or (aim != ONE_RUN and n > _FEW)
+        steps = n if aim == ONE_RUN else None
+        with counted_pieces(progress, steps):
+            return _native.run_either(long, task, *objects, **(values | more))
+
+    def take(self, found: dict[str, Any]) -> npt.NDArray[np.bool_] | None:
+        """Move to the end of a run that the core has made; return the mask of valid events."""
+        self.state, self.memory = found["last"], found["memory"]
+        self.done, self.reached = found["made"], found["reached"]
+        self.anew = self.stale = False
+        self.layers.seen |= bool(found["in_parts"])
+        watch = self.watch
+        if watch is None:
+            return None
+        watch.sides[:] = found["sides"]
+        if watch.gathers:
+            watch.take_gathered(found["found"], found["n_found"])
+        return watch.take(found["found"], found["n_found"])
 
     @abstractmethod
     def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
@@ -396,57 +372,45 @@ class Run(ABC):
 
     def steps(self, n: int, want: Wanted, progress: bool) -> Trajectory:
         """Compute n steps."""
+        end = self._time_after(self.done + n)
+        self.check_wanted(want, n)
+        found = self.made(ONE_RUN, n, want, end, progress)
+        self.take(found)
+        events = () if self.watch is None else self.watch.located(slice(self.state.size))
+        result = self.result(found, planned=partial(self.plan, want, end))
+        return self._shaped(replace(result, events=events))
+
+    def check_wanted(self, want: Wanted, n: int) -> None:
+        """Refuse states outside of the next n steps, or too many."""
         if want.times is not None:
             self._check_times(want.times, n)
-        start, first = self.done, self.state
-        self.began = self.time
-        # Skip states that are not kept in larger parts.
-        skipped = 0
-        if want.keep == "tail":
-            skipped = max(0, n - math.ceil(min(want.tail / self.h, n))) // want.every * want.every
-        if want.times is None and want.keep != "last":
-            self._check_capacity((n - skipped) // want.every)
-        counts = {self.counts: 0}
-        states: list[FloatArray] = []
-        ended = 0
-        # Short runs do not check for a progress bar.
-        long = progress or n > _native.MANY_STEPS
-        with progress_bar(n, "steps", progress) if long else SILENT as bar:
-            if skipped:
-                ended = self._advance(skipped, replace(want, keep="last"), states, counts, bar)
-                start, first = self.done, self.state
-                if ended:
-                    # The requested states lie beyond the end: keep the final state.
-                    want = replace(want, keep="last")
-            if not ended:
-                ended = self._advance(n - skipped, want, states, counts, bar)
-        if want.times is not None:
-            kept = np.concatenate(states)
-            t = want.times[: kept.shape[0]]
-        elif want.keep == "last":
-            kept, t = self.state[np.newaxis], np.array([self.reached])
-        else:
-            kept = np.concatenate([first[np.newaxis], *states])
-            made = start + want.every * np.arange(kept.shape[0])
-            t = np.multiply(made, self.h, dtype=float)
-            if self.mesh is None and made[-1] == self.goal[0]:
-                t[-1] = self.goal[1]
-        run = Trajectory(
-            t=t,
-            state=kept,
-            outcome=OUTCOMES[ended],
-            t_reached=self.reached,
-            step=self.h,
+        elif want.keep == "all":
+            self._check_capacity(n // want.every)
+        elif want.keep == "tail":
+            self._check_capacity(math.ceil(min(want.tail / self.h, n)) // want.every)
+
+    def result(
+        self,
+        found: dict[str, Any],
+        prefix: str = "",
+        error: float | None = None,
+        planned: Callable[[], Plan] | None = None,
+    ) -> Trajectory:
+        """One of the runs that the core has made, with all coordinates computed."""
+        return Trajectory(
+            t=found[f"{prefix}t"],
+            state=found[f"{prefix}states"].T,
+            outcome=OUTCOMES[found[f"{prefix}ended"]],
+            t_reached=found[f"{prefix}reached"],
+            step=found[f"{prefix}step"],
             method=self.method,
-            error=None,
-            stats={"steps": self.done, **counts},
+            error=error,
+            stats={"steps": found[f"{prefix}made"], self.counts: found["counted"]},
             system=self.system,
             _resume=self,
-            events=() if self.watch is None else self.watch.located(slice(first.size)),
-            _planned=partial(self.plan, want, self._time_after(start + n)),
+            _planned=planned or partial(self.plan, Wanted(), 0.0),
             resolution=self.resolution,
         )
-        return self._shaped(run)
 
     def _shaped(self, run: Trajectory) -> Trajectory:
         """The result with the data of this kind of system."""
@@ -454,61 +418,12 @@ class Run(ABC):
 
     @property
     def _compared(self) -> npt.NDArray[np.intp]:
-        """Indices of the state components that determine the error."""
+        """Indices of the state components that determine the error, if not all do."""
         return np.arange(self.state.size)
 
-    def _search_values(self) -> dict[str, Any]:
-        """Values of the step size search for this kind of run."""
-        return {"holds_places": False, "most_direct": 0, "later": 0.0}
-
-    def take_search(self, found: dict[str, Any]) -> None:
-        """Store the results of a step size search."""
-        self.by_phases, self.too_long = found["by_phases"], found["too_long"]
-        self.layers.seen |= bool(found["in_parts"])
-
-    def _advance(
-        self,
-        n: int,
-        want: Wanted,
-        states: list[FloatArray],
-        counts: dict[str, int],
-        bar: Bar,
-    ) -> int:
-        """Compute n steps in parts; return the outcome."""
-        piece = self.piece if self.watch is None else min(self.piece, _WATCHED)
-        stored = want.keep != "last" and want.times is None
-        every = want.every
-        piece = max(piece // every, 1) * every
-        left, ended = n, 0
-        while left and not ended:
-            count = min(piece, left)
-            columns = count // every if stored else 0
-            times = nothing(0)
-            if want.times is not None:
-                now, until = self.time, self._time_after(self.done + count)
-                if left == count:
-                    until = math.inf
-                times = want.times[(want.times >= now) & (want.times < until)]
-            part = self._found(count, every, columns, times)
-            made, ended = part["made"], part["ended"]
-            self.memory, self.state = part["memory"], part["last"]
-            if self.watch is not None:
-                self.watch.take(part["found"], part["n_found"])
-                if self.watch.gathers:
-                    self.watch.take_gathered(part["found"], part["n_found"])
-                if OUTCOMES[ended] == "event":
-                    self.state = self.watch.last_state
-            self.anew = False
-            self.done += made
-            self.reached = part["reached"] if ended else self.time
-            counts[self.counts] += part["counted"]
-            if want.times is not None:
-                states.append(part["at_times"].T[: part["n_reached"]])
-            elif stored:
-                states.append(part["states"].T[: min(columns, made // every)])
-            left -= count
-            bar.update(made)
-        return int(ended)
+    def _run_values(self) -> dict[str, Any]:
+        """Values of a run of this kind besides those of its equations."""
+        return {}
 
     def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
         """The system, its loads, and its past; None: it has no memory."""
@@ -594,40 +509,25 @@ class Run(ABC):
             self.on_panels = until, Panels.of(ends, past, states)
         return self.on_panels[1]
 
-    def gather_all(self, accelerated: list[FloatArray]) -> None:
-        """Keep all coordinates from now on, and gather accelerations and forces of laws."""
-        self.watch, self.accelerated = None, accelerated
+    def states_at(self, times: FloatArray, kept: Trajectory) -> FloatArray:
+        """States at ascending times of the run that ``kept`` holds, by making it once more."""
+        return np.asarray(self.made_again(times, kept)["states"].T[:, self._compared])
 
-    def states_at(
-        self, times: FloatArray, kept: Trajectory, accelerated: list[FloatArray] | None = None
-    ) -> FloatArray:
-        """States at ascending times of the run that ``kept`` holds, by making it once more.
+    def made_again(
+        self, times: FloatArray, kept: Trajectory, *, accelerates: bool = False
+    ) -> dict[str, Any]:
+        """The run that ``kept`` holds from its start on, with all coordinates at other times.
 
-        ``accelerated``: gathers accelerations relative to the base, then forces of laws.
+        ``accelerates``: also accelerations relative to the base, then forces of laws.
         """
-        latest: Run | None = None
-        found = []
-        assert self.maker is not None
-        for maker, done in (*self.parts, (self.maker, self.done)):
-            part = maker(self.h)
-            if latest is not None:
-                part.adopt(latest)
-            part.prepare(self, 1)
-            part.mesh = self.mesh
-            if accelerated is not None:
-                part.gather_all(accelerated)
-            begin, until = part.time, self._time_after(done)
-            last = done == self.done and maker is self.maker
-            here = times[(times >= begin) & ((times < until) | last)]
-            if not last or here.size:
-                # A run that ended early ended inside a step.
-                steps = done - part.done + int(last and kept.outcome != "completed")
-                want = Wanted(times=here) if here.size else Wanted(keep="last")
-                run = part.steps(steps, want, False)
-                if here.size:
-                    found.append(run.state)
-            latest = part
-        return np.concatenate(found)
+        run = copy.copy(self)
+        run.watch, run.memory = None, None
+        run.state = (*self.parts, self)[0].begin
+        run.done = self.parts[-1].done if self.parts else 0
+        # A run that ended early ended inside a step.
+        n = self.done - run.done + int(kept.outcome != "completed")
+        more: dict[str, Any] = {"resume": 0, "later": 0.0, "accelerates": accelerates}
+        return run.made(ONE_RUN, n, Wanted(times=times), kept.t_reached, **more)
 
     def _check_capacity(self, n_kept: int) -> None:
         most = MAX_KEPT // max(self.state.size, 1)
@@ -643,24 +543,3 @@ class Run(ABC):
             raise InputError(
                 f"times: must be between the start {self.time:g} and the end {end:g} of the run"
             )
-
-
-def again(run: Run, factor: int) -> Run | None:
-    """Return the run from its first start, with steps shorter by a factor; None: it ended early.
-
-    It keeps the memory that its next steps need.
-    """
-    assert run.maker is not None
-    latest: Run | None = None
-    for maker, done in (*run.parts, (run.maker, run.done)):
-        part = maker(run.h / factor)
-        part.sharpen(factor)
-        if latest is not None:
-            part.adopt(latest)
-        part.prepare(run, factor)
-        part.mesh = None if run.mesh is None else run.mesh.finer(factor)
-        latest = part
-        n = done * factor - part.done
-        if n and part.steps(n, Wanted(keep="last"), False).outcome != "completed":
-            return None
-    return latest

@@ -12,18 +12,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from viscovib import _native
 from viscovib.analyses.accuracy import Accuracy
-from viscovib.analyses.runs import NotMetError, Run, Wanted, nothing
+from viscovib.analyses.runs import WITH_ERROR, WITH_SEARCH, NotMetError, Run, Wanted
 from viscovib.common.plan import Plan
-from viscovib.common.progress import counted_pieces
-from viscovib.results.trajectory import OUTCOMES, Trajectory
+from viscovib.results.trajectory import Trajectory
 from viscovib.systems.law_ends import edges_text
 
 #: Verdicts of the core.
 _FOUND, _NOT_MET, _IN_LAYER = range(3)
-#: First number of steps from which on a search may take long.
-_FEW = 16
 
 
 def by_tolerance(
@@ -43,10 +39,13 @@ def by_tolerance(
 
 def with_estimate(run: Run, n: int, end: float, want: Wanted, progress: bool) -> Trajectory:
     """Return the run to ``end`` with given steps and an error estimate."""
+    continues = run.done > 0
     found = _search(run, n, end, want, progress)
     how = "by a run with half the step size"
     if run.over_kinks:
         how = "by runs with a half and a third of the step size"
+    if continues:
+        how += " from the first start on"
     if found["was_shaken"]:
         how += ", and with numbers changed by 1e-12"
     plan = partial(run.plan, want, end)
@@ -62,26 +61,16 @@ def _search(
     accuracy: Accuracy | None = None,
 ) -> dict[str, Any]:
     """Results of the core; without an accuracy: the error of the run with n steps."""
-    times = nothing(0) if want.times is None else want.times
     asked = want.asked or want
-    if want.times is not None:
-        run._check_times(times, n if run.mesh is None else run.mesh.count)
-    elif want.keep == "all":
-        run._check_capacity(n // want.every)
-    task, objects, values = run._values(n, want.every, times)
-    allowed = accuracy or Accuracy(0.0)
-    values |= {
-        "estimate": accuracy is None, "absolute": allowed.absolute,
-        "relative": 0.0 if allowed.by_size else allowed.relative,
-        "t_end_of_run": float(end), "at_times": want.times is not None,
-        "last_only": want.keep == "last", "tail": float(want.tail),
-        "looks": asked.keep != "all" or asked.times is not None,
-        "fills": accuracy is not None and want.no_choice,
-        "rows": run._compared + 1, **run._search_values(),
+    run.check_wanted(want, n if run.mesh is None else run.mesh.count - run.done)
+    more: dict[str, Any] = {"looks": asked.keep != "all" or asked.times is not None}
+    if accuracy is None:
+        return run.made(WITH_ERROR, n, want, end, progress, **more)
+    more |= {
+        "absolute": accuracy.absolute, "relative": 0.0 if accuracy.by_size else accuracy.relative,
+        "fills": want.no_choice,
     }  # fmt: skip
-    long = n > _FEW or run._takes_long(n)
-    with counted_pieces(progress):
-        return _native.run_either(long, task, *objects, **values)
+    return run.made(WITH_SEARCH, n, want, end, progress, **more)
 
 
 def _result(
@@ -93,25 +82,18 @@ def _result(
     if run.mesh is not None:
         run.mesh = run.mesh.finer(factor)
     else:
-        run.goal = n * factor, end
-    if found["solved"] != run.solved:
-        assert run.maker is not None
-        run.maker, run.solved = _Solver(run.maker, found["solved"]), found["solved"]
-    run.done, run.reached = found["made"], found["reached"]
-    run.state, run.memory = found["last"], found["memory"]
-    run.kept_of_step = found["per_step"]
-    run.take_search(found)
+        run.goal = (run.done + n) * factor, end
+    run.solved, run.kept_of_step = found["solved"], found["per_step"]
+    kept = run.take(found)
     events: tuple[Any, ...] = ()
     if run.watch is not None:
-        kept = run.watch.take(found["found"], found["n_found"])
-        run.watch.sides[:] = found["sides"]
         errors = found["passage_errors"][:, kept]
         which = run.watch.rows[0]
         events = tuple(
             replace(one, error=errors[0, which == i], state_error=errors[1, which == i])
             for i, one in enumerate(run.watch.located(slice(run.state.size)), start=1)
         )
-    result = run._shaped(_trajectory(run, found, "", found["error"], planned))
+    result = run._shaped(run.result(found, "", found["error"], planned))
     return replace(result, events=_cut(events, run)) if events else result
 
 
@@ -120,46 +102,9 @@ def _cut(events: tuple[Any, ...], run: Run) -> tuple[Any, ...]:
     return tuple(replace(one, state=one.state[:, run._compared]) for one in events)
 
 
-def _trajectory(
-    run: Run,
-    found: dict[str, Any],
-    prefix: str,
-    error: float | None = None,
-    planned: Callable[[], Plan] | None = None,
-) -> Trajectory:
-    """One of the runs of a search."""
-    return Trajectory(
-        t=found[f"{prefix}t"],
-        state=found[f"{prefix}states"].T,
-        outcome=OUTCOMES[found[f"{prefix}ended"]],
-        t_reached=found[f"{prefix}reached"],
-        step=found[f"{prefix}step"],
-        method=run.method,
-        error=error,
-        stats={"steps": found[f"{prefix}made"], run.counts: found["counted"]},
-        system=run.system,
-        _resume=run,
-        _planned=planned or partial(run.plan, Wanted(), 0.0),
-        resolution=run.resolution,
-    )
-
-
-class _Solver:
-    """Maker of runs that solve the equations of steps to the tolerance of a search."""
-
-    def __init__(self, make: Any, solved: float) -> None:
-        self.make, self.solved = make, solved
-
-    def __call__(self, h: float) -> Run:
-        run: Run = self.make(h)
-        run.solved = self.solved
-        run.maker = self
-        return run
-
-
 def _why(run: Run, found: dict[str, Any]) -> str:
     """Return the reason why no step size meets the tolerance, with what laws have to do with it."""
-    run.take_search(found)
+    run.take(found)
     runs = [("", found["last"])]
     if "coarse_t" in found:
         runs.append(("coarse_", found["coarse_last"]))
@@ -167,7 +112,7 @@ def _why(run: Run, found: dict[str, Any]) -> str:
     for prefix, state in runs:
         one = copy.copy(run)
         one.state, one.memory = state, found["memory"]
-        made.append(one._shaped(_trajectory(one, found, prefix)))
+        made.append(one._shaped(one.result(found, prefix)))
     last, cause = made[0], found["cause"]
     stopped = next((one for one in made if one.outcome != "completed"), None)
     if found["verdict"] == _IN_LAYER:

@@ -19,7 +19,7 @@ from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
 from viscovib.analyses.kept_numbers import of_structure
 from viscovib.analyses.memoryless import reads_rates, switches_by_itself
-from viscovib.analyses.runs import MAX_STEPS, Run, starting_state
+from viscovib.analyses.runs import MAX_STEPS, ONE_RUN, Run, Wanted, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.parameters import no_frequency
@@ -420,8 +420,11 @@ class StructureRun(MountRun):
         self.kick = np.zeros(2)
         if motion.follows.any():
             # The core computes the initial positions of coordinates without mass.
-            found = self._found(0, 1, 1, np.zeros(0))
-            self.state = self.state if found["reason"] else found["last"]
+            self.state = self.made(ONE_RUN, 0, Wanted(keep="last"), 0.0)["last"]
+
+    def _run_values(self) -> dict[str, Any]:
+        """Values as of other runs with memory; deflections are not compared."""
+        return super()._run_values() | {"rows": self._compared + 1}
 
     @property
     def _compared(self) -> npt.NDArray[np.intp]:
@@ -462,18 +465,10 @@ class StructureRun(MountRun):
             return self
         self.motion.whole  # noqa: B018
 
-        def widened(maker: Any) -> Any:
-            if hasattr(maker, "make"):
-                wide = copy(maker)
-                object.__setattr__(wide, "make", widened(maker.make))
-                return wide
-            motion, tolerance = maker.args
-            return replace(motion, places=np.arange(n)).runs(tolerance)
-
         other = copy(self)
         other.motion = replace(self.motion, places=np.arange(n))
-        other.maker = widened(self.maker)
-        other.parts = tuple((widened(maker), done) for maker, done in self.parts)
+        other.begin = other.motion.first_kept
+        other.parts = tuple(part._of_all() for part in self.parts if isinstance(part, StructureRun))
         return other
 
     def adopt(self, earlier: Run) -> None:
@@ -520,15 +515,8 @@ class StructureRun(MountRun):
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for a structure."""
-        values = self._with_memory() | {"kick": self.kick}
+        values = self._order() | {"kick": self.kick}
         return "motion of structure", (*self.motion._modes, self.motion._given), values
-
-    def _found(self, count: int, every: int, columns: int, times: FloatArray) -> dict[str, Any]:
-        """Compute steps in the core; also store the error of states by phases of loads."""
-        found = super()._found(count, every, columns, times)
-        phased = found["phased"][: 2 * self.motion.places.size]
-        self.by_phases = max(self.by_phases, float(phased.max(initial=0.0)))
-        return found
 
 
 def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle]:

@@ -178,7 +178,7 @@ def simulate(
         With a given ``dt``: run again with half the step size from the first start, and report the
         largest difference of the kept states. If steps cross kinks of laws, also with a third of
         the step size, and the difference between both is added. If these runs do not show amplified
-        rounding errors, a run with numbers changed by 1e-12 is added, except for a resumed run.
+        rounding errors, a run with numbers changed by 1e-12 is added.
     progress : bool
         Show a progress bar.
 

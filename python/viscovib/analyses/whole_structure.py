@@ -214,11 +214,6 @@ class WholeRun(PolynomialRun):
         found = super().accelerations(kept)
         return found if self.places is None else found[:, self.places]
 
-    def gather_all(self, accelerated: list[FloatArray]) -> None:
-        """Keep all coordinates from now on, and gather accelerations and forces of laws."""
-        super().gather_all(accelerated)
-        self.places = None
-
     @property
     def _compared(self) -> npt.NDArray[np.intp]:
         """Indices of the coordinates that are kept."""
@@ -226,9 +221,9 @@ class WholeRun(PolynomialRun):
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
         return np.asarray((2 * places[:, np.newaxis] + [0, 1]).ravel())
 
-    def _search_values(self) -> dict[str, Any]:
+    def _run_values(self) -> dict[str, Any]:
         """Values as for other systems; a start on a rigid stop must stay on it."""
-        return super()._search_values() | {"holds_places": self._n_stops > 0}
+        return {"holds_places": self._n_stops > 0, "rows": self._compared + 1}
 
     @property
     def _n_stops(self) -> int:

@@ -236,11 +236,6 @@ class Body(LinearBody):
         return with_numbers(self, numbers)
 
     @property
-    def _winds(self) -> bool:
-        """True if a full turn gives the same state: no spring acts on rotations."""
-        return self._turns and bool(self._mount_springs.rows[:, :3].any(axis=1).all())
-
-    @property
     def _flat(self) -> FloatArray:
         return self._turning_vector if self._turns else self._vector
 

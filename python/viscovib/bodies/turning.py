@@ -96,36 +96,6 @@ def spin(theta: FloatArray, rate: FloatArray) -> FloatArray:
     return np.asarray(rate - b * across + c * np.cross(theta, across))
 
 
-def unspin_transposed(theta: FloatArray, vector: FloatArray) -> FloatArray:
-    """T^-T v, shape (..., 3): the moment in body axes of v along the rotation vector."""
-    b, c = _versine(theta)
-    square = (theta**2).sum(axis=-1, keepdims=True)
-    near = square < _SMALL**2
-    safe = np.where(near, 1.0, square)
-    # T^-1 = 1 + S/2 + d S^2.
-    d = np.where(near, 1 / 12 + square / 720, (1 - (1 - square * c) / (2 * b)) / safe)
-    across = np.cross(theta, vector)
-    return np.asarray(vector - across / 2 + d * np.cross(theta, across))
-
-
-def renamed_like(states: FloatArray, like: FloatArray) -> FloatArray:
-    """States with the equivalent rotation vectors that are nearest to those of ``like``.
-
-    The equivalent vector is theta (1 - 2 pi/|theta|), with the same spin. Shapes (..., 2 n).
-    """
-    theta, rate = states[..., 6:12:2], states[..., 7:12:2]
-    angle = np.linalg.norm(theta, axis=-1, keepdims=True)
-    other = theta * (1 - 2 * np.pi / np.where(angle > 0, angle, np.inf))
-    near = like[..., 6:12:2]
-    apart = np.linalg.norm(theta - near, axis=-1, keepdims=True)
-    takes = (angle > 0) & (np.linalg.norm(other - near, axis=-1, keepdims=True) < apart)
-    found = states.copy()
-    found[..., 6:12:2] = np.where(takes, other, theta)
-    # T^-1 is T^-T of the opposite rotation.
-    found[..., 7:12:2] = np.where(takes, unspin_transposed(-other, spin(theta, rate)), rate)
-    return found
-
-
 def turned(theta: FloatArray, vector: FloatArray) -> FloatArray:
     """A body vector in space axes, R v = [1 + a S + b S^2] v, shape (..., 3)."""
     b, c = _versine(theta)

@@ -66,11 +66,6 @@ class Mesh:
         return np.asarray(np.diff(self.ends, prepend=0.0) / np.diff(self.made_by, prepend=0))
 
     @property
-    def shortest(self) -> float:
-        """Shortest step of this run, also if it is continued to the last break."""
-        return float(min(self.lengths.min(), self.later))
-
-    @property
     def later(self) -> float:
         """Shortest time between breaks after the end; infinite without breaks."""
         later = np.diff(self.breaks[self.breaks >= self.ends[-1]], prepend=self.ends[-1])

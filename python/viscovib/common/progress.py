@@ -19,6 +19,8 @@ from typing import Any, Protocol, Self
 PATIENCE = 2.0
 #: Seconds without a requested bar, and between two updates.
 _PATIENCE, _LOOK = 0.5, 0.2
+#: Steps of a motion between two reports of the core.
+_STEPS_OF_PIECE = 1024
 #: Function that counts the parts of work that the core has started.
 pieces: list[Callable[[], int]] = []
 #: Bars shown at present (at most one).
@@ -107,17 +109,18 @@ def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
 
 
 @contextmanager
-def counted_pieces(shown: bool) -> Iterator[None]:
+def counted_pieces(shown: bool, steps: int | None = None) -> Iterator[None]:
     """Show the number of points that a native call has started, after half a second.
 
-    For curves, whose number of points is unknown. The bar appears on standard error.
+    For curves, whose number of points is unknown; for a motion of a known number of ``steps`` show
+    these. The bar appears on standard error.
     """
     if not shown:
         yield
         return
     over = threading.Event()
     _shown.append(over)
-    watcher = threading.Thread(target=_count, args=(over.wait, _PATIENCE), daemon=True)
+    watcher = threading.Thread(target=_count, args=(over.wait, _PATIENCE, steps), daemon=True)
     watcher.start()
     try:
         yield
@@ -147,16 +150,18 @@ def wait(thread: threading.Thread) -> None:
         _shown.remove(thread)
 
 
-def _count(ended: Any, patience: float) -> None:
+def _count(ended: Any, patience: float, steps: int | None = None) -> None:
     """Count parts of work until ``ended``, called with a number of seconds, returns True."""
     before = pieces[0]()
     if patience and ended(patience):
         return
-    with _new_bar(unit=" points") as bar:
+    size = 1 if steps is None else _STEPS_OF_PIECE
+    with _new_bar(total=steps, unit=" points" if steps is None else " steps") as bar:
         while not ended(_LOOK):
             now = pieces[0]()
             # For work without parts show the elapsed time.
             bar.bar_format = None if bar.n or now != before else "computing: {elapsed}"
-            bar.update(max(now - before, 0))
+            more = size * max(now - before, 0)
+            bar.update(more if steps is None else min(more, steps - bar.n))
             before = now
             bar.refresh()
