@@ -4,7 +4,7 @@
 module viscovib_modulation
   use viscovib_kinds, only: wp
   use viscovib_slow_flow, only: slow_flow_type
-  use viscovib_stopping, only: is_set
+  use viscovib_stopping, only: is_set, stop_wanted
   implicit none
   private
 
@@ -71,6 +71,7 @@ contains
     do
       if (n_steps >= max_steps) outcome = modulation_step_limit
       if (is_set(cancel)) outcome = modulation_cancelled
+      if (stop_wanted()) outcome = modulation_cancelled
       if (outcome /= modulation_complete) return
       n_steps = n_steps + 1
       do i = 2, 7

@@ -29,16 +29,17 @@ contains
   !> Make `n_steps` steps of a solution (`aim` = 0), find its error as well (1), or a step size (2);
   !! see `viscovib_step_search`. Input in addition to the data of a run: `longest`: step size of the
   !! first of the runs that are compared; `t_end_of_run`; for `piece_runs` `last_only`, `looks`,
-  !! `tail`, `holds_places`, `most_direct`, `later`; `rows` (m): states by which runs are compared; `absolute`, `relative`: tolerances, both 0: relative to the size of the solution;
-  !! `fills`: so many states that peaks between them are small. A run that continues has `begun`,
-  !! its state at time 0, and `remakes`. If it had other loads before, the task is 'motion run' of
-  !! objects with the equations of its parts; `until`: number of steps at the end of all but one.
+  !! `tail`, `holds_places`, `most_direct`, `later`; `rows` (m): states by which runs are compared;
+  !! `absolute`, `relative`: tolerances, both 0: relative to the size of the solution; `fills`: so
+  !! many states that peaks between them are small. A run that continues has `begun`, its state at
+  !! time 0, and `remakes`. If it had other loads before, the task is 'motion run' of objects with
+  !! the equations of its parts; `until`: number of steps at the end of all but one.
   !!
-  !! Output: `verdict` (0: step size found), `change`, `grown`, `error`; `t` (k) and `states`
-  !! (m, k), all rows; `last`, `memory` and other final data; `step`, `factor`: ratio of the first
-  !! step size to it, `per_step`: states per step; `found`, `n_found`, `sides` and
-  !! `event_point_errors` of events. If no step size is found: `not_met` (the outcome), `cause` and
-  !! `place` of `find_reason`, `coarse_t`, `coarse_states`, ... of the previous run.
+  !! Output: `verdict` (0: step size found), `change`, `grown`, `error`; `t` (k) and `states` (m,
+  !! k), all rows; `last`, `memory` and other final data; `step`, `factor`: ratio of the first step
+  !! size to it, `per_step`: states per step; `found`, `n_found`, `sides` and `event_point_errors`
+  !! of events. If no step size is found: `not_met` (the outcome), `cause` and `place` of
+  !! `find_reason`, `coarse_t`, `coarse_states`, ... of the previous run.
   subroutine run_motion(task)
     type(task_type), intent(inout) :: task
     type(shared_type), target :: shared
@@ -131,7 +132,7 @@ contains
       runs%equations => parts(1)%it
       return
     end if
-    until = task%get_longs('until')
+    allocate (until, source=task%get_longs('until'))
     n = size(until)
     call task%check_extents('until', [n + 1], shape(parts))
     allocate (runs%earlier(n))

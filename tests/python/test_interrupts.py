@@ -55,6 +55,12 @@ def test_long_work_is_left_between_its_parts(interrupted, work):
     assert interrupted(work, 0.2) < 5
 
 
+def test_modulation_over_a_long_time_is_left(interrupted):
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.001, forces="0.1*x^3")
+    scales = vv.MultipleScales(system, load=0.05, nu=1.02)
+    assert interrupted(lambda: scales.motion([1e10], [0.1, 0]), 0.2) < 1
+
+
 def test_work_apart_leaves_its_caller_free(interrupted):
     """A task that cannot be divided runs in its own thread; its caller only waits."""
     going_on = threading.Event()
