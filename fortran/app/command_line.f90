@@ -2,6 +2,8 @@
 module viscovib_command_line
   use viscovib_counters, only: counting
   use viscovib_files, only: stem
+  use viscovib_help_texts, only: apart_note, memory_note, most_memory_note, paths_note, &
+    same_names_note, seconds_note, status_note
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: parse_real
   use viscovib_status, only: clipped, fail, status_input_error, status_type
@@ -106,9 +108,8 @@ contains
     n = size(command%scenes)
     do i = 1, n
       if (stem(command%scenes(i)%path) /= stem(path)) cycle
-      call fail(status, status_input_error, 'scene', clipped(path)//': its tables would have ' &
-                //'the same names as those of '//clipped(command%scenes(i)%path) &
-                //': run each by a call of its own')
+      call fail(status, status_input_error, 'scene', clipped(path)//same_names_note &
+                //clipped(command%scenes(i)%path)//apart_note)
       return
     end do
     allocate (longer(n + 1))
@@ -149,16 +150,11 @@ contains
            //'  --quiet  print only warnings and errors'//nl &
            //'  --count  print how often each kind of work was done (only in the debug ' &
            //'build)'//nl &
-           //'  --allow-paths   let the scene read files outside its folder'//nl &
-           //'  --max-seconds S   stop after S seconds, keep what is done; exit status 1'//nl &
-           //'  --max-memory GB   stop if more than GB gigabytes are needed; exit status 1' &
-           //nl &
-           //'                    (default: three quarters of the memory of the machine)' &
-           //nl//nl &
-           //'Exit status: 0 done; 1 some points have no solution (the rows say which), or a ' &
-           //'limit was reached;'//nl &
-           //'2 bad input; 3 a file cannot be read or written. With several scenes each '//nl &
-           //'one is tried, and the largest status is returned.'//nl//nl &
+           //'  --allow-paths   '//paths_note//nl &
+           //'  --max-seconds S   '//seconds_note//nl &
+           //'  --max-memory GB   '//memory_note//nl &
+           //'                    '//most_memory_note//nl//nl &
+           //status_note//nl//nl &
            //'Examples:'//nl &
            //'  viscovib-solve mount.nml                     out/mount_response.csv'//nl &
            //'  viscovib-solve mount.nml --plan              what would be computed'//nl &

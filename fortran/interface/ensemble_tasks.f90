@@ -2,7 +2,7 @@
 module viscovib_ensemble_tasks
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
-  use viscovib_basin_rules, only: check_orbit, disturbances, find_orbits
+  use viscovib_basin_rules, only: check_orbit, disturbances, find_orbits, n_disturbed
   use viscovib_binding_tools, only: make_pendulum
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
     run_together
@@ -286,11 +286,11 @@ contains
     end associate
   end subroutine find_last_orbits
 
-  !> Perturbations of orbits relative to the scale, one column for each of `n` solutions: `pushes`.
+  !> Perturbations of orbits of `width` relative to the scale, one column per solution: `pushes`.
   subroutine find_disturbances(task)
     type(task_type), intent(inout) :: task
     real(wp), allocatable :: pushes(:, :)
-    allocate (pushes(task%get_integer('width'), task%get_integer('n')))
+    allocate (pushes(task%get_integer('width'), n_disturbed))
     call disturbances(task%get_real('near'), pushes)
     call task%found%put_reals('pushes', pushes, shape(pushes))
   end subroutine find_disturbances

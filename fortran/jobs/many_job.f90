@@ -1,6 +1,7 @@
 !> Many motions of a pendulum or a polynomial system without memory, one for each value of a
 !! number, eight at a time in lanes: last states, peaks, exponents and sections.
 module viscovib_many_job
+  use viscovib_column_notes, only: step_given_note, step_halved_note
   use viscovib_constants, only: pi
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, error_text
   use viscovib_kinds, only: i8, wp
@@ -60,10 +61,9 @@ contains
            //show(self%values(1))//' to '//show(self%values(size(self%values)))//', ' &
            //show(n_lanes)//' side by side'//new_line('a')
     if (self%dt > 0.0_wp) then
-      text = text//'skips: estimate of the error (the step is given)'//new_line('a')
+      text = text//step_given_note//new_line('a')
     else
-      text = text//'computes: the step, halved until the last states change by at most ' &
-             //show(self%tolerance)//new_line('a')
+      text = text//step_halved_note//show(self%tolerance)//new_line('a')
     end if
     text = text//'computes: peaks and rms'//new_line('a')
     if (self%sections > 0) then

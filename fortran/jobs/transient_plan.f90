@@ -1,5 +1,6 @@
 !> Text of the plan of a motion in time: computed and skipped parts.
 module viscovib_transient_plan
+  use viscovib_column_notes, only: step_given_note
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: method_order, transient_methods
   use viscovib_status, only: show, things
@@ -30,7 +31,7 @@ contains
 
     if (job%dt > 0.0_wp) then
       text = 'computes: '//show(first_steps(job, 0.0_wp))//' equal steps'//nl &
-             //'skips: estimate of the error (the step is given)'//nl
+             //step_given_note//nl
     else
       text = 'computes: the step, halved until the states kept are exact to ' &
              //show(merge(job%wanted(), job%tolerance, job%by_size()))

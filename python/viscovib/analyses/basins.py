@@ -36,8 +36,6 @@ _MOST_COORDINATES = 64
 _FEW, _LONG = 6, 1e4
 #: Number of motions for step size and scale; their tolerance for the step size.
 _PROBES, _PROBED = 16, 1e-6
-#: Number of motions (an orbit and perturbed ones) that distinguish an attractor from a saddle.
-_DISTURBED = 7
 #: Largest remaining part of a perturbation of an attractor; largest relative motion of a rest.
 _NEARER, _STANDS = 0.5, 1e-12
 
@@ -317,14 +315,14 @@ def _stable(
     """
     if not orbits:
         return np.zeros(0, dtype=bool), np.zeros(0)
-    found = _native.run("ensemble disturbances", near=near, width=scale.size, n=_DISTURBED)
+    found = _native.run("ensemble disturbances", near=near, width=scale.size)
     pushes = found["pushes"].T * scale
     places = [orbit[-1] for orbit in orbits] if starts is None else list(starts)
     run = simulate_ensemble(
         system, initial=np.concatenate([place + pushes for place in places]), **call
     )
-    ends = run.state.reshape(len(orbits), _DISTURBED, scale.size)
-    ended = (run.outcome == "completed").reshape(len(orbits), _DISTURBED)
+    ends = run.state.reshape(len(orbits), *pushes.shape)
+    ended = (run.outcome == "completed").reshape(ends.shape[:2])
     by_starts, kernels = starts is not None, starts is not None and bool(system._all_kernels)
     assessed = [
         _native.run(

@@ -22,6 +22,7 @@ from viscovib.analyses.members import Members
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
 from viscovib.analyses.runs import LOCATED, hopeless
 from viscovib.common.cluster import Cluster, Lost
+from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
@@ -259,12 +260,8 @@ def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, prel
     n = job.members.n
     how = f"{job.lanes} side by side" if job.members.side_by_side else "one after another"
     lines = [f"computes: {things(n, 'motion')} of {things(n_steps, 'step')}, {how}"]
-    if sought is None:
-        lines.append("skips: estimate of the error (the step is given)")
-    else:
-        lines.append(
-            f"computes: the step, halved until the last states change by at most {sought.text}"
-        )
+    steps = NOTES["step_given"] if sought is None else f"{NOTES['step_halved']}{sought.text}"
+    lines.append(steps)
     if preload > 0:
         lines.append(
             "computes: the static preload of laws that are not 0 at rest (up to "

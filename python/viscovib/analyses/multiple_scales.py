@@ -416,12 +416,7 @@ class MultipleScales:
 
     def _n_loads(self) -> int:
         """Number of loads that act, without constant loads."""
-        if isinstance(self.system, Pendulum):
-            return sum(getattr(self.system, name) != 0 for name in ("f0", "m01", "m02"))
-        if isinstance(self.system, CubicSystem):
-            acting = np.any(np.asarray(self.system.load) != 0, axis=0)
-            return int((acting & (np.asarray(self.system.drives) != 0)).sum())
-        return 1
+        return int((self._form.loads.any(axis=0) & (self._form.drives != 0)).sum())
 
     def _warn_of_lack(self, parameter: str, values: FloatArray) -> None:
         """Warn of values at which motions do not fit the common set of frequencies."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from viscovib import __version__
 from viscovib.cli import bench, explore_command, sweep_command
+from viscovib.cli.help_texts import NOTES
 from viscovib.cli.sweep_command import run_sweep
 from viscovib.cli.words import SHELLS, as_json, script
 from viscovib.common.limits import StoppedError, limit_memory, limited_seconds
@@ -34,11 +35,6 @@ _EXAMPLES = """examples:
   viscovib explore mount.nml                sliders in the browser
   viscovib sweep mount.nml --over mount.stiffness_x=6:14:33
 """
-_STATUS = (
-    "exit status: 0 done; 1 some points have no solution, or a limit was reached; 2 bad input;\n"
-    "3 a file cannot be read or written. With several scenes each one is tried, and the\n"
-    "largest status is returned."
-)
 _UNSOLVED, _BAD_INPUT, _BAD_FILE, _INTERRUPTED = 1, 2, 3, 130
 
 
@@ -93,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="viscovib",
         description="Compute vibrations that scenes (*.nml) describe.",
-        epilog=_EXAMPLES + "\n" + _STATUS,
+        epilog=_EXAMPLES + "\n" + NOTES["status"],
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"viscovib {__version__}")
@@ -127,16 +123,15 @@ def _parser() -> argparse.ArgumentParser:
             )
         command.add_argument(
             "--allow-paths", action="store_true",
-            help="let the scene read files outside its folder",
+            help=NOTES["paths"],
         )  # fmt: skip
         command.add_argument(
             "--max-seconds", type=float, metavar="S",
-            help="stop after so many seconds and keep what is done, exit status 1",
+            help=NOTES["seconds"],
         )  # fmt: skip
         command.add_argument(
             "--max-memory", type=float, metavar="GB",
-            help="stop if more than so many GB are needed, exit status 1 (default: 3/4 of the "
-            "memory of the machine)",
+            help=f"{NOTES['memory']} {NOTES['most_memory']}",
         )  # fmt: skip
         if name not in ("plan", "bench"):
             command.add_argument("--out", type=Path, default=Path("out"), help="folder (out)")
@@ -154,10 +149,7 @@ def _each(one: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namesp
         for i, scene in enumerate(scenes):
             for other in scenes[:i]:
                 if hasattr(options, "out") and other.stem == scene.stem:
-                    raise InputError(
-                        f"{scene}: its tables would have the same names as those of {other}: "
-                        "run each by a call of its own"
-                    )
+                    raise InputError(f"{scene}{NOTES['same_names']}{other}{NOTES['apart']}")
         worst = 0
         for scene in scenes:
             options.scene = scene

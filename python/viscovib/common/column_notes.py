@@ -1,4 +1,4 @@
-"""Lines above the columns of tables: the only definition.
+"""Lines above tables, about plans and columns: the only definition.
 
 The build reads this file alone and makes constants of the core of it (`fortran/fill_notes.py`), so
 it does not import the package.
@@ -26,6 +26,8 @@ NOTES = {
     "scales_columns": "first harmonic of u = Re X exp(i p t) under the load f cos(p t); amplitudes "
     "of the modes; largest growth and its estimated error; sizes of the three orders; estimated "
     "error of X, of the coordinate where it is largest",
+    "step_given": "skips: estimate of the error (the step is given)",
+    "step_halved": "computes: the step, halved until the last states change by at most ",
     "sampling": "sampling: estimated relative error by the samples of forces",
     "dissipation": "dissipation: energy loss per period (J)",
 }
