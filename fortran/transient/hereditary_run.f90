@@ -11,8 +11,8 @@ module viscovib_hereditary_run
   use viscovib_polynomial, only: polynomial_type
   use viscovib_run_history, only: run_history
   use viscovib_stops, only: find_stop_of_march, stop_type
-  use viscovib_time_run, only: make_run, put_state, run_coarse, run_completed, run_motion, &
-    time_run
+  use viscovib_time_run, only: make_run, put_state, run_coarse, run_completed, run_diverged, &
+    run_event, run_motion, time_run
   implicit none
   private
 
@@ -122,6 +122,7 @@ contains
     integer, intent(in) :: piece
     real(wp), intent(in) :: until
     type(stop_type) :: stop
+    real(wp), allocatable :: memory(:)
     real(wp) :: from, h
     logical :: made, trusted
 
@@ -131,6 +132,7 @@ contains
       trusted = march%doubtful
       run%ended = run_coarse
       if (march%gives_up .and. .not. trusted) return
+      allocate (memory, source=march%save_memory())
       call find_stop_of_march(march, from, until - from, stop)
       if (stop%outcome == run_coarse) then
         stop%ahead = 0.0_wp
@@ -144,11 +146,48 @@ contains
       self%entered = .true.
       run%ended = stop%outcome
       if (run%ended == run_completed) return
+      if (run%ended == run_diverged .and. (allocated(run%watch) &
+                                           .or. run%n_reached < size(run%times))) then
+        call look_at_small_steps(self, run, from, memory, stop%lengths)
+        if (run%ended == run_event) return
+      end if
       call self%past%confirm_march(march, run%mesh%ends(piece), from, h, stop)
       run%ended = stop%outcome
       run%t_reached = from + stop%ahead
     end associate
   end subroutine find_end
+
+  !> Repeat the small steps from the time `from` to a stop, and store the events and requested
+  !! states in them. `run%ended` is the outcome of the stop, or a terminal event.
+  subroutine look_at_small_steps(self, run, from, memory, lengths)
+    class(hereditary_motion), intent(inout) :: self
+    class(time_run), intent(inout) :: run
+    real(wp), intent(in) :: from
+    !> The data at the time `from`, and the lengths of the small steps.
+    real(wp), intent(in) :: memory(:), lengths(:)
+    ! The length of the data may differ, with the whole past.
+    real(wp), allocatable :: last(:)
+    real(wp) :: now
+    logical :: made
+    integer :: i
+
+    allocate (last, source=self%march%save_memory())
+    call self%march%load_memory(memory, .false.)
+    now = from
+    do i = 1, size(lengths)
+      call self%march%change_step(now, lengths(i), made)
+      if (made) call self%march%step(now + lengths(i), made)
+      if (.not. made) exit
+      if (allocated(run%watch)) then
+        call look_inside(self%march, self%base, run%watch, now, now + lengths(i), run%t_reached, &
+                         run%ended)
+      end if
+      now = now + lengths(i)
+      call keep_reached(self, run, now)
+      if (run%ended == run_event) return
+    end do
+    call self%march%load_memory(last, .false.)
+  end subroutine look_at_small_steps
 
   subroutine store(self, t, state, dofs)
     class(hereditary_motion), intent(inout) :: self

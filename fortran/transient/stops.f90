@@ -71,6 +71,8 @@ module viscovib_stops
     !> Time from the start of the step.
     real(wp) :: ahead = 0.0_wp
     real(wp), allocatable :: q(:), v(:)
+    !> Lengths of the small steps up to it, of a run with memory.
+    real(wp), allocatable :: lengths(:)
   end type stop_type
 
   !> The equations of a motion without memory with a method for small steps, or a run with memory.
@@ -230,12 +232,14 @@ contains
     type(stop_type), intent(inout) :: stop
     type(scout_type) :: whole, half, rest, double
     real(wp) :: s, shortest, scale_of_motion
+    real(wp), allocatable :: parts(:)
     integer :: i
 
     stop%outcome = run_coarse
     s = 0.5_wp*h
     scale_of_motion = max(maxval(abs(at%q)), own%march%furthest())
     shortest = 4.0_wp*spacing(abs(at%start) + h)
+    allocate (stop%lengths(0))
     do i = 1, max_steps
       s = min(s, h - at%ahead)
       if (s <= shortest) then
@@ -248,13 +252,16 @@ contains
       call step_from(own, at, 0.5_wp*s, half)
       if (at%start + at%ahead > 0.0_wp) then
         call step_from(own, half, 0.5_wp*s, double)
+        parts = [0.5_wp, 0.5_wp]
       else
         ! The second half of a first step ends like a first step: it is split in two.
         call step_from(own, half, 0.25_wp*s, rest)
         call step_from(own, rest, 0.25_wp*s, double)
+        parts = [0.5_wp, 0.25_wp, 0.25_wp]
       end if
       if (apart(whole, double, s, with_memory) <= 1.0_wp) then
         at = double
+        stop%lengths = [stop%lengths, s*parts]
         s = 2.0_wp*s
       else
         s = 0.5_wp*s

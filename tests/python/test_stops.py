@@ -163,6 +163,32 @@ def remembering(rng, kernel):
     return system, rhs, np.concatenate([start, np.zeros(weights.size)])
 
 
+def test_events_and_states_inside_the_step_of_an_escape():
+    """With memory, against SciPy: all that happens before the end of the run is found."""
+    rng = np.random.default_rng(61)
+    kernel = vv.PronyKernel(weights=[0.1, 0.2], rates=[0.7, 3.0])
+    n_inside = 0
+    for _ in range(6):
+        system, rhs, start = remembering(rng, kernel)
+        start[0] *= 1.5
+        run = vv.simulate(system, 8, initial=start[:2], dt=0.05, base={0: 0j}, events=["x - 1000"])
+        if run.outcome != "diverged":
+            continue
+        last = run.t_reached * (1 - np.array([3e-3, 1e-3, 3e-4]))
+        last = last[last > run.t[-1]]
+        n_inside += last.size
+        wanted = vv.simulate(system, 8, initial=start[:2], dt=0.05, base={0: 0j}, times=last)
+        assert wanted.t.tolist() == last.tolist()
+        exact = solve_ivp(rhs, (0, last[-1]), start, "DOP853", last, rtol=1e-12, atol=1e-12).y[:2].T
+        # So near the escape an error of its time by 1e-7 changes states by 1e-4.
+        np.testing.assert_allclose(wanted.state, exact, rtol=2e-3)
+        np.testing.assert_array_equal(wanted.state, run(last))
+        (event,) = run.events
+        assert event.state[0, 0] == pytest.approx(1000)
+        assert run.t[-1] < event.t[0] < run.t_reached
+    assert n_inside > 5
+
+
 @pytest.mark.parametrize("memory", [None, "exponentials", "direct"])
 def test_escapes_with_memory_are_found_inside_the_step(memory):
     rng = np.random.default_rng(31)
