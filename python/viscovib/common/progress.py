@@ -108,15 +108,28 @@ def progress_bar(total: int, unit: str, shown: bool, done: int = 0) -> Bar:
     return _Late(total, unit, done) if shows_by_itself() else SILENT
 
 
+class _Work(threading.local):
+    """Number of steps of the native call of a thread, if it is known."""
+
+    steps: int | None = None
+
+
+_work = _Work()
+
+
 @contextmanager
 def counted_pieces(shown: bool, steps: int | None = None) -> Iterator[None]:
     """Show the number of points that a native call has started, after half a second.
 
     For curves, whose number of points is unknown; for a motion of a known number of ``steps`` show
-    these. The bar appears on standard error.
+    these. The bar appears on standard error. Without ``shown`` `wait` may show it.
     """
     if not shown:
-        yield
+        _work.steps = steps
+        try:
+            yield
+        finally:
+            _work.steps = None
         return
     over = threading.Event()
     _shown.append(over)
@@ -145,7 +158,7 @@ def wait(thread: threading.Thread) -> None:
 
     _shown.append(thread)
     try:
-        _count(ended, 0)
+        _count(ended, 0, _work.steps)
     finally:
         _shown.remove(thread)
 
