@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A slider with different force limits for both directions, as a belt over teeth:
 !!
 !!   z' = k d' where -F_back < z < F_ahead, else z stays at its limit.

@@ -7,19 +7,23 @@ from pathlib import Path
 #: the end. A missing name costs at most a part of a minute.
 LONGEST = (
     "test_explorer_browser",
-    "test_guide",
-    "test_sweep_checkpoint",
-    "test_stops",
-    "test_fuzz",
-    "test_structure_vary",
     "test_sweep_dask",
+    "test_sweep_checkpoint",
+    "test_fuzz",
+    "test_guide",
+    "test_stops",
+    "test_driver_limits",
     "test_thin_layers",
-    "test_steady_motion",
+    "test_structure_vary",
+    "test_examples",
     "test_scales_random",
+    "test_fluid_dampers",
+    "test_switches_with_memory",
+    "test_steady_motion",
     "test_multiple_scales",
     "test_branch",
-    "test_switches_with_memory",
-    "test_driver_limits",
+    "test_turning_stability",
+    "test_special_files",
 )
 
 

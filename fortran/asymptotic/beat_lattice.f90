@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Beats: the frequencies at which the terms of modulation equations rotate in their frame, as
 !! integer combinations of a few base frequencies, and functions of their angles as Fourier sums
 !!

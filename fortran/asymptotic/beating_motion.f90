@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Quasi-periodic motions under several loads: the attractors of modulation equations that are
 !! not autonomous in any frame (`viscovib_beating_flow`), as motions of third order with lines.
 !!

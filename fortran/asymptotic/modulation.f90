@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Time integration of the modulation equations by the Dormand-Prince pair of orders 5 and 4, with
 !! its interpolant between the steps (Hairer, Norsett, Wanner, Solving ordinary differential
 !! equations I, 1993, II.4-II.6).

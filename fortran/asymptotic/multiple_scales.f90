@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> A system by the method of multiple scales: its normal form and modulation equations,
 !! and results that need no solution of equations.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The method of multiple scales to third order, as a normal form.
 !!
 !! The motion is a polynomial in generators Y_a: an amplitude Y_j for each mode, with

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Second and third order of a normal form: the right-hand sides of its products and the responses,
 !! as in `viscovib_normal_form`.
 module viscovib_normal_orders

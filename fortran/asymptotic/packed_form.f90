@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A polynomial form as one vector of numbers, for callers in other languages.
 !!
 !! n, n_dof, n_arguments, n_modes, n_loads, n_quadratic, n_cubic, memory_scale, then source,

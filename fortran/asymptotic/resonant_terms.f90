@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Selection of the loads and products in the modulation equations of a normal form, by their
 !! effect (`viscovib_normal_products`) or by a tolerance.
 !!

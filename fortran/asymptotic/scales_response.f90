@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Steady motions for values of the frequency or the amplitude of a load. If the modulation
 !! equations are not autonomous in any frame: their quasi-periodic attractors.
 module viscovib_scales_response

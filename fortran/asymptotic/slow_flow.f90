@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The modulation equations of a normal form, in a frame that rotates with each mode:
 !!
 !!   Y_j = a_j exp(i W_j t),

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Memory aligned to a cache line.
 !!
 !! A vector register of 64 bytes across two cache lines is stored and loaded at half the speed, and

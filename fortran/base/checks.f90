@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Checks of input values. Each failure message is one line with the argument, its value and the
 !! allowed range.
 module viscovib_checks

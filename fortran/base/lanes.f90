@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Several problems of the same shape in parallel, one per lane of the vector unit.
 !!
 !! The lane is the first index of arrays. All lanes do the same operations independently of each

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Numbers, arrays and texts by name: the input and output of a task of the interface.
 !!
 !! All numbers are in one array in the order of their names; a complex number takes two. They are

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Modulus, argument and logarithm of complex numbers, bit-identical to the C library.
 !!
 !! Evaluated one by one: vector functions may differ in the last bit, so tables from Python and from

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Reports errors to the caller.
 !!
 !! No routine below `app/` stops or prints. A routine that can fail has a `type(status_type),

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Stop requests, for the whole program (set by the driver at its time limit) or for a thread (set
 !! by Python after Ctrl-C). Long loops check them and return partial results.
 module viscovib_stopping

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Flushes subnormal numbers (below 1e-308) to 0, since operations with them take ten times as long.
 module viscovib_subnormals
   use, intrinsic :: iso_c_binding, only: c_int

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A text read character by character, with error messages.
 module viscovib_text_cursor
   use viscovib_kinds, only: wp

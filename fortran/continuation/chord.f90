@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Points of a curve between two adjacent points z_0, z_1, z = (x, p). Each point lies on a plane
 !! <z_1 - z_0, z - z_0> = sigma <z_1 - z_0, z_1 - z_0>, which also works at folds.
 module viscovib_chord

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Detection of two crossings between adjacent points with equal numbers of growing exponents.
 !!
 !! With multipliers mu the products of (mu - 1)/|mu|^(1/2), (mu + 1)/|mu|^(1/2) and, over pairs,

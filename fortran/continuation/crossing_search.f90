@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Bifurcations of a curve: where exponents cross the imaginary axis, and of which type.
 !!
 !! The search explains every change of the number of growing exponents between adjacent points.

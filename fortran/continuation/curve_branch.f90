@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> A branch of solutions by pseudo-arclength continuation: along the curve (x, p)
 !! through folds, recording branch points and stopping at requested values.
 !!

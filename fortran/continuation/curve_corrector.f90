@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Steps along a curve: predictor and corrector of pseudo-arclength continuation, with
 !! the unit tangent and the determinant of the bordered derivatives at each point.
 !!

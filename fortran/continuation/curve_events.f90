@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Special points between two points of a branch: folds, branch points, and points with a requested
 !! parameter.
 module viscovib_curve_events

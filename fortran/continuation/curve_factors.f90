@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Factors of the derivatives along a curve, bordered by slope and tangent.
 !!
 !! Unknowns come in blocks, such as the harmonics of each coordinate. Those of linear coordinates

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Points of a curve, and lengths and angles along it.
 module viscovib_curve_point
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The result of following a curve: the points of the branch, and how it ended.
 module viscovib_curve_record
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite

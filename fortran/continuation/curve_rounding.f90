@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Errors of points of a curve: by neglected equations, and by rounding.
 module viscovib_curve_rounding
   use viscovib_curve, only: curve_type

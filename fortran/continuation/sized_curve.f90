@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> A curve with an adaptive number of unknowns, as many as a tolerance requires.
 !!
 !! Unknowns come in blocks of equal length, such as the harmonics of each coordinate. Unknowns

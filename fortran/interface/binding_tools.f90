@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Tools for tasks: create systems from arrays, and convert a status to a number and a message.
 module viscovib_binding_tools
   use, intrinsic :: iso_c_binding, only: c_char, c_int

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Tasks about branches of periodic solutions of oscillators. System and load are given as in
 !! `viscovib_response_tasks`.
 module viscovib_branch_tasks

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Calls of the interface, with packed input and output. The f2py and C interfaces are thin layers
 !! over these calls.
 !!

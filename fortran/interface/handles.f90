@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Objects by handle, a number that is never reused. An invalid number is an error, not a crash.
 !! Threads may use different objects concurrently.
 module viscovib_handles

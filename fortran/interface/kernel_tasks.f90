@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Tasks about relaxation kernels. A kernel is given by its kind and parameters as in
 !! `viscovib_catalogue`.
 module viscovib_kernel_tasks

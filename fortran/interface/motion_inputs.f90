@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Input and output of tasks about solutions in time.
 module viscovib_motion_inputs
   use viscovib_binding_tools, only: make_load

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Task that computes a solution in time with a given step size, or with a step size search.
 module viscovib_motion_search
   use viscovib_kinds, only: i8, wp

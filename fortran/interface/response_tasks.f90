@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Tasks about periodic solutions of oscillators. The load is a Fourier series: `orders` (m) and
 !! `series` (n_dof + 1, m), forces on the coordinates followed by the base motion, as for
 !! `make_load`.

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Tasks about spectra of signals.
 module viscovib_spectrum_tasks
   use viscovib_aliased_share, only: aliased_share, is_aliased

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Objects that are systems, and their properties.
 module viscovib_system_tasks
   use viscovib_binding_tools, only: make_pendulum, make_system

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A task of the interface: its input and output by name, and the objects that it uses. An object is
 !! a task whose result is kept, such as a system or a run that can be continued.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Equations of motion with memory, of oscillators and of structures by their modes.
 module viscovib_memory_pieces
   use viscovib_base_motion, only: base_motion_type

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Runs of one motion, for the search of their step: each is a piece from the start to the end.
 module viscovib_piece_runs
   use viscovib_between_ends, only: beyond, fill_between

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Equations of motion without memory, or with memory by exponentials that are coordinates.
 module viscovib_plain_pieces
   use viscovib_driven_system, only: driven_system_type

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Search for the step of a motion: halved until the kept states are as exact as required.
 !!
 !! The difference of two runs, one with half the step size of the other, is the error of the

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A motion of a structure in time as one job, like `viscovib_hereditary_job`: modes
 !! by exact steps, forces of its elements by collocation (`viscovib_structure_march`).
 module viscovib_structure_job

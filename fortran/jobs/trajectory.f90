@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Results of a motion in time, and differences of two runs.
 module viscovib_trajectory
   use viscovib_kinds, only: i8, wp

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Powers (x + i y)^(-alpha) to a few ulp, vectorized for arrays.
 !!
 !! The transforms of the Koltunov-Rzhanitsyn and Abel kernels consist of such powers. The textbook

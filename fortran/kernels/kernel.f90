@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Relaxation kernels: the abstract type that every kernel extends.
 !!
 !! A mount with memory replaces each stiffness c by c (1 - R*), where

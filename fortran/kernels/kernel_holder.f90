@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> A kernel with its factor, as an array element.
 !!
 !! Systems use the kernel epsilon_1 R (seed paper 001, (5)): R is the kernel and epsilon_1 the

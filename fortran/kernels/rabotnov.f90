@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Rabotnov's fractional-exponential kernel
 !! R(t) = A t^(alpha-1) E_{alpha,alpha}(-beta t^alpha).
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The Koltunov-Rzhanitsyn kernel R(t) = A exp(-beta t) t^(alpha-1).
 !!
 !! The kernel of seed paper 001; weakly singular at t = 0 for alpha < 1.

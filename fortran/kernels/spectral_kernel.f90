@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Kernels with a relaxation spectrum, and their approximation by short sums of exponentials.
 !!
 !!   R(t) = exp(-shift t) integral density(x) exp(-t exp(x)) dx,  x = ln(rate).

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> LU factors of a matrix in blocks of columns, so that most of the work is products of
 !! matrices: for hundreds of unknowns and more.
 module viscovib_block_factors

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Small dense linear algebra, for few unknowns.
 module viscovib_dense
   use viscovib_block_factors, only: factorize_blocks

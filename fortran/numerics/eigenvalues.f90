@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Eigenvalues of a small real matrix.
 !!
 !! Balancing by powers of 2, elimination to Hessenberg form, Francis's double-shift QR

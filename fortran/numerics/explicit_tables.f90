@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Explicit Runge-Kutta methods, as tables for second-order systems, and Gauss collocations in
 !! the same form for trajectories in lanes.
 !!

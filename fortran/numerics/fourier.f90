@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Discrete Fourier transforms of real signals, by FFTW (fft_fftw.c) or without it (fft_own.c).
 !!
 !! Plans are made once per length and kept; they accept any array of that length. Results do not

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Coefficients of Gauss-Legendre collocation with s nodes (order 2s), for
 !! second-order systems, laid out for the lanes.
 !!

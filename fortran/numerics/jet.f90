@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Polynomials of several variables up to the third degree, with arithmetic:
 !! automatic differentiation up to the third order.
 !!

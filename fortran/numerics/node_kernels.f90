@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The loops of a collocation step over the lanes.
 !!
 !! gfortran 12 uses whole vector registers here in two cases only. A loop over the lanes

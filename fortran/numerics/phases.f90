@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Phases p t of harmonic loads along a run of equal steps, without loss of
 !! digits in long runs.
 !!

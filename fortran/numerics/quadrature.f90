@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Gauss quadrature: for polynomials on [0, 1], for a power weight, and for any
 !! positive measure that is given as points and masses.
 module viscovib_quadrature

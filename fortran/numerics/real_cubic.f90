@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A cubic equation in one real unknown.
 module viscovib_real_cubic
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Sorting of complex and real numbers.
 module viscovib_sorting
   use viscovib_kinds, only: wp

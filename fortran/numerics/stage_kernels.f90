@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The sums of explicit Runge-Kutta stages, with trajectories in the
 !! lanes. `viscovib_node_kernels` explains the form of the loops.
 module viscovib_stage_kernels

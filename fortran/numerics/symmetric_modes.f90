@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Undamped modes K r = omega^2 M r of symmetric K and positive definite M.
 module viscovib_symmetric_modes
   use, intrinsic :: iso_fortran_env, only: real128

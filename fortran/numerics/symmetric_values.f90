@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Eigenvalues of a small symmetric matrix, without vectors.
 !!
 !! Householder's reflections to tridiagonal form, then implicit QL with Wilkinson's shifts

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Sine, cosine, exponential, hyperbolic tangent and logarithm for the vector unit: no branches, no
 !! calls.
 module viscovib_vector_math

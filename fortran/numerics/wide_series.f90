@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Products of power series in time, for many motions in some blocks of lanes.
 !!
 !! Coefficient n of a product is a sum of n + 1 products. The blocks are processed together, so that

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Harmonic balances of one system with increasing numbers of harmonics. Each is created at its
 !! first use and kept. `torus_ladder` explains why it has separate levels.
 module viscovib_balance_ladder

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The determinant of a complex band matrix with separate real and imaginary parts.
 module viscovib_band_elimination
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The matrix of free linear motion u = x exp(s t) about the equilibrium,
 !!
 !!   D(s) = s^2 M + s C + sum_g (K_g + s C_g) [1 - R_g(s)],

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Roots s of det D(s) = 0: decay and frequency of free motion with memory.
 !!
 !! Oscillatory roots of sums of exponentials are eigenvalues of one matrix, corrected by Newton's

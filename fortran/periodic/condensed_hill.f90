@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Hill's determinant of a condensed structure: as large as its elements, not as its linear rest.
 !!
 !! A small disturbance exp(lambda t) sum_k Y_k exp(i k nu t) of the deflections of the elements

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The mean system of a motion of a condensed structure: its local stiffness without waves.
 module viscovib_condensed_mean
   use viscovib_band_elimination, only: band_determinant

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Poles of a linear rest, as Hill's determinant of a condensed structure has them.
 !!
 !! Elements of stiffness J move a pole p of the section c b^T/(a + r s + s^2) by about

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Exponents of a motion of a condensed structure: zeros of F, Hill's determinant with poles of the
 !! rest multiplied out.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Stability of motions of a condensed structure: exponents, and the count that judges them.
 module viscovib_condensed_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value

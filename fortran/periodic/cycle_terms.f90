@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Force laws that are not polynomials in a harmonic balance: harmonics and their derivatives.
 !!
 !! A smooth law is evaluated at samples that resolve it: the samples of the balance or, if the

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The base frequencies of a driven system's loads, and the orders of its motion: commensurate loads
 !! share an axis of the torus.
 module viscovib_drive_torus

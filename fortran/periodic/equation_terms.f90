@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The largest terms of the equations of harmonic balance, which determine their rounding errors.
 module viscovib_equation_terms
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Stability of periodic solutions without memory: the monodromy matrices of
 !!
 !!   M y'' + C(t) y' + K(t) y = 0,   K(t) = dF/du, C(t) = C + dF/du' along the solution,

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Forced response of any oscillator, by the method of a plan.
 module viscovib_forced_response
   use viscovib_balance_ladder, only: balance_ladder_type, lowest_order, new_ladder, one_rung

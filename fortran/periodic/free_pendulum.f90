@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Free motions of a pendulum without losses: start of a curve at a linear mode, and its plan.
 module viscovib_free_pendulum
   use viscovib_free_family, only: free_options

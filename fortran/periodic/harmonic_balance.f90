@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The equations of harmonic balance at one frequency, with their derivatives.
 !!
 !! Unknowns are the harmonics X_k of u = Im sum_k X_k exp(i k nu t), real and imaginary parts

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The harmonics of a periodic solution, the number of samples per period, and the transforms
 !! between them (alternating frequency/time method).
 !!

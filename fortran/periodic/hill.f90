@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Hill's determinant of a periodic solution, memory included.
 !!
 !! A small disturbance y = exp(lambda t) sum_k Y_k exp(i k nu t) of a periodic

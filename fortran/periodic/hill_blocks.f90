@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Complex matrices of Hill's determinant, real and imaginary parts apart.
 !!
 !! Where forces are separable, rows and columns of an order stand together, coordinate by

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Exponents of a periodic solution right of a line, as those that grow, counted by the argument
 !! principle.
 !!

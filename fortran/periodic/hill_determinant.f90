@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> What all forms of Hill's determinant of a periodic solution have in common, and factors of zeros.
 module viscovib_hill_determinant
   use viscovib_band_elimination, only: band_determinant

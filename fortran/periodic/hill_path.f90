@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Hill's determinant along a line Re lambda = sigma, and approximations of the exponents from it.
 !!
 !! Nodes lie on the line from its start to i d/2; sigma is near 0, or left of exponents that are to

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> How many orders Hill's determinant keeps, by the error that is left.
 module viscovib_hill_reach
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> One zero of Hill's determinant F by the secant method.
 !!
 !! At a motion nearby F may have had a slope and a bend there, F' and F''/(2 F') with all other

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Elements with hysteresis over a cycle of a deflection d, without sampling error.
 !!
 !! The states depend only on the deflections at the turning points of d. These determine the

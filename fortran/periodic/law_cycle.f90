@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Force laws over a cycle, integrated from one kink or jump to the next.
 !!
 !! Harmonics of f(a(theta)) along a motion a are integrals over the pieces between the phases at

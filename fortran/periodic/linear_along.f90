@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The matrices of small perturbations along periodic solutions without memory,
 !!
 !!   M y'' + C(t) y' + K(t) y = 0,   K(t) = dF/du, C(t) = C + dF/du' along the solution,

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Linear steady response, and the dynamic compliance that the nonlinear
 !! methods start from.
 module viscovib_linear_response

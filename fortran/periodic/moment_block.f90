@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Harmonics of slope(t) times each basic motion, from the Fourier moments of the slope.
 !!
 !! Products of two basic motions are sums of two basic motions, so these moments suffice; for the

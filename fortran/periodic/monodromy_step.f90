@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Steps of y'' + D y' + K(t) y = 0 by Gauss collocation, one system in each lane.
 !!
 !! With tau = t/h in a step, w = h y' and accelerations a_i at the nodes c_i,

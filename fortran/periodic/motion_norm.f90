@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Norms of periodic solutions, and data that one solution passes to the next: the factors of its
 !! derivatives.
 module viscovib_motion_norm

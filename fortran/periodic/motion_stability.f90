@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Stability of many periodic solutions of a system, without memory by Floquet multipliers,
 !! with memory by the exponents of Hill's determinant.
 module viscovib_motion_stability

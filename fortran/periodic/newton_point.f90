@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> One periodic solution by Newton's method on the equations of harmonic balance.
 module viscovib_newton_point
   use viscovib_counters, only: count_up, counted_turns, counting

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The nonlinear steady response by Newton's method at successive frequencies, each from the
 !! previous solution. Like a slow sweep, it follows its branch as far as that exists.
 module viscovib_newton_response

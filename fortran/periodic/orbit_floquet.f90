@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Stability of periodic solutions of a driven system: the monodromy matrix of small perturbations
 !! (y, y'),
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Floquet multipliers from the monodromy matrix.
 module viscovib_orbit_multipliers
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_negative_inf, ieee_quiet_nan, &

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Periodic motions of an oscillator as a curve: the harmonics over the frequency or the load
 !! factor.
 module viscovib_oscillator_curve

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Selection of intervals to halve on a path along which a determinant is followed to count zeros.
 module viscovib_path_marks
   use viscovib_kinds, only: wp

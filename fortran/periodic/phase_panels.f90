@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Pieces of a period with sixteen Gauss points each, and integrals over them.
 !!
 !! A function that is smooth inside a piece is integrated to its own accuracy, even with kinks at

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Phases at which a function along a periodic motion is 0.
 module viscovib_phase_roots
   use viscovib_constants, only: pi

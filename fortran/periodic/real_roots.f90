@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Real roots of the characteristic equation: zeros along the real axis of the eigenvalues of D(s)
 !! if D is symmetric, otherwise of its determinant.
 module viscovib_real_roots

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The result of a forced response, and its options.
 module viscovib_response
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value

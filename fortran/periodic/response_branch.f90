@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> A branch of periodic motions of an oscillator over a frequency, a load factor or a parameter,
 !! with given or adapted orders.
 module viscovib_response_branch

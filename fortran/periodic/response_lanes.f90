@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Data of the frequencies in the vector lanes during the iteration of the nonlinear steady
 !! response: the force of the present motion and the next motion.
 module viscovib_response_lanes

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Plan of a forced response: what it computes, and what it skips and why.
 !!
 !! The plan is made first and then executed without changes. It also contains every check of the

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Transforms between the harmonics of one motion and its samples: tables arranged so that each
 !! product uses whole vectors for any number of harmonics.
 module viscovib_sample_tables

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Successive approximations: the nonlinear steady response by fixed-point
 !! iteration from the linear one.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Functions on a torus: real trigonometric sums over a lattice of orders, and their
 !! samples on a grid.
 !!

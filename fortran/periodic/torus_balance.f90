@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The equations of harmonic balance of a driven system q'' = a(q, q', cos(p_j t)) on
 !! a torus, with their derivatives.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Harmonic balance on a torus with very many unknowns, by means of one with few unknowns.
 !!
 !! The orders of the outer shells affect little but themselves: R(x) = 0 is solved by

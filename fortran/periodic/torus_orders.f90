@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Solutions of harmonic balance on a torus at a sequence of values of a parameter, each with as
 !! many orders as it needs.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Whether the stability of a motion is sure although its harmonics are too few.
 !!
 !! Multipliers are those of the motion that was found, and this is off by its truncation. So the

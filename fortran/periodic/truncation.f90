@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Truncation error of a harmonic balance.
 !!
 !! At a solution x of the included orders, the balance of a larger set has a residual in the omitted

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Typed reading of one group: every key is read by name and type. Its default, bounds and allowed
 !! words are those of its row in `scenes.toml`. A key that is not read is an error.
 !!

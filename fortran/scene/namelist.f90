@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Namelist files, read with the line of everything kept, so that an error can
 !! say `file:line: what is wrong, what is allowed`.
 !!

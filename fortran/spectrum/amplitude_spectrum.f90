@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> One-sided amplitude spectrum of a real signal under a window.
 module viscovib_amplitude_spectrum
   use viscovib_fourier, only: real_spectrum

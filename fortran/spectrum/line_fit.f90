@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Lines of a signal by weighted least squares: the sums of a Gauss-Newton step,
 !! in one pass over the samples.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Windows of spectral analysis, periodic (DFT-even) cosine sums
 !! w_k = sum_j (-1)^j a_j cos(2 pi j k/n).
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Motion of the base: sinusoids, and a piecewise polynomial with corners. The equations use
 !! coordinates relative to the base; given and stored states are absolute.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Bouc-Wen hysteresis (Wen, J. Eng. Mech. Div. ASCE 102, 1976):
 !!
 !!   f = elastic d + weight z,   dz/dd = A - (gamma + beta sign(way z)) |z|^n.

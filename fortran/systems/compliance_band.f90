@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Compliance of a linear subsystem up to a given frequency, at a cost independent of the number of
 !! modes above it.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The abstract system for time integrators:
 !!
 !!   q'' = a(q, q', cos(p_1 t), ..., cos(p_m t)),

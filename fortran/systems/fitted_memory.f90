@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Sums of exponentials for kernels, for solutions whose steps end where laws switch
 !! (viscovib_hidden_memory).
 !!

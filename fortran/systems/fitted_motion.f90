@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Equations of motion of a polynomial system, with other kernels fitted by sums of exponentials.
 module viscovib_fitted_motion
   use viscovib_fitted_memory, only: copy_system, fit_memory, needs_fit

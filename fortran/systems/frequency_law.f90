@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A real function of the circular frequency nu, given as a text, such as 0.002*nu^2: the amplitude
 !! of a load that depends on the frequency.
 module viscovib_frequency_law

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Abstract hysteresis element with rate-independent states.
 !!
 !! The force is f = elastic d + sum_j weight_j z_j of a deflection d and independent states z. The

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Catalogue of hysteresis elements, by number.
 module viscovib_hysteresis_catalogue
   use viscovib_bouc_wen_element, only: bouc_wen_element, new_bouc_wen

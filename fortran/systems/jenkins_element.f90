@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Jenkins elements in parallel (Iwan's model): springs, each in series with a slider.
 !!
 !!   z_j' = k_j d' where |z_j| < F_j, else z_j = +-F_j.

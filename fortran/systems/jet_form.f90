@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Polynomial form from equations computed with jets.
 module viscovib_jet_form
   use viscovib_jet, only: jet_type

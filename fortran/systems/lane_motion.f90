@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Polynomial systems without memory, with any force laws, one system per vector lane: a
 !! `polynomial_motion_type` with different parameters in every lane.
 !!

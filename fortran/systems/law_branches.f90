@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Switching surfaces of force laws, and laws with fixed branches.
 !!
 !! abs, min, max, sign, heaviside and comparisons are smooth on either side of the surface on which

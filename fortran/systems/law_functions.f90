@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Instructions of force laws: operands, values, derivatives, parity and degree.
 !!
 !! Outside the domain of a function, and near a zero denominator, the value is `wall`. It is so

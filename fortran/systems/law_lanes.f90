@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Vectorized evaluation of force laws for a block of vector lanes.
 !!
 !! Each instruction is a loop over lanes without branches. sin, cos, exp, tanh, log, roots and

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Detects thin layers of force laws, in which the operand of an instruction changes too fast for a
 !! polynomial through the nodes of a step.
 !!

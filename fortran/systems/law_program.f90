@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A force law as a stack program for arrays of samples, with exact derivatives.
 !!
 !! Instructions push numbers and arguments on the stack; functions replace their operands by their

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Vectorized force laws with derivatives by their arguments.
 !!
 !! Forward differentiation as in `viscovib_law_program`, which is used instead for other

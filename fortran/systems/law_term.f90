@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Nonpolynomial force laws as terms of a system: their arguments and the equations they act on.
 module viscovib_law_term
   use viscovib_kinds, only: wp

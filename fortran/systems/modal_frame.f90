@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Modal coordinates of the linear subsystem ("sections"), which are integrated exactly in time.
 !!
 !! With u = Phi x the linear subsystem M u'' + C u' + K u = p becomes

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Sums over the modes of a structure, vectorized over modes.
 module viscovib_mode_sums
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Loads of a solution in time: a periodic load, piecewise polynomials, constants.
 module viscovib_motion_loads
   use viscovib_kinds, only: wp

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Taylor series in time of polynomial systems without memory and with function laws, for many
 !! trajectories at once in four blocks of vector lanes.
 !!

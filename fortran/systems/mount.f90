@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The mount: a rigid body on viscoelastic supports, two degrees of freedom.
 !!
 !! Source: seed paper 001 with its misprints corrected (docs/explanation/misprints.md).

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The abstract oscillator that every method works on.
 !!
 !! A system of n degrees of freedom on hereditary springs is written as

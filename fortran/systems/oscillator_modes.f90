@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Undamped modes about static equilibrium, without memory: K r = omega^2 M r, K = B W.
 module viscovib_oscillator_modes
   use viscovib_dense, only: factorize, solve

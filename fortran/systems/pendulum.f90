@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The spring pendulum: a rigid body on a nonlinear spring, three degrees of
 !! freedom q = (z, phi, psi), dimensionless.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The equations of the spring pendulum in vector lanes, with their derivatives.
 !!
 !! q = (z, phi, psi), s = sin(phi-psi), c = cos(phi-psi), Z = 1+z, p = psi'';

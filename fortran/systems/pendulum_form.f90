@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The spring pendulum up to third-degree terms in (q, q', q''), by exact differentiation of its
 !! equations in the form with separate loads:
 !!

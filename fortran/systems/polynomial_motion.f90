@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A polynomial system without memory in time, with a periodic load and piecewise polynomials:
 !!
 !!   M u'' = Im sum_k P_k exp(i k nu t) + F(t) - C u' - K u - f(u).

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Coordinates that stay at rest, and the system without them.
 !!
 !! Coordinates coupled by mass, damping, springs or a product in a force form a group. A group

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Inverse of a compliance near resonances of lightly damped modes.
 !!
 !! Near a resonance, H(s) = H_r(s) + sum_m seen_m pushed_m^T/t_m is dominated by the few terms with

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Taylor coefficients of force laws along a solution, computed one order at a time.
 !!
 !! With u = sum_k u_k t^k each function of u satisfies a first-order differential equation whose

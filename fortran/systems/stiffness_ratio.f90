@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Warnings about stiffness ratios so large that rounding errors hide the soft springs.
 !!
 !! A mode of unit modal mass has omega^2 = phi^T K phi. Each entry of K has a rounding error of up

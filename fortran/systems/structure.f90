@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A structure with any number of coordinates, condensed to those with nonlinear forces or memory.
 !!
 !! M u'' + C u' + K u + Q g(Q^T u) = p with few columns of Q. Harmonic k of y = Q^T u satisfies

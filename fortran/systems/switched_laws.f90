@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Force laws and elements in time integration, each on one side of its switching surfaces or
 !! sliding.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> States between the ends of equal steps of a smooth motion without memory.
 !!
 !! In each step they follow the polynomial of degree 23 through displacement, velocity and

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Gauss collocation of an acceleration: a step of a second-order equation, and
 !! the polynomial through the nodes and both ends that represents other quantities.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The equations of a step of a structure, condensed to the deflections of its elements.
 !!
 !! With w_0 at the start and X = w - w_0 at the nodes and the end,

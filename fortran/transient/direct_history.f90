@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The whole past, step by step, with exact weights for every lag: cost N^2, any
 !! kernel. Reference for the sums of exponentials, and suitable for short runs. Weights of
 !! consecutive equal steps are kept; those of other pairs of steps are recomputed.

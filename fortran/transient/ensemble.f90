@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Many trajectories of one kind of system, eight at a time in the lanes, or four times as many by
 !! Taylor's method.
 module viscovib_ensemble

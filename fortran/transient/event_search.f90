@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Zeros of a function of the state inside a step, by the polynomial of the step.
 !!
 !! A crossing is a change of sign between two points at which states are known, or between such a

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Runge-Kutta methods in fixed steps, with trajectories in the lanes of the vector unit: explicit
 !! methods, and collocations whose stages are iterated. Each lane may have its own step and its own
 !! load frequencies. Its results do not depend on the other lanes.

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> One trajectory by an explicit method: every lane computes the same one, which
 !! costs no more than a single lane.
 module viscovib_explicit_stepper

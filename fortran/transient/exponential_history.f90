@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Memory of the past with constant size: the kernel as a sum of exponentials for all lags of
 !! at least the first node's, each with its own convolution
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A block of trajectories in progress, one per lane: their states, their stops, and the
 !! quantities accumulated along the way.
 module viscovib_flight

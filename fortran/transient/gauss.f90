@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Gauss-Legendre collocation in fixed steps, with the nodes in the lanes of the
 !! vector unit.
 !!

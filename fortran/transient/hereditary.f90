@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Motion with memory in equal steps: Gauss collocation of the accelerations; the history of
 !! hereditary variables is stored as polynomials through the nodes and both ends.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The inner loops of a step with memory, over arrays of explicit shape.
 module viscovib_hereditary_kernels
   use viscovib_hereditary_maps, only: row_block

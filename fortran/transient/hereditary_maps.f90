@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The linear part of a step with memory, factorized once for each step length.
 !!
 !! Accelerations a at the nodes of a Gauss collocation satisfy

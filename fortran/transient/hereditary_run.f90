@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A run with memory, or of a structure, in fixed steps.
 module viscovib_hereditary_run
   use viscovib_base_motion, only: base_motion_type

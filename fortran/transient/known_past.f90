@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> A prescribed displacement history before t = 0: linear interpolation of given displacements,
 !! constant before the first one. The memory channels of it are piecewise polynomials,
 !! integrated with exact weights at any lag. A piece that a polynomial does not resolve, as at

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Detection of thin layers of forces that runs in lanes, in whole steps, may have jumped over:
 !! the counterpart of `viscovib_layer_watch` for lanes.
 !!

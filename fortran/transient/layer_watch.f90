@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Detection of thin layers of forces that a run in whole steps may have jumped over.
 !!
 !! States at the ends of steps are collected, and many of them are checked at once, at a small

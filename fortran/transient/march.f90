@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Runs of motions with memory, and of structures, step by step, for any equations of a step.
 !!
 !! The step after a corner of the load consists of panels that double their length: a motion with a

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> The memory channels of a system: the hereditary variables, or if forces are linear
 !! in them and share a kernel, the fewer forces that they sum to.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Ends of the steps of a run: equal steps between the times at which a load has a
 !! jump or a corner, so that the load is smooth in every step, and the step keeps its order.
 module viscovib_mesh

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The methods of time integration by name.
 module viscovib_method_catalogue
   use viscovib_driven_system, only: driven_system_type

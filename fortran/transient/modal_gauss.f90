@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Gauss-Legendre collocation of the forces on a linear subsystem in modal coordinates (sections),
 !! whose steps are exact (viscovib_modal_frame).
 !!

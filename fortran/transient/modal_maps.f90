@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The linear subsystem of a structure over one step, exactly, as maps that are built once for each
 !! step length.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Branches of periodic motions: pseudo-arclength continuation (Keller 1977) of the map of a
 !! period, with errors by another step size, bifurcation points and extremes.
 module viscovib_motion_branch

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The accelerations at the nodes of a collocation step by Newton's method, for systems with
 !! derivatives.
 !!

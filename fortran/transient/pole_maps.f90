@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The part of a linear subsystem without real modes, over one step: z_m' = pole_m z_m + p_m,
 !! w_j = Re sum_m left_mj z_m, with one pole of each conjugate pair.
 !!

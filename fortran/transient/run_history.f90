@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Stored states of a run, from which its stop is confirmed.
 !!
 !! Near a time T at which a motion diverges it is self-similar: steps of length h

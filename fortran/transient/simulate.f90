@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A run without memory in fixed steps.
 module viscovib_simulate
   use viscovib_driven_system, only: driven_system_type

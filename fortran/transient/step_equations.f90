@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The nonlinear equations of one step with memory: X = G z + Z y(X), where y contains the
 !! nonlinear parts of hereditary variables and the force remainders at the points of the step.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> The motion inside a step: the polynomial through its states at both ends and at the nodes.
 module viscovib_step_path
   use viscovib_kinds, only: wp

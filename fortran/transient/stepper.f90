@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> The abstract stepper: one trajectory in fixed steps, for any method.
 module viscovib_stepper
   use viscovib_driven_system, only: driven_system_type

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Detection of the end of a motion: a step that may leave the physical range or the
 !! range of numbers is repeated with small steps.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Motion of a structure in time: its linear subsystem by exact maps of a step, the forces of its
 !! elements as polynomials through the Gauss nodes, their memory as in
 !! `viscovib_hereditary`.

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> The state of a structure in time: its modes, in whole blocks, and deflections of its elements.
 module viscovib_structure_state
   use viscovib_kinds, only: wp

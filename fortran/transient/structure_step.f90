@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> One step of a structure: solve for the forces of its elements, and advance its modes.
 module viscovib_structure_step
   use viscovib_collocation, only: collocation_type

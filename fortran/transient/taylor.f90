@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> Taylor's method of any order in fixed steps, for trajectories in four blocks of lanes:
 !! for large ensembles of systems whose forces have power series.
 !!

@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Loads in time: sinusoids of any frequencies, and a piecewise polynomial.
 module viscovib_time_load
   use viscovib_constants, only: imaginary_unit

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> A run in fixed steps, for any kind of motion: the states that it keeps, and its outcome.
 module viscovib_time_run
   use viscovib_counters, only: count_up, counted_states, counting

@@ -1,3 +1,4 @@
+! Optimize: -O1
 !> States of a run at requested times, each by a separate step from the start of the step.
 module viscovib_wanted_states
   use viscovib_driven_system, only: driven_system_type

@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Steps that end where the equations have a kink or a jump, with a search for events.
 !!
 !! Within a step the equations keep their side of each surface, so that the method integrates
