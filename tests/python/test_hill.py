@@ -264,27 +264,6 @@ def test_springs_that_share_a_kernel_creep_side_by_side():
         assert found.real == pytest.approx(np.full((4, 2), rate), rel=max(1e-6, rate**2))
 
 
-@pytest.mark.parametrize(
-    "kernel",
-    [
-        vv.PronyKernel(weights=[0.0016, 2.7], rates=[0.0023, 4.5]),
-        vv.RabotnovKernel(amplitude=0.13, alpha=0.35, beta=0.074),
-        vv.RzhanitsynKernel(amplitude=0.081, alpha=0.29, beta=0.0012),
-    ],
-)
-def test_two_close_slow_rates_are_counted(kernel):
-    """Springs that push when relaxed: two rates of nearly the same size grow, as at rest."""
-    with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
-        mount = body(kernel=kernel, damping=1e-3 * STIFFNESS)
-    rates = mount.characteristic_roots().real
-    response = vv.forced_response(
-        mount, [1.2, 2.4, 3.6], load=0.01, method="newton", harmonics=5, stability=True
-    )
-    assert (rates[:2] > 0).all()
-    assert not response.stable.any()
-    assert response.exponents[:, :2].real == pytest.approx(np.tile(rates[:2], (3, 1)), rel=1e-3)
-
-
 def test_a_polynomial_system_with_memory():
     """An oscillator with x^2, x^3 and one exponential: ordinary equations with three states."""
     kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
