@@ -36,11 +36,11 @@ contains
   !! time 0, and `remakes`. If it had other loads before, the task is 'motion run' of objects with
   !! the equations of its parts; `until`: number of steps at the end of all but one.
   !!
-  !! Output: `verdict` (0: step size found), `change`, `grown`, `error`; `t` (k) and `states` (m,
-  !! k), all rows; `last`, `memory` and other final data; `step`, `factor`: ratio of the first step
-  !! size to it, `per_step`: states per step; `found`, `n_found`, `sides` and `event_point_errors`
-  !! of events. If no step size is found: `not_met` (the outcome), `cause` and `place` of
-  !! `find_reason`, `coarse_t`, `coarse_states`, ... of the previous run.
+  !! Output: `t` (k) and `states` (m, k), all rows; `last`, `memory` and other final data; `step`;
+  !! `found`, `n_found`, `sides` and `event_point_errors` of events. With an error or a search also
+  !! `verdict` (0: step size found), `error`, `factor`: ratio of the first step size to `step`, and
+  !! `per_step`: states per step. If no step size is found: `not_met` (the outcome), `cause` and
+  !! `place` of `find_reason`, `coarse_t`, `coarse_states`, ... of the previous run.
   subroutine run_motion(task)
     type(task_type), intent(inout) :: task
     type(shared_type), target :: shared
@@ -96,15 +96,16 @@ contains
     end select
     if (task%failed()) return
     associate (found => task%found)
-      call found%put_integer('verdict', int(search%verdict, i8))
-      call found%put_real('change', search%change)
-      call found%put_real('grown', search%grown)
-      call found%put_integer('factor', int(search%factor, i8))
-      call found%put_integer('per_step', int(search%per_step, i8))
-      call found%put_integer('was_shaken', merge(1_i8, 0_i8, search%was_shaken))
       call found%put_integer('in_parts', merge(1_i8, 0_i8, shared%in_parts))
       call found%put_integer('past', int(shared%past, i8))
       call put_run(task, '', search%run)
+      if (aim == one_run) return
+      call found%put_integer('verdict', int(search%verdict, i8))
+      call found%put_integer('factor', int(search%factor, i8))
+      call found%put_integer('per_step', int(search%per_step, i8))
+      call found%put_integer('was_shaken', merge(1_i8, 0_i8, search%was_shaken))
+      call found%put_real('solved', search%run%solved)
+      call found%put_real('error', search%run%error)
       if (search%verdict == step_found) return
       call find_reason(job, n, search, outcome, cause, place)
       call found%put_text('not_met', outcome)
@@ -179,8 +180,6 @@ contains
     if (.not. allocated(run%memory)) allocate (run%memory(0))
     call task%found%put_reals('memory', run%memory, shape(run%memory))
     call task%found%put_integer('counted', run%counted)
-    call task%found%put_real('solved', run%solved)
-    call task%found%put_real('error', run%error)
     call task%found%put_real('resolution', run%resolution)
     call task%found%put_real('shortest', run%shortest)
     if (allocated(run%accelerations)) then

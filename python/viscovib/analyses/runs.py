@@ -6,7 +6,7 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, ClassVar
 
@@ -32,7 +32,7 @@ from viscovib.common.plan import Plan
 from viscovib.common.progress import counted_pieces
 from viscovib.errors import InputError
 from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
-from viscovib.results.trajectory import OUTCOMES, Trajectory
+from viscovib.results.trajectory import OUTCOMES, LocatedEvents, Trajectory
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 
@@ -291,8 +291,9 @@ class Run(ABC):
         if self.watch is not None:
             values |= {"watched": self.watch.vector, "sides": self.watch.sides}
         long = self._takes_long(n) or (aim != ONE_RUN and n > _FEW)
-        steps = n if aim == ONE_RUN else None
-        with counted_pieces(progress, steps):
+        if not (long or progress):
+            return _native.run(task, *objects, **(values | more))
+        with counted_pieces(progress, n if aim == ONE_RUN else None):
             return _native.run_either(long, task, *objects, **(values | more))
 
     def take(self, found: dict[str, Any]) -> npt.NDArray[np.bool_] | None:
@@ -377,8 +378,7 @@ class Run(ABC):
         found = self.made(ONE_RUN, n, want, end, progress)
         self.take(found)
         events = () if self.watch is None else self.watch.located(slice(self.state.size))
-        result = self.result(found, planned=partial(self.plan, want, end))
-        return self._shaped(replace(result, events=events))
+        return self._shaped(self.result(found, "", None, partial(self.plan, want, end), events))
 
     def check_wanted(self, want: Wanted, n: int) -> None:
         """Refuse states outside of the next n steps, or too many."""
@@ -395,6 +395,7 @@ class Run(ABC):
         prefix: str = "",
         error: float | None = None,
         planned: Callable[[], Plan] | None = None,
+        events: tuple[LocatedEvents, ...] = (),
     ) -> Trajectory:
         """One of the runs that the core has made, with all coordinates computed."""
         return Trajectory(
@@ -410,6 +411,7 @@ class Run(ABC):
             _resume=self,
             _planned=planned or partial(self.plan, Wanted(), 0.0),
             resolution=self.resolution,
+            events=events,
         )
 
     def _shaped(self, run: Trajectory) -> Trajectory:
