@@ -385,7 +385,7 @@ class PolynomialRun(Run):
         n = len(self.job[6])
 
         def states(t: FloatArray) -> tuple[FloatArray, ...]:
-            found, now = self.made_again(t, kept, accelerates=True), loads.at(t)
+            found, now = self.repeat(t, kept, accelerates=True), loads.at(t)
             state = found["states"].T
             gathered.append(found["accelerations"].T[: state.shape[0]])
             return state[:, ::2] - now.place, state[:, 1::2] - now.speed, gathered[-1][:, n:]

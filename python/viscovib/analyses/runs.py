@@ -254,7 +254,7 @@ class Run(ABC):
             handles.append(_native.Handle(task, *objects, **values))
         return "motion run", tuple(handles), {"until": np.array([one.done for one in self.parts])}
 
-    def made(
+    def compute(
         self,
         aim: int,
         n: int,
@@ -263,10 +263,10 @@ class Run(ABC):
         progress: bool = False,
         **more: Any,
     ) -> dict[str, Any]:
-        """Results of the core: of n steps to ``end``, with their error, or of a search (``aim``).
+        """Compute n steps to ``end``, also their error, or search for a step size (``aim``).
 
-        For example the final state ``last`` and its time ``reached``, the number ``made`` of full
-        steps and the outcome ``ended``.
+        Return the results of the core: for example the final state ``last`` and its time
+        ``reached``, the number ``made`` of full steps and the outcome ``ended``.
         """
         self.check_reach(end)
         times = nothing(0) if want.times is None else want.times
@@ -375,7 +375,7 @@ class Run(ABC):
         """Compute n steps."""
         end = self._time_after(self.done + n)
         self.check_wanted(want, n)
-        found = self.made(ONE_RUN, n, want, end, progress)
+        found = self.compute(ONE_RUN, n, want, end, progress)
         self.take(found)
         events = () if self.watch is None else self.watch.located(slice(self.state.size))
         return self._shaped(self.result(found, "", None, partial(self.plan, want, end), events))
@@ -420,7 +420,7 @@ class Run(ABC):
 
     @property
     def _compared(self) -> npt.NDArray[np.intp]:
-        """Indices of the state components that determine the error, if not all do."""
+        """Indices of the state components that determine the error."""
         return np.arange(self.state.size)
 
     def _run_values(self) -> dict[str, Any]:
@@ -513,12 +513,12 @@ class Run(ABC):
 
     def states_at(self, times: FloatArray, kept: Trajectory) -> FloatArray:
         """States at ascending times of the run that ``kept`` holds, by making it once more."""
-        return np.asarray(self.made_again(times, kept)["states"].T[:, self._compared])
+        return np.asarray(self.repeat(times, kept)["states"].T[:, self._compared])
 
-    def made_again(
+    def repeat(
         self, times: FloatArray, kept: Trajectory, *, accelerates: bool = False
     ) -> dict[str, Any]:
-        """The run that ``kept`` holds from its start on, with all coordinates at other times.
+        """Repeat the run that ``kept`` holds, with all coordinates at other times.
 
         ``accelerates``: also accelerations relative to the base, then forces of laws.
         """
@@ -529,7 +529,7 @@ class Run(ABC):
         # A run that ended early ended inside a step.
         n = self.done - run.done + int(kept.outcome != "completed")
         more: dict[str, Any] = {"resume": 0, "later": 0.0, "accelerates": accelerates}
-        return run.made(ONE_RUN, n, Wanted(times=times), kept.t_reached, **more)
+        return run.compute(ONE_RUN, n, Wanted(times=times), kept.t_reached, **more)
 
     def _check_capacity(self, n_kept: int) -> None:
         most = MAX_KEPT // max(self.state.size, 1)

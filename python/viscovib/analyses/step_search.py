@@ -65,12 +65,12 @@ def _search(
     run.check_wanted(want, n if run.mesh is None else run.mesh.count - run.done)
     more: dict[str, Any] = {"looks": asked.keep != "all" or asked.times is not None}
     if accuracy is None:
-        return run.made(WITH_ERROR, n, want, end, progress, **more)
+        return run.compute(WITH_ERROR, n, want, end, progress, **more)
     more |= {
         "absolute": accuracy.absolute, "relative": 0.0 if accuracy.by_size else accuracy.relative,
         "fills": want.no_choice,
     }  # fmt: skip
-    return run.made(WITH_SEARCH, n, want, end, progress, **more)
+    return run.compute(WITH_SEARCH, n, want, end, progress, **more)
 
 
 def _result(

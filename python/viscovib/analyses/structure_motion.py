@@ -420,7 +420,7 @@ class StructureRun(MountRun):
         self.kick = np.zeros(2)
         if motion.follows.any():
             # The core computes the initial positions of coordinates without mass.
-            self.state = self.made(ONE_RUN, 0, Wanted(keep="last"), 0.0)["last"]
+            self.state = self.compute(ONE_RUN, 0, Wanted(keep="last"), 0.0)["last"]
 
     def _run_values(self) -> dict[str, Any]:
         """Values as of other runs with memory; deflections are not compared."""
