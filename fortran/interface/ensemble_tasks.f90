@@ -10,10 +10,13 @@ module viscovib_ensemble_tasks
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_load, only: load_type
-  use viscovib_motion_inputs, only: load_of
+  use viscovib_motion_inputs, only: load_of, read_equations, read_piece
+  use viscovib_motion_piece, only: motion_equations
   use viscovib_pendulum, only: pendulum_type
+  use viscovib_piece_runs, only: shared_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_status, only: fail, status_input_error
+  use viscovib_single_run, only: gathered_type, single_request, single_run
+  use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_stopping, only: is_set
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_task, only: task_type
@@ -47,6 +50,8 @@ contains
       call run_pendulums(task)
     case ('of oscillators')
       call run_oscillators(task)
+    case ('of members')
+      call run_members(task)
     case ('orbits')
       call find_last_orbits(task)
     case ('disturbances')
@@ -256,6 +261,115 @@ contains
     end subroutine take_system
 
   end subroutine run_oscillators
+
+  !> Runs that are computed one by one. Each is an object with its start and its equations, as of
+  !! a motion in time; `longest`: step size of its first run with another step; `rows` (2 d): rows
+  !! of its states that are kept. Peaks and means begin at the time `since` (n), events count
+  !! from the time `late` (n). Additional results: `in_parts`(i) /= 0: run i has missed a thin layer
+  !! of a law, so that its steps are divided; `passed` (n): numbers of events, their `times` (m) and
+  !! states `points` (2 d, m).
+  subroutine run_members(task)
+    type(task_type), intent(inout) :: task
+    type(runs_type) :: runs
+    type(single_request) :: request
+    type(gathered_type), allocatable :: found(:)
+    real(wp), pointer, contiguous :: since(:), late(:)
+    integer, allocatable :: in_parts(:)
+    integer :: i, n
+
+    call runs%read(task)
+    since => task%get_reals('since')
+    late => task%get_reals('late')
+    n = size(runs%h)
+    if (.not. allocated(task%parents)) allocate (task%parents(0))
+    call task%check_extents('members', shape(task%parents), [n])
+    call task%check_extents('since', shape(since), [n])
+    call task%check_extents('late', shape(late), [n])
+    if (task%failed()) return
+    request%n_steps = runs%job%n_steps
+    request%n_discard = runs%job%n_discard
+    request%sample_every = runs%job%sample_every
+    request%section_every = runs%job%section_every
+    request%lines = runs%job%lines
+    allocate (found(n))
+    allocate (in_parts(n), source=0)
+    do i = 1, n
+      if (is_set(task%cancel)) return
+      request%since = since(i)
+      request%late = late(i)
+      call run_member(task%parents(i)%to, request, size(runs%initial, 1), found(i), in_parts(i), &
+                      task%status)
+      if (task%failed()) return
+      runs%state(:, i) = found(i)%state
+      runs%ended(i) = found(i)%ended
+      runs%t_reached(i) = found(i)%t_reached
+      runs%amplitudes(:, :, i) = found(i)%amplitudes
+      if (size(runs%sections) > 0) runs%sections(:, :, i) = found(i)%sections
+      if (.not. runs%job%moments) cycle
+      runs%peak(:, i) = found(i)%peak
+      runs%mean(:, i) = found(i)%mean
+      runs%rms(:, i) = found(i)%rms
+    end do
+    call runs%put(task)
+    call task%found%put_integers('in_parts', in_parts, [n])
+    call task%found%put_integers('passed', [(size(found(i)%times), i=1, n)], [n])
+    call put_passages(task, found, size(runs%initial, 1))
+  end subroutine run_members
+
+  !> Make the run of an object.
+  subroutine run_member(member, request, width, found, in_parts, status)
+    type(task_type), intent(inout) :: member
+    type(single_request), intent(in) :: request
+    !> Number of rows of states that are kept.
+    integer, intent(in) :: width
+    type(gathered_type), intent(out) :: found
+    integer, intent(out) :: in_parts
+    type(status_type), intent(out) :: status
+    class(motion_equations), allocatable, target :: equations
+    type(shared_type) :: shared
+    type(single_run) :: run
+    integer :: i
+
+    call read_piece(member, run%runs%first)
+    shared%longest = member%get_real('longest', 0.0_wp)
+    run%runs%most_direct = member%get_long('most_direct', 0_i8)
+    if (.not. member%failed()) call read_equations(member, run%runs%first, equations)
+    if (member%has('rows')) then
+      allocate (run%runs%rows, source=member%get_integers('rows'))
+    else
+      allocate (run%runs%rows, source=[(i, i=1, size(run%runs%first%initial))])
+    end if
+    call member%check_extents('rows', shape(run%runs%rows), [width])
+    in_parts = 0
+    status = member%status
+    if (status%failed()) return
+    run%runs%equations => equations
+    call run%begin(shared)
+    call run%gather(request, found, status)
+    in_parts = merge(1, 0, shared%in_parts)
+  end subroutine run_member
+
+  !> Times and states of all events, run after run.
+  subroutine put_passages(task, found, width)
+    type(task_type), intent(inout) :: task
+    type(gathered_type), intent(in) :: found(:)
+    integer, intent(in) :: width
+    real(wp), allocatable :: times(:), points(:, :)
+    integer :: i, n
+
+    n = sum([(size(found(i)%times), i=1, size(found))])
+    allocate (times(n), points(width, n))
+    n = 0
+    do i = 1, size(found)
+      associate (its => found(i))
+        times(n + 1:n + size(its%times)) = its%times
+        if (size(its%times) > 0) points(:, n + 1:n + size(its%times)) = its%sections
+        n = n + size(its%times)
+      end associate
+    end do
+    call task%found%put_reals('times', times, shape(times))
+    call task%found%put_reals('points', points, shape(points))
+  end subroutine put_passages
 
   !> Periodic orbits in the last `points` (w, k, n) of n solutions, see `viscovib_basin_rules`;
   !! `ended` (n) /= 0: end time reached. `shown`: a solution on each orbit, from 0.

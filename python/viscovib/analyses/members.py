@@ -240,7 +240,7 @@ class PolynomialMembers(Members):
         elif own.shape[0] > 1:
             own = own[kind.runs]
         d = own.shape[1]
-        *found, missed = side_by_side(
+        *found, others = side_by_side(
             "ensemble of oscillators", given, flat=flat.T, orders=self.orders, series=self.series,
             formulas=self.formulas,
             own=own.transpose(1, 2, 3, 0).reshape((d, d, -1), order="F"), nu=self.nu[runs],
@@ -249,8 +249,7 @@ class PolynomialMembers(Members):
         h, *settings, sections = given
         # A run that needs partial steps once uses them for all step sizes: they are more accurate
         # than full steps and would disturb the comparison of step sizes.
-        if missed.any():
-            self._made_alone.update(runs[missed != 0].tolist())
+        self._made_alone.update(runs[others["missed"] != 0].tolist())
         if not self._made_alone:
             return tuple(found)
         for k in np.flatnonzero([i in self._made_alone for i in runs.tolist()]):
@@ -282,16 +281,19 @@ class PolynomialMembers(Members):
             )
 
 
-def side_by_side(task: str, given: tuple[Any, ...], **values: Any) -> tuple[Any, ...]:
-    """Run a task on many runs, and return its results in the order of `Members.call`."""
+def side_by_side(
+    task: str, given: tuple[Any, ...], *objects: _native.Handle, **values: Any
+) -> tuple[Any, ...]:
+    """Run a task on many runs; return its results in the order of `Members.call`, then others."""
     (
         h, method, n_steps, n_discard, ahead, every, section_every, n_moments, exponents, lines,
         _, sections,
     ) = given  # fmt: skip
     found = _native.run(
-        task, h=h, method=method, n_steps=n_steps, n_discard=n_discard, ahead=float(ahead),
-        sample_every=every, section_every=section_every, points=sections.shape[1],
-        moments=n_moments > 0, n_exponents=exponents, lines=lines, **values,
+        task, *objects, h=h, method=method, n_steps=n_steps, n_discard=n_discard,
+        ahead=float(ahead), sample_every=every, section_every=section_every,
+        points=sections.shape[1], moments=n_moments > 0, n_exponents=exponents, lines=lines,
+        **values,
     )  # fmt: skip
     if sections.shape[2]:
         sections[...] = found["sections"]
@@ -299,7 +301,7 @@ def side_by_side(task: str, given: tuple[Any, ...], **values: Any) -> tuple[Any,
         "state", "ended", "t_reached", "peak", "mean", "rms", "amplitudes", "lyapunov",
         "lyapunov_error",
     )  # fmt: skip
-    return *(found[name] for name in names), found.get("missed")
+    return *(found.pop(name) for name in names), found
 
 
 def _side_by_side(method: str) -> str:

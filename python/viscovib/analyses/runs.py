@@ -271,30 +271,41 @@ class Run(ABC):
         self.check_reach(end)
         times = nothing(0) if want.times is None else want.times
         task, objects, values = self._equations()
-        self.layers.longest = max(self.layers.longest, self.h)
-        values = values | self._run_values() | {
-            "aim": aim, "first": self.done, "n_steps": n, "save_every": want.every,
-            "resume": 2 if self.anew else 1 if self.done else 0, "h": self.h,
-            "tolerance": self.solved, "times": times, "initial": self.state,
-            "t_end_of_run": float(end),
+        values = values | self._values(want.every, times) | {
+            "aim": aim, "n_steps": n, "t_end_of_run": float(end),
         }  # fmt: skip
         if want.keep != "all":
             values |= {"last_only": want.keep == "last", "tail": float(want.tail)}
-        if self.layers.seen or self.layers.longest > self.h:
-            values |= {"in_parts": self.layers.seen, "longest": self.layers.longest}
         if self.mesh is not None:
             values |= {"ends": self.mesh.ends, "made_by": self.mesh.made_by}
         if self.done:
             values |= {"begun": (*self.parts, self)[0].begin, "remakes": self.stale}
             if self.memory is not None:
                 values["memory"] = self.memory
-        if self.watch is not None:
-            values |= {"watched": self.watch.vector, "sides": self.watch.sides}
         long = self._takes_long(n) or (aim != ONE_RUN and n > _FEW)
         if not (long or progress):
             return _native.run(task, *objects, **(values | more))
         with counted_pieces(progress, n if aim == ONE_RUN else None):
             return _native.run_either(long, task, *objects, **(values | more))
+
+    def _values(self, every: int, times: FloatArray) -> dict[str, Any]:
+        """Return the present state of the run, and which states it keeps."""
+        self.layers.longest = max(self.layers.longest, self.h)
+        values = self._run_values() | {
+            "first": self.done, "save_every": every,
+            "resume": 2 if self.anew else 1 if self.done else 0, "h": self.h,
+            "tolerance": self.solved, "times": times, "initial": self.state,
+        }  # fmt: skip
+        if self.layers.seen or self.layers.longest > self.h:
+            values |= {"in_parts": self.layers.seen, "longest": self.layers.longest}
+        if self.watch is not None:
+            values |= {"watched": self.watch.vector, "sides": self.watch.sides}
+        return values
+
+    def as_object(self) -> _native.Handle:
+        """Return the run at its start as an object of the core, for a task about many runs."""
+        task, objects, values = self._given()
+        return _native.Handle(task, *objects, **values, **self._values(1, nothing(0)))
 
     def take(self, found: dict[str, Any]) -> npt.NDArray[np.bool_] | None:
         """Move to the end of a run that the core has made; return the mask of valid events."""
