@@ -220,6 +220,8 @@ def write_film(made: FuncAnimation, path: Path, rate: float) -> None:
     """Write an animation; after an error no incomplete file remains."""
     from matplotlib.animation import PillowWriter
 
+    # Matplotlib would draw each frame twice: before and while it is written.
+    made._fig.canvas.draw_idle = lambda: None  # type: ignore[attr-defined]
     if path.suffix.lower() == ".html":
         with whole_file(path) as file:
             page = made.to_jshtml(fps=max(1, round(rate)))
