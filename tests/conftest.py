@@ -7,7 +7,7 @@ from pathlib import Path
 #: the end. A missing name costs at most a part of a minute.
 LONGEST = (
     "test_explorer_browser",
-    "test_sweep_dask",
+    "test_dask",
     "test_sweep_checkpoint",
     "test_fuzz",
     "test_guide",
