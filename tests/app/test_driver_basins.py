@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import read_csv, silence
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 WELLS = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force law='x^3' /

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import read_csv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 SYSTEM = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force on='x' law='x^3' /

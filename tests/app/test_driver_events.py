@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import GOOD, check_failure, read_csv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 MOUNT = GOOD[: GOOD.index("&load")] + "&load amplitude=0.5 /\n"
 PENDULUM = "&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93 /\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import check_failure, read_csv, silence
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 # A chain 0-a-1-b-2-c-0 whose second mass is zero: the springs a and b act in series.
 CHAIN = """&structure size=3 mass=1 0 2 stiffness=5 -3 0 -3 5.5 -2.5 0 -2.5 4 damping={} {} /

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import SCENES, read_csv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.linalg import expm
 
 CHAIN = "&structure size=4 mass=1 2 1 1 stiffness={} {} /\n"

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 
 def duffing(stiffness=1.0, cubic=1.0, damping=0.0):

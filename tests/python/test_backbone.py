@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.linalg import eig
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk, ellipkm1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from test_body import engine
 
 RUBBER = vv.PronyKernel(weights=[0.1], rates=[2.0])

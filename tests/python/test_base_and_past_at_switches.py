@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import viscovib as vv
 from referee.element_motions import Driven
+from referee.integration import solve_ivp
 from referee.switched import Fading, Sliders
-from scipy.integrate import solve_ivp
 
 WEIGHTS, RATES = np.array([0.2, 9.0]), np.array([0.7, 30.0])
 KERNEL = vv.PronyKernel(weights=WEIGHTS, rates=RATES)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.interpolate import CubicSpline
 
 WEIGHTS, RATES = np.array([0.1, 0.2]), np.array([0.7, 3.0])

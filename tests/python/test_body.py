@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.integrate
 import scipy.linalg
 import viscovib as vv
+from referee.integration import solve_ivp
 from scipy.spatial.transform import Rotation
 from viscovib.plots.bodies import frequency_range
 from viscovib.units import degree, hz, mm, newton_per_mm
@@ -19,7 +19,7 @@ DATA = json.loads((Path(__file__).parents[2] / "data" / "engine_on_mounts.json")
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def engine(kernel=None, law=None, more=0.0, **options):
+def engine(kernel=None, law=None, more=0.0, also=(), **options):
     """The engine of the table; ``more``: stiffness (N/mm) along the local z of mount 1."""
     mounts = []
     for i, given in enumerate(DATA["mounts"]):
@@ -35,7 +35,9 @@ def engine(kernel=None, law=None, more=0.0, **options):
                 law=(None, None, law),
             )
         )
-    return vv.Body(mass=DATA["mass"], inertia=DATA["inertia"], mounts=mounts, **options)
+    return vv.Body(
+        mass=DATA["mass"], inertia=DATA["inertia"], mounts=[*mounts, *also], **options
+    )  # fmt: skip
 
 
 def random_body(rng, **options):
@@ -501,7 +503,13 @@ def test_free_body_is_reported():
 
 def test_report(tmp_path):
     """One page with every part, as HTML and as PDF; other file extensions are refused."""
-    body = engine(vv.PronyKernel(weights=[2.0], rates=[10.0]), "1e10*d^3", gravity=9.81)
+    track = vv.FluidTrack(mass=62.8, damping=2666, stiffness=436950)
+    foot = vv.MountPoint(
+        name="f", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+        rotational_stiffness=(1, 2, 3), track=track,
+    )  # fmt: skip
+    kernel = vv.PronyKernel(weights=[2.0], rates=[10.0])
+    body = engine(kernel, "1e10*d^3", also=[foot], gravity=9.81)
     vv.report(body, tmp_path / "engine.html", title="Engine <1>", torque_about="y")
     page = (tmp_path / "engine.html").read_text()
     assert "Engine &lt;1&gt;" in page
@@ -511,14 +519,6 @@ def test_report(tmp_path):
     # Laws with their axis, kernels with their parameters.
     assert "z: 1e+10 d^3" in page
     assert "2 exp(-10 t)" in page
-    assert "rotational stiffness" not in page
-    track = vv.FluidTrack(mass=62.8, damping=2666, stiffness=436950)
-    foot = vv.MountPoint(
-        name="f", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
-        rotational_stiffness=(1, 2, 3), track=track,
-    )  # fmt: skip
-    vv.report(vv.Body(mass=10, inertia=(1, 1, 1), mounts=[foot]), tmp_path / "fluid.html")
-    page = (tmp_path / "fluid.html").read_text()
     assert "1, 2, 3 N m/rad" in page
     assert "fluid track along z" in page
     assert "62.8 kg, 2666 N s/m, 436950 N/m" in page
@@ -541,6 +541,7 @@ def test_report_of_rubber(tmp_path):
     )  # fmt: skip
     page = (tmp_path / "engine.html").read_text()
     assert page.count("data:image/png") == 5
+    assert "rotational stiffness" not in page
     shift = 10 ** (-8.86 * 20 / (101.6 + 20))
     for text in (
         "A t^(alpha-1) E_alpha,alpha(-beta t^alpha), A = 0.6, alpha = 0.5, beta = 2",
@@ -648,7 +649,7 @@ def test_preloads(tmp_path):
 
         start = np.r_[rest, 0, 0, 0]
         assert np.abs(rates(0.0, start)).max() < 1e-11
-        reported = scipy.integrate.solve_ivp(rates, (0, 2), start, "DOP853", rtol=1e-12, atol=1e-14)
+        reported = solve_ivp(rates, (0, 2), start, "DOP853", rtol=1e-12, atol=1e-14)
         run = vv.simulate(body, 2, load=body.load((10, 0, 20)), nu=3, tolerance=1e-10)
         np.testing.assert_allclose(run.state[-1, 0:6:2] + rest, reported.y[:3, -1], atol=1e-11)
 

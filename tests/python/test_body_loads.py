@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 PLACES = {"a": (0.3, 0.2, -0.1), "b": (-0.3, 0.25, -0.1), "c": (0.05, -0.3, -0.12)}
 STIFFNESS, DAMPING = np.array([2e4, 3e4, 6e4]), np.array([150.0, 200.0, 300.0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from test_body import engine
 from viscovib.units import hz
 

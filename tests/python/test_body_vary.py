@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.optimize import fsolve
 from test_body import DATA, engine
 from viscovib.units import hz

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from processes import end_by_interrupt
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from tables import DATA
 
 matplotlib.use("Agg")

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from viscovib.systems.sticking import advice_on_sticking
 
 #: Laws of x, the sign of the side of their end, and their kind.

@@ -8,8 +8,8 @@ import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.integration import solve_ivp
 from referee.models import Swinging
-from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from tables import lines_without_plan
 

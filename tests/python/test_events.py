@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 DUFFING = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="x^3")
 START = [0.3, 0.8]

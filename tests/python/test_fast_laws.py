@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 LAW = "0.12*tanh(x_dot/0.2) + 0.26*atan2(x, 1)*cos(x_dot)"
 

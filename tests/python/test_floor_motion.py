@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.spatial.transform import Rotation
 
 MASS, INERTIA = 40.0, np.array([1.0, 1.2, 1.5])

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import quad, solve_ivp
+from referee.integration import solve_ivp
+from scipy.integrate import quad
 from scipy.optimize import brentq
 
 ROOT = Path(__file__).parents[2]

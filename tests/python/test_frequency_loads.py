@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 SYSTEM = vv.PolynomialSystem(
     mass=[1.0, 1.0],

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.optimize import fsolve
 from scipy.special import ellipk
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 LAW = "0.3*tanh(x_dot) + 0.2*sin(x) + 0.1*x^3"
 TEXT = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=LAW)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from tables import lines_without_plan
 
 DATA = Path(__file__).parents[2] / "data"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import viscovib as vv
 from referee import balance
+from referee.integration import solve_ivp
 from referee.models import chain, some_prony
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import gamma
 from tables import lines_without_plan

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance.*")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 #: Jump variable, mass, stiffness, damping, cubic, jump, load, frequency.

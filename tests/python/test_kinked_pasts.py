@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 WEIGHTS, RATES = np.array([0.2, 0.5]), np.array([0.5, 3.0])
 LAWS = {

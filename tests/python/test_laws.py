@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from viscovib.systems.laws import Law, compile_law, read_law
 
 SMOOTH = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 PRONY = vv.PronyKernel(weights=[0.2, 0.05], rates=[1.0, 0.2])
 FRACTIONAL = vv.RabotnovKernel(amplitude=0.3, alpha=0.6, beta=0.8)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 

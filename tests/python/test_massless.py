@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 N, MOVING, IDLE = 4, [0, 2], [1, 3]
 PRONY = vv.PronyKernel(weights=[0.3], rates=[1.2])

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 #: Central differences of order 8.
 WEIGHTS = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 SCENE = {"mass": 1.0, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10.0, "stiffness_phi": 2.0}
 

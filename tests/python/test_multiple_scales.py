@@ -9,10 +9,10 @@ from math import comb
 
 import numpy as np
 import pytest
-import scipy.integrate
 import scipy.optimize
 import sympy as sp
 import viscovib as vv
+from referee.integration import solve_ivp
 from scales_reference import interaction, pendulum_equations, terms_to_third
 
 FREE = {"e": 0.1, "w2": 0.48, "w3": 0.8, "alpha": 0.5}
@@ -466,7 +466,7 @@ def test_repeated_frequencies_exchange():
     def rhs(_, y):
         return [y[1], -y[0] - 0.3 * y[0] * y[2] ** 2, y[3], -y[2] - 0.3 * y[2] * y[0] ** 2]
 
-    exact = scipy.integrate.solve_ivp(rhs, (0, 200), initial, t_eval=t, rtol=1e-11, atol=1e-13)
+    exact = solve_ivp(rhs, (0, 200), initial, t_eval=t, rtol=1e-11, atol=1e-13)
     assert abs(motion.state.T - exact.y).max() < 2e-3 * 0.1
     assert np.ptp(motion.modulation.amplitude[:, 0]) > 1e-3
 
@@ -542,7 +542,7 @@ def test_subharmonic_motions():
     def rhs(t, y):
         return [y[1], -y[0] - 0.002 * y[1] - y[0] ** 3 + np.cos(3.1 * t)]
 
-    run = scipy.integrate.solve_ivp(rhs, (0, 10 * period), state, rtol=1e-10, atol=1e-12)
+    run = solve_ivp(rhs, (0, 10 * period), state, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(run.y[:, -1], state, atol=0.03)
 
 

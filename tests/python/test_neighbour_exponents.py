@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 #: Laws with corners: text, force, and its derivative with respect to the velocity.
 LAWS = (

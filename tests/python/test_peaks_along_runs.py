@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 #: Laws of one coordinate x1 (and its velocity) with numbers k and g; their switching surfaces; and
 #: the laws with fixed sides of these surfaces.

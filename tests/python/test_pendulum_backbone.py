@@ -4,7 +4,8 @@ import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import quad, solve_ivp
+from referee.integration import solve_ivp
+from scipy.integrate import quad
 from scipy.optimize import brentq
 from tables import lines_without_plan
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.integration import solve_ivp
 from referee.models import Swinging
 from referee.pivots import reached
-from scipy.integrate import solve_ivp
 
 METHODS = ("gauss8", "gauss2", "verner9", "dop8", "rk4")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 DUFFING = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
 TWO = vv.PolynomialSystem(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from polynomial_examples import KERNEL, chain, state_at_zero
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 matplotlib.use("Agg")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from polynomial_examples import chain
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.linalg import eigvals
 
 

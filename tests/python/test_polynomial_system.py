@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from polynomial_examples import KERNEL, chain, periodic, state_at_zero
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.optimize import brentq
 
 STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 C, K, NU, LOAD = 0.1, 1.5, 1.1, 0.4
 LAWS = {

@@ -6,8 +6,8 @@ import pickle
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.integration import solve_ivp
 from referee.models import Swinging
-from scipy.integrate import solve_ivp
 
 WEIGHTS, RATES = np.array([0.1, 0.2]), np.array([0.7, 3.0])
 PRONY = vv.PronyKernel(weights=WEIGHTS, rates=RATES)

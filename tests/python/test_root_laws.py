@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 POWERS = (1 / 3, 0.5, 0.7, 1.25, 1.5, 2.5)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 DATA = Path(__file__).parents[2] / "data" / "unbalance_reference.json"
 

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 
 def force(u, speed, duration, start=0.0, phase=0.0):

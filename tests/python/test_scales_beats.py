@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from viscovib.analyses.beat_stability import growth_of_neighbours
 
 BEATS = {

@@ -4,9 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
-import scipy.integrate
 import scipy.optimize
 import viscovib as vv
+from referee.integration import solve_ivp
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
 
@@ -17,9 +17,7 @@ def growth(matrix_at, period, n):
     def rhs(t, y):
         return (matrix_at(t) @ y.reshape(n, n)).ravel()
 
-    run = scipy.integrate.solve_ivp(
-        rhs, (0, period), np.eye(n).ravel(), rtol=1e-9, atol=1e-11, method="DOP853"
-    )
+    run = solve_ivp(rhs, (0, period), np.eye(n).ravel(), rtol=1e-9, atol=1e-11, method="DOP853")
     multipliers = np.linalg.eigvals(run.y[:, -1].reshape(n, n))
     return np.log(abs(multipliers)).max() / period
 
@@ -133,18 +131,17 @@ def test_all_three_motions_of_a_duffing_away_from_resonance():
     assert steady.index.size == 3
     assert list(steady.stable) == [True, False, True]
 
-    def miss(y):
-        run = scipy.integrate.solve_ivp(
+    def run(y, times=None):
+        return solve_ivp(
             lambda t, y: [y[1], load * np.cos(p * t) - c * y[1] - y[0] - y[0] ** 3],
-            (0, 2 * np.pi / p), y, rtol=1e-11, atol=1e-13, dense_output=True,
-        )  # fmt: skip
-        return run
+            (0, 2 * np.pi / p), y, t_eval=times, rtol=1e-11, atol=1e-13,
+        ).y  # fmt: skip
 
     for i in range(3):
         x = steady.harmonics[i, 0]
-        start = scipy.optimize.fsolve(lambda y: miss(y).y[:, -1] - y, [x.real, -p * x.imag])
+        start = scipy.optimize.fsolve(lambda y: run(y)[:, -1] - y, [x.real, -p * x.imag])
         t = np.arange(64) / 64 * 2 * np.pi / p
-        exact = 2 * np.mean(miss(start).sol(t)[0] * np.exp(-1j * p * t))
+        exact = 2 * np.mean(run(start, t)[0] * np.exp(-1j * p * t))
         error = abs(x - exact)
         assert error < 0.01 * abs(exact)
         assert 0.5 < steady.error_estimate[i] / error < 2
@@ -163,15 +160,17 @@ def test_constant_loads_of_any_size():
         )  # fmt: skip
         steady = vv.MultipleScales(system).response("p2", [p])
 
-        def run(y, static=static, c=c, quadratic=quadratic, cubic=cubic, p=p, load=load):
-            return scipy.integrate.solve_ivp(
-                lambda t, y, p=p: [
+        def run(
+            y, times=None, static=static, c=c, quadratic=quadratic, cubic=cubic, p=p, load=load
+        ):  # fmt: skip
+            return solve_ivp(
+                lambda t, y: [
                     y[1],
                     static + load * np.cos(p * t) - c * y[1] - y[0] - quadratic * y[0] ** 2
                     - cubic * y[0] ** 3,
                 ],
-                (0, 2 * np.pi / p), y, rtol=1e-10, atol=1e-12, dense_output=True,
-            )  # fmt: skip
+                (0, 2 * np.pi / p), y, t_eval=times, rtol=1e-10, atol=1e-12,
+            ).y  # fmt: skip
 
         rest = scipy.optimize.brentq(
             lambda x, s=static, q=quadratic, k=cubic: x + q * x**2 + k * x**3 - s, -2, 2
@@ -180,10 +179,10 @@ def test_constant_loads_of_any_size():
         assert stable.size
         x = steady.harmonics[stable[0], 0]
         start = scipy.optimize.fsolve(
-            lambda y, run=run: run(y).y[:, -1] - y, [rest + x.real, -p * x.imag]
+            lambda y, run=run: run(y)[:, -1] - y, [rest + x.real, -p * x.imag]
         )
         times = np.arange(64) / 64 * 2 * np.pi / p
-        exact = 2 * np.mean(run(start).sol(times)[0] * np.exp(-1j * p * times))
+        exact = 2 * np.mean(run(start, times)[0] * np.exp(-1j * p * times))
         error = abs(x - exact)
         assert error < 0.1 * abs(exact)
         assert error < 2 * steady.error_estimate[stable[0]] + 1e-8
@@ -245,7 +244,7 @@ def test_backbones_with_internal_resonance_against_shooting():
         assert found[1] - found[0] > 0.002
 
         def miss(y, whole=False, w2=w2, k=k):
-            run = scipy.integrate.solve_ivp(
+            run = solve_ivp(
                 lambda t, q: [
                     q[1], -q[0] - 2 * k * q[0] * q[2], q[3], -(w2**2) * q[2] - k * q[0] ** 2
                 ],

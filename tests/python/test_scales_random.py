@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import scipy.integrate
 import viscovib as vv
 from balance_reference import random_system, steady_motion
 from referee.balance import Balance, load_rows, multipliers
+from referee.integration import solve_ivp
 from referee.models import chain
 
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.RangeWarning")
@@ -149,9 +149,7 @@ def test_motions_against_integration(modes, damping):
     motion = vv.MultipleScales(
         vv.CubicSystem(**system, load=loads, drives=drives), tolerance=0.015
     ).motion(t, initial)
-    run = scipy.integrate.solve_ivp(
-        rhs, (0, 40), initial, t_eval=t, rtol=1e-10, atol=1e-13, method="DOP853"
-    )
+    run = solve_ivp(rhs, (0, 40), initial, t_eval=t, rtol=1e-10, atol=1e-13, method="DOP853")
     error = abs(motion.state.T - run.y)[::2].max()
     assert motion.in_range.all()
     assert error < 0.02 * abs(run.y[::2]).max()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 GAP = vv.PolynomialSystem(
     mass=1, stiffness=1, damping=0.05, forces="k*max(x - 0.5, 0)", parameters={"k": 30.0}

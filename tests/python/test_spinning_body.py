@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.spatial.transform import Rotation
 
 MASS, INERTIA, SPIN, ARM, K = 40.0, np.array([1.0, 1.2, 1.5]), np.array([4.0, -7.0, 60.0]), 0.3, 2e4

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 SPRINGS = np.array([[1.0, -1.0], [-1.0, 2.0]])
 #: Example 03 of NLvib (Krack and Gross).

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.integration import solve_ivp
 from referee.models import Swinging
 from referee.pivots import reached
-from scipy.integrate import solve_ivp
 
 
 class TooLong(Exception):

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.linalg import eigh, expm
 
 PRONY = vv.PronyKernel(weights=[0.1, 0.3], rates=[0.5, 3.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 NAMES = [f"u{i}" for i in range(5)]
 FREE, HELD = [0, 2, 4], [3, 1]

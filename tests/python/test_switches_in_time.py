@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.integration import solve_ivp
 from referee.switched import Automaton
-from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
 

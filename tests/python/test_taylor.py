@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 NU = 0.9
 #: Laws with every function that has a power series, as text and in NumPy.

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from viscovib.systems import law_poles
 
 #: Text of a law with the strength F, the location g and the width e; its force for the operand z,

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
+from referee.integration import solve_ivp
 from referee.models import Swinging
-from scipy.integrate import solve_ivp
 from viscovib.analyses.torus import Torus, make_torus
 
 # Few harmonics are intended here; test_truncation.py tests the warning.

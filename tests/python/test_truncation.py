@@ -98,7 +98,7 @@ def test_orders_are_chosen_by_default():
 
 def test_the_waveform_of_a_slow_load_holds_against_integration():
     """Newton's method at 0.15 of the resonance, where 9 harmonics have an error of 11 percent."""
-    from scipy.integrate import solve_ivp
+    from referee.integration import solve_ivp
 
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
     r = vv.forced_response(system, 0.15, load=1, method="newton")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.spatial.transform import Rotation
 
 RUBBER = vv.RzhanitsynKernel(amplitude=0.3, alpha=0.5, beta=1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 from scipy.spatial.transform import Rotation
 
 INERTIA, TURNING = np.array([0.3, 0.5, 0.6]), np.array([1.0, 1.3, 0.8])

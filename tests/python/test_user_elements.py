@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import solve_ivp
+from referee.integration import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/howto/own-element.md").read_text(encoding="utf-8")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import scipy.linalg
-from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from referee.case import Case, Claim, even, few, number, numbers
+from referee.integration import solve_ivp
 from referee.models import prony
 
 JUDGES = (

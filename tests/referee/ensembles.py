@@ -1,10 +1,10 @@
 """Ensemble members against SciPy and single runs; statistics by quadrature; tangents by Magnus."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee.balance import exponential
 from referee.case import Case, Claim, even, few
+from referee.integration import solve_ivp
 from referee.models import Swinging, pendulum
 
 JUDGES = (

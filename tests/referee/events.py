@@ -1,10 +1,10 @@
 """Events of motions in time, also across kinks and jumps of laws: by the steps of SciPy."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee import sure_events
 from referee.case import Case, Claim, even, number
+from referee.integration import solve_ivp
 
 JUDGES = ("Event", "Trajectory.__call__")
 

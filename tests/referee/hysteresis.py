@@ -1,9 +1,9 @@
 """Elements with hysteresis and gaps: their loops by the steps of SciPy, cycle after cycle."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few
+from referee.integration import solve_ivp
 
 JUDGES = (
     "Iwan", "Iwan.loop", "Iwan.energy", "BoucWen", "BoucWen.loop", "BoucWen.energy", "Dahl",

@@ -3,9 +3,9 @@
 import re
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few, number
+from referee.integration import solve_ivp
 
 JUDGES = (
     "PythonLaw", "Spring", "Spring.degree", "Jenkins", "Jenkins.loop", "Jenkins.energy",

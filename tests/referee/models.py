@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.special import gamma
 
 from referee.case import even, few, number, numbers
+from referee.integration import solve_ivp
 
 Array = Any
 

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even
+from referee.integration import solve_ivp
 from referee.models import Array, Swinging, pendulum
 
 #: Spring length below which an implicit method is used, and above which an explicit one is used

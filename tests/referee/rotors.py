@@ -1,9 +1,9 @@
 """Rotors, whose matrices depend on the speed: eigenvalues of state matrices, direct integration."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few, numbers
+from referee.integration import solve_ivp
 
 JUDGES = (
     "PolynomialSystem.at_speed", "campbell", "Campbell", "Campbell.frequencies",

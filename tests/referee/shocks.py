@@ -6,11 +6,11 @@ Some of the calls are scenes.
 import itertools
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from referee.case import Case, Claim, even, few, numbers
+from referee.integration import solve_ivp
 
 JUDGES = (
     "RunUp", "shock_response_spectrum", "ShockResponseSpectrum", "ShockResponseSpectrum.maximax",

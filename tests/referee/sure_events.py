@@ -4,10 +4,10 @@ Kernels of exponentials give ordinary equations. SciPy solves them between corne
 """
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from referee.case import Case, Claim, even, few, number, numbers
+from referee.integration import solve_ivp
 
 _END = 10.0
 #: Error of the reference, and the factor by which stated errors may be exceeded.

@@ -1,9 +1,9 @@
 """Motions in time with switches: SciPy from switch to switch, with the equations of each mode."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from referee.case import Case, Claim, even, few
+from referee.integration import solve_ivp
 
 JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen", "Gap", "Stop", "Spring")
 #: Tolerance of an event that has begun; velocity of a bounce that ends in contact.
