@@ -10,6 +10,7 @@
 !! still satisfy the first three quadrature conditions: plain rounding causes an error of 4e-15 in
 !! the sum of Verner's weights, whose effect grows with time.
 module viscovib_explicit_tables
+  use viscovib_exact_products, only: exact_dot
   use viscovib_kinds, only: wp
   use viscovib_quadrature, only: gauss_nodes, lagrange, lagrange_factors
   implicit none
@@ -45,8 +46,6 @@ module viscovib_explicit_tables
     integer :: n_first = 0, first_from(max_stages, max_stages) = 0
     real(wp) :: first_weights(2, max_stages, max_stages) = 0.0_wp
   end type explicit_table_type
-
-  real(wp), parameter :: splitter = 134217729.0_wp
 
 contains
 
@@ -304,42 +303,5 @@ contains
              0.2246434176204158_wp, 0.5684352689748513_wp, 0.05825871557215772_wp, &
              0.13643174034822156_wp, 0.030570139830828565_wp])
   end subroutine verner_9
-
-  ! Dot products with the accuracy of twice the working precision.
-  !
-  ! Ogita, Rump, Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26
-  ! (2005) 1955 (Dot2).
-
-  !> sum_i x_i y_i.
-  pure real(wp) function exact_dot(x, y) result(total)
-    real(wp), intent(in) :: x(:), y(:)
-    real(wp) :: product, error, new, part, rest
-    integer :: i
-    total = 0.0_wp
-    rest = 0.0_wp
-    do i = 1, size(x)
-      call exact_product(x(i), y(i), product, error)
-      new = total + product
-      part = new - total
-      rest = rest + (((total - (new - part)) + (product - part)) + error)
-      total = new
-    end do
-    total = total + rest
-  end function exact_dot
-
-  !> x y = product + error, exactly (Dekker).
-  pure subroutine exact_product(x, y, product, error)
-    real(wp), intent(in) :: x, y
-    real(wp), intent(out) :: product, error
-    real(wp) :: x_1, x_2, y_1, y_2
-    product = x*y
-    x_1 = splitter*x
-    x_1 = x_1 - (x_1 - x)
-    x_2 = x - x_1
-    y_1 = splitter*y
-    y_1 = y_1 - (y_1 - y)
-    y_2 = y - y_1
-    error = ((x_1*y_1 - product) + x_1*y_2 + x_2*y_1) + x_2*y_2
-  end subroutine exact_product
 
 end module viscovib_explicit_tables

@@ -1,7 +1,7 @@
-! Optimize: -O1
+! Optimize: -O3
 !> Undamped modes K r = omega^2 M r of symmetric K and positive definite M.
 module viscovib_symmetric_modes
-  use, intrinsic :: iso_fortran_env, only: real128
+  use viscovib_exact_products, only: add_products, exact_product
   use viscovib_kinds, only: wp
   implicit none
   private
@@ -93,14 +93,16 @@ contains
           t = sign(1.0_wp, theta)/(abs(theta) + hypot(1.0_wp, theta))
           c = 1.0_wp/hypot(1.0_wp, t)
           s = t*c
-          one = a(:, p)
-          other = a(:, q)
-          a(:, p) = c*one - s*other
-          a(:, q) = s*one + c*other
-          one = a(p, :)
-          other = a(q, :)
-          a(p, :) = c*one - s*other
-          a(q, :) = s*one + c*other
+          one = c*a(:, p) - s*a(:, q)
+          other = s*a(:, p) + c*a(:, q)
+          one(p) = a(p, p) - t*a(p, q)
+          other(q) = a(q, q) + t*a(p, q)
+          one(q) = 0.0_wp
+          other(p) = 0.0_wp
+          a(:, p) = one
+          a(p, :) = one
+          a(:, q) = other
+          a(q, :) = other
           one = vectors(:, p)
           other = vectors(:, q)
           vectors(:, p) = c*one - s*other
@@ -158,27 +160,19 @@ contains
   pure function residual(mass, stiffness, square, shape_of, low) result(left)
     real(wp), intent(in) :: mass(:, :), stiffness(:, :), square, shape_of(:)
     real(wp), intent(in), optional :: low(:, :)
-    real(wp) :: left(size(shape_of))
-    real(real128) :: total(size(shape_of))
-    integer :: i, k
+    real(wp) :: left(size(shape_of)), rests(size(shape_of)), factor, error
+    integer :: k
 
-    total = 0.0_real128
+    left = 0.0_wp
+    rests = 0.0_wp
     do k = 1, size(shape_of)
-      do i = 1, size(shape_of)
-        if (abs(stiffness(i, k)) > 0.0_wp) then
-          total(i) = total(i) + real(stiffness(i, k), real128)*shape_of(k)
-        end if
-        if (abs(mass(i, k)) > 0.0_wp) then
-          total(i) = total(i) - real(square, real128)*mass(i, k)*shape_of(k)
-        end if
-      end do
+      call add_products(stiffness(:, k), shape_of(k), left, rests)
+      call exact_product(square, shape_of(k), factor, error)
+      call add_products(mass(:, k), -factor, left, rests)
+      rests = rests - mass(:, k)*error
+      if (present(low)) rests = rests + low(:, k)*shape_of(k)
     end do
-    if (present(low)) then
-      do k = 1, size(shape_of)
-        total = total + real(low(:, k), real128)*shape_of(k)
-      end do
-    end if
-    left = real(total, wp)
+    left = left + rests
   end function residual
 
   !> E, with 0 for pairs that it does not determine; modes to be separated together have one name.
