@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Motions of modulation equations with terms that rotate in every frame: beating amplitudes,
 !!
 !!   a_j(t) = sum_m A_jm exp(i m.B t),

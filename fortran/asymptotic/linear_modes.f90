@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Modes of the linear part, damping and memory included: L(s) r = 0, l L(s) = 0.
 !!
 !! Iteration from the modes without damping and memory by two-sided Rayleigh quotients: s such

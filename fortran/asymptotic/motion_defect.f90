@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The residual of the motion of third order in the full equations, and the correction that it
 !! causes: an a posteriori estimate of the error.
 !!

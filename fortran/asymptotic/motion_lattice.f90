@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The motion of third order as a function of the angles of its generators, at the points of a
 !! lattice: the moduli of the generators are constant, and each angle is a free variable. Time
 !! derivatives follow from the modulation equations.

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Components of a normal form: generators, their products, and the response to a product.
 !!
 !! `viscovib_normal_form` builds it. A normal form that is built again keeps its arrays.

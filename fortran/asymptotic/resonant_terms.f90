@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Selection of the loads and products in the modulation equations of a normal form, by their
 !! effect (`viscovib_normal_products`) or by a tolerance.
 !!

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Exact response of one mode of a linear system, q'' + rate q' + square q = f, over a unit of time:
 !! to its state, to polynomial loads, to loads exp(i mu t). Such an equation is called a section.
 !!

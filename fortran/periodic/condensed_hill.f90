@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Hill's determinant of a condensed structure: as large as its elements, not as its linear rest.
 !!
 !! A small disturbance exp(lambda t) sum_k Y_k exp(i k nu t) of the deflections of the elements

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> The compliance that swinging deflections of a condensed structure meet, by the modes of its rest.
 !!
 !! The rest H = c^T R b has R = diag[1/(a_m + r_m s + s^2)], c sees and b feels the deflections.

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Matrices of Hill's determinant of a condensed structure, real and imaginary parts apart.
 module viscovib_condensed_rows
   use viscovib_kinds, only: wp

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Hill's determinant of a condensed structure in those deflections only whose stiffness swings.
 !!
 !! Of the local stiffness J the waves, J_kl with k /= l, have rows and columns in some deflections

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Exponents of a periodic solution: zeros of Hill's determinant.
 !!
 !! The secant method on D(lambda) (1 - exp(-2 pi (a + lambda)/d))^(2n), of which the exponential

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Compliance of the linear subsystem of a structure at some coordinates:
 !!
 !!   H(s) = sum_m seen_m pushed_m^T/(squares_m + i losses_m + rates_m s + s^2)

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> A periodic load as a Fourier series: forces on the coordinates and motion of the base, both in
 !! the form Im sum_k P_k exp(i k nu t). The base moves along the system's base direction, or with
 !! one amplitude for each coordinate.

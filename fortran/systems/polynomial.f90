@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> A system of n degrees of freedom with polynomial forces, as defined by the user:
 !!
 !!   M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u)] = load(t).

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> Force laws and elements in time integration, each on one side of its switching surfaces or
 !! sliding.
 !!

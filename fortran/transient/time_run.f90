@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O2 -fvect-cost-model=dynamic
 !> A run in fixed steps, for any kind of motion: the states that it keeps, and its outcome.
 module viscovib_time_run
   use viscovib_counters, only: count_up, counted_states, counting
