@@ -6,6 +6,7 @@ module viscovib_ensemble_tasks
   use viscovib_binding_tools, only: make_pendulum
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
     run_together
+  use viscovib_gathered, only: gathered_type, single_request
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
@@ -15,7 +16,7 @@ module viscovib_ensemble_tasks
   use viscovib_pendulum, only: pendulum_type
   use viscovib_piece_runs, only: shared_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_single_run, only: gathered_type, single_request, single_run
+  use viscovib_single_run, only: single_run
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_stopping, only: is_set
   use viscovib_system_vector, only: polynomial_from_vector

@@ -5,7 +5,6 @@ module viscovib_basins_job
   use viscovib_basin_rules, only: disturbances, find_orbits, has_left, check_orbit, n_disturbed, &
     unsettled
   use viscovib_constants, only: pi
-  use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
@@ -13,7 +12,7 @@ module viscovib_basins_job
   use viscovib_many_runs, only: many_runs
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: name_length, subject_type
-  use viscovib_subject_motion, only: fastest_of, move_subject
+  use viscovib_subject_motion, only: fastest_of, move_subject, new_motion
   use viscovib_table, only: table_type
   use viscovib_time_run, only: run_completed, run_names
   use viscovib_trajectory, only: trajectory_type
@@ -523,26 +522,5 @@ contains
       dt = min(dt, trajectory%h)
     end do
   end subroutine step_of_singles
-
-  !> One motion from a start, by the first method of its kind.
-  subroutine new_motion(subject, nu, start, t_end, motion)
-    type(subject_type), intent(in) :: subject
-    real(wp), intent(in) :: nu, start(:), t_end
-    class(transient_job), allocatable, intent(out) :: motion
-    type(hereditary_job), allocatable :: hereditary
-    integer :: i
-
-    if (subject%is_structure .or. subject%remembers()) then
-      allocate (hereditary)
-      hereditary%nu = nu
-      hereditary%held = [(0.0_wp, i=1, size(start)/2)]
-      call move_alloc(hereditary, motion)
-    else
-      allocate (motion)
-    end if
-    motion%initial = start
-    motion%t_end = t_end
-    motion%tolerance = 0.0_wp
-  end subroutine new_motion
 
 end module viscovib_basins_job

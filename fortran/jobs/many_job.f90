@@ -1,5 +1,5 @@
-!> Many motions of a pendulum or a polynomial system without memory, one for each value of a
-!! number, eight at a time in lanes: last states, peaks, exponents and sections.
+!> Many motions, one for each value of a number, in lanes or one after another: last states, peaks,
+!! exponents and sections.
 module viscovib_many_job
   use viscovib_column_notes, only: step_given_note, step_halved_note
   use viscovib_constants, only: pi
@@ -34,8 +34,9 @@ module viscovib_many_job
     integer :: n_periods = 0, sections = 0
     !> Step size; 0: determined by the tolerance of the last states.
     real(wp) :: dt = 0.0_wp, tolerance = 1.0e-8_wp
-    !> Index in `lane_methods`.
+    !> Index in `lane_methods`; of motions that are computed by themselves in their methods.
     integer :: method = 4
+    logical :: side_by_side = .true.
     logical :: lyapunov = .false.
   contains
     procedure, nopass :: kind => this_kind
@@ -58,8 +59,12 @@ contains
 
     call set_ok(status)
     text = 'computes: '//things(size(self%values), 'motion')//', '//self%vary//' = ' &
-           //show(self%values(1))//' to '//show(self%values(size(self%values)))//', ' &
-           //show(n_lanes)//' side by side'//new_line('a')
+           //show(self%values(1))//' to '//show(self%values(size(self%values)))//', '
+    if (self%side_by_side) then
+      text = text//show(n_lanes)//' side by side'//new_line('a')
+    else
+      text = text//'one after another'//new_line('a')
+    end if
     if (self%dt > 0.0_wp) then
       text = text//step_given_note//new_line('a')
     else
@@ -136,7 +141,13 @@ contains
     if (allocated(self%varied)) allocate (runs%varied, source=self%varied)
     runs%starts = spread(self%initial, 2, size(self%values))
     runs%nu = self%nu
-    runs%method = self%method
+    runs%side_by_side = self%side_by_side
+    if (self%side_by_side) then
+      runs%method = self%method
+    else
+      runs%own_method = self%method
+      runs%wanted = self%wanted
+    end if
     runs%sections = self%sections
     runs%n_periods = self%n_periods
     if (self%n_periods > 0) then

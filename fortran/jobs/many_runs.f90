@@ -1,6 +1,8 @@
-!> Many motions of a pendulum or a polynomial system without memory, eight at a time in lanes, with
-!! a step given or found. A motion whose steps may have missed a thin layer is repeated in parts.
+!> Many motions, with a step given or found: of a pendulum or a polynomial system without memory
+!! eight at a time in lanes, of other systems one after another. A motion in a lane whose steps may
+!! have missed a thin layer is repeated by itself, in parts of steps.
 module viscovib_many_runs
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
     run_together
@@ -8,20 +10,18 @@ module viscovib_many_runs
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
   use viscovib_lanes, only: n_lanes
-  use viscovib_load, only: load_type
   use viscovib_many_motions, only: compare, many_motions
-  use viscovib_method_catalogue, only: new_stepper, transient_methods
+  use viscovib_method_catalogue, only: transient_methods
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
-  use viscovib_simulate, only: simulate
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
-  use viscovib_stepper, only: stepper_type
+  use viscovib_stopping, only: stop_wanted
   use viscovib_subject, only: subject_type
-  use viscovib_transient_job, only: hopeless
+  use viscovib_subject_motion, only: move_subject, new_motion
+  use viscovib_time_run, only: run_completed, run_stopped
+  use viscovib_transient_job, only: hopeless, trajectory_type, transient_job
   use viscovib_varied_system, only: varied_system
-  use viscovib_time_run, only: time_run
-  use viscovib_watch, only: new_watch
   implicit none
   private
 
@@ -35,11 +35,9 @@ module viscovib_many_runs
   integer, parameter, public :: of_parameter = size(system_numbers) + 1
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
-  !> Largest number of steps of a motion; largest number of stored numbers of a separate motion.
+  !> Largest number of systems in memory; of steps of a motion.
+  integer, parameter :: most_built = 4096
   real(wp), parameter :: most_steps = 1.0e10_wp
-  integer(i8), parameter :: most_kept = 2_i8**27
-  !> Relative error of the solution of the equations of steps.
-  real(wp), parameter :: solved = 1.0e-15_wp
 
   !> The motions to compute.
   type :: many_runs
@@ -47,14 +45,20 @@ module viscovib_many_runs
     !> The varied number: its index (0: none), and its values.
     integer :: place = 0
     real(wp), allocatable :: values(:)
-    !> Builds the systems if a parameter of laws varies.
+    !> Builds the systems if a parameter of laws varies; the first of them, built once.
     class(varied_system), allocatable :: varied
+    type(polynomial_type), allocatable :: systems(:)
+    integer :: n_built = 0
     !> Starts, one column per motion, and duration of each motion.
     real(wp), allocatable :: starts(:, :), spans(:)
     !> Frequency of the load of a polynomial system, unless it varies.
     real(wp) :: nu = 0.0_wp
-    !> Index in `lane_methods`.
+    !> Index in `lane_methods`; false if all motions are computed by themselves, with an index in
+    !! the methods of such motions, and of a structure with these coordinates.
     integer :: method = 4
+    logical :: side_by_side = .true.
+    integer :: own_method = 1
+    integer, allocatable :: wanted(:)
     !> Periods of load `sections` in all and before accumulation begins; without sections 0, and
     !! `discard` is the time before.
     integer :: sections = 0, n_periods = 0, periods_before = 0
@@ -63,7 +67,7 @@ module viscovib_many_runs
     logical :: moments = .false., lyapunov = .false.
     !> Steps of the first runs (0: none yet), and motions that are computed separately since.
     integer(i8) :: n_first = 0
-    logical, allocatable :: alone(:)
+    logical, allocatable :: alone(:), in_parts(:)
     !> Motions of each block, with the last one repeated in idle lanes, and the kind of its systems.
     integer, allocatable, private :: members(:, :), kinds(:)
   contains
@@ -74,8 +78,9 @@ module viscovib_many_runs
     procedure, private :: frequency
     procedure, private :: pendulum_of
     procedure, private :: system_of
+    procedure, private :: subject_of
+    procedure, private :: run_single
     procedure, private :: motion_of
-    procedure, private :: make_alone
   end type many_runs
 
 contains
@@ -97,6 +102,14 @@ contains
     n = size(self%starts, 2)
     self%spans = [(t_end, i=1, n)]
     fastest = 0.0_wp
+    if (.not. allocated(self%wanted)) self%wanted = [(i, i=1, size(self%starts, 1)/2)]
+    if (.not. allocated(self%in_parts)) allocate (self%in_parts(n), source=.false.)
+    if (.not. self%side_by_side) then
+      call lay_out_singles(self, fastest, status)
+      return
+    end if
+    if (allocated(self%varied)) call build_systems(self, status)
+    if (status%failed()) return
     do i = 1, n
       if (i == 1 .or. self%place > 0) then
         if (self%subject%is_pendulum) then
@@ -128,6 +141,8 @@ contains
       end if
       self%spans(i) = self%n_periods*2.0_wp*pi/frequency
     end do
+    ! A method that exists only for lanes is replaced by the first method.
+    self%own_method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
     call arrange(self, status)
 
   contains
@@ -140,6 +155,49 @@ contains
     end function largest
 
   end subroutine lay_out
+
+  !> Build the first systems once for all runs.
+  subroutine build_systems(self, status)
+    type(many_runs), intent(inout) :: self
+    type(status_type), intent(out) :: status
+    type(polynomial_type) :: system
+    integer :: i
+
+    allocate (self%systems(min(size(self%values), most_built)))
+    do i = 1, size(self%systems)
+      call self%system_of(i, system, status)
+      if (status%failed()) return
+      self%systems(i) = system
+      self%n_built = i
+    end do
+  end subroutine build_systems
+
+  !> The same of motions that are computed by themselves: the frequency that gives the largest first
+  !! number of steps of those with the first and the last value.
+  subroutine lay_out_singles(self, fastest, status)
+    type(many_runs), intent(inout) :: self
+    real(wp), intent(out) :: fastest
+    type(status_type), intent(out) :: status
+    type(ensemble_job) :: no_steps
+    type(trajectory_type) :: run
+    integer(i8) :: steps
+    integer :: i, n
+
+    no_steps%n_steps = 0
+    allocate (no_steps%lines(0))
+    n = size(self%spans)
+    if (self%n_periods > 0) then
+      self%spans = [(self%n_periods*2.0_wp*pi/self%frequency(i), i=1, n)]
+    end if
+    steps = 1
+    do i = 1, n, max(n - 1, 1)
+      call self%subject%load%check_at([self%frequency(i)], status)
+      if (.not. status%failed()) call self%run_single(i, no_steps, run, status)
+      if (status%failed()) return
+      steps = max(steps, run%n_steps)
+    end do
+    fastest = 0.5_wp*pi*steps/maxval(self%spans)
+  end subroutine lay_out_singles
 
   !> Number of steps per motion for a given step length, a multiple of the number of periods.
   subroutine steps_of(self, dt, n, status)
@@ -190,14 +248,43 @@ contains
     integer, intent(in) :: i
     type(polynomial_type), intent(out) :: system
     type(status_type), intent(out) :: status
+    type(subject_type) :: subject
 
-    if (allocated(self%varied)) then
-      call self%varied%make(self%values(i), system, status)
+    call set_ok(status)
+    if (i <= self%n_built) then
+      system = self%systems(i)
+    else if (allocated(self%varied)) then
+      call self%varied%make(self%values(i), subject, status)
+      if (status%failed()) return
+      system = subject%polynomial
+      if (subject%goes_side_by_side()) return
+      call fail(status, status_input_error, 'vary', 'vary: with the value '//show(self%values(i)) &
+                //' a law is not smooth, must be smooth')
     else
-      call set_ok(status)
       system = self%subject%polynomial
     end if
   end subroutine system_of
+
+  !> The system and its loads in motion i, without scales of its own forces.
+  subroutine subject_of(self, i, subject, status)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(subject_type), intent(out) :: subject
+    type(status_type), intent(out) :: status
+
+    call set_ok(status)
+    if (allocated(self%varied)) then
+      call self%varied%make(self%values(i), subject, status)
+      return
+    end if
+    subject = self%subject
+    if (subject%is_pendulum) then
+      call self%pendulum_of(i, subject%pendulum, status)
+    else if (self%place == of_load) then
+      call subject%load%scale(self%values(i))
+      if (subject%is_structure) call subject%model%load%scale(self%values(i))
+    end if
+  end subroutine subject_of
 
   !> The motion as one of many in lanes, without scales.
   subroutine motion_of(self, i, motion, status)
@@ -247,7 +334,7 @@ contains
     type(lane_motion_type), allocatable :: motions(:)
     type(pendulum_type) :: pendulum
     real(wp) :: discarded
-    integer :: b, begin, cancel, d, i, l, last, m, points
+    integer :: b, begin, cancel, d, l, last, m, points
 
     call set_ok(status)
     if (self%n_first == 0) self%n_first = n
@@ -273,6 +360,12 @@ contains
               source=0.0_wp)
     allocate (many%lyapunov(m), many%lyapunov_error(m), many%t_reached(m), source=0.0_wp)
     allocate (many%ended(m), many%missed(m), many%sections(2*d, points, m))
+    if (.not. self%side_by_side) then
+      many%missed = .true.
+      many%sections = ieee_value(0.0_wp, ieee_quiet_nan)
+      call make_missed(self, job, many, status)
+      return
+    end if
     if (self%subject%is_pendulum) then
       call self%pendulum_of(1, pendulum, status)
       if (.not. status%failed()) call check_method(job, pendulum, status)
@@ -310,12 +403,30 @@ contains
       end do
       begin = begin + last
     end do
+    call make_missed(self, job, many, status)
+  end subroutine make
+
+  !> Compute by themselves the motions that need it, or needed it in an earlier run.
+  subroutine make_missed(self, job, many, status)
+    type(many_runs), intent(inout) :: self
+    type(ensemble_job), intent(in) :: job
+    type(many_motions), intent(inout) :: many
+    type(status_type), intent(out) :: status
+    integer :: i
+
+    call set_ok(status)
     if (.not. allocated(self%alone)) self%alone = many%missed
     self%alone = self%alone .or. many%missed
-    do i = 1, m
-      if (.not. status%failed() .and. self%alone(i)) call self%make_alone(i, job, many, status)
+    do i = 1, size(self%alone)
+      if (.not. self%alone(i)) cycle
+      if (stop_wanted()) then
+        many%ended(i) = run_stopped
+        cycle
+      end if
+      call make_alone(self, i, job, many, status)
+      if (status%failed()) return
     end do
-  end subroutine make
+  end subroutine make_missed
 
   !> Fill a block with some motions.
   subroutine fill_block(self, n, runs, points, motion, pendulum, block, status)
@@ -402,74 +513,78 @@ contains
     many%sections(:, :, i) = block%sections(l, :, :)
   end subroutine take
 
-  !> Compute motion i separately, in parts of steps that resolve thin layers of laws.
+  !> Compute motion i by itself.
   subroutine make_alone(self, i, job, many, status)
-    class(many_runs), intent(in) :: self
+    type(many_runs), intent(inout) :: self
     integer, intent(in) :: i
     type(ensemble_job), intent(in) :: job
     type(many_motions), intent(inout) :: many
     type(status_type), intent(out) :: status
-    type(load_type) :: load
-    type(polynomial_motion_type) :: motion
-    type(polynomial_type) :: system
-    class(stepper_type), allocatable :: stepper
-    type(time_run) :: run
-    real(wp) :: h, since, length
-    integer(i8) :: every, made, k
-    integer :: method
+    type(trajectory_type) :: run
+    integer :: k
+    integer, allocatable :: rows(:)
 
-    every = job%n_steps
-    if (job%section_every > 0) every = job%section_every
     if (self%lyapunov) then
       call fail(status, status_input_error, 'lyapunov', "lyapunov = 'yes': a law changes in a " &
                 //'layer thinner than a step: use a smaller dt, or a wider layer')
-    else if (job%n_steps/every > most_kept/size(self%starts, 1)) then
-      call fail(status, status_input_error, 'dt', 'dt: a law changes in a layer thinner than a ' &
-                //'step, and motions of '//show(real(job%n_steps, wp))//' steps are too long to ' &
-                //'be divided: use a shorter run, or a wider layer')
-    else
-      load = self%subject%load
-      if (self%place == of_load) call load%scale(self%values(i))
-      call self%system_of(i, system, status)
-      if (.not. status%failed()) call new_polynomial_motion(motion, system, load, &
-                                                            self%frequency(i), status)
+      return
     end if
+    call self%run_single(i, job, run, status)
     if (status%failed()) return
-    h = self%spans(i)/job%n_steps
-    ! With steps shorter than the first, the parts are shorter in proportion.
-    motion%thin = h/(self%spans(i)/self%n_first)
-    ! A method that exists only for lanes is replaced by the first method.
-    method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
-    call new_stepper(stepper, motion, method, self%starts(1::2, i), self%starts(2::2, i), &
-                     0.0_wp, h, solved)
-    since = h*(job%n_discard - job%ahead)
-    length = h*job%n_steps - since
-    ! No events; peaks and means from the time `since`.
-    allocate (run%watch)
-    call new_watch(run%watch, [0.0_wp, since])
-    run%watch%extremes%wanted = self%moments
-    run%n_steps = job%n_steps
-    run%save_every = every
-    call run%allocate_states(size(self%starts, 1), int(job%n_steps/every), h)
-    call simulate(stepper, motion, run)
-    many%t_reached(i) = run%t_reached
-    many%ended(i) = run%ended
-    many%state(1::2, i) = stepper%q
-    many%state(2::2, i) = stepper%v
-    made = run%n_done/every
-    associate (extremes => run%watch%extremes)
-      if (self%moments .and. allocated(extremes%peak)) then
-        many%peak(:, i) = extremes%peak
-        many%mean(:, i) = extremes%total/length
-        many%rms(:, i) = sqrt(extremes%squares/length)
+    allocate (rows(2*size(self%wanted)))
+    rows(1::2) = 2*self%wanted - 1
+    rows(2::2) = 2*self%wanted
+    if (size(run%gathered%state) > size(rows)) rows = [(k, k=1, size(run%gathered%state))]
+    associate (found => run%gathered)
+      self%in_parts(i) = found%in_parts
+      many%state(rows, i) = found%state
+      many%ended(i) = found%ended
+      many%t_reached(i) = found%t_reached
+      many%peak(rows, i) = found%peak
+      many%mean(rows, i) = found%mean
+      many%rms(rows, i) = found%rms
+      if (size(many%sections) > 0) many%sections(rows, :, i) = found%sections
+      if (found%ended == run_completed) return
+    end associate
+    many%peak(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
+    many%mean(:, i) = many%peak(:, i)
+    many%rms(:, i) = many%peak(:, i)
+  end subroutine make_alone
+
+  !> The run of motion i by itself, in the steps of a job; without steps their first number.
+  subroutine run_single(self, i, job, run, status)
+    class(many_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(ensemble_job), intent(in) :: job
+    type(trajectory_type), intent(out) :: run
+    type(status_type), intent(out) :: status
+    type(subject_type), target :: subject
+    class(transient_job), allocatable :: motion
+    real(wp) :: since
+
+    call self%subject_of(i, subject, status)
+    if (status%failed()) return
+    call new_motion(subject, self%frequency(i), self%starts(:, i), self%spans(i), motion)
+    motion%method = self%own_method
+    allocate (motion%gathers)
+    associate (request => motion%gathers)
+      request%lines = job%lines
+      if (job%n_steps > 0) then
+        motion%dt = self%spans(i)/job%n_steps
+        since = motion%dt*(job%n_discard - job%ahead)
+        request%n_steps = job%n_steps
+        request%n_discard = job%n_discard
+        request%section_every = job%section_every
+        request%moments = self%moments
+        request%since = since
+        request%in_parts = self%in_parts(i)
+        request%longest = self%spans(i)/self%n_first
+        ! No events; peaks and means from the time `since`.
+        if (self%moments) motion%watched = [0.0_wp, since]
       end if
     end associate
-    do k = 1, size(many%sections, 2)
-      associate (place => (job%n_discard + k*job%section_every)/every)
-        if (place <= made) many%sections(:, k, i) = run%states(:, place)
-      end associate
-    end do
-  end subroutine make_alone
+    call move_subject(motion, subject, self%frequency(i), self%wanted, run, status)
+  end subroutine run_single
 
   !> Halve the step until last states, peaks and means change by less than is allowed, as
   !! `simulate_ensemble` of Python does.

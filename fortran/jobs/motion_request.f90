@@ -1,5 +1,6 @@
 !> Options of a motion in time.
 module viscovib_motion_request
+  use viscovib_gathered, only: single_request
   use viscovib_kinds, only: i8, wp
   use viscovib_trajectory, only: trajectory_type
   implicit none
@@ -51,6 +52,9 @@ module viscovib_motion_request
     !> Steps with corners of the load, as of `trajectory_type`; not allocated: by `dt`.
     real(wp), allocatable :: ends(:)
     integer(i8), allocatable :: made_by(:)
+    !> What is gathered along the motion instead of its states, with its number of steps; 0: only
+    !! the first number of steps of a search is wanted.
+    type(single_request), allocatable :: gathers
   contains
     procedure :: allowed
     procedure :: by_size

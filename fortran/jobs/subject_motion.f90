@@ -16,7 +16,7 @@ module viscovib_subject_motion
   implicit none
   private
 
-  public :: move_subject, method_of, fastest_of
+  public :: move_subject, method_of, fastest_of, new_motion
 
 contains
 
@@ -31,6 +31,27 @@ contains
       method = trim(transient_methods(motion%method))
     end select
   end function method_of
+
+  !> One motion from a start, by the first method of its kind.
+  subroutine new_motion(subject, nu, start, t_end, motion)
+    type(subject_type), intent(in) :: subject
+    real(wp), intent(in) :: nu, start(:), t_end
+    class(transient_job), allocatable, intent(out) :: motion
+    type(hereditary_job), allocatable :: hereditary
+    integer :: i
+
+    if (subject%is_structure .or. subject%remembers()) then
+      allocate (hereditary)
+      hereditary%nu = nu
+      hereditary%held = [(0.0_wp, i=1, size(start)/2)]
+      call move_alloc(hereditary, motion)
+    else
+      allocate (motion)
+    end if
+    motion%initial = start
+    motion%t_end = t_end
+    motion%tolerance = 0.0_wp
+  end subroutine new_motion
 
   !> Integrate the motion.
   subroutine move_subject(motion, subject, nu, places, trajectory, status)

@@ -1,6 +1,7 @@
 ! Optimize: -O1
 !> Results of a motion in time, and differences of two runs.
 module viscovib_trajectory
+  use viscovib_gathered, only: gathered_type
   use viscovib_kinds, only: i8, wp
   use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   use viscovib_watch, only: watch_type
@@ -82,6 +83,8 @@ module viscovib_trajectory
     real(wp) :: shortest = 0.0_wp
     integer(i8) :: counted = 0
     real(wp) :: resolution = 0.0_wp
+    !> What was gathered along the motion; not allocated: not requested.
+    type(gathered_type), allocatable :: gathered
   contains
     procedure :: thin
     procedure :: become

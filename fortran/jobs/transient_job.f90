@@ -5,6 +5,7 @@ module viscovib_transient_job
   use viscovib_mesh, only: extend_ends, first_after
   use viscovib_motion_request, only: part_of_size, transient_job
   use viscovib_piece_runs, only: piece_runs, shared_type
+  use viscovib_single_run, only: single_run
   use viscovib_search_reason, only: find_reason, max_kept
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_step_search, only: find_step, max_numbers, max_steps, search_type, step_found
@@ -66,6 +67,10 @@ contains
     checked%last_only = job%last_only .or. runs%at_times .or. job%tail > 0.0_wp
     runs%looks = checked%last_only .and. .not. job%dt > 0.0_wp
     runs%rows = [(i, i=1, size(job%initial))]
+    if (allocated(job%gathers)) then
+      call gather_along(runs, job, wanted, trajectory, status)
+      return
+    end if
     n = first_steps(job, min(wanted, 2.0_wp*max_steps))
     call check_work(job, n, status)
     if (status%failed()) return
@@ -87,6 +92,33 @@ contains
       call explain(job, n, search, status)
     end if
   end subroutine run_motion
+
+  !> One run of which results are gathered on the way, or its first number of steps only.
+  subroutine gather_along(runs, job, wanted, trajectory, status)
+    type(piece_runs), intent(in) :: runs
+    class(transient_job), intent(in) :: job
+    real(wp), intent(in) :: wanted
+    type(trajectory_type), intent(out) :: trajectory
+    type(status_type), intent(out) :: status
+    type(single_run) :: run
+    type(shared_type), target :: shared
+    integer :: i
+
+    call set_ok(status)
+    trajectory%n_steps = ceiling(min(max(wanted, 1.0_wp), 2.0_wp*max_steps), i8)
+    associate (request => job%gathers)
+      if (request%n_steps == 0) return
+      run%runs = runs
+      run%runs%first%h = job%t_end/request%n_steps
+      run%runs%first%in_parts = request%in_parts
+      if (allocated(job%watched)) run%runs%first%sides = [(0, i=1, 3*nint(job%watched(1)))]
+      shared%longest = request%longest
+      call run%begin(shared)
+      allocate (trajectory%gathered)
+      call run%gather(request, trajectory%gathered, status)
+      trajectory%gathered%in_parts = shared%in_parts
+    end associate
+  end subroutine gather_along
 
   !> Steps that end on corners, and the times after n equal steps, if these are the states wanted.
   subroutine end_on_corners(runs, job, n, corners, at_first, status)

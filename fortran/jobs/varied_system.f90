@@ -1,8 +1,8 @@
-!> A polynomial system with a varied number in its laws; the reader of laws extends the type.
+!> A system with a varied number in its laws; the reader of scenes extends the type.
 module viscovib_varied_system
   use viscovib_kinds, only: wp
-  use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: status_type
+  use viscovib_subject, only: subject_type
   implicit none
   private
 
@@ -12,12 +12,12 @@ module viscovib_varied_system
   end type varied_system
 
   abstract interface
-    !> The system with a value of the number.
-    subroutine make_system(self, value, system, status)
-      import :: varied_system, wp, polynomial_type, status_type
+    !> The system and its loads with a value of the number.
+    subroutine make_system(self, value, subject, status)
+      import :: status_type, subject_type, varied_system, wp
       class(varied_system), intent(in) :: self
       real(wp), intent(in) :: value
-      type(polynomial_type), intent(out) :: system
+      type(subject_type), intent(out) :: subject
       type(status_type), intent(out) :: status
     end subroutine make_system
   end interface

@@ -1,13 +1,16 @@
 !> The &ensemble group of a scene.
 module viscovib_ensemble_groups
+  use viscovib_explicit_tables, only: lane_methods
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
+  use viscovib_hereditary_job, only: hereditary_methods
   use viscovib_kinds, only: wp
   use viscovib_many_job, only: many_job
   use viscovib_many_runs, only: of_parameter, system_numbers
+  use viscovib_method_catalogue, only: transient_methods
   use viscovib_motion_groups, only: read_frequency
   use viscovib_namelist, only: namelist_type
-  use viscovib_near_words, only: longest
+  use viscovib_near_words, only: listed, longest
   use viscovib_scene_groups, only: place_of
   use viscovib_status, only: show
   use viscovib_subject, only: subject_type
@@ -24,17 +27,12 @@ contains
     type(namelist_type), intent(in) :: file
     type(subject_type), intent(in) :: subject
     type(many_job), intent(out) :: job
-    character(len=:), allocatable :: word
     real(wp) :: from, to
     integer :: count_of
 
-    if (.not. subject%goes_side_by_side()) then
-      call reader%complain('ensemble', '&ensemble: is for &pendulum and for &system and ' &
-                           //'&structure without kernels, of at most 6 coordinates with mass (3 ' &
-                           //'with lyapunov), with smooth laws; others by Python ' &
-                           //'(vv.simulate_ensemble)')
-      return
-    end if
+    job%side_by_side = subject%goes_side_by_side()
+    call check_subject(reader, subject)
+    if (reader%status%failed()) return
     if (subject%is_pendulum) then
       job%vary = reader%read_text('vary', choice=job%place)
     else
@@ -48,22 +46,80 @@ contains
     if (.not. subject%is_pendulum) call read_system(reader, subject, from, to, job)
     if (reader%status%failed()) return
     job%initial = reader%read_reals('initial', 2*size(subject%coordinates))
+    if (subject%is_structure .and. .not. reader%status%failed()) then
+      if (subject%model%is_reduced .and. any(abs(job%initial) > 0.0_wp)) then
+        call reader%complain('initial', 'initial: must be 0 of a structure with shapes, whose ' &
+                             //'coordinates do not tell its state')
+      end if
+    end if
     call read_length(reader, subject, job)
     if (reader%status%failed()) return
     job%dt = reader%read_real('dt')
     job%tolerance = reader%read_real('tolerance')
-    word = reader%read_text('method', choice=job%method)
+    call read_method(reader, subject, job)
     job%lyapunov = reader%read_yes('lyapunov')
     if (reader%status%failed()) return
     if (job%sections == 0 .and. job%dt > job%t_end) then
       call reader%complain('dt', 'dt = '//show(job%dt)//': must not exceed t_end = ' &
                            //show(job%t_end))
     end if
-    if (job%lyapunov .and. size(subject%coordinates) > 3) then
+    if (.not. job%lyapunov) return
+    if (.not. job%side_by_side) then
+      call reader%complain('lyapunov', "lyapunov = 'yes': is for motions that are computed side " &
+                           //'by side, these are computed one after another: use ' &
+                           //'vv.simulate_ensemble of Python')
+    else if (size(subject%coordinates) > 3) then
       call reader%complain('lyapunov', "lyapunov = 'yes': is for at most 3 coordinates, has " &
                            //show(size(subject%coordinates)))
     end if
   end subroutine read_ensemble
+
+  !> What has no ensemble.
+  subroutine check_subject(reader, subject)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+
+    if (subject%is_pendulum) return
+    if (subject%is_structure) then
+      if (abs(subject%model%modal%loss) > 0.0_wp) then
+        call reader%complain('ensemble', '&ensemble: loss_factor has no meaning in time, must be ' &
+                             //'0 (use a kernel, or modal_damping)')
+      end if
+    else if (.not. (subject%remembers() .or. subject%goes_whole) &
+             .and. subject%load%moves_base()) then
+      call reader%complain('base', 'base: must be at rest in motion in time')
+    end if
+  end subroutine check_subject
+
+  !> The method: of lanes, or of a motion in time.
+  subroutine read_method(reader, subject, job)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    type(many_job), intent(inout) :: job
+    character(len=:), allocatable :: method
+    character(len=len(transient_methods)), allocatable :: known(:)
+
+    method = reader%read_text('method')
+    if (reader%status%failed()) return
+    if (job%side_by_side) then
+      known = lane_methods
+    else if (subject%is_structure .or. subject%remembers()) then
+      known = hereditary_methods
+    else
+      known = transient_methods
+    end if
+    if (method == 'auto') then
+      ! The first of those of a motion in time.
+      if (.not. job%side_by_side) job%method = 1
+      return
+    end if
+    job%method = findloc(known == method, .true., 1)
+    if (job%method > 0) return
+    call reader%complain('method', "method = '"//method//"': is not for motions that are " &
+                         //'computed '//trim(merge('side by side     ', 'one after another', &
+                                      job%side_by_side))//', must be one of ' &
+                         //listed(known, "'"))
+  end subroutine read_method
 
   !> What varies of a system: one of its numbers, or a parameter of its laws.
   subroutine read_varied(reader, file, job)
@@ -72,15 +128,16 @@ contains
     type(many_job), intent(inout) :: job
     character(len=longest), allocatable :: names(:)
     type(varied_parameter) :: varied
-    integer :: at, i, k, n
+    integer :: at, i, k, n, n_own
 
     n = 0
     at = place_of(file, 'parameters')
     if (at <= size(file%groups)) n = file%groups(at)%n_entries
-    allocate (names(size(system_numbers) + n))
-    names(:size(system_numbers)) = system_numbers
+    n_own = merge(size(system_numbers), 2, job%side_by_side)
+    allocate (names(n_own + n))
+    names(:n_own) = system_numbers(:n_own)
     do i = 1, n
-      names(size(system_numbers) + i) = file%groups(at)%entries(i)%key
+      names(n_own + i) = file%groups(at)%entries(i)%key
     end do
     job%vary = reader%read_text('vary', allowed=names, choice=job%place)
     if (reader%status%failed()) return
@@ -88,7 +145,7 @@ contains
       call reader%complain('vary', "vary = '"//job%vary//"': is also one of the &parameters, " &
                            //'which must have another name')
     end if
-    if (job%place < of_parameter) return
+    if (job%place <= n_own) return
     job%place = of_parameter
     varied%file = file
     varied%name = job%vary
@@ -123,6 +180,7 @@ contains
     else
       call read_frequency(reader, subject%load, job%nu)
     end if
+    if (.not. job%side_by_side) return
     if (job%place > 2 .and. job%place < of_parameter .and. size(subject%polynomial%laws) > 0) then
       call reader%complain('vary', "vary = '"//job%vary//"': must not scale a system with laws " &
                            //'of functions; must be nu or load_scale')

@@ -144,7 +144,7 @@ contains
   !> The place of the group that wants motions in time, one more than there are: none does.
   pure integer function place_of_motion(file) result(place)
     type(namelist_type), intent(in) :: file
-    place = min(place_of(file, 'transient'), place_of(file, 'basins'))
+    place = min(place_of(file, 'transient'), place_of(file, 'basins'), place_of(file, 'ensemble'))
   end function place_of_motion
 
   !> The place of the group of the result, of which there is one.

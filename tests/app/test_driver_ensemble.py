@@ -153,11 +153,10 @@ def test_every_number_of_a_pendulum_varies(solve, tmp_path):
         ({"vary='load_scale' from=0.2": "vary='nu' from=0.2"}, "the frequency is what varies"),
         ({"tolerance=1e-9": "tolerance=1e-20"}, "tolerance"),
         ({"initial=0.1 0.2": "initial=0.1"}, "initial"),
-        ({"x^3": "max(x, 0)"}, "smooth"),
+        ({"x^3": "max(x, 0)", "tolerance": "lyapunov='yes' tolerance"}, "side by side"),
         ({"tolerance": "lyapunov='maybe' tolerance"}, "lyapunov"),
         ({"tolerance": "method='taylor20' lyapunov='yes' tolerance"}, "no Lyapunov exponents"),
         ({"x^3": "2^x", "tolerance": "method='taylor20' tolerance"}, "power series"),
-        ({"&ensemble": "&kernel kind='prony' weights=0.1 rates=1 /\n&ensemble"}, ""),
     ],
 )
 def test_what_is_wrong_is_named(solve, tmp_path, changes, text):
@@ -323,13 +322,146 @@ def test_ensembles_of_structures_are_those_of_python(solve, tmp_path, vary):
     np.testing.assert_allclose(table["x2_dot"], many.state[:, 3], rtol=0, atol=1e-9)
 
 
-def test_ensembles_of_structures_with_memory_are_refused(solve, tmp_path):
-    scene = tmp_path / "many.nml"
-    scene.write_text(
-        "&structure mass=1 stiffness=1 /\n&kernel weights=0.2 rates=1 kind='prony' /\n"
-        "&element on='x1' stiffness=0.5 kernel=1 /\n&load on='x1' amplitude=0.3 /\n"
-        "&ensemble vary='nu' from=1 to=2 count=3 initial=0 0 t_end=20 /\n"
+PRONY = "&kernel weights=0.2 rates=1 kind='prony' /\n&parameters k3=0.6 /\n"
+CORNER = "law='8*k3*max({} - 0.1, 0)' /\n&parameters k3=0.6 /\n"
+TWO = "&structure mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0.1 /\n"
+KERNEL = {"kernel": vv.PronyKernel(weights=[0.2], rates=[1.0])}
+
+
+def _mass(**memory):
+    return vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces="k3*x^3", parameters={"k3": 0.6}, **memory
     )
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 2
-    assert "without kernels" in done.stderr
+
+
+def _pair(law, **memory):
+    spring = vv.Spring(on="x1", stiffness=0.5, law=law, parameters={"k3": 0.6}, **memory)
+    return vv.Structure(
+        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[0.1, 0.1], elements=[spring]
+    )
+
+
+#: Motions that are computed one after another: scene, system of Python, name of its parameter.
+ALONE = {
+    "memory": (
+        "&system coordinates='x' mass=1 stiffness=1 damping=0.1 kernel=1 /\n"
+        f"&force on='x' law='k3*x^3' /\n{PRONY}",
+        lambda: _mass(**KERNEL), "k3",
+    ),
+    "corner": (
+        "&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n&force on='x' "
+        + CORNER.format("x"),
+        lambda: vv.PolynomialSystem(
+            mass=1, stiffness=1, damping=0.1, forces="8*k3*max(x - 0.1, 0)", parameters={"k3": 0.6}
+        ),
+        "k3",
+    ),
+    "memory of an element": (
+        f"{TWO}&element on='x1' stiffness=0.5 law='k3*d^3' kernel=1 /\n{PRONY}",
+        lambda: _pair("k3*d^3", **KERNEL), "elements[0].k3",
+    ),
+    "corner of an element": (
+        f"{TWO}&element on='x1' stiffness=0.5 {CORNER.format('d')}",
+        lambda: _pair("8*k3*max(d - 0.1, 0)"), "elements[0].k3",
+    ),
+    "mount": (
+        "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2\n"
+        "  damping=0.2 -0.1 -0.1 0.09 /\n",
+        lambda: vv.Mount(
+            mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,
+            damping=[[0.2, -0.1], [-0.1, 0.09]],
+        ),
+        None,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("vary", ["nu", "load_scale", "k3"])
+@pytest.mark.parametrize("which", ALONE)
+def test_motions_one_after_another_are_those_of_python(solve, tmp_path, which, vary):
+    """Last states, peaks and rms, and with the step given also sections."""
+    head, system, parameter = ALONE[which]
+    if vary == "k3" and parameter is None:
+        pytest.skip("a mount has no laws with parameters")
+    system, nu = system(), {} if vary == "nu" else {"nu": 1.1}
+    names = system.dof_names
+    start = [0.1, 0.05, -0.1, 0.2][: 2 * len(names)]
+    given = {
+        "initial": start, "load": {1: {names[0]: 0.3}}, "statistics": True, **nu,
+        "parameters": {parameter if vary == "k3" else vary: np.linspace(0.7, 1.2, 3)},
+    }  # fmt: skip
+    text = (
+        f"{head}&load on='{names[0]}' amplitude=0.3 /\n&ensemble vary='{vary}' from=0.7 to=1.2 "
+        f"count=3 initial={' '.join(map(str, start))} {'nu=1.1' if nu else ''} "
+    )
+    for group, length, off in (
+        ("t_end=12 discard=3.1", {"t_end": 12, "discard": 3.1}, 1e-12),
+        ("sections=1 n_periods=3 discard=1 dt=0.1",
+         {"sections": 1, "n_periods": 3, "discard": 1, "dt": 0.1}, 1e-13),
+    ):  # fmt: skip
+        table = _run(solve, tmp_path, f"{text}{group} /\n")
+        many = vv.simulate_ensemble(system, **given, **length)
+        for i, name in enumerate(names):
+            for column, values in (
+                (name, many.state[:, 2 * i]), (f"{name}_dot", many.state[:, 2 * i + 1]),
+                (f"peak_{name}", many.peak[:, 2 * i]), (f"rms_{name}", many.rms[:, 2 * i]),
+            ):  # fmt: skip
+                np.testing.assert_allclose(table[column], values, rtol=0, atol=off)
+            if many.sections is not None:
+                points = read_csv(tmp_path / "many_ensemble_1.csv")[f"{name}_dot"]
+                found = many.sections[..., 2 * i + 1].ravel()
+                np.testing.assert_allclose(points, found, rtol=0, atol=off)
+    assert "one after another" in str(vv.plan(tmp_path / "many.nml"))
+
+
+def test_a_structure_with_memory_against_scipy(solve, tmp_path):
+    """A Prony kernel is one more equation, z' = -z + 0.2*force."""
+    text = (
+        "&structure mass=1 stiffness=1 damping=0.1 /\n"
+        f"&element on='x1' stiffness=0.5 law='k3*d^3' kernel=1 /\n{PRONY}"
+        "&load on='x1' amplitude=0.3 /\n&ensemble vary='nu' from=1 to=2 count=3 initial=0.2 0\n"
+        "  t_end=20 tolerance=1e-10 /\n"
+    )
+    table = _run(solve, tmp_path, text)
+    for i, nu in enumerate([1.0, 1.5, 2.0]):
+
+        def rates(t, y, nu=nu):
+            x, v, z = y
+            spring = 0.5 * x + 0.6 * x**3
+            return [v, 0.3 * np.sin(nu * t) - 0.1 * v - x - spring + z, 0.2 * spring - z]
+
+        run = solve_ivp(rates, (0, 20), [0.2, 0, 0], "DOP853", rtol=1e-12, atol=1e-13)
+        assert table["x1"][i] == pytest.approx(run.y[0, -1], abs=1e-9)
+        assert table["x1_dot"][i] == pytest.approx(run.y[1, -1], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("which", "changes", "text"),
+    [
+        ("memory", {"lyapunov='no'": "lyapunov='yes'"}, "side by side"),
+        ("memory", {"lyapunov='no'": "method='verner9'"}, "one after another, must be one of"),
+        ("corner", {"lyapunov='no'": "method='taylor8'"}, "one after another, must be one of"),
+        ("memory", {"vary='nu'": "vary='stiffness_scale' nu=1"}, "must be one of 'nu'"),
+        ("memory", {"initial=0 0": "initial=0 0 0"}, "initial has 3 values: must be 2"),
+        ("memory", {"count=3": "count=-3"}, "count = -3: must be 1 to"),
+        ("memory", {"count=3": "cout=3"}, "unknown key 'cout' in &ensemble; did you mean 'count'?"),
+        ("memory of an element", {"0.1 0.1 /": "0.1 0.1 loss_factor=0.1 /"}, "loss_factor"),
+        ("corner", {"amplitude=0.3": "shape='half_sine' kind='force' duration=2"}, "transient"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_one_after_another(solve, tmp_path, which, changes, text):
+    """One line with file and line, at most one remedy."""
+    names = "x1" if "element" in which else "x"
+    scene = (
+        f"{ALONE[which][0]}&load on='{names}' amplitude=0.3 /\n&ensemble vary='nu' from=1 to=2 "
+        f"count=3 initial={'0 0 0 0' if names == 'x1' else '0 0'} t_end=20 lyapunov='no' /\n"
+    )
+    for old, new in changes.items():
+        assert old in scene
+        scene = scene.replace(old, new)
+    (tmp_path / "many.nml").write_text(scene)
+    done = solve(tmp_path / "many.nml", "--out", tmp_path)
+    assert done.returncode == 2, done.stdout
+    assert text in done.stderr
+    assert "many.nml:" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

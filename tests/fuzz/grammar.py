@@ -30,6 +30,20 @@ SEEDS = {
     "ensemble_of_pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 f0=0.002 p1=1.02 /
 &ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=5 discard=1 /
 """,
+    "ensemble_one_by_one": """&structure mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0.1 /
+&kernel weights=0.2 rates=1 kind='prony' /
+&element on='x1' stiffness=0.5 law='k3*d^3' kernel=1 /
+&element on='x2' stiffness=0.2 /
+&parameters k3=0.6 /
+&load on='x1' amplitude=0.3 /
+&ensemble vary='k3' from=0.2 to=0.35 count=3 nu=1.2 initial=0.1 0.2 0 0 sections=1
+  n_periods=3 discard=1 dt=0.1 coordinates='x1' method='gauss8' /
+""",
+    "ensemble_at_corners": """&system coordinates='x' mass=1 stiffness=1 damping=0.1 /
+&force on='x' law='8*max(x - 0.1, 0)' /
+&load on='x' amplitude=0.3 /
+&ensemble vary='nu' from=0.7 to=1.2 count=3 initial=0.1 0.2 t_end=5 discard=1 tolerance=1e-5 /
+""",
     "basins": """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force on='x' law='x^3' /
 &load on='x' amplitude=0.2 /

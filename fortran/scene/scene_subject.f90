@@ -1,0 +1,261 @@
+!> The system of a scene with its loads, and the form in which its motions in time are computed.
+module viscovib_scene_subject
+  use viscovib_body_groups, only: read_body
+  use viscovib_condensed_subject, only: condense_in_time
+  use viscovib_fitted_memory, only: bound_hidden
+  use viscovib_group_reader, only: group_reader
+  use viscovib_growing_text, only: growing_text
+  use viscovib_hereditary_job, only: hereditary_methods, past_names
+  use viscovib_kernel_groups, only: read_kernels
+  use viscovib_kernel_holder, only: kernel_holder
+  use viscovib_kinds, only: wp
+  use viscovib_lanes, only: max_dof
+  use viscovib_law_program, only: branches
+  use viscovib_load, only: load_type
+  use viscovib_load_groups, only: read_loads
+  use viscovib_method_catalogue, only: takes_sections, transient_methods
+  use viscovib_modal_frame, only: has_frame, most_in_frame
+  use viscovib_mount, only: mount_parameters, mount_type, new_mount
+  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
+  use viscovib_polynomial, only: polynomial_type
+  use viscovib_scene_groups, only: place_of, place_of_motion
+  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_stiffness_ratio, only: hidden_springs
+  use viscovib_structure_groups, only: read_structure
+  use viscovib_structure_model, only: put_load
+  use viscovib_subject, only: name_length, subject_type
+  use viscovib_system_groups, only: read_system
+  use viscovib_whole_structure, only: may_be_whole, switches, whole_polynomial
+  implicit none
+  private
+
+  public :: read_subject
+
+contains
+
+  !> The system and its loads.
+  subroutine read_subject(file, subject, canonical, status)
+    type(namelist_type), intent(in) :: file
+    type(subject_type), intent(inout), target :: subject
+    type(growing_text), intent(inout) :: canonical
+    type(status_type), intent(out) :: status
+    type(group_reader) :: reader
+    type(kernel_holder) :: kernels(2)
+    type(mount_parameters) :: parameters
+    type(load_type) :: load
+
+    if (subject%is_pendulum) then
+      subject%coordinates = [character(len=name_length) :: 'z', 'phi', 'psi']
+      subject%units = [character(len=name_length) :: 'L', 'rad', 'rad']
+      call reader%start(file%path, file%groups(place_of(file, 'pendulum')))
+      call read_pendulum(reader, subject%pendulum)
+      call reader%close(canonical, status)
+      return
+    end if
+    subject%is_polynomial = place_of(file, 'system') <= size(file%groups)
+    subject%is_structure = place_of(file, 'structure') <= size(file%groups)
+    subject%warned = ''
+    if (place_of(file, 'body') <= size(file%groups)) then
+      call read_body(file, subject, canonical, status)
+    else if (subject%is_structure) then
+      call read_structure(file, subject%model, subject%structure, subject%coordinates, &
+                          subject%units, canonical, status)
+    else if (subject%is_polynomial) then
+      call read_system(file, subject%polynomial, subject%coordinates, subject%units, canonical, &
+                       status)
+    else
+      subject%coordinates = [character(len=name_length) :: 'x', 'phi']
+      subject%units = [character(len=name_length) :: 'm', 'rad']
+      call read_kernels(file, kernels, parameters, canonical, status)
+      if (status%failed()) return
+      call reader%start(file%path, file%groups(place_of(file, 'mount')))
+      call read_mount(reader, kernels, parameters, subject%mount)
+      call reader%close(canonical, status)
+    end if
+    if (status%failed()) return
+    if (subject%is_structure) then
+      subject%warned = subject%warned//subject%model%rest%hidden
+    else if (subject%is_polynomial .and. .not. subject%is_turning) then
+      subject%warned = subject%warned//hidden_springs(subject%polynomial, 1)
+    end if
+    call read_loads(file, subject, load, canonical, status)
+    if (.not. subject%is_structure .or. status%failed()) then
+      subject%load = load
+      if (subject%is_polynomial .and. .not. (subject%is_turning .or. status%failed())) then
+        subject%goes_whole = may_go_whole(file, subject%polynomial, load)
+        if (.not. subject%goes_whole) call take_modes(file, subject)
+      end if
+      return
+    end if
+    call put_load(subject%model, load, place_of_motion(file) <= size(file%groups), &
+                  subject%structure, subject%load, status)
+    if (.not. status%failed()) call go_whole(file, load, subject, status)
+    if (status%failed()) status%message = file%path//': '//status%message
+  end subroutine read_subject
+
+  !> In time a small structure whose laws switch goes by its whole equations, where steps end at the
+  !! switches, unless the scene asks for what only the condensed ones have. So do periodic motions
+  !! by shooting, and ensembles whose motions go side by side.
+  subroutine go_whole(file, load, subject, status)
+    type(namelist_type), intent(in) :: file
+    type(load_type), intent(in) :: load
+    type(subject_type), intent(inout) :: subject
+    type(status_type), intent(inout) :: status
+
+    logical :: is_always_whole
+
+    is_always_whole = min(place_of(file, 'steady_motion'), place_of(file, 'trace_motion')) &
+                      <= size(file%groups)
+    if (place_of(file, 'ensemble') <= size(file%groups)) then
+      is_always_whole = size(subject%coordinates) <= max_dof .and. .not. switches(subject%model) &
+                        .and. .not. any(subject%model%elements%kernel > 0)
+    end if
+    if (is_always_whole) then
+      if (.not. may_be_whole(subject%model)) return
+    else
+      if (place_of_motion(file) > size(file%groups)) return
+      if (.not. switches(subject%model)) return
+    end if
+    if (allocated(subject%model%support_mass) .and. load%moves_base()) then
+      if (any(abs(subject%model%support_mass) > 0.0_wp)) then
+        call fail(status, status_input_error, 'supports', 'supports: the mass matrix couples ' &
+                  //'moving supports to a structure with kinks, must not here; Structure of ' &
+                  //'Python takes it')
+        return
+      end if
+    end if
+    call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
+    if (status%failed()) return
+    if (.not. is_always_whole) then
+      if (.not. fits_sections(file, subject%polynomial)) return
+      subject%goes_whole = .true.
+    end if
+    subject%load = load
+    subject%is_structure = .false.
+    subject%is_polynomial = .true.
+  end subroutine go_whole
+
+  !> The same of a system that remembers by exponentials alone, whose base moves, or that has more
+  !! coordinates than lanes hold.
+  logical function may_go_whole(file, system, load) result(may)
+    type(namelist_type), intent(in) :: file
+    type(polynomial_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    logical :: is_large
+    integer :: i
+    may = .false.
+    if (place_of_motion(file) > size(file%groups)) return
+    is_large = system%n_dof() > max_dof
+    if (.not. (is_large .or. any(system%kernel_of > 0) .or. load%moves_base())) return
+    if (is_large .and. .not. has_frame(system%mass)) return
+    if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
+    may = fits_sections(file, system)
+  end function may_go_whole
+
+  !> A motion in time of a system with strong dampers goes by modes, unless its method is none of
+  !! these.
+  subroutine take_modes(file, subject)
+    type(namelist_type), intent(in) :: file
+    type(subject_type), intent(inout) :: subject
+    type(group_reader) :: reader
+    integer :: method, place
+    place = place_of(file, 'transient')
+    if (place > size(file%groups)) return
+    associate (group => file%groups(place))
+      method = group%find('method')
+      if (method > 0) then
+        if (all(hereditary_methods /= lower(group%entries(method)%values(1)%text))) return
+      end if
+      if (group%find('t_end') == 0) return
+      call reader%start(file%path, group)
+    end associate
+    call condense_in_time(subject, reader%read_real('t_end', 0.0_wp))
+  end subroutine take_modes
+
+  !> Whether memory takes so few coordinates that sections hold them, and the scene asks for nothing
+  !! that these have not.
+  logical function fits_sections(file, system) result(fits)
+    type(namelist_type), intent(in) :: file
+    type(polynomial_type), intent(in) :: system
+    integer :: method, n_hidden, place
+
+    fits = .false.
+    n_hidden = bound_hidden(system)
+    if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
+    associate (group => file%groups(place_of_motion(file)))
+      place = group%find('memory')
+      if (place > 0) then
+        if (all(past_names(:2) /= lower(group%entries(place)%values(1)%text))) return
+      end if
+      method = group%find('method')
+      if (method > 0) then
+        if (lower(group%entries(method)%values(1)%text) == 'auto') method = 0
+      end if
+      if (method > 0) then
+        method = findloc(transient_methods == lower(group%entries(method)%values(1)%text), &
+                         .true., 1)
+        if (method == 0) return
+        if (system%n_dof() <= max_dof .and. n_hidden == 0) method = 1
+        if (.not. takes_sections(method) .or. (n_hidden > 0 .and. method /= 1)) return
+      end if
+    end associate
+    fits = .true.
+  end function fits_sections
+
+  ! The &mount group of a scene.
+
+  subroutine read_mount(reader, kernels, parameters, mount)
+    type(group_reader), intent(inout) :: reader
+    type(kernel_holder), intent(in) :: kernels(2)
+    !> Knows which kernel acts on which spring already.
+    type(mount_parameters), intent(inout) :: parameters
+    type(mount_type), intent(out) :: mount
+    type(status_type) :: status
+    character(len=:), allocatable :: word
+
+    parameters%mass = reader%read_real('mass')
+    parameters%inertia = reader%read_real('inertia')
+    parameters%offset = reader%read_real('offset')
+    parameters%stiffness_x = reader%read_real('stiffness_x')
+    parameters%stiffness_phi = reader%read_real('stiffness_phi')
+    word = reader%read_text('geometry', choice=parameters%geometry)
+    parameters%cubic_scale = reader%read_real('cubic_scale')
+    parameters%memory_scale = reader%read_real('memory_scale')
+    ! Row by row in the file, as one writes a matrix.
+    parameters%damping = reshape(reader%read_reals('damping'), [2, 2], order=[2, 1])
+    if (reader%status%failed()) return
+    call new_mount(mount, parameters, kernels(:max(parameters%kernel_x, parameters%kernel_phi)), &
+                   status)
+    call reader%place(status)
+  end subroutine read_mount
+
+  ! The &pendulum group of a scene.
+
+  subroutine read_pendulum(reader, pendulum)
+    type(group_reader), intent(inout) :: reader
+    type(pendulum_type), intent(out) :: pendulum
+    type(pendulum_parameters) :: p
+    type(status_type) :: built
+    character(len=:), allocatable :: word
+
+    p%e = reader%read_real('e')
+    p%w2 = reader%read_real('w2')
+    p%w3 = reader%read_real('w3')
+    p%alpha = reader%read_real('alpha')
+    p%damping(1) = reader%read_real('c1')
+    p%damping(2) = reader%read_real('c2')
+    p%damping(3) = reader%read_real('c3')
+    p%load(1) = reader%read_real('f0')
+    p%load(2) = reader%read_real('m01')
+    p%load(3) = reader%read_real('m02')
+    p%frequency(1) = reader%read_real('p1')
+    p%frequency(2) = reader%read_real('p2')
+    p%frequency(3) = reader%read_real('p3')
+    word = reader%read_text('equations', choice=p%equations)
+    if (reader%status%failed()) return
+    call new_pendulum(pendulum, p, built)
+    call reader%place(built)
+  end subroutine read_pendulum
+
+end module viscovib_scene_subject
