@@ -141,15 +141,27 @@ def test_a_standard_output_that_is_full_is_status_3(solve, tmp_path):
     scene = tmp_path / "scene.nml"
     scene.write_text(GOOD)
     driver = [solve("--version").args[0]]
-    python = [sys.executable, "-m", "viscovib"]
     calls = [
         [*driver, scene, "--plan"],
         [*driver, scene, "--out", tmp_path / "out"],
         [*driver, "--help"],
+    ]
+    _check_full(calls)
+
+
+def test_a_standard_output_of_python_that_is_full_is_status_3(tmp_path):
+    scene = tmp_path / "scene.nml"
+    scene.write_text(GOOD)
+    python = [sys.executable, "-m", "viscovib"]
+    calls = [
         [*python, "plan", scene],
         [*python, "run", scene, "--out", tmp_path / "out", "--json"],
         [*python, "--version"],
     ]
+    _check_full(calls)
+
+
+def _check_full(calls):
     for call in calls:
         with open("/dev/full", "w") as full:
             done = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)

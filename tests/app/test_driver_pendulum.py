@@ -3,11 +3,12 @@
 import csv
 import os
 import re
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import MOTION, SCENES, check_failure, read_csv
+from driver import MOTION, SCENES, check_failure, read_csv, silence
 
 PENDULUM_BRANCH = MOTION.splitlines()[0] + "\n&branch from=0.9, to=1 /\n"
 TORUS = """&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.1, c2=0.1, c3=0.1, f0=0.02, p1=0.93,
@@ -47,11 +48,20 @@ BAD_BRANCHES = {
 def test_branches_of_a_pendulum_agree(solve, tmp_path):
     """Folds, branch points, and the swinging motions that bifurcate at the first branch point."""
     scene = SCENES / "pendulum_branch.nml"
+    checked = "debug" in os.environ.get("VISCOVIB_SOLVE", "")
+    if checked:
+        # The same branches with fewer harmonics, because 30 take 20 s with run-time checks.
+        assert "harmonics = 30" in scene.read_text()
+        text = scene.read_text().replace("harmonics = 30", "harmonics = 8")
+        scene = tmp_path / scene.name
+        scene.write_text(text)
     done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == checked, done.stderr
     assert "completed, " in done.stdout
-    assert "2 folds, 4 branch points; 1 bifurcating branch" in done.stdout
-    result = vv.run(scene)
+    assert "2 folds, 4 branch points" in done.stdout
+    assert done.stdout.endswith("; 1 bifurcating branch\n")
+    with silence() if checked else nullcontext():
+        result = vv.run(scene)
     assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
     assert len(result.switched) == 1
     for name, branch in (("branch", result.branch), ("branch_1", result.switched[0])):
@@ -68,7 +78,7 @@ def test_branches_of_a_pendulum_agree(solve, tmp_path):
         assert [float(at) for _, _, at in changes] == pytest.approx(where, rel=1e-9)
         outside = (np.abs(branch.multipliers) > 1 + 1e-9).sum(axis=1)
         assert (table["stable"] == (table["growing"] == 0)).all()
-        if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
+        if checked:
             continue
         assert folds == branch.folds.tolist()
         assert (table["p1"] == branch.parameter).all()
