@@ -68,6 +68,15 @@ def test_plans_benchmarks_sweeps_and_pictures_as_json(tmp_path, capsys):
     assert Path(lines(capsys)[0]["pictures"][0]).exists()
 
 
+def test_a_shock_spectrum_has_a_picture(tmp_path, capsys):
+    scene = str(SCENES / "device_shock.nml")
+    assert main(["plot", scene, "--out", str(tmp_path), "--json"]) == 0
+    (written,) = lines(capsys)
+    names = [Path(path).name for path in written["pictures"]]
+    assert names == ["device_shock_transient.png", "device_shock_shock_spectrum.png"]
+    assert all((tmp_path / name).stat().st_size > 1e4 for name in names)
+
+
 def test_what_is_no_number_is_null(tmp_path, capsys):
     # Successive approximations fail at every frequency.
     scene = tmp_path / "fails.nml"

@@ -292,15 +292,15 @@ def _compute(options: argparse.Namespace, scene: Scene) -> SceneResult:
 
 def _picture(options: argparse.Namespace, result: SceneResult) -> list[Path]:
     value = _value(result)
-    pictures: list[Result] = [value]
+    further = (result.spectrum, result.shock_spectrum)
+    pictures: list[Result] = [value, *(one for one in further if one is not None)]
     bases = value._base_frequencies()
-    if result.spectrum is not None:
-        pictures.append(result.spectrum)
     # Additional tables are not separate curves.
     curves: Any = () if value._form == "table" else result.switched
     paths = []
     for shown in pictures:
-        path = options.out / f"{options.scene.stem}_{shown.kind}.png"
+        kind = shown.kind.replace("shock_response", "shock")
+        path = options.out / f"{options.scene.stem}_{kind}.png"
         save_picture(shown, path, bases=bases, switched=curves, title=result.scene.title)
         paths.append(path)
         if not options.quiet and not options.json:

@@ -85,18 +85,34 @@ def logarithmic(axis: Axes) -> None:
 
     Between powers of ten only 2 and 5 are labelled, and only if the axis has few powers.
     """
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation
 
     axis.set_yscale("log")
+    powers = LogFormatterSciNotation()
+    powers.set_axis(axis.yaxis)
+
+    def few() -> bool:
+        low, high = axis.get_ylim()
+        return 0 < low < high and math.log10(high / low) <= 1.5
+
+    def at_power(value: float, place: int) -> str:
+        return f"{value:g}" if few() else powers(value, place)
 
     def between(value: float, _: object) -> str:
-        low, high = axis.get_ylim()
-        if not 0 < low < high or math.log10(high / low) > 1.5:
-            return ""
         digit = value / 10.0 ** math.floor(math.log10(value) + 1e-9)
-        return f"{value:g}" if round(digit, 6) in (2, 5) else ""
+        return f"{value:g}" if few() and round(digit, 6) in (2, 5) else ""
 
+    axis.yaxis.set_major_formatter(FuncFormatter(at_power))
     axis.yaxis.set_minor_formatter(FuncFormatter(between))
+
+
+def plain_hertz(axis: Axes) -> None:
+    """Label a logarithmic axis of frequencies with plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 def torn(jumps: npt.NDArray[np.bool_], *columns: FloatArray) -> list[FloatArray]:

@@ -15,7 +15,7 @@ from viscovib.bodies.body import Body
 from viscovib.bodies.forces import MountForces
 from viscovib.bodies.modes import BodyModes
 from viscovib.errors import InputError
-from viscovib.plots.axes import Shown
+from viscovib.plots.axes import Shown, plain_hertz
 from viscovib.plots.panels import panel, panels
 from viscovib.plots.style import COLOURS, STYLES, bare, plain
 from viscovib.results.motion_forces import MountForcesInTime
@@ -287,15 +287,6 @@ def frequency_range(body: Body, hz: npt.ArrayLike | None = None) -> FloatArray:
     if not held.size:
         raise InputError("hz: must be given for a free body")
     return np.geomspace(held[0] / 3, 4 * held[-1], 800)
-
-
-def plain_hertz(ax: Axes) -> None:
-    """Label a logarithmic axis of frequencies with plain numbers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def box_of(body: Body) -> FloatArray:

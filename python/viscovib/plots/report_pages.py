@@ -28,9 +28,9 @@ from viscovib.kernels.relaxation import (
     RzhanitsynKernel,
 )
 from viscovib.kernels.time_temperature import ThermalKernel
+from viscovib.plots.axes import plain_hertz
 from viscovib.plots.bodies import (
     frequency_range,
-    plain_hertz,
     plot_body,
     plot_energy,
     plot_transmissibility,

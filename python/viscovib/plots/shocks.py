@@ -9,7 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib.analyses.shock_spectra import ShockResponseSpectrum
-from viscovib.plots.axes import logarithmic
+from viscovib.plots.axes import logarithmic, plain_hertz
 from viscovib.plots.panels import panel
 from viscovib.plots.style import COLOURS, STYLES, bare
 
@@ -54,6 +54,7 @@ def plot_shock_spectrum(
     label = spectrum.quantity.replace("_", " ").replace("pseudo ", "pseudo-")
     ax.set(xlabel="natural frequency (Hz)", ylabel=f"{label} ({unit})")
     ax.set_xscale("log")
+    plain_hertz(ax)
     if any(np.any(getattr(spectrum, name) > 0) for name in names):
         logarithmic(ax)
         if spectrum.quantity == "pseudo_velocity":
