@@ -178,7 +178,7 @@ contains
     real(wp), intent(in) :: c(n_lanes, 0:degree), places(0:n_nodes + 1), part
     logical, intent(in) :: alive(n_lanes)
     integer, intent(in) :: d, which
-    real(wp) :: x(n_lanes, 0:n_nodes + 1)
+    real(wp) :: x(n_lanes, 0:n_nodes + 1), samples(0:n_nodes + 1), series(0:degree)
     real(wp), dimension(n_lanes) :: mean, square, highest, rise
     integer :: k, l
 
@@ -208,7 +208,9 @@ contains
     if (.not. any(alive .and. highest + rise > self%peak(:, d, which))) return
     do l = 1, n_lanes
       if (alive(l) .and. highest(l) + rise(l) > self%peak(l, d, which)) then
-        call reach(x(l, :), c(l, :), places, self%peak(l, d, which))
+        samples = x(l, :)
+        series = c(l, :)
+        call reach(samples, series, places, self%peak(l, d, which))
       end if
     end do
   end subroutine take_in_one
