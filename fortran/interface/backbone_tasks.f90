@@ -44,15 +44,16 @@ contains
     type(curve_branch_type) :: backbone
     type(curve_options) :: options
     integer, allocatable :: orders(:)
+    character(len=:), allocatable :: name
     integer :: harmonics, m, n, n_dof
 
     system => task%system()
+    call task%take_text('name', name, '')
     options = given_curve(task)
     harmonics = task%get_integer('harmonics', 0)
     if (task%failed()) return
     call new_backbone_plan(plan, system, task%get_integer('mode'), task%get_integer('dof'), &
-                           task%get_text('name', ''), max(harmonics, 1), harmonics == 0, &
-                           options%tolerance, task%status)
+                           name, max(harmonics, 1), harmonics == 0, options%tolerance, task%status)
     if (task%failed()) return
     call follow_backbone(plan, options, backbone, orders, task%cancel)
     m = size(orders)

@@ -79,8 +79,10 @@ contains
   !> First lines of the plan of a branch in `name`, with `n_orders`, or at most `most` orders.
   subroutine plan_branch(task)
     type(task_type), intent(inout) :: task
+    character(len=:), allocatable :: name
+    call task%take_text('name', name)
     call task%found%put_text( &
-      'text', plan_along(task%get_text('name'), task%get_real('start'), task%get_real('finish'), &
+      'text', plan_along(name, task%get_real('start'), task%get_real('finish'), &
                          task%get_integer('n_orders', 0), task%get_integer('most', 0), &
                          task%get_flag('stability')))
   end subroutine plan_branch

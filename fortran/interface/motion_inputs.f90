@@ -322,11 +322,13 @@ contains
     type(load_type), intent(out) :: load
     complex(wp), pointer, contiguous :: series(:, :)
     integer, allocatable :: orders(:)
+    character(len=:), allocatable :: formulas
     allocate (orders, source=task%get_integers('orders'))
+    call task%take_text('formulas', formulas, '')
     series => task%get_complex_matrix('series')
     call task%check_extents('series', shape(series), [n_dof + 1, size(orders)])
     if (task%failed()) return
-    call make_load(load, orders, series, task%get_text('formulas', ''), task%status)
+    call make_load(load, orders, series, formulas, task%status)
   end subroutine load_of
 
 end module viscovib_motion_inputs

@@ -178,7 +178,7 @@ contains
     real(wp), pointer, contiguous :: flat(:), direction(:), begin(:)
     character(len=:), allocatable :: doubts, varies
 
-    varies = task%get_text('varies')
+    call task%take_text('varies', varies)
     options%start = task%get_real('start')
     options%finish = task%get_real('finish')
     options%max_step = task%get_real('max_step')

@@ -1,7 +1,8 @@
-! Optimize: -O3
+! Optimize: -O3 -ffp-contract=off
 !> Sums of products with the accuracy of twice the working precision.
 !!
 !! Ogita, Rump, Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26 (2005) 1955 (Dot2).
+!! Each operation must be rounded: fused ones (-ffp-contract) leave errors of 2^-79.
 module viscovib_exact_products
   use viscovib_kinds, only: wp
   implicit none
