@@ -28,8 +28,9 @@ module viscovib_condensed_hill
   use viscovib_condensed_waves, only: fill_waves, soften
   use viscovib_constants, only: pi
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_orders, only: fading_rate
+  use viscovib_hill_determinant, only: fading_rate, hill_determinant, slow
   use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_slope_waves, only: hold_waves
   use viscovib_structure, only: structure_type
   implicit none
@@ -39,8 +40,6 @@ module viscovib_condensed_hill
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: circle = 1.0e-9_wp
-  !> Slowest growth that is seen where a kernel has no integral, in d.
-  real(wp), parameter :: slow = 1.0e-12_wp
   !> Unknowns of a determinant at most.
   integer, parameter :: max_unknowns = 600
   !> Orders are kept until H J is this small beyond them, and what reaches them, which is squared
@@ -52,18 +51,9 @@ module viscovib_condensed_hill
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp
 
-  type :: condensed_hill
-    !> Frequency, and d: exponents matter modulo i d (rad/s).
-    real(wp) :: nu = 0.0_wp, period = 0.0_wp
-    integer :: stride = 1
-    !> Whether `along` found a determinant of reasonable size.
-    logical :: ready = .false.
+  type, extends(hill_determinant) :: condensed_hill
     !> Poles of the rest.
     type(condensed_poles) :: poles
-    logical :: remembers = .false.
-    logical, private :: creeps = .false.
-    !> The slowest rate at which memory fades (1/s).
-    real(wp) :: fading = huge(1.0_wp)
     !> Exponents right of the line Re lambda = line grow (1/s).
     real(wp) :: line = 0.0_wp
     !> Poles nearer to 0 are those of rigid bodies (rad/s).
@@ -73,8 +63,6 @@ module viscovib_condensed_hill
     integer, private :: highest = 0, n_orders = 0
     type(harmonic_set_type), private :: set
     type(compliance_band), private :: band
-    !> Kernel of each group of variables, 0: none.
-    integer, allocatable :: kernel_of_group(:)
     !> J of each group, by the difference of orders, shape (n_dof, n_dof, -reach:reach, groups),
     !! and what it is less of hereditary ones, (n_dof, n_dof).
     complex(wp), allocatable, private :: local(:, :, :, :)
@@ -95,6 +83,7 @@ module viscovib_condensed_hill
     procedure :: compliances
     procedure :: count_from
     procedure :: determinant
+    procedure :: on_line
     procedure :: local_at
     procedure, private :: find_motion
     procedure, private :: find_local
@@ -162,6 +151,9 @@ contains
     end if
     call self%poles%weigh(largest, strongest, self%period, self%stride, self%nearness, self%line, &
                           self%ready, all_poles)
+    if (self%remembers) self%finest = max(self%fading, slow*self%period)
+    self%n_without_memory = self%poles%n_multiplied
+    self%n_apart = self%poles%n_growing
     if (self%ready .and. .not. all_poles) call self%find_orders(system)
   end subroutine along
 
@@ -199,6 +191,7 @@ contains
     real(wp), intent(in) :: line, fastest
     self%line = line
     call self%poles%count_from(line)
+    self%n_apart = self%poles%n_growing
     self%poles%fastest = max(self%poles%fastest, fastest)
     call self%find_orders(system)
   end subroutine count_from
@@ -371,10 +364,9 @@ contains
   !> F at lambda; not to be asked for on a cut of a kernel or at a pole of the rest.
   subroutine determinant(self, system, lambda, value, about_half)
     class(condensed_hill), intent(inout) :: self
-    class(structure_type), intent(in) :: system
+    class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
-    !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
     logical, intent(in) :: about_half
     complex(wp), dimension(self%n_orders) :: s
     complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
@@ -409,6 +401,14 @@ contains
     call self%poles%multiplied%multiply(lambda, value)
     value = value*self%poles%rigid_factor(s(centre), self%period)
   end subroutine determinant
+
+  subroutine on_line(self, system, lambda, value)
+    class(condensed_hill), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: value
+    call self%determinant(system, lambda, value, aimag(lambda) > 0.25_wp*self%period)
+  end subroutine on_line
 
   !> I + J H' over the deflections that swing.
   subroutine fill_swings(self, s, kept, factor)

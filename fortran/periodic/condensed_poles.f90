@@ -8,11 +8,12 @@
 module viscovib_condensed_poles
   use viscovib_compliance, only: compliance_type
   use viscovib_constants, only: pi
+  use viscovib_hill_determinant, only: gap, gap_list, into_strip, new_gaps
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: condensed_poles, gap_list, into_strip, new_gaps, new_poles, place_of
+  public :: condensed_poles, new_poles, place_of
 
   !> Of the distance from the axis: how far poles may move that are let be, at most and at least,
   !! and all of them together.
@@ -26,20 +27,6 @@ module viscovib_condensed_poles
   real(wp), parameter :: slow_range = 6.0_wp, slope = 1.0e-6_wp
   !> Rates beyond this leave the range of numbers, in d.
   real(wp), parameter :: largest_rate = 40.0_wp
-
-  !> Gaps smaller than this need care with rounding errors.
-  real(wp), parameter :: small_gap = 1.0e-2_wp
-
-  !> Factors 1 - exp(2 pi (p_k - lambda)/d) of some p_k.
-  type :: gap_list
-    !> 2 pi/d, 2 pi p_k/d and the exponential of this.
-    real(wp), private :: scale = 0.0_wp
-    complex(wp), allocatable, private :: place(:), wave(:)
-  contains
-    procedure :: multiply
-    procedure :: divide
-    procedure, private :: at
-  end type gap_list
 
   type :: condensed_poles
     !> Places of those multiplied out, with their conjugates, nearly rigid bodies apart.
@@ -248,12 +235,6 @@ contains
     place_of = into_strip(place_of, period)
   end function place_of
 
-  elemental complex(wp) function into_strip(lambda, d)
-    complex(wp), intent(in) :: lambda
-    real(wp), intent(in) :: d
-    into_strip = cmplx(real(lambda), aimag(lambda) - d*anint(aimag(lambda)/d), wp)
-  end function into_strip
-
   !> prod [1 - exp(2 pi (p - s)/d)]/(s - p) over the poles of rigid bodies.
   pure complex(wp) function rigid_factor(self, s, period) result(factor)
     class(condensed_poles), intent(in) :: self
@@ -269,69 +250,5 @@ contains
       if (abs(x) > 0.0_wp) factor = -factor*gap(x)/x
     end do
   end function rigid_factor
-
-  subroutine new_gaps(gaps, places, period)
-    type(gap_list), intent(out) :: gaps
-    !> p_k, and d.
-    complex(wp), intent(in) :: places(:)
-    real(wp), intent(in) :: period
-    gaps%scale = 2.0_wp*pi/period
-    gaps%place = gaps%scale*places
-    gaps%wave = exp(gaps%place)
-  end subroutine new_gaps
-
-  !> Multiply a value by all factors at lambda.
-  pure subroutine multiply(self, lambda, value)
-    class(gap_list), intent(in) :: self
-    complex(wp), intent(in) :: lambda
-    complex(wp), intent(inout) :: value
-    complex(wp) :: back
-    integer :: k
-
-    back = exp(-self%scale*lambda)
-    do k = 1, size(self%place)
-      value = value*self%at(k, lambda, back)
-    end do
-  end subroutine multiply
-
-  !> Divide a value by all factors at lambda that are not 0.
-  pure subroutine divide(self, lambda, value)
-    class(gap_list), intent(in) :: self
-    complex(wp), intent(in) :: lambda
-    complex(wp), intent(inout) :: value
-    complex(wp) :: back, factor
-    real(wp) :: square
-    integer :: k
-
-    back = exp(-self%scale*lambda)
-    do k = 1, size(self%place)
-      factor = self%at(k, lambda, back)
-      square = real(factor)**2 + aimag(factor)**2
-      if (square > tiny(1.0_wp)) value = value*(conjg(factor)/square)
-    end do
-  end subroutine divide
-
-  !> Factor k at lambda; `back` = exp(-2 pi lambda/d).
-  pure complex(wp) function at(self, k, lambda, back) result(factor)
-    class(gap_list), intent(in) :: self
-    integer, intent(in) :: k
-    complex(wp), intent(in) :: lambda, back
-    factor = 1.0_wp - self%wave(k)*back
-    if (abs(real(factor)) + abs(aimag(factor)) < small_gap) then
-      factor = gap(self%place(k) - self%scale*lambda)
-    end if
-  end function at
-
-  !> 1 - exp(x), to rounding near 0 too.
-  elemental complex(wp) function gap(x)
-    complex(wp), intent(in) :: x
-    real(wp) :: half, less, sine, cosine
-    ! exp(a) - 1 = 2 sinh(a/2) exp(a/2) and 1 - cos b = 2 sin(b/2)^2 lose no digits.
-    half = 0.5_wp*real(x)
-    less = 2.0_wp*sinh(half)*exp(half)
-    sine = sin(0.5_wp*aimag(x))
-    cosine = cos(0.5_wp*aimag(x))
-    gap = cmplx(2.0_wp*(1.0_wp + less)*sine**2 - less, -2.0_wp*(1.0_wp + less)*sine*cosine, wp)
-  end function gap
 
 end module viscovib_condensed_poles

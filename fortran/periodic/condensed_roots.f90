@@ -10,18 +10,19 @@
 module viscovib_condensed_roots
   use viscovib_condensed_hill, only: condensed_hill
   use viscovib_condensed_mean, only: average, moved_by_waves
-  use viscovib_condensed_poles, only: gap_list, new_gaps, place_of
-  use viscovib_condensed_secant, only: first_step, folded, local_shape, secant
+  use viscovib_condensed_poles, only: place_of
+  use viscovib_hill_determinant, only: gap_list, new_gaps
+  use viscovib_hill_secant, only: first_step, folded, local_shape, secant
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
   implicit none
   private
 
-  public :: condensed_zeros, exponent_near, new_zeros
+  public :: condensed_zeros, new_zeros
 
   integer, parameter :: max_mean_iterations = 8
-  !> In units of d: last step of an exponent, and of one that is followed.
-  real(wp), parameter :: small_step = 1.0e-10_wp, smallest_step = 1.0e-12_wp
+  !> Last step of an exponent, in d.
+  real(wp), parameter :: small_step = 1.0e-10_wp
   !> How far an offset may be extrapolated, in d, and frequencies that are one for that.
   real(wp), parameter :: furthest = 0.02_wp, near = 1.0e-8_wp
   !> Of the distance from the line: how far from their mean exponents zeros may be.
@@ -506,19 +507,5 @@ contains
       end do
     end do
   end subroutine search
-
-  !> One exponent from the place it had at a motion nearby.
-  subroutine exponent_near(hill, system, start, exponent, made)
-    type(condensed_hill), intent(inout) :: hill
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: start
-    complex(wp), intent(out) :: exponent
-    logical, intent(out) :: made
-    complex(wp) :: none(0)
-    made = .false.
-    exponent = start
-    if (hill%ready) call secant(hill, system, none, start, smallest_step, exponent, made)
-    if (made) exponent = folded(exponent, hill%period)
-  end subroutine exponent_near
 
 end module viscovib_condensed_roots

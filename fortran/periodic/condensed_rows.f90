@@ -2,6 +2,7 @@
 !> Matrices of Hill's determinant of a condensed structure, real and imaginary parts apart.
 module viscovib_condensed_rows
   use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -92,7 +93,7 @@ contains
 
   !> What memory retains of each group, shape (size(s), groups).
   function retained_of(system, kernel_of_group, s) result(kept)
-    class(structure_type), intent(in) :: system
+    class(oscillator_type), intent(in) :: system
     integer, intent(in) :: kernel_of_group(:)
     complex(wp), intent(in) :: s(:)
     complex(wp) :: kept(size(s), size(kernel_of_group))

@@ -2,10 +2,12 @@
 !> Stability of motions of a condensed structure: exponents, and the count that judges them.
 module viscovib_condensed_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use viscovib_condensed_count, only: condensed_path, count_zeros, new_path
   use viscovib_condensed_hill, only: condensed_hill, new_condensed_hill
-  use viscovib_condensed_roots, only: condensed_zeros, exponent_near, new_zeros
+  use viscovib_condensed_roots, only: condensed_zeros, new_zeros
   use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_hill_count, only: count_right
+  use viscovib_hill_path, only: hill_path_type, new_hill_path
+  use viscovib_hill_secant, only: follow_exponent
   use viscovib_kinds, only: wp
   use viscovib_cycle_terms, only: has_states
   use viscovib_sorting, only: sort_falling
@@ -17,6 +19,8 @@ module viscovib_condensed_stability
 
   !> Error of exponents that only a count uses, of their distance from the line.
   real(wp), parameter :: rough = 1.0e-2_wp
+  !> Pieces of the line at first, and those more for zeros not known, at most.
+  integer, parameter :: few_pieces = 4, more_pieces = 24
 
   type :: condensed_checker
     type(condensed_hill), private :: hill
@@ -54,8 +58,7 @@ contains
     integer, intent(out) :: n_growing
     !> Whether none decays more slowly than the first exponent.
     logical, intent(out) :: slowest
-    type(condensed_path) :: path
-    complex(wp), allocatable :: zeros(:), all(:)
+    complex(wp), allocatable :: all(:)
     real(wp) :: axis, line, fastest
     integer :: counted, n, wanted
 
@@ -78,9 +81,7 @@ contains
       end if
       call self%zeros%doubt(hill, system)
       call self%zeros%sharpen(hill, system, wanted, 0.0_wp)
-      zeros = self%zeros%all_of(hill, .false., 0)
-      call new_path(path, hill, system, size(zeros))
-      call count_zeros(hill, system, zeros, path, counted)
+      call count_zeros(self, system, counted)
       if (counted < 0) return
       ! Certain also where not all exponents are found.
       if (.not. decaying) n_growing = counted
@@ -105,8 +106,6 @@ contains
     class(condensed_checker), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
-    type(condensed_path) :: path
-    complex(wp), allocatable :: zeros(:)
     integer :: counted
 
     none_grows = .false.
@@ -116,11 +115,25 @@ contains
     call self%zeros%approximate(self%hill, system)
     call self%zeros%doubt(self%hill, system)
     call self%zeros%sharpen(self%hill, system, 0, rough)
-    zeros = self%zeros%all_of(self%hill, .false., 0)
-    call new_path(path, self%hill, system, size(zeros))
-    call count_zeros(self%hill, system, zeros, path, counted)
+    call count_zeros(self, system, counted)
     none_grows = counted == 0
   end function none_grows
+
+  !> Exponents right of the line; -1: unknown.
+  subroutine count_zeros(self, system, counted)
+    class(condensed_checker), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    integer, intent(out) :: counted
+    type(hill_path_type) :: path
+    complex(wp), allocatable :: zeros(:)
+
+    allocate (zeros, source=self%zeros%all_of(self%hill, .false., 0))
+    associate (hill => self%hill)
+      call new_hill_path(path, hill, system, hill%line, few_pieces &
+                         + max(0, min(hill%n_without_memory - size(zeros), more_pieces)))
+      call count_right(hill, system, zeros, path, counted)
+    end associate
+  end subroutine count_zeros
 
   !> True if it is certain by first-order changes that as many disturbances grow at motions very
   !! near one as do there. Memory has exponents of its own, which a count alone sees.
@@ -154,7 +167,7 @@ contains
     complex(wp), intent(out) :: exponent
     logical, intent(out) :: made
     call self%hill%along(system, nu, x, .false.)
-    call exponent_near(self%hill, system, start, exponent, made)
+    call follow_exponent(self%hill, system, start, exponent, made)
   end subroutine follow
 
 end module viscovib_condensed_stability

@@ -24,11 +24,13 @@ module viscovib_hill
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_blocks, only: add_columns, add_toeplitz, add_waves, copy_blocks, &
     fill_waves, moments_of, scale_rows
+  use viscovib_hill_determinant, only: fading_rate, hill_determinant, slow
   use viscovib_hill_products, only: hill_products
   use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_polar, only: plain_logarithm
   use viscovib_slope_waves, only: hold_waves
   implicit none
   private
@@ -40,32 +42,26 @@ module viscovib_hill
   !> Exponents of memory itself are no faster, in nu.
   real(wp), parameter :: widest = 100.0_wp
 
-  type :: hill_type
-    !> d: exponents matter modulo i d (rad/s).
-    real(wp) :: period = 0.0_wp
+  type, extends(hill_determinant) :: hill_type
     !> a, > 0: exponents are sought right of -a.
-    real(wp) :: shift = 0.0_wp
+    real(wp), private :: shift = 0.0_wp
     integer :: n_dof = 0
     !> Orders of the disturbance, with the one below the lowest.
     integer, private :: n_orders = 0
-    !> Highest order of the disturbance, and the step from order to order. Orders reach from
-    !! -highest to highest, which mirrors them about Im lambda = 0; with the one below they are
-    !! mirrored about d/2.
-    integer :: highest = 0, stride = 1
-    !> Whether `along` found a determinant of reasonable size.
-    logical :: ready = .false.
+    !> Highest order of the disturbance. Orders reach from -highest to highest, which mirrors them
+    !! about Im lambda = 0; with the one below they are mirrored about d/2.
+    integer, private :: highest = 0
+    !> True if relaxed springs push: some perturbations may grow slowly.
+    logical, private :: pushes = .false.
     !> Where memory alone would relax (rad/s, < 0).
     real(wp), allocatable :: relaxing(:)
-    real(wp) :: nu = 0.0_wp
-    !> Trace of M^(-1) dF/du without memory, its mean along the solution.
-    real(wp) :: trace = 0.0_wp
-    !> The same of M^(-1) dF/du'.
-    real(wp) :: drag = 0.0_wp
+    !> Trace of M^(-1) dF/du', its mean along the solution.
+    real(wp), private :: drag = 0.0_wp
     type(harmonic_set_type), private :: set
     !> M^(-1), M^(-1) C with the mean of what depends on rates, and M^(-1) B.
     real(wp), allocatable :: inverse(:, :), damping(:, :), spread(:, :)
-    !> Kernel of each group of hereditary variables (0: none), and the group of each variable.
-    integer, allocatable, private :: kernel_of_group(:), group(:)
+    !> The group of each hereditary variable.
+    integer, allocatable, private :: group(:)
     !> What each group multiplies, Fourier coefficients by the difference of orders, real parts
     !! first, imaginary parts second in the last index, shape (n, -p:p, n, groups, 2).
     real(wp), allocatable, private :: springs(:, :, :, :, :)
@@ -87,6 +83,8 @@ module viscovib_hill
     procedure :: along
     procedure :: count_from
     procedure :: determinant
+    procedure :: determinant_from_place
+    procedure :: on_line
   end type hill_type
 
 contains
@@ -97,6 +95,7 @@ contains
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
     complex(wp) :: inverse(size(system%mass, 1), size(system%mass, 1))
+    real(wp), allocatable :: re(:, :), im(:, :)
     logical :: singular
     integer :: j, q, n, m, s
 
@@ -104,6 +103,16 @@ contains
     m = system%n_memory()
     hill%n_dof = n
     hill%stride = merge(2, 1, set%half_wave)
+    hill%n_without_memory = 2*n
+    hill%remembers = any(system%kernel_of > 0)
+    hill%creeps = system%kernel_without_integral() /= 0
+    hill%pushes = hill%creeps
+    do q = 1, size(system%kernels)
+      if (any(system%kernel_of == q) .and. .not. hill%pushes) then
+        hill%pushes = system%kernels(q)%integral() > 1.0_wp
+      end if
+    end do
+    if (hill%remembers) hill%fading = fading_rate(system)
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     hill%inverse = real(inverse)
     hill%damping = matmul(hill%inverse, system%damping)
@@ -128,6 +137,16 @@ contains
       if (.not. any(hill%kernel_of_group == q)) hill%kernel_of_group = [hill%kernel_of_group, q]
     end do
     hill%group = [(findloc(hill%kernel_of_group, system%kernel_of(j), 1), j=1, m)]
+    allocate (hill%springs_at_rest(n, n, size(hill%kernel_of_group)), im(n, n), source=0.0_wp)
+    do j = 1, m
+      associate (stiffness => hill%springs_at_rest(:, :, hill%group(j)))
+        do q = 1, n
+          stiffness(:, q) = stiffness(:, q) + hill%spread(:, j)*system%gather(j, q)
+        end do
+      end associate
+    end do
+    re = sum(hill%springs_at_rest, 3)
+    call band_determinant(n, n, n, re, im, hill%static)
   end subroutine new_hill
 
   !> Everything that the solution x at frequency nu (rad/s) decides.
@@ -142,6 +161,7 @@ contains
 
     self%nu = nu
     self%period = self%stride*nu
+    if (self%pushes) self%finest = max(self%fading, slow*self%period)
     call self%count_from(0.0_wp)
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
     call self%set%sample(nu, x, self%u, system%rates)
@@ -169,11 +189,12 @@ contains
     call fill(self, system, p)
   end subroutine along
 
-  !> The poles at -a lie left of a line Re lambda = -delta along which exponents are counted.
-  subroutine count_from(self, delta)
+  !> The divisors vanish at -a, left of a line along which exponents are counted.
+  subroutine count_from(self, line)
     class(hill_type), intent(inout) :: self
-    real(wp), intent(in) :: delta
-    self%shift = delta + 0.5_wp*self%period
+    !> Re lambda of the line (1/s).
+    real(wp), intent(in) :: line
+    self%shift = 0.5_wp*self%period - line
   end subroutine count_from
 
   !> v along the solution, in w.
@@ -218,8 +239,8 @@ contains
                               self%by_v)
   end subroutine moving_along
 
-  !> An upper bound of frequencies and rates of damping along the solution (rad/s), and the
-  !! trace of the stiffness, and how large its waves are.
+  !> An upper bound of frequencies and rates of damping along the solution (rad/s), the trace of
+  !! the damping, and how large the waves of the stiffness are.
   subroutine find_rates(self, system, fastest, waves)
     class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
@@ -238,7 +259,6 @@ contains
     end do
     largest = 0.0_wp
     strongest = 0.0_wp
-    self%trace = 0.0_wp
     self%drag = 0.0_wp
     do s = 1, size(self%u, 1)
       force = system%spread + self%by_v(s, :, :)
@@ -248,9 +268,6 @@ contains
       end do
       stiffness(:, :, s) = scale*matmul(self%inverse, matmul(force, slope) + self%by_u(s, :, :))
       largest = max(largest, norm(cmplx(stiffness(:, :, s), 0.0_wp, wp)))
-      do b = 1, self%n_dof
-        self%trace = self%trace + stiffness(b, b, s)/size(self%u, 1)
-      end do
       damping = self%linear_damping + matmul(self%inverse, self%by_rate(s, :, :))
       do b = 1, system%n_rates()
         do j = 1, size(self%w, 2)
@@ -368,23 +385,57 @@ contains
     end do
   end subroutine fill
 
-  !> The determinant at lambda; not to be asked for on a cut of a kernel or at -a.
-  subroutine determinant(self, system, lambda, value, about_half, from_half)
-    class(hill_type), intent(in) :: self
+  !> The determinant at lambda without its divisors; not to be asked for on a cut of a kernel.
+  subroutine determinant(self, system, lambda, value, about_half)
+    class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
-    !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
-    logical, intent(in), optional :: about_half
-    !> Where orders are odd: lambda is the distance from i d/2, however small.
-    logical, intent(in), optional :: from_half
-    integer :: p, lowest
-    p = self%n_orders - 1
-    if (present(about_half)) p = p + merge(1, 0, about_half)
-    lowest = self%highest - (p - 1)*self%stride
-    if (present(from_half)) lowest = lowest + merge(self%stride/2, 0, from_half)
-    call of_orders(self, system, p, lowest, lambda, value)
+    logical, intent(in) :: about_half
+    integer :: p
+    p = self%n_orders - merge(0, 1, about_half)
+    call of_orders(self, system, p, self%highest - (p - 1)*self%stride, lambda, value)
+    ! The divisors vanish at -a modulo i d, or at -a + i d/2.
+    value = value*(1.0_wp - merge(-1, 1, self%stride == 2) &
+                   *exp(-2.0_wp*pi/self%period*(self%shift + lambda)))**(2*self%n_dof)
   end subroutine determinant
+
+  !> The determinant at a distance, however small, from where memory is singular: from 0, or i d/2
+  !! where orders are odd.
+  subroutine determinant_from_place(self, system, distance, value)
+    class(hill_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: distance
+    complex(wp), intent(out) :: value
+    integer :: p
+    p = self%n_orders - merge(0, 1, self%stride == 2)
+    call of_orders(self, system, p, self%highest + self%stride/2 - (p - 1)*self%stride, distance, &
+                   value)
+  end subroutine determinant_from_place
+
+  !> The determinant with the factor of the orders left out.
+  subroutine on_line(self, system, lambda, value)
+    class(hill_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: value
+    call self%determinant(system, lambda, value, .false.)
+    value = value*tail(self, lambda)
+  end subroutine on_line
+
+  !> Factor of the orders left out of the determinant, of 1 + (trace(M^(-1) C) - 2 a n)/s_k,
+  !! summed over them by the midpoint rule.
+  pure complex(wp) function tail(hill, lambda)
+    type(hill_type), intent(in) :: hill
+    complex(wp), intent(in) :: lambda
+    complex(wp) :: omega
+    real(wp) :: edge, excess
+
+    excess = hill%drag - 2.0_wp*hill%shift*hill%n_dof
+    edge = (hill%highest + 0.5_wp*hill%stride)*hill%nu
+    omega = cmplx(aimag(lambda), -real(lambda), wp)
+    tail = exp(cmplx(0.0_wp, excess/hill%period, wp)*plain_logarithm((edge + omega)/(edge - omega)))
+  end function tail
 
   !> The determinant of the p highest orders, from the lowest of these.
   subroutine of_orders(self, system, p, lowest, lambda, value)

@@ -2,12 +2,12 @@
 !> Exponents of a periodic solution right of a line, as those that grow, counted by the argument
 !! principle.
 !!
-!! Hill's determinant D has no poles right of the line Re lambda = -delta, is periodic along
-!! it, real at -delta and half a period i d further, and does not wind at large Re lambda.
-!! Around the half strip |Im lambda| <= d/2, Re lambda >= -delta, the sides along which it
-!! is periodic cancel, and
+!! Hill's determinant D has P poles right of the line Re lambda = sigma, of a condensed structure
+!! those of its linear rest that were left in. It is periodic along the line, real at sigma and half
+!! a period i d further, and does not wind at large Re lambda. Around the half strip
+!! |Im lambda| <= d/2, Re lambda >= sigma, the sides along which it is periodic cancel, and
 !!
-!!   number of zeros = -[arg D(i d/2 - delta) - arg D(-delta)]/pi.
+!!   number of zeros = P - [arg D(sigma + i d/2) - arg D(sigma)]/pi.
 !!
 !! Zeros that are known are divided out, D/(1 - exp(2 pi (lambda_k - lambda)/d)), which has all
 !! of these properties: what is left turns slowly, also where zeros lie next to the line. Those
@@ -27,8 +27,7 @@
 module viscovib_hill_count
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
-  use viscovib_hill, only: hill_type
-  use viscovib_hill_orders, only: fading_rate
+  use viscovib_hill_determinant, only: gap_list, hill_determinant, new_gaps
   use viscovib_hill_path, only: hill_path_type
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -53,7 +52,7 @@ contains
 
   !> Exponents right of the line of a path in the strip |Im lambda| <= d/2; -1: unknown.
   subroutine count_right(hill, system, known, path, n_right)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Exponents found, both of conjugate pairs; NaN is passed over.
     complex(wp), intent(in) :: known(:)
@@ -67,7 +66,7 @@ contains
   end subroutine count_right
 
   subroutine count_along(hill, system, known, path, n_right)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: known(:)
     type(hill_path_type), intent(inout) :: path
@@ -80,13 +79,13 @@ contains
     logical :: made, relaxed, of_its_own(size(known))
 
     ! On the line within rounding error: its side is unknown.
-    if (any(abs(real(known) + path%shift) <= on_axis*hill%period)) return
+    if (any(abs(real(known) - path%line) <= on_axis*hill%period)) return
     call choose(hill, known, path, divided, relaxed)
-    away = max(fading_rate(system) - path%shift, narrowest*hill%period)
+    away = max(hill%fading + path%line, narrowest*hill%period)
     of_its_own = may_be_of_memory(hill, known)
     width = huge(width)
-    if (count(.not. of_its_own) < 2*hill%n_dof) width = away
-    if (any(of_its_own .and. real(known) > -path%shift) .and. .not. relaxed) width = away
+    if (count(.not. of_its_own) < hill%n_without_memory) width = away
+    if (any(of_its_own .and. real(known) > path%line) .and. .not. relaxed) width = away
     call follow(hill, system, divided, relaxed, width, path, turn, made)
     if (.not. made) return
     if (relaxed) then
@@ -96,14 +95,14 @@ contains
       turn = turn + of_memory
     end if
     if (.not. abs(turn/pi - nint(turn/pi)) <= margin) return
-    i = count(real(divided) > -path%shift) - nint(turn/pi)
+    i = count(real(divided) > path%line) + hill%n_apart - nint(turn/pi)
     if (i >= 0) n_right = i
   end subroutine count_along
 
   !> By how much the argument of what is left of D turns along the path, refined until that is
   !! certain.
   subroutine follow(hill, system, divided, relaxed, width, path, turn, made)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: divided(:)
     logical, intent(in) :: relaxed
@@ -138,8 +137,8 @@ contains
   !! exponents of memory the determinant is singular, at the rate at which memory fades; what both
   !! do to it nearly cancels, and is nearly what they do to that stiffness. What changes least from
   !! node to node is taken.
-  pure subroutine choose(hill, known, path, divided, relaxed)
-    type(hill_type), intent(in) :: hill
+  subroutine choose(hill, known, path, divided, relaxed)
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: known(:)
     type(hill_path_type), intent(in) :: path
     complex(wp), allocatable, intent(out) :: divided(:)
@@ -150,7 +149,7 @@ contains
     relaxed = .false.
     call leave_in(hill, known, path, .false., kept, least)
     ! Of memory right of the line, which would ask for narrow intervals.
-    beyond = any(may_be_of_memory(hill, known) .and. real(known) > -path%shift)
+    beyond = any(may_be_of_memory(hill, known) .and. real(known) > path%line)
     if (least > quiet .or. beyond) then
       call leave_in(hill, known, path, .true., also, with_memory)
       relaxed = with_memory < least .or. (beyond .and. with_memory <= quiet)
@@ -160,8 +159,8 @@ contains
   end subroutine choose
 
   !> Of exponents that may be of memory those that are left in, and the sum of all changes then.
-  pure subroutine leave_in(hill, known, path, relaxed, kept, least)
-    type(hill_type), intent(in) :: hill
+  subroutine leave_in(hill, known, path, relaxed, kept, least)
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: known(:)
     type(hill_path_type), intent(in) :: path
     logical, intent(in) :: relaxed
@@ -189,16 +188,16 @@ contains
 
   !> Exponents of memory decay and are real, or at i d/2 where orders are odd; others may be there.
   elemental logical function may_be_of_memory(hill, exponent)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: exponent
-    may_be_of_memory = real(exponent) <= 0.0_wp .and. &
+    may_be_of_memory = hill%remembers .and. real(exponent) <= 0.0_wp .and. &
                        .not. abs(aimag(exponent) - merge(0.5_wp*hill%period, 0.0_wp, &
                                                          hill%stride == 2)) > 0.0_wp
   end function may_be_of_memory
 
   !> By how much the logarithm of what is left of D changes from node to node.
-  pure subroutine changes(hill, known, relaxed, path, change, made)
-    type(hill_type), intent(in) :: hill
+  subroutine changes(hill, known, relaxed, path, change, made)
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: known(:)
     !> Divided by what memory leaves of the static stiffness.
     logical, intent(in) :: relaxed
@@ -206,18 +205,16 @@ contains
     complex(wp), allocatable, intent(out) :: change(:)
     !> Not where D is 0 or no number.
     logical, intent(out) :: made
-    complex(wp) :: left(path%n), multipliers(size(known)), z
-    integer :: i, k
+    type(gap_list) :: gaps
+    complex(wp) :: left(path%n)
+    integer :: i
 
     allocate (change(path%n - 1))
-    multipliers = exp(2.0_wp*pi/hill%period*known)
+    call new_gaps(gaps, known, hill%period)
+    left = path%value
     do i = 1, path%n
-      left(i) = path%value(i)
       if (relaxed .and. abs(path%ratio(i)) > 0.0_wp) left(i) = left(i)/path%ratio(i)
-      z = exp(-2.0_wp*pi/hill%period*path%lambda(i))
-      do k = 1, size(known)
-        left(i) = left(i)/(1.0_wp - multipliers(k)*z)
-      end do
+      call gaps%divide(path%lambda(i), left(i))
       made = abs(left(i)) > 0.0_wp .and. abs(left(i)) <= huge(1.0_wp)
       if (.not. made) return
     end do

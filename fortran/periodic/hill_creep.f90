@@ -54,7 +54,7 @@ contains
 
   !> All exponents in a strip.
   subroutine rates_in_strip(hill, system, strip, exponents)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: strip
     complex(wp), allocatable, intent(out) :: exponents(:)
@@ -81,7 +81,7 @@ contains
 
   !> The series about a centre in powers of (t - c)/r; not found where D is no number.
   subroutine taylor(hill, system, centre, series, found)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: centre
     real(wp), intent(out) :: series(0:)
@@ -93,8 +93,7 @@ contains
     series = 0.0_wp
     do j = 0, half
       s = exp(centre + r*cmplx(cos(pi*j/half), sin(pi*j/half), wp))
-      call hill%determinant(system, s, values(j), about_half=hill%stride == 2, &
-                            from_half=hill%stride == 2)
+      call hill%determinant_from_place(system, s, values(j))
       found = abs(values(j)) <= huge(1.0_wp)
       if (.not. found) return
     end do

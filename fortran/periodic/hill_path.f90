@@ -1,18 +1,16 @@
-! Optimize: -O2
-!> Hill's determinant along a line Re lambda = -delta, and what it says of the exponents.
+! Optimize: -O3
+!> Hill's determinant along a line Re lambda = sigma, and approximations of the exponents from it.
 !!
-!! Nodes lie on the line from its start to i d/2; delta is 0, or left of exponents that are to be
-!! counted too, but right of all singularities. Where a kernel has no integral, a quarter of a small
-!! circle goes round its branch point. At first they are evenly spaced. Without memory
-!! D(lambda) times a known factor is a polynomial of degree 2n in z = exp(-2 pi lambda/d) with
-!! real coefficients, and what is remembered over m periods adds to its coefficient m. Most of
-!! that is what memory leaves of the static stiffness, which is divided out. 2n + 4 values
-!! around a circle, of which half mirror the others, give the polynomial, and its zeros
-!! are near those of D.
+!! Nodes lie on the line from its start to i d/2; sigma is near 0, or left of exponents that are to
+!! be counted too, but right of all singularities. At first nodes are evenly spaced, and more of
+!! them lead to the end of the line where memory has its singularities. Without memory the
+!! determinant is a polynomial of degree 2n in z = exp(-2 pi lambda/d) with real coefficients, and
+!! what is remembered over m periods adds to its coefficient m. Most of that is what memory leaves
+!! of the static stiffness, which is divided out. 2n + 4 values around a circle, of which half
+!! mirror the others, give the polynomial, and its zeros are near those of the determinant.
 module viscovib_hill_path
   use viscovib_constants, only: pi
-  use viscovib_hill, only: hill_type
-  use viscovib_hill_orders, only: relaxation, tail, to_polynomial
+  use viscovib_hill_determinant, only: hill_determinant, slow
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial_zeros, only: polynomial_zeros
@@ -21,106 +19,80 @@ module viscovib_hill_path
 
   public :: hill_path_type, new_hill_path
 
-  !> Nodes at most, and as a rule of those a motion needs.
-  integer, parameter :: max_nodes = 1200, usual_nodes = 64
-  !> Around the branch point of a kernel without integral: a radius in d, and pieces.
-  real(wp), parameter :: radius = 1.0e-12_wp
-  integer, parameter :: n_arc = 8
+  !> Nodes at most.
+  integer, parameter :: max_nodes = 1200
 
   type :: hill_path_type
-    !> delta (rad/s).
-    real(wp) :: shift = 0.0_wp
+    !> sigma (1/s).
+    real(wp) :: line = 0.0_wp
     integer :: n = 0
-    !> Nodes in order, and D there with the factor of the orders left out.
+    !> Nodes in order, and the determinant there.
     complex(wp), allocatable :: lambda(:), value(:)
     !> What memory leaves of the static stiffness there.
     complex(wp), allocatable :: ratio(:)
-    !> Not D but that ratio is meant by `value`.
+    !> Not the determinant but that ratio is meant by `value`.
     logical, private :: of_ratio = .false.
-    !> The evenly spaced ones, and D there over what memory leaves of the static stiffness.
-    complex(wp), allocatable, private :: even(:), even_value(:)
+    !> Pieces at first.
+    integer, private :: pieces = 1
   contains
     procedure :: path_of_ratio
     procedure :: split
     procedure :: approximations
+    procedure, private :: evaluate
   end type hill_path_type
 
 contains
 
-  subroutine new_hill_path(path, hill, system, shift)
+  subroutine new_hill_path(path, hill, system, line, pieces)
     type(hill_path_type), intent(out) :: path
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
-    !> delta, less than the rate at which memory fades; 0 unless given.
-    real(wp), intent(in), optional :: shift
-    complex(wp) :: centre, lambda
-    real(wp) :: low, high, angle
-    integer :: i, pieces
-    logical :: singular
+    !> sigma (1/s), right of the rate at which memory fades; 0 passes right of a branch point there.
+    real(wp), intent(in) :: line
+    integer, intent(in) :: pieces
+    real(wp), allocatable :: y(:)
+    real(wp) :: width
+    integer :: i
 
-    if (present(shift)) path%shift = shift
-    allocate (path%lambda(usual_nodes), path%value(usual_nodes), path%ratio(usual_nodes))
+    path%line = line
+    if (hill%creeps .and. .not. line < 0.0_wp) path%line = slow*hill%period
+    path%pieces = pieces
     if (.not. hill%ready) return
-    low = 0.0_wp
-    high = 0.5_wp*hill%period
-    singular = system%kernel_without_integral() /= 0
-    if (singular .and. hill%stride == 1) low = radius*hill%period
-    if (singular .and. hill%stride == 2) high = high - radius*hill%period
-    if (singular .and. hill%stride == 1) call arc((0.0_wp, 0.0_wp), 0.0_wp, 0, n_arc - 1)
-    pieces = hill%n_dof + 2
-    allocate (path%even(0:pieces), path%even_value(0:pieces))
-    do i = 0, pieces
-      lambda = cmplx(-path%shift, low + (high - low)*i/pieces, wp)
-      call append(lambda)
-      path%even(i) = lambda
-      path%even_value(i) = path%value(path%n)/path%ratio(path%n)
+    allocate (y, source=[(0.5_wp*hill%period*i/pieces, i=0, pieces)])
+    width = y(2)
+    do while (width > max(hill%finest + path%line, slow*hill%period))
+      width = 0.5_wp*width
+      if (hill%stride == 2) then
+        y = [y(:size(y) - 1), 0.5_wp*hill%period - width, y(size(y))]
+      else
+        y = [y(1), width, y(2:)]
+      end if
     end do
-    if (.not. singular .or. hill%stride == 1) return
-    centre = cmplx(0.0_wp, 0.5_wp*hill%period, wp)
-    call arc(centre, -0.5_wp*pi, 1, n_arc)
-
-  contains
-
-    subroutine arc(about, from, first, last)
-      complex(wp), intent(in) :: about
-      real(wp), intent(in) :: from
-      integer, intent(in) :: first, last
-      integer :: k
-      do k = first, last
-        angle = from + 0.5_wp*pi*k/n_arc
-        call append(about + radius*hill%period*cmplx(cos(angle), sin(angle), wp))
-      end do
-    end subroutine arc
-
-    subroutine append(node)
-      complex(wp), intent(in) :: node
-      path%n = path%n + 1
-      path%lambda(path%n) = node
-      call evaluate(path, hill, system, node, path%value(path%n), path%ratio(path%n))
-    end subroutine append
-
+    path%n = size(y)
+    allocate (path%lambda(path%n), path%value(path%n), path%ratio(path%n))
+    path%lambda = cmplx(path%line, y, wp)
+    do i = 1, path%n
+      call path%evaluate(hill, system, i)
+    end do
   end subroutine new_hill_path
 
-  subroutine evaluate(path, hill, system, lambda, value, ratio)
-    class(hill_path_type), intent(in) :: path
-    type(hill_type), intent(in) :: hill
+  subroutine evaluate(self, hill, system, i)
+    class(hill_path_type), intent(inout) :: self
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: lambda
-    complex(wp), intent(out) :: value, ratio
+    integer, intent(in) :: i
 
-    ratio = relaxation(hill, system, lambda)
-    value = ratio
-    if (path%of_ratio) return
-    call hill%determinant(system, lambda, value)
-    value = value*tail(hill, lambda)
+    self%ratio(i) = hill%relaxation(system, self%lambda(i))
+    self%value(i) = self%ratio(i)
+    if (.not. self%of_ratio) call hill%on_line(system, self%lambda(i), self%value(i))
   end subroutine evaluate
 
-  !> The same nodes with what memory leaves of the static stiffness instead of D.
+  !> The same nodes with what memory leaves of the static stiffness instead of the determinant.
   subroutine path_of_ratio(self, path)
     class(hill_path_type), intent(in) :: self
     type(hill_path_type), intent(out) :: path
 
-    path%shift = self%shift
+    path%line = self%line
     path%n = self%n
     allocate (path%lambda, source=self%lambda)
     allocate (path%value, path%ratio, source=self%ratio)
@@ -130,22 +102,20 @@ contains
   !> Nodes amid the intervals that are marked.
   subroutine split(self, hill, system, marked, made)
     class(hill_path_type), intent(inout) :: self
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Shape (n - 1).
     logical, intent(in) :: marked(:)
     !> Not where there would be too many, or where numbers do not lie closer.
     logical, intent(out) :: made
-    complex(wp), allocatable :: lambda(:), value(:), ratio(:)
-    complex(wp) :: middle
-    integer :: i, k, n
+    complex(wp), dimension(self%n + count(marked)) :: lambda, value, ratio
+    logical :: old(size(lambda))
+    integer :: i, k
 
-    n = self%n + count(marked)
-    made = n <= max_nodes
+    made = size(lambda) <= max_nodes
     if (.not. made) return
-    allocate (lambda(max(n, size(self%lambda))), value(max(n, size(self%lambda))), &
-              ratio(max(n, size(self%lambda))))
     k = 0
+    old = .true.
     do i = 1, self%n
       k = k + 1
       lambda(k) = self%lambda(i)
@@ -153,40 +123,42 @@ contains
       ratio(k) = self%ratio(i)
       if (i == self%n) exit
       if (.not. marked(i)) cycle
-      middle = 0.5_wp*(self%lambda(i) + self%lambda(i + 1))
-      made = made .and. abs(middle - self%lambda(i)) > epsilon(1.0_wp)*hill%period
       k = k + 1
-      lambda(k) = middle
-      call evaluate(self, hill, system, middle, value(k), ratio(k))
+      lambda(k) = 0.5_wp*(self%lambda(i) + self%lambda(i + 1))
+      made = made .and. abs(lambda(k) - self%lambda(i)) > epsilon(1.0_wp)*hill%period
+      old(k) = .false.
     end do
-    self%n = n
-    call move_alloc(lambda, self%lambda)
-    call move_alloc(value, self%value)
-    call move_alloc(ratio, self%ratio)
+    self%n = k
+    self%lambda = lambda
+    self%value = value
+    self%ratio = ratio
+    do k = 1, self%n
+      if (.not. old(k)) call self%evaluate(hill, system, k)
+    end do
   end subroutine split
 
   !> Zeros of the polynomial, both of conjugate pairs: exponents without memory but for the
   !! orders left out, near exponents with it. None where they are not found.
   subroutine approximations(self, hill, exponents)
     class(hill_path_type), intent(in) :: self
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp), allocatable, intent(out) :: exponents(:)
-    real(wp) :: c(0:2*hill%n_dof), angle
-    complex(wp) :: multipliers(2*hill%n_dof), at_node(0:hill%n_dof + 2)
-    integer :: j, m, half
+    real(wp) :: c(0:hill%n_without_memory), angle
+    complex(wp) :: multipliers(hill%n_without_memory), at_node(0:self%pieces)
+    integer :: j, k, m
     logical :: found
 
     allocate (exponents(0))
-    if (.not. allocated(self%even)) return
-    half = ubound(self%even, 1)
-    do j = 0, half
-      at_node(j) = self%even_value(j)/tail(hill, self%even(j))*to_polynomial(hill, self%even(j))
+    if (self%n == 0) return
+    do j = 0, self%pieces
+      k = minloc(abs(aimag(self%lambda(:self%n)) - 0.5_wp*hill%period*j/self%pieces), 1)
+      at_node(j) = self%value(k)/self%ratio(k)
     end do
     if (.not. all(abs(at_node) <= sqrt(huge(1.0_wp)))) return
-    do m = 0, 2*hill%n_dof
-      c(m) = real(at_node(0)) + (1 - 2*modulo(m, 2))*real(at_node(half))
-      do j = 1, half - 1
-        angle = pi*modulo(m*j, 2*half)/half
+    do m = 0, ubound(c, 1)
+      c(m) = real(at_node(0)) + (1 - 2*modulo(m, 2))*real(at_node(self%pieces))
+      do j = 1, self%pieces - 1
+        angle = pi*modulo(m*j, 2*self%pieces)/self%pieces
         c(m) = c(m) + 2.0_wp*real(at_node(j)*cmplx(cos(angle), sin(angle), wp))
       end do
     end do
@@ -196,7 +168,7 @@ contains
     if (.not. found) return
     multipliers = pack(multipliers, abs(multipliers) > tiny(1.0_wp), &
                        [(cmplx(tiny(1.0_wp), 0.0_wp, wp), j=1, size(multipliers))])
-    exponents = hill%period/(2.0_wp*pi)*log(multipliers) - self%shift
+    exponents = hill%period/(2.0_wp*pi)*log(multipliers) + self%line
   end subroutine approximations
 
 end module viscovib_hill_path

@@ -10,11 +10,12 @@
 !! their conjugates, where it finds them again. Slow creep is found by `viscovib_hill_creep`.
 module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
-  use viscovib_constants, only: pi
   use viscovib_hill, only: hill_type
   use viscovib_hill_count, only: may_be_of_memory
   use viscovib_hill_creep, only: n_slow, n_strips, rates_in_strip, strip_of
+  use viscovib_hill_determinant, only: into_strip
   use viscovib_hill_path, only: hill_path_type
+  use viscovib_hill_secant, only: folded, leftmost, on_line, secant, smallest_step
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_rest_growth, only: rates_from_rest
@@ -22,22 +23,10 @@ module viscovib_hill_roots
   implicit none
   private
 
-  public :: complete, find_exponents, find_more, follow_exponent
+  public :: complete, find_exponents, find_more
 
-  !> Iterations at most, and at most since the shortest step while that is so long, in d: on a cut
-  !! of D there is no zero, and steps of a few 1e-4 go to and fro.
-  integer, parameter :: max_iterations = 30, patience = 6
-  real(wp), parameter :: long = 3.0e-5_wp
-  !> In units of d: the range of Re lambda, longest step, last step wanted and least, distance
-  !! that distinguishes two exponents, distance from a line of symmetry that counts as
-  !! on it.
-  real(wp), parameter, public :: leftmost = -1.5_wp
-  real(wp), parameter :: rightmost = 4.0_wp, longest = 0.2_wp
-  real(wp), parameter :: last_step = 1.0e-8_wp, smallest_step = 1.0e-13_wp
-  real(wp), parameter :: apart = 1.0e-9_wp, on_line = 1.0e-7_wp
-  !> A value that has grown by this factor over a step longer than `long` gives no slope: left of
-  !! where memory ends D grows by any factor, and a step back by that slope is 0 wherever it begins.
-  real(wp), parameter :: grown = 1.0e3_wp
+  !> Distance that distinguishes two exponents, in d.
+  real(wp), parameter :: apart = 1.0e-9_wp
   !> Zeros so near to each other slow the secant method down unless one is divided out.
   real(wp), parameter :: twin = 1.0e-4_wp
   !> How far left approximations are bad, how near an approximation is that of an exponent.
@@ -54,7 +43,7 @@ contains
   !> Exponents, largest real part first, both of conjugate pairs, with -d/2 < Im lambda <= d/2;
   !! NaN behind the last.
   subroutine find_exponents(hill, system, path, near, exponents)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     !> Those of a solution nearby, NaN where there is none.
@@ -84,7 +73,7 @@ contains
 
   !> More exponents, where those found are not as many as counted.
   subroutine find_more(hill, system, path, exponents)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     !> NaN behind the last.
@@ -99,7 +88,7 @@ contains
 
   !> More exponents, from the approximations that belong to none of those found.
   subroutine from_approximations(hill, system, path, first, exponents, n)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     !> Whether no solution nearby is known.
@@ -167,7 +156,7 @@ contains
 
   !> Exponents of memory itself.
   subroutine try_relaxing(hill, system, exponents, n)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(inout) :: exponents(:)
     integer, intent(inout) :: n
@@ -185,7 +174,7 @@ contains
   !! approximations and, of those that grow, from a grid, until as many right of the line of a
   !! path are found as were counted.
   subroutine complete(hill, system, path, counted, exponents)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     integer, intent(in) :: counted
@@ -199,10 +188,11 @@ contains
 
     if (.not. hill%ready) return
     n = n_known(exponents)
+    call make_place(hill, counted - count(real(exponents(:n)) > path%line), exponents, n)
     if (done()) return
     place = merge(0.5_wp, 0.0_wp, hill%stride == 2)
     allocate (rates(0))
-    if (.not. path%shift > 0.0_wp) call rates_from_rest(system, hill%period, rates)
+    if (.not. path%line < 0.0_wp) call rates_from_rest(system, hill%period, rates)
     do i = size(rates), 1, -1
       if (done()) exit
       lambda = cmplx(rates(i), place*hill%period, wp)
@@ -230,13 +220,13 @@ contains
     ! Near the singularities of memory approximations are bad.
     do i = 1, size(nearby_grid)
       if (done()) exit
-      call try(hill, system, cmplx(-0.5_wp*path%shift, &
+      call try(hill, system, cmplx(0.5_wp*path%line, &
                                    abs(place - nearby_grid(i))*hill%period, wp), exponents, n, &
                nearby=.true.)
     end do
     do i = 1, size(grid_re)
       do j = 0, grid_im
-        if (done() .or. path%shift > 0.0_wp) exit
+        if (done() .or. path%line < 0.0_wp) exit
         call try(hill, system, hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), exponents, n, &
                  nearby=.true.)
       end do
@@ -246,7 +236,7 @@ contains
   contains
 
     logical function done()
-      done = n >= size(exponents) - 1 .or. count(real(exponents(:n)) > -path%shift) >= counted
+      done = n >= size(exponents) - 1 .or. count(real(exponents(:n)) > path%line) >= counted
     end function done
 
   end subroutine complete
@@ -260,7 +250,7 @@ contains
 
   !> All slow rates of a strip, in the place of those that were known there.
   subroutine look_in_strip(hill, system, strip, exponents, n)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: strip
     complex(wp), intent(inout) :: exponents(:)
@@ -280,6 +270,23 @@ contains
     exponents(n + 1:) = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
   end subroutine look_in_strip
 
+  !> Without the fastest of the exponents if they leave no place for more, conjugates together.
+  pure subroutine make_place(hill, more, exponents, n)
+    type(hill_type), intent(in) :: hill
+    integer, intent(in) :: more
+    !> Largest real part first, NaN behind the last.
+    complex(wp), intent(inout) :: exponents(:)
+    integer, intent(inout) :: n
+    integer :: kept
+
+    kept = max(min(n, size(exponents) - 1 - more), 0)
+    if (kept > 0 .and. kept < n) then
+      if (abs(exponents(kept) - conjg(exponents(kept + 1))) <= apart*hill%period) kept = kept - 1
+    end if
+    exponents(kept + 1:n) = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    n = kept
+  end subroutine make_place
+
   !> How many stand in front of the NaN.
   pure integer function n_known(exponents)
     complex(wp), intent(in) :: exponents(:)
@@ -288,7 +295,7 @@ contains
 
   !> One more exponent from a start, with its conjugate.
   subroutine try(hill, system, start, exponents, n, nearby)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: start
     complex(wp), intent(inout) :: exponents(:)
@@ -336,32 +343,23 @@ contains
 
   !> A zero with 0 <= Im lambda <= d/2.
   subroutine zero_near(hill, system, known, start, root, made)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Those divided out.
     complex(wp), intent(in) :: known(:)
     complex(wp), intent(in) :: start
     complex(wp), intent(out) :: root
     logical, intent(out) :: made
-    complex(wp) :: from
 
-    from = start
-    call secant(hill, system, known, from, root, made, sided=.true.)
+    call secant(hill, system, known, start, smallest_step, root, made, sided=.true.)
     if (.not. made) return
     if (aimag(root) < -0.25_wp*hill%period .or. aimag(root) > (0.5_wp + on_line)*hill%period &
         .or. (is_upper(hill, root) .neqv. is_upper(hill, start))) then
       ! Orders reach furthest inside the strip, about the line next to it: once more.
-      from = into_strip(root, hill%period)
-      from = cmplx(real(from), abs(aimag(from)), wp)
-      call secant(hill, system, known(:0), from, root, made, sided=.true.)
-      if (.not. made) return
+      call secant(hill, system, known(:0), folded(root, hill%period), smallest_step, root, made, &
+                  sided=.true.)
     end if
-    root = into_strip(root, hill%period)
-    root = cmplx(real(root), abs(aimag(root)), wp)
-    if (aimag(root) < on_line*hill%period) root = real(root)
-    if (aimag(root) > (0.5_wp - on_line)*hill%period) then
-      root = cmplx(real(root), 0.5_wp*hill%period, wp)
-    end if
+    root = folded(root, hill%period)
   end subroutine zero_near
 
   !> Nearer to Im lambda = d/2, or -d/2, than to 0.
@@ -370,124 +368,5 @@ contains
     complex(wp), intent(in) :: lambda
     is_upper = abs(aimag(lambda)) > 0.25_wp*hill%period
   end function is_upper
-
-  !> One exponent from the place it had at a solution nearby.
-  subroutine follow_exponent(hill, system, start, exponent, made)
-    type(hill_type), intent(in) :: hill
-    class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: start
-    complex(wp), intent(out) :: exponent
-    logical, intent(out) :: made
-    complex(wp) :: none(0)
-
-    made = .false.
-    exponent = start
-    if (hill%ready) call secant(hill, system, none, start, exponent, made)
-  end subroutine follow_exponent
-
-  elemental complex(wp) function into_strip(lambda, d)
-    complex(wp), intent(in) :: lambda
-    real(wp), intent(in) :: d
-    into_strip = cmplx(real(lambda), aimag(lambda) - d*anint(aimag(lambda)/d), wp)
-  end function into_strip
-
-  !> One more zero, those known divided out.
-  subroutine secant(hill, system, known, start, root, made, sided)
-    type(hill_type), intent(in) :: hill
-    class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: known(:), start
-    complex(wp), intent(out) :: root
-    logical, intent(out) :: made
-    !> Not refined if its side of the axis cannot be determined.
-    logical, intent(in), optional :: sided
-    complex(wp) :: before, older, value_before, value, step, slope, slope_before
-    real(wp) :: last, earlier, bend, error, shortest, furthest, least, poles
-    integer :: i, best
-    logical :: about_half
-
-    made = .false.
-    ! All the way with the same orders: with others D has another scale.
-    about_half = is_upper(hill, start)
-    last = huge(last)
-    earlier = huge(earlier)
-    shortest = huge(shortest)
-    slope_before = (0.0_wp, 0.0_wp)
-    best = 0
-    furthest = max(rightmost*hill%period, 2.0_wp*real(start))
-    ! Off the real axis, or it would never be left.
-    before = start + 1.0e-4_wp*hill%period*(1.0_wp, 1.0_wp)
-    older = before
-    root = start
-    ! The divisors vanish at -a modulo i d, or at -a + i d/2.
-    poles = exp(-2.0_wp*pi*hill%shift/hill%period)*merge(-1.0_wp, 1.0_wp, hill%stride == 2)
-    call reduced(before, value_before)
-    least = abs(value_before)
-    do i = 1, max_iterations
-      call reduced(root, value)
-      if (.not. abs(value) <= huge(1.0_wp)) return
-      if (abs(value) > grown*abs(value_before) .and. abs(root - before) > long*hill%period) then
-        root = before + 0.25_wp*(root - before)
-        cycle
-      end if
-      slope = (value - value_before)/(root - before)
-      if (.not. abs(slope) > 0.0_wp) return
-      step = -value/slope
-      if (.not. abs(step) <= huge(1.0_wp)) return
-      if (abs(step) > longest*hill%period) step = step*(longest*hill%period/abs(step))
-      bend = 1.0_wp/hill%period
-      if (abs(root - older) > 0.0_wp) then
-        bend = max(bend, abs((slope - slope_before)/slope/(root - older)))
-      end if
-      older = before
-      before = root
-      value_before = value
-      slope_before = slope
-      root = root + step
-      if (real(root) < leftmost*hill%period .or. real(root) > furthest) return
-      ! What the next step would be: steps go with the product of the two before and the second
-      ! derivative over twice the slope. A short one back from a pole is none of these.
-      error = abs(step)
-      if (error < last .and. last <= rightmost*hill%period .and. abs(value) < least) then
-        error = error*min(1.0_wp, last*bend)
-        if (last < earlier .and. earlier <= rightmost*hill%period) then
-          error = min(error, abs(step)*(abs(step)/earlier))
-        end if
-      end if
-      least = min(least, abs(value))
-      ! To rounding errors, or as far as zeros close to each other permit.
-      made = error <= smallest_step*hill%period &
-             .or. (abs(step) <= last_step*hill%period .and. abs(step) >= last)
-      if (made) then
-        ! Too close to the axis to be distinguished from it.
-        if (present(sided) .and. error > smallest_step*hill%period) then
-          made = .not. sided .or. abs(real(root)) > 3.0_wp*error
-        end if
-        return
-      end if
-      if (abs(step) < shortest) best = i
-      shortest = min(shortest, abs(step))
-      if (shortest > long*hill%period .and. i > best + patience) return
-      earlier = last
-      last = abs(step)
-    end do
-
-  contains
-
-    subroutine reduced(lambda, value)
-      complex(wp), intent(in) :: lambda
-      complex(wp), intent(out) :: value
-      complex(wp) :: z, factor
-      integer :: k
-
-      call hill%determinant(system, lambda, value, about_half)
-      z = exp(-2.0_wp*pi/hill%period*lambda)
-      value = value*(1.0_wp - poles*z)**(2*hill%n_dof)
-      do k = 1, size(known)
-        factor = 1.0_wp - exp(2.0_wp*pi/hill%period*known(k))*z
-        if (abs(factor) > 0.0_wp) value = value/factor
-      end do
-    end subroutine reduced
-
-  end subroutine secant
 
 end module viscovib_hill_roots

@@ -10,10 +10,9 @@ module viscovib_motion_stability
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill, only: hill_type, new_hill
   use viscovib_hill_count, only: count_right, on_axis
-  use viscovib_hill_orders, only: fading_rate
   use viscovib_hill_path, only: hill_path_type, new_hill_path
-  use viscovib_hill_roots, only: complete, find_exponents, find_more, follow_exponent, &
-    leftmost
+  use viscovib_hill_roots, only: complete, find_exponents, find_more
+  use viscovib_hill_secant, only: follow_exponent, leftmost
   use viscovib_jump_maps, only: find_jumps, jump_map, may_jump
   use viscovib_kinds, only: wp
   use viscovib_kinked_motion, only: is_kinked
@@ -302,7 +301,7 @@ contains
       ! The determinant at 0 is real, and 1 far right.
       if (n_growing > 0 .and. system%kernel_without_integral() /= 0) return
       call self%hill%along(system, nu, x)
-      call new_hill_path(path, self%hill, system)
+      call new_hill_path(path, self%hill, system, 0.0_wp, self%hill%n_dof + 2)
       call count_right(self%hill, system, near, path, counted)
       grows_alike = counted == n_growing
       if (.not. grows_alike .or. n_growing == 0) return
@@ -582,27 +581,26 @@ contains
     integer, intent(out) :: n_growing
     logical, intent(out) :: slowest
     type(hill_path_type) :: path
-    real(wp) :: fading, shift
+    real(wp) :: line
     integer :: counted
 
-    fading = fading_rate(system)
     ! Left of where the slowest exponent was: one line for both questions.
-    shift = line_beyond(near, fading, hill%period, wide)
-    call hill%count_from(shift)
-    call new_hill_path(path, hill, system, shift)
+    line = line_beyond(near, hill, wide)
+    call hill%count_from(line)
+    call new_hill_path(path, hill, system, line, hill%n_dof + 2)
     call find_exponents(hill, system, path, near, exponents)
     call count_right(hill, system, exponents, path, counted)
-    if (counted /= n_right_of(shift, exponents)) then
+    if (counted /= n_right_of(line, exponents)) then
       call find_more(hill, system, path, exponents)
       call count_right(hill, system, exponents, path, counted)
     end if
-    if (shift > 0.0_wp) then
-      slowest = counted > 0 .and. counted == n_right_of(shift, exponents)
+    if (line < 0.0_wp) then
+      slowest = counted > 0 .and. counted == n_right_of(line, exponents)
       n_growing = n_right_of(0.0_wp, exponents)
       if (on_the_axis(hill, exponents)) n_growing = -1
       if (slowest) return
       call hill%count_from(0.0_wp)
-      call new_hill_path(path, hill, system)
+      call new_hill_path(path, hill, system, 0.0_wp, hill%n_dof + 2)
       call count_right(hill, system, exponents, path, counted)
     end if
     n_growing = counted
@@ -611,31 +609,31 @@ contains
     if (n_right_of(0.0_wp, exponents) > n_growing) n_growing = -1
     slowest = n_growing > 0
     if (n_growing /= 0) return
-    shift = line_beyond(exponents, fading, hill%period, narrow)
-    if (.not. shift > 0.0_wp) return
-    call hill%count_from(shift)
-    call new_hill_path(path, hill, system, shift)
+    line = line_beyond(exponents, hill, narrow)
+    if (.not. line < 0.0_wp) return
+    call hill%count_from(line)
+    call new_hill_path(path, hill, system, line, hill%n_dof + 2)
     call count_right(hill, system, exponents, path, counted)
     call complete(hill, system, path, counted, exponents)
-    slowest = counted > 0 .and. counted == n_right_of(shift, exponents)
+    slowest = counted > 0 .and. counted == n_right_of(line, exponents)
     call hill%count_from(0.0_wp)
   end subroutine check_by_hill
 
-  !> How far left of the axis to count, so that the slowest of the exponents is counted and memory
-  !! does not fade more slowly; 0: nowhere, or not needed.
-  pure real(wp) function line_beyond(exponents, fading, period, part) result(shift)
+  !> A line left of the axis so that the slowest of the exponents is counted and memory does not
+  !! fade more slowly (1/s); 0: nowhere, or not needed.
+  pure real(wp) function line_beyond(exponents, hill, part) result(line)
     complex(wp), intent(in) :: exponents(:)
-    real(wp), intent(in) :: fading, period
-    !> Of the slowest exponent, and of the period: how far beyond.
+    type(hill_type), intent(in) :: hill
+    !> Of the slowest exponent, and of d: how far beyond.
     real(wp), intent(in) :: part(2)
     real(wp) :: slowest
 
-    shift = 0.0_wp
+    line = 0.0_wp
     if (all(ieee_is_nan(real(exponents)))) return
     slowest = -maxval(merge(-huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents))))
-    if (slowest <= 0.0_wp .or. slowest > -leftmost*period) return
-    if (.not. fading - slowest > least_size*period) return
-    shift = slowest + min(part(1)*slowest + part(2)*period, 0.5_wp*(fading - slowest))
+    if (slowest <= 0.0_wp .or. slowest > -leftmost*hill%period) return
+    if (.not. hill%fading - slowest > least_size*hill%period) return
+    line = -slowest - min(part(1)*slowest + part(2)*hill%period, 0.5_wp*(hill%fading - slowest))
   end function line_beyond
 
   pure logical function on_the_axis(hill, exponents)
@@ -645,11 +643,11 @@ contains
                       <= on_axis*hill%period)
   end function on_the_axis
 
-  !> How many exponents lie right of -shift.
-  pure integer function n_right_of(shift, exponents)
-    real(wp), intent(in) :: shift
+  !> How many exponents lie right of a line.
+  pure integer function n_right_of(line, exponents)
+    real(wp), intent(in) :: line
     complex(wp), intent(in) :: exponents(:)
-    n_right_of = count(merge(-huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents))) > -shift)
+    n_right_of = count(merge(-huge(1.0_wp), real(exponents), ieee_is_nan(real(exponents))) > line)
   end function n_right_of
 
   elemental complex(wp) function not_a_number()

@@ -79,7 +79,7 @@ contains
       call hill%along(mount, branch%parameter(i), reshape(branch%x(:, i), [10, 2]))
       call count_growing(hill, mount, near(:0), n_growing)
       call check(n_growing == merge(1, 0, branch%direction(i) < 0.0_wp), 'one grows there')
-      call new_hill_path(path, hill, mount)
+      call new_hill_path(path, hill, mount, 0.0_wp, 4)
       call find_exponents(hill, mount, path, near, exponents)
       call count_right(hill, mount, exponents, path, again)
       call check(again == n_growing, 'and counted if it is known')
@@ -88,8 +88,8 @@ contains
       call check(again == n_growing, 'and if something else is thought to be')
       found = count(.not. ieee_is_nan(real(exponents)))
       call check(count(real(exponents(:found)) > 0.0_wp) == n_growing, 'and is found')
-      call hill%determinant(mount, exponents(1), value)
-      call hill%determinant(mount, exponents(1) + 0.01_wp, nearby)
+      call hill%determinant(mount, exponents(1), value, .false.)
+      call hill%determinant(mount, exponents(1) + 0.01_wp, nearby, .false.)
       call check_close(abs(value), 0.0_wp, 1.0e-6_wp, 'a zero', floor=abs(nearby))
       backwards = backwards + n_growing
       near = exponents
@@ -126,12 +126,12 @@ contains
 
   !> Growing exponents, in addition to the known ones.
   subroutine count_growing(hill, system, known, n_growing)
-    type(hill_type), intent(in) :: hill
+    type(hill_type), intent(inout) :: hill
     type(mount_type), intent(in) :: system
     complex(wp), intent(in) :: known(:)
     integer, intent(out) :: n_growing
     type(hill_path_type) :: path
-    call new_hill_path(path, hill, system)
+    call new_hill_path(path, hill, system, 0.0_wp, 4)
     call count_right(hill, system, known, path, n_growing)
   end subroutine count_growing
 

@@ -264,6 +264,64 @@ def test_springs_that_share_a_kernel_creep_side_by_side():
         assert found.real == pytest.approx(np.full((4, 2), rate), rel=max(1e-6, rate**2))
 
 
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vv.PronyKernel(weights=[0.0016, 2.7], rates=[0.0023, 4.5]),
+        vv.RabotnovKernel(amplitude=0.13, alpha=0.35, beta=0.074),
+        vv.RzhanitsynKernel(amplitude=0.081, alpha=0.29, beta=0.0012),
+    ],
+)
+def test_two_close_slow_rates_are_counted(kernel):
+    """Springs that push when relaxed: two rates of nearly the same size grow, as at rest."""
+    with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
+        mount = body(kernel=kernel, damping=1e-3 * STIFFNESS)
+    rates = mount.characteristic_roots().real
+    response = vv.forced_response(
+        mount, [1.2, 2.4, 3.6], load=0.01, method="newton", harmonics=5, stability=True
+    )
+    assert (rates[:2] > 0).all()
+    assert not response.stable.any()
+    assert response.exponents[:, :2].real == pytest.approx(np.tile(rates[:2], (3, 1)), rel=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_close_rates_of_random_systems_are_all_found():
+    """Four rates that grow, close together: those that decay leave places for them."""
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        kernel = (
+            vv.RzhanitsynKernel(
+                amplitude=rng.uniform(0.25, 0.5), alpha=rng.uniform(0.4, 0.8), beta=0.03
+            ),
+            vv.RabotnovKernel(
+                amplitude=rng.uniform(0.3, 0.6), alpha=rng.uniform(0.3, 0.8), beta=0.05
+            ),
+            vv.PronyKernel(weights=[rng.uniform(0.5, 1.5)], rates=[rng.uniform(0.1, 0.4)]),
+        )[seed % 3]
+        spread = rng.normal(size=(4, 4))
+        stiffness = spread @ spread.T / 4 + 0.5 * np.eye(4)
+        forces = [
+            vv.Monomial(coefficient=c, powers=tuple(powers), on=on)
+            for on, (c, powers) in enumerate(
+                zip(rng.uniform(0.1, 0.5, 4), 3 * np.eye(4, dtype=int), strict=True)
+            )
+        ]
+        system = vv.PolynomialSystem(
+            mass=np.ones(4), damping=0.02 * stiffness, stiffness=stiffness, forces=forces,
+            kernel=kernel,
+        )  # fmt: skip
+        rates = np.sort(system.characteristic_roots().real)[:-5:-1]
+        response = vv.forced_response(
+            system, np.sort(rng.uniform(0.5, 2.5, 3)), load={1: [1e-3, 0, 0, 0]},
+            method="newton", harmonics=5, stability=True,
+        )  # fmt: skip
+        assert (rates > 0).all()
+        for exponents in response.exponents:
+            found = np.sort(exponents.real[exponents.real > 0])[::-1]
+            assert found == pytest.approx(rates, rel=1e-4), seed
+
+
 def test_a_polynomial_system_with_memory():
     """An oscillator with x^2, x^3 and one exponential: ordinary equations with three states."""
     kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])

@@ -1,0 +1,202 @@
+! Optimize: -O3
+!> What all forms of Hill's determinant of a periodic solution have in common, and factors of zeros.
+module viscovib_hill_determinant
+  use viscovib_band_elimination, only: band_determinant
+  use viscovib_constants, only: pi
+  use viscovib_kinds, only: wp
+  use viscovib_oscillator, only: oscillator_type
+  implicit none
+  private
+
+  public :: fading_rate, gap, gap_list, hill_determinant, into_strip, new_gaps
+
+  !> Slowest growth that is seen where a kernel has no integral, in d.
+  real(wp), parameter, public :: slow = 1.0e-12_wp
+  !> Gaps smaller than this need care with rounding errors.
+  real(wp), parameter :: small_gap = 1.0e-2_wp
+
+  type, abstract :: hill_determinant
+    !> Frequency, and d: exponents matter modulo i d (rad/s).
+    real(wp) :: nu = 0.0_wp, period = 0.0_wp
+    !> From order to order; 2 under half-wave symmetry.
+    integer :: stride = 1
+    !> True if the determinant of a motion is known and of reasonable size.
+    logical :: ready = .false.
+    !> Exponents that a motion has without memory in |Im lambda| <= d/2; huge: not known.
+    integer :: n_without_memory = huge(1)
+    !> Exponents right of the line of a count that are no zeros of the determinant.
+    integer :: n_apart = 0
+    !> True if some kernel is in use, and if one of them has no integral.
+    logical :: remembers = .false., creeps = .false.
+    !> Kernel of each group of hereditary variables, 0: none.
+    integer, allocatable :: kernel_of_group(:)
+    !> Static stiffness of each group at rest, shape (n, n, groups), and the determinant of all of
+    !! it; 0: not known.
+    real(wp), allocatable :: springs_at_rest(:, :, :)
+    complex(wp) :: static = (0.0_wp, 0.0_wp)
+    !> Width of the interval of a line next to the singularity of memory at first, at most (rad/s).
+    real(wp) :: finest = huge(1.0_wp)
+    !> The slowest rate at which memory fades (1/s).
+    real(wp) :: fading = huge(1.0_wp)
+  contains
+    procedure(determinant_interface), deferred :: determinant
+    procedure(on_line_interface), deferred :: on_line
+    procedure :: relaxation
+  end type hill_determinant
+
+  abstract interface
+
+    !> The determinant at lambda, without poles where exponents are sought. It tends to a constant
+    !! far to the right.
+    subroutine determinant_interface(self, system, lambda, value, about_half)
+      import :: hill_determinant, oscillator_type, wp
+      class(hill_determinant), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      complex(wp), intent(in) :: lambda
+      complex(wp), intent(out) :: value
+      !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
+      logical, intent(in) :: about_half
+    end subroutine determinant_interface
+
+    !> The determinant on a line Re lambda = constant from Im lambda = 0 to d/2.
+    subroutine on_line_interface(self, system, lambda, value)
+      import :: hill_determinant, oscillator_type, wp
+      class(hill_determinant), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      complex(wp), intent(in) :: lambda
+      complex(wp), intent(out) :: value
+    end subroutine on_line_interface
+
+  end interface
+
+  !> Factors 1 - exp(2 pi (p_k - lambda)/d) of some p_k.
+  type :: gap_list
+    !> 2 pi/d, 2 pi p_k/d and the exponential of this.
+    real(wp), private :: scale = 0.0_wp
+    complex(wp), allocatable, private :: place(:), wave(:)
+  contains
+    procedure :: multiply
+    procedure :: divide
+    procedure, private :: at
+  end type gap_list
+
+contains
+
+  !> What memory leaves of the static stiffness at rest at s = lambda (lambda - i d/2 under
+  !! half-wave symmetry), det K(s)/det K without memory; 1 where that vanishes or is not known. Near
+  !! s = 0 this is how slow memory enters a determinant: with singularities at its rates, and zeros
+  !! near them.
+  complex(wp) function relaxation(self, system, lambda) result(ratio)
+    class(hill_determinant), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    real(wp), allocatable :: re(:, :), im(:, :)
+    complex(wp) :: kept(1), s(1)
+    integer :: n, q
+
+    ratio = (1.0_wp, 0.0_wp)
+    if (.not. abs(self%static) > 0.0_wp) return
+    s(1) = lambda
+    if (self%stride == 2) s(1) = lambda - cmplx(0.0_wp, 0.5_wp*self%period, wp)
+    n = size(self%springs_at_rest, 1)
+    allocate (re(n, n), im(n, n), source=0.0_wp)
+    do q = 1, size(self%kernel_of_group)
+      kept = (0.0_wp, 0.0_wp)
+      if (self%kernel_of_group(q) > 0) then
+        call system%kernels(self%kernel_of_group(q))%laplace(s, kept)
+      end if
+      kept = 1.0_wp - kept
+      re = re + real(kept(1))*self%springs_at_rest(:, :, q)
+      im = im + aimag(kept(1))*self%springs_at_rest(:, :, q)
+    end do
+    call band_determinant(n, n, n, re, im, ratio)
+    ratio = ratio/self%static
+  end function relaxation
+
+  !> The slowest rate at which a kernel in use fades (1/s): a determinant has no singularity right
+  !! of its negative.
+  real(wp) function fading_rate(system) result(rate)
+    class(oscillator_type), intent(in) :: system
+    integer :: q
+
+    rate = huge(1.0_wp)
+    do q = 1, size(system%kernels)
+      if (any(system%kernel_of == q)) rate = min(rate, system%kernels(q)%kernel%fading_rate())
+    end do
+  end function fading_rate
+
+  elemental complex(wp) function into_strip(lambda, d)
+    complex(wp), intent(in) :: lambda
+    real(wp), intent(in) :: d
+    into_strip = cmplx(real(lambda), aimag(lambda) - d*anint(aimag(lambda)/d), wp)
+  end function into_strip
+
+  subroutine new_gaps(gaps, places, period)
+    type(gap_list), intent(out) :: gaps
+    !> p_k, and d.
+    complex(wp), intent(in) :: places(:)
+    real(wp), intent(in) :: period
+    gaps%scale = 2.0_wp*pi/period
+    gaps%place = gaps%scale*places
+    gaps%wave = exp(gaps%place)
+  end subroutine new_gaps
+
+  !> Multiply a value by all factors at lambda.
+  pure subroutine multiply(self, lambda, value)
+    class(gap_list), intent(in) :: self
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(inout) :: value
+    complex(wp) :: back
+    integer :: k
+
+    back = exp(-self%scale*lambda)
+    do k = 1, size(self%place)
+      value = value*self%at(k, lambda, back)
+    end do
+  end subroutine multiply
+
+  !> Divide a value by all factors at lambda that are not 0.
+  pure subroutine divide(self, lambda, value)
+    class(gap_list), intent(in) :: self
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(inout) :: value
+    complex(wp) :: back, factor
+    real(wp) :: square
+    integer :: k
+
+    back = exp(-self%scale*lambda)
+    do k = 1, size(self%place)
+      factor = self%at(k, lambda, back)
+      square = real(factor)**2 + aimag(factor)**2
+      if (square > huge(1.0_wp)) then
+        value = value/factor
+      else if (square > tiny(1.0_wp)) then
+        value = value*(conjg(factor)/square)
+      end if
+    end do
+  end subroutine divide
+
+  !> Factor k at lambda; `back` = exp(-2 pi lambda/d).
+  pure complex(wp) function at(self, k, lambda, back) result(factor)
+    class(gap_list), intent(in) :: self
+    integer, intent(in) :: k
+    complex(wp), intent(in) :: lambda, back
+    factor = 1.0_wp - self%wave(k)*back
+    if (abs(real(factor)) + abs(aimag(factor)) < small_gap) then
+      factor = gap(self%place(k) - self%scale*lambda)
+    end if
+  end function at
+
+  !> 1 - exp(x), to rounding near 0 too.
+  elemental complex(wp) function gap(x)
+    complex(wp), intent(in) :: x
+    real(wp) :: half, less, sine, cosine
+    ! exp(a) - 1 = 2 sinh(a/2) exp(a/2) and 1 - cos b = 2 sin(b/2)^2 lose no digits.
+    half = 0.5_wp*real(x)
+    less = 2.0_wp*sinh(half)*exp(half)
+    sine = sin(0.5_wp*aimag(x))
+    cosine = cos(0.5_wp*aimag(x))
+    gap = cmplx(2.0_wp*(1.0_wp + less)*sine**2 - less, -2.0_wp*(1.0_wp + less)*sine*cosine, wp)
+  end function gap
+
+end module viscovib_hill_determinant
