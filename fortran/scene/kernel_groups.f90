@@ -75,8 +75,8 @@ contains
       if (file%groups(i)%name /= 'kernel') cycle
       n = n + 1
       call reader%start(file%path, file%groups(i))
-      call reader%refuse(['acts_on'], 'belongs to a mount; here &system, &spring and &force have ' &
-                         //'the key kernel')
+      call reader%refuse(['acts_on'], 'belongs to a mount; here the groups with stiffness or a ' &
+                         //'law have the key kernel')
       call read_kernel(reader, kernels(n))
       call reader%close(echo, status)
       if (status%failed()) return
