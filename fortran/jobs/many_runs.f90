@@ -172,8 +172,8 @@ contains
     end do
   end subroutine build_systems
 
-  !> The same of motions that are computed by themselves: the frequency that gives the largest first
-  !! number of steps of those with the first and the last value.
+  !> Find the first number of steps of motions that are computed one by one: the larger one of the
+  !! motions with the first and the last value. `fastest` is the frequency that needs it.
   subroutine lay_out_singles(self, fastest, status)
     type(many_runs), intent(inout) :: self
     real(wp), intent(out) :: fastest
