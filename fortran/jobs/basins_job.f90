@@ -22,11 +22,6 @@ module viscovib_basins_job
 
   public :: basins_job
 
-  !> Largest factor of the number of steps for resolving thin layers of laws.
-  integer, parameter :: most_parts = 1024
-  !> Number of states on the way that determine the size of a motion.
-  integer(i8), parameter :: most_looks = 1000_i8
-
   !> Length of the name of a velocity, which ends in _dot.
   integer, parameter, public :: length = name_length + 4
   !> Number of motions for the search of the step, their accuracy, and the number of periods.
@@ -305,36 +300,22 @@ contains
     logical, intent(in), optional :: peaks
     type(many_runs) :: runs
     real(wp) :: of_all
-    integer :: kept
 
     n = 0
     if (present(peaks)) runs%moments = peaks
-    call set_ok(status)
+    runs%subject => subject
     runs%starts = states
     runs%nu = self%nu
     runs%sections = self%sections
     runs%n_periods = self%n_periods
     runs%periods_before = runs%n_periods - n_points
-    if (subject%goes_side_by_side()) then
-      runs%subject => subject
-      call runs%lay_out(t_end, of_all, status)
-    else
-      runs%spans = [t_end]
-      if (self%sections > 0) runs%spans = runs%n_periods*2.0_wp*pi/[self%nu]
-    end if
+    call runs%lay_out(t_end, of_all, status)
     if (.not. status%failed() .and. dt > runs%spans(1)) then
       call fail(status, status_input_error, 'dt', 'dt = '//show(dt)//': must not exceed the ' &
                 //'length of the runs, '//show(runs%spans(1)))
     end if
     if (.not. status%failed()) call runs%steps_of(dt, n, status)
-    if (status%failed()) return
-    if (subject%goes_side_by_side()) then
-      call runs%make(n, many, status)
-    else
-      kept = merge(n_points, 0, self%sections > 0)
-      call make_singles(subject, self%nu, states, runs%spans(1), n, runs%n_periods, kept, &
-                        runs%moments, many, status)
-    end if
+    if (.not. status%failed()) call runs%make(n, many, status)
   end subroutine make_some
 
   !> Remove orbits that do not attract; motions that settle on them count as unsettled.
@@ -445,60 +426,6 @@ contains
     end do
     call sink%put(this_kind()//'_1', attractors, status)
   end subroutine put_tables
-
-  ! Motions of any system from many starts, one after another: for systems that cannot run in lanes,
-  ! since their steps end where laws switch, or since they have memory.
-
-  !> All motions in n steps each: last states, and the requested last points.
-  subroutine make_singles(subject, nu, starts, t_end, n, n_periods, n_points, peaks, many, &
-                          status)
-    type(subject_type), intent(in), target :: subject
-    !> Frequency of the load; 0 if it has none.
-    real(wp), intent(in) :: nu
-    !> States at t = 0 after rest, one column per motion.
-    real(wp), intent(in) :: starts(:, :), t_end
-    !> Number of steps; with periods, a multiple of their number.
-    integer(i8), intent(in) :: n
-    !> Periods, and number of kept states at the ends of the last ones; 0: none.
-    integer, intent(in) :: n_periods, n_points
-    !> Whether to compute the largest value of each number on the way, without points.
-    logical, intent(in) :: peaks
-    type(many_motions), intent(out) :: many
-    type(status_type), intent(out) :: status
-    class(transient_job), allocatable :: motion
-    type(trajectory_type) :: trajectory
-    integer(i8) :: every
-    integer :: i, k, last, places(size(starts, 1)/2), width
-
-    call set_ok(status)
-    width = size(starts, 1)
-    places = [(i, i=1, size(places))]
-    allocate (many%state(width, size(starts, 2)), source=0.0_wp)
-    allocate (many%sections(width, n_points, size(starts, 2)), source=0.0_wp)
-    allocate (many%ended(size(starts, 2)))
-    if (peaks) allocate (many%peak(width, size(starts, 2)), source=0.0_wp)
-    every = n/max(n_periods, 1)
-    if (peaks) every = max(1_i8, n/most_looks)
-    do i = 1, size(starts, 2)
-      k = 1
-      do
-        call new_motion(subject, nu, starts(:, i), t_end, motion)
-        motion%dt = t_end/(n*k)
-        motion%last_only = n_points == 0 .and. .not. peaks
-        if (.not. motion%last_only) motion%save_every = int(every*k)
-        call move_subject(motion, subject, nu, places, trajectory, status)
-        if (status%failed()) return
-        if (.not. trajectory%too_long > 1.0_wp .or. k >= most_parts) exit
-        k = 2*k
-      end do
-      many%ended(i) = trajectory%outcome
-      last = size(trajectory%states, 2)
-      many%state(:, i) = trajectory%states(:, last)
-      if (peaks) many%peak(:, i) = maxval(abs(trajectory%states), 2)
-      if (trajectory%outcome /= run_completed) cycle
-      many%sections(:, :, i) = trajectory%states(:, last - n_points + 1:)
-    end do
-  end subroutine make_singles
 
   !> The shortest of the steps that integrate each of some motions to a relative error.
   subroutine step_of_singles(subject, nu, starts, t_end, relative, dt, status)

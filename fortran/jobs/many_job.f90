@@ -141,7 +141,6 @@ contains
     if (allocated(self%varied)) allocate (runs%varied, source=self%varied)
     runs%starts = spread(self%initial, 2, size(self%values))
     runs%nu = self%nu
-    runs%side_by_side = self%side_by_side
     if (self%side_by_side) then
       runs%method = self%method
     else

@@ -102,6 +102,7 @@ contains
     n = size(self%starts, 2)
     self%spans = [(t_end, i=1, n)]
     fastest = 0.0_wp
+    self%side_by_side = self%subject%goes_side_by_side()
     if (.not. allocated(self%wanted)) self%wanted = [(i, i=1, size(self%starts, 1)/2)]
     if (.not. allocated(self%in_parts)) allocate (self%in_parts(n), source=.false.)
     if (.not. self%side_by_side) then
