@@ -1,7 +1,5 @@
 !> Tasks about ensembles of trajectories and basins of attraction.
 module viscovib_ensemble_tasks
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use, intrinsic :: iso_c_binding, only: c_double, c_double_complex, c_int
   use viscovib_basin_rules, only: check_orbit, disturbances, find_orbits, n_disturbed
   use viscovib_binding_tools, only: make_pendulum
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
@@ -11,6 +9,7 @@ module viscovib_ensemble_tasks
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_load, only: load_type
+  use viscovib_many_motions, only: many_motions
   use viscovib_motion_inputs, only: load_of, read_equations, read_piece
   use viscovib_motion_piece, only: motion_equations
   use viscovib_pendulum, only: pendulum_type
@@ -26,14 +25,12 @@ module viscovib_ensemble_tasks
 
   public :: ensemble_task
 
-  !> Input and results of all runs. Results not requested have no columns.
+  !> Input and results of all runs.
   type :: runs_type
     type(ensemble_job) :: job
     real(wp), pointer, contiguous :: initial(:, :), h(:)
-    real(wp), allocatable, dimension(:, :) :: state, peak, mean, rms, lyapunov, lyapunov_error
-    real(wp), allocatable :: t_reached(:), sections(:, :, :)
-    complex(wp), allocatable :: amplitudes(:, :, :)
-    integer, allocatable :: ended(:)
+    integer :: points = 0
+    type(many_motions) :: found
   contains
     procedure :: read => read_runs
     procedure :: fill
@@ -71,7 +68,7 @@ contains
   subroutine read_runs(self, task)
     class(runs_type), intent(out) :: self
     type(task_type), intent(inout) :: task
-    integer :: d, n, points
+    integer :: d, n
 
     self%initial => task%get_matrix('initial')
     self%h => task%get_reals('h')
@@ -84,54 +81,50 @@ contains
     self%job%moments = task%get_flag('moments')
     self%job%n_exponents = task%get_integer('n_exponents')
     allocate (self%job%lines, source=task%get_reals('lines'))
-    points = task%get_integer('points')
+    self%points = task%get_integer('points')
     d = size(self%initial, 1)/2
     n = size(self%h)
     call task%check_extents('initial', shape(self%initial), [2*d, n])
     if (task%failed()) return
-    allocate (self%state(2*d, n), self%t_reached(n), source=0.0_wp)
-    allocate (self%ended(n), source=0)
-    allocate (self%peak(2*d, merge(n, 0, self%job%moments)), source=0.0_wp)
-    allocate (self%mean, self%rms, source=self%peak)
-    allocate (self%lyapunov(self%job%n_exponents, n), source=0.0_wp)
-    allocate (self%lyapunov_error, source=self%lyapunov)
-    allocate (self%amplitudes(d, size(self%job%lines), n), source=(0.0_wp, 0.0_wp))
-    allocate (self%sections(2*d, points, merge(n, 0, points > 0)))
-    self%sections = ieee_value(0.0_wp, ieee_quiet_nan)
+    call self%found%begin(self%job, 2*d, n, self%points)
   end subroutine read_runs
 
-  !> Fill a block with the runs from `first` on.
+  !> Fill a block with the runs from `first` on. Lanes past the last run repeat it.
   subroutine fill(self, block, first, n_drives)
     class(runs_type), intent(in) :: self
     type(ensemble_block), intent(inout) :: block
     integer, intent(in) :: first, n_drives
-    call fill_block(block, first, n_drives, size(self%sections, 2), self%initial, self%h, &
-                    self%sections)
+    integer :: l
+    call block%set_starts([(min(first + l, size(self%h)), l=0, n_lanes - 1)], self%initial, &
+                          self%h, n_drives, self%points)
   end subroutine fill
 
+  !> Copy the results of a block to the runs from `first` on.
   subroutine empty(self, block, first)
     class(runs_type), intent(inout) :: self
     type(ensemble_block), intent(in) :: block
     integer, intent(in) :: first
-    call empty_block(block, first, self%state, self%ended, self%t_reached, self%peak, self%mean, &
-                     self%rms, self%amplitudes, self%sections, self%lyapunov, self%lyapunov_error)
+    integer :: l
+    do l = 1, min(n_lanes, size(self%h) - first + 1)
+      call self%found%take_lane(block, l, first + l - 1)
+    end do
   end subroutine empty
 
   subroutine put_runs(self, task)
     class(runs_type), intent(in) :: self
     type(task_type), intent(inout) :: task
     if (task%failed()) return
-    associate (found => task%found)
-      call found%put_reals('state', self%state, shape(self%state))
-      call found%put_integers('ended', self%ended, shape(self%ended))
-      call found%put_reals('t_reached', self%t_reached, shape(self%t_reached))
-      call found%put_reals('peak', self%peak, shape(self%peak))
-      call found%put_reals('mean', self%mean, shape(self%mean))
-      call found%put_reals('rms', self%rms, shape(self%rms))
-      call found%put_complexes('amplitudes', self%amplitudes, shape(self%amplitudes))
-      call found%put_reals('sections', self%sections, shape(self%sections))
-      call found%put_reals('lyapunov', self%lyapunov, shape(self%lyapunov))
-      call found%put_reals('lyapunov_error', self%lyapunov_error, shape(self%lyapunov_error))
+    associate (found => task%found, runs => self%found)
+      call found%put_reals('state', runs%state, shape(runs%state))
+      call found%put_integers('ended', runs%ended, shape(runs%ended))
+      call found%put_reals('t_reached', runs%t_reached, shape(runs%t_reached))
+      call found%put_reals('peak', runs%peak, shape(runs%peak))
+      call found%put_reals('mean', runs%mean, shape(runs%mean))
+      call found%put_reals('rms', runs%rms, shape(runs%rms))
+      call found%put_complexes('amplitudes', runs%amplitudes, shape(runs%amplitudes))
+      call found%put_reals('sections', runs%sections, shape(runs%sections))
+      call found%put_reals('lyapunov', runs%lyapunov, shape(runs%lyapunov))
+      call found%put_reals('lyapunov_error', runs%lyapunov_error, shape(runs%lyapunov_error))
     end associate
   end subroutine put_runs
 
@@ -184,7 +177,6 @@ contains
     type(load_type) :: load
     type(ensemble_block), allocatable :: blocks(:)
     real(wp), pointer, contiguous :: flat(:, :), own(:, :, :), nu(:), scales(:, :)
-    integer, allocatable :: missed(:)
     integer :: b, begin, d, first, i, l, many, n
 
     call runs%read(task)
@@ -206,7 +198,6 @@ contains
     call new_lane_motion(motion, system, load, own(:, :, :2))
     call check_method(runs%job, motion, task%status)
     if (task%failed()) return
-    allocate (missed(n), source=0)
     allocate (motions(blocks_of(runs%job)), source=motion)
     allocate (blocks(size(motions)))
     do begin = 1, n, n_lanes*size(blocks)
@@ -231,16 +222,12 @@ contains
         call run_block(runs%job, motions(1), blocks(1), task%cancel)
       end if
       do b = 1, many
-        first = begin + n_lanes*(b - 1)
-        do l = 1, min(n_lanes, n - first + 1)
-          if (blocks(b)%missed(l)) missed(first + l - 1) = 1
-        end do
-        call runs%empty(blocks(b), first)
+        call runs%empty(blocks(b), begin + n_lanes*(b - 1))
       end do
       if (is_set(task%cancel)) exit
     end do
     call runs%put(task)
-    call task%found%put_integers('missed', missed, shape(missed))
+    call task%found%put_integers('missed', merge(1, 0, runs%found%missed), [n])
 
   contains
 
@@ -276,7 +263,7 @@ contains
     type(gathered_type), allocatable :: found(:)
     real(wp), pointer, contiguous :: since(:), late(:)
     integer, allocatable :: in_parts(:)
-    integer :: i, n
+    integer :: i, k, n
 
     call runs%read(task)
     since => task%get_reals('since')
@@ -301,15 +288,7 @@ contains
       call run_member(task%parents(i)%to, request, size(runs%initial, 1), found(i), in_parts(i), &
                       task%status)
       if (task%failed()) return
-      runs%state(:, i) = found(i)%state
-      runs%ended(i) = found(i)%ended
-      runs%t_reached(i) = found(i)%t_reached
-      runs%amplitudes(:, :, i) = found(i)%amplitudes
-      if (size(runs%sections) > 0) runs%sections(:, :, i) = found(i)%sections
-      if (.not. runs%job%moments) cycle
-      runs%peak(:, i) = found(i)%peak
-      runs%mean(:, i) = found(i)%mean
-      runs%rms(:, i) = found(i)%rms
+      call runs%found%take_single(found(i), [(k, k=1, size(runs%initial, 1))], i)
     end do
     call runs%put(task)
     call task%found%put_integers('in_parts', in_parts, [n])
@@ -432,70 +411,5 @@ contains
     call task%found%put_integer('attracts', merge(1_i8, 0_i8, good))
     call task%found%put_real('rest', rest)
   end subroutine check_one_orbit
-
-  ! Tools for ensemble tasks: fill and read a block of vector lanes.
-
-  !> Fill a block with the runs from `first` on. Lanes past the last run repeat it.
-  subroutine fill_block(block, first, n_drives, n_points, initial, h, sections)
-    type(ensemble_block), intent(out) :: block
-    !> Number of load frequencies, and of section points.
-    integer, intent(in) :: first, n_drives, n_points
-    !> Alternating displacements and velocities, and step sizes; one column per run.
-    real(c_double), intent(in) :: initial(:, :), h(:)
-    !> Previous sections of all runs; size 0 if sections are not requested.
-    real(c_double), intent(in) :: sections(:, :, :)
-    integer :: d, i, l
-
-    d = size(initial, 1)/2
-    allocate (block%q(n_lanes, d), block%v(n_lanes, d), block%frequencies(n_lanes, n_drives))
-    allocate (block%sections(n_lanes, 2*d, n_points))
-    do l = 1, n_lanes
-      i = min(first + l - 1, size(h))
-      block%q(l, :) = initial(1::2, i)
-      block%v(l, :) = initial(2::2, i)
-      block%h(l) = h(i)
-      if (size(sections, 3) > 0) block%sections(l, :, :) = sections(:, :, i)
-    end do
-  end subroutine fill_block
-
-  !> Copy the results of a block to the runs from `first` on. Results not requested have no columns.
-  subroutine empty_block(block, first, state, ended, t_reached, peak, mean, rms, amplitudes, &
-                         sections, lyapunov, lyapunov_error)
-    type(ensemble_block), intent(in) :: block
-    integer, intent(in) :: first
-    real(c_double), intent(inout), dimension(:, :) :: state, peak, mean, rms
-    real(c_double), intent(inout), dimension(:, :) :: lyapunov, lyapunov_error
-    integer(c_int), intent(inout) :: ended(:)
-    real(c_double), intent(inout) :: t_reached(:), sections(:, :, :)
-    complex(c_double_complex), intent(inout) :: amplitudes(:, :, :)
-    integer :: i, l
-
-    do l = 1, min(n_lanes, size(ended) - first + 1)
-      i = first + l - 1
-      state(1::2, i) = block%q(l, :)
-      state(2::2, i) = block%v(l, :)
-      ended(i) = block%outcome(l)
-      t_reached(i) = block%t_reached(l)
-      if (size(peak, 2) > 0) then
-        call put_moments(block%peak(l, :, :), peak(:, i))
-        call put_moments(block%mean(l, :, :), mean(:, i))
-        call put_moments(block%rms(l, :, :), rms(:, i))
-      end if
-      if (size(amplitudes, 2) > 0) amplitudes(:, :, i) = transpose(block%lines(l, :, :))
-      if (size(sections, 3) > 0) sections(:, :, i) = block%sections(l, :, :)
-      if (size(lyapunov, 1) > 0) then
-        lyapunov(:, i) = block%lyapunov(l, :)
-        lyapunov_error(:, i) = block%lyapunov_error(l, :)
-      end if
-    end do
-  end subroutine empty_block
-
-  !> Interleave the values of displacements and velocities.
-  pure subroutine put_moments(of_block, of_run)
-    real(c_double), intent(in) :: of_block(:, :)
-    real(c_double), intent(inout) :: of_run(:)
-    of_run(1::2) = of_block(:, 1)
-    of_run(2::2) = of_block(:, 2)
-  end subroutine put_moments
 
 end module viscovib_ensemble_tasks

@@ -187,8 +187,8 @@ contains
       call table%hold_reals('rms_'//name, many%rms(2*j - 1, :))
     end do
     if (self%lyapunov) then
-      call table%add_reals('lyapunov', many%lyapunov)
-      call table%add_reals('lyapunov_error', many%lyapunov_error)
+      call table%add_reals('lyapunov', many%lyapunov(1, :))
+      call table%add_reals('lyapunov_error', many%lyapunov_error(1, :))
     end if
     call sink%put(this_kind(), table, status)
     if (status%failed() .or. self%sections == 0) return

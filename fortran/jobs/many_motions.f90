@@ -1,7 +1,10 @@
 !> Results of many motions, and their change with a smaller step size.
 module viscovib_many_motions
-  use viscovib_kinds, only: wp
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_ensemble, only: ensemble_block, ensemble_job
   use viscovib_event_errors, only: located
+  use viscovib_gathered, only: gathered_type
+  use viscovib_kinds, only: wp
   use viscovib_time_run, only: run_coarse, run_completed, run_diverged
   implicit none
   private
@@ -11,16 +14,89 @@ module viscovib_many_motions
   !> Smallest unit of comparison of a coordinate, relative to the largest coordinate.
   real(wp), parameter :: smallest = 1.0e-6_wp
 
-  !> Results; the run is the last index.
+  !> Results; the run is the last index. Peaks and means that are not requested have no columns.
   type, public :: many_motions
-    real(wp), allocatable :: state(:, :), peak(:, :), mean(:, :), rms(:, :)
-    real(wp), allocatable :: lyapunov(:), lyapunov_error(:), t_reached(:)
-    real(wp), allocatable :: sections(:, :, :)
+    real(wp), allocatable, dimension(:, :) :: state, peak, mean, rms, lyapunov, lyapunov_error
+    real(wp), allocatable :: t_reached(:), sections(:, :, :)
+    complex(wp), allocatable :: amplitudes(:, :, :)
     integer, allocatable :: ended(:)
+    !> True if common steps may have missed a thin layer of a force.
     logical, allocatable :: missed(:)
+  contains
+    procedure :: begin
+    procedure :: take_lane
+    procedure :: take_single
   end type many_motions
 
 contains
+
+  !> Prepare for n motions with states of w numbers, and sections of some points.
+  subroutine begin(self, job, w, n, points)
+    class(many_motions), intent(out) :: self
+    type(ensemble_job), intent(in) :: job
+    integer, intent(in) :: w, n, points
+
+    allocate (self%state(w, n), self%t_reached(n), source=0.0_wp)
+    allocate (self%ended(n), source=run_completed)
+    allocate (self%missed(n), source=.false.)
+    allocate (self%peak(w, merge(n, 0, job%moments)), source=0.0_wp)
+    allocate (self%mean, self%rms, source=self%peak)
+    allocate (self%lyapunov(job%n_exponents, n), source=0.0_wp)
+    allocate (self%lyapunov_error, source=self%lyapunov)
+    allocate (self%amplitudes(w/2, size(job%lines), n), source=(0.0_wp, 0.0_wp))
+    allocate (self%sections(w, points, n))
+    self%sections = ieee_value(0.0_wp, ieee_quiet_nan)
+  end subroutine begin
+
+  !> Copy the results of a lane to motion i.
+  subroutine take_lane(self, block, l, i)
+    class(many_motions), intent(inout) :: self
+    type(ensemble_block), intent(in) :: block
+    integer, intent(in) :: l, i
+
+    self%state(1::2, i) = block%q(l, :)
+    self%state(2::2, i) = block%v(l, :)
+    self%ended(i) = block%outcome(l)
+    self%t_reached(i) = block%t_reached(l)
+    self%missed(i) = block%missed(l)
+    self%sections(:, :, i) = block%sections(l, :, :)
+    self%lyapunov(:, i) = block%lyapunov(l, :size(self%lyapunov, 1))
+    self%lyapunov_error(:, i) = block%lyapunov_error(l, :size(self%lyapunov, 1))
+    if (size(self%amplitudes, 2) > 0) self%amplitudes(:, :, i) = transpose(block%lines(l, :, :))
+    if (size(self%peak) == 0) return
+    call put_moments(block%peak(l, :, :), self%peak(:, i))
+    call put_moments(block%mean(l, :, :), self%mean(:, i))
+    call put_moments(block%rms(l, :, :), self%rms(:, i))
+  end subroutine take_lane
+
+  !> Interleave the values of displacements and velocities.
+  pure subroutine put_moments(of_block, of_run)
+    real(wp), intent(in) :: of_block(:, :)
+    real(wp), intent(out) :: of_run(:)
+    of_run(1::2) = of_block(:, 1)
+    of_run(2::2) = of_block(:, 2)
+  end subroutine put_moments
+
+  !> Copy what was gathered along motion i to some rows of states.
+  subroutine take_single(self, found, rows, i)
+    class(many_motions), intent(inout) :: self
+    type(gathered_type), intent(in) :: found
+    integer, intent(in) :: rows(:), i
+
+    self%state(rows, i) = found%state
+    self%ended(i) = found%ended
+    self%t_reached(i) = found%t_reached
+    if (size(self%sections) > 0) self%sections(rows, :, i) = found%sections
+    if (size(self%amplitudes) > 0) self%amplitudes(:, :, i) = found%amplitudes
+    if (size(self%peak) == 0) return
+    self%peak(rows, i) = found%peak
+    self%mean(rows, i) = found%mean
+    self%rms(rows, i) = found%rms
+    if (found%ended == run_completed) return
+    self%peak(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
+    self%mean(:, i) = self%peak(:, i)
+    self%rms(:, i) = self%peak(:, i)
+  end subroutine take_single
 
   !> Test if motions with half the step size agree, and compute their difference; if they agree, the
   !! difference includes the rounding error.
@@ -49,11 +125,13 @@ contains
     do i = 1, size(alive)
       ! Peaks and means of a motion that stopped are NaN.
       if (.not. alive(i)) cycle
+      rounded = max(rounded, maxval(abs(fine%state(:, i))))
+      if (size(fine%peak) == 0) cycle
       along(:, i) = max(abs(fine%peak(:, i) - coarse%peak(:, i)), &
                         abs(fine%mean(:, i) - coarse%mean(:, i)), &
                         abs(fine%rms(:, i) - coarse%rms(:, i)))
       tops = max(tops, fine%peak(:, i))
-      rounded = max(rounded, maxval(abs(fine%state(:, i))), maxval(fine%peak(:, i)))
+      rounded = max(rounded, maxval(fine%peak(:, i)))
     end do
     change = max(maxval(parts), maxval(along), maxval(moved))
     met = .false.
@@ -72,8 +150,8 @@ contains
     if (.not. met) return
     do i = 1, size(alive)
       ! For stopped motions both are NaN.
-      if (alive(i)) fine%lyapunov_error(i) = max(fine%lyapunov_error(i), &
-                                                 abs(fine%lyapunov(i) - coarse%lyapunov(i)))
+      if (alive(i)) fine%lyapunov_error(:, i) = max(fine%lyapunov_error(:, i), &
+                                              abs(fine%lyapunov(:, i) - coarse%lyapunov(:, i)))
     end do
     change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
     if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &

@@ -2,7 +2,6 @@
 !! eight at a time in lanes, of other systems one after another. A motion in a lane whose steps may
 !! have missed a thin layer is repeated by itself, in parts of steps.
 module viscovib_many_runs
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
     run_together
@@ -357,13 +356,9 @@ contains
       job%n_discard = ceiling(discarded*(1.0_wp - 1.0e-12_wp), i8)
       job%ahead = max(0.0_wp, job%n_discard - discarded)
     end if
-    allocate (many%state(2*d, m), many%peak(2*d, m), many%mean(2*d, m), many%rms(2*d, m), &
-              source=0.0_wp)
-    allocate (many%lyapunov(m), many%lyapunov_error(m), many%t_reached(m), source=0.0_wp)
-    allocate (many%ended(m), many%missed(m), many%sections(2*d, points, m))
+    call many%begin(job, 2*d, m, points)
     if (.not. self%side_by_side) then
       many%missed = .true.
-      many%sections = ieee_value(0.0_wp, ieee_quiet_nan)
       call make_missed(self, job, many, status)
       return
     end if
@@ -399,7 +394,7 @@ contains
       end if
       do b = 1, last
         do l = 1, n_lanes
-          call take(blocks(b), l, many, self%members(l, begin + b - 1))
+          call many%take_lane(blocks(b), l, self%members(l, begin + b - 1))
         end do
       end do
       begin = begin + last
@@ -438,20 +433,14 @@ contains
     type(pendulum_type), intent(inout) :: pendulum
     type(ensemble_block), intent(out) :: block
     type(status_type), intent(out) :: status
-    integer :: d, i, l, n_drives
+    integer :: l, n_drives
 
     call set_ok(status)
-    d = size(self%starts, 1)/2
     n_drives = 2
     if (self%subject%is_pendulum) n_drives = size(self%subject%pendulum%drives)
-    allocate (block%q(n_lanes, d), block%v(n_lanes, d), block%frequencies(n_lanes, n_drives))
-    allocate (block%sections(n_lanes, 2*d, points), source=0.0_wp)
+    call block%set_starts(runs, self%starts, self%spans/n, n_drives, points)
     do l = 1, n_lanes
-      i = runs(l)
-      block%q(l, :) = self%starts(1::2, i)
-      block%v(l, :) = self%starts(2::2, i)
-      block%h(l) = self%spans(i)/n
-      call set_lane(self, i, l, motion, pendulum, block%frequencies(l, :), status)
+      call set_lane(self, runs(l), l, motion, pendulum, block%frequencies(l, :), status)
       if (status%failed()) return
     end do
   end subroutine fill_block
@@ -490,30 +479,6 @@ contains
     end if
   end subroutine set_lane
 
-  !> Copy the results of a lane.
-  subroutine take(block, l, many, i)
-    type(ensemble_block), intent(in) :: block
-    integer, intent(in) :: l, i
-    type(many_motions), intent(inout) :: many
-
-    many%state(1::2, i) = block%q(l, :)
-    many%state(2::2, i) = block%v(l, :)
-    if (allocated(block%rms)) then
-      many%peak(1::2, i) = block%peak(l, :, 1)
-      many%peak(2::2, i) = block%peak(l, :, 2)
-      many%mean(1::2, i) = block%mean(l, :, 1)
-      many%mean(2::2, i) = block%mean(l, :, 2)
-      many%rms(1::2, i) = block%rms(l, :, 1)
-      many%rms(2::2, i) = block%rms(l, :, 2)
-    end if
-    many%lyapunov(i) = block%lyapunov(l, 1)
-    many%lyapunov_error(i) = block%lyapunov_error(l, 1)
-    many%t_reached(i) = block%t_reached(l)
-    many%ended(i) = block%outcome(l)
-    many%missed(i) = block%missed(l)
-    many%sections(:, :, i) = block%sections(l, :, :)
-  end subroutine take
-
   !> Compute motion i by itself.
   subroutine make_alone(self, i, job, many, status)
     type(many_runs), intent(inout) :: self
@@ -536,20 +501,8 @@ contains
     rows(1::2) = 2*self%wanted - 1
     rows(2::2) = 2*self%wanted
     if (size(run%gathered%state) > size(rows)) rows = [(k, k=1, size(run%gathered%state))]
-    associate (found => run%gathered)
-      self%in_parts(i) = found%in_parts
-      many%state(rows, i) = found%state
-      many%ended(i) = found%ended
-      many%t_reached(i) = found%t_reached
-      many%peak(rows, i) = found%peak
-      many%mean(rows, i) = found%mean
-      many%rms(rows, i) = found%rms
-      if (size(many%sections) > 0) many%sections(rows, :, i) = found%sections
-      if (found%ended == run_completed) return
-    end associate
-    many%peak(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
-    many%mean(:, i) = many%peak(:, i)
-    many%rms(:, i) = many%peak(:, i)
+    self%in_parts(i) = run%gathered%in_parts
+    call many%take_single(run%gathered, rows, i)
   end subroutine make_alone
 
   !> The run of motion i by itself, in the steps of a job; without steps their first number.

@@ -97,6 +97,8 @@ module viscovib_flight
     real(wp), allocatable :: lyapunov_error(:, :)
     !> True if steps may have missed a thin layer of a force.
     logical :: missed(n_lanes) = .false.
+  contains
+    procedure :: set_starts
   end type ensemble_block
 
   !> A block in progress: states of its lanes, margins to a stop, and accumulators.
@@ -123,6 +125,28 @@ module viscovib_flight
   end type flight_type
 
 contains
+
+  !> Set the starts of some runs, one per lane.
+  subroutine set_starts(self, runs, starts, h, n_drives, n_points)
+    class(ensemble_block), intent(out) :: self
+    !> Displacements and velocities alternately, a column per run; step size of each run.
+    integer, intent(in) :: runs(n_lanes)
+    real(wp), intent(in) :: starts(:, :), h(:)
+    !> Number of load frequencies, and of points of a section.
+    integer, intent(in) :: n_drives, n_points
+
+    integer :: l
+
+    allocate (self%q(n_lanes, size(starts, 1)/2))
+    allocate (self%v, mold=self%q)
+    do l = 1, n_lanes
+      self%q(l, :) = starts(1::2, runs(l))
+      self%v(l, :) = starts(2::2, runs(l))
+      self%h(l) = h(runs(l))
+    end do
+    allocate (self%frequencies(n_lanes, n_drives))
+    allocate (self%sections(n_lanes, size(starts, 1), n_points), source=0.0_wp)
+  end subroutine set_starts
 
   !> Initialize at time 0.
   subroutine take_off(f, job, system, motion, block)
