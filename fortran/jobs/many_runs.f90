@@ -18,7 +18,7 @@ module viscovib_many_runs
   use viscovib_stopping, only: stop_wanted
   use viscovib_subject, only: subject_type
   use viscovib_subject_motion, only: move_subject, new_motion
-  use viscovib_time_run, only: run_completed, run_stopped
+  use viscovib_time_run, only: run_stopped
   use viscovib_transient_job, only: hopeless, trajectory_type, transient_job
   use viscovib_varied_system, only: varied_system
   implicit none
