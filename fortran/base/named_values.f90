@@ -1,8 +1,8 @@
 ! Optimize: -O3
 !> Numbers, arrays and texts by name: the input and output of a task of the interface.
 !!
-!! All numbers are in one array in the order of their names; a complex number takes two. They are
-!! copied only once each way.
+!! All numbers are in one array in the order of their names; a complex number takes two. Numbers of
+!! a caller are only copied if they are kept longer than a call.
 module viscovib_named_values
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
   use viscovib_kinds, only: i8, wp
@@ -29,7 +29,9 @@ module viscovib_named_values
   type :: named_values
     type(value_place), allocatable :: places(:)
     integer :: n = 0
-    real(wp), allocatable :: numbers(:)
+    !> All numbers: `own_numbers`, or those of a caller during its call.
+    real(wp), pointer, contiguous :: numbers(:) => null()
+    real(wp), allocatable, private :: own_numbers(:)
     integer(i8), allocatable :: integers(:)
     character(len=:), allocatable :: letters
     integer(i8) :: n_numbers = 0, n_integers = 0, n_letters = 0
@@ -38,6 +40,8 @@ module viscovib_named_values
   contains
     procedure :: find
     procedure :: declare
+    procedure :: keep_numbers
+    procedure :: address
     procedure :: reals_at
     procedure :: complexes_at
     procedure :: put_reals
@@ -115,6 +119,21 @@ contains
     end associate
   end subroutine declare
 
+  !> Copy the numbers, such that they exist as long as the values.
+  subroutine keep_numbers(self, numbers)
+    class(named_values), intent(inout), target :: self
+    real(wp), intent(in) :: numbers(:)
+    self%own_numbers = numbers
+    self%numbers => self%own_numbers
+  end subroutine keep_numbers
+
+  !> Address of the numbers in memory, which exist as long as the values; 0: there are none.
+  integer(i8) function address(self)
+    class(named_values), intent(in) :: self
+    address = 0
+    if (self%n_numbers > 0) address = transfer(c_loc(self%numbers), address)
+  end function address
+
   !> All elements of a real value.
   function reals_at(self, place) result(values)
     class(named_values), intent(in), target :: self
@@ -140,7 +159,7 @@ contains
   end function complexes_at
 
   subroutine put_real(self, name, value)
-    class(named_values), intent(inout) :: self
+    class(named_values), intent(inout), target :: self
     character(len=*), intent(in) :: name
     real(wp), intent(in) :: value
     call self%declare(name, real_value, [integer ::])
@@ -149,7 +168,7 @@ contains
   end subroutine put_real
 
   subroutine put_integer(self, name, value)
-    class(named_values), intent(inout) :: self
+    class(named_values), intent(inout), target :: self
     character(len=*), intent(in) :: name
     integer(i8), intent(in) :: value
     call self%declare(name, integer_value, [integer ::])
@@ -159,7 +178,7 @@ contains
 
   !> Store an array of any shape, given as a vector.
   subroutine put_reals(self, name, values, extents)
-    class(named_values), intent(inout) :: self
+    class(named_values), intent(inout), target :: self
     character(len=*), intent(in) :: name
     integer, intent(in) :: extents(:)
     real(wp), intent(in) :: values(product(extents))
@@ -181,13 +200,13 @@ contains
     there = values
   end subroutine put_complexes
 
-  !> Declare an array and return a pointer to fill it, which avoids a copy.
-  function new_complexes(self, name, n) result(there)
+  !> Declare an array and return a pointer to fill it as a vector, which avoids a copy.
+  function new_complexes(self, name, extents) result(there)
     class(named_values), intent(inout), target :: self
     character(len=*), intent(in) :: name
-    integer, intent(in) :: n
+    integer, intent(in) :: extents(:)
     complex(wp), pointer, contiguous :: there(:)
-    call self%declare(name, complex_value, [n])
+    call self%declare(name, complex_value, extents)
     call allocate_arrays(self)
     there => self%complexes_at(self%n)
   end function new_complexes
@@ -201,7 +220,7 @@ contains
   end subroutine put_integers
 
   subroutine put_longs(self, name, values, extents)
-    class(named_values), intent(inout) :: self
+    class(named_values), intent(inout), target :: self
     character(len=*), intent(in) :: name
     integer, intent(in) :: extents(:)
     integer(i8), intent(in) :: values(product(extents))
@@ -220,17 +239,18 @@ contains
 
   !> Extend the arrays to all declared values, keeping their content.
   subroutine allocate_arrays(self)
-    type(named_values), intent(inout) :: self
+    class(named_values), intent(inout), target :: self
     real(wp), allocatable :: numbers(:)
     integer(i8), allocatable :: integers(:)
     integer(i8) :: old
 
     old = 0
-    if (allocated(self%numbers)) old = size(self%numbers, kind=i8)
-    if (old < self%n_numbers) then
+    if (allocated(self%own_numbers)) old = size(self%own_numbers, kind=i8)
+    if (old < self%n_numbers .or. .not. associated(self%numbers)) then
       allocate (numbers(max(self%n_numbers, 2*old, 64_i8)))
-      if (old > 0) numbers(:old) = self%numbers
-      call move_alloc(numbers, self%numbers)
+      if (old > 0) numbers(:old) = self%own_numbers
+      call move_alloc(numbers, self%own_numbers)
+      self%numbers => self%own_numbers
     end if
     old = 0
     if (allocated(self%integers)) old = size(self%integers, kind=i8)

@@ -1,7 +1,8 @@
 ! Routines of the core for f2py; see `viscovib_calls` for their arguments.
 
 !> Run a task and pack its values. The status is -1 after a signal; no result is kept then.
-subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, handle, sizes, status)
+subroutine begin_call(text, integers, n_integers, numbers, n_numbers, keep, cancel, handle, sizes, &
+                      status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_int64_t
   use viscovib_binding_tools, only: report
   use viscovib_calls, only: begin => begin_call, free => free_object
@@ -11,8 +12,9 @@ subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, ha
   integer(c_int), intent(in) :: n_integers, n_numbers
   integer(c_int64_t), intent(in) :: integers(n_integers)
   real(c_double), intent(in) :: numbers(n_numbers)
+  integer(c_int), intent(in) :: keep
   integer(c_int), intent(inout) :: cancel(1)
-  integer(c_int64_t), intent(out) :: handle, sizes(3)
+  integer(c_int64_t), intent(out) :: handle, sizes(4)
   integer(c_int), intent(out) :: status
   !f2py threadsafe
   type(status_type) :: outcome
@@ -28,7 +30,7 @@ subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, ha
   end interface
 
   hears = hear() /= 0
-  call begin(text, integers, numbers, cancel(1), handle, sizes, outcome)
+  call begin(text, integers, numbers, keep /= 0, cancel(1), handle, sizes, outcome)
   call report(outcome, status)
   if (.not. hears) return
   if (heard() == 0) return
@@ -37,22 +39,23 @@ subroutine begin_call(text, integers, n_integers, numbers, n_numbers, cancel, ha
   status = -1
 end subroutine begin_call
 
-!> Return the packed results of a task. Its handle is freed if keep is 0.
-subroutine end_call(handle, keep, text, n_text, integers, n_integers, numbers, n_numbers, status)
+!> Return the packed results of a task and free its handle. If n_numbers is 0 and the task has
+!! numbers, the handle keeps them at their address.
+subroutine end_call(handle, text, n_text, integers, n_integers, numbers, n_numbers, status)
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_int64_t
   use viscovib_binding_tools, only: report
   use viscovib_calls, only: finish => end_call
   use viscovib_status, only: status_type
   implicit none
   integer(c_int64_t), intent(in) :: handle
-  integer(c_int), intent(in) :: keep, n_text, n_integers, n_numbers
+  integer(c_int), intent(in) :: n_text, n_integers, n_numbers
   character(len=1), intent(out) :: text(n_text)
   integer(c_int64_t), intent(out) :: integers(n_integers)
   real(c_double), intent(out) :: numbers(n_numbers)
   integer(c_int), intent(out) :: status
   type(status_type) :: outcome
 
-  call finish(handle, keep /= 0, text, integers, numbers, outcome)
+  call finish(handle, text, integers, numbers, outcome)
   call report(outcome, status)
 end subroutine end_call
 

@@ -37,15 +37,17 @@ module viscovib_calls
 contains
 
   !> Run a task. The handle belongs to its results, or to the created object.
-  subroutine begin_call(text, integers, numbers, cancel, handle, sizes, status)
+  subroutine begin_call(text, integers, numbers, keep, cancel, handle, sizes, status)
     character(len=*), intent(in) :: text
     integer(i8), intent(in) :: integers(:)
-    real(wp), intent(in) :: numbers(:)
+    real(wp), intent(in), target, contiguous :: numbers(:)
+    !> The values are used by later tasks: copy the numbers.
+    logical, intent(in) :: keep
     !> Set to a nonzero value by another thread to cancel the task.
     integer(c_int), intent(inout), target :: cancel
     integer(i8), intent(out) :: handle
-    !> Numbers of letters, integers and numbers for `end_call`.
-    integer(i8), intent(out) :: sizes(3)
+    !> Numbers of letters, integers and numbers for `end_call`, and the address of the numbers.
+    integer(i8), intent(out) :: sizes(4)
     type(status_type), intent(out) :: status
     type(task_type), pointer :: task
     type(task_link) :: link
@@ -53,11 +55,17 @@ contains
     handle = 0
     sizes = 0
     allocate (task)
-    call unpack_call(task, text, integers, numbers, status)
+    call unpack_call(task, text, integers, size(numbers, kind=i8), status)
     if (.not. status%failed()) then
+      if (keep) then
+        call task%given%keep_numbers(numbers)
+      else
+        task%given%numbers => numbers
+      end if
       task%cancel => cancel
       call run_task(task)
       nullify (task%cancel)
+      if (.not. keep) nullify (task%given%numbers)
       status = task%status
     end if
     if (status%failed()) then
@@ -65,25 +73,29 @@ contains
       call release(link)
       return
     end if
-    sizes = sizes_of(task%found)
+    sizes = [sizes_of(task%found), task%found%address()]
     handle = add_object(task)
   end subroutine begin_call
 
-  !> Return the results of a task. Its handle is freed unless `keep` is true.
-  subroutine end_call(handle, keep, text, integers, numbers, status)
+  !> Return the results of a task and free its handle. If `numbers` is empty and the task has numbers,
+  !! the handle keeps them at their address.
+  subroutine end_call(handle, text, integers, numbers, status)
     integer(i8), intent(in) :: handle
-    logical, intent(in) :: keep
     character(len=1), intent(out) :: text(:)
     integer(i8), intent(out) :: integers(:)
     real(wp), intent(out) :: numbers(:)
     type(status_type), intent(out) :: status
     type(task_link) :: links(1)
+    integer(i8) :: sizes(3)
+    logical :: keep
 
     call find_objects([handle], links, status)
     if (status%failed()) return
     associate (found => links(1)%to%found)
-      if (any([size(text, kind=i8), size(integers, kind=i8), size(numbers, kind=i8)] &
-              /= sizes_of(found))) then
+      sizes = sizes_of(found)
+      keep = size(numbers) == 0 .and. sizes(3) > 0
+      if (keep) sizes(3) = 0
+      if (any([size(text, kind=i8), size(integers, kind=i8), size(numbers, kind=i8)] /= sizes)) then
         call fail(status, status_input_error, 'handle', 'handle: its results have another size')
       else
         call pack_found(found, text, integers, numbers)
@@ -99,11 +111,11 @@ contains
     call remove_object(handle, status)
   end subroutine free_object
 
-  subroutine unpack_call(task, text, integers, numbers, status)
+  !> Declare all values, and copy integers and letters.
+  subroutine unpack_call(task, text, integers, n_numbers, status)
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: text
-    integer(i8), intent(in) :: integers(:)
-    real(wp), intent(in) :: numbers(:)
+    integer(i8), intent(in) :: integers(:), n_numbers
     type(status_type), intent(out) :: status
     integer(i8) :: n, at, rank
     integer :: first, last, names_end
@@ -139,12 +151,11 @@ contains
       first = last + 2
     end do
     if (first < names_end .or. size(integers) - at + 1 /= task%given%n_integers &
-        .or. size(numbers) /= task%given%n_numbers &
+        .or. n_numbers /= task%given%n_numbers &
         .or. len(text) - names_end /= task%given%n_letters) then
       call refuse_call(status)
       return
     end if
-    task%given%numbers = numbers
     task%given%integers = integers(at:)
     task%given%letters = text(names_end + 1:)
   end subroutine unpack_call
@@ -195,7 +206,7 @@ contains
       text(n_text + j) = found%letters(j:j)
     end do
     if (found%n_integers > 0) integers(n + 1:) = found%integers(:found%n_integers)
-    if (found%n_numbers > 0) numbers = found%numbers(:found%n_numbers)
+    if (size(numbers) > 0) numbers = found%numbers(:found%n_numbers)
   end subroutine pack_found
 
   ! All tasks by name. The first word of the name is the family, which has a module.

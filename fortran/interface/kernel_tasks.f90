@@ -58,12 +58,12 @@ contains
       case ('transform')
         ! R_c - i R_s at `mu` (n).
         points => task%get_reals('mu')
-        transform => task%found%new_complexes('values', size(points))
+        transform => task%found%new_complexes('values', shape(points))
         call transform_at(kernel, points, transform)
       case ('laplace')
         ! Laplace transform at complex `s` (n).
         s => task%get_complexes('s')
-        transform => task%found%new_complexes('values', size(s))
+        transform => task%found%new_complexes('values', shape(s))
         call kernel%laplace(s, transform)
       case ('value')
         ! R(t) at `t` (n) > 0.

@@ -259,16 +259,19 @@ contains
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
     real(wp), pointer, contiguous :: nu(:)
-    complex(wp), allocatable :: fraction(:, :), stiffness(:, :, :)
+    complex(wp), allocatable :: fraction(:, :)
+    complex(wp), pointer, contiguous :: stiffness(:, :, :), values(:)
+    integer :: n
 
     system => task%system(with_speed=.true.)
     nu => task%get_reals('nu')
     if (task%failed()) return
     allocate (fraction(size(nu), system%n_memory()))
-    allocate (stiffness(system%n_dof(), system%n_dof(), size(nu)))
+    n = system%n_dof()
+    values => task%found%new_complexes('stiffness', [n, n, size(nu)])
+    stiffness(1:n, 1:n, 1:size(nu)) => values
     call system%retained(nu, fraction)
     call system%dynamic_stiffness(nu, nu, fraction, stiffness)
-    call task%found%put_complexes('stiffness', stiffness, shape(stiffness))
   end subroutine find_stiffness
 
   !> Roots of the characteristic equation: `oscillatory` (n) and `real` (m); `n_unstable` and

@@ -43,6 +43,8 @@ _SHORT_LIST = 64
 _SHORT_ARRAY = 4096
 #: Largest length of a range, which needs memory only as an array.
 _LONG_RANGE = 10**8
+#: Number of numbers from which on results stay in the memory of the core.
+_MANY_NUMBERS = 8192
 #: Largest depth of nested lists.
 _DEEPEST = 32
 #: Block size of the core, and number of vector lanes.
@@ -303,7 +305,7 @@ class Handle:
 
     def __init__(self, kind: str, /, *parents: "Handle", **values: Any) -> None:
         self._kind, self._parents, self._values = kind, parents, values
-        self.number, _ = _begin(kind, parents, values)
+        self.number, _ = _begin(kind, parents, values, 1)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _new_handle, (self._kind, self._parents, self._values)
@@ -324,8 +326,7 @@ def run(task: str, /, *parents: Handle, **values: Any) -> dict[str, Any]:
 
     Values are numbers, texts, and arrays of up to 4 dimensions; result arrays have Fortran order.
     """
-    handle, sizes = _begin(task, parents, values)
-    return _found(handle, sizes, 0)
+    return _found(*_begin(task, parents, values, 0))
 
 
 def oscillator_object(
@@ -345,8 +346,12 @@ def polynomial_object(flat: FloatArray) -> Handle:
 
 
 def _begin(
-    task: str, parents: tuple[Handle, ...], values: Mapping[str, Any]
+    task: str, parents: tuple[Handle, ...], values: Mapping[str, Any], keep: int
 ) -> tuple[int, FloatArray]:
+    """Run a task and return the handle and the sizes of its results.
+
+    ``keep``: 1 if later tasks use the values, which are copied then.
+    """
     given = list(values.values())
     kinds = tuple(map(type, given))
     key = task, kinds, *values
@@ -386,12 +391,12 @@ def _begin(
         alone = len(long_reals) == 1 and not numbers
         numbers = long_reals[0] if alone else np.concatenate((numbers, *long_reals))
     handle, sizes, status = core.begin_call(
-        text, layout, numbers,
+        text, layout, numbers, keep,
         _NO_CANCEL if _listening.flag is None else _listening.flag,
     )  # fmt: skip
     if status == _INTERRUPTED and _pending.error is None:
         # Python has handled Ctrl-C by now. If nothing was raised, repeat the work.
-        return _begin(task, parents, values)
+        return _begin(task, parents, values, keep)
     if status != 0 or _pending.error is not None:
         call(lambda: status)
     return handle, sizes
@@ -427,11 +432,31 @@ def _plan_of(task: str, names: list[str], kinds: tuple[type, ...]) -> _Plan:
     return f"{task};{ordered};".encode(), forms, *places
 
 
-def _found(handle: int, sizes: Any, keep: int) -> dict[str, Any]:
+class _Kept:
+    """Numbers in the memory of the core, which is freed with the last array of them."""
+
+    __slots__ = ("__array_interface__", "number")
+
+    def __init__(self, handle: int, address: int, size: int) -> None:
+        self.number = handle
+        self.__array_interface__ = {
+            "version": 3, "typestr": "<f8", "data": (address, False), "shape": (size,),
+        }  # fmt: skip
+
+    __del__ = Handle.__del__
+
+
+def _found(handle: int, sizes: Any) -> dict[str, Any]:
     """Unpack the results of a task."""
-    text, integers, numbers, status = core.end_call(handle, keep, *sizes.tolist())
+    n_text, n_integers, n_numbers, address = sizes.tolist()
+    kept = n_numbers >= _MANY_NUMBERS
+    text, integers, numbers, status = core.end_call(
+        handle, n_text, n_integers, 0 if kept else n_numbers
+    )
     if status != 0:
         call(lambda: status)
+    if kept:
+        numbers = np.asarray(_Kept(handle, address, n_numbers))
     names, _, letters = text.tobytes().partition(b";")
     known = _names.get(names)
     if known is None:
