@@ -1,4 +1,4 @@
-! Optimize: -O2
+! Optimize: -O2 -fstack-arrays
 !> A system by the method of multiple scales: its normal form and modulation equations,
 !! and results that need no solution of equations.
 !!

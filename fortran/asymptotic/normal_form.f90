@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O3 -fstack-arrays
 !> The method of multiple scales to third order, as a normal form.
 !!
 !! The motion is a polynomial in generators Y_a: an amplitude Y_j for each mode, with
@@ -67,7 +67,7 @@ contains
     !> With `by_influence`: expected amplitudes, shape (n_modes); the response to loads alone is
     !! added to them.
     real(wp), intent(in), optional :: sizes(:)
-    !> Include terms far from the modes, for the growth that they cause.
+    !> Include terms far from the modes, for the growth that they cause of modes without `sizes`.
     logical, intent(in), optional :: with_far
     type(frame_choice_type) :: choice
     complex(wp) :: s(form%n_modes()), right(form%n, form%n_modes()), left(form%n, form%n_modes())
@@ -115,11 +115,11 @@ contains
     normal%candidates = [candidate_type ::]
     expected = 0.0_wp
     if (present(sizes)) expected = sizes
-
     call new_frame_choice(choice, normal%frame)
     call choose_loads(normal, form, choice, expected, status, reach)
     if (.not. status%failed()) call add_waves(normal, form, status)
     if (status%failed()) return
+    call mark_rests(normal, sizes)
     normal%steady = steady .or. size(normal%weak) > 0
     if (normal%framed) normal%frame = choice%frame()
     call normal%number_products()
@@ -153,6 +153,19 @@ contains
     end subroutine change_frame
 
   end subroutine new_normal_form
+
+  !> Mark the modes without `sizes` if terms far from the modes are included.
+  pure subroutine mark_rests(normal, sizes)
+    type(normal_form_type), intent(inout) :: normal
+    real(wp), intent(in), optional :: sizes(:)
+    integer :: i
+    normal%rests = [(.false., i=1, 2*normal%n_generators)]
+    if (.not. normal%with_far) return
+    associate (n => normal%n_modes, m => normal%n_generators)
+      normal%rests(:n) = .not. sizes > 0.0_wp
+      normal%rests(m + 1:m + n) = normal%rests(:n)
+    end associate
+  end subroutine mark_rests
 
   !> True if the modes are given.
   pure logical function has_modes(reach)

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O3 -fstack-arrays
 !> Second and third order of a normal form: the right-hand sides of its products and the responses,
 !! as in `viscovib_normal_form`.
 module viscovib_normal_orders
@@ -34,6 +34,7 @@ contains
     do i = 1, size(self%pair, 2)
       a = self%pair(1, i)
       b = self%pair(2, i)
+      if (self%rests(a) .and. self%rests(b)) cycle
       other = self%mirror_of(self%pair(:, i))
       if (other < i) then
         self%side_pair(:, i) = conjg(self%side_pair(:, other))
@@ -63,6 +64,7 @@ contains
     call renew(self%g_pair, g, size(self%pair, 2))
     if (size(form%quadratic) == 0) return
     do i = 1, size(self%pair, 2)
+      if (all(self%rests(self%pair(:, i)))) cycle
       other = self%mirror_of(self%pair(:, i))
       if (other < i) then
         self%u_pair(:, i) = conjg(self%u_pair(:, other))
@@ -98,9 +100,15 @@ contains
     call renew(self%side_triple, form%n, m)
     call renew(self%u_triple, form%n, m)
     call renew(self%g_triple, 2*self%n_generators, m)
-    self%size_triple = spread(spread(0.0_wp, 1, form%n_dof), 2, m)
-    self%has_side = spread(.false., 1, m)
-    self%answered = self%has_side
+    if (allocated(self%has_side)) then
+      if (size(self%has_side) /= m) deallocate (self%size_triple, self%has_side, self%answered)
+    end if
+    if (.not. allocated(self%has_side)) then
+      allocate (self%size_triple(form%n_dof, m), self%has_side(m), self%answered(m))
+    end if
+    self%size_triple = 0.0_wp
+    self%has_side = .false.
+    self%answered = .false.
     self%used_triples = [integer ::]
     self%slow = .not. self%framed
     if (self%slow) self%slow = any(self%g_pair /= (0.0_wp, 0.0_wp))

@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> Components of a normal form: generators, their products, and the response to a product.
 !!
 !! `viscovib_normal_form` builds it. A normal form that is built again keeps its arrays.
@@ -67,8 +67,10 @@ module viscovib_normal_products
     integer, allocatable :: hard(:), weak(:), direct(:)
     !> Products are those of steady motion; the same in a selected frame.
     logical :: steady = .false., framed = .false.
-    !> Terms far from the modes are included.
+    !> Terms far from the modes are included, for the growth of modes at rest: `rests` is true for
+    !! these modes and conjugates, shape (2 n_generators), and products of several are left out.
     logical :: with_far = .false.
+    logical, allocatable :: rests(:)
     !> Resonant terms are selected by influence.
     logical :: choosing = .false.
     !> The selected frame, or the natural frequencies.
@@ -201,13 +203,19 @@ contains
     drive_of = part/self%weight(form, j, cmplx(0.0_wp, form%drives(k), wp))
   end function drive_of
 
-  !> l_j L[s, s_j] r_j.
+  !> l_j L[s, s_j] r_j of a mode or its conjugate.
   complex(wp) function weight(self, form, j, s)
     class(normal_form_type), intent(in) :: self
     type(polynomial_form_type), intent(in) :: form
     integer, intent(in) :: j
     complex(wp), intent(in) :: s
-    weight = self%weights(1, j) + (s + self%exponents(j))*self%weights(2, j)
+    complex(wp) :: of_slopes(2)
+    if (j <= self%n_modes) then
+      of_slopes = self%weights(:, j)
+    else
+      of_slopes = conjg(self%weights(:, j - self%n_generators))
+    end if
+    weight = of_slopes(1) + (s + self%exponents(j))*of_slopes(2)
     if (.not. form%has_memory()) return
     weight = weight + sum(self%left(:, j)*form%retained_between([s, self%exponents(j)]) &
                           *matmul(form%hereditary, self%right(:, j)))
@@ -322,6 +330,13 @@ contains
     integer :: modes(count(acts)), i, j
 
     rates = (0.0_wp, 0.0_wp)
+    if (size(modes) == 1) then
+      j = findloc(acts, .true., 1)
+      rates(j) = self%weight(form, j, s)
+      singular = .not. abs(rates(j)) > 0.0_wp
+      if (.not. singular) rates(j) = sum(self%left(:, j)*load)/rates(j)
+      return
+    end if
     modes = pack([(i, i=1, size(acts))], acts)
     do j = 1, size(modes)
       slope = matmul(form%operator_between(s, self%exponents(modes(j))), self%right(:, modes(j)))

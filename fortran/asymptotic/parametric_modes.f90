@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> All steady motions of a mode d that a load drives and of modes q that only the motion of d, or
 !! a load, excites parametrically. With x = |a_d|^2, y_q = |a_q|^2 and an m of 0, 1, 2 for each q
 !!

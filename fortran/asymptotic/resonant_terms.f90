@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> Selection of the loads and products in the modulation equations of a normal form, by their
 !! effect (`viscovib_normal_products`) or by a tolerance.
 !!
@@ -270,14 +270,16 @@ contains
     type(candidate_type), allocatable :: some(:)
     complex(wp) :: s, part, term, side(form%n), own(2*self%n_generators)
     real(wp) :: sizes, off, farthest
+    logical :: rests(2*self%n_generators)
     integer :: i, j, k, n, factors(3)
 
     own = self%s
+    rests = self%rests
     if (present(moves)) then
       do j = 1, self%n_modes
-        if (.not. moves(j)) own([j, j + self%n_generators]) = cmplx(0.0_wp, aimag( &
-          self%exponents([j, j + self%n_generators])), wp)
+        if (.not. moves(j)) rests([j, j + self%n_generators]) = .true.
       end do
+      where (rests) own = cmplx(0.0_wp, aimag(self%exponents), wp)
     end if
     allocate (some(16))
     n = 0
@@ -288,6 +290,7 @@ contains
       else
         factors = self%triple(:, i)
       end if
+      if (count(rests(factors(:order))) > 1) cycle
       s = sum(own(factors(:order)))
       ! In motions under loads, a product with the conjugate of a mode makes modes at rest grow. If
       ! motions are large, this happens far from equal frequencies, almost down to products of
@@ -296,9 +299,7 @@ contains
       if (present(moves) .or. self%with_far) then
         if ((self%framed .or. self%steady) .and. has_conjugate()) farthest = 0.95_wp
       end if
-      if (present(moves)) then
-        if (.not. farthest > far .or. n_resting(moves) > 1) cycle
-      end if
+      if (present(moves) .and. .not. farthest > far) cycle
       do j = 1, self%n_modes
         off = abs(aimag(s - own(j)))
         if (off > farthest*aimag(own(j))) cycle
@@ -333,18 +334,6 @@ contains
       has_conjugate = any(factors > self%n_generators .and. &
                           factors <= self%n_generators + self%n_modes)
     end function has_conjugate
-
-    !> Number of factors that are modes at rest.
-    pure integer function n_resting(moves)
-      logical, intent(in) :: moves(:)
-      integer :: q, place
-      n_resting = 0
-      do q = 1, order
-        place = modulo(factors(q) - 1, self%n_generators) + 1
-        if (place > self%n_modes) cycle
-        if (.not. moves(place)) n_resting = n_resting + 1
-      end do
-    end function n_resting
 
     !> The modulus, without a test for overflow.
     elemental real(wp) function modulus(z)

@@ -1,4 +1,4 @@
-! Optimize: -O2
+! Optimize: -O2 -fstack-arrays
 !> Growth of modes at rest by terms that are not part of the modulation equations.
 !!
 !! A motion of frequencies f_i excites pairs of modes at rest if n.f is near the sum of their

@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> The motion for given amplitudes, and the amplitudes for a given state.
 module viscovib_scales_motion
   use viscovib_dense, only: factorize, solve

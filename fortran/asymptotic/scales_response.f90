@@ -1,4 +1,4 @@
-! Optimize: -O2
+! Optimize: -O2 -fstack-arrays
 !> Steady motions for values of the frequency or the amplitude of a load. If the modulation
 !! equations are not autonomous in any frame: their quasi-periodic attractors.
 module viscovib_scales_response

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O3 -fstack-arrays
 !> The modulation equations of a normal form, in a frame that rotates with each mode:
 !!
 !!   Y_j = a_j exp(i W_j t),
@@ -54,14 +54,14 @@ contains
     type(normal_form_type), intent(in) :: normal
     type(polynomial_form_type), intent(in) :: form
     type(flow_term_type), allocatable :: terms(:)
-    real(wp) :: scale, largest(0:3)
-    integer :: i, j, k, n
+    integer :: pairs(size(normal%pair, 2)), triples(size(normal%triple, 2))
+    integer :: i, j, k, n, n_pairs, n_triples
 
     flow%n_modes = normal%n_modes
     flow%s = normal%exponents(:normal%n_modes)
-    n = normal%n_modes
-    allocate (terms(n*size(normal%direct) + count(normal%g_pair(:n, :) /= (0.0_wp, 0.0_wp)) &
-                    + count(normal%g_triple(:n, :) /= (0.0_wp, 0.0_wp))))
+    call list_changes(normal%g_pair(:normal%n_modes, :), pairs, n_pairs)
+    call list_changes(normal%g_triple(:normal%n_modes, :), triples, n_triples)
+    allocate (terms(normal%n_modes*(size(normal%direct) + n_pairs + n_triples)))
     n = 0
     do i = 1, size(normal%direct)
       k = normal%direct(i)
@@ -73,43 +73,34 @@ contains
     end do
     ! Coefficients at the level of rounding errors are set to 0. They are compared with coefficients
     ! of the same number of loads as factors, and so the same units.
-    largest = largest_of(normal%pair, normal%g_pair)
-    do i = 1, size(normal%pair, 2)
-      scale = largest(n_loads(normal%pair(:, i)))
-      do j = 1, normal%n_modes
-        if (normal%g_pair(j, i) == (0.0_wp, 0.0_wp)) cycle
-        if (.not. abs(normal%g_pair(j, i)) > 1.0e-13_wp*scale) cycle
-        call add([normal%pair(:, i), 0], normal%g_pair(j, i))
-      end do
-    end do
-    largest = largest_of(normal%triple, normal%g_triple)
-    do i = 1, size(normal%triple, 2)
-      scale = largest(n_loads(normal%triple(:, i)))
-      do j = 1, normal%n_modes
-        if (normal%g_triple(j, i) == (0.0_wp, 0.0_wp)) cycle
-        if (.not. abs(normal%g_triple(j, i)) > 1.0e-13_wp*scale) cycle
-        call add(normal%triple(:, i), normal%g_triple(j, i))
-      end do
-    end do
+    call add_products(normal%pair, normal%g_pair, pairs(:n_pairs))
+    call add_products(normal%triple, normal%g_triple, triples(:n_triples))
     flow%terms = terms(:n)
     flow%frame = aimag(flow%s)
     call flow%turn_frame()
 
   contains
 
-    !> Largest coefficient of the terms with a given number of loads.
-    pure function largest_of(factors, g) result(largest)
-      integer, intent(in) :: factors(:, :)
+    subroutine add_products(factors, g, which)
+      integer, intent(in) :: factors(:, :), which(:)
       complex(wp), intent(in) :: g(:, :)
-      real(wp) :: largest(0:3)
-      integer :: k, loads
+      !> Largest coefficient of the terms with a given number of loads.
+      real(wp) :: largest(0:3), sizes(normal%n_modes, size(which))
+      integer :: loads(size(which)), three(3), k
       largest = 0.0_wp
-      do k = 1, size(factors, 2)
-        if (all(g(:normal%n_modes, k) == (0.0_wp, 0.0_wp))) cycle
-        loads = n_loads(factors(:, k))
-        largest(loads) = max(largest(loads), maxval(abs(g(:normal%n_modes, k))))
+      do k = 1, size(which)
+        loads(k) = n_loads(factors(:, which(k)))
+        sizes(:, k) = abs(g(:normal%n_modes, which(k)))
+        largest(loads(k)) = max(largest(loads(k)), maxval(sizes(:, k)))
       end do
-    end function largest_of
+      three = 0
+      do k = 1, size(which)
+        three(:size(factors, 1)) = factors(:, which(k))
+        do j = 1, normal%n_modes
+          if (sizes(j, k) > 1.0e-13_wp*largest(loads(k))) call add(three, g(j, which(k)))
+        end do
+      end do
+    end subroutine add_products
 
     pure integer function n_loads(factors)
       integer, intent(in) :: factors(:)
@@ -149,6 +140,20 @@ contains
     end subroutine add
 
   end subroutine new_slow_flow
+
+  !> Products that change a mode.
+  pure subroutine list_changes(g, which, n)
+    !> Shape (n_modes, n_products).
+    complex(wp), intent(in) :: g(:, :)
+    integer, intent(out) :: which(:), n
+    integer :: k
+    n = 0
+    do k = 1, size(g, 2)
+      if (all(g(:, k) == (0.0_wp, 0.0_wp))) cycle
+      n = n + 1
+      which(n) = k
+    end do
+  end subroutine list_changes
 
   !> The frame nearest to the natural frequencies in which every term is constant: each term
   !! is one linear condition on W - omega. Conditions are added in the order of the terms by

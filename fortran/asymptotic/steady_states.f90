@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> All steady motions of a slow flow that is autonomous in its frame.
 !!
 !! The terms determine which modes are active. There are four cases, by the coupling of modes. One

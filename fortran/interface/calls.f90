@@ -77,8 +77,8 @@ contains
     handle = add_object(task)
   end subroutine begin_call
 
-  !> Return the results of a task and free its handle. If `numbers` is empty and the task has numbers,
-  !! the handle keeps them at their address.
+  !> Return the results of a task and free its handle. If `numbers` is empty and the task has
+  !! numbers, the handle keeps them at their address.
   subroutine end_call(handle, text, integers, numbers, status)
     integer(i8), intent(in) :: handle
     character(len=1), intent(out) :: text(:)

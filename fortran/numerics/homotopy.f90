@@ -1,4 +1,4 @@
-! Optimize: -O2
+! Optimize: -O2 -fstack-arrays
 !> All isolated solutions of a small polynomial system of degree 3, by path tracking from
 !! a system with known solutions (Sommese and Wampler, The numerical solution of systems
 !! of polynomials, 2005, chapters 2, 7 and 8): first from products of linear forms to a system of

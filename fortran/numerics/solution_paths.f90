@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> Path tracking of solutions of small polynomial systems of degree 3 while the coefficients change
 !! along a line, or from a product of linear forms (Sommese and Wampler, The numerical solution of
 !! systems of polynomials, 2005, chapters 2 and 8).

@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O2 -fvect-cost-model=dynamic -fstack-arrays
 !> A system up to third-degree terms, for the asymptotic methods:
 !!
 !!   (A_0 + A_1 d + A_2 d^2) y + (1 - R*) [H y + N_2(x, x) + N_3(x, x, x)] = load(t),
