@@ -23,12 +23,12 @@ module viscovib_condensed_hill
   use viscovib_compliance_band, only: compliance_band, new_band
   use viscovib_condensed_modes, only: modal_rest
   use viscovib_condensed_poles, only: condensed_poles, new_poles
-  use viscovib_condensed_rows, only: fill_one, find_swings, measure_waves, retained_of, &
-    strength, waves_of_rates
+  use viscovib_condensed_rows, only: fill_one, find_swings, measure_waves, strength, waves_of_rates
   use viscovib_condensed_waves, only: fill_waves, soften
   use viscovib_constants, only: pi
+  use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_determinant, only: fading_rate, hill_determinant, slow
+  use viscovib_hill_determinant, only: hill_determinant, retained_of, slow
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_slope_waves, only: hold_waves
@@ -36,7 +36,7 @@ module viscovib_condensed_hill
   implicit none
   private
 
-  public :: condensed_hill, new_condensed_hill
+  public :: average, condensed_hill, moved_by_waves, new_condensed_hill
 
   !> Multipliers this close to the unit circle count as on it.
   real(wp), parameter, public :: circle = 1.0e-9_wp
@@ -50,6 +50,8 @@ module viscovib_condensed_hill
   real(wp), parameter :: silent = 1.0e-11_wp
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp
+  !> Fourier coefficients of J that are small compared with the largest hardly move exponents.
+  real(wp), parameter :: faint = 1.0e-3_wp
 
   type, extends(hill_determinant) :: condensed_hill
     !> Poles of the rest.
@@ -83,6 +85,9 @@ module viscovib_condensed_hill
     procedure :: compliances
     procedure :: count_from
     procedure :: determinant
+    procedure :: determinant_from_place
+    procedure :: mean_system
+    procedure :: relaxation
     procedure :: on_line
     procedure :: local_at
     procedure, private :: find_motion
@@ -99,7 +104,7 @@ contains
     type(condensed_hill), intent(out) :: hill
     class(structure_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    integer :: j, n, q, s
+    integer :: j, n, s
     n = system%n_dof()
     hill%n_dof = n
     hill%stride = merge(2, 1, set%half_wave)
@@ -112,16 +117,9 @@ contains
     do j = 0, s - 1
       hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
     end do
-    allocate (hill%kernel_of_group(0))
-    do j = 1, system%n_memory()
-      q = system%kernel_of(j)
-      if (.not. any(hill%kernel_of_group == q)) hill%kernel_of_group = [hill%kernel_of_group, q]
-    end do
-    hill%remembers = any(system%kernel_of > 0)
+    call hill%find_memory(system)
     hill%without = matmul(system%spread, system%gather &
                           *spread(merge(1.0_wp, 0.0_wp, system%kernel_of > 0), 2, n))
-    hill%creeps = system%kernel_without_integral() /= 0
-    if (hill%remembers) hill%fading = fading_rate(system)
     call new_poles(hill%poles, system%rest)
   end subroutine new_condensed_hill
 
@@ -135,8 +133,7 @@ contains
     !> Multiply out all poles that elements move. The determinant is not ready until `count_from`.
     logical, intent(in) :: all_poles
     real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
-    self%nu = nu
-    self%period = self%stride*nu
+    call self%set_period(system, nu)
     ! Loss factors have no meaning off the axis.
     self%ready = system%separable .and. .not. any(abs(system%rest%losses) > 0.0_wp)
     if (.not. self%ready) return
@@ -151,7 +148,6 @@ contains
     end if
     call self%poles%weigh(largest, strongest, self%period, self%stride, self%nearness, self%line, &
                           self%ready, all_poles)
-    if (self%remembers) self%finest = max(self%fading, slow*self%period)
     self%n_without_memory = self%poles%n_multiplied
     self%n_apart = self%poles%n_growing
     if (self%ready .and. .not. all_poles) call self%find_orders(system)
@@ -368,13 +364,42 @@ contains
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
     logical, intent(in) :: about_half
+    integer :: p
+
+    p = self%n_orders - merge(0, 1, about_half)
+    call of_orders(self, system, p, self%highest - (p - 1)*self%stride, lambda, value)
+    call self%poles%multiplied%multiply(lambda, value)
+  end subroutine determinant
+
+  !> F at a distance from where memory is singular.
+  subroutine determinant_from_place(self, system, distance, value)
+    class(condensed_hill), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: distance
+    complex(wp), intent(out) :: value
+    real(wp) :: place
+    integer :: p
+
+    p = self%n_orders - merge(0, 1, self%stride == 2)
+    call of_orders(self, system, p, self%highest + self%stride/2 - (p - 1)*self%stride, distance, &
+                   value)
+    place = merge(0.5_wp*self%period, 0.0_wp, self%stride == 2)
+    call self%poles%multiplied%multiply(distance + cmplx(0.0_wp, place, wp), value)
+  end subroutine determinant_from_place
+
+  !> F of the p highest orders, from the lowest of these, but for most of the poles.
+  subroutine of_orders(self, system, p, lowest, lambda, value)
+    class(condensed_hill), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: p, lowest
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: value
     complex(wp), dimension(self%n_orders) :: s
     complex(wp) :: h(self%n_orders, self%n_dof, self%n_dof)
     complex(wp) :: kept(self%n_orders, size(self%kernel_of_group)), factor
-    integer :: centre, n, p, width, i
+    integer :: centre, n, width, i
 
-    p = self%n_orders - merge(0, 1, about_half)
-    s(:p) = [(lambda + cmplx(0.0_wp, ((i - p)*self%stride + self%highest)*self%nu, wp), i=1, p)]
+    s(:p) = [(lambda + cmplx(0.0_wp, (lowest + (i - 1)*self%stride)*self%nu, wp), i=1, p)]
     kept(:p, :) = retained_of(system, self%kernel_of_group, s(:p))
     ! Rigid bodies are near their poles at order 0, or -1 of odd ones.
     centre = p - (self%highest + merge(1, 0, self%stride == 2))/self%stride
@@ -398,9 +423,136 @@ contains
     end if
     call band_determinant(n, size(self%re, 1), max(min(n - 1, width), 0), self%re, self%im, value)
     if (abs(factor) > 0.0_wp) value = value*factor
-    call self%poles%multiplied%multiply(lambda, value)
     value = value*self%poles%rigid_factor(s(centre), self%period)
-  end subroutine determinant
+  end subroutine of_orders
+
+  !> I + H J_0 at s, J_0 the mean along the motion.
+  function mean_system_at(self, system, s, h) result(matrix)
+    class(condensed_hill), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: s, h(:, :)
+    complex(wp) :: matrix(self%n_dof, self%n_dof), kept(1, size(self%kernel_of_group))
+    integer :: a
+
+    kept = retained_of(system, self%kernel_of_group, [s])
+    matrix = matmul(h, self%local_at(0, 0, kept(1, :), s))
+    do a = 1, self%n_dof
+      matrix(a, a) = matrix(a, a) + 1.0_wp
+    end do
+  end function mean_system_at
+
+  !> det(I + H J_0) at s = lambda, where relaxed springs push.
+  complex(wp) function relaxation(self, system, lambda) result(ratio)
+    class(condensed_hill), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    complex(wp) :: s
+
+    ratio = (1.0_wp, 0.0_wp)
+    if (.not. self%pushes) return
+    s = lambda
+    if (self%stride == 2) s = lambda - cmplx(0.0_wp, 0.5_wp*self%period, wp)
+    select type (system)
+    class is (structure_type)
+      call average(self, system, s, ratio)
+    end select
+  end function relaxation
+
+  !> det(I + H J_0) at s: exponents of the mean system are zeros.
+  subroutine average(self, system, s, value)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s
+    complex(wp), intent(out) :: value
+    complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, h
+    real(wp), dimension(self%n_dof, self%n_dof) :: re, im
+
+    call system%rest%evaluate(s, h)
+    matrix = mean_system_at(self, system, s, h)
+    if (self%n_dof == 1) then
+      value = matrix(1, 1)
+      return
+    end if
+    re = real(matrix)
+    im = aimag(matrix)
+    call band_determinant(self%n_dof, self%n_dof, self%n_dof - 1, re, im, value)
+  end subroutine average
+
+  !> By how much, about, J - J_0 moves an exponent s of the mean system: through its neighbours at
+  !! s + i m d, R sum_m |J_m|^2 |H_J(s + i m d)| with R/(s' - s) the part of
+  !! H_J = (I + H J_0)^-1 H near s.
+  subroutine moved_by_waves(self, system, s, distance, moved)
+    class(condensed_hill), intent(in) :: self
+    class(structure_type), intent(in) :: system
+    complex(wp), intent(in) :: s
+    !> Not distinguishable from s.
+    real(wp), intent(in) :: distance
+    real(wp), intent(out) :: moved
+    complex(wp) :: places(2*self%reach + 1)
+    complex(wp) :: h(2*self%reach + 1, self%n_dof, self%n_dof)
+    real(wp) :: next, both, size_of
+    integer :: waves(self%reach), i, m, n
+
+    n = 0
+    do m = 1, self%reach
+      if (self%parts(m) <= faint) cycle
+      n = n + 1
+      waves(n) = m
+      places(2*n) = s + cmplx(0.0_wp, m*self%period, wp)
+      places(2*n + 1) = 2.0_wp*s - places(2*n)
+    end do
+    places(1) = s + distance
+    call self%compliances(system, places(:2*n + 1), h(:2*n + 1, :, :))
+    moved = 0.0_wp
+    do i = 1, n
+      m = waves(i)
+      both = 0.0_wp
+      call add(2*i)
+      call add(2*i + 1)
+      ! Strong waves come back more than once.
+      size_of = self%sizes(m)
+      if (allocated(self%by_rate)) then
+        size_of = size_of + (abs(s) + m*self%period) &
+                  *maxval(sum(abs(sum(self%by_rate(:, :, m, :), 3)), 2))
+      end if
+      next = size_of*both
+      moved = moved + size_of*next*(1.0_wp + next)
+    end do
+    both = 0.0_wp
+    call add(1)
+    moved = moved*both*distance
+
+  contains
+
+    subroutine add(i)
+      integer, intent(in) :: i
+      complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, inverse
+      logical :: singular
+      matrix = mean_system_at(self, system, places(i), h(i, :, :))
+      if (self%n_dof == 1) then
+        both = both + abs(h(i, 1, 1)/matrix(1, 1))
+        return
+      end if
+      call invert(matrix, inverse, singular)
+      if (singular) both = huge(1.0_wp)**0.25_wp
+      if (.not. singular) both = both + maxval(sum(abs(matmul(inverse, h(i, :, :))), 2))
+    end subroutine add
+
+  end subroutine moved_by_waves
+
+  subroutine mean_system(self, system, s, matrix)
+    class(condensed_hill), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: s
+    real(wp), allocatable, intent(out) :: matrix(:, :)
+    complex(wp) :: h(self%n_dof, self%n_dof)
+
+    select type (system)
+    class is (structure_type)
+      call system%rest%evaluate(cmplx(s, 0.0_wp, wp), h)
+      matrix = real(mean_system_at(self, system, cmplx(s, 0.0_wp, wp), h))
+    end select
+  end subroutine mean_system
 
   subroutine on_line(self, system, lambda, value)
     class(condensed_hill), intent(inout) :: self

@@ -8,8 +8,8 @@
 !! secant method on F, all others divided out. At a motion nearby a zero is as far from its mean
 !! exponent as it was there.
 module viscovib_condensed_roots
-  use viscovib_condensed_hill, only: condensed_hill
-  use viscovib_condensed_mean, only: average, moved_by_waves
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+  use viscovib_condensed_hill, only: average, condensed_hill, moved_by_waves
   use viscovib_condensed_poles, only: place_of
   use viscovib_hill_determinant, only: gap_list, new_gaps
   use viscovib_hill_secant, only: first_step, folded, local_shape, secant
@@ -37,9 +37,6 @@ module viscovib_condensed_roots
   !> A line is separate from the exponents by this part of their distance from the axis at least,
   !! and not further from them than this, in d; further left exponents are not sought.
   real(wp), parameter :: separate = 0.02_wp, wide = 0.1_wp, furthest_left = -1.2_wp
-  !> The grid of starts: real parts in units of d, and imaginary ones over [0, 1/2].
-  real(wp), parameter :: grid_re(4) = [0.05_wp, 1.0e-3_wp, 0.3_wp, 1.0e-6_wp]
-  integer, parameter :: grid_im = 4
 
   type :: condensed_zeros
     !> Zeros with 0 <= Im lambda <= d/2, n of them, whether each is sharp, and its pole, 0: none.
@@ -67,7 +64,7 @@ module viscovib_condensed_roots
     procedure :: sharpen
     procedure :: stay
     procedure :: take_known
-    procedure :: search
+    procedure :: without_pole
     procedure :: all_of
     procedure :: n_right
     procedure, private :: find_nearby
@@ -354,7 +351,7 @@ contains
 
     self%sharp(:self%n) = .false.
     do j = 1, size(known)
-      if (.not. abs(known(j)) <= huge(1.0_wp)) cycle
+      if (ieee_is_nan(real(known(j)))) cycle
       zero = folded(known(j), hill%period)
       ! The conjugate of the one before.
       if (any(self%sharp(:self%n) .and. .not. abs(self%upper(:self%n) - zero) > 0.0_wp)) cycle
@@ -488,24 +485,11 @@ contains
     self%n = n
   end subroutine drop_doubtful
 
-  !> More zeros right of the line, from a grid, until as many as counted are sharp there.
-  subroutine search(self, hill, system, counted)
-    class(condensed_zeros), intent(inout) :: self
-    type(condensed_hill), intent(inout) :: hill
-    class(structure_type), intent(in) :: system
-    integer, intent(in) :: counted
-    complex(wp) :: root
-    integer :: i, j
-    logical :: made
-
-    do i = 1, size(grid_re)
-      do j = 0, grid_im
-        if (self%n_right(hill) >= counted) return
-        call secant(hill, system, self%all_of(hill, .false., 0), &
-                    hill%period*cmplx(grid_re(i), 0.5_wp*j/grid_im, wp), small_step, root, made)
-        if (made) call self%put(hill, root, .true., 0)
-      end do
-    end do
-  end subroutine search
+  !> Zeros that belong to no pole of the rest.
+  pure function without_pole(self) result(zeros)
+    class(condensed_zeros), intent(in) :: self
+    complex(wp), allocatable :: zeros(:)
+    zeros = pack(self%upper(:self%n), self%of_pole(:self%n) == 0 .and. self%sharp(:self%n))
+  end function without_pole
 
 end module viscovib_condensed_roots

@@ -1,13 +1,13 @@
 ! Optimize: -O2 -fvect-cost-model=dynamic
 !> Matrices of Hill's determinant of a condensed structure, real and imaginary parts apart.
 module viscovib_condensed_rows
+  use viscovib_hill_determinant, only: retained_of
   use viscovib_kinds, only: wp
-  use viscovib_oscillator, only: oscillator_type
   use viscovib_structure, only: structure_type
   implicit none
   private
 
-  public :: fill_one, find_swings, measure_waves, retained_of, strength, waves_of_rates
+  public :: fill_one, find_swings, measure_waves, strength, waves_of_rates
 
   !> Times at which H J is looked at.
   integer, parameter :: some_times = 16
@@ -90,22 +90,6 @@ contains
     swings = pack([(a, a=1, size(swing))], swing)
     others = pack([(a, a=1, size(swing))], .not. swing)
   end subroutine find_swings
-
-  !> What memory retains of each group, shape (size(s), groups).
-  function retained_of(system, kernel_of_group, s) result(kept)
-    class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: kernel_of_group(:)
-    complex(wp), intent(in) :: s(:)
-    complex(wp) :: kept(size(s), size(kernel_of_group))
-    integer :: q
-
-    kept = (1.0_wp, 0.0_wp)
-    do q = 1, size(kernel_of_group)
-      if (kernel_of_group(q) == 0) cycle
-      call system%kernels(kernel_of_group(q))%laplace(s, kept(:, q))
-      kept(:, q) = 1.0_wp - kept(:, q)
-    end do
-  end function retained_of
 
   !> The part of J that the rate of a deflection multiplies, and the largest it is at any time.
   subroutine waves_of_rates(system, kernel_of_group, slopes, waves, by_rate, strongest)

@@ -7,6 +7,7 @@ module viscovib_condensed_stability
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill_count, only: count_right
   use viscovib_hill_path, only: hill_path_type, new_hill_path
+  use viscovib_hill_roots, only: complete, find_near, twin
   use viscovib_hill_secant, only: follow_exponent
   use viscovib_kinds, only: wp
   use viscovib_cycle_terms, only: has_states
@@ -24,8 +25,10 @@ module viscovib_condensed_stability
 
   type :: condensed_checker
     type(condensed_hill), private :: hill
-    !> Zeros of the motion checked last.
+    !> Zeros of the motion checked last, and those of them that belong to no
+    !! pole but to memory.
     type(condensed_zeros), private :: zeros
+    complex(wp), allocatable, private :: own(:)
   contains
     procedure :: check
     procedure :: follow
@@ -41,6 +44,7 @@ contains
     type(harmonic_set_type), intent(in) :: set
     call new_condensed_hill(self%hill, system, set)
     call new_zeros(self%zeros, self%hill)
+    allocate (self%own(0))
   end subroutine new_condensed_checker
 
   !> One motion.
@@ -58,7 +62,8 @@ contains
     integer, intent(out) :: n_growing
     !> Whether none decays more slowly than the first exponent.
     logical, intent(out) :: slowest
-    complex(wp), allocatable :: all(:)
+    type(hill_path_type) :: path
+    complex(wp), allocatable :: all(:), known(:)
     real(wp) :: axis, line, fastest
     integer :: counted, n, wanted
 
@@ -81,14 +86,18 @@ contains
       end if
       call self%zeros%doubt(hill, system)
       call self%zeros%sharpen(hill, system, wanted, 0.0_wp)
-      call count_zeros(self, system, counted)
+      call find_own(self, system)
+      call count_zeros(self, system, path, counted)
       if (counted < 0) return
       ! Certain also where not all exponents are found.
       if (.not. decaying) n_growing = counted
       if (self%zeros%n_right(hill) + poles%n_growing < counted .and. .not. decaying) then
         call self%zeros%sharpen(hill, system, huge(1), 0.0_wp)
-        call self%zeros%search(hill, system, counted - poles%n_growing)
+        call known_zeros(self, counted, known)
+        call complete(hill, system, path, counted - poles%n_growing, known)
+        call self%zeros%take_known(hill, known)
       end if
+      if (hill%remembers) self%own = self%zeros%without_pole()
       all = [self%zeros%all_of(hill, .true., 0), poles%exponents]
       if (count(real(all) > hill%line) /= counted) return
     end associate
@@ -106,6 +115,7 @@ contains
     class(condensed_checker), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: nu, x(:, :)
+    type(hill_path_type) :: path
     integer :: counted
 
     none_grows = .false.
@@ -115,16 +125,44 @@ contains
     call self%zeros%approximate(self%hill, system)
     call self%zeros%doubt(self%hill, system)
     call self%zeros%sharpen(self%hill, system, 0, rough)
-    call count_zeros(self, system, counted)
+    call find_own(self, system)
+    call count_zeros(self, system, path, counted)
     none_grows = counted == 0
   end function none_grows
 
-  !> Exponents right of the line; -1: unknown.
-  subroutine count_zeros(self, system, counted)
+  !> Exponents that belonged to no pole at a motion nearby.
+  subroutine find_own(self, system)
     class(condensed_checker), intent(inout) :: self
     class(structure_type), intent(in) :: system
+    complex(wp), allocatable :: known(:)
+    integer :: i
+
+    if (size(self%own) == 0) return
+    allocate (known, source=self%zeros%all_of(self%hill, .true., 0))
+    ! Some belong to a pole now.
+    self%own = pack(self%own, [(.not. any(abs(known - self%own(i)) < twin*self%hill%period), &
+                                i=1, size(self%own))])
+    call known_zeros(self, 2*size(self%own), known)
+    call find_near(self%hill, system, self%own, known)
+    call self%zeros%take_known(self%hill, known)
+  end subroutine find_own
+
+  !> Zeros that are sharp, and NaN for more.
+  subroutine known_zeros(self, more, known)
+    class(condensed_checker), intent(in) :: self
+    integer, intent(in) :: more
+    complex(wp), allocatable, intent(out) :: known(:)
+
+    known = self%zeros%all_of(self%hill, .true., 0)
+    known = [known, spread(cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp), 1, more + 1)]
+  end subroutine known_zeros
+
+  !> Exponents right of the line; -1: unknown.
+  subroutine count_zeros(self, system, path, counted)
+    class(condensed_checker), intent(inout) :: self
+    class(structure_type), intent(in) :: system
+    type(hill_path_type), intent(out) :: path
     integer, intent(out) :: counted
-    type(hill_path_type) :: path
     complex(wp), allocatable :: zeros(:)
 
     allocate (zeros, source=self%zeros%all_of(self%hill, .false., 0))

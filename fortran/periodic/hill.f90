@@ -24,10 +24,9 @@ module viscovib_hill
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_blocks, only: add_columns, add_toeplitz, add_waves, copy_blocks, &
     fill_waves, moments_of, scale_rows
-  use viscovib_hill_determinant, only: fading_rate, hill_determinant, slow
+  use viscovib_hill_determinant, only: hill_determinant, retained_of
   use viscovib_hill_products, only: hill_products
   use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
-  use viscovib_hill_relaxing, only: relaxing_points
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polar, only: plain_logarithm
@@ -39,8 +38,6 @@ module viscovib_hill
 
   !> Degree of a force that stands for one that is no polynomial: how many samples.
   integer, parameter :: as_degree = 11
-  !> Exponents of memory itself are no faster, in nu.
-  real(wp), parameter :: widest = 100.0_wp
 
   type, extends(hill_determinant) :: hill_type
     !> a, > 0: exponents are sought right of -a.
@@ -51,10 +48,6 @@ module viscovib_hill
     !> Highest order of the disturbance. Orders reach from -highest to highest, which mirrors them
     !! about Im lambda = 0; with the one below they are mirrored about d/2.
     integer, private :: highest = 0
-    !> True if relaxed springs push: some perturbations may grow slowly.
-    logical, private :: pushes = .false.
-    !> Where memory alone would relax (rad/s, < 0).
-    real(wp), allocatable :: relaxing(:)
     !> Trace of M^(-1) dF/du', its mean along the solution.
     real(wp), private :: drag = 0.0_wp
     type(harmonic_set_type), private :: set
@@ -84,6 +77,7 @@ module viscovib_hill
     procedure :: count_from
     procedure :: determinant
     procedure :: determinant_from_place
+    procedure :: mean_system
     procedure :: on_line
   end type hill_type
 
@@ -104,15 +98,7 @@ contains
     hill%n_dof = n
     hill%stride = merge(2, 1, set%half_wave)
     hill%n_without_memory = 2*n
-    hill%remembers = any(system%kernel_of > 0)
-    hill%creeps = system%kernel_without_integral() /= 0
-    hill%pushes = hill%creeps
-    do q = 1, size(system%kernels)
-      if (any(system%kernel_of == q) .and. .not. hill%pushes) then
-        hill%pushes = system%kernels(q)%integral() > 1.0_wp
-      end if
-    end do
-    if (hill%remembers) hill%fading = fading_rate(system)
+    call hill%find_memory(system)
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     hill%inverse = real(inverse)
     hill%damping = matmul(hill%inverse, system%damping)
@@ -130,11 +116,6 @@ contains
     allocate (hill%waves(0:s - 1))
     do j = 0, s - 1
       hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
-    end do
-    allocate (hill%kernel_of_group(0))
-    do j = 1, m
-      q = system%kernel_of(j)
-      if (.not. any(hill%kernel_of_group == q)) hill%kernel_of_group = [hill%kernel_of_group, q]
     end do
     hill%group = [(findloc(hill%kernel_of_group, system%kernel_of(j), 1), j=1, m)]
     allocate (hill%springs_at_rest(n, n, size(hill%kernel_of_group)), im(n, n), source=0.0_wp)
@@ -159,11 +140,8 @@ contains
     real(wp) :: fastest, waves(0:(size(self%u, 1) - 1)/2)
     integer :: b, p
 
-    self%nu = nu
-    self%period = self%stride*nu
-    if (self%pushes) self%finest = max(self%fading, slow*self%period)
+    call self%set_period(system, nu)
     call self%count_from(0.0_wp)
-    if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
     call self%set%sample(nu, x, self%u, system%rates)
     if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
     call hold_waves(system, self%set, self%set%orders*nu, x, self%u, self%slopes)
@@ -400,10 +378,9 @@ contains
                    *exp(-2.0_wp*pi/self%period*(self%shift + lambda)))**(2*self%n_dof)
   end subroutine determinant
 
-  !> The determinant at a distance, however small, from where memory is singular: from 0, or i d/2
-  !! where orders are odd.
+  !> The determinant at a distance from where memory is singular.
   subroutine determinant_from_place(self, system, distance, value)
-    class(hill_type), intent(in) :: self
+    class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: distance
     complex(wp), intent(out) :: value
@@ -412,6 +389,25 @@ contains
     call of_orders(self, system, p, self%highest + self%stride/2 - (p - 1)*self%stride, distance, &
                    value)
   end subroutine determinant_from_place
+
+  !> s^2 M + s C + B [1 - R(s)] W: the system at rest.
+  subroutine mean_system(self, system, s, matrix)
+    class(hill_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: s
+    real(wp), allocatable, intent(out) :: matrix(:, :)
+    complex(wp) :: kept(1, size(self%kernel_of_group))
+    integer :: i, j
+
+    kept = retained_of(system, self%kernel_of_group, [cmplx(s, 0.0_wp, wp)])
+    allocate (matrix, source=s**2*system%mass + s*system%damping)
+    do j = 1, size(self%group)
+      do i = 1, self%n_dof
+        matrix(:, i) = matrix(:, i) + real(kept(1, self%group(j))) &
+                       *system%spread(:, j)*system%gather(j, i)
+      end do
+    end do
+  end subroutine mean_system
 
   !> The determinant with the factor of the orders left out.
   subroutine on_line(self, system, lambda, value)
@@ -445,19 +441,15 @@ contains
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
     real(wp) :: h(p*self%n_dof, p*self%n_dof, 2)
-    complex(wp) :: s(p), scale(p), kept(p, size(self%kernel_of_group))
+    complex(wp), dimension(p) :: s, scale
+    complex(wp) :: kept(p, size(self%kernel_of_group))
     integer :: a, b, i, q, next, block
 
     do i = 1, p
       s(i) = lambda + cmplx(0.0_wp, (lowest + (i - 1)*self%stride)*self%nu, wp)
     end do
     scale = 1.0_wp/(s + self%shift)**2
-    kept = (1.0_wp, 0.0_wp)
-    do q = 1, size(self%kernel_of_group)
-      if (self%kernel_of_group(q) == 0) cycle
-      call system%kernels(self%kernel_of_group(q))%laplace(s, kept(:, q))
-      kept(:, q) = 1.0_wp - kept(:, q)
-    end do
+    kept = retained_of(system, self%kernel_of_group, s)
     ! From order to order, and from coordinate to coordinate.
     next = merge(self%n_dof, 1, system%separable)
     block = merge(1, p, system%separable)

@@ -15,7 +15,7 @@
 module viscovib_hill_creep
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_constants, only: pi
-  use viscovib_hill, only: hill_type
+  use viscovib_hill_determinant, only: hill_determinant
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial_zeros, only: polynomial_zeros
@@ -34,14 +34,17 @@ module viscovib_hill_creep
   integer, parameter :: n_strips = 22, n_slow = 19
   !> Values on a circle, of which all but two count twice, and the degree that is kept.
   integer, parameter :: half = 24, degree = 24
-  !> Rounding errors separate three zeros close to each other by up to this distance.
-  real(wp), parameter :: side_by_side = 1.0e-4_wp
+  !> Rounding errors move two zeros close to each other by up to the first distance, and more of
+  !! them by up to the second. Zeros of a group are nearer to each other than the third; the circle
+  !! about it is larger than the group by the last.
+  real(wp), parameter :: side_by_side = 1.0e-4_wp, doubtful = 0.02_wp, together = 0.05_wp
+  real(wp), parameter :: larger = 6.0_wp
 
 contains
 
   !> The strip in which an exponent lies, 1, 2, ...; 0: in none, or unknown (NaN).
   elemental integer function strip_of(hill, exponent)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: exponent
 
     strip_of = 0
@@ -54,36 +57,58 @@ contains
 
   !> All exponents in a strip.
   subroutine rates_in_strip(hill, system, strip, exponents)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: strip
     complex(wp), allocatable, intent(out) :: exponents(:)
-    real(wp) :: series(0:degree), centre
+    complex(wp), allocatable :: t(:), closer(:)
+    complex(wp) :: middle
+    real(wp) :: around
+    integer :: i, n
+
+    middle = log(slowest*hill%period) + (strip - 0.5_wp)*width
+    call zeros_about(hill, system, real(middle), r, t)
+    t = pack(t, abs(aimag(t)) <= doubtful .and. real(t - middle) >= -0.5_wp*width &
+             .and. real(t - middle) < 0.5_wp*width)
+    ! Circles that are not much larger than a group of zeros separate these.
+    do i = 1, size(t)
+      associate (group => abs(t - t(i)) <= together)
+        n = count(group)
+        if (n < 3 .or. any(group(:i - 1))) cycle
+        middle = sum(t, group)/n
+        around = larger*maxval(abs(t - middle), group)
+        call zeros_about(hill, system, real(middle), around, closer)
+        closer = pack(closer, abs(closer - middle) <= 0.5_wp*around)
+        if (size(closer) == n) t = unpack(closer, group, t)
+      end associate
+    end do
+    t = pack(t, abs(aimag(t)) <= side_by_side)
+    exponents = cmplx(exp(real(t)), place(hill), wp)
+  end subroutine rates_in_strip
+
+  !> Zeros of D by t in a circle; none where D is no number.
+  subroutine zeros_about(hill, system, centre, radius, t)
+    class(hill_determinant), intent(inout) :: hill
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: centre, radius
+    complex(wp), allocatable, intent(out) :: t(:)
+    real(wp) :: series(0:degree)
     complex(wp) :: z(degree)
-    integer :: k
     logical :: found
 
-    allocate (exponents(0))
-    centre = log(slowest*hill%period) + (strip - 0.5_wp)*width
-    call taylor(hill, system, centre, series, found)
+    allocate (t(0))
+    call taylor(hill, system, centre, radius, series, found)
     if (.not. found) return
     ! Of 1/z.
     call polynomial_zeros(series, z, found)
-    if (.not. found) return
-    z = pack(z, abs(z) > 1.0_wp, [(cmplx(0.0_wp, 1.0_wp, wp), k=1, degree)])
-    z = r/z
-    do k = 1, degree
-      if (abs(aimag(z(k))) > side_by_side) cycle
-      if (real(z(k)) < -0.5_wp*width .or. real(z(k)) >= 0.5_wp*width) cycle
-      exponents = [exponents, cmplx(exp(centre + real(z(k))), place(hill), wp)]
-    end do
-  end subroutine rates_in_strip
+    if (found) t = centre + radius/pack(z, abs(z) > 1.0_wp)
+  end subroutine zeros_about
 
   !> The series about a centre in powers of (t - c)/r; not found where D is no number.
-  subroutine taylor(hill, system, centre, series, found)
-    type(hill_type), intent(inout) :: hill
+  subroutine taylor(hill, system, centre, r, series, found)
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: centre
+    real(wp), intent(in) :: centre, r
     real(wp), intent(out) :: series(0:)
     logical, intent(out) :: found
     complex(wp) :: values(0:half), s
@@ -111,7 +136,7 @@ contains
 
   !> Im lambda on the line where the motion creeps.
   pure real(wp) function place(hill)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     place = merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2)
   end function place
 

@@ -3,12 +3,13 @@
 module viscovib_hill_determinant
   use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi
+  use viscovib_hill_relaxing, only: relaxing_points, widest
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: fading_rate, gap, gap_list, hill_determinant, into_strip, new_gaps
+  public :: gap, gap_list, hill_determinant, into_strip, new_gaps, retained_of
 
   !> Slowest growth that is seen where a kernel has no integral, in d.
   real(wp), parameter, public :: slow = 1.0e-12_wp
@@ -26,8 +27,9 @@ module viscovib_hill_determinant
     integer :: n_without_memory = huge(1)
     !> Exponents right of the line of a count that are no zeros of the determinant.
     integer :: n_apart = 0
-    !> True if some kernel is in use, and if one of them has no integral.
-    logical :: remembers = .false., creeps = .false.
+    !> True if some kernel is in use, if one of them has no integral, and if relaxed springs push:
+    !! some perturbations may grow slowly.
+    logical :: remembers = .false., creeps = .false., pushes = .false.
     !> Kernel of each group of hereditary variables, 0: none.
     integer, allocatable :: kernel_of_group(:)
     !> Static stiffness of each group at rest, shape (n, n, groups), and the determinant of all of
@@ -38,9 +40,15 @@ module viscovib_hill_determinant
     real(wp) :: finest = huge(1.0_wp)
     !> The slowest rate at which memory fades (1/s).
     real(wp) :: fading = huge(1.0_wp)
+    !> Where memory alone would relax (rad/s, < 0).
+    real(wp), allocatable :: relaxing(:)
   contains
     procedure(determinant_interface), deferred :: determinant
     procedure(on_line_interface), deferred :: on_line
+    procedure(from_place_interface), deferred :: determinant_from_place
+    procedure(mean_interface), deferred :: mean_system
+    procedure :: find_memory
+    procedure :: set_period
     procedure :: relaxation
   end type hill_determinant
 
@@ -67,6 +75,26 @@ module viscovib_hill_determinant
       complex(wp), intent(out) :: value
     end subroutine on_line_interface
 
+    !> The determinant at a distance, however small, from where memory is singular: from 0, or i d/2
+    !! where orders are odd. Factors that have neither zeros nor poles near there are left out.
+    subroutine from_place_interface(self, system, distance, value)
+      import :: hill_determinant, oscillator_type, wp
+      class(hill_determinant), intent(inout) :: self
+      class(oscillator_type), intent(in) :: system
+      complex(wp), intent(in) :: distance
+      complex(wp), intent(out) :: value
+    end subroutine from_place_interface
+
+    !> A matrix that is singular at rates s of growth (1/s, real and positive) where stiffness does
+    !! not vary.
+    subroutine mean_interface(self, system, s, matrix)
+      import :: hill_determinant, oscillator_type, wp
+      class(hill_determinant), intent(in) :: self
+      class(oscillator_type), intent(in) :: system
+      real(wp), intent(in) :: s
+      real(wp), allocatable, intent(out) :: matrix(:, :)
+    end subroutine mean_interface
+
   end interface
 
   !> Factors 1 - exp(2 pi (p_k - lambda)/d) of some p_k.
@@ -82,6 +110,40 @@ module viscovib_hill_determinant
 
 contains
 
+  !> Everything that kernels decide.
+  subroutine find_memory(self, system)
+    class(hill_determinant), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer :: j, q
+
+    self%remembers = any(system%kernel_of > 0)
+    self%creeps = system%kernel_without_integral() /= 0
+    self%pushes = self%creeps
+    do q = 1, size(system%kernels)
+      if (any(system%kernel_of == q) .and. .not. self%pushes) then
+        self%pushes = system%kernels(q)%integral() > 1.0_wp
+      end if
+    end do
+    if (self%remembers) self%fading = fading_rate(system)
+    allocate (self%kernel_of_group(0))
+    do j = 1, system%n_memory()
+      q = system%kernel_of(j)
+      if (.not. any(self%kernel_of_group == q)) self%kernel_of_group = [self%kernel_of_group, q]
+    end do
+  end subroutine find_memory
+
+  !> For motions of frequency nu (rad/s).
+  subroutine set_period(self, system, nu)
+    class(hill_determinant), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu
+
+    self%nu = nu
+    self%period = self%stride*nu
+    if (self%pushes) self%finest = max(self%fading, slow*self%period)
+    if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
+  end subroutine set_period
+
   !> What memory leaves of the static stiffness at rest at s = lambda (lambda - i d/2 under
   !! half-wave symmetry), det K(s)/det K without memory; 1 where that vanishes or is not known. Near
   !! s = 0 this is how slow memory enters a determinant: with singularities at its rates, and zeros
@@ -91,7 +153,7 @@ contains
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     real(wp), allocatable :: re(:, :), im(:, :)
-    complex(wp) :: kept(1), s(1)
+    complex(wp) :: kept(1, size(self%kernel_of_group)), s(1)
     integer :: n, q
 
     ratio = (1.0_wp, 0.0_wp)
@@ -100,14 +162,10 @@ contains
     if (self%stride == 2) s(1) = lambda - cmplx(0.0_wp, 0.5_wp*self%period, wp)
     n = size(self%springs_at_rest, 1)
     allocate (re(n, n), im(n, n), source=0.0_wp)
+    kept = retained_of(system, self%kernel_of_group, s)
     do q = 1, size(self%kernel_of_group)
-      kept = (0.0_wp, 0.0_wp)
-      if (self%kernel_of_group(q) > 0) then
-        call system%kernels(self%kernel_of_group(q))%laplace(s, kept)
-      end if
-      kept = 1.0_wp - kept
-      re = re + real(kept(1))*self%springs_at_rest(:, :, q)
-      im = im + aimag(kept(1))*self%springs_at_rest(:, :, q)
+      re = re + real(kept(1, q))*self%springs_at_rest(:, :, q)
+      im = im + aimag(kept(1, q))*self%springs_at_rest(:, :, q)
     end do
     call band_determinant(n, n, n, re, im, ratio)
     ratio = ratio/self%static
@@ -124,6 +182,22 @@ contains
       if (any(system%kernel_of == q)) rate = min(rate, system%kernels(q)%kernel%fading_rate())
     end do
   end function fading_rate
+
+  !> What memory retains of each group, shape (size(s), groups).
+  function retained_of(system, kernel_of_group, s) result(kept)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: kernel_of_group(:)
+    complex(wp), intent(in) :: s(:)
+    complex(wp) :: kept(size(s), size(kernel_of_group))
+    integer :: q
+
+    kept = (1.0_wp, 0.0_wp)
+    do q = 1, size(kernel_of_group)
+      if (kernel_of_group(q) == 0) cycle
+      call system%kernels(kernel_of_group(q))%laplace(s, kept(:, q))
+      kept(:, q) = 1.0_wp - kept(:, q)
+    end do
+  end function retained_of
 
   elemental complex(wp) function into_strip(lambda, d)
     complex(wp), intent(in) :: lambda

@@ -138,7 +138,8 @@ contains
   end subroutine split
 
   !> Zeros of the polynomial, both of conjugate pairs: exponents without memory but for the
-  !! orders left out, near exponents with it. None where they are not found.
+  !! orders left out, near exponents with it. None where they are not found, or where the path began
+  !! with too few pieces.
   subroutine approximations(self, hill, exponents)
     class(hill_path_type), intent(in) :: self
     class(hill_determinant), intent(in) :: hill
@@ -149,7 +150,7 @@ contains
     logical :: found
 
     allocate (exponents(0))
-    if (self%n == 0) return
+    if (self%n == 0 .or. 2*self%pieces < hill%n_without_memory + 2) return
     do j = 0, self%pieces
       k = minloc(abs(aimag(self%lambda(:self%n)) - 0.5_wp*hill%period*j/self%pieces), 1)
       at_node(j) = self%value(k)/self%ratio(k)

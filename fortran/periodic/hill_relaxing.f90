@@ -11,6 +11,8 @@ module viscovib_hill_relaxing
 
   public :: relaxing_points
 
+  !> Exponents of memory itself are no faster, in nu.
+  real(wp), parameter, public :: widest = 100.0_wp
   !> How much of the stiffness remembers.
   real(wp), parameter :: parts(2) = [1.0_wp, 0.3_wp]
 

@@ -10,10 +10,9 @@
 !! their conjugates, where it finds them again. Slow creep is found by `viscovib_hill_creep`.
 module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
-  use viscovib_hill, only: hill_type
   use viscovib_hill_count, only: may_be_of_memory
   use viscovib_hill_creep, only: n_slow, n_strips, rates_in_strip, strip_of
-  use viscovib_hill_determinant, only: into_strip
+  use viscovib_hill_determinant, only: hill_determinant, into_strip
   use viscovib_hill_path, only: hill_path_type
   use viscovib_hill_secant, only: folded, leftmost, on_line, secant, smallest_step
   use viscovib_kinds, only: wp
@@ -23,12 +22,12 @@ module viscovib_hill_roots
   implicit none
   private
 
-  public :: complete, find_exponents, find_more
+  public :: complete, find_exponents, find_more, find_near
 
   !> Distance that distinguishes two exponents, in d.
-  real(wp), parameter :: apart = 1.0e-9_wp
+  real(wp), parameter :: apart = 1.0e-8_wp
   !> Zeros so near to each other slow the secant method down unless one is divided out.
-  real(wp), parameter :: twin = 1.0e-4_wp
+  real(wp), parameter, public :: twin = 1.0e-4_wp
   !> How far left approximations are bad, how near an approximation is that of an exponent.
   real(wp), parameter :: far = -0.25_wp, taken = 0.1_wp
   !> The grid of starts: real parts in units of d, and imaginary ones over [0, 1/2].
@@ -43,18 +42,38 @@ contains
   !> Exponents, largest real part first, both of conjugate pairs, with -d/2 < Im lambda <= d/2;
   !! NaN behind the last.
   subroutine find_exponents(hill, system, path, near, exponents)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     !> Those of a solution nearby, NaN where there is none.
     complex(wp), intent(in) :: near(:)
     !> As many as may be kept, at least 2 n_dof.
     complex(wp), intent(out) :: exponents(:)
-    integer :: n, i
+    integer :: n
 
     exponents = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
-    n = 0
     if (.not. hill%ready) return
+    call find_near(hill, system, near, exponents)
+    n = n_known(exponents)
+    ! Skipped if all exponents of the neighbour, and as many as without memory, were found.
+    if (.not. (n_known(near) > 0 .and. n >= n_known(near) &
+               .and. count(.not. may_be_of_memory(hill, exponents(:n))) &
+               >= hill%n_without_memory)) then
+      call from_approximations(hill, system, path, n_known(near) == 0, exponents, n)
+    end if
+    call sort_falling(exponents(:n), real(exponents(:n)))
+  end subroutine find_exponents
+
+  !> More exponents, from those of a solution nearby.
+  subroutine find_near(hill, system, near, exponents)
+    class(hill_determinant), intent(inout) :: hill
+    class(oscillator_type), intent(in) :: system
+    !> NaN behind the last.
+    complex(wp), intent(in) :: near(:)
+    complex(wp), intent(inout) :: exponents(:)
+    integer :: n, i
+
+    n = n_known(exponents)
     do i = 1, n_known(near)
       if (n >= size(exponents) - 1) exit
       if (is_slow(hill, near(i))) then
@@ -63,17 +82,11 @@ contains
         call try(hill, system, near(i), exponents, n)
       end if
     end do
-    ! Skipped if all exponents of the neighbour, and as many as without memory, were found.
-    if (.not. (n_known(near) > 0 .and. n >= n_known(near) &
-               .and. count(.not. may_be_of_memory(hill, exponents(:n))) >= 2*hill%n_dof)) then
-      call from_approximations(hill, system, path, n_known(near) == 0, exponents, n)
-    end if
-    call sort_falling(exponents(:n), real(exponents(:n)))
-  end subroutine find_exponents
+  end subroutine find_near
 
   !> More exponents, where those found are not as many as counted.
   subroutine find_more(hill, system, path, exponents)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     !> NaN behind the last.
@@ -88,7 +101,7 @@ contains
 
   !> More exponents, from the approximations that belong to none of those found.
   subroutine from_approximations(hill, system, path, first, exponents, n)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     !> Whether no solution nearby is known.
@@ -114,7 +127,7 @@ contains
     do i = 1, size(starts)
       if (n >= size(exponents) - 1) exit
       if (aimag(starts(i)) < 0.0_wp) cycle
-      if (n >= 2*hill%n_dof .and. real(starts(i)) < far*hill%period) cycle
+      if (n >= hill%n_without_memory .and. real(starts(i)) < far*hill%period) cycle
       call try(hill, system, starts(i), exponents, n, nearby=.true.)
     end do
   end subroutine from_approximations
@@ -122,7 +135,7 @@ contains
   !> Of approximations those that are left when each exponent found has taken one, nearest pairs
   !! first. Exponents nearer to where memory alone relaxes are its own and take none.
   pure subroutine leave_out(hill, found, starts)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: found(:)
     complex(wp), allocatable, intent(inout) :: starts(:)
     complex(wp) :: own(size(hill%relaxing))
@@ -149,14 +162,14 @@ contains
 
   !> Where memory alone would relax.
   pure function relaxing_alone(hill) result(exponents)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp) :: exponents(size(hill%relaxing))
     exponents = cmplx(hill%relaxing, merge(0.5_wp*hill%period, 0.0_wp, hill%stride == 2), wp)
   end function relaxing_alone
 
   !> Exponents of memory itself.
   subroutine try_relaxing(hill, system, exponents, n)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(inout) :: exponents(:)
     integer, intent(inout) :: n
@@ -174,7 +187,7 @@ contains
   !! approximations and, of those that grow, from a grid, until as many right of the line of a
   !! path are found as were counted.
   subroutine complete(hill, system, path, counted, exponents)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     type(hill_path_type), intent(in) :: path
     integer, intent(in) :: counted
@@ -192,7 +205,9 @@ contains
     if (done()) return
     place = merge(0.5_wp, 0.0_wp, hill%stride == 2)
     allocate (rates(0))
-    if (.not. path%line < 0.0_wp) call rates_from_rest(system, hill%period, rates)
+    if (hill%pushes .and. .not. path%line < 0.0_wp) then
+      call rates_from_rest(hill, system, hill%period, rates)
+    end if
     do i = size(rates), 1, -1
       if (done()) exit
       lambda = cmplx(rates(i), place*hill%period, wp)
@@ -243,14 +258,14 @@ contains
 
   !> Creeps, too slowly for the secant method.
   elemental logical function is_slow(hill, exponent)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: exponent
     is_slow = strip_of(hill, exponent) > 0 .and. strip_of(hill, exponent) <= n_slow
   end function is_slow
 
   !> All slow rates of a strip, in the place of those that were known there.
   subroutine look_in_strip(hill, system, strip, exponents, n)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: strip
     complex(wp), intent(inout) :: exponents(:)
@@ -272,7 +287,7 @@ contains
 
   !> Without the fastest of the exponents if they leave no place for more, conjugates together.
   pure subroutine make_place(hill, more, exponents, n)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     integer, intent(in) :: more
     !> Largest real part first, NaN behind the last.
     complex(wp), intent(inout) :: exponents(:)
@@ -295,7 +310,7 @@ contains
 
   !> One more exponent from a start, with its conjugate.
   subroutine try(hill, system, start, exponents, n, nearby)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: start
     complex(wp), intent(inout) :: exponents(:)
@@ -343,7 +358,7 @@ contains
 
   !> A zero with 0 <= Im lambda <= d/2.
   subroutine zero_near(hill, system, known, start, root, made)
-    type(hill_type), intent(inout) :: hill
+    class(hill_determinant), intent(inout) :: hill
     class(oscillator_type), intent(in) :: system
     !> Those divided out.
     complex(wp), intent(in) :: known(:)
@@ -364,7 +379,7 @@ contains
 
   !> Nearer to Im lambda = d/2, or -d/2, than to 0.
   pure logical function is_upper(hill, lambda)
-    type(hill_type), intent(in) :: hill
+    class(hill_determinant), intent(in) :: hill
     complex(wp), intent(in) :: lambda
     is_upper = abs(aimag(lambda)) > 0.25_wp*hill%period
   end function is_upper

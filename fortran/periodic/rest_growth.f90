@@ -1,4 +1,5 @@
-!> Rates of monotonic growth from rest: real s > 0 with det(s^2 M + s C + B [1 - R(s)] W) = 0.
+!> Rates of monotonic growth of a system with constant stiffness: real s > 0 at which its matrix,
+!! such as s^2 M + s C + B [1 - R(s)] W, is singular.
 !!
 !! They exist if a kernel R has an integral above 1, or none: relaxed springs then push. For fast
 !! memory the growth is fast, far above all frequencies of the load, where no other method computes
@@ -6,6 +7,7 @@
 module viscovib_rest_growth
   use viscovib_dense, only: factorize
   use viscovib_eigenvalues, only: eigenvalues
+  use viscovib_hill_determinant, only: hill_determinant
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   implicit none
@@ -25,7 +27,8 @@ contains
 
   !> Rates, ascending, including close ones: the number of negative eigenvalues changes by the
   !! number of rates between two values.
-  subroutine rates_from_rest(system, nu, rates)
+  subroutine rates_from_rest(hill, system, nu, rates)
+    class(hill_determinant), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     !> A frequency (rad/s) of typical magnitude.
     real(wp), intent(in) :: nu
@@ -35,18 +38,19 @@ contains
 
     allocate (rates(0))
     high = slowest*nu
-    n_high = n_negative(system, high)
+    n_high = n_negative(hill, system, high)
     do while (high < fastest*nu)
       low = high
       n_low = n_high
       high = merge(ratio_of_slow, ratio, low < slow*nu)*low
-      n_high = n_negative(system, high)
-      call part(system, low, n_low, high, n_high, rates)
+      n_high = n_negative(hill, system, high)
+      call part(hill, system, low, n_low, high, n_high, rates)
     end do
   end subroutine rates_from_rest
 
   !> Add the rates between two values.
-  recursive subroutine part(system, low, n_low, high, n_high, rates)
+  recursive subroutine part(hill, system, low, n_low, high, n_high, rates)
+    class(hill_determinant), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: low, high
     integer, intent(in) :: n_low, n_high
@@ -60,33 +64,25 @@ contains
       return
     end if
     middle = 0.5_wp*(low + high)
-    n_middle = n_negative(system, middle)
+    n_middle = n_negative(hill, system, middle)
     ! Exactly at a rate.
     if (n_middle < 0) n_middle = n_high
-    call part(system, low, n_low, middle, n_middle, rates)
-    call part(system, middle, n_middle, high, n_high, rates)
+    call part(hill, system, low, n_low, middle, n_middle, rates)
+    call part(hill, system, middle, n_middle, high, n_high, rates)
   end subroutine part
 
   !> Number of eigenvalues with negative real part; for large systems 1 if it is odd, else 0. -1:
   !! unknown.
-  integer function n_negative(system, s)
+  integer function n_negative(hill, system, s)
+    class(hill_determinant), intent(in) :: hill
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: s
-    real(wp) :: matrix(system%n_dof(), system%n_dof())
-    complex(wp) :: kept(1), values(system%n_dof())
-    integer :: pivots(system%n_dof()), i, j, q
+    real(wp), allocatable :: matrix(:, :)
+    complex(wp) :: values(system%n_dof())
+    integer :: pivots(system%n_dof()), i
     logical :: singular, found
 
-    matrix = s**2*system%mass + s*system%damping
-    do j = 1, size(system%kernel_of)
-      kept = (0.0_wp, 0.0_wp)
-      q = system%kernel_of(j)
-      if (q > 0) call system%kernels(q)%laplace([cmplx(s, 0.0_wp, wp)], kept)
-      do i = 1, size(matrix, 2)
-        matrix(:, i) = matrix(:, i) + (1.0_wp - real(kept(1))) &
-                       *system%spread(:, j)*system%gather(j, i)
-      end do
-    end do
+    call hill%mean_system(system, s, matrix)
     n_negative = -1
     if (size(matrix, 1) <= most_by_eigenvalues) then
       call eigenvalues(matrix, values, found)

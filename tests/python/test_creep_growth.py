@@ -10,15 +10,15 @@ STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
 MASS = np.diag([1.0, 0.1])
 
 
-def rates_of_rest(amplitude, alpha):
+def rates_of_rest(amplitude, alpha, mass=MASS, stiffness=STIFFNESS):
     """Real s > 0 with det(s^2 M + K (1 - R(s))) = 0, R(s) = A Gamma(alpha) s^-alpha."""
     found = []
-    for omega2 in np.linalg.eigvals(np.linalg.solve(MASS, STIFFNESS)).real:
+    for omega2 in np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real:
 
         def surplus(s, omega2=omega2):
             return s**2 + omega2 * (1 - amplitude * gamma(alpha) * s**-alpha)
 
-        found.append(brentq(surplus, 1e-9, 1e9, xtol=1e-13, rtol=1e-14))
+        found.append(brentq(surplus, 1e-12, 1e9, xtol=1e-30, rtol=1e-14))
     return sorted(found, reverse=True)
 
 
@@ -65,3 +65,29 @@ def test_rates_of_two_springs_that_relax_alike():
         assert found == pytest.approx(roots.real, rel=1e-6)
         closest = min(closest, 1 - roots.real[1] / roots.real[0])
     assert closest < 0.01
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+@pytest.mark.parametrize("seed", range(15))
+def test_creep_of_structures_whose_springs_share_a_kernel(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 5))
+    mass, springs = rng.uniform(0.5, 2, n), rng.uniform(0.4, 2, n)
+    cuts = np.eye(n) - np.eye(n, k=-1)
+    kernel = vv.AbelKernel(amplitude=rng.uniform(0.02, 0.3), alpha=rng.uniform(0.2, 0.8))
+    structure = vv.Structure(
+        mass=mass, stiffness=np.zeros((n, n)),
+        elements=[
+            vv.Spring(on=e, stiffness=k, law="0.5*d^3", kernel=kernel)
+            for e, k in zip(cuts, springs, strict=True)
+        ],
+    )  # fmt: skip
+    rates = rates_of_rest(
+        kernel.amplitude, kernel.alpha, np.diag(mass), cuts.T @ np.diag(springs) @ cuts
+    )
+    nu = rng.uniform(0.5, 1.5)
+    load = {1: [1e-5] + [0.0] * (n - 1)}
+    branch = vv.trace_response(structure, (nu, 1.3 * nu), load=load, harmonics=3)
+    assert (branch.growing == n).all()
+    for found in branch.exponents:
+        assert found[:n].real == pytest.approx(rates, rel=1e-6)
