@@ -1,5 +1,6 @@
 !> Campbell diagram of a rotor: a table of its complex modes over the speed.
 module viscovib_campbell_job
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
   use viscovib_campbell, only: campbell_type, find_campbell
   use viscovib_job, only: job_report, job_type, table_sink
   use viscovib_kinds, only: wp
@@ -53,7 +54,7 @@ contains
     type(campbell_type) :: found
     type(table_type) :: table
     real(wp), allocatable :: whirl(:, :)
-    integer :: i
+    integer :: i, k
 
     call find_campbell(subject%polynomial, self%speeds, self%orders, found, status)
     if (status%failed()) return
@@ -61,10 +62,10 @@ contains
                     //'frequency: Im s (rad/s); damping_ratio: -Re s/|s|; nan: does not oscillate')
     do i = 1, size(self%orders)
       call table%note('critical speeds (rad/s) of order '//show(self%orders(i))//':' &
-                      //listed(pack(found%critical%speed, &
+                      //listed(pack([(found%critical(k)%speed, k=1, size(found%critical))], &
                                     abs(found%critical%order - self%orders(i)) <= 0.0_wp)))
     end do
-    if (found%threshold >= 0.0_wp) then
+    if (.not. ieee_is_nan(found%threshold)) then
       call table%note('unstable from this speed on (rad/s):'//listed([found%threshold]))
     else
       call table%note('no eigenvalue has a positive real part')
@@ -85,7 +86,7 @@ contains
     call sink%put(this_kind(), table, status)
     report%summary = things(size(found%roots, 1), 'mode')//', ' &
                      //things(size(found%critical), 'critical speed')
-    if (found%threshold >= 0.0_wp) then
+    if (.not. ieee_is_nan(found%threshold)) then
       report%summary = report%summary//', unstable from '//show(found%threshold)//' on'
     end if
   end subroutine run

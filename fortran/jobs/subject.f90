@@ -86,12 +86,7 @@ contains
   !> The tolerance of steady motions if none is given.
   real(wp) function usual_tolerance(self)
     class(subject_type), intent(in) :: self
-    usual_tolerance = smooth_tolerance
-    if (self%is_structure) then
-      if (has_kinks(self%structure)) usual_tolerance = corner_tolerance
-    else if (self%is_polynomial) then
-      if (has_kinks(self%polynomial)) usual_tolerance = corner_tolerance
-    end if
+    usual_tolerance = merge(corner_tolerance, smooth_tolerance, has_kinks(self%oscillator()))
   end function usual_tolerance
 
   !> Motion of the coordinates with the base.

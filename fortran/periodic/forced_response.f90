@@ -45,6 +45,7 @@ contains
     real(wp), intent(in), optional :: start(:, :)
     type(polynomial_type) :: reduced
     type(load_type) :: part
+    real(wp), allocatable :: its(:, :)
     integer :: d
 
     if (all(plan%moved)) then
@@ -52,12 +53,9 @@ contains
     else
       call reduce(system, plan%moved, reduced)
       call load%take_part(plan%moved, part)
-      if (present(start)) then
-        call whole_response(plan, reduced, part, nu, response, cancel, &
-                            start(:, pack([(d, d=1, size(plan%moved))], plan%moved)))
-      else
-        call whole_response(plan, reduced, part, nu, response, cancel)
-      end if
+      ! Without a start its part is not allocated, which makes it absent.
+      if (present(start)) its = start(:, pack([(d, d=1, size(plan%moved))], plan%moved))
+      call whole_response(plan, reduced, part, nu, response, cancel, its)
       call response%spread_out(plan%moved)
     end if
     call response%keep_finite()

@@ -1,16 +1,18 @@
-!> The &response group of a scene.
+!> The &response and &campbell groups of a scene, and ranges of values.
 module viscovib_response_groups
+  use viscovib_campbell_job, only: campbell_job
   use viscovib_checks, only: check_increasing
   use viscovib_curve_groups, only: read_relative
   use viscovib_grids, only: linear_grid, log_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
+  use viscovib_namelist, only: lower
   use viscovib_response, only: response_options
   use viscovib_status, only: show, status_type
   implicit none
   private
 
-  public :: read_response
+  public :: read_campbell, read_range, read_response
 
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=10) :: 'nu_from', 'nu_to', 'nu_count', 'nu_spacing']
@@ -44,9 +46,7 @@ contains
     type(group_reader), intent(inout) :: reader
     real(wp), allocatable, intent(out) :: nu(:)
     type(status_type) :: status
-    character(len=:), allocatable :: spacing
-    real(wp) :: lowest, highest
-    integer :: i, n
+    integer :: i
 
     allocate (nu(0))
     call reader%refuse(former_keys, 'the ends are nu_from and nu_to, as of a &branch')
@@ -61,19 +61,58 @@ contains
       call reader%place(status)
       return
     end if
-    lowest = reader%read_real('nu_from')
-    highest = reader%read_real('nu_to')
-    n = reader%read_integer('nu_count')
-    spacing = reader%read_text('nu_spacing')
-    if (reader%status%failed()) return
-    if (highest <= lowest) call reader%complain('nu_to', 'nu_to = '//show(highest) &
-                                                //': must be greater than nu_from = '//show(lowest))
-    if (reader%status%failed()) return
-    if (spacing == 'linear') then
-      nu = linear_grid(lowest, highest, n)
-    else
-      nu = log_grid(lowest, highest, n)
-    end if
+    call read_range(reader, 'nu_', nu, 'nu_spacing')
   end subroutine read_frequencies
+
+  !> Values of a range: keys that end in `from`, `to` and `count`.
+  subroutine read_range(reader, begin, values, spacing)
+    type(group_reader), intent(inout) :: reader
+    !> Begin of the keys.
+    character(len=*), intent(in) :: begin
+    !> Size 0 if reading failed.
+    real(wp), allocatable, intent(out) :: values(:)
+    !> Key of the spacing, linear or logarithmic; absent: linear.
+    character(len=*), intent(in), optional :: spacing
+    character(len=:), allocatable :: word
+    real(wp) :: first, last
+    integer :: n
+
+    allocate (values(0))
+    first = reader%read_real(begin//'from')
+    last = reader%read_real(begin//'to')
+    n = reader%read_integer(begin//'count')
+    word = 'linear'
+    if (present(spacing)) word = reader%read_text(spacing)
+    if (reader%status%failed()) return
+    if (last <= first) then
+      call reader%complain(begin//'to', begin//'to = '//show(last)//': must be greater than ' &
+                           //begin//'from = '//show(first))
+    else if (word == 'linear') then
+      values = linear_grid(first, last, n)
+    else
+      values = log_grid(first, last, n)
+    end if
+  end subroutine read_range
+
+  subroutine read_campbell(reader, names, job)
+    type(group_reader), intent(inout) :: reader
+    !> Coordinates of the system.
+    character(len=*), intent(in) :: names(:)
+    type(campbell_job), intent(inout) :: job
+    character(len=len(names)), allocatable :: words(:)
+    integer :: i
+
+    call read_range(reader, 'speed_', job%speeds)
+    job%orders = reader%read_reals('orders', default=[1.0_wp])
+    if (reader%may_have('plane')) then
+      allocate (words(0))
+      words = reader%read_words('plane', len(names), 2)
+      if (reader%status%failed()) return
+      job%plane(:size(words)) = [(findloc(names, lower(words(i)), 1), i=1, size(words))]
+      if (any(job%plane == 0) .or. job%plane(1) == job%plane(2)) then
+        call reader%complain('plane', 'plane: must be two of the coordinates')
+      end if
+    end if
+  end subroutine read_campbell
 
 end module viscovib_response_groups

@@ -1,13 +1,13 @@
 !> The &multiple_scales group of a scene.
 module viscovib_scales_groups
   use viscovib_checks, only: check_positive
-  use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
+  use viscovib_response_groups, only: read_range
   use viscovib_scales_job, only: scales_job
   use viscovib_scales_response, only: vary_amplitude, vary_frequency
-  use viscovib_status, only: show, status_type
+  use viscovib_status, only: status_type
   implicit none
   private
 
@@ -66,22 +66,12 @@ contains
     type(group_reader), intent(inout) :: reader
     type(scales_job), intent(inout) :: job
     type(status_type) :: status
-    real(wp) :: from, to
-    integer :: n
 
-    from = reader%read_real('from')
-    to = reader%read_real('to')
-    n = reader%read_integer('count')
+    call read_range(reader, '', job%values)
     job%tolerance = reader%read_real('tolerance')
-    allocate (job%values(0))
-    if (reader%status%failed()) return
-    if (job%vary == vary_frequency) then
-      call check_positive('from', from, status)
-      call reader%place(status)
-    end if
-    if (to <= from) call reader%complain('to', 'to = '//show(to)//': must be greater than from = ' &
-                                         //show(from))
-    if (.not. reader%status%failed()) job%values = linear_grid(from, to, n)
+    if (reader%status%failed() .or. job%vary /= vary_frequency) return
+    call check_positive('from', job%values(1), status)
+    call reader%place(status)
   end subroutine read_values
 
 end module viscovib_scales_groups

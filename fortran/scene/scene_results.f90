@@ -8,7 +8,6 @@ module viscovib_scene_results
   use viscovib_basins_job, only: basins_job
   use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
-  use viscovib_campbell_groups, only: read_campbell
   use viscovib_campbell_job, only: campbell_job
   use viscovib_characteristic_roots_job, only: characteristic_roots_job
   use viscovib_checks, only: check_positive
@@ -29,20 +28,19 @@ module viscovib_scene_results
   use viscovib_kinds, only: wp
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
-  use viscovib_motion_groups, only: read_decay, read_frequency, read_hereditary, read_spectrum, &
-    read_transient
+  use viscovib_motion_groups, only: read_decay, read_frequency, read_hereditary, &
+    read_shock_spectrum, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_repeating_groups, only: read_steady_motion, read_trace_motion
-  use viscovib_response_groups, only: read_response
+  use viscovib_response_groups, only: read_campbell, read_response
   use viscovib_response_job, only: response_job
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
-  use viscovib_shock_spectrum_groups, only: read_shock_spectrum
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_steady_motion_job, only: steady_motion_job
   use viscovib_structure_model, only: structure_model

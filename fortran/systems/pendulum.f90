@@ -10,7 +10,7 @@ module viscovib_pendulum
   use viscovib_lanes, only: n_lanes
   use viscovib_pendulum_equations, only: cubic_acceleration, cubic_tangent, exact_acceleration, &
     exact_tangent, i_alpha, i_damping, i_e, i_inverse, i_load, i_r, i_square, i_stiffness, i_w2, &
-    i_w3, n_constants, printed_acceleration, printed_tangent
+    i_w3, n_constants, printed_tangent
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -155,6 +155,7 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    real(wp), dimension(n_lanes, self%n_dof) :: still, unused
 
     select case (self%parameters%equations)
     case (equations_exact)
@@ -162,7 +163,8 @@ contains
     case (equations_cubic)
       call cubic_acceleration(self%constants, q, v, drive, a)
     case default
-      call printed_acceleration(self%constants, q, v, drive, a)
+      still = 0.0_wp
+      call printed_tangent(self%constants, q, v, drive, still, still, a, unused)
     end select
   end subroutine acceleration
 

@@ -23,7 +23,7 @@ module viscovib_pendulum_equations
   implicit none
   private
 
-  public :: exact_acceleration, cubic_acceleration, printed_acceleration
+  public :: exact_acceleration, cubic_acceleration
   public :: exact_tangent, cubic_tangent, printed_tangent
 
   !> Indices of the constants: e, r, w2^2, w3^2, stiffness 1 + 3 alpha z_r^2, 3 alpha z_r, alpha,
@@ -96,38 +96,6 @@ contains
       a(l, 3) = p
     end do
   end subroutine cubic_acceleration
-
-  pure subroutine printed_acceleration(k, q, v, drive, a)
-    real(wp), intent(in) :: k(n_lanes, n_constants)
-    real(wp), intent(in) :: q(n_lanes, 3), v(n_lanes, 3), drive(n_lanes, 3)
-    real(wp), intent(out) :: a(n_lanes, 3)
-    real(wp), dimension(n_lanes) :: sin_phi, cos_phi, sin_psi, cos_psi
-    real(wp) :: length, a1, a2, a3, s, c, p
-    integer :: l
-
-    call sine_cosine_lanes(q(:, 2), sin_phi, cos_phi)
-    call sine_cosine_lanes(q(:, 3), sin_psi, cos_psi)
-    !GCC$ unroll 1
-    do l = 1, n_lanes
-      length = 1.0_wp + q(l, 1)
-      s = sin_phi(l)*cos_psi(l) - cos_phi(l)*sin_psi(l)
-      c = cos_phi(l)*cos_psi(l) + sin_phi(l)*sin_psi(l)
-      a1 = k(l, i_load)*drive(l, 1) - k(l, i_damping)*v(l, 1) &
-           + k(l, i_w2)*(cos_phi(l) - 1.0_wp) &
-           - q(l, 1)*(k(l, i_stiffness) + q(l, 1)*(k(l, i_square) + k(l, i_alpha)*q(l, 1))) &
-           + length*v(l, 2)**2 + k(l, i_e)*c*v(l, 3)**2
-      a2 = k(l, i_load + 1)*drive(l, 2) - k(l, i_damping + 1)*v(l, 2) &
-           - k(l, i_w2)*length*sin_phi(l) - 2.0_wp*q(l, 1)*v(l, 1)*v(l, 2) &
-           - k(l, i_e)*length*(s*v(l, 3)**2 + c*v(l, 3))
-      a3 = k(l, i_load + 2)*drive(l, 3) - k(l, i_damping + 2)*v(l, 3) - k(l, i_w3)*sin_psi(l) &
-           - k(l, i_r)*(2.0_wp*c*v(l, 1)*v(l, 2) - length*s*v(l, 2)**2)
-      a2 = a2/length**2
-      p = (a3 - k(l, i_r)*(s*a1 + c*a2))/(1.0_wp - k(l, i_e)*k(l, i_r)*s**2)
-      a(l, 1) = a1 - k(l, i_e)*s*p
-      a(l, 2) = a2
-      a(l, 3) = p
-    end do
-  end subroutine printed_acceleration
 
   pure subroutine exact_tangent(k, q, v, drive, dq, dv, a, da)
     real(wp), intent(in) :: k(n_lanes, n_constants)

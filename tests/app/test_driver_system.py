@@ -22,6 +22,22 @@ def test_a_table_of_points_runs_directly(solve, tmp_path):
     assert "not a sum of exponentials" in done.stderr
 
 
+def test_campbell_diagram_without_instability(solve, tmp_path):
+    """A frequency w is the speed where 4 - w^2 = 0.5 w^2 or -0.5 w^2."""
+    scene = tmp_path / "disc.nml"
+    scene.write_text(
+        "&system coordinates='a' 'b' mass=1 0 0 1 stiffness=4 0 0 4 gyroscopic=0 0.5 -0.5 0 /\n"
+        "&campbell speed_from=0 speed_to=5 speed_count=11 /\n"
+    )
+    done = solve(scene, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "disc_campbell.csv").read_text()
+    assert "no eigenvalue has a positive real part" in text
+    line = next(line for line in text.splitlines() if "critical speeds (" in line)
+    found = [float(word) for word in line.split(":")[-1].split()]
+    np.testing.assert_allclose(found, [np.sqrt(4 / 1.5), np.sqrt(4 / 0.5)], rtol=1e-12)
+
+
 def test_a_system_of_ones_own(solve, tmp_path):
     """Every group of a system, read by the driver and by Python."""
     scene = tmp_path / "own.nml"

@@ -30,7 +30,44 @@ def _integrated(t: FloatArray, power: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ElementForces(Result):
+class _ForcesInTime(Result):
+    """Deflections and forces of elements or mounts along a motion in time."""
+
+    t: FloatArray
+    names: tuple[str, ...]
+    deflection: FloatArray
+    rate: FloatArray
+    elastic: FloatArray
+    damping: FloatArray
+    memory: FloatArray
+
+    @property
+    def force(self) -> FloatArray:
+        """Force opposite to the deflection, in the shape of ``deflection``."""
+        return self.elastic + self.damping + self.memory
+
+    @cached_property
+    def work(self) -> FloatArray:
+        """Work done on each element or mount since the first time, in the shape of ``deflection``.
+
+        It is the integral of force times rate, by a spline through the states kept. Work that an
+        element stores returns; the work of a closed loop is its loss. The work of rotational
+        stiffness of mounts is not included.
+        """
+        return _integrated(self.t, self.force * self.rate)
+
+    @cached_property
+    def dissipated(self) -> FloatArray:
+        """Energy dissipated by linear dampers since the first time, as ``work``."""
+        return _integrated(self.t, self.damping * self.rate)
+
+    def of(self, name: str) -> FloatArray:
+        """Force of one element, shape (n,), or of one mount along its local axes, (n, 3)."""
+        return self.force[:, self.names.index(_native.choice("name", name, self.names))]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ElementForces(_ForcesInTime):
     """Deflections and forces of elements along a motion in time.
 
     Attributes
@@ -59,39 +96,9 @@ class ElementForces(Result):
     (('x1 - x2',), 3.0)
     """
 
-    t: FloatArray
-    names: tuple[str, ...]
-    deflection: FloatArray
-    rate: FloatArray
-    elastic: FloatArray
-    damping: FloatArray
-    memory: FloatArray
     units: tuple[str, ...] = ()
 
     kind = "element forces"
-
-    @property
-    def force(self) -> FloatArray:
-        """Force of each element opposite to its deflection, shape (n, m)."""
-        return self.elastic + self.damping + self.memory
-
-    @cached_property
-    def work(self) -> FloatArray:
-        """Work done on each element since the first time, shape (n, m).
-
-        It is the integral of force times rate, by a spline through the states kept. Work that an
-        element stores returns; the work of a closed loop is its loss.
-        """
-        return _integrated(self.t, self.force * self.rate)
-
-    @cached_property
-    def dissipated(self) -> FloatArray:
-        """Energy dissipated by linear dampers since the first time, shape (n, m)."""
-        return _integrated(self.t, self.damping * self.rate)
-
-    def of(self, name: str) -> FloatArray:
-        """Force of one element, shape (n,)."""
-        return self.force[:, self.names.index(_native.choice("name", name, self.names))]
 
     def _headline(self) -> str:
         return f"forces of {things(len(self.names), 'element')}, t: {span(self.t, 's')}"
@@ -171,7 +178,7 @@ class SupportReactions(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MountForcesInTime(Result):
+class MountForcesInTime(_ForcesInTime):
     """Deflections, forces and moments of mounts in local axes along a motion in time.
 
     The quantities are those of `MountForces`, of the vibration without the static part.
@@ -209,41 +216,11 @@ class MountForcesInTime(Result):
     [0.0, 0.0, 200.0]
     """
 
-    t: FloatArray
-    names: tuple[str, ...]
-    deflection: FloatArray
-    rate: FloatArray
-    elastic: FloatArray
-    damping: FloatArray
-    memory: FloatArray
     moment: FloatArray
     point: FloatArray
     axes: FloatArray
 
     kind = "mount forces in time"
-
-    @property
-    def force(self) -> FloatArray:
-        """Force of each mount opposite to its deflection (N), shape (n, n_mounts, 3)."""
-        return self.elastic + self.damping + self.memory
-
-    @cached_property
-    def work(self) -> FloatArray:
-        """Work done on each mount along each axis since the first time (J), (n, n_mounts, 3).
-
-        It is the integral of force times rate, by a spline through the states kept. The work of
-        rotational stiffness is not included.
-        """
-        return _integrated(self.t, self.force * self.rate)
-
-    @cached_property
-    def dissipated(self) -> FloatArray:
-        """Energy dissipated by linear dampers since the first time (J), (n, n_mounts, 3)."""
-        return _integrated(self.t, self.damping * self.rate)
-
-    def of(self, name: str) -> FloatArray:
-        """Force of one mount along its local axes (N), shape (n, 3)."""
-        return self.force[:, self.names.index(_native.choice("name", name, self.names))]
 
     def _headline(self) -> str:
         return f"forces of {things(len(self.names), 'mount')}, t: {span(self.t, 's')}"
