@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O3 -fstack-arrays
 !> Elements with internal state in time integration: hysteresis, and stops with restitution.
 !!
 !! Hysteresis (viscovib_hysteresis): between two reversals of its deflection d the states depend

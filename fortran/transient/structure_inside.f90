@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O3 -fstack-arrays
 !> The motion of a structure inside a step, exact like its maps at the end of the step.
 !!
 !! The observed coordinates at a position of a step are linear in the state at its start, in the

@@ -1,4 +1,4 @@
-! Optimize: -O3
+! Optimize: -O3 -fstack-arrays
 !> The loops of a step over all modes of a structure, in blocks of eight modes, which is the layout
 !! of their arrays: mode (b-1) 8 + i at (i, b).
 module viscovib_structure_kernels
