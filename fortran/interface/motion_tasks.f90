@@ -22,7 +22,6 @@ module viscovib_motion_tasks
     steady_motion, trace_branch
   use viscovib_task, only: task_type
   use viscovib_timed_polynomials, only: timed_polynomials
-  use viscovib_transient_job, only: transient_job
   implicit none
   private
 
@@ -68,12 +67,8 @@ contains
       call count_hidden_coordinates(task)
     case ('fastest rate')
       call find_fastest(task)
-    case ('plan of pendulum')
-      call plan_of_pendulum(task)
-    case ('plan without memory')
-      call plan_without_memory(task)
-    case ('plan with memory')
-      call plan_with_memory(task)
+    case ('plan of pendulum', 'plan without memory', 'plan with memory')
+      call plan_motion(task, name)
     case default
       call task%refuse_kind()
     end select
@@ -291,59 +286,48 @@ contains
     if (.not. task%failed()) call task%found%put_real('fastest', motion%fastest())
   end subroutine find_fastest
 
-  !> Input of plans: `initial`, `t_end`, `dt` (0: found by `tolerance`), `method`, `save_every`,
-  !! `last_only`. The output is their `text`.
-  subroutine read_plan(task, job)
+  !> Plan of a motion, a `text`. Input: `initial`, `t_end`, `dt` (0: found by `tolerance` and
+  !! `relative`, both 0: by the size of the motion), `method`, `save_every`, `last_only`, `tail`,
+  !! `times`; without memory `reach`; with memory `held` and `past`, the index in `past_names`.
+  subroutine plan_motion(task, name)
     type(task_type), intent(inout) :: task
-    class(transient_job), intent(inout) :: job
+    character(len=*), intent(in) :: name
+    class(oscillator_type), pointer :: system
+    type(pendulum_type), pointer :: pendulum
+    type(load_type) :: load
+    type(hereditary_job) :: job
+    character(len=:), allocatable :: text
+
     allocate (job%initial, source=task%get_reals('initial'))
     job%t_end = task%get_real('t_end')
     job%dt = task%get_real('dt')
     job%tolerance = task%get_real('tolerance')
+    job%relative = task%get_real('relative', 0.0_wp)
     job%method = task%get_integer('method')
     job%save_every = task%get_integer('save_every')
     job%last_only = task%get_flag('last_only')
-  end subroutine read_plan
-
-  subroutine plan_of_pendulum(task)
-    type(task_type), intent(inout) :: task
-    type(pendulum_type), pointer :: system
-    type(transient_job) :: job
-    system => task%pendulum()
-    call read_plan(task, job)
-    if (.not. task%failed()) call task%found%put_text('text', plan_pendulum(job, system))
-  end subroutine plan_of_pendulum
-
-  subroutine plan_without_memory(task)
-    type(task_type), intent(inout) :: task
-    type(polynomial_type), pointer :: system
-    type(load_type) :: load
-    type(transient_job) :: job
-    real(wp) :: reach
-    system => polynomial_of(task)
-    if (task%failed()) return
-    call load_of(task, system%n_dof(), load)
-    call read_plan(task, job)
-    reach = task%get_real('reach')
-    if (task%failed()) return
-    call task%found%put_text('text', plan_polynomial(job, system, load, reach))
-  end subroutine plan_without_memory
-
-  !> `past`: index in `past_names`.
-  subroutine plan_with_memory(task)
-    type(task_type), intent(inout) :: task
-    class(oscillator_type), pointer :: system
-    type(load_type) :: load
-    type(hereditary_job) :: job
-    system => task%system()
-    if (task%failed()) return
-    call load_of(task, system%n_dof(), load)
-    call read_plan(task, job)
-    allocate (job%held, source=task%get_reals('held'))
-    job%past = task%get_integer('past')
-    call task%check_extents('held', shape(job%held), [system%n_dof()])
-    if (task%failed()) return
-    call task%found%put_text('text', plan_hereditary(job, system, load))
-  end subroutine plan_with_memory
+    job%tail = task%get_real('tail', 0.0_wp)
+    if (task%has('times')) allocate (job%times, source=task%get_reals('times'))
+    if (name == 'plan of pendulum') then
+      pendulum => task%pendulum()
+      if (task%failed()) return
+      text = plan_pendulum(job%transient_job, pendulum)
+    else
+      system => task%system()
+      if (task%failed()) return
+      call load_of(task, system%n_dof(), load)
+      if (name == 'plan with memory') then
+        allocate (job%held, source=task%get_reals('held'))
+        job%past = task%get_integer('past')
+        call task%check_extents('held', shape(job%held), [system%n_dof()])
+        if (task%failed()) return
+        text = plan_hereditary(job, system, load)
+      else
+        text = plan_polynomial(job%transient_job, polynomial_of(task), load, &
+                               task%get_real('reach'))
+      end if
+    end if
+    if (.not. task%failed()) call task%found%put_text('text', text)
+  end subroutine plan_motion
 
 end module viscovib_motion_tasks

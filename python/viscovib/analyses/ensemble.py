@@ -15,10 +15,9 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.accuracy import Accuracy, rounding_of
-from viscovib.analyses.ensemble_errors import Neighbour, errors_by_neighbours, sections_of
 from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
-from viscovib.analyses.members import Members
+from viscovib.analyses.members import Members, Sections
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
 from viscovib.analyses.runs import LOCATED, hopeless
 from viscovib.common.cluster import Cluster, Lost
@@ -224,7 +223,7 @@ def simulate_ensemble(
             f"{np.pi / apart:.4g} or more, amplitudes_at has {lines.max():g}: must be smaller"
         )
     names = np.array(OUTCOMES)
-    points, times = sections_of(members, raw)
+    points, times = members.passages(raw.sections)
     return Ensemble(
         t_end=length.span,
         t_reached=raw.t_reached,
@@ -420,6 +419,39 @@ class _Raw:
     lyapunov_error: FloatArray | None
 
 
+@dataclass(frozen=True)
+class _Neighbour:
+    """Errors of results except the final states; None: no result, or a given step size."""
+
+    sections: float | None = None
+    amplitudes: float | None = None
+
+
+def _errors_by_neighbours(
+    coarse: _Raw, fine: _Raw, before: Sections, after: Sections, runs: npt.NDArray[np.bool_]
+) -> _Neighbour:
+    """Changes of sections and amplitudes by halved steps, with their rounding errors."""
+    sections, amplitudes = None, None
+    if before[0] is not None and after[0] is not None:
+        sections = 0.0
+        for early, late in zip(before, after, strict=True):
+            if early is None or late is None:
+                continue
+            a, b = early[runs], late[runs]
+            # If the numbers of crossings differ, the error is unknown.
+            alike = a.shape == b.shape and bool((np.isnan(a) == np.isnan(b)).all())
+            moved = float(np.nanmax(np.abs(b - a), initial=0.0)) if alike else math.inf
+            known = b[~np.isnan(b)]
+            sections = max(sections, moved, rounding_of(known) if known.size else 0.0)
+    if coarse.amplitudes is not None and fine.amplitudes is not None:
+        lines = fine.amplitudes[runs]
+        amplitudes = max(
+            float(np.abs(lines - coarse.amplitudes[runs]).max(initial=0.0)),
+            rounding_of(np.abs(lines)) if lines.size else 0.0,
+        )
+    return _Neighbour(sections, amplitudes)
+
+
 _Array = TypeVar("_Array", FloatArray, ComplexArray)
 
 
@@ -610,12 +642,12 @@ def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> Flo
 
 def _computed(
     job: _Job, n: int, sought: Accuracy | None, progress: bool
-) -> tuple[_Raw, int, float | None, Neighbour]:
+) -> tuple[_Raw, int, float | None, _Neighbour]:
     """Compute the runs with n steps, or with as many as their accuracy needs."""
     try:
         raw = job.run(n, progress)
         if sought is None:
-            return raw, n, None, Neighbour()
+            return raw, n, None, _Neighbour()
         return _refine(job, raw, n, sought, progress)
     finally:
         if job.cluster is not None:
@@ -624,15 +656,15 @@ def _computed(
 
 def _refine(
     job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
-) -> tuple[_Raw, int, float, Neighbour]:
+) -> tuple[_Raw, int, float, _Neighbour]:
     """Halve the step size until the final states no longer change."""
     change, worst, factor = math.inf, 0, 1
-    before = sections_of(job.members, coarse)
+    before = job.members.passages(coarse.sections)
     changes_so_far: list[float] = []
     while not hopeless(changes_so_far):
         factor *= 2
         fine = job.run(n * factor, progress)
-        after = sections_of(job.members, fine)
+        after = job.members.passages(fine.sections)
         both = (coarse.ended == 0) & (fine.ended == 0)
         unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
         parts = np.abs(fine.state - coarse.state)
@@ -664,8 +696,8 @@ def _refine(
             if job.lines.size and factor < _SAMPLED:
                 factor, coarse, before = _SAMPLED, fine, after
                 fine = job.run(n * factor, progress)
-                after = sections_of(job.members, fine)
-            nearby = errors_by_neighbours(coarse, fine, before, after, both)
+                after = job.members.passages(fine.sections)
+            nearby = _errors_by_neighbours(coarse, fine, before, after, both)
             return _with_step_counts(coarse, fine), n * factor, error, nearby
         changes_so_far.append(change)
         coarse, before = fine, after

@@ -275,15 +275,20 @@ class MountRun(Run):
         if self.moves is not None:
             self.moves = np.ones_like(self.moves)
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
+    def _plan(self, **steps: Any) -> str:
         motion = self.motion
         orders, series = motion.series
+        return self._plan_with_memory(
+            motion.mount._handle, orders=orders, series=series, initial=motion.state,
+            held=motion.held, **steps,
+        )  # fmt: skip
+
+    def _plan_with_memory(self, system: _native.Handle, **given: Any) -> str:
+        """Return the plan of the core for a system in nodes."""
         text: str = _native.run(
-            "motion plan with memory", motion.mount._handle, orders=orders, series=series,
-            initial=motion.state, held=motion.held, t_end=float(end), dt=float(dt),
-            tolerance=float(tolerance),
+            "motion plan with memory", system, **given,
             method=tuple(reversed(NODES)).index(self.method) + 1,
-            past=2 if self.past == "exponentials" else 3, save_every=every, last_only=last,
+            past=2 if self.past == "exponentials" else 3,
         )["text"]  # fmt: skip
         return text
 

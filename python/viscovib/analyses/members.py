@@ -30,6 +30,10 @@ _MOMENTS = 6
 _COARSE = OUTCOMES.index("step too large")
 
 
+#: Sections of some runs, and their times if they are not periods of a load.
+Sections = tuple[FloatArray | None, FloatArray | None]
+
+
 class Members(ABC):
     """Runs of one kind of system; shapes begin with the number of runs n."""
 
@@ -66,6 +70,10 @@ class Members(ABC):
     @abstractmethod
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Compute a part of the runs."""
+
+    def passages(self, sections: FloatArray | None) -> Sections:
+        """Return the sections of the last run; of a load they are ``sections``."""
+        return sections, None
 
     def found_so_far(self, part: slice, results: bool) -> Any:
         """Findings about a part of the runs that later runs with smaller steps need.

@@ -409,13 +409,11 @@ class PolynomialRun(Run):
             force[:, 0] += given if given.ndim == 1 else 0.0
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ self.system._damping.T))
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
-        job = self.job
+    def _plan(self, **steps: Any) -> str:
         text: str = _native.run(
-            "motion plan without memory", self.system_in_core, orders=job[1], series=job[2],
-            reach=float(job[8]), initial=self.begin, t_end=float(end), dt=float(dt),
-            tolerance=float(tolerance), method=METHODS[self.method], save_every=every,
-            last_only=last,
+            "motion plan without memory", self.system_in_core, orders=self.job[1],
+            series=self.job[2], reach=float(self.job[8]), initial=self.begin,
+            method=METHODS[self.method], **steps,
         )["text"]  # fmt: skip
         return text
 
@@ -473,11 +471,10 @@ class _PendulumRun(Run):
         """Compute all coordinates."""
         self.begin = np.ones_like(self.begin)
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
+    def _plan(self, **steps: Any) -> str:
         text: str = _native.run(
-            "motion plan of pendulum", self.system._handle, initial=self.begin, t_end=float(end),
-            dt=float(dt), tolerance=float(tolerance), method=METHODS[self.method],
-            save_every=every, last_only=last,
+            "motion plan of pendulum", self.system._handle, initial=self.begin,
+            method=METHODS[self.method], **steps,
         )["text"]  # fmt: skip
         return text
 

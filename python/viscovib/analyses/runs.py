@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.acting import (
     EarlierMotion,
     KnownMotion,
@@ -25,7 +26,6 @@ from viscovib.analyses.acting import (
 )
 from viscovib.analyses.events import Watch
 from viscovib.analyses.forces_in_time import element_forces, mount_forces, support_reactions
-from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
@@ -322,27 +322,28 @@ class Run(ABC):
         return watch.take(found["found"], found["n_found"])
 
     @abstractmethod
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
-        """Return the plan of the core for a run to ``end`` with step size dt (0: searched)."""
+    def _plan(self, **steps: Any) -> str:
+        """Return the plan of the core; ``steps``: end, step size, accuracy and kept states."""
 
-    def plan(self, want: Wanted, end: float, sought: float | None = None) -> Plan:
-        """Return the plan of a run to ``end``; ``sought``: tolerance of the step size search."""
-        dt = self.h if sought is None else 0.0
+    def plan(self, want: Wanted, end: float, sought: Accuracy | None = None) -> Plan:
+        """Return the plan of a run to ``end``; ``sought``: accuracy of the step size search."""
+        accuracy = sought or Accuracy(self.solved)
         want = want.asked or want
-        every, last = min(want.every, np.iinfo(np.int32).max), want.keep == "last"
-        plan = Plan(self._plan(end, dt, sought or self.solved, every, last))
+        steps: dict[str, Any] = {
+            "t_end": float(end), "dt": 0.0 if sought else float(self.h),
+            "tolerance": float(accuracy.absolute),
+            "relative": 0.0 if accuracy.by_size else float(accuracy.relative),
+            "save_every": min(want.every, np.iinfo(np.int32).max),
+            "last_only": want.keep == "last",
+        }  # fmt: skip
+        if want.times is not None:
+            steps["times"] = want.times
+        elif want.keep == "tail":
+            steps["tail"] = float(want.tail)
+        plan = Plan(self._plan(**steps))
         if self.tables:
             lines = [s for s in str(plan).splitlines() if s != "skips: the load (there is none)"]
-            plan = Plan("\n".join([*lines, *self.tables]))
-        if want.times is not None:
-            kept = things(want.times.size, "time")
-            return plan.and_also(
-                [f"skips: storing other states than those at {kept} (not requested)"]
-            )
-        if want.keep == "tail":
-            return plan.and_also(
-                [f"skips: storing states before the last {want.tail:g} (not requested)"]
-            )
+            plan = Plan("\n".join(lines)).and_also(self.tables)
         return plan
 
     @property

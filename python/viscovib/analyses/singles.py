@@ -16,7 +16,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.events import Event, Watch
-from viscovib.analyses.members import Members, shared_runs, side_by_side
+from viscovib.analyses.members import Members, Sections, shared_runs, side_by_side
 from viscovib.analyses.neighbours import exponents_of
 from viscovib.analyses.resume import known
 from viscovib.analyses.runs import Run, ThinLayers
@@ -189,8 +189,10 @@ class SingleMembers(Members):
             (self.states.shape[1], 2 * len(self.dof_names)), n_steps, n_discard, count, quarter,
         )  # fmt: skip
 
-    def passages(self) -> tuple[FloatArray, FloatArray]:
+    def passages(self, sections: FloatArray | None) -> Sections:
         """States and times on the surface, shape (n, most, 2 n_dof) and (n, most), NaN beyond."""
+        if self.surface is None:
+            return super().passages(sections)
         ones = [self.passed[i] for i in range(self.n)]
         most = max(at.size for _, at in ones)
         points = np.full((self.n, most, 2 * len(self.dof_names)), np.nan)

@@ -34,7 +34,7 @@ def by_tolerance(
     if found["verdict"] != _FOUND:
         raise NotMetError(f"{accuracy}: {_why(run, found)}")
     run.has_found_step = True
-    return _result(run, found, n, end, partial(_plan_of, first, want, end, accuracy))
+    return _result(run, found, n, end, partial(first.plan, want, end, accuracy))
 
 
 def with_estimate(run: Run, n: int, end: float, want: Wanted, progress: bool) -> Trajectory:
@@ -128,15 +128,6 @@ def _why(run: Run, found: dict[str, Any]) -> str:
         pole = last._pole_passed() or last._pole_after(i)
         cause = pole or last._layer_passed(slice(max(i - 1, 0), i + 3)) or cause
     return f"{found['not_met']}: {cause}"
-
-
-def _plan_of(first: Run, want: Wanted, end: float, accuracy: Accuracy) -> Plan:
-    plan = first.plan(want, end, accuracy.absolute or accuracy.relative)
-    if accuracy.relative == 0:
-        return plan
-    step = "computes: the step, halved until the states kept are exact to "
-    lines = str(plan).splitlines()
-    return Plan("\n".join(step + accuracy.text if s.startswith(step) else s for s in lines))
 
 
 def _plan_with_estimate(planned: Any, how: str) -> Plan:

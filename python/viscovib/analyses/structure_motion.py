@@ -492,25 +492,19 @@ class StructureRun(MountRun):
         n_seen = self.state.size // 2 - self.motion.places.size
         return of_structure(self.memory.size, n_seen, self.motion.modal)
 
-    def _plan(self, end: float, dt: float, tolerance: float, every: int, last: bool) -> str:
-        motion = self.motion
-        q = motion.loaded.condensation.q
+    def _plan(self, **steps: Any) -> str:
+        motion, loaded = self.motion, self.motion.loaded
         moving = bool(motion.start.any() or motion.speed.any() or motion.before.size > 1)
-        loaded = motion.loaded
-        text = _native.run(
-            "motion plan with memory", loaded._handle, orders=loaded.job[5], series=loaded.job[6],
-            initial=np.full(2 * q, float(moving)), held=motion.held, t_end=float(end),
-            dt=float(dt), tolerance=float(tolerance),
-            method=tuple(reversed(NODES)).index(self.method) + 1,
-            past=2 if self.past == "exponentials" else 3, save_every=every, last_only=last,
-        )["text"]  # fmt: skip
-        lines = text.splitlines()
+        lines = self._plan_with_memory(
+            loaded._handle, orders=loaded.job[5], series=loaded.job[6],
+            initial=np.full(2 * loaded.condensation.q, float(moving)), held=motion.held, **steps,
+        ).splitlines()  # fmt: skip
         nodes = NODES[self.method]
         lines[0] = (
-            f"computes: motion to t = {end:g} by {self.method}, forces of elements at "
+            f"computes: motion to t = {steps['t_end']:g} by {self.method}, forces of elements at "
             f"{things(nodes, 'node')} per step, modes exactly"
         )
-        lines.insert(1, f"computes: {motion.loaded.note}")
+        lines.insert(1, f"computes: {loaded.note}")
         return "\n".join(lines)
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
