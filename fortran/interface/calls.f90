@@ -65,7 +65,11 @@ contains
       task%cancel => cancel
       call run_task(task)
       nullify (task%cancel)
-      if (.not. keep) nullify (task%given%numbers)
+      if (.not. keep) then
+        ! Values whose numbers may not exist any more are not found.
+        task%given%n = 0
+        nullify (task%given%numbers)
+      end if
       status = task%status
     end if
     if (status%failed()) then

@@ -1,12 +1,14 @@
 """The interface to the core: tasks with values by name, and objects by handle."""
 
 import pickle
+import resource
 import threading
 
 import numpy as np
 import pytest
 import viscovib as vv
 from viscovib import _native
+from viscovib.analyses.line_fit import LineFit
 from viscovib.errors import InputError
 
 
@@ -58,6 +60,32 @@ def test_a_handle_that_was_freed_or_never_made_is_an_error(kernel):
         Foreign.number = number
         with pytest.raises(InputError, match="handle: belongs to no object"):
             _native.run("kernel transform", Foreign, mu=MU)
+
+
+def test_large_results_stay_as_long_as_a_part_of_them_and_no_longer(kernel):
+    """They are in the memory of the core, and given arrays are read where they are."""
+    given = np.linspace(0.1, 9, 200_000)
+    before = given.copy()
+    part = _native.run("kernel transform", kernel, mu=given)["values"][7:9]
+    assert np.array_equal(given, before)
+    fresh = [_native.run("kernel transform", kernel, mu=given + i)["values"] for i in range(4)]
+    assert not np.array_equal(fresh[0], fresh[1])
+    expected = _native.run("kernel transform", kernel, mu=given[7:9].copy())["values"]
+    np.testing.assert_allclose(part, expected, rtol=1e-14)
+    del fresh
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(60):  # 190 MB, if each stayed
+        _native.run("kernel transform", kernel, mu=given)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak < 20_000
+
+
+def test_an_object_keeps_a_copy_of_its_values():
+    """A later change of the array that it was made from does not change it."""
+    samples = np.cos(0.4 * np.arange(20_000.0))
+    fit, steady = LineFit(samples, np.array([0.4])), np.zeros(1, dtype=bool)
+    _, right = fit.sums(False, steady)
+    samples[:] = 0
+    assert np.array_equal(fit.sums(False, steady)[1], right)
 
 
 def test_an_object_that_could_not_be_made_leaves_no_handle():
