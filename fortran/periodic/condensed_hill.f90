@@ -21,7 +21,6 @@
 module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band
-  use viscovib_condensed_modes, only: modal_rest
   use viscovib_condensed_poles, only: condensed_poles, new_poles
   use viscovib_condensed_rows, only: fill_one, find_swings, measure_waves, strength, waves_of_rates
   use viscovib_condensed_waves, only: fill_waves, soften
@@ -71,8 +70,6 @@ module viscovib_condensed_hill
     real(wp), allocatable, private :: without(:, :)
     !> Deflections between which J is not constant, and the others.
     integer, allocatable, private :: swings(:), others(:)
-    !> Linear memory of the others in the modes of the rest.
-    type(modal_rest), private :: modes
     !> Norms of J_m, m = 1, ..., and how large a part it is of the largest J, whatever the units.
     real(wp), allocatable :: sizes(:), parts(:)
     complex(wp), allocatable, private :: waves(:)
@@ -94,7 +91,6 @@ module viscovib_condensed_hill
     procedure, private :: find_local
     procedure, private :: find_orders
     procedure, private :: fill_swings
-    procedure, private :: strength_at
   end type condensed_hill
 
 contains
@@ -160,10 +156,6 @@ contains
     real(wp), intent(in) :: x(:, :)
     real(wp), dimension(self%n_dof, self%n_dof) :: largest, strongest
     call self%find_motion(system, x, largest, strongest)
-    if (self%ready) then
-      call self%modes%prepare(self%band, self%swings, self%others, &
-                              real(self%local(:, :, 0, :)), self%without)
-    end if
   end subroutine vary
 
   !> Local stiffness along a motion; `ready` if it is in the range of numbers.
@@ -266,8 +258,8 @@ contains
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp) :: reached(0:max_unknowns), admitted, part
+    complex(wp) :: s, h(1, self%n_dof, self%n_dof)
     integer :: b, i, m, n
-    logical :: prepared
 
     self%ready = self%poles%fastest <= max_unknowns*self%nu
     if (.not. self%ready) return
@@ -275,7 +267,6 @@ contains
     if (self%stride == 2 .and. mod(b, 2) == 0) b = b + 1
     reached = 1.0_wp
     i = 0
-    prepared = .false.
     do
       ! One below the lowest, so that orders are mirrored about d/2 too.
       self%n_orders = merge(b + 2, 2*b + 2, self%stride == 2)
@@ -285,15 +276,11 @@ contains
       associate (radius => (b + 3*self%stride)*self%nu)
         if (.not. self%band%serves(radius, self%nearness)) then
           call new_band(self%band, system%rest, radius, self%nearness)
-          prepared = .false.
         end if
       end associate
-      if (.not. prepared) then
-        call self%modes%prepare(self%band, self%swings, self%others, &
-                                real(self%local(:, :, 0, :)), self%without)
-        prepared = .true.
-      end if
-      part = self%strength_at(system, cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp))
+      s = cmplx(0.0_wp, (b + 0.5_wp*self%stride)*self%nu, wp)
+      call self%band%evaluate([s], h)
+      part = strength(system, self%kernel_of_group, self%slopes, s, h(1, :, :))
       ! Order b + stride.
       i = i + 1
       reached(i) = 0.0_wp
@@ -332,30 +319,6 @@ contains
       end do
     end if
   end subroutine compliances
-
-  !> How large H J is at s, or H' J where linear memory is eliminated in the modes.
-  real(wp) function strength_at(self, system, s) result(part)
-    class(condensed_hill), intent(in) :: self
-    class(structure_type), intent(in) :: system
-    complex(wp), intent(in) :: s
-    real(wp), dimension(1, size(self%swings), size(self%swings)) :: re, im, own_re, own_im
-    complex(wp) :: h(1, self%n_dof, self%n_dof), factor
-    integer :: a
-
-    factor = (0.0_wp, 0.0_wp)
-    if (self%modes%serves .and. .not. allocated(self%by_rate)) then
-      call self%modes%remaining([s], retained_of(system, self%kernel_of_group, [s]), re, im, &
-                                own_re, own_im, factor)
-    end if
-    if (abs(factor) > 0.0_wp) then
-      part = strength(system, self%kernel_of_group, self%slopes, s, &
-                      cmplx(re(1, :, :), im(1, :, :), wp), self%swings)
-    else
-      call self%band%evaluate([s], h)
-      part = strength(system, self%kernel_of_group, self%slopes, s, h(1, :, :), &
-                      [(a, a=1, self%n_dof)])
-    end if
-  end function strength_at
 
   !> F at lambda; not to be asked for on a cut of a kernel or at a pole of the rest.
   subroutine determinant(self, system, lambda, value, about_half)
@@ -573,14 +536,10 @@ contains
     complex(wp) :: h(size(s), self%n_dof, self%n_dof)
 
     factor = (0.0_wp, 0.0_wp)
-    if (self%modes%serves) then
-      call self%modes%remaining(s, kept, soft_re, soft_im, own_re, own_im, factor)
-    end if
-    if (.not. abs(factor) > 0.0_wp .and. size(self%others) > 0) then
-      call self%band%evaluate(s, h)
-      call soften(h, kept, real(self%local(:, :, 0, :)), self%without, self%swings, self%others, &
-                  soft_re, soft_im, own_re, own_im, factor)
-    end if
+    if (size(self%others) == 0) return
+    call self%band%evaluate(s, h)
+    call soften(h, kept, real(self%local(:, :, 0, :)), self%without, self%swings, self%others, &
+                soft_re, soft_im, own_re, own_im, factor)
     if (.not. abs(factor) > 0.0_wp) return
     call fill_waves(size(s), self%reach, size(self%re, 1), self%swings, kept, self%local, soft_re, &
                     soft_im, own_re, own_im, self%re, self%im)

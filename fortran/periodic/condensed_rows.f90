@@ -132,35 +132,33 @@ contains
   end subroutine waves_of_rates
 
   !> How large H J is at s at some times, whatever the units: |(H J)^4|^(1/4).
-  real(wp) function strength(system, kernel_of_group, slopes, s, h, places)
+  real(wp) function strength(system, kernel_of_group, slopes, s, h)
     class(structure_type), intent(in) :: system
     !> Kernel of each group, and slopes of the variables along the motion, shape (n_samples,
     !! n_memory, n_dof + n_rates).
     integer, intent(in) :: kernel_of_group(:)
     real(wp), intent(in) :: slopes(:, :, :)
     complex(wp), intent(in) :: s, h(:, :)
-    !> Deflections that H and J stand for.
-    integer, intent(in) :: places(:)
-    complex(wp) :: x(size(places), size(places)), kept(1, size(kernel_of_group)), slope
-    integer :: b, i, j, q
+    complex(wp) :: x(size(h, 1), size(h, 1)), kept(1, size(kernel_of_group)), slope
+    integer :: b, i, j, n, q
 
+    n = size(h, 1)
     kept = retained_of(system, kernel_of_group, [s])
     strength = 0.0_wp
     do i = 1, size(slopes, 1), max(1, size(slopes, 1)/some_times)
       x = (0.0_wp, 0.0_wp)
       do j = 1, size(slopes, 2)
-        if (.not. any(abs(system%spread(places, j)) > 0.0_wp)) cycle
         q = findloc(kernel_of_group, system%kernel_of(j), 1)
-        do b = 1, size(places)
-          slope = slope_at(system, slopes(i, j, :), j, places(b), s)
+        do b = 1, n
+          slope = slope_at(system, slopes(i, j, :), j, b, s)
           slope = kept(1, q)*slope
           if (system%kernel_of(j) > 0) then
-            slope = slope + (kept(1, q) - 1.0_wp)*system%gather(j, places(b))
+            slope = slope + (kept(1, q) - 1.0_wp)*system%gather(j, b)
           end if
-          x(:, b) = x(:, b) + system%spread(places, j)*slope
+          x(:, b) = x(:, b) + system%spread(:, j)*slope
         end do
       end do
-      if (size(places) > 1) then
+      if (n > 1) then
         x = matmul(h, x)
         x = matmul(x, x)
         x = matmul(x, x)
@@ -169,7 +167,7 @@ contains
         strength = max(strength, real(x(1, 1))**2 + aimag(x(1, 1))**2)
       end if
     end do
-    if (size(places) == 1) strength = abs(h(1, 1))*sqrt(strength)
+    if (n == 1) strength = abs(h(1, 1))*sqrt(strength)
   end function strength
 
   !> Derivative of variable j by deflection b at one time, that by its rate included.

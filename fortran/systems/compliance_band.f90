@@ -38,7 +38,6 @@ module viscovib_compliance_band
     logical, private :: has_terms = .false.
   contains
     procedure :: contains_all
-    procedure :: only_modes
     procedure :: serves
     procedure :: evaluate
   end type compliance_band
@@ -133,13 +132,6 @@ contains
     if (contains_all) contains_all = size(self%rigid_squares) == 0 &
                                      .and. .not. any(abs(s) > self%radius)
   end function contains_all
-
-  !> True if H is the sum over the separate modes alone.
-  pure logical function only_modes(self)
-    class(compliance_band), intent(in) :: self
-    only_modes = .not. self%has_terms .and. size(self%poles) == 0 &
-                 .and. size(self%rigid_squares) == 0
-  end function only_modes
 
   !> H(s) without the nearly rigid modes, at many s within the radius, vectorized over these.
   pure subroutine evaluate(self, s, h)
