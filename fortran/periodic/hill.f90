@@ -18,14 +18,14 @@
 !! the period, odd orders k stand for themselves, and d is 2 nu. exp(2 pi lambda/d) are the
 !! multipliers of `viscovib_floquet`, h of half a period under half-wave symmetry.
 module viscovib_hill
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
-  use viscovib_hill_blocks, only: add_columns, add_toeplitz, add_waves, copy_blocks, &
-    fill_waves, moments_of, scale_rows
+  use viscovib_hill_blocks, only: add_columns, add_products, add_waves, fill_waves, moments_of, &
+    reach_of, scale_rows, widths_of
   use viscovib_hill_determinant, only: hill_determinant, retained_of
-  use viscovib_hill_products, only: hill_products
   use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
@@ -38,6 +38,8 @@ module viscovib_hill
 
   !> Degree of a force that stands for one that is no polynomial: how many samples.
   integer, parameter :: as_degree = 11
+  !> Ratio of a determinant of 0 to that of another order.
+  real(wp), parameter :: clear = 1.0e-6_wp
 
   type, extends(hill_determinant) :: hill_type
     !> a, > 0: exponents are sought right of -a.
@@ -48,6 +50,8 @@ module viscovib_hill
     !> Highest order of the disturbance. Orders reach from -highest to highest, which mirrors them
     !! about Im lambda = 0; with the one below they are mirrored about d/2.
     integer, private :: highest = 0
+    !> Largest difference of orders that the slopes couple.
+    integer, private :: reach = 0
     !> Trace of M^(-1) dF/du', its mean along the solution.
     real(wp), private :: drag = 0.0_wp
     type(harmonic_set_type), private :: set
@@ -61,17 +65,21 @@ module viscovib_hill
     !> M^(-1) C alone; and as `springs` what depends on rates, if anything does, without its mean
     !! where that has no memory.
     real(wp), allocatable, private :: linear_damping(:, :), dampers(:, :, :, :, :)
-    !> Where F(u, v) is not separable: what goes through hereditary variables, and A, shape
-    !! (p n, p n, 2), rows and columns of a coordinate together.
-    type(hill_products), private :: products
-    real(wp), allocatable, private :: direct(:, :, :)
+    !> Where F(u, v) is not separable: Fourier coefficients of M^(-1) dF/dv, dw/du and
+    !! M^(-1) dF/du by the difference of orders, shapes (n, -p:p, m, 2), real parts first,
+    !! (m, n, -p:p), (n, n, -p:p).
+    real(wp), allocatable, private :: outer(:, :, :, :)
+    complex(wp), allocatable, private :: inner(:, :, :), direct(:, :, :)
+    !> The differences of orders of `outer` that count, for each difference of those of `inner`.
+    integer, allocatable, private :: widths(:)
     !> exp(-2 pi i m/n)/n at m = 0, 1, ..., n samples.
     complex(wp), allocatable, private :: waves(:)
     real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
     real(wp), allocatable, private :: by_v(:, :, :)
-    !> Of systems that are `moving`: rates, accelerations and loads, slopes by rates, and their part
-    !! of the matrix, which multiplies s, shape (p n, p n, 2).
-    real(wp), allocatable, private :: rate(:, :), push(:, :), by_rate(:, :, :), swept(:, :, :)
+    !> Of systems that are `moving`: rates, accelerations and loads, slopes by rates, and their
+    !! Fourier coefficients, which multiply s.
+    real(wp), allocatable, private :: rate(:, :), push(:, :), by_rate(:, :, :)
+    complex(wp), allocatable, private :: swept(:, :, :)
   contains
     procedure :: along
     procedure :: count_from
@@ -79,6 +87,7 @@ module viscovib_hill
     procedure :: determinant_from_place
     procedure :: mean_system
     procedure :: on_line
+    procedure :: root_of
   end type hill_type
 
 contains
@@ -322,7 +331,7 @@ contains
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: p
     complex(wp) :: c(-p:p)
-    integer :: a, b, j, n, m
+    integer :: b, j, n, m
 
     n = self%n_dof
     m = size(self%w, 2)
@@ -336,32 +345,107 @@ contains
           call add_waves(self%spread(:, j), c, self%springs(:, -p:p, b, self%group(j), :))
         end do
       end do
+      call reach_of_springs(self, system)
       return
     end if
-    call self%products%fill(p, system, self%waves, self%inverse, self%slopes, self%by_v)
-    if (allocated(self%direct)) then
-      if (size(self%direct, 1) /= p*n) deallocate (self%direct, self%swept)
+    call fill_products(self, system, p)
+  end subroutine fill
+
+  !> How far springs and dampers couple orders.
+  subroutine reach_of_springs(self, system)
+    class(hill_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp) :: size_of(self%n_dof), scale(self%n_dof)
+    integer :: a, q
+
+    self%reach = 0
+    do a = 1, self%n_dof
+      scale(a) = sqrt(system%mass(a, a))
+      size_of(a) = sqrt(maxval(abs(self%springs(a, :, a, :, :))))
+    end do
+    do q = 1, size(self%kernel_of_group)
+      self%reach = max(self%reach, reach_of(of_group(self%springs, q), size_of/scale, &
+                                            size_of*scale))
+      if (system%n_rates() == 0) cycle
+      self%reach = max(self%reach, reach_of(of_group(self%dampers, q), sqrt(size_of)/scale, &
+                                            sqrt(size_of)*scale))
+    end do
+  end subroutine reach_of_springs
+
+  !> Fourier coefficients of a group for the orders 0, 1, ...
+  pure function of_group(waves, q)
+    real(wp), intent(in) :: waves(:, :, :, :, :)
+    integer, intent(in) :: q
+    complex(wp) :: of_group(size(waves, 1), size(waves, 1), 0:size(waves, 2)/2)
+    integer :: k, p
+
+    p = size(waves, 2)/2
+    do k = 0, p
+      of_group(:, :, k) = cmplx(waves(:, p + 1 + k, :, q, 1), waves(:, p + 1 + k, :, q, 2), wp)
+    end do
+  end function of_group
+
+  !> What varies along the solution where F(u, v) is not separable, for p orders.
+  subroutine fill_products(self, system, p)
+    class(hill_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: p
+    complex(wp) :: outer(self%n_dof, size(self%w, 2), -p:p)
+    real(wp) :: at_rest(self%n_dof, self%n_dof), size_of(self%n_dof), scale(self%n_dof)
+    real(wp) :: of_outer(0:p), of_inner(0:p), largest(2)
+    integer :: a, j, n, m
+
+    n = self%n_dof
+    m = size(self%w, 2)
+    if (allocated(self%outer)) then
+      if (ubound(self%inner, 3) /= p) deallocate (self%outer, self%inner, self%direct, self%swept)
     end if
-    if (.not. allocated(self%direct)) then
-      allocate (self%direct(p*n, p*n, 2))
-      allocate (self%swept(merge(p*n, 0, system%moving), merge(p*n, 0, system%moving), 2))
+    if (.not. allocated(self%outer)) then
+      allocate (self%outer(n, -p:p, m, 2), self%inner(m, n, -p:p), self%direct(n, n, -p:p))
+      allocate (self%swept(merge(n, 0, system%moving), n, -p:p))
     end if
-    self%direct = 0.0_wp
-    self%swept = 0.0_wp
     do a = 1, n
-      do b = 1, n
-        call moments_of(self%waves, .true., matmul(self%by_u(:, :, b), self%inverse(a, :)), &
-                        0.0_wp, c)
-        call add_toeplitz(p, c, p*n, self%direct((a - 1)*p + 1, (b - 1)*p + 1, 1), &
-                          self%direct((a - 1)*p + 1, (b - 1)*p + 1, 2))
+      do j = 1, m
+        call moments_of(self%waves, .true., matmul(self%by_v(:, :, j), self%inverse(a, :)), &
+                        self%spread(a, j), outer(a, j, :))
+        call moments_of(self%waves, system%bent(j), self%slopes(:, j, a), system%gather(j, a), &
+                        self%inner(j, a, :))
+      end do
+      do j = 1, n
+        call moments_of(self%waves, .true., matmul(self%by_u(:, :, j), self%inverse(a, :)), &
+                        0.0_wp, self%direct(a, j, :))
         if (.not. system%moving) cycle
-        call moments_of(self%waves, .true., matmul(self%by_rate(:, :, b), self%inverse(a, :)), &
-                        0.0_wp, c)
-        call add_toeplitz(p, c, p*n, self%swept((a - 1)*p + 1, (b - 1)*p + 1, 1), &
-                          self%swept((a - 1)*p + 1, (b - 1)*p + 1, 2))
+        call moments_of(self%waves, .true., matmul(self%by_rate(:, :, j), self%inverse(a, :)), &
+                        0.0_wp, self%swept(a, j, :))
       end do
     end do
-  end subroutine fill
+    scale = [(sqrt(system%mass(j, j)), j=1, n)]
+    at_rest = real(matmul(outer(:, :, 0), self%inner(:, :, 0)) + self%direct(:, :, 0))
+    size_of = [(sqrt(abs(at_rest(j, j))), j=1, n)]
+    self%reach = reach_of(self%direct(:, :, 0:), size_of/scale, size_of*scale)
+    if (system%moving) then
+      size_of = sqrt(size_of)
+      self%reach = max(self%reach, reach_of(self%swept(:, :, 0:), size_of/scale, size_of*scale))
+    end if
+    ! Each variable has its own unit.
+    of_outer = 0.0_wp
+    of_inner = 0.0_wp
+    do j = 1, m
+      self%outer(:, :, j, 1) = real(outer(:, j, :))
+      self%outer(:, :, j, 2) = aimag(outer(:, j, :))
+      associate (b => matmul(scale, abs(outer(:, j, 0:))), &
+                 w => matmul(1.0_wp/scale, abs(self%inner(j, :, 0:))))
+        largest = [maxval(b), maxval(w)]
+        if (.not. minval(largest) > 0.0_wp) cycle
+        of_outer = max(of_outer, b/largest(1))
+        of_inner = max(of_inner, w/largest(2))
+      end associate
+    end do
+    self%widths = widths_of(of_outer, of_inner)
+    do j = 0, p
+      if (self%widths(j + 1) >= 0) self%reach = max(self%reach, min(p, j + self%widths(j + 1)))
+    end do
+  end subroutine fill_products
 
   !> The determinant at lambda without its divisors; not to be asked for on a cut of a kernel.
   subroutine determinant(self, system, lambda, value, about_half)
@@ -419,6 +503,31 @@ contains
     value = value*tail(self, lambda)
   end subroutine on_line
 
+  !> The root s = lambda + i k nu of a linear system for an exponent lambda: orders k are not
+  !! coupled, so one of them alone has a determinant of 0. NaN if this is not clear.
+  subroutine root_of(self, system, lambda, root)
+    class(hill_type), intent(in) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: root
+    complex(wp) :: value
+    real(wp) :: size_of, least, second
+    integer :: k
+
+    root = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+    least = huge(least)
+    second = huge(second)
+    do k = -self%highest, self%highest, self%stride
+      call of_orders(self, system, 1, k, lambda, value)
+      size_of = abs(value)
+      second = min(second, max(least, size_of))
+      if (.not. size_of < least) cycle
+      least = size_of
+      root = lambda + cmplx(0.0_wp, k*self%nu, wp)
+    end do
+    if (.not. least < clear*second) root = cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp)
+  end subroutine root_of
+
   !> Factor of the orders left out of the determinant, of 1 + (trace(M^(-1) C) - 2 a n)/s_k,
   !! summed over them by the midpoint rule.
   pure complex(wp) function tail(hill, lambda)
@@ -440,47 +549,45 @@ contains
     integer, intent(in) :: p, lowest
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: value
-    real(wp) :: h(p*self%n_dof, p*self%n_dof, 2)
+    real(wp) :: h(self%n_dof, p, self%n_dof, p, 2)
     complex(wp), dimension(p) :: s, scale
-    complex(wp) :: kept(p, size(self%kernel_of_group))
-    integer :: a, b, i, q, next, block
+    complex(wp) :: kept(p, size(self%kernel_of_group)), own(p, size(self%group)), entry
+    integer :: a, b, i, n, q, all
 
+    n = self%n_dof
     do i = 1, p
       s(i) = lambda + cmplx(0.0_wp, (lowest + (i - 1)*self%stride)*self%nu, wp)
     end do
     scale = 1.0_wp/(s + self%shift)**2
     kept = retained_of(system, self%kernel_of_group, s)
-    ! From order to order, and from coordinate to coordinate.
-    next = merge(self%n_dof, 1, system%separable)
-    block = merge(1, p, system%separable)
+    all = self%n_orders
     if (system%separable) then
       do q = 1, size(kept, 2)
         kept(:, q) = scale*kept(:, q)
       end do
-      call fill_waves(p, self%n_dof, size(kept, 2), self%n_orders, kept, self%springs, h)
+      call fill_waves(p, n, size(kept, 2), all, self%reach, kept, self%springs, h)
       if (system%n_rates() > 0) then
-        call fill_waves(p, self%n_dof, size(kept, 2), self%n_orders, kept, self%dampers, h, s)
+        call fill_waves(p, n, size(kept, 2), all, self%reach, kept, self%dampers, h, s)
       end if
     else
-      call copy_blocks(self%n_orders, p, self%n_dof, self%direct, h)
-      call self%products%add(system, self%spread, self%group, kept, h)
-      if (system%moving) call add_columns(self%n_orders, p, self%n_dof, s, self%swept, h)
-      call scale_rows(p, self%n_dof, scale, h)
+      h = 0.0_wp
+      own = kept(:, self%group)
+      call add_products(p, n, size(self%group), all, self%widths, own, self%outer, self%inner, h)
+      call add_columns(p, n, all, self%reach, spread((1.0_wp, 0.0_wp), 1, p), self%direct, h)
+      if (system%moving) call add_columns(p, n, all, self%reach, s, self%swept, h)
+      call scale_rows(p, n, self%reach, scale, h)
     end if
-    do b = 1, self%n_dof
-      do a = 1, self%n_dof
-        do i = 0, p - 1
-          associate (re => h(i*next + (a - 1)*block + 1, i*next + (b - 1)*block + 1, 1), &
-                     im => h(i*next + (a - 1)*block + 1, i*next + (b - 1)*block + 1, 2), &
-                     entry => scale(i + 1)*s(i + 1)*(self%damping(a, b) &
-                                                     + merge(s(i + 1), (0.0_wp, 0.0_wp), a == b)))
-            re = re + real(entry)
-            im = im + aimag(entry)
-          end associate
+    do b = 1, n
+      do a = 1, n
+        do i = 1, p
+          entry = scale(i)*s(i)*(self%damping(a, b) + merge(s(i), (0.0_wp, 0.0_wp), a == b))
+          h(a, i, b, i, 1) = h(a, i, b, i, 1) + real(entry)
+          h(a, i, b, i, 2) = h(a, i, b, i, 2) + aimag(entry)
         end do
       end do
     end do
-    call band_determinant(size(h, 1), size(h, 1), size(h, 1), h(:, :, 1), h(:, :, 2), value)
+    call band_determinant(n*p, n*p, min(n*(self%reach + 1) - 1, n*p), h(:, :, :, :, 1), &
+                          h(:, :, :, :, 2), value)
   end subroutine of_orders
 
 end module viscovib_hill

@@ -75,6 +75,11 @@ module viscovib_motion_stability
     type(harmonic_set_type), private :: set
     type(hill_type), private :: hill
     type(floquet_type), private :: floquet
+    !> Of linear systems the characteristic roots (1/s) that exponents follow from, how many of them
+    !! grow, and whether the first is the slowest: the same for every motion.
+    complex(wp), allocatable, private :: roots(:)
+    integer, private :: n_growing_roots = -1
+    logical, private :: slowest_root = .false.
     !> Of a condensed structure; its disturbances may be integrated where it has few modes, and are
     !! counted first where these are more than a few.
     type(condensed_checker), allocatable, private :: condensed
@@ -88,6 +93,8 @@ module viscovib_motion_stability
     procedure, private :: by_floquet
     procedure, private :: by_hill
     procedure, private :: by_pieces
+    procedure, private :: by_roots
+    procedure, private :: keep_roots
   end type stability_checker
 
 contains
@@ -291,6 +298,10 @@ contains
     end if
     grows_alike = .false.
     if (self%kinked .or. self%jumps) return
+    if (allocated(self%roots)) then
+      grows_alike = n_growing == self%n_growing_roots
+      return
+    end if
     if (allocated(self%condensed)) then
       if (n_growing > 0 .or. (self%modal .and. .not. self%counted)) return
       select type (system)
@@ -489,6 +500,10 @@ contains
     do i = 1, size(nu)
       if (given_up(cancel)) return
       if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
+      if (allocated(self%roots)) then
+        call self%by_roots(nu(i), i, stability)
+        cycle
+      end if
       ! Along straight lines, but not after turns and long steps.
       part = 0.0_wp
       if (abs(step) > 0.0_wp) part = (nu(i) - last)/step
@@ -517,8 +532,51 @@ contains
         end if
         stability%multipliers(:, i) = multiplier(nu(i), exponents)
       end associate
+      if (system%is_linear() .and. .not. system%moving) call self%keep_roots(system, i, stability)
     end do
   end subroutine by_hill
+
+  !> Keep the roots of a linear system that are known from the i-th solution, if all of its
+  !! exponents belong to one order each.
+  subroutine keep_roots(self, system, i, stability)
+    class(stability_checker), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: i
+    type(stability_type), intent(in) :: stability
+    complex(wp) :: roots(self%n_slots)
+    integer :: k
+
+    associate (exponents => stability%exponents(:, i))
+      if (stability%n_growing(i) < 0 .or. ieee_is_nan(real(exponents(1)))) return
+      roots = exponents
+      do k = 1, size(roots)
+        if (ieee_is_nan(real(exponents(k)))) exit
+        call self%hill%root_of(system, exponents(k), roots(k))
+        if (ieee_is_nan(real(roots(k)))) return
+      end do
+    end associate
+    self%roots = roots
+    self%n_growing_roots = stability%n_growing(i)
+    self%slowest_root = stability%slowest(i)
+  end subroutine keep_roots
+
+  !> Exponents of the i-th solution of a linear system: roots, modulo i d; under half-wave symmetry
+  !! orders are odd.
+  subroutine by_roots(self, nu, i, stability)
+    class(stability_checker), intent(in) :: self
+    real(wp), intent(in) :: nu
+    integer, intent(in) :: i
+    type(stability_type), intent(inout) :: stability
+    real(wp) :: period, place(self%n_slots)
+
+    period = merge(2.0_wp, 1.0_wp, self%half_wave)*nu
+    place = aimag(self%roots) - merge(nu, 0.0_wp, self%half_wave)
+    place = place - period*ceiling(place/period - 0.5_wp)
+    stability%exponents(:, i) = cmplx(real(self%roots), place, wp)
+    stability%multipliers(:, i) = multiplier(nu, stability%exponents(:, i))
+    stability%n_growing(i) = self%n_growing_roots
+    stability%slowest(i) = self%slowest_root
+  end subroutine by_roots
 
   !> Into |Im lambda| <= d/2, above the real axis or below it as the exponent was nearby.
   elemental complex(wp) function into_strip(exponent, nearby, period) result(place)

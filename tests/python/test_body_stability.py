@@ -83,3 +83,39 @@ def test_multipliers_where_modes_want_their_rows_exchanged():
         for value in reported:
             assert np.abs(expected - value).min() < 1e-7
         assert np.abs(reported - expected[0]).min() < 1e-7
+
+
+def test_linear_systems_with_memory():
+    """A motion of a linear system does not change its exponents: exp(2 pi s/nu) of its roots s."""
+    draw = np.random.default_rng(31)
+    n_unstable = 0
+    for _ in range(12):
+        n = int(draw.integers(1, 5))
+        mass = np.diag(draw.uniform(0.2, 3, n))
+        q = draw.standard_normal((n, n))
+        stiffness = q @ q.T + np.eye(n)
+        damping = draw.uniform(-0.6, 0.3) * mass
+        weight, rate = draw.uniform(0.02, 0.3), draw.uniform(0.3, 3)
+        kernel = vv.PronyKernel(weights=[weight], rates=[rate])
+        system = vv.PolynomialSystem(
+            mass=mass, damping=damping, stiffness=stiffness, kernel=kernel
+        )  # fmt: skip
+        zero, one = np.zeros((n, n)), np.eye(n)
+        inverse = np.linalg.inv(mass)
+        matrix = np.block([
+            [zero, one, zero],
+            [-inverse @ stiffness, -inverse @ damping, weight * inverse @ stiffness],
+            [one, zero, -rate * one],
+        ])  # fmt: skip
+        roots = np.linalg.eigvals(matrix)
+        branch = vv.trace_response(system, (0.4, 3), load={1: [0.1] + [0] * (n - 1)})
+        assert np.all(branch.growing == np.sum(roots.real > 0))
+        n_unstable += int(branch.growing[0] > 0)
+        for nu, found in zip(branch.nu, branch.multipliers, strict=True):
+            expected = np.exp(2 * np.pi * roots / nu)
+            found = found[np.isfinite(found)]
+            assert found.size >= 2 * n
+            assert np.abs(found[0]) > (1 - 1e-8) * np.abs(expected).max()
+            for value in found:
+                assert np.abs(expected - value).min() < 1e-8 * np.abs(expected).max()
+    assert 0 < n_unstable < 12
