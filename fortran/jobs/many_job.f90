@@ -8,6 +8,7 @@ module viscovib_many_job
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
   use viscovib_many_runs, only: many_runs
+  use viscovib_rounded, only: error_digits
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
@@ -124,7 +125,7 @@ contains
     report%summary = things(size(self%values), 'motion')//', ' &
                      //show(count(many%ended == run_completed))//' completed, ' &
                      //things(int(min(n, int(huge(1), i8))), 'step')//' each'
-    if (change >= 0.0_wp) report%summary = report%summary//', estimated error '//show(change)
+    if (change >= 0.0_wp) report%summary = report%summary//', estimated error '//error_digits(change)
   end subroutine run
 
   !> Set up the motions.

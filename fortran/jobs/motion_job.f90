@@ -17,7 +17,7 @@ module viscovib_motion_job
   use viscovib_pendulum_job, only: plan_pendulum
   use viscovib_polar, only: argument, modulus
   use viscovib_polynomial_job, only: plan_polynomial
-  use viscovib_rounded, only: six_digits
+  use viscovib_rounded, only: error_digits, six_digits
   use viscovib_shock_spectrum_job, only: shock_spectrum_job
   use viscovib_status, only: set_ok, show, status_type, things
   use viscovib_structure_job, only: plan_structure
@@ -181,7 +181,7 @@ contains
     end if
     if (allocated(self%events)) report%summary = report%summary//undefined_events(self, trajectory)
     if (trajectory%error >= 0.0_wp) report%summary = report%summary//', estimated error ' &
-                                                     //show(trajectory%error)
+                                                     //error_digits(trajectory%error)
     if (kept < 2) report%summary = report%summary//'; no spectrum: ' &
                                    //things(kept, 'state')//' from discard on, must be at least 2'
     if (self%decay%wanted) then

@@ -610,11 +610,25 @@ contains
                              //trim(names(near))//"'?")
         else
           call self%complain(key, unknown(key, self%group%name)//': must be one of ' &
-                             //listed(names, ''))
+                             //listed(names, '')//elsewhere(key))
         end if
       end associate
     end do
   end subroutine finish
+
+  !> Groups that have a key, for the message about one that stands in another group.
+  pure function elsewhere(key) result(text)
+    character(len=*), intent(in) :: key
+    character(len=:), allocatable :: text
+    integer :: i
+    text = ''
+    do i = 1, size(group_table)
+      associate (group => group_table(i))
+        if (any(key_names(group%first:group%last) == key)) text = text//', &'//trim(group%name)
+      end associate
+    end do
+    if (text /= '') text = "; '"//key//"' is a key of "//text(3:)
+  end function elsewhere
 
   !> Finish a group, and hand on its failure and its canonical text.
   subroutine close(self, canonical, status)
