@@ -1,5 +1,6 @@
 !> Condensation of a polynomial system whose forces act in few of its coordinates to a structure.
 module viscovib_condensed_subject
+  use viscovib_cycle_terms, only: has_kinks
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_polynomial_condensation, only: condense_polynomial, condenses, is_overdamped
@@ -17,8 +18,11 @@ contains
   subroutine condense_subject(subject, stability)
     type(subject_type), intent(inout) :: subject
     logical, intent(in) :: stability
-    if (.not. subject%is_polynomial .or. subject%is_structure .or. subject%is_body) return
-    if (condenses(subject%polynomial, stability)) call condense(subject, .false.)
+    if (.not. subject%is_polynomial .or. subject%is_structure) return
+    ! Stability between kinks is as fast in all coordinates, but the balance has many harmonics.
+    if (condenses(subject%polynomial, stability .and. .not. has_kinks(subject%polynomial))) then
+      call condense(subject, .false.)
+    end if
   end subroutine condense_subject
 
   !> The same for motions in time, of systems with strong dampers.

@@ -125,7 +125,8 @@ contains
     report%summary = things(size(self%values), 'motion')//', ' &
                      //show(count(many%ended == run_completed))//' completed, ' &
                      //things(int(min(n, int(huge(1), i8))), 'step')//' each'
-    if (change >= 0.0_wp) report%summary = report%summary//', estimated error '//error_digits(change)
+    if (change >= 0.0_wp) report%summary = report%summary//', estimated error ' &
+                                           //error_digits(change)
   end subroutine run
 
   !> Set up the motions.

@@ -134,6 +134,8 @@ contains
       checker%modal = few_modes_of(system) > 0 .and. .not. checker%kinked
       checker%counted = checker%modal .and. counts_first(system)
       checker%complete = checker%modal .and. .not. checker%counted
+      ! Between kinks perturbations are integrated, which gives all exponents.
+      if (checker%kinked) checker%complete = few_modes_of(system) > 0
       if (checker%modal) call new_floquet(checker%floquet, system, set)
       return
     end select

@@ -119,3 +119,28 @@ def test_linear_systems_with_memory():
             for value in found:
                 assert np.abs(expected - value).min() < 1e-8 * np.abs(expected).max()
     assert 0 < n_unstable < 12
+
+
+def test_gaps_of_a_body_by_deflections_and_in_all_coordinates(monkeypatch):
+    """A body with gaps is condensed to their deflections; verdicts and multipliers are equal."""
+    gap = (None, None, "1e7*max(d - 0.002, 0) + 1e7*min(d + 0.002, 0)")
+    corners = [(-0.6, -0.4), (-0.6, 0.4), (0.6, -0.4), (0.6, 0.4)]
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}", position=(x, y, -0.3), stiffness=(4e5, 4e5, 8e5), damping=100, law=gap
+        )
+        for i, (x, y) in enumerate(corners)
+    ]
+    body = vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts)
+    nu = np.linspace(57, 66, 7)
+    options = dict(load={1: {"z": 500.0, "ry": 50.0}}, tolerance=1e-6, stability=True)
+    condensed = vv.forced_response(body, nu, **options)
+    monkeypatch.setattr(type(body), "_condenses", lambda *_: False)
+    whole = vv.forced_response(body, nu, **options)
+    assert np.array_equal(condensed.stable, whole.stable)
+    assert 0 < np.sum(whole.stable) < nu.size
+    size = whole.amplitude("z").max()
+    assert size > 0.002
+    assert np.abs(condensed.amplitude("z") - whole.amplitude("z")).max() < 1e-5 * size
+    for one, other in zip(condensed.multipliers, whole.multipliers, strict=True):
+        assert np.abs(np.sort(np.abs(one)) - np.sort(np.abs(other)))[-4:].max() < 1e-3

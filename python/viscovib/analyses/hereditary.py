@@ -24,7 +24,6 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.whole import has_kinks
 
 #: Nodes per step, and steps per fastest period at the start of the step size search.
 NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
@@ -246,7 +245,7 @@ class MountRun(Run):
     @property
     def over_kinks(self) -> bool:
         """True if laws have kinks: the past is known at whole steps only."""
-        return has_kinks(self.system)
+        return self.system._has_kinks
 
     def adopt(self, earlier: Run) -> None:
         """Continue from the end of an earlier run, with the loads of this run."""

@@ -151,7 +151,7 @@ def spring_groups(
 def condensed_springs(
     springs: MountSprings, mass: FloatArray, damping: FloatArray, stiffness: FloatArray
 ) -> Condensation | None:
-    """Condense a body with memory to the deflections of its mounts; None: not condensed.
+    """Condense a body to the deflections of its mounts; None: not condensed.
 
     Deflections with laws come first: stability uses only these (`viscovib_condensed_waves`), which
     is faster than all coordinates if they are few.
@@ -166,8 +166,7 @@ def condensed_springs(
         rest = law.remainder(remembers=remembers) if isinstance(law, Law) else None
         elements.append(ElementTerms(row, powers, 0.0, kernel, rest))
     bent = [e.direction for e in elements if e.law is not None or max(e.powers) > 1]
-    remember = any(e.kernel is not None for e in elements)
-    if not bent or not remember or 2 * np.linalg.matrix_rank(np.array(bent)) > mass.shape[0]:
+    if not bent or 2 * np.linalg.matrix_rank(np.array(bent)) > mass.shape[0]:
         return None
     try:
         rest_of_all = dense_rest(mass, damping, stiffness, quiet=True)

@@ -332,7 +332,8 @@ class PolynomialSystem(System):
         from viscovib.systems.polynomial_laws import checked_condensed
 
         n = len(self.dof_names)
-        if self._condensation is None or not stability or n > _MAX_WHOLE:
+        always = n > _MAX_WHOLE or self._has_kinks
+        if self._condensation is None or not stability or always:
             return self._condensation is not None
         return checked_condensed(n, self._condensation.q, bool(self._active_kernels))
 

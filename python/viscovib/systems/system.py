@@ -53,6 +53,11 @@ class System:
         return iter(())
 
     @property
+    def _has_kinks(self) -> bool:
+        """True if a law has kinks or jumps, or an element has hysteresis."""
+        return any(law.state or law.branches for law in self._all_laws)
+
+    @property
     def _active_kernels(self) -> tuple[Kernel, ...]:
         return ()
 

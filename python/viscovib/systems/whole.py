@@ -50,17 +50,12 @@ def once_each(function: Callable[[Structure], _Note]) -> Callable[[Structure], _
 @once_each
 def switches(structure: Structure) -> bool:
     """True if a law has kinks or jumps, or an element has hysteresis."""
-    return any(law.state or law.branches for law in structure._all_laws)
-
-
-def has_kinks(system: System) -> bool:
-    """True if a law of any system has kinks or jumps, or an element has hysteresis."""
-    return any(law.state or law.branches for law in system._all_laws)
+    return structure._has_kinks
 
 
 def usual_tolerance(system: System) -> float:
     """Return the default tolerance of steady motions, which is larger with kinks and jumps."""
-    return CORNER_TOLERANCE if has_kinks(system) else SMOOTH_TOLERANCE
+    return CORNER_TOLERANCE if system._has_kinks else SMOOTH_TOLERANCE
 
 
 @once_each
