@@ -143,4 +143,4 @@ def test_gaps_of_a_body_by_deflections_and_in_all_coordinates(monkeypatch):
     assert size > 0.002
     assert np.abs(condensed.amplitude("z") - whole.amplitude("z")).max() < 1e-5 * size
     for one, other in zip(condensed.multipliers, whole.multipliers, strict=True):
-        assert np.abs(np.sort(np.abs(one)) - np.sort(np.abs(other)))[-4:].max() < 1e-3
+        assert np.abs(np.abs(one[:8]) - np.abs(other[:8])).max() < 1e-4
