@@ -50,9 +50,9 @@ contains
     if (subject%is_structure) then
       call fail(status, status_input_error, kind, '&'//kind//': takes a &structure of at most ' &
                 //'512 coordinates that all have mass, without shapes and loss_factor')
-    else if (subject%is_body .or. .not. subject%is_polynomial) then
-      call fail(status, status_input_error, kind, '&'//kind//': takes a &system or a ' &
-                //'&structure (of others see &response and &branch)')
+    else if (.not. subject%is_polynomial) then
+      call fail(status, status_input_error, kind, '&'//kind//': takes a &system, a &structure or ' &
+                //'a &body with small rotations (of others see &response and &branch)')
     else if (subject%load%moves_base()) then
       call fail(status, status_input_error, kind, '&'//kind//': the base must be at rest, give ' &
                 //'its inertia forces as loads')

@@ -522,7 +522,7 @@ REPEATS = "&system mass=1 stiffness=1 damping=0.1 coordinates='x' /\n&load ampli
         (
             "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /\n"
             "&load amplitude=0.1 /\n&steady_motion nu=1 /",
-            "takes a &system or a &structure",
+            "takes a &system, a &structure or a &body",
         ),
         (
             "&system mass=1 stiffness=1 base_direction=1 coordinates='x' /\n"

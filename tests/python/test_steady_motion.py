@@ -524,3 +524,30 @@ def test_contact_begins():
     assert branch.grazings == pytest.approx([np.sqrt(squares.min())], abs=1e-9)
     assert branch.switches[0] == 0
     assert branch.switches[-1] == 2
+
+
+@pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.5], rates=[10.0])])
+def test_a_body_with_gaps_as_by_harmonics(kernel):
+    """A machine on four mounts that strike their stops: amplitude and largest multipliers."""
+    gap = (None, None, "1e7*max(d - 0.002, 0) + 1e7*min(d + 0.002, 0)")
+    corners = [(-0.6, -0.4), (-0.6, 0.4), (0.6, -0.4), (0.6, 0.4)]
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}", position=(x, y, -0.3), stiffness=(4e5, 4e5, 8e5), damping=100, law=gap,
+            kernel=kernel,
+        )
+        for i, (x, y) in enumerate(corners)
+    ]  # fmt: skip
+    body = vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts)
+    load = {1: {"z": 500.0, "ry": 50.0}}
+    motion = vv.steady_motion(body, 62.0, load=load)
+    response = vv.forced_response(body, [62.0], load=load, stability=True)
+    assert motion.outcome == "converged"
+    low, high = motion.extremes("z")
+    assert (high - low) / 2 == pytest.approx(response.peak_to_peak("z")[0] / 2, rel=1e-5)
+    assert np.abs(motion.multipliers[:4] - response.multipliers[0, :4]).max() < 1e-4
+    branch = vv.trace_motion(body, (61, 62), load=load)
+    assert branch.outcome == "completed"
+    turning = vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts, geometry="exact")
+    with pytest.raises(vv.InputError, match="geometry = 'exact'"):
+        vv.steady_motion(turning, 62.0, load=load)

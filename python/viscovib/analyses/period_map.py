@@ -16,7 +16,6 @@ from viscovib.analyses.following import _Way
 from viscovib.analyses.memoryless import MAX_DOF, METHODS
 from viscovib.analyses.runs import nothing
 from viscovib.analyses.whole_structure import check_whole
-from viscovib.bodies.body import Body
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike, oscillator_series
@@ -76,8 +75,10 @@ class PeriodMap:
     ) -> PeriodMap:
         """Check the arguments; the core checks the system."""
         check_mapped(system)
-        if isinstance(system, Body) or system._turns:
-            raise InputError("system: is a Body, must be a PolynomialSystem or a Structure")
+        if system._turns:
+            raise InputError(
+                "geometry = 'exact': a steady motion in time takes a Body with small rotations"
+            )
         whole = system
         if isinstance(system, Structure):
             check_whole(system)
