@@ -48,6 +48,21 @@ def jobs() -> dict[str, tuple[Job, int]]:
     push = {1: [0.02] + [0.0] * (n - 1)}
     many = np.linspace(0.3, 12, 1000)
     rest = {"keep": "last"}
+
+    def machine(gap: str | None = None, **options: Any) -> vv.Body:
+        feet = [(x, y) for x in (-0.6, 0.6) for y in (-0.4, 0.4)]
+        law = (None, None, gap)
+        mounts = [
+            vv.MountPoint(
+                name=f"m{i}", position=(x, y, -0.3), stiffness=(4e5, 4e5, 8e5), law=law, **options
+            )
+            for i, (x, y) in enumerate(feet)
+        ]
+        return vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts)
+
+    lossy = machine(loss_factor=0.1, loss_band=(3, 600))
+    gaps = machine("1e7*max(d - 0.002, 0) + 1e7*min(d + 0.002, 0)", damping=100)
+    rocking = {1: {"z": 500.0, "ry": 50.0}}
     return {
         "response": (lambda: vv.forced_response(mount, many, load=0.1), 9),
         "linear response": (
@@ -66,6 +81,14 @@ def jobs() -> dict[str, tuple[Job, int]]:
         "branch of a chain": (
             lambda: vv.trace_response(chain, (0.15, 0.5), load=push, harmonics=9),
             3,
+        ),
+        "branch of a body with loss factors": (
+            lambda: vv.trace_response(lossy, (20, 150), load=rocking),
+            2,
+        ),
+        "branch of a body with gaps": (
+            lambda: vv.trace_response(gaps, (55, 66), load=rocking, tolerance=1e-5),
+            2,
         ),
         "motion, memory": (lambda: vv.simulate(mount, 100, load=0.5, nu=1.5, **rest), 9),
         "motion, memory, all states": (lambda: vv.simulate(mount, 100, load=0.5, nu=1.5), 9),
