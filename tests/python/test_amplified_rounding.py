@@ -111,7 +111,8 @@ def test_errors_hold_what_roundings_grow_to(made, remembers, seed):
                 reported.append(str(refused))
                 continue
             off = float(np.abs(run.state[-1] - end).max())
-            assert off <= run.error
+            # Rounding errors that did not grow differ between processors.
+            assert off <= max(run.error, UNGROWN)
             grown += off > UNGROWN
     assert grown >= 6
     assert all("the motion is chaotic or unstable" in one for one in reported)
