@@ -155,7 +155,7 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
-    real(wp), dimension(n_lanes, self%n_dof) :: still, unused
+    real(wp), dimension(n_lanes, 3) :: still, unused
 
     select case (self%parameters%equations)
     case (equations_exact)
