@@ -111,13 +111,18 @@ def test_linear_systems_with_memory():
         branch = vv.trace_response(system, (0.4, 3), load={1: [0.1] + [0] * (n - 1)})
         assert np.all(branch.growing == np.sum(roots.real > 0))
         n_unstable += int(branch.growing[0] > 0)
-        for nu, found in zip(branch.nu, branch.multipliers, strict=True):
+        points = zip(branch.nu, branch.multipliers, branch.exponents, strict=True)
+        for nu, found, exponents in points:
             expected = np.exp(2 * np.pi * roots / nu)
             found = found[np.isfinite(found)]
             assert found.size >= 2 * n
             assert np.abs(found[0]) > (1 - 1e-8) * np.abs(expected).max()
             for value in found:
                 assert np.abs(expected - value).min() < 1e-8 * np.abs(expected).max()
+            # Orders are odd: s = lambda + i nu, modulo 2 i nu.
+            apart = exponents[np.isfinite(exponents), None] + 1j * nu - roots
+            apart -= 2j * nu * np.round(apart.imag / (2 * nu))
+            assert np.abs(apart).min(axis=1).max() < 1e-8
     assert 0 < n_unstable < 12
 
 
@@ -135,8 +140,15 @@ def test_gaps_of_a_body_by_deflections_and_in_all_coordinates(monkeypatch):
     nu = np.linspace(57, 66, 7)
     options = dict(load={1: {"z": 500.0, "ry": 50.0}}, tolerance=1e-6, stability=True)
     condensed = vv.forced_response(body, nu, **options)
+    coarse = options | {"tolerance": 1e-4}
+    branch = vv.trace_response(body, (60, 63.5), **coarse)
     monkeypatch.setattr(type(body), "_condenses", lambda *_: False)
     whole = vv.forced_response(body, nu, **options)
+    assert type(whole) is not type(condensed)
+    of_all = vv.trace_response(body, (60, 63.5), **coarse)
+    places = [[one.parameter for one in each.crossings] for each in (branch, of_all)]
+    assert len(places[1]) > 1
+    np.testing.assert_allclose(*places, rtol=1e-4)
     assert np.array_equal(condensed.stable, whole.stable)
     assert 0 < np.sum(whole.stable) < nu.size
     size = whole.amplitude("z").max()
