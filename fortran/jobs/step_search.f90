@@ -44,6 +44,8 @@ module viscovib_step_search
   !> Safety factor of gains by halving the step; largest relative difference of runs that follow a
   !! smooth motion, so that half the step gains.
   real(wp), parameter :: less_sure = 8.0_wp, followed_by_both = 1.0e-4_wp
+  !> Largest gain by half the step of states between ends of steps that are not exact enough.
+  real(wp), parameter :: gain_between = 2.0_wp**15
   !> Largest change of the motion in a first step, relative to its size.
   real(wp), parameter :: of_equations = 1.6_wp
   !> Relative difference at which a run is close enough to the motion to determine amplified
@@ -100,7 +102,7 @@ contains
     type(inside_type) :: inside
     real(wp), allocatable :: lost(:)
     real(wp) :: changes(max_halvings), part
-    integer :: held, least, n_changes, parts, times
+    integer :: by, held, least, n_changes, parts, times
     logical :: fills, done, met
 
     fills = job%fills .and. job%save_every == 1 .and. .not. job%last_only
@@ -120,13 +122,17 @@ contains
       runs%shared%solved = min(runs%shared%solved, job%solved_if_smooth(n, part))
     end if
     n_changes = 0
+    by = 2
+    if (fills .and. runs%is_smooth() .and. real(n, wp) <= 0.25_wp*most_states) then
+      if (needs_quarter(runs, job, coarse)) by = 4
+    end if
     do
-      parts = parts_of(runs, n, fills, 2*search%factor, least)
-      if (cannot_be_made(job, n, 2*search%factor, parts, size(before%states, 1))) then
+      parts = parts_of(runs, n, fills, by*search%factor, least)
+      if (cannot_be_made(job, n, by*search%factor, parts, size(before%states, 1))) then
         if (n_changes == 0) search%verdict = step_too_many
         exit
       end if
-      search%factor = 2*search%factor
+      search%factor = by*search%factor
       call runs%make(job, n, search%factor, parts, fine, status)
       if (status%failed()) return
       if (fine%outcome == run_stopped) then
@@ -140,7 +146,7 @@ contains
       end if
       call compare_runs(runs, job, n, search%factor, before, ends, lost, search%change, met, status)
       if (status%failed()) return
-      call look_at_growth(runs, job, n, before, ends, growth, met, search, status)
+      call look_at_growth(runs, job, n, by, before, ends, growth, met, search, status)
       if (status%failed()) return
       if (search%verdict /= step_found) then
         call give_up(before, ends, search)
@@ -180,10 +186,10 @@ contains
       call coarse%become(fine)
       call before%become(ends)
       held = parts
+      by = 2
     end do
     if (search%verdict == step_found) search%verdict = step_not_met
     call give_up(before, ends, search)
-
   end subroutine find_step
 
   !> Return the last two runs at the ends of first steps, for the message; if they are no longer
@@ -227,6 +233,22 @@ contains
     cannot_be_made = cannot_be_made .or. real(n, wp)*parts/job%save_every > max_numbers/rows
   end function cannot_be_made
 
+  !> True if states between the ends of a smooth motion's steps of half the length would not be
+  !! exact enough. At the first step, their error shows this without a run with these steps.
+  logical function needs_quarter(runs, job, coarse)
+    type(piece_runs), intent(in) :: runs
+    class(transient_job), intent(in) :: job
+    type(trajectory_type), intent(in) :: coarse
+    type(trajectory_type) :: ends
+    type(status_type) :: status
+    real(wp), dimension(size(coarse%states, 1)) :: allowed, off
+    needs_quarter = .false.
+    if (coarse%outcome /= run_completed .or. parts_for_peaks(coarse) <= 2) return
+    allowed = gain_between*job%allowed(coarse)
+    call runs%fill(coarse, 1, allowed, ends, off, status)
+    needs_quarter = .not. all(off <= allowed) .and. all(off < huge(1.0_wp))
+  end function needs_quarter
+
   !> Factor by which to shorten steps so that nodes are inside layers: the thickness of a layer
   !! shows only when the steps are close to it.
   pure integer function shorter_by(run)
@@ -234,9 +256,9 @@ contains
     shorter_by = merge(2, 4, run%too_long <= 2.0_wp)
   end function shorter_by
 
-  !> Difference of a run from a run with twice the step size, and whether both meet the tolerance.
-  !! Both runs may have the same error from a kink next to an end of all their steps. A run with one
-  !! more step for each first step has different ends of steps.
+  !> Difference of a run from a run with two or four times the step size, and whether both meet the
+  !! tolerance. Both runs may have the same error from a kink next to an end of all their steps. A
+  !! run with one more step for each first step has different ends of steps.
   subroutine compare_runs(runs, job, n, factor, coarse, fine, lost, change, met, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
@@ -259,7 +281,9 @@ contains
       gain = 1.0_wp
       ! Shorter steps do not reduce rounding errors.
       if (change <= followed_by_both*maxval(fine%sizes()) &
-          .and. all(epsilon(1.0_wp)*fine%sizes() <= allowed)) gain = runs%gain()
+          .and. all(epsilon(1.0_wp)*fine%sizes() <= allowed)) then
+        gain = runs%gain()**(nint(coarse%h/fine%h)/2)
+      end if
       off = off_of(coarse, fine)
       met = .not. apart > 0.0_wp .and. all(off <= gain*allowed)
       if (met .and. gain > 1.0_wp) then
@@ -284,10 +308,12 @@ contains
 
   !> Include amplified rounding errors: computed once, roughly, and only if the present runs do
   !! not determine them.
-  subroutine look_at_growth(runs, job, n, coarse, fine, growth, met, search, status)
+  subroutine look_at_growth(runs, job, n, by, coarse, fine, growth, met, search, status)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
     integer(i8), intent(in) :: n
+    !> Ratio of the step sizes.
+    integer, intent(in) :: by
     type(trajectory_type), intent(inout) :: coarse, fine
     type(growth_type), intent(inout) :: growth
     logical, intent(in) :: met
@@ -299,7 +325,7 @@ contains
     if (growth%factor == 0 &
         .and. (met .or. search%change <= near*maxval(abs(fine%states)))) then
       growth%run = coarse
-      growth%factor = search%factor/2
+      growth%factor = search%factor/by
     end if
     ! Runs before and after a thin layer was found have different parts of steps.
     if (.not. met) return
