@@ -4,11 +4,14 @@ module viscovib_structure_groups
   use viscovib_dense, only: factorize, solve
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
+  use viscovib_hysteresis, only: hysteresis_type
+  use viscovib_hysteresis_catalogue, only: new_hysteresis, order_numbers
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_faults, only: complain_of_law
-  use viscovib_law_term, only: about_rest
+  use viscovib_law_program, only: put_argument, put_number
+  use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_limits, only: least_mass
   use viscovib_matrix_market, only: read_matrix_market
@@ -548,6 +551,7 @@ contains
     element%kernel = read_kernel_place(reader, n_kernels)
     law = reader%read_text('law')
     call add_fluid_damper(reader, element, law)
+    call add_hysteresis(reader, element)
     if (reader%status%failed()) return
     effort = max_effort
     call expand(law, ['d'], terms, fault, effort)
@@ -575,21 +579,61 @@ contains
     type(group_reader), intent(inout) :: reader
     type(element_type), intent(inout) :: element
     character(len=:), allocatable, intent(inout) :: law
-    real(wp) :: c, a
+    real(wp) :: c, a, limit, relief
 
     c = reader%read_real('fluid_coefficient')
     a = reader%read_real('fluid_exponent')
+    limit = reader%read_real('fluid_limit')
+    relief = reader%read_real('fluid_relief')
     if (.not. c > 0.0_wp) return
     if (element%kernel > 0) then
       call reader%complain('fluid_coefficient', 'fluid_coefficient = '//show(c)//': must be 0 in ' &
                            //'an element with a kernel: use kernel = 0, or another &element')
+    else if (limit > 0.0_wp) then
+      law = '('//law//') + relief(v, '//show(c)//', '//show(a)//', '//show(limit)//', ' &
+            //show(relief)//')'
     else if (abs(a - 1.0_wp) > 0.0_wp) then
       law = '('//law//') + '//show(c)//'*sign(v)*abs(v)^'//show(a)
-      if (law(:6) == '(0) + ') law = law(7:)
     else
       element%damping = element%damping + c
     end if
+    if (law(:min(6, len(law))) == '(0) + ') law = law(7:)
   end subroutine add_fluid_damper
+
+  !> Add hysteresis to an element.
+  subroutine add_hysteresis(reader, element)
+    type(group_reader), intent(inout) :: reader
+    type(element_type), intent(inout) :: element
+    class(hysteresis_type), allocatable :: memory
+    character(len=:), allocatable :: fault, kind
+    real(wp), allocatable :: numbers(:)
+    type(law_term) :: law
+    integer :: i, state
+
+    kind = reader%read_text('hysteresis')
+    if (reader%status%failed() .or. kind == 'none') return
+    numbers = reader%read_reals('hysteresis_numbers')
+    if (reader%status%failed()) return
+    call order_numbers(kind, numbers, state, fault)
+    if (fault == '' .and. element%kernel > 0) fault = "hysteresis = '"//kind//"': must be 'none' " &
+      //'in an element with a kernel: use kernel = 0, or another &element'
+    if (fault /= '') then
+      call reader%complain('hysteresis_numbers', fault)
+      return
+    end if
+    call new_hysteresis(memory, state, numbers)
+    element%stiffness = element%stiffness + memory%stiffness_at_rest()
+    law%state = state
+    law%parity = -1
+    law%text = kind
+    law%program%code = [put_argument, (put_number, i=1, size(numbers))]
+    law%program%number = [1.0_wp, numbers]
+    law%program%n_arguments = 1
+    call law%program%measure()
+    law%arguments = reshape([1.0_wp], [1, 1])
+    law%rates = reshape([0.0_wp], [1, 1])
+    element%laws = [law]
+  end subroutine add_hysteresis
 
   !> A law that is no polynomial, if it is one; else the fault stays, or is said better.
   subroutine read_function(element, text, fault)
@@ -600,8 +644,7 @@ contains
     real(wp) :: no_values(0), slopes(2)
     character(len=:), allocatable :: other
 
-    deallocate (element%laws)
-    allocate (element%laws(1))
+    element%laws = [law_term(), element%laws]
     associate (law => element%laws(1))
       call compile_law(lower(text), ['d', 'v'], none, no_values, law%program, law%parity, &
                        law%degree, other)

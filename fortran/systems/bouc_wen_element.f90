@@ -3,13 +3,17 @@
 !!
 !!   f = elastic d + weight z,   dz/dd = A - (gamma + beta sign(way z)) |z|^n.
 !!
-!! The state is scaled by its largest value, (A/(beta + gamma))^(1/n), and signed along the
-!! direction of motion. Then s grows with the path x as ds/dx = 1 - r |s|^n, r = 1 for s > 0 and
-!! r = (gamma - beta)/(gamma + beta) <= 0 for s < 0. n = 1 and 2 have closed solutions. Otherwise
-!! Taylor series in x are summed over short steps, which end at sign changes of s. Near s = 0, where
-!! |s|^n is not smooth for noninteger n, the path is a series in s:
+!! The state is scaled by (A/|beta + gamma|)^(1/n), its largest value if beta + gamma > 0, and
+!! signed along the direction of motion. Then s grows with the path x as ds/dx = 1 - r |s|^n. For
+!! s > 0, r is the sign of beta + gamma; for s < 0, r = (gamma - beta)/|gamma + beta|. If
+!! beta + gamma = 0 the scale is (A/(2 beta))^(1/n), and r = 0 and -1. For beta + gamma > 0, n = 1
+!! and 2 have closed solutions. Otherwise Taylor series in x are summed over short steps, which end
+!! at sign changes of s. Near s = 0, where |s|^n is not smooth for noninteger n, the path is a series in s:
 !!
 !!   x(s) = integral ds/(1 - r |s|^n) = s sum_j (r |s|^n)^j/(n j + 1).
+!!
+!! For beta + gamma < 0 and n > 1, s becomes infinite after a finite path; it then keeps a large
+!! value.
 module viscovib_bouc_wen_element
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_kinds, only: wp
@@ -19,10 +23,11 @@ module viscovib_bouc_wen_element
   public :: bouc_wen_element, new_bouc_wen
 
   type, extends(hysteresis_type) :: bouc_wen_element
-    !> A, n, r for s < 0, and the largest state.
-    real(wp), private :: rise = 1.0_wp, exponent = 1.0_wp, back = 0.0_wp, largest = 1.0_wp
-    !> n if it is an integer, else 0.
-    integer, private :: whole = 1
+    !> A, n, r for s > 0 and for s < 0, the scale of the state, and the largest scaled state.
+    real(wp), private :: rise = 1.0_wp, exponent = 1.0_wp, fore = 1.0_wp, back = 0.0_wp
+    real(wp), private :: scale = 1.0_wp, largest = 1.0_wp
+    !> n if it is an integer, else 0; n if there is a closed solution, else 0.
+    integer, private :: whole = 1, closed = 1
   contains
     procedure :: advance
     procedure :: slope
@@ -33,8 +38,10 @@ module viscovib_bouc_wen_element
   !! nearest singularity of s(x) is at least pi/n away; longest step relative to |s| if |s|^n is not
   !! smooth at 0; relative distance from the largest state that counts as rounding error.
   integer, parameter :: terms = 18
-  real(wp), parameter :: longest = 0.15_wp, longest_above = 0.45_wp, of_state = 0.2_wp, &
-                         saturated = 1.0e-15_wp
+  real(wp), parameter :: longest = 0.15_wp, longest_above = 0.45_wp, longest_general = 0.1_wp, &
+                         of_state = 0.2_wp, saturated = 1.0e-15_wp
+  !> Largest |s|^(n - 1) of a state without a largest value.
+  real(wp), parameter :: unlimited = 1.0e14_wp
   !> Largest |r| |s|^n for the series of the path in the state.
   real(wp), parameter :: inner = 0.4_wp
   !> n = 2: for smaller |r| the path equals the state.
@@ -55,8 +62,16 @@ contains
     if (abs(numbers(6) - anint(numbers(6))) <= 0.0_wp) element%whole = nint(numbers(6))
     ! Since ds/dx contains |s|^n, the force has a term |d|^(n + 1).
     if (element%whole == 0) element%rough = 1.0_wp + element%exponent
-    element%back = (numbers(5) - numbers(4))/(numbers(5) + numbers(4))
-    element%largest = (numbers(3)/(numbers(4) + numbers(5)))**(1.0_wp/numbers(6))
+    associate (beta => numbers(4), total => numbers(4) + numbers(5))
+      element%fore = merge(sign(1.0_wp, total), 0.0_wp, abs(total) > 0.0_wp)
+      element%back = -1.0_wp
+      if (abs(total) > 0.0_wp) element%back = (numbers(5) - beta)/abs(total)
+      element%scale = (numbers(3)/merge(abs(total), 2.0_wp*beta, abs(total) > 0.0_wp)) &
+                      **(1.0_wp/numbers(6))
+      if (total <= 0.0_wp) element%largest = unlimited**(1.0_wp/max(numbers(6) - 1.0_wp, 0.1_wp))
+      element%closed = 0
+      if (total > 0.0_wp .and. element%whole <= 2) element%closed = element%whole
+    end associate
   end subroutine new_bouc_wen
 
   pure subroutine advance(self, change, z, by_z, by_d, work)
@@ -68,13 +83,13 @@ contains
     integer :: way
 
     way = merge(1, -1, change >= 0.0_wp)
-    s = min(max(way*z(1)/self%largest, -1.0_wp), 1.0_wp)
-    x = abs(change)*self%rise/self%largest
+    s = min(max(way*z(1)/self%scale, -self%largest), self%largest)
+    x = abs(change)*self%rise/self%scale
     first = rate(self, s)
     covered = 0.0_wp
-    if (self%whole == 1) then
+    if (self%closed == 1) then
       call move_closed(self%back, x, s, covered)
-    else if (self%whole == 2) then
+    else if (self%closed == 2) then
       call move_squared(self%back, x, s, covered)
     else
       call move_by_series(self, x, s, covered)
@@ -87,15 +102,15 @@ contains
       by_z(1) = exp(-self%exponent*x)
     end if
     by_d(1) = self%rise*last
-    z(1) = way*self%largest*s
-    work = self%weight(1)*covered*self%largest**2/self%rise
+    z(1) = way*self%scale*s
+    work = self%weight(1)*covered*self%scale**2/self%rise
   end subroutine advance
 
   !> ds/dx.
   pure real(wp) function rate(self, s)
     class(bouc_wen_element), intent(in) :: self
     real(wp), intent(in) :: s
-    rate = merge(1.0_wp, self%back, s > 0.0_wp)
+    rate = merge(self%fore, self%back, s > 0.0_wp)
     if (self%whole > 0) then
       rate = 1.0_wp - rate*abs(s)**self%whole
     else
@@ -114,14 +129,14 @@ contains
     left = x
     covered = 0.0_wp
     if (s < 0.0_wp) then
-      ! ds/dx = 1 + back s, back <= 0.
-      if (back < 0.0_wp) then
+      ! ds/dx = 1 + back s, back < 1.
+      if (abs(back) > 0.0_wp) then
         path = log(1.0_wp + back*s)/(-back)
       else
         path = -s
       end if
       path = min(path, left)
-      if (back < 0.0_wp) then
+      if (abs(back) > 0.0_wp) then
         grown = s*exp(back*path) + (exp(back*path) - 1.0_wp)/back
         covered = (grown - s - path)/back
       else
@@ -138,7 +153,7 @@ contains
     s = grown
   end subroutine move_closed
 
-  !> n = 2: tan(q x)/q with q^2 = -r for s < 0, then tanh(x).
+  !> n = 2: tan(q x)/q with q^2 = -r for s < 0 (tanh for r > 0), then tanh(x).
   pure subroutine move_squared(back, x, s, covered)
     real(wp), intent(in) :: back, x
     real(wp), intent(inout) :: s
@@ -154,6 +169,7 @@ contains
       if (left < path) then
         moved = left
         if (back < -tiny_part) moved = tan(sqrt(-back)*left)/sqrt(-back)
+        if (back > tiny_part) moved = tanh(sqrt(back)*left)/sqrt(back)
         grown = min(s + moved*(1.0_wp - back*s*s)/(1.0_wp + back*s*moved), 0.0_wp)
       end if
       covered = 0.5_wp*(grown**2 - s**2)/(1.0_wp - back*s**2)
@@ -177,6 +193,7 @@ contains
     real(wp), intent(in) :: back, s
     path = -s
     if (back < -tiny_part) path = atan(-sqrt(-back)*s)/sqrt(-back)
+    if (back > tiny_part) path = atanh(-sqrt(back)*s)/sqrt(back)
   end function path_squared
 
   !> log(1 + w)/w.
@@ -197,13 +214,19 @@ contains
     left = x
     covered = 0.0_wp
     do while (left > 0.0_wp)
-      if (s >= 1.0_wp - saturated) then
+      if (s >= self%largest*(1.0_wp - saturated)) then
+        s = min(s, self%largest)
         covered = covered + left*s
         return
       end if
       side = merge(1, -1, s >= 0.0_wp)
       fastest = self%exponent*max(1.0_wp, merge(0.0_wp, -self%back, side > 0))
-      h = min(left, merge(longest_above, longest, side > 0)/fastest)
+      h = merge(longest_above, longest, side > 0 .or. self%back > 0.0_wp)
+      if (self%fore <= 0.0_wp) then
+        fastest = fastest*max(1.0_wp, abs(s))**(self%exponent - 1.0_wp)
+        h = longest_general
+      end if
+      h = min(left, h/fastest)
       if (self%whole == 0 .and. abs(s) < inner_state(self, side)) then
         h = left
         call move_inside(self, h, s, covered)
@@ -224,7 +247,7 @@ contains
       left = left - h
       if (left <= epsilon(1.0_wp)*x) exit
     end do
-    s = min(s, 1.0_wp)
+    s = min(s, self%largest)
   end subroutine move_by_series
 
   !> Largest |s| for which the series of the path is used.
@@ -275,7 +298,7 @@ contains
     real(wp) :: part, power
     integer :: j
 
-    part = merge(1.0_wp, self%back, s > 0.0_wp)*abs(s)**self%exponent
+    part = merge(self%fore, self%back, s > 0.0_wp)*abs(s)**self%exponent
     power = 1.0_wp
     x = 0.0_wp
     area = 0.0_wp
@@ -299,7 +322,7 @@ contains
     integer :: j, k, m
 
     ! |s|^n, and ds/dx = 1 - factor |s|^n.
-    factor = merge(1.0_wp, self%back, side > 0)
+    factor = merge(self%fore, self%back, side > 0)
     series = 0.0_wp
     series(0) = s
     do k = 0, terms
@@ -358,13 +381,13 @@ contains
     real(wp), intent(out) :: slopes(:), by_z(:)
     real(wp) :: s, r
 
-    s = way*z(1)/self%largest
+    s = way*z(1)/self%scale
     slopes(1) = self%rise*rate(self, s)
-    r = merge(1.0_wp, self%back, s > 0.0_wp)
+    r = merge(self%fore, self%back, s > 0.0_wp)
     by_z(1) = 0.0_wp
     if (abs(s) > 0.0_wp) then
       by_z(1) = -self%rise*r*self%exponent*abs(s)**(self%exponent - 1.0_wp)*sign(1.0_wp, s)*way &
-                /self%largest
+                /self%scale
     end if
   end subroutine slope
 
@@ -378,15 +401,15 @@ contains
     integer :: turn
 
     distances = huge(1.0_wp)
-    s = way*z(1)/self%largest
+    s = way*z(1)/self%scale
     if (s >= 0.0_wp) return
-    if (self%whole == 1) then
+    if (self%closed == 1) then
       done = -s
-      if (self%back < 0.0_wp) done = log(1.0_wp + self%back*s)/(-self%back)
-    else if (self%whole == 2) then
+      if (abs(self%back) > 0.0_wp) done = log(1.0_wp + self%back*s)/(-self%back)
+    else if (self%closed == 2) then
       done = path_squared(self%back, s)
     else
-      ! ds/dx >= 1, so the zero is at most |s| away.
+      ! ds/dx is at most that at s, or 1, so the zero is at least x away.
       done = 0.0_wp
       do turn = 1, 50
         if (self%whole == 0 .and. -s < inner_state(self, -1)) then
@@ -394,13 +417,13 @@ contains
           done = done - x
           exit
         end if
-        x = -s/rate(self, s)
+        x = -s/max(rate(self, s), 1.0_wp)
         call move_by_series(self, x, s, covered)
         done = done + x
         if (s >= -epsilon(1.0_wp)) exit
       end do
     end if
-    distances(1) = done*self%largest/self%rise
+    distances(1) = done*self%scale/self%rise
   end subroutine kinks
 
 end module viscovib_bouc_wen_element

@@ -11,6 +11,8 @@
 !! expressions are evaluated at compile time.
 module viscovib_law_text
   use viscovib_constants, only: pi
+  use viscovib_element_functions, only: element_function, element_functions, most_constants, &
+    read_constants
   use viscovib_kinds, only: wp
   use viscovib_law_functions, only: f_atan, f_atan2
   use viscovib_law_program, only: add, degree_of, divide, f_atleast, f_atmost, f_less, f_more, &
@@ -41,7 +43,7 @@ module viscovib_law_text
 contains
 
   !> Compile a text. `fault` describes an error, and is empty otherwise.
-  subroutine compile_law(text, arguments, names, values, program, parity, degree, fault)
+  recursive subroutine compile_law(text, arguments, names, values, program, parity, degree, fault)
     character(len=*), intent(in) :: text
     !> Names of arguments, and of parameters with their values.
     character(len=*), intent(in) :: arguments(:), names(:)
@@ -305,6 +307,10 @@ contains
     cursor%at = first + verify(cursor%text(first:), letters//digits) - 1
     name = cursor%text(first:cursor%at - 1)
     if (cursor%peek() == '(') then
+      if (place_of(name, element_functions) > 0) then
+        call read_element_function(cursor, name, arguments, names, values)
+        return
+      end if
       i = place_of(name, functions)
       if (i == 0) then
         cursor%fault = "'"//clipped(name)//"' is not a known function"//likely(name, functions)
@@ -337,6 +343,67 @@ contains
                      //likely(name, known)
     end if
   end subroutine read_name
+
+  !> A function of viscovib_element_functions: compile its text, and put its first operand in place
+  !! of the argument.
+  recursive subroutine read_element_function(cursor, name, arguments, names, values)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: name, arguments(:), names(:)
+    real(wp), intent(in) :: values(:)
+    character, parameter :: letter(most_constants) = ['a', 'b', 'c', 'd', 'e']
+    real(wp), allocatable :: constants(:)
+    integer, allocatable :: code(:)
+    real(wp), allocatable :: number(:)
+    type(law_program) :: program
+    character(len=:), allocatable :: fault
+    integer :: degree, first, i, j, last, parity
+
+    allocate (constants(0))
+    first = cursor%n
+    last = first
+    do
+      cursor%at = cursor%at + 1
+      call read_comparison(cursor, arguments, names, values)
+      if (cursor%fault /= '') return
+      if (last == first) then
+        last = cursor%n
+      else if (any(cursor%code(last + 1:cursor%n) /= put_number) .or. size(constants) &
+               == most_constants) then
+        cursor%fault = name//': its operands behind the first must be numbers, at most ' &
+                       //show(most_constants)
+        return
+      else
+        constants = [constants, cursor%number(cursor%n)]
+        cursor%n = last
+        cursor%held = cursor%held - 1
+      end if
+      if (cursor%peek() /= ',') exit
+    end do
+    if (cursor%peek() /= ')') call cursor%expect(', or )')
+    if (cursor%fault /= '') return
+    cursor%at = cursor%at + 1
+    call read_constants(name, constants, cursor%fault)
+    if (cursor%fault /= '') return
+    call compile_law(element_function(name, constants), ['u'], letter(:size(constants)), &
+                     constants, program, parity, degree, fault)
+    cursor%fault = fault
+    code = cursor%code(first + 1:last)
+    number = cursor%number(first + 1:last)
+    parity = cursor%parity(cursor%held)
+    cursor%n = first
+    cursor%held = cursor%held - 1
+    do i = 1, size(program%code)
+      if (program%code(i) /= put_argument) then
+        call emit(cursor, program%code(i), program%number(i))
+        cycle
+      end if
+      do j = 1, size(code)
+        call emit(cursor, code(j), number(j))
+      end do
+    end do
+    ! All these functions are odd.
+    if (cursor%fault == '') cursor%parity(cursor%held) = parity
+  end subroutine read_element_function
 
   pure integer function place_of(name, names)
     character(len=*), intent(in) :: name, names(:)

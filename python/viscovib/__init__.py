@@ -47,6 +47,7 @@ _NAMES = {
     "plots.animation": "animate",
     "plots.campbell": "plot_campbell",
     "plots.bodies": "plot_body plot_energy plot_transmissibility",
+    "plots.loops": "plot_loop",
     "plots.maps": "plot_map",
     "plots.motions": "plot_sections plot_spectrum plot_trajectory",
     "plots.report_pages": "report",
@@ -89,7 +90,7 @@ _NAMES = {
     "systems.characteristic": "CharacteristicRoots",
     "systems.contacts": "Gap Stop",
     "systems.cubic_system": "CubicSystem",
-    "systems.dampers": "FluidDamper",
+    "systems.dampers": "FluidDamper StribeckFriction",
     "systems.elements": "Coupling Spring",
     "systems.friction": "BoucWen Dahl Iwan Jenkins",
     "systems.load": "fourier_coefficients",
@@ -199,6 +200,7 @@ if TYPE_CHECKING:
         plot_transmissibility as plot_transmissibility,
     )
     from viscovib.plots.campbell import plot_campbell as plot_campbell
+    from viscovib.plots.loops import plot_loop as plot_loop
     from viscovib.plots.maps import plot_map as plot_map
     from viscovib.plots.motions import (
         plot_sections as plot_sections,
@@ -319,7 +321,10 @@ if TYPE_CHECKING:
         Stop as Stop,
     )
     from viscovib.systems.cubic_system import CubicSystem as CubicSystem
-    from viscovib.systems.dampers import FluidDamper as FluidDamper
+    from viscovib.systems.dampers import (
+        FluidDamper as FluidDamper,
+        StribeckFriction as StribeckFriction,
+    )
     from viscovib.systems.elements import (
         Coupling as Coupling,
         Spring as Spring,

@@ -288,7 +288,7 @@ def test_an_iwan_is_its_sliders():
     [
         (lambda: vv.Iwan(on=0, stiffness=[1, 2], limit=[1]), "limit: must have one value"),
         (lambda: vv.Iwan(on=0, stiffness=[1, 0], limit=[1, 1]), r"stiffness\[1\] = 0: must be"),
-        (lambda: vv.BoucWen(on=0, stiffness=1, beta=1, gamma=2), "gamma = 2: must be greater"),
+        (lambda: vv.BoucWen(on=0, stiffness=1, beta=0, gamma=2), "beta = 0: must be greater"),
         (lambda: vv.BoucWen(on=0, stiffness=1, beta=1, gamma=0, ratio=1), "ratio = 1: must be in"),
         (lambda: vv.BoucWen(on=0, stiffness=1, beta=1, gamma=0, exponent=0.5), "exponent = 0.5"),
         (lambda: vv.Dahl(on=0, stiffness=1, limit=1, exponent=-1), "exponent = -1: must be 0"),

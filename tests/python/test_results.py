@@ -171,8 +171,8 @@ NOT_FOUND = [
     "Pendulum", "PeriodicMotions", "PistonEngine", "Plan", "PolynomialSystem", "PronyKernel",
     "PythonLaw", "RabotnovKernel", "RelaxationData", "Result", "RunUp", "RzhanitsynKernel",
     "Sample", "Sawtooth", "Scene",
-    "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "Structure", "SumKernel",
-    "TabulatedKernel", "ThermalKernel", "Trapezoid", "WLF",
+    "ShiftLaw", "ShiftTable", "Spring", "Springs", "Step", "Stop", "StribeckFriction",
+    "Structure", "SumKernel", "TabulatedKernel", "ThermalKernel", "Trapezoid", "WLF",
 ]  # fmt: skip
 #: Tested elsewhere: results of curves, of scenes, of amplitudes.
 ELSEWHERE = [

@@ -56,6 +56,7 @@ NEEDS = {
 INSTEAD = {
     ("force", "coefficient"): "powers=3",
     ("force", "powers"): "coefficient=1",
+    ("element", "hysteresis_numbers"): "on='x1' hysteresis='dahl'",
     ("mount_point", "kernels"): "name='a' position=0 0 0 stiffness=1 1 1",
     ("kernel", "amplitude"): "kind='rzhanitsyn' alpha=0.1 beta=1",
     ("kernel", "alpha"): "kind='rzhanitsyn' amplitude=0.1 beta=1",

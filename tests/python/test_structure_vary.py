@@ -175,7 +175,7 @@ def test_numbers_that_an_element_does_not_have():
 
     for name, reported in [
         ("elements[0].gap", "must be one of stiffness, limit of this element"),
-        ("elements[2].restitution", "must be one of gap, stiffness of this element"),
+        ("elements[2].restitution", "must be one of gap, stiffness, exponent of"),
     ]:
         with pytest.raises(vv.InputError, match=reported):
             trace(name)

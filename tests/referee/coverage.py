@@ -27,6 +27,8 @@ _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "FluidDamper.force": "tests/python/test_fluid_dampers.py: the formula",
     "FluidDamper.energy": "tests/python/test_fluid_dampers.py: gamma functions and quadrature",
+    "StribeckFriction.force": "tests/python/test_damper_laws.py: the formula",
+    "StribeckFriction.energy": "tests/python/test_damper_laws.py: quadrature",
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",
     "Profile.plot": _PICTURE,
     "plot_campbell": _PICTURE,
@@ -114,6 +116,7 @@ NOTHING_TO_JUDGE = {
     "plot_branch": _PICTURE,
     "plot_motion_branch": _PICTURE,
     "plot_energy": _PICTURE,
+    "plot_loop": _PICTURE,
     "plot_map": _PICTURE,
     "plot_modulation": _PICTURE,
     "plot_response": _PICTURE,

@@ -3,9 +3,9 @@
 import numpy as np
 
 from referee.case import Case, Claim, even, few
-from referee.switched import Automaton, Contact, Sliders, Turning, state_of
+from referee.switched import Automaton, Contact, Sliders, Stribeck, Turning, state_of
 
-JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen", "FluidDamper")
+JUDGES = ("Jenkins", "Iwan", "Dahl", "BoucWen", "FluidDamper", "StribeckFriction")
 METHODS = ("auto", "gauss8", "gauss16", "gauss2", "gauss3", "rk4", "dop8", "verner8", "verner9")
 #: Methods for more coordinates.
 _OF_MANY = ("auto", "gauss8", "gauss2", "gauss3")
@@ -48,6 +48,32 @@ class Power(Smooth):
 
     def turn(self):
         self.way = -self.way
+
+
+class Valve(Power):
+    """c sign(v) |v|^a, and a line of slope s from the limit on."""
+
+    def __init__(self, direction, c, a, limit, s):
+        super().__init__(direction, c, a)
+        self.law, self.rate = self.pull_of, (limit / c) ** (1 / a)
+        self.c, self.a, self.limit, self.s = c, a, limit, s
+
+    def begin(self, d, v):
+        self.opens = abs(v) > self.rate
+        return super().begin(d, v)
+
+    def pull_of(self, d, v):
+        v = self.way * v
+        closed = self.c * np.maximum(v, 0) ** self.a
+        return self.way * (self.limit + self.s * (v - self.rate) if self.opens else closed)
+
+    def signals(self):
+        yield from super().signals()
+        far = 1 if self.opens else -1
+        yield (lambda d, v, z: far * (self.way * v - self.rate)), (lambda t, y: self.switch())
+
+    def switch(self):
+        self.opens = not self.opens
 
 
 class Driven(Automaton):
@@ -111,7 +137,7 @@ def _hysteresis(rng, n):
         return source, (law if p else Sliders(e, [k], [limit]))
     p = _BOUC_WEN[rng.integers(len(_BOUC_WEN))]
     beta, ratio = few(rng, 0.5, 30), even(rng, 0, 0.5, 2)
-    gamma = round(beta * even(rng, -0.9, 1, 3), 4)
+    gamma = round(beta * even(rng, -0.9, 2.5, 3), 4)
 
     def slope(z, way):
         return 1 - (gamma + beta * np.sign(way * z)) * np.abs(z) ** p
@@ -127,15 +153,22 @@ def _nearby(rng, n):
     """Additional elements: gaps, polynomials, dampers."""
     on, e = _direction(rng, n)
     k, gap, c = few(rng, 2, 100), few(rng, 0.05, 0.6), few(rng, 0.05, 1)
-    a = even(rng, 0.7, 2, 2)
+    a, limit, slope = even(rng, 0.7, 2, 2), few(rng, 0.02, 0.5), few(rng, 0.01, 0.5)
+    p, valve = even(rng, 1, 3, 1), f"limit={limit}, relief={slope}"
     return [
         (f"vv.FluidDamper(on={on}, coefficient={c}, exponent={a})", Power(e, c, a)),
         (f"vv.Gap(on={on}, stiffness={k}, gap={gap})", Contact(e, k, gap, False)),
         (f"vv.Stop(on={on}, stiffness={k}, gap={gap})", Contact(e, k, gap, True)),
+        (f"vv.Gap(on={on}, stiffness={k}, gap={gap}, exponent={p})", Contact(e, k, gap, False, p)),
+        (f"vv.Stop(on={on}, stiffness={k}, gap={gap}, exponent={p})", Contact(e, k, gap, True, p)),
+        (
+            f"vv.FluidDamper(on={on}, coefficient={c}, exponent={a}, {valve})",
+            Valve(e, c, a, limit, slope),
+        ),
         (f"vv.Spring(on={on}, law='{k}*d^3')", Smooth(e, lambda d, v: k * d**3)),
         (f"vv.Spring(on={on}, law='{c}*v*abs(v)')", Power(e, c)),
         (f"vv.Spring(on={on}, law='{c}*tanh(v/0.3)')", Smooth(e, lambda d, v: c * np.tanh(v / 0.3))),
-    ][rng.integers(6)]  # fmt: skip
+    ][rng.integers(9)]  # fmt: skip
 
 
 def _load(rng, n, mass, end):
@@ -214,8 +247,16 @@ def case(rng, index):
     stops: list = [None] * n
     for j in range(n):
         on = {f"x{j + 1}": 1}
-        if friction[j]:
+        if friction[j] and rng.random() < 0.5:
             sources.append(f"vv.Spring(on={on}, law='{friction[j]}*sign(v)')")
+        elif friction[j]:
+            coulomb, v_s = round(friction[j] * even(rng, 0.3, 1, 2), 4), few(rng, 0.05, 0.5)
+            d = [1, 1.5, 2][rng.integers(3)]
+            sources.append(
+                f"vv.StribeckFriction(on={on}, coulomb={coulomb}, static={friction[j]}, "
+                f"velocity={v_s}, exponent={d})"
+            )
+            friction[j] = Stribeck(friction[j], coulomb, v_s, d)
         if rng.random() < 0.12:
             stops[j] = few(rng, 0.1, 0.6), even(rng, 0, 0.9, 1)
             sources.append(f"vv.Gap(on={on}, gap={stops[j][0]}, restitution={stops[j][1]})")

@@ -32,7 +32,7 @@ def _draw(rng, index):
         source = f"vv.Dahl(on='x1', stiffness={k}, limit={limit}, exponent={exponent})"
         return source, slope, 0.0, np.ones(1), None
     beta, exponent = few(rng, 0.5, 5), [1, 2, 1.5, 3][int(rng.integers(4))]
-    gamma, ratio = round(beta * even(rng, -0.5, 1, 2), 3), even(rng, 0, 0.5, 2)
+    gamma, ratio = round(beta * even(rng, -0.5, 2.5, 2), 3), even(rng, 0, 0.5, 2)
 
     def slope(z, way):
         return 1 - (gamma + beta * np.sign(way * z)) * np.abs(z) ** exponent

@@ -51,6 +51,8 @@ class Automaton:
             if (self.friction[j] is None and self.stops[j] is None) or self.way[j]:
                 out[j] = y[self.n + j]
                 drag = self.friction[j] or 0.0
+                if isinstance(drag, Stribeck):
+                    drag = drag.at(self.way[j] * y[self.n + j])
                 out[self.n + j] = (p[j] - drag * self.way[j]) / self.m[j]
         for e in self.elements:
             out[e.at] = e.flow(*self.deflection(e, out_of(y, out, self.n)), y[e.at])
@@ -186,6 +188,17 @@ class Automaton:
                 return
 
 
+class Stribeck(float):
+    """A static friction force, and the force at a speed."""
+
+    def __new__(cls, static, coulomb, velocity, exponent):
+        found = super().__new__(cls, static)
+        found.at = lambda speed: (
+            coulomb + (static - coulomb) * np.exp(-((max(speed, 0.0) / velocity) ** exponent))
+        )
+        return found
+
+
 def limit_of(automaton, j):
     return automaton.friction[j] or 0.0
 
@@ -273,19 +286,22 @@ class Turning:
 
 
 class Contact:
-    """A spring behind a gap, one-sided or two-sided."""
+    """A spring behind a gap, one-sided or two-sided, with a power of the deflection beyond it."""
 
     size = 0
 
-    def __init__(self, direction, stiffness, gap, both):
+    def __init__(self, direction, stiffness, gap, both, power=1):
         self.direction, self.k, self.gap, self.both = direction, stiffness, gap, both
+        self.power = power
 
     def begin(self, d, v):
         self.side = 1 if d > self.gap else -1 if self.both and d < -self.gap else 0
         return np.zeros(0)
 
     def pull(self, d, z):
-        return self.k * (d - self.side * self.gap) if self.side else 0.0
+        beyond = self.side * d - self.gap
+        # Trial steps beyond the switch see an odd continuation.
+        return self.side * self.k * np.sign(beyond) * np.abs(beyond) ** self.power
 
     def flow(self, d, v, z):
         return z

@@ -1,15 +1,19 @@
 """Contact elements of a structure: springs behind a gap, and stops."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
+
+import numpy as np
 
 from viscovib import _native
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
-from viscovib.systems.laws import Law, read_law
+from viscovib.systems.laws import Law, compile_law
 
 #: Instruction codes of the core for numbers, and its code of a stop with restitution.
 _ARGUMENT, _NUMBER, _STOP = 2, 1, 100
+#: Largest exponent.
+_MOST = 20
 
 
 class Contact:
@@ -19,12 +23,16 @@ class Contact:
     gap: float
     stiffness: float | None
     restitution: float | None
+    exponent: float
     #: True for stops on both sides.
     _both: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         own_fields(self)
-        object.__setattr__(self, "gap", _native.number("gap", self.gap))
+        for name in ("gap", "exponent"):
+            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
+        if not 1 <= self.exponent <= _MOST:
+            raise InputError(f"exponent = {self.exponent:g}: must be 1 to {_MOST}")
         if (self.stiffness is None) == (self.restitution is None):
             raise InputError("stiffness, restitution: give exactly one of them")
         if self.stiffness is not None:
@@ -32,6 +40,8 @@ class Contact:
             if self.stiffness <= 0:
                 raise InputError(f"stiffness = {self.stiffness:g}: must be greater than 0")
             return
+        if self.exponent != 1:
+            raise InputError(f"exponent = {self.exponent:g}: must be 1 with a restitution")
         value = _native.number("restitution", self.restitution)
         if not 0 <= value <= 1:
             raise InputError(f"restitution = {value:g}: must be in [0, 1]")
@@ -51,9 +61,8 @@ class Contact:
         return self.stiffness
 
     def _read(self, text: str) -> Law:
-        law = read_law("law", text, ("d",), {"k": self._elastic(), "gap": self.gap}, ("v",))
-        assert isinstance(law, Law)
-        return law
+        numbers = {"k": self._elastic(), "gap": self.gap, "n": self.exponent}
+        return compile_law("law", text, ("d", "v"), numbers, 1)
 
     @property
     def _law(self) -> Law:
@@ -62,7 +71,7 @@ class Contact:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gap(Contact):
-    """A one-sided spring behind a gap: f = k max(d - gap, 0) of the deflection d = e . u.
+    """A one-sided spring behind a gap: f = k max(d - gap, 0)^n of the deflection d = e . u.
 
     It equals a `Spring` with this law.
 
@@ -71,13 +80,15 @@ class Gap(Contact):
     on : str, int, tuple of two str, mapping or array_like
         The direction e, as for `Spring`; contact if d > gap.
     stiffness : float
-        k, greater than 0 (N/m).
+        k, greater than 0 (N/m^n).
     restitution : float
         Instead of the stiffness, for motions in time: a rigid stop that returns the fraction e of
         the velocity, 0 to 1. Infinitely many impacts (e < 1) end in contact.
     gap : float
-        Positive or negative (m); a negative gap is a preload, f = -k gap at rest, which plans
+        Positive or negative (m); a negative gap is a preload, f = k (-gap)^n at rest, which plans
         state.
+    exponent : float
+        n, 1 to 20: a progressive stop for n > 1 (Hertz's contact: 1.5).
 
     Examples
     --------
@@ -90,32 +101,35 @@ class Gap(Contact):
     gap: float
     stiffness: float | None = None
     restitution: float | None = None
+    exponent: float = 1.0
 
     @property
     def _law(self) -> Law:
         if self.restitution is not None:
             return self._rigid()
-        return self._read("k*max(d - gap, 0)")
+        return self._read("k*max(d - gap, 0)^n")
 
     def force(self, d: Any) -> Any:
         """Return f at deflections of any shape."""
-        return self._elastic() * (_native.real_array("d", d) - self.gap).clip(0)
+        return self._elastic() * (_native.real_array("d", d) - self.gap).clip(0) ** self.exponent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stop(Contact):
-    """Two-sided stops: f = k (d - gap) if d > gap, k (d + gap) if d < -gap, else 0.
+    """Two-sided stops: f = k (d - gap)^n if d > gap, -k (-d - gap)^n if d < -gap, else 0.
 
     Parameters
     ----------
     on : str, int, tuple of two str, mapping or array_like
         The direction e, as for `Spring`.
     stiffness : float
-        k of the contacts, greater than 0 (N/m).
+        k of the contacts, greater than 0 (N/m^n).
     restitution : float
         Instead of the stiffness, for motions in time, as for `Gap`.
     gap : float
         At least 0 (m), on either side.
+    exponent : float
+        n, 1 to 20, as for `Gap`.
 
     Examples
     --------
@@ -128,6 +142,7 @@ class Stop(Contact):
     gap: float
     stiffness: float | None = None
     restitution: float | None = None
+    exponent: float = 1.0
     _both: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -139,10 +154,10 @@ class Stop(Contact):
     def _law(self) -> Law:
         if self.restitution is not None:
             return self._rigid()
-        # The law is odd, but this cannot be seen from its text.
-        return replace(self._read("k*(max(d - gap, 0) - max(-d - gap, 0))"), parity=-1)
+        return self._read("k*stop(d, gap, n)")
 
     def force(self, d: Any) -> Any:
         """Return f at deflections of any shape."""
         x = _native.real_array("d", d)
-        return self._elastic() * (x - x.clip(-self.gap, self.gap))
+        beyond = x - x.clip(-self.gap, self.gap)
+        return self._elastic() * np.sign(beyond) * np.abs(beyond) ** self.exponent

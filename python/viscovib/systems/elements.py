@@ -13,7 +13,7 @@ from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.contacts import Contact
-from viscovib.systems.dampers import FluidDamper
+from viscovib.systems.dampers import RateElement
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import Law, parameter_values, read_law
 from viscovib.systems.load import one_of
@@ -238,15 +238,15 @@ def element_terms(
             powers = {1: slope} if slope else {}
             found.append(ElementTerms(e, powers, 0.0, None, law.remainder()))
             continue
-        if isinstance(element, FluidDamper):
+        if isinstance(element, RateElement):
             e = direction_of(f"elements[{i}].on", element.on, len(names), places)
             found.append(ElementTerms(e, {}, element._damping, None, element._law))
             continue
         if not isinstance(element, Spring):
             raise InputError(
                 f"elements[{i}] = {_native.shown(element)}: must be a Spring, a FluidDamper, a "
-                "Coupling, a Jenkins, an Iwan, a BoucWen, a Dahl, a Gap, a Stop or one of "
-                "user_elements()"
+                "StribeckFriction, a Coupling, a Jenkins, an Iwan, a BoucWen, a Dahl, a Gap, a "
+                "Stop or one of user_elements()"
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         program = element._program  # type: ignore[attr-defined]

@@ -205,7 +205,9 @@ class BoucWen(Hysteresis):
     ratio : float
         a, the elastic fraction, 0 to less than 1.
     beta, gamma : float
-        b > 0 and -b < g <= b (m^-n); other values would allow loops that generate energy.
+        b > 0 and g (m^-n). For -b < g <= b no loop generates energy. For g > b unloading is less
+        steep than loading. For g <= -b the element hardens and its force has no limit; for n > 1
+        it becomes infinite at a finite deflection.
     exponent : float
         n, 1 to 20: sharpness of the yield.
 
@@ -233,11 +235,6 @@ class BoucWen(Hysteresis):
         _take(self, _native.number, "ratio", "gamma", "exponent")
         if not 0 <= self.ratio < 1:
             raise InputError(f"ratio = {self.ratio:g}: must be in [0, 1)")
-        if not -self.beta < self.gamma <= self.beta:
-            raise InputError(
-                f"gamma = {self.gamma:g}: must be greater than -beta and at most beta, "
-                f"{self.beta:g}"
-            )
         _exponent(self.exponent, *_EXPONENTS)
 
     @property

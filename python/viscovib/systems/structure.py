@@ -101,8 +101,9 @@ class Structure(System):
     loss_factor : float
         K (1 + i loss_factor sign(nu)), for harmonic methods only. Modal damping, Rayleigh damping
         and the loss factor refer to the structure with the linear parts of its elements.
-    elements : sequence of Spring, FluidDamper, Coupling, Jenkins, Iwan, BoucWen, Dahl, Gap and Stop
-        Local elements. Their linear stiffness and damping are added to K and C.
+    elements : sequence
+        Local elements: Spring, FluidDamper, StribeckFriction, Coupling, Jenkins, Iwan, BoucWen,
+        Dahl, Gap, Stop. Their linear stiffness and damping are added to K and C.
     layers : sequence of (array, Kernel)
         Stiffness matrices with memory, added to K, for example of a rubber layer, each in the form
         of ``stiffness``: K_j (1 - R_j*). Kernels that are sums of exponentials are exact for any

@@ -13,7 +13,7 @@ from viscovib import _native
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.contacts import Contact
-from viscovib.systems.dampers import FluidDamper
+from viscovib.systems.dampers import RateElement
 from viscovib.systems.elements import Coupling, ElementTerms, Spring, _law_terms
 from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import (
@@ -116,10 +116,10 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
 def _numbers_of(element: object) -> tuple[str, ...]:
     """Parameters of an element that is not a spring; a rigid stop has no steady motion."""
     rigid = isinstance(element, Contact) and element.stiffness is None
-    if rigid or not isinstance(element, (Contact, Hysteresis, FluidDamper)):
+    if rigid or not isinstance(element, (Contact, Hysteresis, RateElement)):
         return ()
     # A linear damper is part of the linear subsystem.
-    if isinstance(element, FluidDamper) and element._law is None:
+    if isinstance(element, RateElement) and element._law is None:
         return ()
     values = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
     return tuple(key for key, value in values.items() if isinstance(value, float))
@@ -134,11 +134,10 @@ def _other_law(terms: list[ElementTerms], at: int, element: Any, key: str, value
         apart = element._law.stiffness_at_rest
         terms[at] = own._replace(law=other._law.without([*apart, 0.0]))
         return
-    if isinstance(element, FluidDamper):
-        other.__dict__.pop("_law", None)
-        terms[at] = own._replace(law=other._law)
-        if other._law is None:
-            raise InputError(f"{key} = {value:g}: a linear damper belongs to the linear subsystem")
+    if isinstance(element, RateElement):
+        for cached in ("_whole", "_damping", "_law"):
+            other.__dict__.pop(cached, None)
+        terms[at] = own._replace(law=other._whole.without([0.0, own.damping]))
         return
     terms[at] = own._replace(law=other._law)
     # The core subtracts the new stiffness at rest; the linear subsystem contains the old one.

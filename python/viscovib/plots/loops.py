@@ -1,0 +1,73 @@
+"""Plot of the loop of an element: its force over its deflection."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from viscovib import _native
+from viscovib.errors import InputError
+from viscovib.plots.panels import panel
+from viscovib.results.dissipation import _loss_of, _sampled
+from viscovib.systems.contacts import Contact
+from viscovib.systems.elements import Coupling, element_terms
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def plot_loop(element: Any, amplitude: float, *, nu: float, ax: Axes | None = None) -> Axes:
+    """Draw the force of an element over a cycle d = X sin(nu t) of its deflection.
+
+    The title states the loss per cycle.
+
+    Parameters
+    ----------
+    element : Spring, FluidDamper, StribeckFriction, Jenkins, Iwan, BoucWen, Dahl, Gap or Stop
+        An element of a structure, with a kernel too.
+    amplitude : float
+        X, greater than 0 (m).
+    nu : float
+        Circular frequency, greater than 0 (rad/s).
+    ax : Axes, optional
+        Axes of the plot; None creates a figure.
+
+    Returns
+    -------
+    Axes
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> vv.plot_loop(vv.Jenkins(on="x1", stiffness=20, limit=1), 0.3, nu=1.0).get_title()
+    'loss per cycle: 1 J'
+    """
+    for name, value in (("amplitude", amplitude), ("nu", nu)):
+        if _native.number(name, value) <= 0:
+            raise InputError(f"{name} = {value:g}: must be greater than 0")
+    rigid = isinstance(element, Contact) and element.stiffness is None
+    if rigid or isinstance(element, Coupling) or not hasattr(element, "on"):
+        raise InputError(
+            f"element = {_native.shown(element)}: must be an element with one deflection and a "
+            "force, such as a FluidDamper"
+        )
+    terms = element_terms([replace(element, on=[1.0])], ("d",), {"d": 0})[0]
+    order, d = np.array([1]), np.array([[amplitude + 0j]])
+    theta, force, rate = _sampled(terms, float(nu), order, d, False)
+    if terms.kernel is not None:
+        parts = np.fft.rfft(force)
+        orders = np.arange(1, parts.size)
+        parts[0] *= 1 - terms.kernel.integral
+        parts[1:] *= 1 - terms.kernel.laplace(1j * nu * orders)
+        force = np.fft.irfft(parts, theta.size)
+    force = force + terms.damping * rate
+    lost = _loss_of(terms, float(nu), order, d, False)
+    ax = panel(ax, (4.2, 3.6))
+    around = np.r_[np.arange(theta.size), 0]
+    ax.plot(amplitude * np.sin(theta[around]), force[around])
+    ax.set_xlabel("d (m)")
+    ax.set_ylabel("force (N)")
+    ax.set_title(f"loss per cycle: {lost:.4g} J", fontsize="medium")
+    return ax
