@@ -46,7 +46,7 @@ module viscovib_condensed_hill
   real(wp), parameter :: negligible = 0.2_wp, accurate = 1.0e-5_wp, fair = 3.0e-4_wp
   integer, parameter :: few_unknowns = 120, many_unknowns = 240
   !> Parts of J that are small compared with the largest are left out.
-  real(wp), parameter :: silent = 1.0e-11_wp
+  real(wp), parameter :: silent = 1.0e-9_wp
   !> Modes are nearly rigid bodies whose poles are nearer to 0, in d.
   real(wp), parameter :: nearly_rigid = 1.0e-3_wp
   !> Fourier coefficients of J that are small compared with the largest hardly move exponents.
@@ -397,8 +397,12 @@ contains
     complex(wp) :: matrix(self%n_dof, self%n_dof), kept(1, size(self%kernel_of_group))
     integer :: a
 
-    kept = retained_of(system, self%kernel_of_group, [s])
-    matrix = matmul(h, self%local_at(0, 0, kept(1, :), s))
+    if (self%remembers .or. allocated(self%by_rate)) then
+      kept = retained_of(system, self%kernel_of_group, [s])
+      matrix = matmul(h, self%local_at(0, 0, kept(1, :), s))
+    else
+      matrix = matmul(h, sum(self%local(:, :, 0, :), 3))
+    end if
     do a = 1, self%n_dof
       matrix(a, a) = matrix(a, a) + 1.0_wp
     end do
@@ -491,11 +495,11 @@ contains
       integer, intent(in) :: i
       complex(wp), dimension(self%n_dof, self%n_dof) :: matrix, inverse
       logical :: singular
-      matrix = mean_system_at(self, system, places(i), h(i, :, :))
-      if (self%n_dof == 1) then
-        both = both + abs(h(i, 1, 1)/matrix(1, 1))
+      if (self%n_dof == 1 .and. .not. (self%remembers .or. allocated(self%by_rate))) then
+        both = both + abs(h(i, 1, 1)/(1.0_wp + h(i, 1, 1)*sum(self%local(1, 1, 0, :))))
         return
       end if
+      matrix = mean_system_at(self, system, places(i), h(i, :, :))
       call invert(matrix, inverse, singular)
       if (singular) both = huge(1.0_wp)**0.25_wp
       if (.not. singular) both = both + maxval(sum(abs(matmul(inverse, h(i, :, :))), 2))

@@ -49,6 +49,10 @@ module viscovib_condensed_roots
     !> Of each pole: its mean exponent s, and how far the zero is from there, in d; whether there is
     !! one.
     complex(wp), allocatable, private :: mean(:), offset(:)
+    !> det(I + H(s) J_0)' near its mean exponent at a motion nearby, the others divided out; 0: not
+    !! known.
+    complex(wp), allocatable, private :: mean_slope(:)
+    integer, private :: n_poles = 0
     logical, allocatable, private :: known(:)
     !> Frequency of each offset, and how fast it changed with that.
     real(wp), allocatable, private :: nu(:)
@@ -79,10 +83,9 @@ contains
     allocate (zeros%upper(0), zeros%sharp(0), zeros%of_pole(0), zeros%doubtful(0))
     allocate (zeros%mean(size(hill%poles%pole)), zeros%offset(size(hill%poles%pole)), &
               source=(0.0_wp, 0.0_wp))
-    allocate (zeros%slope, mold=zeros%offset)
+    allocate (zeros%slope, zeros%mean_slope, source=zeros%offset)
     allocate (zeros%known(size(hill%poles%pole)), source=.false.)
     allocate (zeros%nu(size(hill%poles%pole)), source=0.0_wp)
-    zeros%slope = (0.0_wp, 0.0_wp)
     allocate (zeros%shape_at(size(zeros%slope)), zeros%nearby_shape(size(zeros%slope)))
     allocate (zeros%amid(size(zeros%slope)), source=0.0_wp)
   end subroutine new_zeros
@@ -97,12 +100,15 @@ contains
     logical :: made
 
     self%n = 0
+    if (self%n_poles /= size(hill%poles%order)) self%mean_slope = (0.0_wp, 0.0_wp)
+    self%n_poles = size(hill%poles%order)
     do i = 1, size(hill%poles%order)
       m = hill%poles%order(i)
       if (.not. self%known(m)) then
         self%mean(m) = hill%poles%pole(m)
         self%offset(m) = (0.0_wp, 0.0_wp)
         self%slope(m) = (0.0_wp, 0.0_wp)
+        self%mean_slope(m) = (0.0_wp, 0.0_wp)
       end if
     end do
     do i = 1, size(hill%poles%order)
@@ -182,13 +188,23 @@ contains
     integer :: i
 
     made = .false.
-    before = self%mean(m) + 1.0e-3_wp*hill%period*(1.0_wp, 1.0_wp)
     root = self%mean(m) + 1.0e-5_wp*hill%period*(0.1_wp, 1.0_wp)
-    call reduced(before, value_before)
-    do i = 1, max_mean_iterations
+    before = root
+    if (abs(self%mean_slope(m)) > 0.0_wp) then
+      call reduced(before, value_before)
+      step = -value_before/self%mean_slope(m)
+      made = abs(step) <= mean_step*hill%period
+      if (abs(step) <= hill%period) root = before + step
+    end if
+    if (.not. abs(root - before) > 0.0_wp) then
+      before = self%mean(m) + 1.0e-3_wp*hill%period*(1.0_wp, 1.0_wp)
+      call reduced(before, value_before)
+    end if
+    do i = 1, merge(0, max_mean_iterations, made)
       call reduced(root, value)
       if (.not. abs(value - value_before) > 0.0_wp) exit
-      step = -value*((root - before)/(value - value_before))
+      self%mean_slope(m) = (value - value_before)/(root - before)
+      step = -value/self%mean_slope(m)
       if (.not. abs(step) <= huge(1.0_wp)) return
       if (abs(step) > hill%period) step = hill%period*step/abs(step)
       before = root

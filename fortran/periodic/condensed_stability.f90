@@ -21,7 +21,7 @@ module viscovib_condensed_stability
   !> Error of exponents that only a count uses, of their distance from the line.
   real(wp), parameter :: rough = 1.0e-2_wp
   !> Pieces of the line at first, and those more for zeros not known, at most.
-  integer, parameter :: few_pieces = 4, more_pieces = 24
+  integer, parameter :: few_pieces = 2, more_pieces = 24
 
   type :: condensed_checker
     type(condensed_hill), private :: hill

@@ -152,6 +152,10 @@ contains
     real(wp) :: least, with_memory
 
     relaxed = .false.
+    if (.not. hill%remembers) then
+      divided = known
+      return
+    end if
     call leave_in(hill, known, path, .false., kept, least)
     ! Of memory right of the line, which would ask for narrow intervals.
     beyond = any(may_be_of_memory(hill, known) .and. real(known) > path%line)

@@ -210,9 +210,21 @@ contains
     !> p_k, and d.
     complex(wp), intent(in) :: places(:)
     real(wp), intent(in) :: period
+    integer :: k
+
     gaps%scale = 2.0_wp*pi/period
     gaps%place = gaps%scale*places
-    gaps%wave = exp(gaps%place)
+    allocate (gaps%wave(size(places)))
+    if (size(places) > 0) gaps%wave(1) = exp(gaps%place(1))
+    do k = 2, size(places)
+      associate (last => conjg(gaps%place(k - 1)), this => gaps%place(k))
+        if (abs(real(this - last)) + abs(aimag(this - last)) > 0.0_wp) then
+          gaps%wave(k) = exp(this)
+        else
+          gaps%wave(k) = conjg(gaps%wave(k - 1))
+        end if
+      end associate
+    end do
   end subroutine new_gaps
 
   !> Multiply a value by all factors at lambda.

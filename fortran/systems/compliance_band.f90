@@ -142,7 +142,7 @@ contains
     complex(wp), intent(out) :: h(:, :, :)
     real(wp), dimension(size(s), self%n_seen, self%n_seen) :: re, im
     real(wp), dimension(size(s)) :: x, y, mode_re, mode_im
-    integer :: a, b, i, j, l
+    integer :: a, b, first, i, j, l
 
     x = real(s)
     y = aimag(s)
@@ -155,7 +155,15 @@ contains
         end do
       end do
     end do
-    do i = 1, size(self%squares)
+    first = 1
+    if (self%n_seen == 1) then
+      do i = 1, size(self%squares) - 1, 2
+        call two_resonances(size(s), self%squares(i:i + 1), self%rates(i:i + 1), &
+                            self%seen(i:i + 1, 1)*self%pushed(i:i + 1, 1), x, y, re, im)
+        first = i + 2
+      end do
+    end if
+    do i = first, size(self%squares)
       call resonance(size(s), self%squares(i), self%rates(i), x, y, mode_re, mode_im)
       do b = 1, self%n_seen
         do a = 1, self%n_seen
@@ -203,5 +211,29 @@ contains
       im(k) = -v*inverse
     end do
   end subroutine resonance
+
+  !> Add sum_i w_i/(square_i + rate_i s + s^2), i = 1, 2, with a single division.
+  pure subroutine two_resonances(n, square, rate, w, x, y, re, im)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: square(2), rate(2), w(2), x(n), y(n)
+    real(wp), intent(inout) :: re(n), im(n)
+    real(wp) :: u, v, a, b, c, d, e, f, inverse
+    integer :: k
+    do k = 1, n
+      u = x(k)**2 - y(k)**2
+      v = 2.0_wp*x(k)*y(k)
+      a = square(1) + rate(1)*x(k) + u
+      b = rate(1)*y(k) + v
+      c = square(2) + rate(2)*x(k) + u
+      d = rate(2)*y(k) + v
+      e = a*c - b*d
+      f = a*d + b*c
+      inverse = 1.0_wp/(e*e + f*f + least)
+      u = w(1)*c + w(2)*a
+      v = w(1)*d + w(2)*b
+      re(k) = re(k) + (u*e + v*f)*inverse
+      im(k) = im(k) + (v*e - u*f)*inverse
+    end do
+  end subroutine two_resonances
 
 end module viscovib_compliance_band
