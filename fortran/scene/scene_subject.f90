@@ -14,7 +14,7 @@ module viscovib_scene_subject
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
   use viscovib_method_catalogue, only: takes_sections, transient_methods
-  use viscovib_modal_frame, only: has_frame, most_in_frame
+  use viscovib_modal_frame, only: has_frame, most_in_frame, most_with_memory
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
@@ -182,7 +182,8 @@ contains
 
     fits = .false.
     n_hidden = bound_hidden(system)
-    if (n_hidden < 0 .or. system%n_dof() + n_hidden > most_in_frame) return
+    if (n_hidden < 0 .or. system%n_dof() + n_hidden &
+        > merge(most_with_memory, most_in_frame, n_hidden > 0)) return
     associate (group => file%groups(place_of_motion(file)))
       place = group%find('memory')
       if (place > 0) then

@@ -11,6 +11,7 @@
 !! (viscovib_hidden_memory), is a section of its own.
 module viscovib_modal_frame
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: lane_table, new_lane_table
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private
@@ -19,18 +20,23 @@ module viscovib_modal_frame
 
   !> Largest number of coordinates of a frame.
   integer, parameter, public :: most_in_frame = 512
+  !> The same together with exponentials of memory.
+  integer, parameter, public :: most_with_memory = 1024
   !> Entries below this fraction of the terms in their sum count as rounding errors.
   real(wp), parameter :: rounding = 1.0e-14_wp
 
   type :: modal_frame
     !> Phi^T, shape (n, n), columns: coordinates, x -> u; and (Phi^-1)^T, columns: sections.
-    real(wp), allocatable :: to_coordinates(:, :), to_sections(:, :)
+    type(lane_table) :: to_coordinates, to_sections
     !> Shape (n).
     real(wp), allocatable :: squares(:), rates(:)
     !> Sections whose displacements no force depends on, shape (n). They are kept at 0.
     logical, allocatable :: unseen(:)
+    !> The first of the unseen sections with the same rate, but for rounding errors; other
+    !! sections: themselves. Shape (n).
+    integer, allocatable :: like(:)
     !> N^T and D^T, shape (n, n); not allocated: 0.
-    real(wp), allocatable :: coupling(:, :), drag(:, :)
+    type(lane_table), allocatable :: coupling, drag
   contains
     procedure :: pace
     procedure :: sum_of_sizes
@@ -74,10 +80,10 @@ contains
     !> False if M is not symmetric and positive definite.
     logical, intent(out) :: found
     real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, left
-    real(wp), allocatable :: part(:, :), squares(:)
+    real(wp), allocatable :: own_shapes(:, :), part(:, :), squares(:), sections(:, :)
     integer, allocatable :: own(:)
     logical :: alone(size(mass, 1))
-    integer :: i, n
+    integer :: i, j, n
 
     n = size(mass, 1)
     do i = 1, n
@@ -88,33 +94,45 @@ contains
     own = pack([(i, i=1, n)], .not. alone)
     allocate (frame%unseen(n), source=.false.)
     frame%unseen(n - n_hidden + 1:) = .true.
-    shapes = 0.0_wp
-    do i = 1, n
-      if (alone(i)) shapes(i, i) = 1.0_wp/sqrt(mass(i, i))
-    end do
     allocate (frame%squares(n), source=0.0_wp)
-    allocate (part(size(own), size(own)), squares(size(own)))
+    allocate (own_shapes(size(own), size(own)), squares(size(own)))
     found = has_frame(mass(own, own))
     if (.not. found) return
     associate (k => stiffness(own, own))
-      call find_symmetric_modes(mass(own, own), 0.5_wp*(k + transpose(k)), squares, part)
+      call find_symmetric_modes(mass(own, own), 0.5_wp*(k + transpose(k)), squares, own_shapes)
     end associate
-    shapes(own, own) = part
+    shapes = 0.0_wp
+    shapes(own, own) = own_shapes
     frame%squares(own) = squares
-    frame%to_coordinates = transpose(shapes)
-    frame%to_sections = matmul(mass, shapes)
+    allocate (sections(n, n), source=0.0_wp)
+    sections(own, own) = matmul(mass(own, own), own_shapes)
+    do i = 1, n
+      if (.not. alone(i)) cycle
+      shapes(i, i) = 1.0_wp/sqrt(mass(i, i))
+      sections(i, i) = sqrt(mass(i, i))
+    end do
+    call new_lane_table(frame%to_coordinates, transpose(shapes))
+    call new_lane_table(frame%to_sections, sections)
     left = stiffness
     left(own, own) = 0.5_wp*(stiffness(own, own) - transpose(stiffness(own, own)))
     where (abs(left) <= rounding*(abs(stiffness) + abs(transpose(stiffness)))) left = 0.0_wp
-    call take_part(left, shapes, frame%coupling)
-    call take_part(damping, shapes, frame%drag)
+    call take_part(left, shapes, own, part)
+    call keep(part, frame%coupling)
+    call take_part(damping, shapes, own, part)
     allocate (frame%rates(n), source=0.0_wp)
-    if (.not. allocated(frame%drag)) return
     do i = 1, n
-      frame%rates(i) = frame%drag(i, i)
-      frame%drag(i, i) = 0.0_wp
+      frame%rates(i) = part(i, i)
+      part(i, i) = 0.0_wp
     end do
-    if (.not. any(abs(frame%drag) > 0.0_wp)) deallocate (frame%drag)
+    call keep(part, frame%drag)
+    frame%like = [(i, i=1, n)]
+    do i = n - n_hidden + 1, n
+      do j = n - n_hidden + 1, i - 1
+        if (abs(frame%rates(j) - frame%rates(i)) > 4.0_wp*epsilon(1.0_wp)*frame%rates(i)) cycle
+        frame%like(i) = j
+        exit
+      end do
+    end do
   end subroutine new_modal_frame
 
   !> Largest rate sqrt(stiffness/mass) (rad/s) of all coordinates together and of each deflection in
@@ -132,13 +150,13 @@ contains
     softest = 0.0_wp
     heaviest = 0.0_wp
     do i = 1, count(.not. self%unseen)
-      softest = max(softest, sum(soft*self%to_coordinates(:, i)**2))
-      heaviest = max(heaviest, sum(self%to_coordinates(:, i)**2))
+      softest = max(softest, sum(soft*self%to_coordinates%values(:, i)**2))
+      heaviest = max(heaviest, sum(self%to_coordinates%values(:, i)**2))
     end do
     square = 0.0_wp
     if (softest > 0.0_wp) square = heaviest/softest
     do i = 1, size(seen, 1)
-      part = matmul(self%to_coordinates, seen(i, :))**2
+      part = matmul(self%to_coordinates%values, seen(i, :))**2
       softest = sum(soft*part)
       if (softest > 0.0_wp) square = max(square, sum(part)/softest)
     end do
@@ -150,20 +168,51 @@ contains
   pure real(wp) function sum_of_sizes(self, u, n)
     class(modal_frame), intent(in) :: self
     real(wp), intent(in) :: u(:), n(:)
-    sum_of_sizes = sum(abs(matmul(u, self%to_sections)*matmul(self%to_coordinates, n)))
+    sum_of_sizes = sum(abs(self%to_sections%row(u)*matmul(self%to_coordinates%values, n)))
   end function sum_of_sizes
 
-  !> (Phi^T A Phi)^T with rounding errors set to 0; not allocated if it is 0.
-  subroutine take_part(a, shapes, part)
+  !> Keep a matrix that is not 0.
+  subroutine keep(values, table)
+    real(wp), intent(in) :: values(:, :)
+    type(lane_table), allocatable, intent(out) :: table
+    if (.not. any(abs(values) > 0.0_wp)) return
+    allocate (table)
+    call new_lane_table(table, values)
+  end subroutine keep
+
+  !> (Phi^T A Phi)^T with rounding errors set to 0.
+  subroutine take_part(a, shapes, own, part)
+    !> Outside of rows and columns `own` Phi is a diagonal matrix.
     real(wp), intent(in) :: a(:, :), shapes(:, :)
+    integer, intent(in) :: own(:)
     real(wp), allocatable, intent(out) :: part(:, :)
     real(wp), dimension(size(a, 1), size(a, 1)) :: sizes
 
-    if (.not. any(abs(a) > 0.0_wp)) return
-    part = matmul(transpose(shapes), matmul(transpose(a), shapes))
-    sizes = matmul(transpose(abs(shapes)), matmul(transpose(abs(a)), abs(shapes)))
+    part = transpose(a)
+    sizes = abs(part)
+    call turn(part, shapes, own)
+    call turn(sizes, abs(shapes), own)
     where (abs(part) <= rounding*sizes) part = 0.0_wp
-    if (.not. any(abs(part) > 0.0_wp)) deallocate (part)
   end subroutine take_part
+
+  !> A := Phi^T A Phi.
+  subroutine turn(a, shapes, own)
+    real(wp), intent(inout) :: a(:, :)
+    real(wp), intent(in) :: shapes(:, :)
+    integer, intent(in) :: own(:)
+    real(wp) :: rows(size(own), size(a, 2)), columns(size(a, 1), size(own))
+    integer :: i
+
+    rows = matmul(transpose(shapes(own, own)), a(own, :))
+    do i = 1, size(a, 1)
+      a(i, :) = shapes(i, i)*a(i, :)
+    end do
+    a(own, :) = rows
+    columns = matmul(a(:, own), shapes(own, own))
+    do i = 1, size(a, 1)
+      a(:, i) = shapes(i, i)*a(:, i)
+    end do
+    a(:, own) = columns
+  end subroutine turn
 
 end module viscovib_modal_frame

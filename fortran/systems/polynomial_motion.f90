@@ -18,7 +18,8 @@ module viscovib_polynomial_motion
   use viscovib_law_slopes, only: most_arguments
   use viscovib_law_term, only: law_term, part_linear
   use viscovib_load, only: load_type
-  use viscovib_modal_frame, only: has_frame, modal_frame, most_in_frame, new_modal_frame
+  use viscovib_modal_frame, only: has_frame, modal_frame, most_in_frame, most_with_memory, &
+    new_modal_frame
   use viscovib_motion_loads, only: motion_loads
   use viscovib_moving_element, only: fastest_settling, moving_element
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
@@ -85,6 +86,7 @@ contains
     if (present(in_sections)) most = merge(most_in_frame, max_dof, in_sections)
     n_hidden = 0
     if (most > max_dof) n_hidden = max(count_hidden(system), 0)
+    if (n_hidden > 0) most = most_with_memory
     if (system%n_dof() + n_hidden > most) then
       call fail(status, status_input_error, 'system', 'system: has ' &
                 //show(system%n_dof() + n_hidden)//' coordinates'//hidden_text(n_hidden) &
@@ -122,7 +124,7 @@ contains
     complex(wp), intent(in) :: forces(:, :)
     real(wp), intent(in) :: nu
     type(status_type), intent(inout) :: status
-    complex(wp) :: inverse(system%n_dof(), system%n_dof())
+    complex(wp), allocatable :: inverse(:, :)
     real(wp) :: pace
     type(law_term) :: laws(size(system%laws))
     integer :: i, n
@@ -130,12 +132,18 @@ contains
 
     motion%n_dof = system%n_dof()
     motion%monomials = system%monomials
-    call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
-    motion%inverse = real(inverse)
-    motion%stiffness = matmul(motion%inverse, system%stiffness_at_rest())
-    motion%damping = matmul(motion%inverse, system%damping)
-    motion%loads%orders = orders
     n = system%n_dof() - motion%n_hidden
+    allocate (inverse(n, n))
+    call invert(cmplx(system%mass(:n, :n), 0.0_wp, wp), inverse, singular)
+    ! Masses that represent memory are not coupled.
+    allocate (motion%inverse(motion%n_dof, motion%n_dof), source=0.0_wp)
+    motion%inverse(:n, :n) = real(inverse)
+    do i = n + 1, motion%n_dof
+      motion%inverse(i, i) = 1.0_wp/system%mass(i, i)
+    end do
+    motion%stiffness = accelerations(system%stiffness_at_rest())
+    motion%damping = accelerations(system%damping)
+    motion%loads%orders = orders
     motion%loads%load = matmul(motion%inverse(:, :n), forces)
     motion%drives = [(nu, i=1, 2)]
     motion%quarters = [0, 3]
@@ -164,6 +172,20 @@ contains
     if (size(motion%laws%holds) == 0) return
     motion%signals = motion%laws%signals
     motion%sloped = .false.
+
+  contains
+
+    !> M^(-1) A.
+    function accelerations(a)
+      real(wp), intent(in) :: a(:, :)
+      real(wp) :: accelerations(size(a, 1), size(a, 2))
+      integer :: h
+      accelerations(:n, :) = matmul(motion%inverse(:n, :n), a(:n, :))
+      do h = n + 1, size(a, 1)
+        accelerations(h, :) = motion%inverse(h, h)*a(h, :)
+      end do
+    end function accelerations
+
   end subroutine set_up
 
   !> The rates and accelerations of steep laws, and their surfaces.
@@ -354,16 +376,16 @@ contains
   end subroutine meet_element
 
   !> Limited by the stiffness of the laws at these states.
+  !> Longest substep allowed by the laws, such as the stiffness of a contact. The angle turned within
+  !! it is at most that of the linear subsystem in a step. If runs are compared, substeps are shorter
+  !! by the ratio of this step size to the longest one.
   real(wp) function longest_part(self, q, v)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(:, :), v(:, :)
-    integer :: i
-    associate (laws => self%laws%laws, steep => self%steep%law)
-      ! Steps solve for steep laws.
-      longest_part = part_by_laws(pack(laws, [(all(steep /= i), i=1, size(laws))]), self%inverse, &
-                                  self%linear_rate, self%step_length, self%thin, q, v, &
-                                  self%laws%elements)
-    end associate
+    real(wp) :: angle, fastest
+    angle = self%thin*max(least_turn, min(most_turn, self%linear_rate*self%step_length/self%thin))
+    fastest = fastest_of_laws(self, q, v) + fastest_settling(self%laws%elements, q, v)
+    longest_part = max(angle/max(fastest, tiny(1.0_wp)), shortest_part*self%step_length)
   end function longest_part
 
   !> Initialize elements with internal state.
@@ -502,13 +524,17 @@ contains
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
     real(wp) :: total(n_lanes)
-    integer :: b, d
+    integer :: b, d, last
 
     do d = 1, self%n_dof
       total = 0.0_wp
-      do b = 1, self%n_dof
+      ! A mass that represents memory is pulled by coordinates and its own dashpot only.
+      last = self%n_dof
+      if (d > last - self%n_hidden) last = last - self%n_hidden
+      do b = 1, last
         call add_two(total, -self%stiffness(d, b), q(:, b), -self%damping(d, b), v(:, b))
       end do
+      if (d > last) call add_multiple(total, -self%damping(d, d), v(:, d))
       a(:, d) = total
     end do
     call self%add_pushes(q, drive, a)
@@ -665,51 +691,59 @@ contains
     rows = all_of_them
   end subroutine add_rows
 
-  ! Time scales of force laws, such as the contact stiffness, that limit the step size.
-
-  !> Longest substep allowed by the laws. The angle turned within it is at most that of the linear
-  !! subsystem in a step. `thin`: ratio of this step size to the longest step size of the compared
-  !! runs; the substeps are shorter by the same ratio.
-  pure real(wp) function part_by_laws(laws, inverse, rate, h, thin, q, v, elements) &
-    result(longest)
-    type(law_term), intent(in) :: laws(:)
-    !> M^(-1); rate of the linear subsystem and step size; states, shape (n, n_dof).
-    real(wp), intent(in) :: inverse(:, :), rate, h, thin, q(:, :), v(:, :)
-    !> Their states relax at rates that add to the rates of forces.
-    type(moving_element), intent(in) :: elements(:)
-    real(wp) :: angle, fastest
-    angle = thin*max(least_turn, min(most_turn, rate*h/thin))
-    fastest = fastest_of_laws(laws, inverse, q, v) + fastest_settling(elements, q, v)
-    longest = max(angle/max(fastest, tiny(1.0_wp)), shortest_part*h)
-  end function part_by_laws
-
   !> Upper bound of the rates of laws over all given states, from their slopes f_q and f_v: the
-  !! square root of the sum of |M^(-1) w f_q|, plus the sum of |M^(-1) w f_v|.
-  pure real(wp) function fastest_of_laws(laws, inverse, q, v) result(fastest)
-    type(law_term), intent(in) :: laws(:)
-    !> M^(-1); states, shape (n, n_dof).
-    real(wp), intent(in) :: inverse(:, :), q(:, :), v(:, :)
+  !! square root of the sum of |M^(-1) w f_q|, plus the sum of |M^(-1) w f_v|. No law depends on
+  !! coordinates that represent memory. Steps solve for steep laws.
+  pure real(wp) function fastest_of_laws(self, q, v) result(fastest)
+    class(polynomial_motion_type), intent(in) :: self
+    !> States, shape (n, n_dof).
+    real(wp), intent(in) :: q(:, :), v(:, :)
     real(wp) :: square(size(q, 1)), rate(size(q, 1)), value(size(q, 1)), weight
-    integer :: i, k
+    real(wp) :: pushed(self%n_dof - self%n_hidden)
+    integer :: i, k, n
 
+    n = self%n_dof - self%n_hidden
     square = 0.0_wp
     rate = 0.0_wp
-    do i = 1, size(laws)
-      associate (law => laws(i))
+    do i = 1, size(self%laws%laws)
+      if (any(self%steep%law == i)) cycle
+      associate (law => self%laws%laws(i))
         block
-          real(wp) :: slopes(size(q, 1), size(law%arguments, 1))
-          weight = sum(abs(matmul(inverse(:, law%equations), law%weights)))
-          call law%program%differentiate(matmul(q, transpose(law%arguments)) &
-                                         + matmul(v, transpose(law%rates)), value, slopes)
+          real(wp) :: slopes(size(q, 1), size(law%arguments, 1)), seen(size(q, 1), size(slopes, 2))
+          pushed = 0.0_wp
+          do k = 1, size(law%equations)
+            if (law%equations(k) > n) cycle
+            pushed = pushed + self%inverse(:n, law%equations(k))*law%weights(k)
+          end do
+          weight = sum(abs(pushed))
+          seen = 0.0_wp
+          do k = 1, n
+            call add_seen(seen, q(:, k), law%arguments(:, k))
+            call add_seen(seen, v(:, k), law%rates(:, k))
+          end do
+          call law%program%differentiate(seen, value, slopes)
           slopes = min(abs(slopes), sqrt(wall))
           do k = 1, size(slopes, 2)
-            square = square + weight*sum(abs(law%arguments(k, :)))*slopes(:, k)
-            rate = rate + weight*sum(abs(law%rates(k, :)))*slopes(:, k)
+            square = square + weight*sum(abs(law%arguments(k, :n)))*slopes(:, k)
+            rate = rate + weight*sum(abs(law%rates(k, :n)))*slopes(:, k)
           end do
         end block
       end associate
     end do
     fastest = maxval(sqrt(square) + rate)
+
+  contains
+
+    !> Add x(i) by(k) to total(i, k).
+    pure subroutine add_seen(total, x, by)
+      real(wp), intent(inout) :: total(:, :)
+      real(wp), intent(in) :: x(:), by(:)
+      integer :: j
+      do j = 1, size(by)
+        total(:, j) = total(:, j) + x*by(j)
+      end do
+    end subroutine add_seen
+
   end function fastest_of_laws
 
   ! Monomials of a system for a block of vector lanes: their accelerations and derivatives.

@@ -159,7 +159,7 @@ contains
     !> For each surface: 1, -1, 0 or `slides`.
     integer, intent(in) :: holds(:)
     type(law_program), allocatable :: programs(:)
-    real(wp), allocatable :: rough(:)
+    real(wp) :: rough
     integer :: sides(size(self%law_of)), other(size(self%law_of)), i, j, k, n
 
     self%holds = holds
@@ -185,9 +185,12 @@ contains
     do k = 1, size(holds)
       if (self%element_of(k) > 0) self%signals(k)%rough = &
         self%elements(self%element_of(k))%roughness(self%which(k))
-      rough = pack(self%signals%rough, &
-                   self%signals%rough > 0.0_wp .and. self%leader == self%leader(k))
-      if (size(rough) > 0) self%signals(k)%rough = minval(rough)
+      do j = 1, size(holds)
+        if (self%leader(j) /= self%leader(k) .or. .not. self%signals(j)%rough > 0.0_wp) cycle
+        rough = self%signals(k)%rough
+        self%signals(k)%rough = merge(min(rough, self%signals(j)%rough), self%signals(j)%rough, &
+                                      rough > 0.0_wp)
+      end do
     end do
     if (allocated(self%sliding)) deallocate (self%sliding)
     n = 0

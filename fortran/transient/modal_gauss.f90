@@ -19,7 +19,7 @@ module viscovib_modal_gauss
   use viscovib_gauss_table, only: gauss_table_type, new_gauss_table
   use viscovib_hereditary_kernels, only: add_up
   use viscovib_kinds, only: wp
-  use viscovib_lanes, only: lane_product, n_lanes
+  use viscovib_lanes, only: n_lanes
   use viscovib_modal_frame, only: modal_frame
   use viscovib_modal_maps, only: legendre_of_nodes
   use viscovib_phases, only: new_phases, phases_type, turn_phase
@@ -126,8 +126,10 @@ contains
     allocate (method%x_at, method%rate_at, method%q_at, method%v_at, mold=method%push)
     allocate (method%steep_at(n_lanes, n), source=0.0_wp)
     if (allocated(system%steep)) then
-      method%steep_rates = matmul(system%frame%to_coordinates, transpose(system%steep_rates))
-      method%steep_pushes = matmul(transpose(system%steep_pushes), system%frame%to_sections)
+      method%steep_rates = matmul(system%frame%to_coordinates%values, &
+                                  transpose(system%steep_rates))
+      method%steep_pushes = matmul(transpose(system%steep_pushes), &
+                                   system%frame%to_sections%values)
     else
       allocate (method%steep_rates(n, 0), method%steep_pushes(0, n))
     end if
@@ -208,14 +210,25 @@ contains
     n = size(frame%squares)
     s = table%n_nodes
     if (.not. allocated(maps%x_by_x)) then
-      allocate (maps%x_by_x(n_lanes, n), maps%x_by_push(n_lanes, s, n), maps%end_x(s, n))
-      allocate (maps%x_by_v, maps%v_by_x, maps%v_by_v, mold=maps%x_by_x)
+      allocate (maps%x_by_x(n_lanes, n), maps%end_x(s, n), maps%x_by_push(n_lanes, s, n), &
+                source=0.0_wp)
+      allocate (maps%x_by_v, maps%v_by_x, maps%v_by_v, source=maps%x_by_x)
       allocate (maps%v_by_push, mold=maps%x_by_push)
       allocate (maps%end_v, mold=maps%end_x)
       allocate (maps%end_state(2, 2, n), maps%size_of_push(n))
     end if
     maps%h = h
     do m = 1, n
+      if (frame%like(m) < m) then
+        associate (l => frame%like(m))
+          maps%v_by_v(:, m) = maps%v_by_v(:, l)
+          maps%v_by_push(:, :, m) = maps%v_by_push(:, :, l)
+          maps%end_state(:, :, m) = maps%end_state(:, :, l)
+          maps%end_v(:, m) = maps%end_v(:, l)
+          maps%size_of_push(m) = maps%size_of_push(l)
+        end associate
+        cycle
+      end if
       do i = 1, s + 1
         t = h
         if (i <= s) t = h*table%nodes(i, 1)
@@ -280,11 +293,11 @@ contains
     integer :: l
 
     if (.not. self%x_follows) then
-      self%x = matmul(self%q, system%frame%to_sections)
+      self%x = system%frame%to_sections%row(self%q)
       self%x_rest = 0.0_wp
     end if
     if (.not. self%rate_follows) then
-      self%x_rate = matmul(self%v, system%frame%to_sections)
+      self%x_rate = system%frame%to_sections%row(self%v)
       self%rate_rest = 0.0_wp
     end if
     self%x_follows = .true.
@@ -309,8 +322,8 @@ contains
     end if
     if (.not. made) return
     call self%move()
-    self%q = matmul(self%x, system%frame%to_coordinates)
-    self%v = matmul(self%x_rate, system%frame%to_coordinates)
+    self%q = system%frame%to_coordinates%row(self%x)
+    self%v = system%frame%to_coordinates%row(self%x_rate)
     self%has_history = .true.
     call self%phases%advance()
   end subroutine step
@@ -326,25 +339,25 @@ contains
 
     n = size(self%x)
     associate (frame => system%frame)
-      call lane_product(n, n, self%x_at, frame%to_coordinates, self%q_at)
-      call lane_product(n, n, self%rate_at, frame%to_coordinates, self%v_at)
+      call frame%to_coordinates%multiply(self%x_at, self%q_at)
+      call frame%to_coordinates%multiply(self%rate_at, self%v_at)
       do m = 1, n
         sections(:, m) = -frame%squares(m)*self%x_at(:, m) - frame%rates(m)*self%rate_at(:, m)
       end do
       push = 0.0_wp
       if (allocated(frame%coupling)) then
-        call lane_product(n, n, self%x_at, frame%coupling, more)
+        call frame%coupling%multiply(self%x_at, more)
         push = push - more
       end if
       if (allocated(frame%drag)) then
-        call lane_product(n, n, self%rate_at, frame%drag, more)
+        call frame%drag%multiply(self%rate_at, more)
         push = push - more
       end if
       sections = sections + push
-      call lane_product(n, n, sections, frame%to_coordinates, rest)
+      call frame%to_coordinates%multiply(sections, rest)
       rest = rest + self%steep_at
       call system%push(self%q_at, self%v_at, drive, rest, a)
-      call lane_product(n, n, a, frame%to_sections, more)
+      call frame%to_sections%multiply(a, more)
       push = push + more
     end associate
     self%n_evaluations = self%n_evaluations + 1

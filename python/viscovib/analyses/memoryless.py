@@ -35,7 +35,7 @@ from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.whole import MOST_IN_FRAME, n_hidden
+from viscovib.systems.whole import MOST_IN_FRAME, MOST_WITH_MEMORY, n_hidden
 
 #: Explicit methods by their index in the core.
 EXPLICIT = {"rk4": 1, "dop8": 2, "verner8": 3, "verner9": 4}
@@ -166,7 +166,7 @@ def _fades_near_switches(system: PolynomialSystem, method: str) -> bool:
     """True if steps may end at switches in spite of memory: it has few exponentials."""
     if method not in ("auto", *REMEMBERING) or not switches_by_itself(system):
         return False
-    return 0 <= n_hidden(system)[0] <= MOST_IN_FRAME - len(system.dof_names)
+    return 0 <= n_hidden(system)[0] <= MOST_WITH_MEMORY - len(system.dof_names)
 
 
 @cache

@@ -36,7 +36,7 @@ from viscovib.systems.piecewise import values_at
 from viscovib.systems.structure import ALL_GIVEN, Structure
 from viscovib.systems.supports import with_base_loads
 from viscovib.systems.whole import (
-    MOST_IN_FRAME,
+    MOST_WITH_MEMORY,
     has_text_laws,
     lacks_wholeness,
     n_hidden,
@@ -106,10 +106,10 @@ def _lacks_exponentials(structure: Structure) -> str | None:
             f"{', '.join(kinds)}: use kernel.sum_of_exponentials(), or the steady motions of "
             "forced_response and trace_response"
         )
-    if n + hidden > MOST_IN_FRAME:
+    if n + hidden > MOST_WITH_MEMORY:
         return (
-            f"is for at most {MOST_IN_FRAME} coordinates and exponentials of forces that remember, "
-            f"has {n} and {'up to ' if fitted else ''}{hidden}"
+            f"is for at most {MOST_WITH_MEMORY} coordinates and exponentials of forces that "
+            f"remember, has {n} and {'up to ' if fitted else ''}{hidden}"
         )
     return None
 

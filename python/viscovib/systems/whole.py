@@ -25,8 +25,10 @@ from viscovib.systems.structure_matrices import dense_of, with_elements
 from viscovib.systems.system import System
 
 _Note = TypeVar("_Note")
-#: The same with coordinates of the core for exponentials that remember, as of `modal_frame`.
+#: Largest number of coordinates in modal coordinates, as of `modal_frame`.
 MOST_IN_FRAME = 512
+#: The same together with the coordinates of the core for exponentials of memory.
+MOST_WITH_MEMORY = 1024
 #: Products of coordinates that a power of deflections may become; beyond them it is a law of these.
 _MOST_PRODUCTS = 500
 
