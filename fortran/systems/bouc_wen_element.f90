@@ -8,7 +8,8 @@
 !! s > 0, r is the sign of beta + gamma; for s < 0, r = (gamma - beta)/|gamma + beta|. If
 !! beta + gamma = 0 the scale is (A/(2 beta))^(1/n), and r = 0 and -1. For beta + gamma > 0, n = 1
 !! and 2 have closed solutions. Otherwise Taylor series in x are summed over short steps, which end
-!! at sign changes of s. Near s = 0, where |s|^n is not smooth for noninteger n, the path is a series in s:
+!! at sign changes of s. Near s = 0, where |s|^n is not smooth for noninteger n, the path is a
+!! series in s:
 !!
 !!   x(s) = integral ds/(1 - r |s|^n) = s sum_j (r |s|^n)^j/(n j + 1).
 !!

@@ -375,10 +375,9 @@ contains
     end associate
   end subroutine meet_element
 
-  !> Limited by the stiffness of the laws at these states.
-  !> Longest substep allowed by the laws, such as the stiffness of a contact. The angle turned within
-  !! it is at most that of the linear subsystem in a step. If runs are compared, substeps are shorter
-  !! by the ratio of this step size to the longest one.
+  !> Longest substep allowed by the laws at these states, such as the stiffness of a contact. The
+  !! angle turned within it is at most that of the linear subsystem in a step. If runs are compared,
+  !! substeps are shorter by the ratio of this step size to the longest one.
   real(wp) function longest_part(self, q, v)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(:, :), v(:, :)
