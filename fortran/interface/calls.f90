@@ -254,6 +254,9 @@ contains
       call spectrum_task(task, name)
     case ('system')
       call system_task(task, name)
+    case ('values')
+      ! Only kept, for tasks that use this object.
+      continue
     case default
       call task%refuse_kind()
     end select

@@ -402,8 +402,10 @@ def _begin(
     return handle, sizes
 
 
-#: Names of results of tasks, by their bytes.
-_names: dict[bytes, list[str]] = {}
+#: A result of a task: its name, kind, rank, the range of its elements, and its reversed shape.
+_Place: TypeAlias = tuple[str, int, int, int, int, list[int]]
+#: Kinds, ranks and shapes of the last results of tasks, and their places, by the bytes of names.
+_layouts: dict[bytes, tuple[list[int], list[_Place]]] = {}
 #: Text of a call, forms of single numbers, and indices of the values of each kind.
 _Plan: TypeAlias = tuple[bytes, list[int], list[int], list[int], list[int], list[int]]
 #: Packing of values, by task, kinds and names.
@@ -458,43 +460,46 @@ def _found(handle: int, sizes: Any) -> dict[str, Any]:
     if kept:
         numbers = np.asarray(_Kept(handle, address, n_numbers))
     names, _, letters = text.tobytes().partition(b";")
-    known = _names.get(names)
-    if known is None:
-        known = _names[names] = names.decode().split(",")[:-1]
     whole = integers.tolist()
+    head, places = _layouts.get(names) or ([], [])
+    if not places or whole[: len(head)] != head:
+        head, places = _layouts[names] = _layout_of(names.decode().split(",")[:-1], whole)
     found: dict[str, Any] = {}
-    integer_values = []
-    at = before = first = 0
-    for name in known:
+    for name, kind, rank, start, end, shape in places:
+        if kind == _TEXT:
+            found[name] = letters[start:end].decode(errors="replace")
+            continue
+        if kind == _INTEGER:
+            if not rank:
+                found[name] = whole[start]
+                continue
+            part = integers[start:end]
+        else:
+            part = numbers[start:end]
+            if kind == _COMPLEX:
+                part = part.view(np.complex128)
+        found[name] = part if rank == 1 else part.reshape(shape).T if rank else part.item()
+    return found
+
+
+def _layout_of(names: list[str], whole: list[int]) -> tuple[list[int], list[_Place]]:
+    """Return the part of the integers with kinds, ranks and shapes, and the places of results."""
+    places: list[_Place] = []
+    at, ends = 0, {_TEXT: 0, _INTEGER: 0, _REAL: 0}
+    for name in names:
         kind, rank = whole[at], whole[at + 1]
         at += 2 + rank
         shape = whole[at - rank : at]
-        size = shape[0] if rank == 1 else math.prod(shape) if rank else 1
-        if kind == _INTEGER:
-            integer_values.append((name, rank, shape, size))
-            continue
-        if kind == _TEXT:
-            found[name] = letters[first : first + size].decode(errors="replace")
-            first += size
-            continue
-        if kind == _REAL:
-            part = numbers[before : before + size]
-            before += size
-        else:
-            part = numbers[before : before + 2 * size].view(np.complex128)
-            before += 2 * size
-        if rank == 1:
-            found[name] = part
-        else:
-            found[name] = part.reshape(shape[::-1]).T if rank else part.item()
-    for name, rank, shape, size in integer_values:
-        if rank:
-            part = integers[at : at + size]
-            found[name] = part if rank == 1 else part.reshape(shape[::-1]).T
-        else:
-            found[name] = whole[at]
-        at += size
-    return found
+        of = _REAL if kind == _COMPLEX else kind
+        start = ends[of]
+        ends[of] += math.prod(shape) * (2 if kind == _COMPLEX else 1)
+        places.append((name, kind, rank, start, ends[of], shape[::-1]))
+    # The elements of integers follow.
+    return whole[:at], [
+        (name, kind, rank, start + at, end + at, shape) if kind == _INTEGER else
+        (name, kind, rank, start, end, shape)
+        for name, kind, rank, start, end, shape in places
+    ]  # fmt: skip
 
 
 class _Pending(threading.local):

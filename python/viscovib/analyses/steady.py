@@ -2,14 +2,15 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import ComplexArray, FloatArray
+from viscovib._native import ComplexArray, FloatArray, Handle
 from viscovib.analyses.starts import StartLike, start_of
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import Stability, hanging
@@ -32,7 +33,7 @@ from viscovib.results.structure_results import StructureResponse
 from viscovib.results.structure_view import View
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import edges_text
-from viscovib.systems.load import Job, LoadLike
+from viscovib.systems.load import Job, LoadLike, for_recent_loads
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import advice_on_sticking
@@ -71,17 +72,19 @@ def mount_response(
     """`forced_response` of a mount, a polynomial system or a structure."""
     if start is not None and method == "auto":
         method = "newton"
-    job, frequencies, options, loaded = prepare(
-        system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations, relaxation,
-        stability,
+    frequencies = _checked_frequencies(nu)
+    request = _requested(
+        system, load, base, method, harmonics, tolerance, atol, max_iterations, relaxation,
+        stability, False,
     )  # fmt: skip
+    job, options, loaded = request.job, request.options, request.loaded
     PROGRESS.check(progress)
     if coordinates is not None and loaded is None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
-    work = _Work(job, frequencies, options, loaded, not system._all_laws)
+    work = _Work(request, frequencies)
     if start is not None:
         begin = _begin(system, start, job, work, frequencies[0])
-        work = _Work(job, frequencies, {**options, "start": begin}, loaded)
+        work = _Work(replace(request, options={**options, "start": begin}), frequencies)
     parts = work.run(progress)
     codes = _joined(parts, "outcomes")
     ran = parts[0]["method"]
@@ -140,7 +143,8 @@ def _begin(system: Steady, start: StartLike, job: Job, work: "_Work", nu: float)
             "start: has even harmonics, which load and forces have not: see trace_response with "
             "symmetric=False"
         )
-    return begun.unknowns(orders, job, system._base_direction, 1.0, system.dof_names, work.loaded)
+    loaded = work.request.loaded
+    return begun.unknowns(orders, job, system._base_direction, 1.0, system.dof_names, loaded)
 
 
 def mount_plan(
@@ -158,78 +162,96 @@ def mount_plan(
     stability: bool,
 ) -> Plan:
     """`plan_response` of a mount or a polynomial system."""
-    return _Work(
-        *prepare(
-            system, nu, load, base, method, harmonics, (tolerance, atol), max_iterations,
-            relaxation, stability,
-        )
-    ).plan()  # fmt: skip
+    frequencies = _checked_frequencies(nu)
+    request = _requested(
+        system, load, base, method, harmonics, tolerance, atol, max_iterations, relaxation,
+        stability, False,
+    )  # fmt: skip
+    return _Work(request, frequencies).plan()
+
+
+@dataclass
+class _Request:
+    """The checked system, load and options of responses."""
+
+    job: Job
+    options: Mapping[str, Any]
+    loaded: LoadedStructure | None
+    #: All forces are polynomials.
+    is_polynomial: bool
+    #: Job and options as an object of the core, for repeated requests.
+    kept: Handle | None = field(default=None, init=False)
+    is_repeated: bool = field(default=False, init=False)
+
+    def solve(self, nu: FloatArray, **more: Any) -> dict[str, Any]:
+        """Compute the responses at these frequencies; ``more``: further or other options."""
+        if self.kept is None and self.is_repeated:
+            self.kept = Handle("values", self.job.system, **self.job.given, **self.options)
+        self.is_repeated = True
+        if self.kept is None:
+            return self.job.run("response solve", nu=nu, **{**self.options, **more})
+        return _native.run("response solve", self.kept, nu=nu, **more)
 
 
 @dataclass(frozen=True)
 class _Work:
     """All data of a run, so that it can be repeated."""
 
-    job: Job
+    request: _Request
     frequencies: FloatArray
-    options: Mapping[str, Any]
-    loaded: LoadedStructure | None
-    #: All forces are polynomials.
-    is_polynomial: bool = False
 
     def run(self, show: bool = False, **more: Any) -> list[dict[str, Any]]:
-        options = {**self.options, **more}
-        if options["method"] in ("newton", "auto"):
+        if self.request.options["method"] in ("newton", "auto"):
             # Newton's method follows its branch from frequency to frequency in one call.
-            return [self._whole(options, show)]
+            return [self._whole(show, more)]
         nu, parts = self.frequencies, []
-        size = max(CHUNK * 8 // max(self.job.n_dof, 2) ** 3, 1)
+        size = max(CHUNK * 8 // max(self.request.job.n_dof, 2) ** 3, 1)
         if nu.size <= size and not show:
-            return [self.job.run("response solve", nu=nu, **options)]
+            return [self.request.solve(nu, **more)]
         with progress_bar(nu.size, "nu", show) as bar:
             for start in range(0, nu.size, size):
                 chunk = nu[start : start + size]
-                parts.append(self.job.run("response solve", nu=chunk, **options))
+                parts.append(self.request.solve(chunk, **more))
                 bar.update(chunk.size)
         return parts
 
-    def _whole(self, options: dict[str, Any], show: bool) -> dict[str, Any]:
+    def _whole(self, show: bool, more: dict[str, Any]) -> dict[str, Any]:
         # A matrix of the unknowns is factorized several times per frequency. Successive
         # approximations are faster.
-        unknowns = self.job.n_dof * (options["harmonics"] or _TYPICAL)
-        fast = options["method"] == "auto" and self.is_polynomial
+        request, options, n = self.request, self.request.options, self.frequencies.size
+        unknowns = request.job.n_dof * (options["harmonics"] or _TYPICAL)
+        fast = options["method"] == "auto" and request.is_polynomial
         most = _LONG_POLYNOMIAL if fast else _LONG
-        long = options["stability"] or self.frequencies.size * unknowns**2 > most
-        run = self.job.run_long if long else self.job.run
-        with progress_bar(self.frequencies.size, "nu", show) as bar:
-            found = run("response solve", nu=self.frequencies, **options)
-            bar.update(self.frequencies.size)
+        long = options["stability"] or n * unknowns**2 > most
+        with progress_bar(n, "nu", show) as bar:
+            solve = partial(request.solve, self.frequencies, **more)
+            found = _native.interruptible(solve) if long else solve()
+            bar.update(n)
         return found
 
     def corrections(self, longest: int) -> FloatArray:
         """Run again, and return the size of each correction."""
-        if not longest or self.options["method"] == "newton":
+        if not longest or self.request.options["method"] == "newton":
             return np.empty((self.frequencies.size, 0))
         columns = [part["corrections"][:longest] for part in self.run(history=True)]
         return np.concatenate(columns, axis=1).T
 
     def iterates(self, longest: int, orders: int) -> ComplexArray:
         """Run again with these harmonics, and return each iterate, shape (1 + longest, n, ...)."""
-        options = {**self.options, "method": "successive", "harmonics": orders}
-        options["max_iterations"] = max(longest, 1)
-        found = self.job.run_long("response solve", nu=self.frequencies, iterates=True, **options)[
-            "iterates"
-        ]
-        return np.asarray(np.moveaxis(found.T, 1, 0))
+        solve = partial(
+            self.request.solve, self.frequencies, method="successive", harmonics=orders,
+            max_iterations=max(longest, 1), iterates=True,
+        )  # fmt: skip
+        return np.asarray(np.moveaxis(_native.interruptible(solve)["iterates"].T, 1, 0))
 
     def planned(self) -> dict[str, Any]:
         """Harmonics that may be kept, the selected method, and the text of the plan."""
-        options = {name: one for name, one in self.options.items() if name != "start"}
-        return self.job.run("response plan", nu=self.frequencies, **options)
+        options = {name: one for name, one in self.request.options.items() if name != "start"}
+        return self.request.job.run("response plan", nu=self.frequencies, **options)
 
     def plan(self) -> Plan:
         """The plan of the run."""
-        return Plan(condensed_line(self.loaded) + self.planned()["text"])
+        return Plan(condensed_line(self.request.loaded) + self.planned()["text"])
 
 
 def condensed_line(loaded: LoadedStructure | None) -> str:
@@ -256,16 +278,19 @@ def prepare(
 
     ``flat``: replaces the vector of the system; ``whole``: do not condense a polynomial system.
     """
-    check_steady(system, base)
-    options = _checked_options(method, harmonics, *wanted, max_iterations, relaxation, stability)
-    if method == "successive":
-        refuse_turning(system, "the method of successive approximations")
+    frequencies = _checked_frequencies(nu)
+    arguments = (load, base, method, harmonics, *wanted, max_iterations, relaxation, stability)
+    if flat is None:
+        request = _requested(system, *arguments, whole)
+    else:
+        request = _request_of(system, *arguments, whole, flat)
+    return request.job, frequencies, request.options, request.loaded
+
+
+def _checked_frequencies(nu: npt.ArrayLike | None) -> FloatArray:
+    """Frequencies as a vector."""
     if nu is None:
         raise InputError("nu: must be given for a mount or a polynomial system")
-    if all(term is None or (isinstance(term, Mapping) and not term) for term in (load, base)):
-        raise InputError(
-            "load or base: must be given (0 is allowed): without them every motion is 0"
-        )
     frequencies = _native.real_array("nu", nu)
     if frequencies.ndim > 1:
         raise InputError(f"nu: must have 0 or 1 dimension(s), got shape {frequencies.shape}")
@@ -274,11 +299,42 @@ def prepare(
         raise InputError("nu: must not be empty")
     if np.count_nonzero(frequencies > 0) < frequencies.size:
         raise InputError(f"nu = {frequencies.min():g}: must be greater than 0")
+    return frequencies
+
+
+def _request_of(
+    system: Steady,
+    load: LoadLike | None,
+    base: LoadLike | None,
+    method: str,
+    harmonics: int | str,
+    tolerance: float,
+    atol: float,
+    max_iterations: int,
+    relaxation: float | str,
+    stability: bool,
+    whole: bool,
+    flat: FloatArray | None = None,
+) -> _Request:
+    """Check system, load and options; ``whole`` and ``flat`` as for `prepare`."""
+    check_steady(system, base)
+    options = _checked_options(
+        method, harmonics, tolerance, atol, max_iterations, relaxation, stability
+    )
+    if method == "successive":
+        refuse_turning(system, "the method of successive approximations")
+    if all(term is None or (isinstance(term, Mapping) and not term) for term in (load, base)):
+        raise InputError(
+            "load or base: must be given (0 is allowed): without them every motion is 0"
+        )
     if method == "linear" and isinstance(system, PolynomialSystem):
         # Condensation only helps nonlinear problems; expansion loses digits near antiresonances.
         whole = whole or system._may_be_whole
     job, loaded = oscillator_job(system, load, base, flat, whole=whole, stability=stability)
-    return job, frequencies, options, loaded
+    return _Request(job, options, loaded, not system._all_laws)
+
+
+_requested = for_recent_loads(_request_of)
 
 
 @for_recent_options
