@@ -29,6 +29,8 @@ module viscovib_piece_runs
   real(wp), parameter :: fine = 2.0_wp**(-14)
   !> Largest order that runs are trusted to have.
   integer, parameter :: most_order = 16
+  !> A lower bound of the gain by a quarter of the step for motions with memory.
+  real(wp), parameter :: by_quarter = 2.0_wp
   !> Smallest relative error of the solution of equations.
   real(wp), parameter :: rounding = 1.0e-15_wp
 
@@ -647,17 +649,23 @@ contains
     is_smooth = self%gain() > 1.0_wp
   end function is_smooth
 
-  !> A lower bound of the gain in accuracy by half the step; 1: not known.
-  pure real(wp) function gain(self)
+  !> A lower bound of the gain in accuracy by halving the step so often (default: once); 1: not
+  !! known.
+  pure real(wp) function gain(self, halvings)
     class(piece_runs), intent(in) :: self
-    integer :: order
+    integer, intent(in), optional :: halvings
+    integer :: order, n
     gain = 1.0_wp
+    n = 1
+    if (present(halvings)) n = halvings
     ! Errors of events are differences of runs.
     if (self%has_mesh .or. self%first%is_watched) return
     select type (equations => self%equations)
     class is (plain_equations)
       order = min(method_order(equations%method), most_order)
-      if (equations%are_smooth()) gain = 2.0_wp**(order/2 - 2)
+      if (equations%are_smooth()) gain = 2.0_wp**(n*(order/2 - 2))
+    class default
+      if (n > 1 .and. .not. equations%over_kinks) gain = by_quarter
     end select
   end function gain
 

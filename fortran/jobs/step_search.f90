@@ -46,6 +46,9 @@ module viscovib_step_search
   real(wp), parameter :: less_sure = 8.0_wp, followed_by_both = 1.0e-4_wp
   !> Largest gain by half the step of states between ends of steps that are not exact enough.
   real(wp), parameter :: gain_between = 2.0_wp**15
+  !> Error of states inside steps of half the length, relative to the last coefficients of the first
+  !! steps.
+  real(wp), parameter :: of_resolution = 0.1_wp
   !> Largest change of the motion in a first step, relative to its size.
   real(wp), parameter :: of_equations = 1.6_wp
   !> Relative difference at which a run is close enough to the motion to determine amplified
@@ -103,18 +106,13 @@ contains
     real(wp), allocatable :: lost(:)
     real(wp) :: changes(max_halvings), part
     integer :: by, held, least, n_changes, parts, times
-    logical :: fills, done, met
+    logical :: fills, done, goes_on, met
 
     fills = job%fills .and. job%save_every == 1 .and. .not. job%last_only
     if (runs%is_smooth()) runs%shared%solved = job%solved_if_smooth(n, job%wanted())
     held = parts_of(runs, n, fills, 1, 1)
-    call runs%make(job, n, 1, held, coarse, status)
-    if (status%failed()) return
-    if (coarse%outcome == run_stopped) then
-      search%run = coarse
-      return
-    end if
-    call coarse%thin(held, before)
+    call make_run(runs, job, n, 1, held, coarse, before, search, goes_on, status)
+    if (.not. goes_on) return
     least = 1
     if (held > 1) least = parts_for_peaks(before)
     if (runs%is_smooth()) then
@@ -123,23 +121,23 @@ contains
     end if
     n_changes = 0
     by = 2
-    if (fills .and. runs%is_smooth() .and. real(n, wp) <= 0.25_wp*most_states) then
-      if (needs_quarter(runs, job, coarse)) by = 4
-    end if
+    if (fills .and. 4.0_wp*n <= most_states) by = first_division(runs, job, coarse, before)
     do
-      parts = parts_of(runs, n, fills, by*search%factor, least)
-      if (cannot_be_made(job, n, by*search%factor, parts, size(before%states, 1))) then
-        if (n_changes == 0) search%verdict = step_too_many
-        exit
+      if (by > 1) then
+        parts = parts_of(runs, n, fills, by*search%factor, least)
+        if (cannot_be_made(job, n, by*search%factor, parts, size(before%states, 1))) then
+          if (n_changes == 0) search%verdict = step_too_many
+          exit
+        end if
+        search%factor = by*search%factor
+        call make_run(runs, job, n, search%factor, parts, fine, ends, search, goes_on, status)
+      else
+        ! The run with a quarter of the step is exact enough if that with half of it is.
+        by = 2
+        held = parts_of(runs, n, fills, search%factor/2, 1)
+        call make_run(runs, job, n, search%factor/2, held, coarse, before, search, goes_on, status)
       end if
-      search%factor = by*search%factor
-      call runs%make(job, n, search%factor, parts, fine, status)
-      if (status%failed()) return
-      if (fine%outcome == run_stopped) then
-        search%run = fine
-        return
-      end if
-      call fine%thin(parts, ends)
+      if (.not. goes_on) return
       call runs%align(before, ends)
       if (held > 1 .and. runs%goes_inside()) then
         call look_inside(runs, coarse, held, fine, parts, inside)
@@ -159,6 +157,9 @@ contains
       else if (met) then
         call finish(runs, job, n, fine, parts, before, ends, inside, search, done, status)
         if (done .or. status%failed()) return
+      else if (by > 2) then
+        by = 1
+        cycle
       else
         n_changes = n_changes + 1
         changes(n_changes) = search%change
@@ -178,19 +179,41 @@ contains
         end if
         search%factor = search%factor*times
         parts = parts_of(runs, n, fills, search%factor, least)
-        call runs%make(job, n, search%factor, parts, fine, status)
-        if (status%failed()) return
-        call fine%thin(parts, ends)
+        call make_run(runs, job, n, search%factor, parts, fine, ends, search, goes_on, status)
+        if (.not. goes_on) return
         inside = inside_type()
       end if
       call coarse%become(fine)
       call before%become(ends)
       held = parts
+      if (by > 2) inside = inside_type()
       by = 2
     end do
     if (search%verdict == step_found) search%verdict = step_not_met
     call give_up(before, ends, search)
   end subroutine find_step
+
+  !> A run, and its states at the ends of first steps. The search ends if it fails or is stopped.
+  subroutine make_run(runs, job, n, factor, parts, run, ends, search, goes_on, status)
+    type(piece_runs), intent(in) :: runs
+    class(transient_job), intent(in) :: job
+    integer(i8), intent(in) :: n
+    !> States that it keeps in each first step.
+    integer, intent(in) :: factor, parts
+    type(trajectory_type), intent(out) :: run, ends
+    type(search_type), intent(inout) :: search
+    logical, intent(out) :: goes_on
+    type(status_type), intent(out) :: status
+    goes_on = .false.
+    call runs%make(job, n, factor, parts, run, status)
+    if (status%failed()) return
+    goes_on = run%outcome /= run_stopped
+    if (goes_on) then
+      call run%thin(parts, ends)
+    else
+      search%run = run
+    end if
+  end subroutine make_run
 
   !> Return the last two runs at the ends of first steps, for the message; if they are no longer
   !! known, the last one.
@@ -233,21 +256,28 @@ contains
     cannot_be_made = cannot_be_made .or. real(n, wp)*parts/job%save_every > max_numbers/rows
   end function cannot_be_made
 
-  !> True if states between the ends of a smooth motion's steps of half the length would not be
-  !! exact enough. At the first step, their error shows this without a run with these steps.
-  logical function needs_quarter(runs, job, coarse)
+  !> Factor by which to shorten the first step, 4 if states inside steps of half the length would
+  !! not be exact enough: the first run shows this.
+  integer function first_division(runs, job, coarse, before) result(by)
     type(piece_runs), intent(in) :: runs
     class(transient_job), intent(in) :: job
-    type(trajectory_type), intent(in) :: coarse
+    !> The run, and its ends of steps.
+    type(trajectory_type), intent(in) :: coarse, before
     type(trajectory_type) :: ends
     type(status_type) :: status
-    real(wp), dimension(size(coarse%states, 1)) :: allowed, off
-    needs_quarter = .false.
-    if (coarse%outcome /= run_completed .or. parts_for_peaks(coarse) <= 2) return
-    allowed = gain_between*job%allowed(coarse)
-    call runs%fill(coarse, 1, allowed, ends, off, status)
-    needs_quarter = .not. all(off <= allowed) .and. all(off < huge(1.0_wp))
-  end function needs_quarter
+    real(wp), dimension(size(before%states, 1)) :: allowed, off
+    by = 2
+    if (before%outcome /= run_completed .or. parts_for_peaks(before) <= 2) return
+    allowed = job%allowed(before)
+    if (runs%is_smooth()) then
+      allowed = gain_between*allowed
+      call runs%fill(coarse, 1, allowed, ends, off, status)
+      if (.not. all(off <= allowed) .and. all(off < huge(1.0_wp))) by = 4
+    else if (runs%goes_inside() .and. runs%gain(2) > 1.0_wp &
+             .and. .not. (runs%keeps_all() .or. runs%renames())) then
+      if (any(of_resolution*before%resolution*before%sizes() > allowed)) by = 4
+    end if
+  end function first_division
 
   !> Factor by which to shorten steps so that nodes are inside layers: the thickness of a layer
   !! shows only when the steps are close to it.
@@ -282,15 +312,16 @@ contains
       ! Shorter steps do not reduce rounding errors.
       if (change <= followed_by_both*maxval(fine%sizes()) &
           .and. all(epsilon(1.0_wp)*fine%sizes() <= allowed)) then
-        gain = runs%gain()**(nint(coarse%h/fine%h)/2)
+        gain = runs%gain(nint(coarse%h/fine%h)/2)
       end if
       off = off_of(coarse, fine)
       met = .not. apart > 0.0_wp .and. all(off <= gain*allowed)
       if (met .and. gain > 1.0_wp) then
         ! No more of the gain than is needed.
         gain = min(gain, max(less_sure, maxval(off/max(allowed, tiny(1.0_wp)))))
-        change = max(change/gain, &
-                     of_equations*n*(fine%solved - solved_to_rounding)*maxval(fine%sizes()))
+        change = change/gain
+        if (runs%is_smooth()) change = max(change, of_equations*n*maxval(fine%sizes()) &
+                                           *(fine%solved - solved_to_rounding))
       end if
     else
       allowed = job%allowed_at_stop(fine)
@@ -449,7 +480,7 @@ contains
       again = needed > parts
       if (.not. again) then
         call fine%thin(parts/needed, search%run)
-        if (needed > search%factor) off = inside%error_of_finer(runs)
+        if (needed > search%factor) off = inside%error_of_finer(runs, job, before, ends)
       else if (parts == search%factor .and. runs%is_smooth()) then
         call runs%fill(fine, needed/parts, job%allowed(ends), search%run, off, status)
         if (status%failed()) return
@@ -499,17 +530,28 @@ contains
 
   !> Error of the polynomials of the finer of the last two runs, for each row of states. The
   !! differences are those of the coarser one; three runs show the gain by halving in each first
-  !! step.
-  function error_of_finer(self, runs) result(off)
+  !! step. The last coefficients of two runs show it for the whole motion; no more of this gain is
+  !! used than is needed.
+  function error_of_finer(self, runs, job, coarse, fine) result(off)
     class(inside_type), intent(in) :: self
     type(piece_runs), intent(in) :: runs
-    real(wp) :: off(size(self%off, 1))
+    class(transient_job), intent(in) :: job
+    type(trajectory_type), intent(in) :: coarse, fine
+    real(wp) :: off(size(self%off, 1)), most
     real(wp), dimension(size(self%off, 1), size(self%off, 2)) :: gain
 
     gain = 1.0_wp
-    if (allocated(self%before) .and. .not. (runs%equations%over_kinks .or. runs%renames())) then
-      gain = self%before/(less_sure*max(self%off, epsilon(1.0_wp)*self%before, 1.0e-300_wp))
-      gain = max(1.0_wp, min(gain, 2.0_wp**runs%equations%nodes/less_sure))
+    if (.not. (runs%equations%over_kinks .or. runs%renames())) then
+      most = (coarse%h/fine%h)**runs%equations%nodes/less_sure
+      if (allocated(self%before)) then
+        gain = self%before/(less_sure*max(self%off, epsilon(1.0_wp)*self%before, 1.0e-300_wp))
+      else
+        off = maxval(self%off, 2)/max(job%allowed(fine), tiny(1.0_wp))
+        most = min(most, less_sure*maxval(off))
+        gain = coarse%resolution/(2.0_wp*less_sure*max(fine%resolution, 1.0e-300_wp, &
+                                                       epsilon(1.0_wp)*coarse%resolution))
+      end if
+      gain = max(1.0_wp, min(gain, most))
     end if
     off = maxval(self%off/gain, 2)
   end function error_of_finer

@@ -95,7 +95,7 @@ contains
   !> The states inside the steps.
   subroutine fill_steps(h, known, per, more)
     real(wp), intent(in) :: h
-    real(wp), intent(in) :: known(:, 0:, :)
+    real(wp), intent(in), contiguous :: known(:, 0:, :)
     integer, intent(in) :: per
     real(wp), intent(inout) :: more(:, :)
     real(wp) :: values(size(known, 1) - n_ends + 1), weights(n_ends, 0:2, 0:2)
@@ -116,7 +116,7 @@ contains
   subroutine find_errors(system, h, known, off)
     class(driven_system_type), intent(in) :: system
     real(wp), intent(in) :: h
-    real(wp), intent(in) :: known(:, 0:, :)
+    real(wp), intent(in), contiguous :: known(:, 0:, :)
     real(wp), intent(out) :: off(:)
     real(wp), dimension(size(known, 1) - n_ends + 1, size(known, 3)) :: q, v, a, right
     real(wp) :: weights(n_ends, 0:2, 0:2), of_residual(2), residual
