@@ -243,6 +243,10 @@ class LoadedStructure:
         alone = zip(laws.kernels, laws.stiffness, strict=True)
         if laws.programs or any(kernel is None and own.any() for kernel, own in alone):
             return self
+        return self._linear_part
+
+    @cached_property
+    def _linear_part(self) -> "LoadedStructure":
         same = copy(self)
         same.linear = True
         return same
@@ -381,7 +385,8 @@ class LoadedStructure:
         """Harmonics of the condensed coordinates due to the motion of the base, shape (q, m)."""
         moved = np.zeros((self.condensation.q, orders.size), dtype=complex)
         for order, base in zip(self.orders, self.base, strict=True):
-            moved[:, orders == order] += (self._base_deflections * base)[:, np.newaxis]
+            if base != 0:
+                moved[:, orders == order] += (self._base_deflections * base)[:, np.newaxis]
         return moved
 
     def watching(self, place: int) -> tuple["LoadedStructure", int]:
