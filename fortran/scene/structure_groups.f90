@@ -10,7 +10,7 @@ module viscovib_structure_groups
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_faults, only: complain_of_law
-  use viscovib_law_program, only: put_argument, put_number
+  use viscovib_law_program, only: multiply, put_argument, put_number, subtract
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_limits, only: least_mass
@@ -36,6 +36,8 @@ module viscovib_structure_groups
   !> Eigenvalues, and stretches by the base, below this part of the largest are 0; forces of a base
   !! motion above this part deform something.
   real(wp), parameter :: no_part = 1.0e-12_wp, strained = 1.0e-9_wp
+  !> Slope of a fluid damper in series with a spring, in the linear subsystem, relative to rate r.
+  real(wp), parameter :: least_slope = 1.0e-4_wp
 
 contains
 
@@ -91,7 +93,10 @@ contains
       call append(model%elements, springs)
     end do
     call reader%start(file%path, file%groups(at))
-    if (size(held) > 0) call remove_supports(reader, model, held, coordinates, units)
+    call add_inner_coordinates(reader, model, coordinates, units)
+    if (size(held) > 0 .and. .not. reader%status%failed()) then
+      call remove_supports(reader, model, held, coordinates, units)
+    end if
     status = reader%status
     if (status%failed()) return
     call condense(model, kernels, system, built)
@@ -99,6 +104,113 @@ contains
     status = reader%status
 
   end subroutine read_structure
+
+  !> Add an internal coordinate s for each spring k in series with a fluid damper. The deflection of
+  !! the spring is q = s' + r s, so that q' = d' - h(q) is an equation of motion,
+  !!
+  !!   k s'' + k r s' + k h(s' + r s) - k d' = 0,
+  !!
+  !! where h is the rate of the damper. The element exerts k s' + k r s along its direction. The
+  !! slope of h at rest is 0 for exponents below 1. A small slope, which the law subtracts, keeps
+  !! the stiffness of s above 0.
+  subroutine add_inner_coordinates(reader, model, coordinates, units)
+    type(group_reader), intent(inout) :: reader
+    type(structure_model), intent(inout) :: model
+    character(len=name_length), allocatable, intent(inout) :: coordinates(:), units(:)
+    real(wp) :: e(size(model%mass, 1)), rate, softness
+    character(len=:), allocatable :: fault, q
+    integer :: i, j, m, n
+
+    n = size(model%mass, 1)
+    m = count([(model%elements(i)%series(1) > 0.0_wp, i=1, size(model%elements))])
+    if (m == 0) return
+    if (model%is_reduced) then
+      call reader%complain('shapes', 'shapes: not with series_stiffness of an &element')
+    else if (any(abs([model%modal%ratios, model%modal%rayleigh, model%modal%loss]) > 0.0_wp)) then
+      call reader%complain('structure', 'modal_damping, rayleigh and loss_factor: not with ' &
+                           //'series_stiffness of an &element, use damping')
+    end if
+    if (reader%status%failed()) return
+    call widen(model%mass, m)
+    call widen(model%damping, m)
+    call widen(model%stiffness, m)
+    call widen(model%places, m)
+    model%modal%ratios = [model%modal%ratios, (0.0_wp, i=1, m)]
+    if (size(model%base_direction) == n) model%base_direction = [model%base_direction, &
+                                                                 (0.0_wp, i=1, m)]
+    call lengthen(coordinates, m)
+    call lengthen(units, m)
+    do j = 1, m
+      coordinates(n + j) = 'maxwell'//show(j)
+      units(n + j) = 'm s'
+      model%places(n + j, n + j) = 1.0_wp
+    end do
+    do i = 1, size(model%elements)
+      model%elements(i)%direction = [model%elements(i)%direction, (0.0_wp, j=1, m)]
+    end do
+    j = n
+    do i = 1, size(model%elements)
+      associate (one => model%elements(i), k => model%elements(i)%series(1))
+        if (.not. k > 0.0_wp) cycle
+        j = j + 1
+        e = one%direction(:n)
+        softness = 0.0_wp
+        do m = 1, n
+          if (model%mass(m, m) > 0.0_wp) softness = softness + e(m)**2/model%mass(m, m)
+        end do
+        rate = 1.0_wp
+        if (softness > 0.0_wp) rate = sqrt(k*softness)
+        model%mass(j, j) = k
+        model%damping(:n, j) = k*e
+        model%damping(j, :n) = -k*e
+        model%damping(j, j) = k*rate
+        model%stiffness(:n, j) = k*rate*e
+        one%direction = 0.0_wp
+        one%direction(j) = 1.0_wp
+        associate (c => one%series(2), a => one%series(3))
+          if (a < 1.0_wp) then
+            q = '(v + '//show(rate)//'*d)'
+            q = show(k)//'*sign'//q//'*abs('//show(k)//'*'//q//'/'//show(c)//')^'//show(1.0_wp/a)
+            call read_function(one, q, fault)
+            one%damping = least_slope*rate*k
+            associate (law => one%laws(1)%program)
+              law%code = [law%code, put_argument, put_number, multiply, subtract, put_argument, &
+                          put_number, multiply, subtract]
+              law%number = [law%number, 1.0_wp, rate*one%damping, 0.0_wp, 0.0_wp, 2.0_wp, &
+                            one%damping, 0.0_wp, 0.0_wp]
+              call law%measure()
+            end associate
+          else
+            one%damping = k*k/c
+          end if
+          one%stiffness = rate*one%damping
+        end associate
+      end associate
+    end do
+
+  contains
+
+    !> Append m rows and columns of 0.
+    subroutine widen(matrix, m)
+      real(wp), allocatable, intent(inout) :: matrix(:, :)
+      integer, intent(in) :: m
+      real(wp), allocatable :: wider(:, :)
+      allocate (wider(size(matrix, 1) + m, size(matrix, 2) + m), source=0.0_wp)
+      wider(:size(matrix, 1), :size(matrix, 2)) = matrix
+      call move_alloc(wider, matrix)
+    end subroutine widen
+
+    !> Append m names.
+    subroutine lengthen(names, m)
+      character(len=name_length), allocatable, intent(inout) :: names(:)
+      integer, intent(in) :: m
+      character(len=name_length) :: longer(size(names) + m)
+      longer = ''
+      longer(:size(names)) = names
+      names = longer
+    end subroutine lengthen
+
+  end subroutine add_inner_coordinates
 
   !> Elements and more of them, each copied on its own.
   subroutine append(elements, more)
@@ -579,12 +691,26 @@ contains
     type(group_reader), intent(inout) :: reader
     type(element_type), intent(inout) :: element
     character(len=:), allocatable, intent(inout) :: law
-    real(wp) :: c, a, limit, relief
+    real(wp) :: c, a, limit, relief, series
 
     c = reader%read_real('fluid_coefficient')
     a = reader%read_real('fluid_exponent')
     limit = reader%read_real('fluid_limit')
     relief = reader%read_real('fluid_relief')
+    series = reader%read_real('series_stiffness')
+    if (series > 0.0_wp) then
+      if (.not. c > 0.0_wp .or. limit > 0.0_wp .or. law /= '0' .or. element%kernel > 0 &
+          .or. any(abs([element%stiffness, element%damping]) > 0.0_wp)) then
+        call reader%complain('series_stiffness', 'series_stiffness = '//show(series)//': needs a ' &
+                             //'fluid_coefficient, and kernel = 0; other parts belong to ' &
+                             //'another &element')
+      else if (a > 1.0_wp) then
+        call reader%complain('fluid_exponent', 'fluid_exponent = '//show(a)//': must be 0.1 to 1 ' &
+                             //'with series_stiffness')
+      end if
+      element%series = [series, c, a]
+      return
+    end if
     if (.not. c > 0.0_wp) return
     if (element%kernel > 0) then
       call reader%complain('fluid_coefficient', 'fluid_coefficient = '//show(c)//': must be 0 in ' &
@@ -612,6 +738,11 @@ contains
 
     kind = reader%read_text('hysteresis')
     if (reader%status%failed() .or. kind == 'none') return
+    if (element%series(1) > 0.0_wp) then
+      call reader%complain('hysteresis', "hysteresis = '"//kind//"': belongs to another " &
+                           //'&element, without series_stiffness')
+      return
+    end if
     numbers = reader%read_reals('hysteresis_numbers')
     if (reader%status%failed()) return
     call order_numbers(kind, numbers, state, fault)

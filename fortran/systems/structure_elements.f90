@@ -14,6 +14,8 @@ module viscovib_structure_elements
     !> e, shape (n_places).
     real(wp), allocatable :: direction(:)
     real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp
+    !> Spring in series with a fluid damper, and coefficient and exponent of the damper; 0: none.
+    real(wp) :: series(3) = 0.0_wp
     !> Coefficients of f by power of d; one law of d without its linear part for a nonpolynomial
     !! force, or none.
     real(wp) :: powers(2:max_degree) = 0.0_wp

@@ -101,6 +101,7 @@ _NAMES = {
     "systems.pendulum": "Pendulum",
     "systems.polynomial_system": "PolynomialSystem",
     "systems.python_law": "PythonLaw",
+    "systems.series_dampers": "Maxwell",
     "systems.spring_groups": "Monomial Springs",
     "systems.structure": "Structure",
     "systems.user_elements": "user_elements",
@@ -352,6 +353,7 @@ if TYPE_CHECKING:
     from viscovib.systems.pendulum import Pendulum as Pendulum
     from viscovib.systems.polynomial_system import PolynomialSystem as PolynomialSystem
     from viscovib.systems.python_law import PythonLaw as PythonLaw
+    from viscovib.systems.series_dampers import Maxwell as Maxwell
     from viscovib.systems.spring_groups import (
         Monomial as Monomial,
         Springs as Springs,

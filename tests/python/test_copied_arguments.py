@@ -123,6 +123,7 @@ GIVEN = [
     (vv.BoucWen, {"on": ROW, "stiffness": 20, "beta": 2, "gamma": 1, "ratio": 0.1, "exponent": 1}),
     (vv.Dahl, {"on": ROW, "stiffness": 20, "limit": 1}),
     (vv.FluidDamper, {"on": ROW, "coefficient": 1, "exponent": 0.5}),
+    (vv.Maxwell, {"on": ROW, "stiffness": 20, "coefficient": 1, "exponent": 0.5}),
     (vv.StribeckFriction, {"on": ROW, "coulomb": 1, "static": 2, "velocity": 0.1}),
     (vv.LoadTable, {"times": TABLE, "values": TABLE, "on": {"x1": 1.0}}),
     (vv.LoadTable, {"times": TABLE, "values": TABLE, "on": ROW}),

@@ -167,7 +167,7 @@ NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "BoucWen", "Chirp", "Coupling", "CreepData", "CubicSystem",
     "Dahl", "Event", "Explorer", "ExponentialSum", "FluidDamper", "FluidTrack", "Gap",
     "HalfSine", "Haversine", "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable",
-    "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
+    "Maxwell", "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
     "Pendulum", "PeriodicMotions", "PistonEngine", "Plan", "PolynomialSystem", "PronyKernel",
     "PythonLaw", "RabotnovKernel", "RelaxationData", "Result", "RunUp", "RzhanitsynKernel",
     "Sample", "Sawtooth", "Scene",

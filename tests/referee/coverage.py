@@ -27,6 +27,9 @@ _MODES = "tests/python/test_modal_model.py compares it with the whole structure"
 NOTHING_TO_JUDGE = {
     "FluidDamper.force": "tests/python/test_fluid_dampers.py: the formula",
     "FluidDamper.energy": "tests/python/test_fluid_dampers.py: gamma functions and quadrature",
+    "Maxwell": "tests/python/test_maxwell.py: random systems by SciPy, with all of its methods",
+    "Maxwell.loop": "the same",
+    "Maxwell.energy": "the same",
     "StribeckFriction.force": "tests/python/test_damper_laws.py: the formula",
     "StribeckFriction.energy": "tests/python/test_damper_laws.py: quadrature",
     "Kernel.plot": "a picture: tests/python/test_kernels.py reads its curves",

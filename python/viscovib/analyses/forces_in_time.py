@@ -146,10 +146,17 @@ def _of_structure(
 
     d, speed = motion.u @ directions, motion.rate @ directions
     damping = speed * np.array([element.damping for element, _ in chosen])
-    names = _distinct(_name(element.direction, structure.dof_names) for element, _ in chosen)
+    elastic = forces(motion.u, motion.rate, motion.laws)
+    ends = [element.series or element for element, _ in chosen]
+    for j, (element, _) in enumerate(chosen):
+        if element.series is not None:
+            e, k, rate = element.series
+            elastic[:, j], damping[:, j] = k * (speed[:, j] + rate * d[:, j]), 0.0
+            d[:, j], speed[:, j] = motion.u @ e, motion.rate @ e
+    names = _distinct(_name(end.direction, structure.dof_names) for end in ends)
     kernels = [element.kernel for element, _ in chosen]
     return ElementForces(
-        motion.t, names, d, speed, forces(motion.u, motion.rate, motion.laws), damping,
+        motion.t, names, d, speed, elastic, damping,
         remembered(motion, forces, kernels),
     )  # fmt: skip
 

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from viscovib import _native
+from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.plots.panels import panel
 from viscovib.results.dissipation import _loss_of, _sampled
 from viscovib.systems.contacts import Contact
 from viscovib.systems.elements import Coupling, element_terms
+from viscovib.systems.series_dampers import Maxwell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,8 +27,9 @@ def plot_loop(element: Any, amplitude: float, *, nu: float, ax: Axes | None = No
 
     Parameters
     ----------
-    element : Spring, FluidDamper, StribeckFriction, Jenkins, Iwan, BoucWen, Dahl, Gap or Stop
-        An element of a structure, with a kernel too.
+    element : object
+        An element of a structure with one deflection, with a kernel too: Spring, FluidDamper,
+        Maxwell, StribeckFriction, Jenkins, Iwan, BoucWen, Dahl, Gap or Stop.
     amplitude : float
         X, greater than 0 (m).
     nu : float
@@ -53,9 +56,13 @@ def plot_loop(element: Any, amplitude: float, *, nu: float, ax: Axes | None = No
             f"element = {_native.shown(element)}: must be an element with one deflection and a "
             "force, such as a FluidDamper"
         )
+    if isinstance(element, Maxwell):
+        d = amplitude * np.sin(2 * np.pi * np.arange(720) / 720)
+        lost = float(element.energy(amplitude, nu=nu))
+        return _drawn(d, element.loop(amplitude, nu=nu), lost, ax)
     terms = element_terms([replace(element, on=[1.0])], ("d",), {"d": 0})[0]
-    order, d = np.array([1]), np.array([[amplitude + 0j]])
-    theta, force, rate = _sampled(terms, float(nu), order, d, False)
+    order, size = np.array([1]), np.array([[amplitude + 0j]])
+    theta, force, rate = _sampled(terms, float(nu), order, size, False)
     if terms.kernel is not None:
         parts = np.fft.rfft(force)
         orders = np.arange(1, parts.size)
@@ -63,10 +70,14 @@ def plot_loop(element: Any, amplitude: float, *, nu: float, ax: Axes | None = No
         parts[1:] *= 1 - terms.kernel.laplace(1j * nu * orders)
         force = np.fft.irfft(parts, theta.size)
     force = force + terms.damping * rate
-    lost = _loss_of(terms, float(nu), order, d, False)
+    return _drawn(
+        amplitude * np.sin(theta), force, _loss_of(terms, float(nu), order, size, False), ax
+    )
+
+
+def _drawn(d: FloatArray, force: FloatArray, lost: float, ax: Axes | None) -> Axes:
     ax = panel(ax, (4.2, 3.6))
-    around = np.r_[np.arange(theta.size), 0]
-    ax.plot(amplitude * np.sin(theta[around]), force[around])
+    ax.plot(np.append(d, d[0]), np.append(force, force[0]))
     ax.set_xlabel("d (m)")
     ax.set_ylabel("force (N)")
     ax.set_title(f"loss per cycle: {lost:.4g} J", fontsize="medium")

@@ -141,10 +141,16 @@ def _loss_of(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) 
     if law is not None and law.state:
         # A slider at rest sticks.
         return work if linear else work + _of_hysteresis(law, orders, own)
-    if terms.kernel is None and (law is None or max(law.places, default=0) < 1):
+    elastic = law is None or max(law.places, default=0) < 1
+    if terms.kernel is None and terms.series is None and elastic:
         # A force that depends only on the deflection loses no energy.
         return work
     theta, force, rate = _sampled(terms, nu, orders, d, linear)
+    if terms.series is not None:
+        # The force of the damper is k q, q = s' + r s, and its rate is that of this law by k.
+        at = (np.exp(1j * np.outer(theta, orders)) @ own).imag
+        flow = (force + terms.damping * rate) * (rate + terms.series.rate * at)
+        return float(flow.mean() * 2 * np.pi / nu)
     return work + _work(force, rate, theta, nu, orders, own, terms.kernel)
 
 

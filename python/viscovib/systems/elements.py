@@ -18,6 +18,7 @@ from viscovib.systems.friction import Hysteresis
 from viscovib.systems.laws import Law, parameter_values, read_law
 from viscovib.systems.load import one_of
 from viscovib.systems.python_law import PythonLaw, callable_law, python_law, python_laws
+from viscovib.systems.series_dampers import Maxwell
 
 #: Types of a direction: a coordinate, two coordinates (their difference), weights, or a vector.
 On = "str | int | tuple[str, str] | Mapping[str, float] | npt.ArrayLike"
@@ -183,6 +184,15 @@ class CouplingTerms(NamedTuple):
     programs: tuple[tuple[int, Law], ...] = ()
 
 
+class Series(NamedTuple):
+    """A Maxwell element in terms of its internal coordinate s: its force is k (s' + r s)."""
+
+    #: Direction of the deflection, shape (n,).
+    direction: FloatArray
+    stiffness: float
+    rate: float
+
+
 class ElementTerms(NamedTuple):
     """An element for the condensation: direction e, shape (n,), and coefficients."""
 
@@ -192,6 +202,8 @@ class ElementTerms(NamedTuple):
     kernel: Kernel | None
     #: A law that is not a polynomial, without its linear part.
     law: Law | None = None
+    #: Of a Maxwell element, whose direction is that of its internal coordinate.
+    series: Series | None = None
 
     @property
     def active(self) -> bool:
@@ -242,11 +254,21 @@ def element_terms(
             e = direction_of(f"elements[{i}].on", element.on, len(names), places)
             found.append(ElementTerms(e, {}, element._damping, None, element._law))
             continue
+        if isinstance(element, Maxwell):
+            e = direction_of(f"elements[{i}].on", element.on, len(names), places)
+            own = np.zeros(len(names))
+            own[places[element._inner]] = 1.0
+            whole, series = element._whole, Series(e, element.stiffness, element._rate)
+            damping = element._linear_damping
+            slopes = (damping * element._rate, damping)
+            bent = whole.without(slopes) if element.exponent < 1 else None
+            found.append(ElementTerms(own, {1: slopes[0]}, damping, None, bent, series))
+            continue
         if not isinstance(element, Spring):
             raise InputError(
                 f"elements[{i}] = {_native.shown(element)}: must be a Spring, a FluidDamper, a "
-                "StribeckFriction, a Coupling, a Jenkins, an Iwan, a BoucWen, a Dahl, a Gap, a "
-                "Stop or one of user_elements()"
+                "Maxwell, a StribeckFriction, a Coupling, a Jenkins, an Iwan, a BoucWen, a Dahl, "
+                "a Gap, a Stop or one of user_elements()"
             )
         e = direction_of(f"elements[{i}].on", element.on, len(names), places)
         program = element._program  # type: ignore[attr-defined]

@@ -26,6 +26,7 @@ from viscovib.systems.elements import (
     element_terms,
     terms_in_order,
 )
+from viscovib.systems.inner_coordinates import extended, has_series
 from viscovib.systems.laws import Law, named_in
 from viscovib.systems.layers import Layers, checked_layers
 from viscovib.systems.load import (
@@ -102,8 +103,8 @@ class Structure(System):
         K (1 + i loss_factor sign(nu)), for harmonic methods only. Modal damping, Rayleigh damping
         and the loss factor refer to the structure with the linear parts of its elements.
     elements : sequence
-        Local elements: Spring, FluidDamper, StribeckFriction, Coupling, Jenkins, Iwan, BoucWen,
-        Dahl, Gap, Stop. Their linear stiffness and damping are added to K and C.
+        Local elements: Spring, FluidDamper, Maxwell, StribeckFriction, Coupling, Jenkins, Iwan,
+        BoucWen, Dahl, Gap, Stop. Their linear stiffness and damping are added to K and C.
     layers : sequence of (array, Kernel)
         Stiffness matrices with memory, added to K, for example of a rubber layer, each in the form
         of ``stiffness``: K_j (1 - R_j*). Kernels that are sums of exponentials are exact for any
@@ -168,6 +169,7 @@ class Structure(System):
         own_fields(
             self, "modal_damping", "rayleigh", "elements", "layers", "names", "units", "supports"
         )
+        self._add_inner_coordinates()
         sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
         mass = matrix_of("mass", self.mass, None, sparse)
         n = mass.shape[0]
@@ -189,7 +191,7 @@ class Structure(System):
             raise InputError("names: must differ")
         units = ("m",) * n if self.units is None else self.units
         self._set("dof_units", texts_of("units", units, n))
-        found = element_terms(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+        found = element_terms(self._prepared, self.dof_names, self._places)  # type: ignore[attr-defined]
         self._set("_elements", found + layers.elements)
         self._set("_layers", layers)
         if not isinstance(self.supports, Sequence) or self.supports:
@@ -206,6 +208,33 @@ class Structure(System):
 
     def __repr__(self) -> str:
         return note(self)
+
+    def _add_inner_coordinates(self) -> None:
+        """Add the internal coordinates of Maxwell elements to all arrays."""
+        self._set("_prepared", self.elements)
+        self._set("_plain", {})
+        if not has_series(self.elements):
+            return
+        sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
+        mass = matrix_of("mass", self.mass, None, sparse)
+        n = mass.shape[0]
+        names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
+        units = ("m",) * n if self.units is None else self.units
+        layers = checked_layers(self.layers, n, sparse)
+        plain = {
+            "mass": mass, "stiffness": matrix_of("stiffness", self.stiffness, n, sparse),
+            "damping": matrix_of("damping", self.damping, n, sparse),
+            "names": texts_of("names", names, n), "units": texts_of("units", units, n),
+            "base_direction": self.base_direction, "layers": self.layers,
+            "supports": self.supports, "modal_damping": None, "rayleigh": None,
+        }  # fmt: skip
+        prepared, more = extended(self, plain | {"layers": layers.whole})
+        if layers.elements:
+            raise InputError("layers: with a Maxwell element, kernels must be sums of exponentials")
+        self._set("_plain", plain)
+        self._set("_prepared", prepared)
+        for name, value in more.items():
+            self._set(name, value)
 
     def _eliminate_penalties(self) -> None:
         """Replace coordinates with a huge number on a diagonal by supports."""
@@ -240,7 +269,7 @@ class Structure(System):
         layers: Layers = self._layers  # type: ignore[attr-defined]
         found = supports_of(
             given, (self.dof_names, self.dof_units), (free, held), matrices, self.base_direction,
-            (*terms_in_order(self.elements, self.dof_names, self._places), *layers.elements),  # type: ignore[attr-defined]
+            (*terms_in_order(self._prepared, self.dof_names, self._places), *layers.elements),  # type: ignore[attr-defined]
         )  # fmt: skip
         self._set("supports", given)
         self._set("_held", found.with_layers(layers, len(self.elements)))
@@ -289,9 +318,10 @@ class Structure(System):
         """One entry for each element, with directions of the coordinates."""
         held = self._held
         if held is None:
-            return terms_in_order(self.elements, self.dof_names, self._places)  # type: ignore[attr-defined]
+            return terms_in_order(self._prepared, self.dof_names, self._places)  # type: ignore[attr-defined]
         names = held.all_names
-        return tuple(map(held.cut, terms_in_order(self.elements, names, name_places(names))))
+        terms = terms_in_order(self._prepared, names, name_places(names))  # type: ignore[attr-defined]
+        return tuple(map(held.cut, terms))
 
     @property
     def _couplings(self) -> tuple[CouplingTerms, ...]:
@@ -362,6 +392,8 @@ class Structure(System):
     @property
     def _given(self) -> dict[str, Any]:
         """Arguments that `supports` change, and those of a file, as they were given."""
+        if self._plain:  # type: ignore[attr-defined]
+            return dict(self._plain)  # type: ignore[attr-defined]
         given = {
             name: getattr(self, name)
             for name in ("mass", "damping", "stiffness", "base_direction", "modal_damping",

@@ -90,7 +90,8 @@ class Supports:
         """An element with directions of the free coordinates."""
         if isinstance(terms, CouplingTerms):
             return terms._replace(directions=tuple(e[self.free] for e in terms.directions))
-        return terms._replace(direction=terms.direction[self.free])
+        series = terms.series and terms.series._replace(direction=terms.series.direction[self.free])
+        return terms._replace(direction=terms.direction[self.free], series=series)
 
     def with_layers(self, layers: Layers, n_elements: int) -> Supports:
         """The same with layers, which the base motion must not deform."""

@@ -27,6 +27,7 @@ from viscovib.systems.laws import (
     named_in,
 )
 from viscovib.systems.load import LoadLike
+from viscovib.systems.series_dampers import Maxwell
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, affine
 
@@ -115,6 +116,9 @@ def _element(structure: Structure, name: object) -> tuple[int, str]:
 
 def _numbers_of(element: object) -> tuple[str, ...]:
     """Parameters of an element that is not a spring; a rigid stop has no steady motion."""
+    if isinstance(element, Maxwell):
+        # The stiffness is part of the matrices; no number of the law is linear in the exponent.
+        return ("coefficient",) if element.exponent < 1 else ()
     rigid = isinstance(element, Contact) and element.stiffness is None
     if rigid or not isinstance(element, (Contact, Hysteresis, RateElement)):
         return ()
@@ -134,10 +138,10 @@ def _other_law(terms: list[ElementTerms], at: int, element: Any, key: str, value
         apart = element._law.stiffness_at_rest
         terms[at] = own._replace(law=other._law.without([*apart, 0.0]))
         return
-    if isinstance(element, RateElement):
+    if isinstance(element, (RateElement, Maxwell)):
         for cached in ("_whole", "_damping", "_law"):
             other.__dict__.pop(cached, None)
-        terms[at] = own._replace(law=other._whole.without([0.0, own.damping]))
+        terms[at] = own._replace(law=other._whole.without([own.powers.get(1, 0.0), own.damping]))
         return
     terms[at] = own._replace(law=other._law)
     # The core subtracts the new stiffness at rest; the linear subsystem contains the old one.
@@ -160,7 +164,7 @@ def _program(where: str, law: Any, parameters: dict[str, float]) -> Law:
 
 def _variant(structure: Structure, name: str, place: int, key: str, value: float) -> Structure:
     """Return the structure with a new value and an unchanged linear subsystem."""
-    spring: Any = structure.elements[place]
+    spring: Any = structure._prepared[place]  # type: ignore[attr-defined]
     terms = list(structure._all_elements)
     # A coupling has several terms.
     at = sum(len(e.on) if isinstance(e, Coupling) else 1 for e in structure.elements[:place])
