@@ -363,17 +363,31 @@ contains
     !> Exponents, conjugates included; NaN for none.
     complex(wp), intent(in) :: known(:)
     complex(wp) :: zero
-    integer :: j, k
+    real(wp) :: distance
+    logical :: parted(self%n)
+    integer :: i, j, k
 
     self%sharp(:self%n) = .false.
+    parted = .false.
     do j = 1, size(known)
       if (ieee_is_nan(real(known(j)))) cycle
       zero = folded(known(j), hill%period)
       ! The conjugate of the one before.
       if (any(self%sharp(:self%n) .and. .not. abs(self%upper(:self%n) - zero) > 0.0_wp)) cycle
       k = minloc(abs(self%upper(:self%n) - zero), 1,.not. self%sharp(:self%n))
-      if (k > 0) then
-        if (abs(self%upper(k) - zero) > same_zero*hill%period) k = 0
+      distance = 0.0_wp
+      if (k > 0) distance = abs(self%upper(k) - zero)
+      if (distance > same_zero*hill%period) k = 0
+      if (distance > 0.0_wp .and. .not. is_pair(zero, hill%period)) then
+        ! Of a pair that has parted one takes the approximation of both, the other one takes none.
+        i = findloc(parted .and. .not. abs(aimag(self%upper(:size(parted)) - zero)) > 0.0_wp, &
+                    .true., 1)
+        if (i > 0) then
+          parted(i) = .false.
+          k = 0
+        else if (k > 0 .and. k <= size(parted)) then
+          if (self%of_pole(k) > 0) parted(k) = hill%poles%paired(self%of_pole(k))
+        end if
       end if
       if (k == 0) then
         call self%put(hill, zero, .true., 0)
