@@ -387,6 +387,7 @@ contains
     call compile_law(element_function(name, constants), ['u'], letter(:size(constants)), &
                      constants, program, parity, degree, fault)
     cursor%fault = fault
+    if (fault /= '') return
     code = cursor%code(first + 1:last)
     number = cursor%number(first + 1:last)
     parity = cursor%parity(cursor%held)

@@ -255,6 +255,7 @@ def test_every_interface(tmp_path):
         ("law='relief(v, 1, 2, -3)'", "relief: limit = -3: must be greater than 0"),
         ("law='stribeck(v, 2, 1, 3)'", "stribeck: static = 1: must be at least coulomb, 2"),
         ("law='stribeck(v, 2)'", "stribeck has 1 constants: must be stribeck(u, coulomb"),
+        ("law='relief(v, 1e-300, 0.3, 1e300)'", "it divides by 0, or takes a function outside"),
         ("law='stop(d, v)'", "stop: its operands behind the first must be numbers"),
         ("fluid_coefficient=1 fluid_limit=-1", "fluid_limit = -1: must not be negative"),
     ],

@@ -71,7 +71,8 @@ class RateElement:
         speed = _native.number("nu", nu)
         if speed <= 0:
             raise InputError(f"nu = {speed:g}: must be greater than 0")
-        return np.asarray(self._energy(sizes, speed))
+        with np.errstate(all="ignore"):
+            return np.asarray(self._energy(sizes, speed))
 
     def _energy(self, sizes: FloatArray, speed: float) -> FloatArray:
         # 4 X times the integral of f(X nu sin p) sin p over a quarter of the cycle, with a kink.
@@ -163,7 +164,8 @@ class FluidDamper(RateElement):
         """Rate at which the valve opens."""
         if self.limit is None:
             return 0.0
-        return float((self.limit / self.coefficient) ** (1 / self.exponent))
+        with np.errstate(all="ignore"):
+            return float((np.float64(self.limit) / self.coefficient) ** (1 / self.exponent))
 
     def _energy(self, sizes: FloatArray, speed: float) -> FloatArray:
         if self.limit is not None:

@@ -143,13 +143,22 @@ class Maxwell:
         for name, value in (("amplitude", size), ("nu", nu)):
             if _native.number(name, value) <= 0:
                 raise InputError(f"{name} = {value:g}: must be greater than 0")
-        power, ratio = 1 / self.exponent, self.stiffness / self.coefficient
+        with np.errstate(all="ignore"):
+            q = self._periodic(float(size), float(nu))
+        if not np.isfinite(q).all():
+            raise InputError(
+                f"amplitude = {size:g}: the force is not finite or too small, change the units"
+            )
+        return q
+
+    def _periodic(self, size: float, nu: float) -> FloatArray:
+        power, ratio = 1 / self.exponent, np.float64(self.stiffness) / self.coefficient
         orders = np.fft.fftfreq(_SAMPLES, 1 / _SAMPLES)
         waves = np.fft.fft(np.eye(_SAMPLES), axis=0)
         change = np.fft.ifft(1j * nu * orders[:, np.newaxis] * waves, axis=0).real
         speed = size * nu * np.cos(_PHASES)
         # The damper is at most as fast as the deflection.
-        largest = (size * nu) ** self.exponent / ratio
+        largest = float(np.float64(size * nu) ** self.exponent / ratio)
         q = np.clip(size * np.sin(_PHASES), -largest, largest)
 
         def residual(q: FloatArray) -> FloatArray:
@@ -159,7 +168,13 @@ class Maxwell:
         for _ in range(_MOST):
             left = residual(q)
             slope = power * ratio * np.abs(ratio * q) ** (power - 1)
-            step, part = np.linalg.solve(change + np.diag(slope), -left), 1.0
+            matrix = change + np.diag(slope)
+            if not (np.isfinite(matrix).all() and np.isfinite(left).all()):
+                return np.full(_SAMPLES, np.nan)
+            try:
+                step, part = np.linalg.solve(matrix, -left), 1.0
+            except np.linalg.LinAlgError:
+                return np.full(_SAMPLES, np.nan)
             while part > 1e-6 and np.linalg.norm(residual(q + part * step)) > np.linalg.norm(left):
                 part /= 2
             q = q + part * step
