@@ -211,9 +211,12 @@ contains
   subroutine take_sides(self, sides)
     class(polynomial_motion_type), intent(inout) :: self
     integer, intent(in) :: sides(:)
+    integer :: k
     if (size(sides) == 0) return
     call self%laws%take(sides)
-    self%signals = self%laws%signals
+    do k = 1, size(sides)
+      if (self%laws%changed(k)) self%signals(k)%program = self%laws%signals(k)%program
+    end do
     ! Operands do not jump within a step that ends at the jump.
     if (self%layers%exist()) call self%layers%find(self%laws%laws)
   end subroutine take_sides

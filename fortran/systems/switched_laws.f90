@@ -55,6 +55,10 @@ module viscovib_switched_laws
     !> Position relative to each surface: side 1 or -1; unknown, 0; on it, `slides`.
     integer, allocatable :: holds(:)
     type(signal_type), allocatable :: signals(:)
+    !> True for signals that the last call of `take` changed.
+    logical, allocatable :: changed(:)
+    !> Sides of the laws as of the last call of `take`.
+    integer, allocatable, private :: taken(:)
     type(law_term), allocatable, private :: free(:)
     !> M^(-1) w of each law, shape (n_dof, n_laws).
     real(wp), allocatable :: weights(:, :)
@@ -114,6 +118,12 @@ contains
     allocate (self%holds(n), self%sense(n), source=0)
     self%leader = [(i, i=1, n)]
     self%sense = 1
+    allocate (self%signals(n))
+    do k = 1, n
+      if (self%law_of(k) == 0) cycle
+      self%signals(k)%by_q = self%free(self%law_of(k))%arguments
+      self%signals(k)%by_v = self%free(self%law_of(k))%rates
+    end do
     call self%take(self%holds)
     do i = 2, count(self%law_of > 0)
       do j = 1, i - 1
@@ -126,7 +136,33 @@ contains
       end do
       if (self%leader(i) == i) self%sense(i) = 1
     end do
+    call set_roughness(self)
   end subroutine new_switched_laws
+
+  !> Smallest exponent of a force at each surface, of all laws with the same surface.
+  subroutine set_roughness(self)
+    type(switched_laws), intent(inout) :: self
+    integer :: j, k
+    real(wp) :: least(size(self%signals))
+
+    least = 0.0_wp
+    do k = 1, size(self%signals)
+      if (self%element_of(k) > 0) then
+        least(k) = self%elements(self%element_of(k))%roughness(self%which(k))
+      else
+        least(k) = rough_surface(self%free(self%law_of(k))%program, self%which(k))
+      end if
+    end do
+    do k = 1, size(self%signals)
+      associate (mine => self%signals(k)%rough)
+        mine = least(k)
+        do j = 1, size(self%signals)
+          if (self%leader(j) /= self%leader(k) .or. .not. least(j) > 0.0_wp) cycle
+          if (.not. mine > 0.0_wp .or. least(j) < mine) mine = least(j)
+        end do
+      end associate
+    end do
+  end subroutine set_roughness
 
   !> Sign of the constant factor between two signals; 0 if they are not proportional. They are
   !! compared at generic points.
@@ -159,38 +195,28 @@ contains
     !> For each surface: 1, -1, 0 or `slides`.
     integer, intent(in) :: holds(:)
     type(law_program), allocatable :: programs(:)
-    real(wp) :: rough
     integer :: sides(size(self%law_of)), other(size(self%law_of)), i, j, k, n
 
     self%holds = holds
     sides = merge(self%sense, holds, holds == slides)
-    if (allocated(self%signals)) deallocate (self%signals)
-    allocate (self%signals(size(holds)))
+    if (.not. allocated(self%changed)) allocate (self%changed(size(holds)))
+    self%changed = .true.
+    if (allocated(self%taken)) self%changed = self%taken /= sides
+    self%taken = sides
     k = 0
     do i = 1, size(self%free)
       associate (law => self%free(i))
         n = law%program%n_surfaces()
-        if (n == 0) cycle
-        self%laws(i)%program = held(law%program, sides(k + 1:k + n))
-        call find_signals(law%program, sides(k + 1:k + n), programs)
-        do j = 1, n
-          self%signals(k + j)%program = programs(j)
-          self%signals(k + j)%by_q = law%arguments
-          self%signals(k + j)%by_v = law%rates
-          self%signals(k + j)%rough = rough_surface(law%program, j)
-        end do
+        self%changed(k + 1:k + n) = any(self%changed(k + 1:k + n))
+        if (n > 0 .and. any(self%changed(k + 1:k + n))) then
+          self%laws(i)%program = held(law%program, sides(k + 1:k + n))
+          call find_signals(law%program, sides(k + 1:k + n), programs)
+          do j = 1, n
+            self%signals(k + j)%program = programs(j)
+          end do
+        end if
         k = k + n
       end associate
-    end do
-    do k = 1, size(holds)
-      if (self%element_of(k) > 0) self%signals(k)%rough = &
-        self%elements(self%element_of(k))%roughness(self%which(k))
-      do j = 1, size(holds)
-        if (self%leader(j) /= self%leader(k) .or. .not. self%signals(j)%rough > 0.0_wp) cycle
-        rough = self%signals(k)%rough
-        self%signals(k)%rough = merge(min(rough, self%signals(j)%rough), self%signals(j)%rough, &
-                                      rough > 0.0_wp)
-      end do
     end do
     if (allocated(self%sliding)) deallocate (self%sliding)
     n = 0

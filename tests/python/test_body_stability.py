@@ -137,7 +137,7 @@ def test_gaps_of_a_body_by_deflections_and_in_all_coordinates(monkeypatch):
         for i, (x, y) in enumerate(corners)
     ]
     body = vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts)
-    nu = np.linspace(57, 66, 7)
+    nu = np.array([58.0, 61.2, 64.0])
     options = dict(load={1: {"z": 500.0, "ry": 50.0}}, tolerance=1e-6, stability=True)
     condensed = vv.forced_response(body, nu, **options)
     coarse = options | {"tolerance": 1e-4}

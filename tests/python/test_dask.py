@@ -253,8 +253,8 @@ def test_ctrl_c_leaves_the_cluster_and_a_checkpoint(client, tmp_path):
             time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGINT)
 
-    # If the sweep waits for its points, the test fails after a minute.
-    opener = threading.Timer(60, gate.unlink)
+    # If the sweep waits for its points, the test fails after four minutes.
+    opener = threading.Timer(240, gate.unlink)
     sender = threading.Thread(target=interrupt)
     opener.start()
     sender.start()

