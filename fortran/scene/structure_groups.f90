@@ -105,14 +105,13 @@ contains
 
   end subroutine read_structure
 
-  !> Add an internal coordinate s for each spring k in series with a fluid damper. The deflection of
-  !! the spring is q = s' + r s, so that q' = d' - h(q) is an equation of motion,
+  !> Add internal coordinates s of Maxwell elements with springs k and rates h(force) of dampers, so
+  !! that the spring has the deflection s' + r s:
   !!
-  !!   k s'' + k r s' + k h(s' + r s) - k d' = 0,
+  !!   k s'' + k r s' + k h(s' + r s) = k d', force k (s' + r s).
   !!
-  !! where h is the rate of the damper. The element exerts k s' + k r s along its direction. The
-  !! slope of h at rest is 0 for exponents below 1. A small slope, which the law subtracts, keeps
-  !! the stiffness of s above 0.
+  !! At rest h has no slope for exponents below 1. A small one is added to the linear subsystem and
+  !! taken from the law.
   subroutine add_inner_coordinates(reader, model, coordinates, units)
     type(group_reader), intent(inout) :: reader
     type(structure_model), intent(inout) :: model

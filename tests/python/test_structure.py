@@ -553,3 +553,30 @@ def test_natural_frequencies_are_those_of_the_linear_part():
         np.testing.assert_allclose(structure.natural_frequencies(), true, rtol=1e-10)
     unstable = vv.Structure(mass=[2.0], stiffness=[[-8.0]])
     assert unstable.natural_frequencies() == pytest.approx([-2.0])
+
+
+@pytest.mark.parametrize("kind", ["coupled", "massless", "reduced", "layers", "layers in modes"])
+def test_used_structures_are_pickled_with_their_results(kind):
+    """What a structure has computed for itself goes along, or is computed again."""
+    n = 40 if kind == "reduced" else 6
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    mass, damping = np.eye(n), 0.02 * stiffness
+    given: dict = {}
+    if kind == "massless":
+        mass[3, 3] = damping[3, 3] = 0
+        damping[3, :] = damping[:, 3] = 0
+    elif kind.startswith("layers"):
+        part = stiffness if kind == "layers in modes" else np.diag(np.arange(1.0, n + 1))
+        given["layers"] = [(0.1 * part, vv.PronyKernel(weights=[0.3], rates=[1.0]))]
+    damping[0, 0] += 0.1 * (kind in ("coupled", "reduced"))
+    spring = vv.Spring(on="x3", law="0.5*d^3")
+    system = vv.Structure(
+        mass=mass, stiffness=stiffness, damping=damping, elements=[spring], **given
+    )
+    if kind == "reduced":
+        system = system.reduce(frequency=1.5, loads=["x1"])
+    response = vv.forced_response(system, [0.2], load=0.1)
+    again, same = pickle.loads(pickle.dumps((system, response)))
+    assert np.array_equal(same.coefficients, response.coefficients)
+    repeated = vv.forced_response(again, [0.2], load=0.1)
+    assert np.abs(repeated.coefficients - response.coefficients).max() < 1e-12

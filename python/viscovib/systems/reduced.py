@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -153,19 +154,22 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
         rates = np.append(rates, np.full(static.shape[1], slow * square))
         shapes = np.concatenate([shapes, static * np.sqrt(square)], axis=1)
     elif static.shape[1]:
-
-        def flexibility(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
-            return static @ (static.T @ forces), np.zeros_like(forces)
-
-    def resisting(u: FloatArray) -> FloatArray:
-        inner = None if small is None else small.resisting
-        return np.zeros_like(u) if inner is None else inertia @ inner(inertia.T @ u)
-
+        flexibility = partial(_static, static)
     losses = np.full(squares.size, model.loss)
     return Rest(
         squares, rates, losses, shapes, poles, left, right, flexibility, remembered,
-        resisting=resisting,
+        resisting=partial(_resisting, inertia, None if small is None else small.resisting),
     )  # fmt: skip
+
+
+def _static(static: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Deflections by static corrections, and their part times s."""
+    return static @ (static.T @ forces), np.zeros_like(forces)
+
+
+def _resisting(inertia: FloatArray, inner: Any, u: FloatArray) -> FloatArray:
+    """C u, from the damping in modes."""
+    return np.zeros_like(u) if inner is None else inertia @ inner(inertia.T @ u)
 
 
 def _relaxing(model: LinearModel, found: Reduction) -> Rest:

@@ -14,6 +14,7 @@ double root at 0; they are separated first, as real modes.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,12 +103,7 @@ def relaxing_rest(
     found = relaxing_modes(mass, damping, stiffness, layers, alone)
     zero = np.zeros(found.bodies.shape[1])
     flexible = found.flexibility
-    given = None
-    if flexible is not None:
-
-        def given(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
-            return flexible @ forces, np.zeros_like(forces)
-
+    given = None if flexible is None else partial(_flexed, flexible)
     return Rest(
         zero, zero, zero, found.bodies, found.poles, found.left, found.right, given,
         found.remembered, None, exactly_by(damping), alone[0] if alone else stiffness,
@@ -170,15 +166,22 @@ def _mode_by_mode(
 
     inertia = np.asarray(mass @ alone.shapes)
 
-    def resisting(u: FloatArray) -> FloatArray:
-        return np.asarray(inertia @ (alone.rates * (inertia.T @ u)))
-
     still = ~relaxing
     return Rest(
         alone.squares[still], alone.rates[still], alone.losses[still], alone.shapes[:, still],
         np.concatenate([mode.poles for mode in modes]), spread("left"), spread("right"), None,
-        tuple(remembered), resisting=resisting,
+        tuple(remembered), resisting=partial(_resisting_modes, inertia, alone.rates),
     )  # fmt: skip
+
+
+def _flexed(flexible: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Deflections of the omitted modes by forces, and their part times s."""
+    return flexible @ forces, np.zeros_like(forces)
+
+
+def _resisting_modes(inertia: FloatArray, rates: FloatArray, u: FloatArray) -> FloatArray:
+    """C u of modal damping, with M Phi."""
+    return np.asarray(inertia @ (rates * (inertia.T @ u)))
 
 
 def _modal_matrix(mass: FloatArray, stiffness: FloatArray, modal: ModalDamping) -> FloatArray:

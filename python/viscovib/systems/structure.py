@@ -26,7 +26,6 @@ from viscovib.systems.elements import (
     element_terms,
     terms_in_order,
 )
-from viscovib.systems.inner_coordinates import extended, has_series
 from viscovib.systems.laws import Law, named_in
 from viscovib.systems.layers import Layers, checked_layers
 from viscovib.systems.load import (
@@ -50,6 +49,8 @@ from viscovib.systems.spring_groups import texts_of
 from viscovib.systems.structure_matrices import (
     check_mass,
     dense_of,
+    extended,
+    has_series,
     is_sparse,
     linear_model,
     matrix_of,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -205,14 +206,9 @@ def _condensed_rest(
         found[kept], found[idle] = part, relation @ part
         return found
 
-    def flexibility(forces: FloatArray) -> tuple[FloatArray, FloatArray]:
-        moved = np.zeros_like(forces)
-        moved[idle] = inverse @ forces[idle]
-        return moved, np.zeros_like(forces)
-
     shapes = whole(rest.shapes, follow)
     squares, rates, losses = rest.squares, rest.rates, rest.losses
-    given: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = flexibility
+    given: Any = partial(_moved_idle, idle, inverse)
     if modal is not None and (modal.by_stiffness or np.any(modal.loss)):
         # Coordinates without mass have a part of the damping: represent them by modes of very high
         # frequency, with the response 1/(1 + i loss + s by_stiffness).
@@ -226,16 +222,25 @@ def _condensed_rest(
         losses = np.append(losses, np.max(modal.loss) * more)
         given = None
 
-    def resisting(u: FloatArray) -> FloatArray:
-        forces = np.zeros_like(u)
-        if rest.resisting is not None:
-            forces[kept] = rest.resisting(u[kept])
-        return forces
-
     return Rest(
         squares, rates, losses, shapes, rest.poles, whole(rest.left, follow),
-        whole(rest.right, carry), given, resisting=resisting,
+        whole(rest.right, carry), given, resisting=partial(_resisting_kept, kept, rest.resisting),
     )  # fmt: skip
+
+
+def _moved_idle(idle: Any, inverse: Any, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Deflections of the coordinates without mass by forces, and their part times s."""
+    moved = np.zeros_like(forces)
+    moved[idle] = inverse @ forces[idle]
+    return moved, np.zeros_like(forces)
+
+
+def _resisting_kept(kept: Any, resisting: Any, u: FloatArray) -> FloatArray:
+    """C u; only coordinates with mass have damping."""
+    forces = np.zeros_like(u)
+    if resisting is not None:
+        forces[kept] = resisting(u[kept])
+    return forces
 
 
 def scaled_condition(matrix: FloatArray) -> float:
@@ -307,11 +312,11 @@ def _complex_rest(
 
 def exactly_by(damping: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """C u in extended precision: strong dampers amplify rounding errors of small motions."""
+    return partial(_exact_product, damping)
 
-    def resisting(u: FloatArray) -> FloatArray:
-        return np.asarray(Sliced(damping, _BITS).times(u[:, np.newaxis])[:, 0], dtype=float)
 
-    return resisting
+def _exact_product(damping: FloatArray, u: FloatArray) -> FloatArray:
+    return np.asarray(Sliced(damping, _BITS).times(u[:, np.newaxis])[:, 0], dtype=float)
 
 
 def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
