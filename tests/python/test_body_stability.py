@@ -143,6 +143,8 @@ def test_gaps_of_a_body_by_deflections_and_in_all_coordinates(monkeypatch):
     coarse = options | {"tolerance": 1e-4}
     branch = vv.trace_response(body, (60, 63.5), **coarse)
     monkeypatch.setattr(type(body), "_condenses", lambda *_: False)
+    # A body remembers its form.
+    body = vv.Body(mass=800, inertia=(40, 70, 90), mounts=mounts)
     whole = vv.forced_response(body, nu, **options)
     assert type(whole) is not type(condensed)
     of_all = vv.trace_response(body, (60, 63.5), **coarse)
