@@ -30,6 +30,8 @@ module viscovib_condensed_roots
   !> Of the same distance: how far zeros may move to stay on their side, by the slope of F, and the
   !! step to take that. A zero known is one of these if it is as near, in d.
   real(wp), parameter :: certain = 0.2_wp, least_part = 0.05_wp, same_zero = 0.05_wp
+  !> How much further than others a zero may move.
+  real(wp), parameter :: as_far = 4.0_wp
   !> Zeros nearer to the line are not certain, in d.
   real(wp), parameter :: too_near = 1.0e-6_wp
   !> Last step to a mean exponent, and how far from its pole it may be, in d.
@@ -305,7 +307,7 @@ contains
   end function n_right
 
   !> Make those sharp that are in doubt, and others that are furthest right until `wanted` are,
-  !! conjugates counted.
+  !! conjugates counted. Those are in doubt too that lie as near the line as others have moved.
   subroutine sharpen(self, hill, system, wanted, part)
     class(condensed_zeros), intent(inout) :: self
     type(condensed_hill), intent(inout) :: hill
@@ -315,16 +317,21 @@ contains
     real(wp), intent(in) :: part
     logical :: tried(2*size(self%upper) + 2)
     complex(wp) :: root, before, nearby
+    real(wp) :: moved
     integer :: i, k, n_sharp
     logical :: made, paired
     logical, allocatable :: left(:)
 
     tried = .false.
+    moved = 0.0_wp
     do k = 1, size(hill%poles%order)
       left = .not. (self%sharp .or. tried(:size(self%sharp)))
       n_sharp = count(self%sharp(:self%n)) &
                 + count(self%sharp(:self%n) .and. is_pair(self%upper(:self%n), hill%period))
-      if (n_sharp >= wanted) left = left .and. self%doubtful
+      if (n_sharp >= wanted) then
+        left(:self%n) = left(:self%n) .and. (self%doubtful(:self%n) .or. &
+                                             abs(real(self%upper(:self%n)) - hill%line) <= moved)
+      end if
       i = maxloc(real(self%upper(:self%n)), 1, left(:self%n))
       if (i == 0) exit
       tried(i) = .true.
@@ -336,6 +343,7 @@ contains
       before = self%upper(i)
       self%upper(i) = folded(root, hill%period)
       self%sharp(i) = .true.
+      moved = max(moved, as_far*abs(real(self%upper(i) - before)))
       associate (m => self%of_pole(i))
         nearby = place_of(self%mean(m), hill%period, hill%stride)
         nearby = (self%upper(i) - cmplx(real(nearby), abs(aimag(nearby)), wp))/hill%period

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
+from scipy.linalg import expm
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
 
@@ -185,3 +186,56 @@ def test_slowest_exponents_of_few_modes(n: int, proportional: str) -> None:
         # Two for each element and four more.
         assert found.size >= 6
         assert found.real == pytest.approx(expected[: found.size], abs=1e-8)
+
+
+def monodromy(stiffness, damping, place, law, nu, orders, coefficients, steps=400):
+    """The matrix of perturbations over a period, by a method of order 4 (Blanes and Moan 2006)."""
+    n, h = len(stiffness), 2 * np.pi / nu / steps
+    still = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+
+    def at(t):
+        matrix = still.copy()
+        u = (np.exp(1j * nu * orders * t) @ coefficients[place]).imag
+        matrix[n + place, place] -= np.polyval(np.polyder(law), u)
+        return matrix
+
+    whole, apart = np.eye(2 * n), np.sqrt(3) / 6
+    for k in range(steps):
+        early, late = (at((k + 0.5 + sign * apart) * h) for sign in (-1, 1))
+        inner, outer = (0.25 + apart) * h, (0.25 - apart) * h
+        whole = expm(outer * early + inner * late) @ expm(inner * early + outer * late) @ whole
+    return whole
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_slowest_of_many_modes_that_decay_alike_is_not_lost(seed):
+    """The line of the count may lie between a zero and its approximation."""
+    rng = np.random.default_rng(seed)
+    n, place, law = 10, 9, [0.281, 0.3, 0.0, 0.0]
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    damping = 1.1467170808588345e-4 * stiffness + 0.001 * np.eye(n)
+    load, span = {"x4": 0.006108024583832597}, (0.5815810182026409, 1.0800790338049047)
+    if seed > 0:
+        n = int(rng.integers(6, 11))
+        place, law = int(rng.integers(n)), [rng.uniform(0.1, 1), rng.choice([0, 0.3]), 0.0, 0.0]
+        stiffness = stiffness[:n, :n]
+        damping = 10 ** rng.uniform(-4.3, -3) * stiffness + 0.001 * np.eye(n)
+        first = np.sqrt(np.linalg.eigvalsh(stiffness)[rng.integers(4)])
+        load, span = {f"x{rng.integers(n) + 1}": 0.01}, (0.8 * first, 1.2 * first)
+    text = f"{float(law[0])!r}*d^3 + {float(law[1])!r}*d^2"
+    system = vv.Structure(
+        mass=np.eye(n), stiffness=stiffness, damping=damping,
+        elements=[vv.Spring(on=f"x{place + 1}", law=text)],
+    )  # fmt: skip
+    branch = vv.trace_response(
+        system, span, load=load, harmonics=5, stability=True, coordinates=list(system.dof_names)
+    )
+    points = np.linspace(0.4, 0.95, 5) * branch.nu.size
+    for j in points.astype(int):
+        assert branch.slowest[j]
+        exact = monodromy(
+            stiffness, damping, place, law, branch.nu[j], np.array(branch.harmonics),
+            branch.coefficients[j],
+        )  # fmt: skip
+        largest = np.abs(np.linalg.eigvals(exact)).max()
+        assert np.nanmax(np.abs(branch.multipliers[j])) == pytest.approx(largest, abs=1e-7)
