@@ -419,7 +419,8 @@ contains
       end if
       i = place_of(name, functions)
       if (i == 0) then
-        cursor%fault = "'"//clipped(name)//"' is not a known function"//likely(name, functions)
+        cursor%fault = "'"//clipped(name)//"' is not a known function" &
+                       //likely(name, [character(len=9) :: functions, element_functions])
         return
       end if
       code = first_function + i - 1

@@ -256,6 +256,17 @@ def test_every_interface(tmp_path):
         ("law='stribeck(v, 2, 1, 3)'", "stribeck: static = 1: must be at least coulomb, 2"),
         ("law='stribeck(v, 2)'", "stribeck has 1 constants: must be stribeck(u, coulomb"),
         ("law='relief(v, 1e-300, 0.3, 1e300)'", "it divides by 0, or takes a function outside"),
+        ("law='stribek(v, 1, 2, 3)'", "did you mean stribeck?"),
+        ("series_stiffness=3", "series_stiffness = 3: needs a fluid_coefficient"),
+        ("series_stiffness=3 fluid_coefficient=1 stiffness=2", "other parts belong to another"),
+        (
+            "series_stiffness=3 fluid_coefficient=1 fluid_exponent=1.5",
+            "fluid_exponent = 1.5: must be 0.1 to 1 with series_stiffness",
+        ),
+        (
+            "series_stiffness=3 fluid_coefficient=1 hysteresis='dahl' hysteresis_numbers=1 1",
+            "belongs to another &element",
+        ),
         ("law='stop(d, v)'", "stop: its operands behind the first must be numbers"),
         ("fluid_coefficient=1 fluid_limit=-1", "fluid_limit = -1: must not be negative"),
     ],

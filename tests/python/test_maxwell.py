@@ -256,32 +256,6 @@ def test_scene(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("numbers", "words"),
-    [
-        ("series_stiffness=3", "series_stiffness = 3: needs a fluid_coefficient"),
-        ("series_stiffness=3 fluid_coefficient=1 stiffness=2", "other parts belong to another"),
-        (
-            "series_stiffness=3 fluid_coefficient=1 fluid_exponent=1.5",
-            "fluid_exponent = 1.5: must be 0.1 to 1 with series_stiffness",
-        ),
-        (
-            "series_stiffness=3 fluid_coefficient=1 hysteresis='dahl' hysteresis_numbers=1 1",
-            "belongs to another &element",
-        ),
-    ],
-)
-def test_wrong_scenes(tmp_path, numbers, words):
-    scene = tmp_path / "wrong.nml"
-    scene.write_text(
-        f"&structure mass=1 stiffness=1 /\n&element on='x1' {numbers} /\n"
-        "&load amplitude=3 /\n&transient t_end=2 nu=6 /\n"
-    )
-    with pytest.raises(vv.InputError) as caught:
-        vv.run(scene)
-    assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("given", "words"),
     [
         ({"exponent": 0}, "exponent = 0: is dry friction, must be 0.1 to 1: use a Jenkins"),
@@ -294,6 +268,13 @@ def test_wrong_arguments(given, words):
     with pytest.raises(vv.InputError) as caught:
         vv.Maxwell(**{"on": "x1", "stiffness": 1.0, "coefficient": 1.0, **given})
     assert words in str(caught.value)
+
+
+def test_the_loss_of_no_motion_needs_a_frequency_too():
+    element = vv.Maxwell(on="x1", stiffness=1.0, coefficient=1.0)
+    assert element.energy(0.0, nu=1.0) == 0
+    with pytest.raises(vv.InputError, match="nu = -1: must be greater than 0"):
+        element.energy(0.0, nu=-1.0)
 
 
 def test_damping_of_modes_is_refused():

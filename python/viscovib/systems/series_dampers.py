@@ -129,6 +129,8 @@ class Maxwell:
             Circular frequency, greater than 0 (rad/s).
         """
         sizes = np.abs(_native.real_array("amplitude", amplitude))
+        if _native.number("nu", nu) <= 0:
+            raise InputError(f"nu = {nu:g}: must be greater than 0")
         lost = [self._lost(size, nu) for size in sizes.ravel().tolist()]
         return np.reshape(lost, sizes.shape)
 
