@@ -70,14 +70,18 @@ contains
     end if
   end function report_laws
 
-  !> Number of laws that call functions outside of the core.
+  !> Number of laws that call functions outside of the core, without compiled ones.
   integer function n_outside(system)
     class(oscillator_type), intent(in) :: system
     integer :: i
     n_outside = 0
     select type (system)
     class is (polynomial_type)
-      n_outside = count([(any(system%laws(i)%program%code > called), i=1, size(system%laws))])
+      do i = 1, size(system%laws)
+        associate (program => system%laws(i)%program)
+          if (any(program%code > called .and. program%number > 0.0_wp)) n_outside = n_outside + 1
+        end associate
+      end do
     end select
   end function n_outside
 

@@ -1,5 +1,6 @@
 """Force laws as Python functions: against texts; derivatives, errors, other processes."""
 
+import ctypes
 import math
 import pickle
 import subprocess
@@ -318,3 +319,64 @@ def test_functions_that_texts_cannot_say_are_called(law):
     except vv.InputError:
         return
     assert found.calls
+
+
+def compiled(function, m):
+    """A compiled function of m numbers; the library only sees its address."""
+    return ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * m)(function)
+
+
+@pytest.mark.parametrize("m", range(1, 9))
+def test_compiled_functions_are_called_with_their_operands_in_order(m):
+    rng = np.random.default_rng(m)
+    w = rng.uniform(0.2, 1, m)
+    names = ["x", "x_dot", *(f"k{i}" for i in range(2, m))][:m]
+    parameters = dict(zip(names[2:], rng.uniform(-1, 1, max(m - 2, 0)), strict=True))
+
+    def value(*at):
+        return math.sin(w @ np.array(at))
+
+    slopes = [
+        compiled(lambda *at, i=i: w[i] * math.cos(w @ np.array(at)), m) for i in range(min(m, 2))
+    ]
+    law = vv.PythonLaw(compiled(value, m), slopes=slopes, arguments=names)
+    total = " + ".join(f"{a!r}*{name}" for a, name in zip(w.tolist(), names, strict=True))
+    runs = [
+        vv.trace_response(
+            vv.PolynomialSystem(mass=1, stiffness=1, damping=0.6, forces=one,
+                                parameters=parameters),
+            (0.8, 1.2), load=0.3, harmonics=7, tolerance=1e-3,
+        )
+        for one in (law, f"sin({total})")
+    ]  # fmt: skip
+    assert runs[0].amplitude("x")[-1] == pytest.approx(runs[1].amplitude("x")[-1], rel=1e-9)
+    assert "law in Python" not in str(runs[0].plan)
+
+
+def test_compiled_functions_give_the_motion_of_their_text():
+    library = ctypes.CDLL(None)
+    for name in ("sinh", "cosh"):
+        getattr(library, name).restype = ctypes.c_double
+        getattr(library, name).argtypes = [ctypes.c_double]
+    law = vv.PythonLaw(library.sinh, slopes=[library.cosh], arguments=["x"])
+    ends = [
+        vv.simulate(vv.PolynomialSystem(**ONE, forces=one), 30, initial=[1, 0]).state[-1]
+        for one in (law, "sinh(x)")
+    ]
+    assert np.allclose(*ends, rtol=0, atol=1e-9)
+    with pytest.raises(vv.InputError, match="cannot be stored or sent to another process"):
+        pickle.dumps(vv.PolynomialSystem(**ONE, forces=law))
+
+
+def test_wrong_compiled_functions_are_refused():
+    sine, cosine = compiled(math.sin, 1), compiled(math.cos, 1)
+    integer = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int)(lambda n: 1.0 * n)
+    for law, text in [
+        (vv.PythonLaw(sine, arguments=["x"]), "slopes .* list of 1 compiled"),
+        (vv.PythonLaw(sine, slopes=[cosine]), "name them"),
+        (vv.PythonLaw(sine, slopes=[np.cos], arguments=["x"]), "must be compiled functions of 1"),
+        (vv.PythonLaw(integer, slopes=[cosine], arguments=["x"]), "argtypes .c_double."),
+        (vv.PythonLaw(sine, slopes=[sine], arguments=["x"]), "derivative of .* by x"),
+    ]:
+        with pytest.raises(vv.InputError, match=text):
+            vv.PolynomialSystem(**ONE, forces=law)

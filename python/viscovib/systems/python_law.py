@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -28,6 +29,10 @@ _AGREE, _WRONG, _MOST_WRONG = 1e-3, 1e-2, 1
 _ROUNDING, _OF_PARTS = 1e-14, 2e-16
 #: Relative tolerance between the results for an array and for single numbers.
 _SAME = 1e-9
+#: Type of compiled functions.
+_Compiled: Any = ctypes.CFUNCTYPE(None).__mro__[1]
+#: Compiled functions with their derivatives, by address. The core may use them at any time.
+_compiled: dict[int, tuple[Any, ...]] = {}
 #: Python functions that the core calls by number.
 _called: WeakValueDictionary[int, CalledLaw] = WeakValueDictionary()
 
@@ -48,6 +53,10 @@ class PythonLaw:
     call (a text: less than 1 us); plans state this. Steps in time do not end at its kinks, and thin
     layers are not detected, so it should be smooth. Scenes and bodies accept texts only.
 
+    A compiled function of numbers costs about as little as a text: a function of `ctypes`,
+    ``double f(double, ...)``, or of ``numba.cfunc``. It must be deterministic and usable by several
+    threads, needs compiled ``slopes``, and cannot be sent to another process.
+
     Parameters
     ----------
     function : callable
@@ -59,6 +68,7 @@ class PythonLaw:
         Its derivatives by the arguments that are not parameters, in their order: a function of the
         same arguments that returns an array, or a tuple of arrays. None: from the text, or by the
         complex step Im f(d + ih)/h, which is exact for an analytic function of complex numbers.
+        Of a compiled function: a compiled function of the same arguments for each, in a list.
         Both are compared with difference quotients when the system is created.
     arguments : sequence of str, optional
         Names of the arguments, in order, for functions without a signature, such as those of SciPy.
@@ -74,11 +84,13 @@ class PythonLaw:
     """
 
     function: Callable[..., Any]
-    slopes: Callable[..., Any] | None = None
+    slopes: Callable[..., Any] | Sequence[Callable[..., Any]] | None = None
     arguments: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         for name in ("function", "slopes"):
+            if name == "slopes" and self._is_compiled:
+                break
             value = getattr(self, name)
             if not callable(value) and not (value is None and name == "slopes"):
                 raise InputError(f"{name} = {_native.shown(value)}: must be a function")
@@ -90,11 +102,20 @@ class PythonLaw:
             object.__setattr__(self, "arguments", tuple(names))
 
     @property
+    def _is_compiled(self) -> bool:
+        return isinstance(getattr(self.function, "ctypes", self.function), _Compiled)
+
+    @property
     def _name(self) -> str:
         """Name in messages."""
         return str(getattr(self.function, "__name__", type(self.function).__name__))
 
     def __getstate__(self) -> dict[str, Any]:
+        if self._is_compiled:
+            raise InputError(
+                f"{self._name} is a compiled function, which cannot be stored or sent to another "
+                "process"
+            )
         return {
             "function": self.function, "slopes": self.slopes, "arguments": self.arguments,
         }  # fmt: skip
@@ -131,7 +152,8 @@ class PythonLaw:
         key = (tuple(names), of_variables)
         kept: dict[Any, CalledLaw] = self.__dict__.setdefault("_bound", {})
         if key not in kept:
-            kept[key] = CalledLaw(self, *key, tuple(keywords))
+            kind = CompiledLaw if self._is_compiled else CalledLaw
+            kept[key] = kind(self, *key, tuple(keywords))
         return kept[key]
 
     def _asked(self, where: str) -> list[tuple[str, bool, bool]]:
@@ -213,7 +235,7 @@ class CalledLaw:
         found = np.zeros_like(rows)
         places = np.flatnonzero(self.of_variables)
         if self.law.slopes is not None:
-            parts = self._called(self.law.slopes, rows, several=True)
+            parts = self._called(self.law.slopes, rows, several=True)  # type: ignore[arg-type]
             if len(parts) != places.size:
                 raise InputError(
                     f"slopes of {self.law._name}: {len(parts)} derivatives, must be {places.size}"
@@ -266,7 +288,7 @@ class CalledLaw:
                 "if)"
             ) from error
         sound = np.isfinite(values) & np.isfinite(alone)
-        if (np.abs(values - alone)[sound] > _SAME * np.abs(values[sound])).any():
+        if (np.abs(values[sound] - alone[sound]) > _SAME * np.abs(values[sound])).any():
             raise InputError(
                 f"{where}: {self.law._name} returns different values for an array and for its "
                 "entries"
@@ -323,6 +345,58 @@ class CalledLaw:
         above[place] += step
         with np.errstate(all="ignore"):
             return np.asarray((self.values(above) - self.values(below)) / (2 * step))
+
+
+class CompiledLaw(CalledLaw):
+    """A compiled function with its operands, which the core calls by its address."""
+
+    def __post_init__(self) -> None:
+        law, m = self.law, len(self.names)
+        given = law.slopes if isinstance(law.slopes, (list, tuple)) else [law.slopes]
+        wanted = sum(self.of_variables)
+        if len(given) != wanted or any(one is None for one in given):
+            raise InputError(
+                f"slopes of {law._name}: must be a list of {wanted} compiled functions, one for "
+                "each argument that is not a parameter"
+            )
+        value, *slopes = (_pointer(law._name, one, m) for one in (law.function, *given))
+        rest = iter(slopes)
+        by_operand = [next(rest) if variable else None for variable in self.of_variables]
+        addresses = [
+            None if one is None else ctypes.cast(one, ctypes.c_void_p).value
+            for one in (value, *by_operand)
+        ]
+        table = (ctypes.c_void_p * len(addresses))(*addresses)
+        at = ctypes.addressof(table)
+        _compiled[at] = (table, value, *slopes, law)
+        object.__setattr__(self, "number", -at)
+        object.__setattr__(self, "_pointers", (value, by_operand))
+
+    def values(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The function at operands, shape (m, n)."""
+        return _each(self._pointers[0], rows)  # type: ignore[attr-defined]
+
+    def derivatives(self, rows: FloatArray) -> FloatArray:
+        """Derivatives with respect to the operands, shape (m, n); 0 for parameters."""
+        none = np.zeros(rows.shape[1])
+        by = self._pointers[1]  # type: ignore[attr-defined]
+        return np.array([none if one is None else _each(one, rows) for one in by])
+
+
+def _each(pointer: Any, rows: FloatArray) -> FloatArray:
+    return np.array([pointer(*column) for column in rows.T.tolist()])
+
+
+def _pointer(name: str, function: Any, m: int) -> Any:
+    """Return the function of ctypes of a compiled function with m arguments."""
+    pointer = getattr(function, "ctypes", function)
+    kinds = [*(getattr(pointer, "argtypes", None) or []), getattr(pointer, "restype", None)]
+    if not isinstance(pointer, _Compiled) or kinds != [ctypes.c_double] * (m + 1):
+        raise InputError(
+            f"{name}: must be compiled functions of {m} numbers, restype c_double and argtypes "
+            f"[{', '.join(['c_double'] * m)}]"
+        )
+    return pointer
 
 
 def callable_law(value: object) -> bool:
