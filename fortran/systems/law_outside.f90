@@ -29,7 +29,8 @@ module viscovib_law_outside
 
   interface
     !> Like `outside_interface`, for compiled functions at an address.
-    pure subroutine compiled(which, n, m, wanted, x, value, by) bind(c, name='viscovib_compiled_law')
+    pure subroutine compiled(which, n, m, wanted, x, value, by) &
+      bind(c, name='viscovib_compiled_law')
       import :: c_double, c_int, c_int64_t
       integer(c_int64_t), intent(in), value :: which
       integer(c_int), intent(in), value :: n, m, wanted
