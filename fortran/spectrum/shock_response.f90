@@ -1,3 +1,4 @@
+! Optimize: -O3 -fstack-arrays
 !> Shock response of oscillators to a base acceleration that is linear between its samples.
 !!
 !! An oscillator of natural circular frequency w and damping ratio z on a base of acceleration a:
