@@ -6,6 +6,7 @@ module viscovib_motion_tasks
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type, new_load
+  use viscovib_located_peaks, only: locate_peaks
   use viscovib_mesh, only: extend_ends
   use viscovib_motion_inputs, only: load_of, polynomial_of
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
@@ -51,6 +52,8 @@ contains
       call find_motion_extremes(task)
     case ('accelerations')
       call find_accelerations(task)
+    case ('peaks')
+      call find_peaks(task)
     case ('shock')
       call find_shock(task)
     case ('sum of tables')
@@ -77,7 +80,8 @@ contains
   !> Accelerations (n, n_dof) by the equations, of states that are known: `u`, `rate` and `load`
   !! (n, n_dof), relative to the base. With kernels also the motion until then: ends of panels
   !! `ends` (p + 1), `panel_u` and `panel_rate` at their points (see `recalled_along`), `held`
-  !! before them (n_dof), and the `times` of the states (n), ascending. `singular`: masses are.
+  !! before them (n_dof), and the `times` of the states (n), ascending; or `is_remembered`: `load`
+  !! contains what they remember. `singular`: masses are.
   subroutine find_accelerations(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -97,7 +101,7 @@ contains
     if (task%failed()) return
     allocate (recalled(size(u, 1), system%n_memory()), source=0.0_wp)
     allocate (a(size(u, 1), size(u, 2)))
-    if (any(system%kernel_of > 0)) then
+    if (any(system%kernel_of > 0) .and. .not. task%get_flag('is_remembered', .false.)) then
       ends => task%get_reals('ends')
       panel_u => task%get_matrix('panel_u')
       panel_rate => task%get_matrix('panel_rate')
@@ -115,6 +119,26 @@ contains
     call task%found%put_reals('accelerations', a, shape(a))
     call task%found%put_integer('singular', merge(1_i8, 0_i8, singular))
   end subroutine find_accelerations
+
+  !> Located `peak` (m) with the time `at` and the `error` of the location, of quantities `values`
+  !! (n, m) at ascending times `t` (n). Between `breaks` they are smooth.
+  subroutine find_peaks(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: t(:), values(:, :), breaks(:)
+    real(wp), allocatable :: peak(:), at(:), error(:)
+
+    t => task%get_reals('t')
+    values => task%get_matrix('values')
+    breaks => task%get_reals('breaks')
+    if (task%failed()) return
+    call task%check_extents('t', shape(t), [size(values, 1)])
+    if (task%failed()) return
+    allocate (peak(size(values, 2)), at(size(values, 2)), error(size(values, 2)))
+    call locate_peaks(t, values, breaks, peak, at, error)
+    call task%found%put_reals('peak', peak, shape(peak))
+    call task%found%put_reals('at', at, shape(at))
+    call task%found%put_reals('error', error, shape(error))
+  end subroutine find_peaks
 
   !> A shock of height 1 by the `shape` of its name and its numbers as of `shock_type`: `times` (n)
   !! and `pieces` (p, n).

@@ -49,7 +49,7 @@ contains
     real(wp), intent(in) :: times(:)
     !> Shape (size(times), m).
     real(wp), intent(out) :: recalled(:, :)
-    real(wp), allocatable :: terms(:), rates(:), state(:, :), moments(:, :)
+    real(wp), allocatable :: terms(:), rates(:), state(:, :), moments(:, :), decay(:), own(:, :, :)
     type(rules_type) :: rules
     real(wp) :: length, moments_of
     integer :: c, i, n, p
@@ -61,6 +61,12 @@ contains
                              max(times(size(times)) - ends(0), 2.0_wp*(ends(1) - ends(0))), &
                              terms, rates)
     allocate (state(size(rates), size(held)), moments(size(rates), 0:table%s + 1), source=0.0_wp)
+    allocate (decay(size(rates)))
+    ! The values of a panel lie together.
+    allocate (own(0:table%s + 1, size(held), n))
+    do c = 1, size(held)
+      own(:, c, :) = g(:, :, c)
+    end do
     moments_of = 0.0_wp
     p = 1
     do i = 1, size(times)
@@ -75,9 +81,9 @@ contains
           call exponential_moments(table, length*rates, moments)
           moments_of = length
         end if
+        decay = exp(-min(length*rates, 700.0_wp))
         do c = 1, size(held)
-          state(:, c) = exp(-min(length*rates, 700.0_wp))*state(:, c) &
-                        + length*matmul(moments, g(:, p - 2, c))
+          state(:, c) = decay*state(:, c) + length*matmul(moments, own(:, c, p - 2))
         end do
       end do
       call recall_at(i)
@@ -88,32 +94,43 @@ contains
     !> What is remembered at one time.
     subroutine recall_at(i)
       integer, intent(in) :: i
-      real(wp) :: ahead, near
-      real(wp), allocatable :: weights(:)
+      real(wp) :: ahead, near, found(size(held))
       integer :: c, first, k
 
+      found = 0.0_wp
       near = 4.0_wp*spacing(times(i))
       ahead = times(i) - ends(p - 1)
       if (ahead > near) then
         call rules%find(kernel, table, ahead, ends(p) - ends(p - 1), .true., near)
-        recalled(i, :) = matmul(rules%kept(rules%now)%weights, g(:, p, :))
+        call add_panel(p, found)
       end if
       first = 1
       if (size(rates) > 0) first = max(p - 1, 1)
       do k = first, p - 1
         call rules%find(kernel, table, times(i) - ends(k), ends(k) - ends(k - 1), .false., near)
-        recalled(i, :) = recalled(i, :) + matmul(rules%kept(rules%now)%weights, g(:, k, :))
+        call add_panel(k, found)
       end do
       if (p > 2 .and. size(rates) > 0) then
-        allocate (weights, source=terms*exp(-min((times(i) - ends(p - 2))*rates, 700.0_wp)))
+        decay = terms*exp(-min((times(i) - ends(p - 2))*rates, 700.0_wp))
         do c = 1, size(held)
-          recalled(i, c) = recalled(i, c) + dot_product(weights, state(:, c))
+          found(c) = found(c) + dot_product(decay, state(:, c))
         end do
       end if
       if (any(abs(held) > 0.0_wp)) then
-        recalled(i, :) = recalled(i, :) + held*left_of(kernel, times(i) - ends(0), near)
+        found = found + held*left_of(kernel, times(i) - ends(0), near)
       end if
+      recalled(i, :) = found
     end subroutine recall_at
+
+    !> Add the integral over a panel by the present rule.
+    subroutine add_panel(k, found)
+      integer, intent(in) :: k
+      real(wp), intent(inout) :: found(:)
+      integer :: c
+      do c = 1, size(found)
+        found(c) = found(c) + dot_product(rules%kept(rules%now)%weights, own(:, c, k))
+      end do
+    end subroutine add_panel
 
   end subroutine convolve
 

@@ -363,6 +363,26 @@ def test_peaks_between_states(seed):
     assert abs(slowest.value) >= np.abs(kept).max()
 
 
+@pytest.mark.parametrize("case", FAMILY)
+def test_peaks_of_every_kind_of_system(case):
+    """The motion has the value at its time, and no larger one at many other times."""
+    system, given = FAMILY[case]()
+    run = vv.simulate(system, 5, **given, times=np.linspace(0, 5, 401))
+    names = [f"{name}{dot}" for name in run.dof_names for dot in ("", "_dot", "_ddot")]
+    found = run.peak(names)
+    times = np.unique([*np.linspace(0, 5, 1501), *(one.t for one in found)])
+    dense = vv.simulate(system, 5, **given, times=times)
+    many = np.stack([dense.state[:, ::2], dense.state[:, 1::2], dense.acceleration], axis=2)
+    for one, values in zip(found, many.reshape(times.size, -1).T, strict=True):
+        largest = np.abs(values).max()
+        assert abs(one.value) > largest - one.error - 1e-9 * largest, one
+        if case == "friction" and one.name == "x_ddot":
+            # It jumps, and the peak is on one side.
+            continue
+        assert one.error < 2e-9 * largest, one
+        assert abs(values[np.searchsorted(times, one.t)] - one.value) < one.error + 1e-9 * largest
+
+
 def test_peaks_of_mounts_in_one_pass_and_names_that_are_not_there():
     body = stiff_feet("small", PRONY, None)
     shock = vv.LoadTable.half_sine(body.load((3, 0, 20)).real, 0.11)

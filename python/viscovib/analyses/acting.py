@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from viscovib.systems.load_table import table_at
 from viscovib.systems.piecewise import values_at
 
 #: Gauss nodes of a panel, as in the core, and the places of a panel's points.
-_NODES = 8
-_PLACES = np.concatenate([[0.0], (np.polynomial.legendre.leggauss(_NODES)[0] + 1) / 2, [1.0]])
+PANEL_POINTS = 8
+_PLACES = np.concatenate([[0.0], (np.polynomial.legendre.leggauss(PANEL_POINTS)[0] + 1) / 2, [1.0]])
 #: Parts of each piece of a past that is known.
 _OF_PAST = 4
 #: Numbers of a motion at the points of panels, at most: 1 GiB.
@@ -57,18 +58,21 @@ class Loads:
 
     def at(self, t: FloatArray) -> Acting:
         """What acts at times."""
-        w = self.frequencies
-        load = along(w, self.amplitudes, t)
+        load = along(self.frequencies, self.amplitudes, t)
         if self.breaks.size > 1:
             load = load + table_at(self.breaks, self.pieces, t)
-        zero = np.zeros_like(load)
+        return Acting(load, *self.moved(t))
+
+    def moved(self, t: FloatArray) -> Sequence[FloatArray]:
+        """Displacements, velocities and accelerations by the base at times."""
+        w = self.frequencies
         if self.base is None:
-            return Acting(load, zero, zero, zero)
+            return (np.zeros((t.size, self.amplitudes.shape[0])),) * 3
         moved = [along(w, factor * self.base, t) for factor in (1.0, 1j * w, -(w**2))]
         if self.base_breaks.size:
             others = values_at(self.base_breaks, self.base_pieces, t)
             moved = [one + other for one, other in zip(moved, others, strict=True)]
-        return Acting(load, *moved)
+        return moved
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,44 @@ def panel_ends(mesh: Mesh | None, h: float, until: float) -> FloatArray:
     else:
         ends = mesh.times(np.arange(mesh.count + 1))
     return np.append(ends[ends < until * (1 - 1e-14)], until)
+
+
+@cache
+def _from_equal_parts(parts: int) -> FloatArray:
+    """From states at the ends of equal parts of a panel to those at its first points.
+
+    By the polynomial with these values and slopes: shape (2 (PANEL_POINTS + 1), 2 (parts + 1)).
+    """
+    chebyshev = np.polynomial.chebyshev
+    orders = np.eye(2 * parts + 2)
+
+    def both(x: FloatArray) -> FloatArray:
+        slopes = 2 * chebyshev.chebval(2 * x - 1, chebyshev.chebder(orders))
+        return np.concatenate([chebyshev.chebval(2 * x - 1, orders), slopes], axis=1)
+
+    at_parts, at_points = both(np.arange(parts + 1) / parts), both(_PLACES[:-1])
+    return np.asarray(np.linalg.solve(at_parts, at_points).T)
+
+
+def at_panels(ends: FloatArray, t: FloatArray, state: FloatArray) -> FloatArray | None:
+    """States at the points of panels from those kept; None: too few in each panel."""
+    n, h = ends.size - 1, np.diff(ends)[:, np.newaxis]
+    parts = (t.size - 1) // n
+    if parts < PANEL_POINTS // 2 or t.size != parts * n + 1 or t[0] != ends[0]:
+        return None
+    places = (ends[:-1, np.newaxis] + h * (np.arange(parts) / parts)).ravel()
+    if np.abs(places - t[:-1]).max() > 1e-13 * ends[-1]:
+        return None
+    each = np.arange(n) * parts + np.arange(parts + 1)[:, np.newaxis]
+    known = np.concatenate([state[each, ::2], h * state[each, 1::2]])
+    # One product of matrices, with a column for each coordinate in each panel.
+    found = _from_equal_parts(parts) @ known.reshape(2 * parts + 2, -1)
+    u, rate = found.reshape(2, PANEL_POINTS + 1, n, -1).swapaxes(1, 2)
+    states = np.empty((n * (PANEL_POINTS + 1) + 1, state.shape[1]))
+    states[:-1, ::2] = u.reshape(-1, state.shape[1] // 2)
+    states[:-1, 1::2] = (rate / h[:, np.newaxis]).reshape(-1, state.shape[1] // 2)
+    states[-1] = state[-1]
+    return states
 
 
 @dataclass(frozen=True)
@@ -114,9 +156,11 @@ class Panels:
                 f"a motion of {ends.size - 1} steps with memory and {n} coordinates: is too "
                 "long for its accelerations and forces: use a shorter run"
             )
-        t = (ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * _PLACES).ravel()
-        wanted, back = np.unique(np.minimum(t, ends[-1]), return_inverse=True)
-        u, rate, laws = (one[back] for one in states(wanted))
+        # The end of a panel is the begin of the next one.
+        t = (ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * _PLACES[:-1]).ravel()
+        first = np.arange(ends.size - 1)[:, np.newaxis] * (PANEL_POINTS + 1)
+        each = first + np.arange(PANEL_POINTS + 2)
+        u, rate, laws = (one[each.ravel()] for one in states(np.append(t, ends[-1])))
         cuts = past.before
         if cuts.size > 1:
             parts = np.linspace(cuts[:-1], cuts[1:], _OF_PAST, endpoint=False, axis=1)
@@ -151,19 +195,32 @@ class KnownMotion:
     u: FloatArray
     rate: FloatArray
     acting: Acting
-    #: The motion until then; None: the system has no memory.
-    panels: Panels | None
+    #: Makes the motion until then; None: the system has no memory.
+    make_panels: Callable[[], Panels] | None
     #: Accelerations relative to the base and forces of laws, of motions on surfaces of laws.
     push: FloatArray | None = None
     laws: FloatArray | None = None
+    #: What the springs of a body remember, -R * g, if it is known already.
+    springs: list[FloatArray] = field(default_factory=list)
+
+    @cached_property
+    def panels(self) -> Panels | None:
+        """The motion until then; None: the system has no memory."""
+        return None if self.make_panels is None else self.make_panels()
 
 
-def accelerations(motion: KnownMotion) -> FloatArray:
-    """Return accelerations of the body, shape (n_times, n), by the equations of motion."""
-    acting, panels = motion.acting, motion.panels
+def accelerations(motion: KnownMotion, remembered: FloatArray | None = None) -> FloatArray:
+    """Return accelerations of the body, shape (n_times, n), by the equations of motion.
+
+    ``remembered``: forces -R * g on the coordinates, shape (n_times, n), if these are known.
+    """
+    acting = motion.acting
     if motion.push is not None:
         return motion.push + acting.push
-    given = {"u": motion.u, "rate": motion.rate, "load": acting.load}
+    load = acting.load if remembered is None else acting.load - remembered
+    panels = motion.panels if remembered is None else None
+    given = {"u": motion.u, "rate": motion.rate, "load": load}
+    flags = {} if remembered is None else {"is_remembered": True}
     if panels is not None:
         given |= {
             "times": motion.t, "ends": panels.ends, "panel_u": panels.u, "panel_rate": panels.rate,
@@ -171,7 +228,7 @@ def accelerations(motion: KnownMotion) -> FloatArray:
         }  # fmt: skip
     found = _native.run_either(
         panels is not None, "motion accelerations", motion.system,
-        **{name: np.asfortranarray(value) for name, value in given.items()},
+        **flags, **{name: np.asfortranarray(value) for name, value in given.items()},
     )  # fmt: skip
     if found["singular"]:
         raise InputError("mass: is singular, so the equations of motion give no accelerations")

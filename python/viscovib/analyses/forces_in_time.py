@@ -53,13 +53,9 @@ def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
             "mount_forces: is for motions of a Body; element_forces() is for other systems"
         )
     springs, turns = body._mount_springs, body._turns
-
-    def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
-        return elastic(springs, *deflected(springs, u, rate, turns=turns))
-
     d, speed = deflected(springs, motion.u, motion.rate, turns=turns)
     parts = [elastic(springs, d, speed), springs.damping * speed,
-             remembered(motion, forces, springs.kernels)]  # fmt: skip
+             _of_springs(body, motion)]  # fmt: skip
     places = np.array(springs.first, dtype=int)[:, np.newaxis] + np.arange(3)
     own = [one[:, places] for one in (d, speed, *parts)]
     total = parts[0] + parts[1] + parts[2]
@@ -83,6 +79,25 @@ def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
     return MountForcesInTime(
         motion.t, names, d, speed, elastic_part, damping, memory, moment, point, axes
     )
+
+
+def _of_springs(body: Body, motion: KnownMotion) -> FloatArray:
+    """Return -R * g of all springs of the mounts of a body, made once."""
+    springs, turns = body._mount_springs, body._turns
+
+    def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
+        return elastic(springs, *deflected(springs, u, rate, turns=turns))
+
+    if not motion.springs:
+        motion.springs.append(remembered(motion, forces, springs.kernels))
+    return motion.springs[0]
+
+
+def remembered_by_body(system: object, motion: KnownMotion) -> FloatArray | None:
+    """Return the forces -R * g on the coordinates of a body of small rotations, or None."""
+    if not isinstance(system, Body) or system._turns or motion.push is not None:
+        return None
+    return _of_springs(system, motion) @ system._mount_springs.rows
 
 
 def element_forces(system: object, motion: KnownMotion) -> ElementForces:

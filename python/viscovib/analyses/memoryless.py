@@ -377,25 +377,25 @@ class PolynomialRun(Run):
         loads = Loads(orders * frequency, series[: len(job[6])], breaks, pieces)
         return self.system_in_core, loads, past
 
-    def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
+    def along(self, kept: Trajectory) -> KnownMotion:
         """As of other runs; on surfaces of laws by the equations of the side that it is on."""
         if not (self.switched.size or self.hidden):
-            return super().along(kept, remembers=remembers)
+            return super().along(kept)
         system, loads, past = self.acting()
         n = len(self.job[6])
 
         def states(t: FloatArray) -> tuple[FloatArray, ...]:
-            found, now = self.repeat(t, kept, accelerates=True), loads.at(t)
+            found, moved = self.repeat(t, kept, accelerates=True), loads.moved(t)
             state = found["states"].T
             gathered.append(found["accelerations"].T[: state.shape[0]])
-            return state[:, ::2] - now.place, state[:, 1::2] - now.speed, gathered[-1][:, n:]
+            return state[:, ::2] - moved[0], state[:, 1::2] - moved[1], gathered[-1][:, n:]
 
         gathered: list[FloatArray] = []
         u, rate, laws = states(kept.t)
-        push, panels = gathered[0][:, :n], None
-        if past is not None and remembers and kept.t.size:
-            panels = self._panels(kept, past, states)
-        return KnownMotion(system, kept.t, u, rate, loads.at(kept.t), panels, push, laws)
+        push, make = gathered[0][:, :n], None
+        if past is not None and kept.t.size:
+            make = partial(self._panels, kept, past, states)
+        return KnownMotion(system, kept.t, u, rate, loads.at(kept.t), make, push, laws)
 
     def power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         """Power of load and damping."""

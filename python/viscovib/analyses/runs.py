@@ -17,15 +17,22 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.acting import (
+    PANEL_POINTS,
     EarlierMotion,
     KnownMotion,
     Loads,
     Panels,
     accelerations,
+    at_panels,
     panel_ends,
 )
 from viscovib.analyses.events import Watch
-from viscovib.analyses.forces_in_time import element_forces, mount_forces, support_reactions
+from viscovib.analyses.forces_in_time import (
+    element_forces,
+    mount_forces,
+    remembered_by_body,
+    support_reactions,
+)
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import check_start
 from viscovib.common.plan import Plan
@@ -445,27 +452,26 @@ class Run(ABC):
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Accelerations of the states that ``kept`` holds, by the equations of motion."""
-        return accelerations(self.along(kept, remembers=False))
+        return accelerations(kept._known, remembered_by_body(self.system, kept._known))
 
     def floor(self, kept: Trajectory) -> tuple[FloatArray, ...]:
         """Displacements, velocities and accelerations that the base gives the coordinates."""
-        now = self.acting()[1].at(kept.t)
-        return now.place, now.speed, now.push
+        return tuple(self.acting()[1].moved(kept.t))
 
     def mount_forces(self, kept: Trajectory) -> MountForcesInTime:
         """Forces of the mounts of a body."""
-        return mount_forces(self.system, self.along(kept))
+        return mount_forces(self.system, kept._known)
 
     def element_forces(self, kept: Trajectory) -> ElementForces:
         """Forces of elements or springs."""
-        return element_forces(self.system, self.along(kept))
+        return element_forces(self.system, kept._known)
 
     def support_reactions(self, kept: Trajectory) -> SupportReactions:
         """Forces at the supports of a structure."""
         system: Any = self.system
         if system._held is None:
             raise InputError("support_reactions: this system has no supports")
-        motion, base = self.along(kept), self._base_motion(kept.t)
+        motion, base = kept._known, self._base_motion(kept.t)
         if kept._floor is not None:
             direction = np.asarray(system._base_direction)
             if not direction.any():
@@ -478,11 +484,8 @@ class Run(ABC):
         """Displacement, velocity and acceleration of a base along its direction, each (n,)."""
         return np.zeros(t.size), np.zeros(t.size), np.zeros(t.size)
 
-    def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
-        """What acts along the states that ``kept`` holds.
-
-        ``remembers``: whether what springs remember is needed besides accelerations.
-        """
+    def along(self, kept: Trajectory) -> KnownMotion:
+        """What acts along the states that ``kept`` holds."""
         return self._along(kept, kept.state)
 
     def _along(self, kept: Trajectory, state: FloatArray) -> KnownMotion:
@@ -490,18 +493,20 @@ class Run(ABC):
         system, loads, past = self.acting()
         none = nothing(0)
 
-        def relative(t: FloatArray, state: FloatArray) -> tuple[FloatArray, ...]:
-            now = loads.at(t)
+        def relative(t: FloatArray) -> tuple[FloatArray, ...]:
+            own = at_panels(t[:: PANEL_POINTS + 1], kept.t, state)
+            if own is None:
+                own = self.states_at(t, kept)[:, : state.shape[1]]
+            place, speed, _ = loads.moved(t)
             laws = none.reshape(1, 0).repeat(t.size, axis=0)
-            return state[:, ::2] - now.place, state[:, 1::2] - now.speed, laws
+            return own[:, ::2] - place, own[:, 1::2] - speed, laws
 
-        panels = None
+        make = None
         if past is not None and kept.t.size:
-            panels = self._panels(
-                kept, past, lambda at: relative(at, self.states_at(at, kept)[:, : state.shape[1]])
-            )
-        u, rate, _ = relative(kept.t, state)
-        return KnownMotion(system, kept.t, u, rate, loads.at(kept.t), panels)
+            make = partial(self._panels, kept, past, relative)
+        now = loads.at(kept.t)
+        u, rate = state[:, ::2] - now.place, state[:, 1::2] - now.speed
+        return KnownMotion(system, kept.t, u, rate, now, make)
 
     def _panels(
         self,

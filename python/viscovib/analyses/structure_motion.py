@@ -452,7 +452,7 @@ class StructureRun(MountRun):
         """Of the coordinates that are kept, from a run that keeps all of them."""
         return super().accelerations(kept)[:, self.motion.places]
 
-    def along(self, kept: Trajectory, *, remembers: bool = True) -> KnownMotion:
+    def along(self, kept: Trajectory) -> KnownMotion:
         """As of other runs, of all coordinates."""
         whole = self._of_all()
         state = kept.state if whole is self else whole.states_at(kept.t, kept)

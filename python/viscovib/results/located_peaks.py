@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from viscovib.errors import InputError
 
 #: Local axes of a mount.
 _AXES = ("x", "y", "z")
-#: Intervals between Chebyshev points around a state; every second point gives the error.
-_INTERVALS = 16
+#: Points around a state, as parts of the interval, if the states kept are too far apart.
+_CHEBYSHEV = (1 - np.cos(np.pi * np.arange(17) / 16)) / 2
 #: States around which a peak may be: as large as this part of the largest, and how many.
 _NEAR, _MOST = 0.9, 4
-#: Places at which the polynomial through the points is looked at.
-_FINE = 201
+#: Largest error of a location by the states kept, as part of the peak.
+_CLOSE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,74 +63,43 @@ def find_peaks(run: Any, quantities: Sequence[Quantity]) -> list[LocatedPeak]:
     """Peaks of quantities of a run, each by its name or by a function of a run."""
     if run.t.size < 2:
         raise InputError(f"peak: {run.t.size} states kept, must be at least 2")
-    named = [_quantity(run, one) for one in quantities]
-    kept = [_values(name, function, run) for name, function in named]
-    windows = [_windows(run.t, values) for values in kept]
-    chebyshev = (1 - np.cos(np.pi * np.arange(_INTERVALS + 1) / _INTERVALS)) / 2
-    points = [[a + (b - a) * chebyshev for a, b in one] for one in windows]
-    wanted = np.unique(np.concatenate([p for one in points for p in one]))
-    fine = replace(run, t=wanted, state=run(wanted))
-    found = []
-    for (name, function), at_kept, own in zip(named, kept, points, strict=True):
-        places = np.array(own)
-        values = _values(name, function, fine)[np.searchsorted(wanted, places)]
-        (tops, at), (coarse, _) = _tops(values, 1), _tops(values, 2)
-        k = int(np.abs(tops).argmax())
-        value = float(tops[k])
-        t = float(places[k, 0] + (places[k, -1] - places[k, 0]) * (at[k] + 1) / 2)
-        error = abs(abs(value) - abs(float(coarse[k])))
-        if run.error is not None:
-            # As much of it as the motion is off by of itself.
-            error += run.error * abs(value) / max(float(np.abs(run.state).max()), 1e-300)
-        error = max(error, 4 * np.finfo(float).eps * float(np.abs(at_kept).max()))
-        found.append(LocatedPeak(name, value, t, error))
-    return found
+    named = _quantities(run, quantities)
+    kept = np.empty((run.t.size, len(named)), order="F")
+    for k, (name, function) in enumerate(named):
+        kept[:, k] = _values(name, function, run)
+    breaks = getattr(run._resume, "breaks", np.empty(0))
+    found = _located(run.t, kept, breaks)
+    loose = np.flatnonzero(found[:, 2] > _CLOSE * np.abs(found[:, 0])).tolist()
+    if loose:
+        windows = [_windows(run.t, kept[:, k]) for k in loose]
+        points = [np.unique(a + (b - a) * _CHEBYSHEV) for a, b in windows]
+        wanted = np.unique(np.concatenate(points))
+        fine = replace(run, t=wanted, state=run(wanted))
+        for k, t, (a, b) in zip(loose, points, windows, strict=True):
+            values = _values(*named[k], fine)[np.searchsorted(wanted, t), np.newaxis]
+            # Windows that do not touch are apart.
+            apart = np.unique(np.concatenate([breaks, a.ravel(), b.ravel()]))
+            found[k] = _located(t, values, apart)
+    if run.error is not None:
+        # As much of it as the motion is off by of itself.
+        found[:, 2] += run.error * np.abs(found[:, 0]) / max(np.abs(run.state).max(), 1e-300)
+    return [LocatedPeak(name, *one) for (name, _), one in zip(named, found.tolist(), strict=True)]
 
 
-def _windows(t: FloatArray, values: FloatArray) -> list[tuple[float, float]]:
-    """Times before and after the states near the largest values."""
+def _located(t: FloatArray, values: FloatArray, breaks: FloatArray) -> FloatArray:
+    """Return values, times and errors of peaks, shape (m, 3), of samples (n, m)."""
+    found = _native.run("motion peaks", t=t, values=values, breaks=breaks)
+    return np.stack([found["peak"], found["at"], found["error"]], axis=1)
+
+
+def _windows(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Times before and after the states near the largest values, shape (m, 1) each."""
     size = np.abs(values)
     above = np.concatenate([[-1.0], size, [-1.0]])
     high = size >= _NEAR * float(size.max())
     tops = np.flatnonzero(high & (size >= above[:-2]) & (size >= above[2:]))
-    tops = tops[np.argsort(-size[tops], kind="stable")][:_MOST]
-    before, after = np.maximum(tops - 1, 0), np.minimum(tops + 1, t.size - 1)
-    return list(zip(t[before].tolist(), t[after].tolist(), strict=True))
-
-
-@cache
-def _fit(n: int) -> tuple[FloatArray, FloatArray]:
-    """From values at n + 1 Chebyshev points to coefficients, and from these to a grid."""
-    orders = np.arange(n + 1)
-    # The ends count half, and so do their orders.
-    weights = np.where((orders == 0) | (orders == n), 0.5, 1.0)
-    cosines = np.cos(np.outer(np.pi * (1 - orders / n), orders))
-    grid = np.linspace(-1, 1, _FINE)
-    return weights[:, np.newaxis] * cosines * (weights * 2 / n), np.cos(
-        np.outer(orders, np.arccos(grid))
-    )
-
-
-def _tops(values: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
-    """Largest values of the polynomials through every ``step``-th point, and their places.
-
-    ``values``: shape (m, _INTERVALS + 1), at Chebyshev points of [-1, 1].
-    """
-    n = _INTERVALS // step
-    to_coefficients, on_grid = _fit(n)
-    coefficients = values[:, ::step] @ to_coefficients
-    size = np.abs(coefficients @ on_grid)
-    rows = np.arange(size.shape[0])
-    i = size.argmax(axis=1)
-    inner = np.clip(i, 1, _FINE - 2)
-    before, here, after = (size[rows, inner + k] for k in (-1, 0, 1))
-    bend = before - 2 * here + after
-    shift = np.where(
-        (i == inner) & (bend < 0), 0.5 * (before - after) / np.minimum(bend, -1e-300), 0
-    )
-    at = np.clip(-1 + (i + np.clip(shift, -1, 1)) * 2 / (_FINE - 1), -1, 1)
-    there = np.cos(np.arccos(at)[:, np.newaxis] * np.arange(n + 1))
-    return (coefficients * there).sum(axis=1), at
+    tops = np.sort(tops[np.argsort(-size[tops], kind="stable")][:_MOST])[:, np.newaxis]
+    return t[np.maximum(tops - 1, 0)], t[np.minimum(tops + 1, t.size - 1)]
 
 
 def _values(name: str, function: Callable[[Any], Any], run: Any) -> FloatArray:
@@ -142,15 +111,8 @@ def _values(name: str, function: Callable[[Any], Any], run: Any) -> FloatArray:
     return values
 
 
-def _quantity(run: Any, given: Quantity) -> tuple[str, Callable[[Any], Any]]:
-    """A quantity by its name, and the function that gives it along a run."""
-    if not isinstance(given, str):
-        if not callable(given):
-            raise InputError(
-                f"quantity = {_native.shown(given)}: must be a name, a function of a run, or a "
-                "list of these"
-            )
-        return getattr(given, "__name__", "quantity"), given
+def _quantities(run: Any, given: Sequence[Quantity]) -> list[tuple[str, Callable[[Any], Any]]]:
+    """Quantities by their names, and the functions that give them along a run."""
     known: dict[str, Callable[[Any], Any]] = {}
     for d, name in enumerate(run.dof_names):
         known[name] = partial(_column, "state", 2 * d)
@@ -162,8 +124,18 @@ def _quantity(run: Any, given: Quantity) -> tuple[str, Callable[[Any], Any]]:
             known[f"{mount.name}.{axis}"] = partial(_of_mount, i, j)
     for j, axis in enumerate(_AXES if mounts else ()):
         known[f"floor.{axis}"] = partial(_of_floor, j)
-    _native.choice("quantity", given, tuple(known))
-    return given, known[given]
+    found = []
+    for one in given:
+        if isinstance(one, str):
+            found.append((_native.choice("quantity", one, tuple(known)), known[one]))
+        elif callable(one):
+            found.append((getattr(one, "__name__", "quantity"), one))
+        else:
+            raise InputError(
+                f"quantity = {_native.shown(one)}: must be a name, a function of a run, or a "
+                "list of these"
+            )
+    return found
 
 
 def _column(name: str, place: int, run: Any) -> Any:

@@ -41,7 +41,7 @@ class _ForcesInTime(Result):
     damping: FloatArray
     memory: FloatArray
 
-    @property
+    @cached_property
     def force(self) -> FloatArray:
         """Force opposite to the deflection, in the shape of ``deflection``."""
         return self.elastic + self.damping + self.memory

@@ -423,6 +423,14 @@ class Trajectory(Result):
         return tuple(f"{unit}/s^2" for unit in self.dof_units)
 
     @cached_property
+    def _known(self) -> Any:
+        """What acts along the motion; not part of pickles."""
+        return self._resume.along(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_known"}
+
+    @cached_property
     def acceleration(self) -> FloatArray:
         """Accelerations of the states kept, shape (n, n_dof), in `acceleration_units`.
 
@@ -449,7 +457,7 @@ class Trajectory(Result):
         if self._floor is not None:
             names = self.system.dof_names
             places = [names.index(name) for name in self.dof_names]
-            found = found + self._floor.at(self.t)[2][:, places]
+            found = found + self._floor.push(self.t)[:, places]
         found.setflags(write=False)
         return found
 
@@ -624,9 +632,9 @@ class Trajectory(Result):
     def peak(self, quantity: Quantity | list[Quantity]) -> LocatedPeak | list[LocatedPeak]:
         """Return the largest magnitude of a quantity, located between the states kept.
 
-        Around the largest kept values the motion is computed at 17 points. The polynomial through
-        them gives the peak, and the polynomial through every second of them its error. Peaks
-        narrower than the spacing of the states are not seen.
+        The polynomial through 13 values near each of the largest gives the peak, and a polynomial
+        through fewer values its error. If the error exceeds 1e-9 of the peak, the motion is
+        computed at more points there. Peaks narrower than the spacing of the states are not seen.
 
         Parameters
         ----------

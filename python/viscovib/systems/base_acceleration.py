@@ -29,22 +29,29 @@ class BaseMotion(Value):
     frequencies: FloatArray
     amplitudes: ComplexArray
 
+    def push(self, t: FloatArray) -> FloatArray:
+        """Accelerations at times, shape (n_times, n)."""
+        waves = np.exp(1j * np.outer(t, self.frequencies))
+        found: FloatArray = (waves @ self.amplitudes.T).imag
+        for direction, times, pieces in self.tables:
+            found += np.multiply.outer(table_at(times, pieces[np.newaxis], t)[:, 0], direction)
+        return found
+
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacements, velocities and accelerations at times, each of shape (n_times, n)."""
         from scipy.interpolate import PPoly
 
         waves = self.amplitudes * np.exp(1j * t[:, np.newaxis, np.newaxis] * self.frequencies)
         slow = np.where(self.frequencies > 0, self.frequencies, 1.0)
-        parts = [(waves / (1j * slow) ** k).imag.sum(axis=2) for k in (2, 1, 0)]
+        parts = [(waves / (1j * slow) ** k).imag.sum(axis=2) for k in (2, 1)]
         for direction, times, pieces in self.tables:
             a = PPoly(pieces[:, :-1], times)
             inside = np.clip(t, times[0], times[-1])
             speed = a.antiderivative()(inside)
             place = a.antiderivative(2)(inside) + speed * np.maximum(t - times[-1], 0.0)
-            push = table_at(times, pieces[np.newaxis], t)[:, 0]
-            for part, own in zip(parts, (place, speed, push), strict=True):
+            for part, own in zip(parts, (place, speed), strict=True):
                 part += np.multiply.outer(own, direction)
-        return parts[0], parts[1], parts[2]
+        return parts[0], parts[1], self.push(t)
 
 
 def relative_loads(
