@@ -60,7 +60,7 @@ _NAMES = {
     "results.ensemble": "Ensemble",
     "results.response": "Peak Response",
     "results.modulation": "Modulation Resonance",
-    "results.located_peaks": "LocatedPeak",
+    "results.located_peaks": "LocatedPeak LocatedPeaks",
     "results.motion_branch": "MotionBranch",
     "results.motion_forces": (
         "ElementForces FloorForce MountForcesInTime PointMotion SupportReactions"
@@ -232,7 +232,10 @@ if TYPE_CHECKING:
         Crossing as Crossing,
     )
     from viscovib.results.ensemble import Ensemble as Ensemble
-    from viscovib.results.located_peaks import LocatedPeak as LocatedPeak
+    from viscovib.results.located_peaks import (
+        LocatedPeak as LocatedPeak,
+        LocatedPeaks as LocatedPeaks,
+    )
     from viscovib.results.modulation import (
         Modulation as Modulation,
         Resonance as Resonance,

@@ -137,3 +137,73 @@ def test_a_lane_that_stops_before_anything_is_gathered():
     assert list(many.outcome) == ["completed", "diverged"]
     assert np.isnan(many.peak[1]).all()
     assert many.peak[0, 0] <= 0.1 + 1e-8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_located_peaks_of_members(seed):
+    """Of oscillators with parameters, by SciPy: at the times of the peaks, and around these."""
+    rng = np.random.default_rng([7, seed])
+    system = vv.PolynomialSystem(
+        mass=1, stiffness=1, damping=0.1, forces="k3*x^3", parameters={"k3": 1.0}
+    )
+    starts, k3 = rng.uniform(-1, 1, (3, 2)), rng.uniform(0.2, 2, 3)
+    nu, discard = float(rng.uniform(0.5, 2)), float(rng.choice([0.0, 2.3]))
+    many = vv.simulate_ensemble(
+        system, initial=starts, t_end=12.0, load=0.7, nu=nu, parameters={"k3": k3}, tolerance=1e-10,
+        discard=discard, peaks=["x", "x_dot", "x_ddot", lambda run: 2 * run.state[:, 0]],
+    )  # fmt: skip
+    assert [one.name for one in many.peaks] == ["x", "x_dot", "x_ddot", "<lambda>"]
+    for i in range(3):
+
+        def slopes(t, y, k=k3[i]):
+            return y[1], 0.7 * np.sin(nu * t) - y[0] - 0.1 * y[1] - k * y[0] ** 3
+
+        own = [one.t[i] for one in many.peaks]
+        times = np.unique([*np.linspace(discard, 12, 3001), *own])
+        run = solve_ivp(
+            slopes, (0, 12), starts[i], "DOP853", rtol=1e-12, atol=1e-13, t_eval=times,
+            dense_output=True,
+        )  # fmt: skip
+        values = np.array([*run.y, slopes(run.t, run.y)[1], 2 * run.y[0]])
+        for one, column in zip(many.peaks, values, strict=True):
+            assert abs(column[np.searchsorted(times, one.t[i])] - one.value[i]) < 3e-9
+            assert abs(one.value[i]) > np.abs(column).max() - one.error[i] - 3e-9
+            assert one.error[i] < 1e-8
+
+
+def test_located_peaks_of_every_kind_of_member():
+    """Those of single runs with the numbers of each member; NaN where a motion ends early."""
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, 0.1), stiffness=(200, 200, 400), damping=(1, 1, 2),
+        kernel=vv.PronyKernel(weights=[0.2], rates=[3.0]),
+    )  # fmt: skip
+    body = vv.Body(mass=8, inertia=(0.2, 0.3, 0.35), mounts=[foot])
+    slip = vv.Jenkins(on={"x1": 1}, stiffness=2.0, limit=0.3)
+    frame = vv.Structure(mass=[1.0], stiffness=[1.0], damping=[0.05], elements=[slip])
+    pendulum = vv.Pendulum(
+        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, c2=0.01, c3=0.01, f0=0.02, p1=0.93
+    )
+    cases = [
+        (body, {"mass": [7.0, 9.0]}, {"load": body.load((1, 0, 9)), "nu": 9.0},
+         ["foot.z", "floor.x", "ry_ddot", lambda run: run.motion_of("foot").velocity[:, 2]]),
+        (frame, {"elements[0].limit": [0.2, 0.4]}, {"load": 0.9, "nu": 0.8}, ["x1_ddot", "x1"]),
+        (pendulum, {"f0": [0.02, 0.04]}, {}, ["z_ddot", "phi"]),
+    ]  # fmt: skip
+    for system, given, call, peaks in cases:
+        start = np.linspace(0.05, 0.1, 2 * len(system.dof_names))
+        many = vv.simulate_ensemble(
+            system, initial=start, t_end=5.0, parameters=given, peaks=peaks, **call
+        )
+        for i in range(2):
+            numbers = {name: values[i] for name, values in given.items()}
+            one = system._with_parameters(numbers)
+            run = vv.simulate(one, 5.0, initial=start, tolerance=1e-8, **call)
+            alone = run.peak(peaks)
+            for top, its in zip(many.peaks, alone, strict=True):
+                assert (top.name, top.value[i]) == (its.name, its.value)
+        assert "peak of " + many.peaks[0].name in many.to_dataset()
+    away = vv.PolynomialSystem(mass=1, stiffness=1, forces="-0.5*x^3")
+    many = vv.simulate_ensemble(away, initial=[[0.1, 0], [9.0, 0]], t_end=10.0, peaks=["x"])
+    assert np.isnan(many.peaks[0].value).tolist() == [False, True]
+    with pytest.raises(vv.InputError, match=r"quantity = 'y': must be one of .*'x_ddot'"):
+        vv.simulate_ensemble(away, initial=[0.1, 0], t_end=10.0, peaks=["y"])

@@ -146,6 +146,7 @@ PARTS = {
     "free decay": lambda: vv.free_decay(_free_motion()),
     "sag": ENGINE.sag,
     "peak of a motion": lambda: _estimated().peak("x"),
+    "peaks of motions": lambda: vv.LocatedPeaks("x", *np.eye(3)),
     "profile": lambda: vv.fit_kernel(_modulus()).profile("alpha"),
     "optimum": lambda: vv.fit_kernel(_modulus()).optima[0],
     "band": lambda: vv.propagate(vv.fit_kernel(_modulus()), lambda s: s.modulus, samples=20),

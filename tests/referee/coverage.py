@@ -69,6 +69,7 @@ NOTHING_TO_JUDGE = {
     "SupportReactions.to_dataset": _ARRAYS,
     "Trajectory.peak": _ALONG,
     "LocatedPeak": _ALONG,
+    "LocatedPeaks": _ALONG,
     "MountForcesInTime": _ALONG,
     "MountForcesInTime.force": _ALONG,
     "MountForcesInTime.work": _ALONG,

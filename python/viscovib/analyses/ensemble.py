@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -20,6 +20,8 @@ from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members, Sections
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
 from viscovib.analyses.runs import LOCATED, hopeless
+from viscovib.analyses.singles import SingleMembers
+from viscovib.analyses.transient import simulate
 from viscovib.common.cluster import Cluster, Lost
 from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
@@ -27,6 +29,12 @@ from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
 from viscovib.errors import InputError, ViscovibError
 from viscovib.results.ensemble import Ensemble
+from viscovib.results.located_peaks import (
+    LocatedPeaks,
+    Quantity,
+    find_peaks,
+    named_quantities,
+)
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.law_ends import force_at_rest
 from viscovib.systems.load import LoadLike
@@ -52,6 +60,8 @@ _MAX_SINGLE = 32
 _RETRIES = 2
 #: What `simulate_ensemble` sets in members.
 _OF_MEMBERS = ("discarded", "gathered_since", "step_is_sought")
+#: Default of the tolerance.
+_TOLERANCE = 1e-8
 #: Smallest number of steps with samples, in units of the first number (four per fastest period).
 _SAMPLED = 8
 
@@ -73,6 +83,7 @@ def simulate_ensemble(
     discard: float = 0.0,
     statistics: bool = False,
     amplitudes_at: npt.ArrayLike | None = None,
+    peaks: Sequence[Quantity] = (),
     sections: int | str | Event | None = None,
     lyapunov: bool | str = False,
     sample_every: int = 1,
@@ -134,6 +145,9 @@ def simulate_ensemble(
         steps and at kinks and impacts. ``error`` includes them.
     amplitudes_at : array_like, shape (m,)
         Circular frequencies of amplitudes (projection with a Hann window).
+    peaks : list of str or functions
+        Quantities of `Trajectory.peak`, such as "x_ddot" or, of a `Body`, "foot.z". Each run is
+        computed once more by `simulate`, with the same accuracy or step size, in threads.
     sections : {1, 2, 3}, str or Event
         Keep the states at each whole period of load 1 (p1), 2 (p2) or 3 (p3); for all systems other
         than a pendulum 1 (nu). Or on a surface in the state space: a text such as "x_dot", or an
@@ -187,13 +201,14 @@ def simulate_ensemble(
     members = members_of(*arguments)
     exponents = 2 * len(members.dof_names) if all_of_them else int(some)
     place = SIDE_BY_SIDE.get(members.method_name, 0)
-    wanted = Accuracy.checked(tolerance, rtol, atol, None) or Accuracy(1e-8)
+    wanted = Accuracy.checked(tolerance, rtol, atol, None) or Accuracy(_TOLERANCE)
     every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)
     lines = np.empty(0)
     if amplitudes_at is not None:
         lines = _native.real_array("amplitudes_at", amplitudes_at, ndim=1)
         if np.any(lines <= 0):
             raise InputError(f"amplitudes_at: must be greater than 0, got {lines.min():g}")
+    named_quantities(members, peaks)
     _native.flag("progress", progress)
     length = _Length.checked(members, t_end, n_periods, discard, sections)
     members.discarded = length.discarded
@@ -243,16 +258,60 @@ def simulate_ensemble(
         method=members.method_name,
         parameters=members.varied,
         system=members.system,
-        plan=_plan(
-            job,
-            n,
-            sought,
-            points is not None,
-            force_at_rest(system),
-        ),
+        plan=_plan(job, n, sought, points is not None, force_at_rest(system)),
         section_times=times,
+        peaks=_located(job, arguments, peaks, (tolerance, rtol, atol, sought or h), progress),
         _names=members.dof_names,
     )
+
+
+def _located(
+    job: _Job,
+    arguments: tuple[Any, ...],
+    peaks: Sequence[Quantity],
+    steps: tuple[Any, ...],
+    progress: bool,
+) -> tuple[LocatedPeaks, ...]:
+    """Peaks of quantities along each run, which is made once more.
+
+    ``arguments``: those of `members_of`. ``steps``: ``tolerance``, ``rtol``, ``atol``, and the step
+    sizes if they are given.
+    """
+    if not peaks:
+        return ()
+    system, initial, parameters, load, nu, method, *_ = arguments
+    own = "auto" if method in TAYLOR or isinstance(system, Structure) else method
+    single = SingleMembers(system, initial, parameters or {}, load, nu, own, None)
+    *accuracy, h = steps
+    if accuracy == [None, None, None]:
+        accuracy = [_TOLERANCE, None, None]
+    found = np.full((single.n, len(peaks), 3), np.nan)
+    since = job.length.discarded
+
+    def one(i: int, cancel: npt.NDArray[np.intc]) -> None:
+        _native.listen(cancel)
+        loads, end = single._acting(i), float(job.length.span[i])
+        by: dict[str, Any] = dict(zip(("tolerance", "rtol", "atol"), accuracy, strict=True))
+        if isinstance(h, np.ndarray):
+            by = {"dt": float(h[i])}
+        run = simulate(
+            single._one(i), end, initial=single.states[i], load=loads.load, nu=loads.nu,
+            method=single.method, **by,
+        )  # fmt: skip
+        if run.outcome != "completed":
+            return
+        if since[i] > 0:
+            late = run.t > since[i]
+            begin = run(since[i : i + 1])
+            run = replace(
+                run, t=np.append(since[i], run.t[late]), state=np.vstack([begin, run.state[late]])
+            )
+        for k, top in enumerate(find_peaks(run, peaks)):
+            found[i, k] = top.value, top.t, top.error
+
+    job.each(one, progress)
+    names = [name for name, _ in named_quantities(single, peaks)]
+    return tuple(LocatedPeaks(name, *found[:, k].T.copy()) for k, name in enumerate(names))
 
 
 def _plan(job: _Job, n_steps: int, sought: Accuracy | None, sections: bool, preload: float) -> Plan:
@@ -544,6 +603,20 @@ class _Job:
             return [future.result() for future in futures]
         finally:
             # After Ctrl-C or an error the threads stop.
+            cancel[0] = 1
+            pool.shutdown(cancel_futures=True)
+
+    def each(self, one: Callable[[int, npt.NDArray[np.intc]], None], progress: bool) -> None:
+        """Call a function for each run in threads; Ctrl-C works."""
+        cancel = np.zeros(1, dtype=np.intc)
+        pool = ThreadPoolExecutor(self.threads)
+        try:
+            futures = [pool.submit(one, i, cancel) for i in range(self.members.n)]
+            with progress_bar(self.members.n, "peaks", progress) as bar:
+                for future in as_completed(futures):
+                    future.result()
+                    bar.update(1)
+        finally:
             cancel[0] = 1
             pool.shutdown(cancel_futures=True)
 

@@ -13,6 +13,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
 from viscovib.common.results import Result, span
+from viscovib.results.located_peaks import LocatedPeaks
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -73,6 +74,8 @@ class Ensemble(Result):
     amplitude_error : float or None
         Estimated largest error of ``amplitudes``, from a different step size and a finer spacing of
         samples. It does not include the finite resolution of the run time.
+    peaks : tuple of LocatedPeaks
+        Located peaks of the requested quantities.
     method : str
         Integrator.
     parameters : mapping
@@ -121,6 +124,7 @@ class Ensemble(Result):
     section_times: FloatArray | None = None
     section_error: float | None = None
     amplitude_error: float | None = None
+    peaks: tuple[LocatedPeaks, ...] = ()
     _names: tuple[str, ...] = ()
 
     kind = "ensemble"
@@ -173,6 +177,8 @@ class Ensemble(Result):
         if self.spectrum is not None:
             data["spectrum"] = (("run", "exponent"), self.spectrum)
             data["spectrum_error"] = (("run", "exponent"), self.spectrum_error)
+        for one in self.peaks:
+            data[f"peak of {one.name}"] = ("run", one.value, {"error": one.error, "t": one.t})
         kept = [self.system.dof_names.index(name) for name in self.dof_names]
         own, rates = self.system.dof_units, self.system.rate_units
         units = [own[i] for i in kept]

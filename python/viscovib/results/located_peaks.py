@@ -56,6 +56,32 @@ class LocatedPeak(Value):
     error: float
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class LocatedPeaks(Value):
+    """The largest values of a quantity along the motions of an ensemble.
+
+    Attributes
+    ----------
+    name : str
+        The quantity.
+    value, t, error : ndarray, shape (n,)
+        As of `LocatedPeak`, of each motion; NaN for a motion that ended early.
+
+    Examples
+    --------
+    >>> import viscovib as vv
+    >>> swing = vv.PolynomialSystem(mass=1, stiffness=1)
+    >>> many = vv.simulate_ensemble(swing, initial=[[0, 1], [0, 2]], t_end=4, peaks=["x_ddot"])
+    >>> many.peaks[0].value.round(9).tolist()
+    [-1.0, -2.0]
+    """
+
+    name: str
+    value: FloatArray
+    t: FloatArray
+    error: FloatArray
+
+
 Quantity = str | Callable[[Any], Any]
 
 
@@ -63,7 +89,7 @@ def find_peaks(run: Any, quantities: Sequence[Quantity]) -> list[LocatedPeak]:
     """Peaks of quantities of a run, each by its name or by a function of a run."""
     if run.t.size < 2:
         raise InputError(f"peak: {run.t.size} states kept, must be at least 2")
-    named = _quantities(run, quantities)
+    named = named_quantities(run, quantities)
     kept = np.empty((run.t.size, len(named)), order="F")
     for k, (name, function) in enumerate(named):
         kept[:, k] = _values(name, function, run)
@@ -111,7 +137,7 @@ def _values(name: str, function: Callable[[Any], Any], run: Any) -> FloatArray:
     return values
 
 
-def _quantities(run: Any, given: Sequence[Quantity]) -> list[tuple[str, Callable[[Any], Any]]]:
+def named_quantities(run: Any, given: Sequence[Quantity]) -> list[tuple[str, Callable[[Any], Any]]]:
     """Quantities by their names, and the functions that give them along a run."""
     known: dict[str, Callable[[Any], Any]] = {}
     for d, name in enumerate(run.dof_names):
