@@ -10,7 +10,7 @@
 !! residuals in twice the precision removes them.
 module viscovib_damped_modes
   use, intrinsic :: iso_fortran_env, only: real128
-  use viscovib_dense, only: factorize, invert, solve
+  use viscovib_dense, only: factorize, invert, solve, solve_complex
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   implicit none
@@ -31,7 +31,8 @@ module viscovib_damped_modes
 
 contains
 
-  pure subroutine find_damped_modes(mass, damping, stiffness, poles, left, right, found, low)
+  pure subroutine find_damped_modes(mass, damping, stiffness, poles, left, right, found, low, &
+                                    roughly)
     !> Shape (n, n); the mass is not singular.
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     !> Shapes (2 n) and (n, 2 n); conjugates are adjacent.
@@ -40,12 +41,17 @@ contains
     logical, intent(out) :: found
     !> Rounding errors of the stiffness entries; absent: 0.
     real(wp), intent(in), optional :: low(:, :)
+    !> If true, modes keep rounding errors relative to the stiffest mode, which is much faster.
+    logical, intent(in), optional :: roughly
+    logical :: rough
     real(wp) :: companion(size(poles), size(poles)), inverse(size(mass, 1), size(mass, 1))
     real(wp) :: factors(size(mass, 1), size(mass, 1))
     integer :: pivots(size(mass, 1)), i, n
     logical :: singular
 
     n = size(mass, 1)
+    rough = .false.
+    if (present(roughly)) rough = roughly
     left = (0.0_wp, 0.0_wp)
     right = (0.0_wp, 0.0_wp)
     factors = mass
@@ -66,8 +72,12 @@ contains
     if (.not. found) return
     i = 1
     do while (i <= 2*n)
-      call find_vectors(mass, damping, stiffness, maxval(abs(poles)), poles(i), left(:, i), &
-                        right(:, i), found)
+      if (rough) then
+        call iterate_vectors(mass, damping, stiffness, poles(i), left(:, i), right(:, i), found)
+      else
+        call find_vectors(mass, damping, stiffness, maxval(abs(poles)), poles(i), left(:, i), &
+                          right(:, i), found)
+      end if
       if (.not. found) return
       if (abs(aimag(poles(i))) > 0.0_wp .and. i < 2*n) then
         poles(i + 1) = conjg(poles(i))
@@ -77,7 +87,7 @@ contains
       end if
       i = i + 1
     end do
-    call refine(mass, damping, stiffness, poles, left, right, low)
+    if (.not. rough) call refine(mass, damping, stiffness, poles, left, right, low)
     call check_sums(inverse, poles, left, right, found)
   end subroutine find_damped_modes
 
@@ -125,6 +135,39 @@ contains
       y = real(y)
     end if
   end subroutine find_vectors
+
+  !> As `find_vectors`, by inverse iteration.
+  pure subroutine iterate_vectors(mass, damping, stiffness, pole, x, y, found)
+    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+    complex(wp), intent(inout) :: pole
+    complex(wp), intent(out) :: x(:), y(:)
+    logical, intent(out) :: found
+    complex(wp) :: q(size(x), size(x)), slope
+    integer :: i, pass
+    logical :: real_pole, singular
+
+    real_pole = .not. abs(aimag(pole)) > 0.0_wp
+    ! Arbitrary vectors, so that no mode is orthogonal to them.
+    x = [(cmplx(cos(1.7_wp*i), merge(0.0_wp, sin(2.3_wp*i), real_pole), wp), i=1, size(x))]
+    y = x
+    do pass = 1, 2
+      q = mass*pole**2 + damping*pole + stiffness
+      call solve_complex(q, x, .true., singular)
+      found = .not. singular
+      if (found) call solve_complex(transpose(q), y, .true., singular)
+      found = found .and. .not. singular .and. maxval(abs(x)) <= huge(1.0_wp) &
+              .and. maxval(abs(y)) <= huge(1.0_wp)
+      if (.not. found) return
+      x = x/maxval(abs(x))
+      y = y/maxval(abs(y))
+      slope = sum(y*matmul(2.0_wp*pole*mass + damping, x))
+      found = abs(slope) > 0.0_wp
+      if (.not. found) return
+      if (pass == 1) pole = pole - sum(y*matmul(q, x))/slope
+      if (real_pole) pole = real(pole)
+    end do
+    y = y/slope
+  end subroutine iterate_vectors
 
   !> Refine the modes to the precision of the entries, each separately by Newton's method:
   !!

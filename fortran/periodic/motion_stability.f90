@@ -21,6 +21,7 @@ module viscovib_motion_stability
   use viscovib_linear_along, only: counts_first, few_modes_of
   use viscovib_orbit_multipliers, only: logarithm, distinguished
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_polynomial_condensation, only: turn_system
   use viscovib_product_eigenvalues, only: product_eigenvalues, product_type
   use viscovib_stopping, only: given_up
   use viscovib_structure, only: structure_type
@@ -196,6 +197,7 @@ contains
     type(stability_type) :: one
     class(oscillator_type), allocatable :: turned
     complex(wp) :: nearby(checker%n_slots)
+    real(wp), allocatable :: motion(:, :)
     integer :: i
 
     allocate (stability%stable(size(nu)), stability%n_growing(size(nu)), source=-1)
@@ -206,8 +208,8 @@ contains
     if (present(near)) nearby = near
     do i = 1, size(nu)
       if (given_up(cancel)) return
-      call turn(checker, system, nu(i), turned)
-      call checker%check(turned, nu(i:i), x(:, :, i:i), one, cancel, nearby)
+      call turn(checker, system, nu(i), x(:, :, i), turned, motion)
+      call checker%check(turned, nu(i:i), reshape(motion, [shape(motion), 1]), one, cancel, nearby)
       stability%stable(i) = one%stable(1)
       stability%n_growing(i) = one%n_growing(1)
       stability%slowest(i) = one%slowest(1)
@@ -217,17 +219,26 @@ contains
     end do
   end subroutine check_at_speeds
 
-  !> The system at a speed (rad/s), and its checker.
-  subroutine turn(checker, system, speed, turned)
+  !> The system at a speed (rad/s), its checker, and the motion in its coordinates.
+  subroutine turn(checker, system, speed, x, turned, motion)
     type(stability_checker), intent(inout) :: checker
     class(oscillator_type), intent(in) :: system
-    real(wp), intent(in) :: speed
+    real(wp), intent(in) :: speed, x(:, :)
     class(oscillator_type), allocatable, intent(out) :: turned
+    real(wp), allocatable, intent(out) :: motion(:, :)
     type(harmonic_set_type) :: set
+    integer, allocatable :: kept(:)
+    integer :: i, slots
+
     set = checker%set
-    allocate (turned, source=system)
-    call turned%set_speed(speed)
+    slots = checker%n_slots
+    call turn_system(system, speed, is_kinked(system), turned, kept)
+    allocate (motion(size(x, 1), size(kept)))
+    do i = 1, size(kept)
+      motion(:, i) = x(:, kept(i))
+    end do
     call new_stability_checker(checker, turned, set)
+    checker%n_slots = slots
   end subroutine turn
 
   !> Motions on whose way a law jumps.
@@ -257,10 +268,11 @@ contains
     complex(wp), intent(out) :: exponent
     logical, intent(out) :: made
     class(oscillator_type), allocatable :: turned
+    real(wp), allocatable :: motion(:, :)
 
     if (system%depends_on_speed()) then
-      call turn(self, system, nu, turned)
-      call self%follow(turned, nu, x, near, exponent, made)
+      call turn(self, system, nu, x, turned, motion)
+      call self%follow(turned, nu, motion, near, exponent, made)
       return
     end if
     if (allocated(self%condensed)) then
@@ -290,12 +302,13 @@ contains
     !> Of the neighbour: those that grow, and those of them with a real multiplier above 1.
     integer, intent(in) :: n_growing, n_above_one
     class(oscillator_type), allocatable :: turned
+    real(wp), allocatable :: motion(:, :)
     type(hill_path_type) :: path
     integer :: counted
 
     if (system%depends_on_speed()) then
-      call turn(self, system, nu, turned)
-      grows_alike = self%grows_alike(turned, nu, x, near, n_growing, n_above_one)
+      call turn(self, system, nu, x, turned, motion)
+      grows_alike = self%grows_alike(turned, nu, motion, near, n_growing, n_above_one)
       return
     end if
     grows_alike = .false.
@@ -357,17 +370,19 @@ contains
     !> Count left of the slowest exponents.
     logical, intent(in) :: decaying
     integer, intent(inout), optional :: cancel
-    integer :: i
+    integer :: i, n
 
     select type (system)
     class is (structure_type)
       do i = 1, size(nu)
         if (given_up(cancel)) return
         if (ieee_is_nan(x(1, 1, i)) .or. stability%n_growing(i) >= 0 .or. jumps(i)) cycle
-        associate (exponents => stability%exponents(:, i))
+        ! A system at the speed of its load may have more slots.
+        n = min(self%n_slots, stability_slots(system))
+        associate (exponents => stability%exponents(:n, i))
           call self%condensed%check(system, nu(i), x(:, :, i), decaying, exponents, &
                                     stability%n_growing(i), stability%slowest(i))
-          stability%multipliers(:, i) = multiplier(nu(i), exponents)
+          stability%multipliers(:n, i) = multiplier(nu(i), exponents)
         end associate
       end do
     end select

@@ -3,6 +3,7 @@ module viscovib_polynomial_condensation
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: branches
+  use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce
   use viscovib_status, only: status_type
@@ -12,7 +13,7 @@ module viscovib_polynomial_condensation
   implicit none
   private
 
-  public :: condense_polynomial, condenses, is_overdamped
+  public :: condense_polynomial, condenses, is_overdamped, turn_system
 
   !> Smallest number of coordinates for condensation. At most half of them may have forces or
   !! memory. Smaller systems are as fast without condensation.
@@ -22,6 +23,8 @@ module viscovib_polynomial_condensation
   !! matrices are faster and give all multipliers. With memory the full determinant takes 10 to 200
   !! times as long.
   integer, parameter :: smallest_checked = 8, checked_each = 3
+  !> Smallest number of coordinates for condensation at each speed, which needs all modes there.
+  integer, parameter :: smallest_turned = 25
   !> Ratio of damping rate to natural frequency above which integration in time uses modes. The full
   !! equations need steps as short as the decay (equal times measured at ratios of 20 to 70).
   real(wp), parameter :: much_faster = 50.0_wp
@@ -99,11 +102,13 @@ contains
   end function touched
 
   !> Condense the system without loads. Fails if its compliance is not a sum over modes.
-  subroutine condense_polynomial(system, model, condensed, status)
+  subroutine condense_polynomial(system, model, condensed, status, roughly)
     type(polynomial_type), intent(in) :: system
     type(structure_model), intent(out) :: model
     type(structure_type), intent(out) :: condensed
     type(status_type), intent(out) :: status
+    !> As of `new_rest`.
+    logical, intent(in), optional :: roughly
     real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: none, unit
     real(wp), allocatable :: weights(:)
     integer :: dofs(count(touched(system))), i, n
@@ -126,7 +131,7 @@ contains
     allocate (model%elements(0))
     allocate (model%modal%ratios(n), source=0.0_wp)
     call new_rest(model%rest, model%mass, model%damping, model%stiffness, model%places, &
-                  model%modal, status, none)
+                  model%modal, status, none, roughly)
     if (status%failed()) return
     call set_rest(model, condensed, model%stiffness, weights, status)
     if (status%failed()) return
@@ -142,5 +147,37 @@ contains
     condensed%condensed = .true.
     allocate (condensed%loads(0))
   end subroutine condense_polynomial
+
+  !> The system at a speed (rad/s) for stability: condensed if that is faster.
+  subroutine turn_system(system, speed, is_kinked, turned, kept)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: speed
+    !> True if laws have kinks: the system is then not condensed.
+    logical, intent(in) :: is_kinked
+    class(oscillator_type), allocatable, intent(out) :: turned
+    !> The coordinates of the system at the speed, among those of the system.
+    integer, allocatable, intent(out) :: kept(:)
+    type(structure_model) :: model
+    type(structure_type), allocatable :: condensed
+    type(status_type) :: status
+    integer :: i
+
+    allocate (turned, source=system)
+    call turned%set_speed(speed)
+    kept = [(i, i=1, system%n_dof())]
+    if (is_kinked) return
+    select type (turned)
+    type is (polynomial_type)
+      if (size(kept) < smallest_turned .or. .not. condenses(turned, .true.)) return
+      allocate (condensed)
+      call condense_polynomial(turned, model, condensed, status, .true.)
+      if (status%failed()) return
+      kept = pack(kept, touched(turned))
+    class default
+      return
+    end select
+    deallocate (turned)
+    call move_alloc(condensed, turned)
+  end subroutine turn_system
 
 end module viscovib_polynomial_condensation

@@ -2,10 +2,9 @@
 !!
 !! Eigenvalues and vectors of (M s^2 + C(Omega) s + K(Omega)) x = 0, with the exponentials of memory
 !! as additional coordinates. Eigenvalues are those of the state matrix, in units in which masses
-!! and the stiffness have the size 1. A vector is the largest column of the inverse near its
-!! eigenvalue.
+!! and the stiffness have the size 1. Vectors are found by inverse iteration.
 module viscovib_rotor_modes
-  use viscovib_dense, only: invert
+  use viscovib_dense, only: invert, solve_complex
   use viscovib_eigenvalue_conditions, only: eigenvalue_conditions
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_hidden_memory, only: count_hidden, unfold_memory
@@ -139,7 +138,7 @@ contains
     allocate (modes%alone(size(up)), modes%shapes(n_dof, size(up)))
     do i = 1, size(up)
       modes%alone(i) = count(abs(values - values(up(i))) <= together*abs(values(up(i)))) == 1
-      call find_shape(m, c, k, rate, modes%roots(i), modes%shapes(:, i))
+      call find_shape(m, c, k, modes%roots(i), modes%shapes(:, i))
       modes%shapes(:, i) = modes%shapes(:, i)/units(:n_dof)
     end do
   end subroutine find_modes
@@ -161,30 +160,28 @@ contains
     end do
   end subroutine sort_by_frequency
 
-  !> The largest column of the inverse near an eigenvalue.
-  pure subroutine find_shape(m, c, k, rate, root, shape_of)
-    real(wp), intent(in) :: m(:, :), c(:, :), k(:, :), rate
+  !> A vector by inverse iteration.
+  pure subroutine find_shape(m, c, k, root, shape_of)
+    real(wp), intent(in) :: m(:, :), c(:, :), k(:, :)
     complex(wp), intent(in) :: root
     complex(wp), intent(out) :: shape_of(:)
-    complex(wp), dimension(size(m, 1), size(m, 1)) :: q, inverse
-    complex(wp) :: s
-    real(wp) :: off
+    complex(wp) :: q(size(m, 1), size(m, 1)), x(size(m, 1))
+    real(wp) :: weight
     logical :: singular
-    integer :: n
+    integer :: i, n
 
     n = size(shape_of)
-    off = epsilon(1.0_wp)*max(abs(root), epsilon(1.0_wp)*rate)
-    do
-      off = 16.0_wp*off
-      s = root + off
-      q = m*s**2 + c*s + k
-      call invert(q, inverse, singular)
-      if (.not. singular) singular = .not. maxval(abs(inverse)) <= huge(1.0_wp)
-      if (.not. singular .or. off > 1.0e-6_wp*abs(root)) exit
+    q = m*root**2 + c*root + k
+    ! Arbitrary, so that no mode is orthogonal to it.
+    x = [(cmplx(cos(1.7_wp*i), sin(2.3_wp*i), wp), i=1, size(x))]
+    do i = 1, 2
+      call solve_complex(q, x, .true., singular)
+      if (singular) exit
+      x = x/maxval(abs(x))
     end do
-    shape_of = inverse(:n, maxloc(maxval(abs(inverse), 1), 1))
-    off = real(dot_product(shape_of, matmul(m(:n, :n), shape_of)))
-    if (off > 0.0_wp) shape_of = shape_of/sqrt(off)
+    shape_of = x(:n)
+    weight = real(dot_product(shape_of, matmul(m(:n, :n), shape_of)))
+    if (weight > 0.0_wp) shape_of = shape_of/sqrt(weight)
   end subroutine find_shape
 
 end module viscovib_rotor_modes

@@ -53,7 +53,7 @@ module viscovib_structure_rest
 
 contains
 
-  subroutine new_rest(rest, mass, damping, stiffness, places, modal, status, low)
+  subroutine new_rest(rest, mass, damping, stiffness, places, modal, status, low, roughly)
     type(rest_type), intent(out) :: rest
     !> Shape (n, n), including the linear parts of elements.
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
@@ -63,6 +63,8 @@ contains
     type(status_type), intent(out) :: status
     !> Rounding error of the stiffness.
     real(wp), intent(in) :: low(:, :)
+    !> If true, complex modes of any number of coordinates, as of `find_damped_modes`.
+    logical, intent(in), optional :: roughly
 
     call set_ok(status)
     call refuse_penalty(mass, 'mass', status)
@@ -76,7 +78,7 @@ contains
       allocate (rest%follow(0, size(mass, 1)))
       rest%springs = stiffness
       rest%springs_low = low
-      call find_modes(rest, mass, damping, stiffness, places, places, modal, status)
+      call find_modes(rest, mass, damping, stiffness, places, places, modal, status, roughly)
     end if
   end subroutine new_rest
 
@@ -243,19 +245,23 @@ contains
     end do
   end subroutine in_modes
 
-  subroutine find_modes(rest, mass, damping, stiffness, places, pushed, modal, status)
+  subroutine find_modes(rest, mass, damping, stiffness, places, pushed, modal, status, roughly)
     type(rest_type), intent(inout) :: rest
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
     !> Matrices from coordinates to observed coordinates, and from forces there to the coordinates.
     real(wp), intent(in) :: places(:, :), pushed(:, :)
     type(modal_damping), intent(in) :: modal
     type(status_type), intent(inout) :: status
+    logical, intent(in), optional :: roughly
+    logical :: rough
     real(wp), dimension(size(mass, 1), size(mass, 1)) :: shapes, seen, pulled, lost
     real(wp) :: squares(size(mass, 1)), rates(size(mass, 1))
     integer :: i, n
 
     n = size(mass, 1)
     rest%hidden = ''
+    rough = .false.
+    if (present(roughly)) rough = roughly
     if (is_symmetric(stiffness) .and. is_symmetric(damping)) then
       call find_symmetric_modes(mass, stiffness, squares, shapes, rest%springs_low)
       ! Set squares within rounding errors to 0: rigid-body modes.
@@ -285,27 +291,28 @@ contains
     if (any(abs(modal%ratios) > 0.0_wp) .or. abs(modal%loss) > 0.0_wp) then
       call fail(status, status_input_error, 'damping', 'damping: modal_damping and loss_factor ' &
                 //'need symmetric matrices that leave the modes uncoupled')
-    else if (n > most_coupled) then
+    else if (n > most_coupled .and. .not. rough) then
       call fail(status, status_input_error, 'damping', 'damping: couples the modes of '//show(n) &
                 //' coordinates, must do so of at most '//show(most_coupled) &
                 //' here; Structure of Python takes more')
     else
       call find_coupled(rest, mass, damping + modal%rayleigh(1)*mass &
-                        + modal%rayleigh(2)*stiffness, stiffness, places, pushed, status)
+                        + modal%rayleigh(2)*stiffness, stiffness, places, pushed, status, rough)
     end if
   end subroutine find_modes
 
-  subroutine find_coupled(rest, mass, damping, stiffness, places, pushed, status)
+  subroutine find_coupled(rest, mass, damping, stiffness, places, pushed, status, rough)
     type(rest_type), intent(inout) :: rest
     real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :), pushed(:, :)
     type(status_type), intent(inout) :: status
+    logical, intent(in) :: rough
     complex(wp) :: left(size(mass, 1), 2*size(mass, 1)), right(size(mass, 1), 2*size(mass, 1))
     real(wp) :: slowest, fastest
     logical :: found
 
     allocate (rest%poles(2*size(mass, 1)))
     call find_damped_modes(mass, damping, stiffness, rest%poles, left, right, found, &
-                           rest%springs_low)
+                           rest%springs_low, rough)
     if (found) then
       slowest = minval(abs(rest%poles))
       fastest = maxval(abs(rest%poles))

@@ -45,6 +45,8 @@ NOTHING_TO_JUDGE = {
     "MultipleScales.formula": "words: its test evaluates them",
     "Response.iterates": "tests/python/test_response.py: by the formula of the paper",
     "Coupling": _WHOLE,
+    "Structure.at_speed": "tests/python/test_structure_rotors.py: the full matrices",
+    "Body.at_speed": "the same as of a PolynomialSystem",
     "MountForces.lost_in_turning": "tests/python/test_body.py: the balance of power of bodies",
     "Response.plan": "words: tests/python/test_frequency_tolerances.py and others read them",
     "Branch.plan": "words: tests/python/test_branch.py and others read them",

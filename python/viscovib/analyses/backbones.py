@@ -285,7 +285,7 @@ def oscillator_backbone(
     refuse_turning(system, "the backbone")
     if np.any(getattr(system, "spin", 0.0)):
         raise InputError("spin: must be 0 for a backbone, which omits damping and gyroscopic terms")
-    if np.any(getattr(system, "gyroscopic", None)):
+    if getattr(system, "_is_gyroscopic", False):
         raise InputError(
             "gyroscopic: must be 0 for a backbone, which omits damping and gyroscopic terms"
         )

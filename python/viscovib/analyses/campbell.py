@@ -15,6 +15,8 @@ from viscovib.common.counts import things
 from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.structure import Structure
+from viscovib.systems.whole import in_all_coordinates, whole_system
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -144,7 +146,7 @@ class Campbell(Result):
 
 
 def campbell(
-    system: PolynomialSystem,
+    system: PolynomialSystem | Structure,
     speeds: npt.ArrayLike,
     *,
     orders: npt.ArrayLike = 1.0,
@@ -157,7 +159,7 @@ def campbell(
 
     Parameters
     ----------
-    system : PolynomialSystem
+    system : PolynomialSystem or Structure
         With `gyroscopic`, `circulatory` or `centrifugal` matrices and without ``speed``. The modes
         of a system without them do not depend on the speed.
     speeds : array_like, shape (n,)
@@ -203,7 +205,10 @@ def campbell(
     >>> print(round(diagram.threshold, 6))
     1.5
     """
-    _native.check_instance("system", system, PolynomialSystem)
+    _native.check_instance("system", system, PolynomialSystem, Structure)
+    system = in_all_coordinates(system)
+    if isinstance(system, Structure):
+        system = whole_system(system)
     if system._turns:
         raise InputError(
             "geometry = 'exact': campbell is not available for finite rotations: use geometry = "

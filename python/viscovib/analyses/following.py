@@ -51,6 +51,7 @@ from viscovib.systems.structure import Structure
 from viscovib.systems.system import turned
 from viscovib.systems.varying import Varied, varied
 from viscovib.systems.varying_structure import varied_structure
+from viscovib.systems.whole import in_all_coordinates
 
 #: Largest array size of all points together.
 _MAX_NUMBERS = 4e8
@@ -183,6 +184,7 @@ def trace_mount(
     check_steady(system, base)
     if nu is not None:
         system = turned(system, nu)
+    system = in_all_coordinates(system, base)
     way = _Way.checked(system, ranges, nu, vary, load, base)
     system = way.system
     stops = checked_stops(at, way.varies, way.start, way.finish)

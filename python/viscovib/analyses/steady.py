@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray, Handle
+from viscovib.analyses.direct_linear import DirectLinear, goes_directly
 from viscovib.analyses.starts import StartLike, start_of
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import Stability, hanging
@@ -37,6 +38,7 @@ from viscovib.systems.load import Job, LoadLike, for_recent_loads
 from viscovib.systems.oscillators import Steady, check_steady, oscillator_job, refuse_turning
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sticking import advice_on_sticking
+from viscovib.systems.whole import in_all_coordinates
 
 METHODS = ("linear", "successive", "newton", "auto")
 OUTCOMES = np.array(["converged", "stalled", "diverged", "singular", "overflow", "stopped"])
@@ -70,6 +72,8 @@ def mount_response(
     progress: bool,
 ) -> Response:
     """`forced_response` of a mount, a polynomial system or a structure."""
+    asked = system
+    system = in_all_coordinates(system, base)
     if start is not None and method == "auto":
         method = "newton"
     frequencies = _checked_frequencies(nu)
@@ -78,6 +82,8 @@ def mount_response(
         stability, False,
     )  # fmt: skip
     job, options, loaded = request.job, request.options, request.loaded
+    if method == "linear" and goes_directly(asked, base):
+        request.direct = DirectLinear(asked, load, base)
     PROGRESS.check(progress)
     if coordinates is not None and loaded is None:
         raise InputError("coordinates: can be chosen for a structure only, must be None")
@@ -162,6 +168,7 @@ def mount_plan(
     stability: bool,
 ) -> Plan:
     """`plan_response` of a mount or a polynomial system."""
+    system = in_all_coordinates(system, base)
     frequencies = _checked_frequencies(nu)
     request = _requested(
         system, load, base, method, harmonics, tolerance, atol, max_iterations, relaxation,
@@ -182,9 +189,13 @@ class _Request:
     #: Job and options as an object of the core, for repeated requests.
     kept: Handle | None = field(default=None, init=False)
     is_repeated: bool = field(default=False, init=False)
+    #: Computes linear responses of many coordinates that depend on the speed.
+    direct: DirectLinear | None = field(default=None, init=False)
 
     def solve(self, nu: FloatArray, **more: Any) -> dict[str, Any]:
         """Compute the responses at these frequencies; ``more``: further or other options."""
+        if self.direct is not None:
+            return self.direct(nu)
         if self.kept is None and self.is_repeated:
             self.kept = Handle("values", self.job.system, **self.job.given, **self.options)
         self.is_repeated = True

@@ -57,6 +57,11 @@ class Parts:
                 "dissipation: is of a PolynomialSystem, a Structure, or a Body with geometry = "
                 f"'small', this is of {type(system).__name__}"
             )
+        if system._has_hidden_forces:
+            raise InputError(
+                "dissipation: is not available for a Structure at the speed of its load: use "
+                "structure.at_speed(speed)"
+            )
         y = self.relative(orders, x, factors)
         losses = np.full((nu.size, 1 + len(system.groups)), np.nan)
         damping = np.asarray(system.damping, dtype=float)

@@ -296,6 +296,8 @@ class Response(PeriodicMotions, Result):
 
     def _linear_motions(self, nu: FloatArray) -> ComplexArray:
         """X_k of the coordinates that the core computes, shape (n, n_dof, m)."""
+        if self._work.request.direct is not None:
+            return np.asarray(self._work.request.direct(nu)["coefficients"].T)
         return np.asarray(self._job.run("response solve", nu=nu, method="linear")["coefficients"].T)
 
     @cached_property

@@ -46,7 +46,8 @@ from viscovib.systems.frequency_formulas import ONE, KnownTerms
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
-from viscovib.systems.polynomial_system import OF_SPEED, PolynomialSystem
+from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
 

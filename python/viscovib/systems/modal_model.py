@@ -14,6 +14,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.elements import Coupling, Spring, direction_of
 from viscovib.systems.layers import Layers
+from viscovib.systems.speed_matrices import OF_SPEED
 
 if TYPE_CHECKING:
     from viscovib.systems.structure import Structure
@@ -203,10 +204,17 @@ def modal_model(structure: Structure) -> ModalModel:
     ]
     for part, _ in layers:  # The structure adds the unrelaxed stiffness of its layers again.
         stiffness = stiffness - part
+    turning: dict[str, Any] = {
+        name: np.asarray(shapes.T @ (matrix @ shapes))
+        for name in OF_SPEED
+        if (matrix := getattr(structure, name)) is not None
+    }
+    if "gyroscopic" in turning:
+        turning["gyroscopic"] = 0.5 * (turning["gyroscopic"] - turning["gyroscopic"].T)
     # Use the type: importing the module of `Structure` would be circular.
     small = type(structure)(
         mass=np.ones(m), stiffness=stiffness, damping=damping, elements=elements, layers=layers,
-        names=[f"q{i + 1}" for i in range(m)], units=["sqrt(kg) m"] * m,
+        names=[f"q{i + 1}" for i in range(m)], units=["sqrt(kg) m"] * m, **turning,
     )  # fmt: skip
     small.__dict__["_all_given"] = True
     return ModalModel(

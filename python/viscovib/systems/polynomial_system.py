@@ -29,6 +29,7 @@ from viscovib.systems.load import (
 )
 from viscovib.systems.mount import dynamic_stiffness, warn_of_creep
 from viscovib.systems.python_law import python_laws
+from viscovib.systems.speed_matrices import MOST_WITH_SPEED, NO_EFFECT, OF_SPEED, WithSpeed
 from viscovib.systems.spring_groups import (
     Forces,
     SpringGroup,
@@ -39,19 +40,15 @@ from viscovib.systems.spring_groups import (
     texts_of,
 )
 from viscovib.systems.stiffness_ratio import warn_of_lost_springs
-from viscovib.systems.system import SPEED_NEEDED, System
 
 #: Bounds of coordinates: in dense matrices; with forces or memory in more than half of them.
 _MAX_COORDINATES, _MAX_WHOLE, _FEW = 2000, 64, 8
-#: Matrices that depend on the speed.
-OF_SPEED = ("gyroscopic", "circulatory", "centrifugal")
-_NO_EFFECT = "speed: has no effect without gyroscopic, circulatory or centrifugal"
 #: Kernel kind in x that marks a vector that contains all kernels for the core.
 _KERNELS_IN_VECTOR = -2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PolynomialSystem(System):
+class PolynomialSystem(WithSpeed):
     """M u'' + C u' + sum_g (1 - R_g*) [K_g u + f_g(u, u')] = load(t).
 
     All forces are on the left side, like the stiffness: a hardening spring has positive
@@ -92,7 +89,8 @@ class PolynomialSystem(System):
         Numbers in the forces, also those of ``springs``; each may vary along a branch
         (``vary="k3"``).
     gyroscopic : array_like, shape (n, n), optional
-        G, skew: the damping of a rotor at the speed Omega is C + Omega G. Up to 64 coordinates.
+        G, skew: the damping of a rotor at the speed Omega is C + Omega G. Up to 512
+        coordinates.
     circulatory, centrifugal : array_like, optional
         K1 and K2, in the forms of the stiffness: the stiffness at the speed Omega is K + Omega K1 +
         Omega^2 K2, without memory in the last two terms. K1 comes from the damping of rotating
@@ -139,6 +137,8 @@ class PolynomialSystem(System):
     speed: float | None = None
 
     time_unit: ClassVar[str] = "s"
+    #: True if the core has forces that ``groups`` does not contain.
+    _has_hidden_forces: ClassVar[bool] = False
     dof_names: tuple[str, ...] = field(init=False, repr=False)
     dof_units: tuple[str, ...] = field(init=False, repr=False)
     #: All groups; the first has the stiffness, forces and kernel of this system.
@@ -186,9 +186,9 @@ class PolynomialSystem(System):
             direction.setflags(write=False)
             self._set("base_direction", direction)
         self._read_speed()
-        if n <= _MAX_WHOLE:
+        if n <= _MAX_WHOLE or self._depends_on_speed:
             handle = _native.polynomial_object(self._vector)
-            if n > 1:
+            if 1 < n <= _MAX_WHOLE:
                 warn_of_lost_springs(handle)
         else:
             self._check_large()
@@ -199,13 +199,13 @@ class PolynomialSystem(System):
         n = len(self.dof_names)
         given = [name for name in OF_SPEED if getattr(self, name) is not None]
         for name in given:
-            if n > _MAX_WHOLE:
-                raise InputError(f"{name}: {n} coordinates, must be 1 to {_MAX_WHOLE}")
+            if n > MOST_WITH_SPEED:
+                raise InputError(f"{name}: {n} coordinates, must be 1 to {MOST_WITH_SPEED}")
             self._set(name, square_matrix(name, getattr(self, name), n))
         if self.speed is None:
             return
         if not given:
-            raise InputError(_NO_EFFECT)
+            raise InputError(NO_EFFECT)
         speed = _native.number("speed", self.speed)
         # The core checks the matrices.
         self._set("speed", None)
@@ -224,29 +224,6 @@ class PolynomialSystem(System):
         none = np.zeros_like(self._mass_matrix)
         gyroscopic, circulatory, centrifugal = (none if one is None else one for one in given)
         return gyroscopic, circulatory, centrifugal
-
-    @property
-    def _depends_on_speed(self) -> bool:
-        """True if the speed is the frequency of the load."""
-        return self.speed is None and self._has_speed_matrices
-
-    @cached_property
-    def _has_speed_matrices(self) -> bool:
-        given = (getattr(self, name) for name in OF_SPEED)
-        return any(one is not None and np.count_nonzero(one) > 0 for one in given)
-
-    def at_speed(self, speed: float) -> PolynomialSystem:
-        """Return the system with constant matrices: those at a speed (rad/s)."""
-        if all(getattr(self, name) is None for name in OF_SPEED):
-            raise InputError(_NO_EFFECT)
-        return replace(self, speed=speed)
-
-    def _turned(self, nu: float | None = None) -> PolynomialSystem:
-        if not self._depends_on_speed:
-            return self
-        if nu is None:
-            raise InputError(SPEED_NEEDED)
-        return self.at_speed(nu)
 
     @property
     def _named_parameters(self) -> tuple[str, ...]:
@@ -468,11 +445,8 @@ class PolynomialSystem(System):
 
     @cached_property
     def _modes(self) -> tuple[FloatArray, FloatArray]:
-        if self.gyroscopic is not None and np.any(self.gyroscopic):
-            raise InputError(
-                "gyroscopic: undamped modes omit it; use campbell or characteristic_roots"
-            )
-        found = _native.run("system modes", self._turned()._handle)
+        self._refuse_gyroscopic()
+        found = _native.run("system modes", self._handle)
         shapes = found["shapes"]
         largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[np.newaxis], axis=0)
         return found["omega"], np.ascontiguousarray(shapes / largest)

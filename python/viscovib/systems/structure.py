@@ -45,8 +45,10 @@ from viscovib.systems.penalty_supports import (
     warn_of_supports,
 )
 from viscovib.systems.relaxing_rest import relaxing_rest
+from viscovib.systems.speed_matrices import NO_EFFECT, OF_SPEED, WithSpeed, check_skew
 from viscovib.systems.spring_groups import texts_of
 from viscovib.systems.structure_matrices import (
+    block_diagonal,
     check_mass,
     dense_of,
     extended,
@@ -58,11 +60,11 @@ from viscovib.systems.structure_matrices import (
     note,
     stiffness_parts,
     warn_of_triangle,
+    with_damping,
     with_elements,
 )
 from viscovib.systems.structure_rest import ModalDamping, Rest, dense_rest
 from viscovib.systems.supports import Supports, block, split, supports_of
-from viscovib.systems.system import System
 
 if TYPE_CHECKING:
     from viscovib.systems.characteristic import CharacteristicRoots
@@ -72,12 +74,16 @@ if TYPE_CHECKING:
 ALL_GIVEN = 64
 #: Largest numbers of coordinates for modes of dense matrices, and of sparse matrices made dense.
 _MAX_DENSE, _SMALL = 5000, 1000
+_REDUCED = (
+    "speed: a reduced structure has no matrices that depend on it: use "
+    "structure.reduce(...).in_modes().structure"
+)
 #: Largest number of coordinates.
 _MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Structure(System):
+class Structure(WithSpeed):
     """M u'' + C u' + K u + sum_j e_j (1 - R_j*) [k_j d_j + f_j(d_j)] = load(t), d_j = e_j . u.
 
     The unknowns are the deflections d_j of nonlinear elements and elements with memory. All other
@@ -121,6 +127,10 @@ class Structure(System):
         has all other coordinates. The base acts on them by K_fs, C_fs and M_fs, and by the elements
         between them and supports. Modal damping, Rayleigh damping and the loss factor are those of
         the motion relative to the base.
+    gyroscopic, circulatory, centrifugal, speed : optional
+        Matrices that depend on the speed of a rotor, in the form of ``stiffness``, and the speed,
+        as for `PolynomialSystem`. With these matrices modal damping and Rayleigh damping are those
+        of the structure at rest, and the loss factor must be 0.
 
     Examples
     --------
@@ -157,6 +167,10 @@ class Structure(System):
     units: Sequence[str] | None = None
     base_direction: npt.ArrayLike | None = None
     supports: Sequence[str] = ()
+    gyroscopic: npt.ArrayLike | None = None
+    circulatory: npt.ArrayLike | None = None
+    centrifugal: npt.ArrayLike | None = None
+    speed: float | None = None
 
     time_unit: ClassVar[str] = "s"
     #: Names of all coordinates and their units.
@@ -170,6 +184,7 @@ class Structure(System):
         own_fields(
             self, "modal_damping", "rayleigh", "elements", "layers", "names", "units", "supports"
         )
+        self._set("_changed", {name: getattr(self, name) for name in OF_SPEED})
         self._add_inner_coordinates()
         sparse = any(is_sparse(m) for m in (self.mass, self.stiffness, self.damping))
         mass = matrix_of("mass", self.mass, None, sparse)
@@ -184,6 +199,7 @@ class Structure(System):
         check_mass(mass)
         warn_of_triangle("stiffness", self.stiffness)
         warn_of_triangle("damping", self.damping)
+        self._read_speed_matrices(n, sparse)
         layers = checked_layers(self.layers, n, sparse)
         names = tuple(f"x{d + 1}" for d in range(n)) if self.names is None else self.names
         self._set("dof_names", texts_of("names", names, n))
@@ -205,10 +221,57 @@ class Structure(System):
             self._set("base_direction", direction)
         self._set("_modal", modal_damping_of(self, self.n_coordinates))
         self._eliminate_penalties()
+        self._fix_speed()
         warn_of_creep([kernel.integral for kernel in self._all_kernels])
 
     def __repr__(self) -> str:
         return note(self)
+
+    def _read_speed_matrices(self, n: int, sparse: bool) -> None:
+        """Check the matrices that depend on the speed, without internal coordinates."""
+        given = [name for name in OF_SPEED if getattr(self, name) is not None]
+        if self.speed is not None:
+            if not given:
+                raise InputError(NO_EFFECT)
+            self._set("speed", _native.number("speed", self.speed))
+        inner = 0 if self._plain == {} else n - self._plain["mass"].shape[0]  # type: ignore[attr-defined]
+        for name in given:
+            matrix = matrix_of(name, getattr(self, name), n - inner, sparse)
+            if inner:
+                matrix = block_diagonal(matrix, inner)
+            self._set(name, matrix)
+        if self.gyroscopic is not None:
+            check_skew(self.gyroscopic)
+        if given and self.loss_factor:
+            raise InputError(f"loss_factor: must be 0 with {given[0]}")
+
+    def _fix_speed(self) -> None:
+        """With a speed the matrices become constant."""
+        if self.speed is None:
+            return
+        modal, speed = self._uncoupled, self.speed
+        own = ("damping", "stiffness")
+        self._changed.update({name: getattr(self, name) for name in own})  # type: ignore[attr-defined]
+        damping: Any = self.damping
+        stiffness: Any = self.stiffness
+        if modal is not None:
+            layers: Layers = self._layers  # type: ignore[attr-defined]
+            at_rest = layers.added_to(stiffness)
+            damping = with_damping(self.mass, damping, at_rest, modal, self._all_elements)
+            self._set("_modal", None)
+        gyroscopic, circulatory, centrifugal = (getattr(self, name) for name in OF_SPEED)
+        with np.errstate(over="ignore", invalid="ignore"):
+            if gyroscopic is not None:
+                damping = damping + speed * gyroscopic
+            if circulatory is not None:
+                stiffness = stiffness + speed * circulatory
+            if centrifugal is not None:
+                stiffness = stiffness + speed * (speed * centrifugal)
+        for name, matrix in zip(own, (damping, stiffness), strict=True):
+            values = matrix.data if is_sparse(matrix) else matrix
+            if not np.isfinite(values).all():
+                raise InputError(f"{name} at speed = {speed:g}: must be a finite number")
+            self._set(name, matrix)
 
     def _add_inner_coordinates(self) -> None:
         """Add the internal coordinates of Maxwell elements to all arrays."""
@@ -261,6 +324,9 @@ class Structure(System):
         self._set("mass", fixed(self.mass, places))
         self._set("damping", fixed(self.damping, places))
         self._set("stiffness", held_stiffness(self.stiffness, whole, places))
+        for name in OF_SPEED:
+            if getattr(self, name) is not None:
+                self._set(name, fixed(getattr(self, name), places))
 
     def _remove_supports(self) -> None:
         """Keep the free coordinates; `_held` keeps the supports and the whole matrices."""
@@ -276,6 +342,13 @@ class Structure(System):
         self._set("_held", found.with_layers(layers, len(self.elements)))
         for name, matrix in zip(("mass", "damping", "stiffness"), matrices, strict=True):
             self._set(name, block(matrix, free, free))
+        for name in OF_SPEED:
+            if getattr(self, name) is None:
+                continue
+            whole_matrix = getattr(self, name)
+            if found.motion is not None and abs(block(whole_matrix, free, held)).max() > 0:
+                raise InputError(f"{name}: must not act on supports that move with the base")
+            self._set(name, block(whole_matrix, free, free))
         whole = tuple((block(matrix, free, free), kernel) for matrix, kernel in layers.whole)
         self._set("_layers", layers._replace(whole=whole))
         for name in ("dof_names", "dof_units"):
@@ -394,12 +467,14 @@ class Structure(System):
     def _given(self) -> dict[str, Any]:
         """Arguments that `supports` change, and those of a file, as they were given."""
         if self._plain:  # type: ignore[attr-defined]
-            return dict(self._plain)  # type: ignore[attr-defined]
+            speeds = {name: self._changed[name] for name in OF_SPEED}  # type: ignore[attr-defined]
+            return self._plain | speeds  # type: ignore[attr-defined,no-any-return]
         given = {
             name: getattr(self, name)
             for name in ("mass", "damping", "stiffness", "base_direction", "modal_damping",
                          "rayleigh")
         } | {"names": self.dof_names, "units": self.dof_units, "supports": ()}  # fmt: skip
+        given |= self._changed  # type: ignore[attr-defined]
         held = self._held
         if held is None:
             return given
@@ -409,9 +484,16 @@ class Structure(System):
             "supports": held.names,
         }  # fmt: skip
 
+    def at_speed(self, speed: float) -> Self:
+        """Return the structure with constant matrices: those at a speed (rad/s)."""
+        if self._reduced is not None:
+            raise InputError(_REDUCED)
+        return super().at_speed(speed)
+
     @cached_property
     def _rest(self) -> Rest:
         """The linear subsystem with the linear parts of the elements, without their memory."""
+        self._turned()
         n = self.n_coordinates
         if is_sparse(self.mass) and n > _SMALL:
             raise InputError(
@@ -431,6 +513,7 @@ class Structure(System):
 
     @cached_property
     def _condensation(self) -> Condensation:
+        self._turned()
         laws = element_laws(self._all_elements, self.n_coordinates, self._couplings)
         found = Condensation(self._rest, laws, self._reduced)
         found.supports = self._fixed  # type: ignore[attr-defined]
@@ -693,7 +776,7 @@ class Structure(System):
         """
         from viscovib.systems.sparse_roots import structure_roots
 
-        return structure_roots(self, count, layers)
+        return structure_roots(self._turned(), count, layers)
 
     @property
     def _base_direction(self) -> FloatArray | None:
@@ -731,6 +814,7 @@ class Structure(System):
         """The structure without damping, memory and loads."""
         from viscovib.systems.undamped import undamped
 
+        self._refuse_gyroscopic()
         return undamped(self)
 
     def _moving_most(self, mode: int) -> int:

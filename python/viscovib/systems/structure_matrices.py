@@ -17,7 +17,7 @@ from viscovib.systems.elements import ElementTerms, direction_of
 from viscovib.systems.load import name_places
 from viscovib.systems.series_dampers import Maxwell
 from viscovib.systems.spring_groups import square_matrix
-from viscovib.systems.structure_rest import ModalDamping
+from viscovib.systems.structure_rest import ModalDamping, matrix_of_modal
 
 if TYPE_CHECKING:
     from viscovib.kernels.relaxation import Kernel
@@ -145,6 +145,37 @@ def with_elements(
             total[np.ix_(places, places)] += k * np.outer(e, e)
             damped[np.ix_(places, places)] += c * np.outer(e, e)
     return total, damped
+
+
+def with_damping(
+    mass: Any, damping: Any, stiffness: Any, modal: ModalDamping, elements: Sequence[ElementTerms]
+) -> Any:
+    """Return C with modal and Rayleigh damping of the modes of K with the elements."""
+    if is_sparse(mass):
+        model = linear_model(mass, damping, stiffness, modal, elements)
+        if not np.any(modal.ratio):
+            return damping + modal.by_mass * mass + modal.by_stiffness * model.stiffness
+        if mass.shape[0] > _MANY:
+            raise InputError(
+                f"modal_damping: with a speed, must be of at most {_MANY} coordinates in sparse "
+                "matrices: use rayleigh or damping"
+            )
+    total, _ = with_elements(stiffness, damping, elements)
+    more = matrix_of_modal(modal, dense_of(mass), total)
+    if is_sparse(mass):
+        from scipy.sparse import csc_array
+
+        return damping + csc_array(more)
+    return damping + more
+
+
+def block_diagonal(matrix: Any, n: int) -> Any:
+    """Return a matrix with n more rows and columns of 0."""
+    if not is_sparse(matrix):
+        return np.pad(matrix, (0, n))
+    wider = matrix.copy()
+    wider.resize((matrix.shape[0] + n, matrix.shape[0] + n))
+    return wider
 
 
 def stiffness_parts(stiffness: Any, elements: Sequence[ElementTerms]) -> tuple[FloatArray, ...]:

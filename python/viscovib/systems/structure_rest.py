@@ -150,11 +150,11 @@ def dense_rest(
                 relaxing=tuple(map(elastic_part, more)),
             )  # fmt: skip
     if modal is not None:
-        damping = damping + _matrix_of(modal, mass, stiffness)
+        damping = damping + matrix_of_modal(modal, mass, stiffness)
     return _complex_rest(mass, damping, stiffness, quiet, parts)
 
 
-def _matrix_of(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
+def matrix_of_modal(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
     """Modal and Rayleigh damping with dampers that couple the modes, C = M Phi diag(rates) Phi^T M.
 
     Phi are the modes without damping, Phi^T M Phi = 1.

@@ -19,12 +19,14 @@ from viscovib.systems.laws import Law, compile_law
 from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.refined_modes import refined_modes
+from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import is_definite
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
 from viscovib.systems.system import System
 
 _Note = TypeVar("_Note")
+_Any = TypeVar("_Any")
 #: Largest number of coordinates in modal coordinates, as of `modal_frame`.
 MOST_IN_FRAME = 512
 #: The same together with the coordinates of the core for exponentials of memory.
@@ -107,6 +109,8 @@ def _all_has_mass(structure: Structure) -> bool:
 class _Whole(PolynomialSystem):
     """All coordinates of a structure, without the limits of harmonic methods."""
 
+    _has_hidden_forces = True
+
     def _check_large(self) -> None:
         _native.polynomial_object(self._vector)
 
@@ -178,9 +182,15 @@ def whole_system(structure: Structure) -> PolynomialSystem:
         for on, terms in many.items():
             laws.append(_power_law(terms, len(own)).numbers(reads, own[on], behind))
         laws += [law.numbers(reads, own[on], behind) for on, law in coupling.programs]
+    turning: dict[str, Any] = {
+        name: dense_of(matrix)
+        for name in OF_SPEED
+        if structure._depends_on_speed and (matrix := getattr(structure, name)) is not None
+    }
     whole = _Whole(
-        mass=mass, stiffness=stiffness, damping=damping, base_direction=structure.base_direction
-    )
+        mass=mass, stiffness=stiffness, damping=damping, base_direction=structure.base_direction,
+        **turning,
+    )  # fmt: skip
     direction = np.zeros(n) if whole._base_direction is None else whole._base_direction
     monomials = [
         [c, on + 1, behind, *powers]
@@ -192,13 +202,30 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     parts: list[Any] = [
         [n, 1 + len(kernels), len(monomials), len(kernels), 1.0], mass.ravel(order="F"),
         damping.ravel(order="F"), direction, *springs, *monomials, *data,
-        *([[len(laws)]] if laws else []), *laws,
+        *([[len(laws)]] if laws or turning else []), *laws,
+        *(part.ravel(order="F") for part in (whole._speed_matrices if turning else ())),
     ]  # fmt: skip
     vector = np.concatenate([np.asarray(part, dtype=float) for part in parts])
     whole.__dict__.update(
         _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units
     )
     return whole
+
+
+def in_all_coordinates(system: _Any, base: object = None) -> Any:
+    """Return a structure whose matrices depend on the speed as a system in all its coordinates.
+
+    Other systems are returned as they are. ``base``: motion of the base.
+    """
+    if not isinstance(system, Structure) or not system._depends_on_speed:
+        return system
+    note = lacks_wholeness(system)
+    if note is not None:
+        raise InputError(f"speed: a motion at the speed of its load {note}")
+    held = system._held
+    if base is not None and held is not None and held.pulls:
+        raise InputError("base: must not move supports of a structure that depends on the speed")
+    return whole_system(system)
 
 
 def law_places(structure: Structure) -> list[int | None]:
