@@ -256,18 +256,18 @@ contains
 
   pure subroutine store_channel(n, n_points, decay, gain, g, state)
     integer, intent(in) :: n, n_points
-    real(wp), intent(in) :: decay(n), gain(n, n_points), g(n_points)
-    real(wp), intent(inout) :: state(n)
+    real(wp), intent(in) :: decay(block, n/block), gain(block, n/block, n_points), g(n_points)
+    real(wp), intent(inout) :: state(block, n/block)
     real(wp) :: sums(block)
-    integer :: q, k
+    integer :: b, k
 
-    do q = 1, n, block
-      sums = decay(q:q + block - 1)*state(q:q + block - 1)
+    do b = 1, n/block
+      sums = decay(:, b)*state(:, b)
       !GCC$ novector
       do k = 1, n_points
-        sums = sums + gain(q:q + block - 1, k)*g(k)
+        sums = sums + gain(:, b, k)*g(k)
       end do
-      state(q:q + block - 1) = sums
+      state(:, b) = sums
     end do
   end subroutine store_channel
 

@@ -95,24 +95,22 @@ contains
     y = ahead(:n)
   end subroutine carry_on
 
-  !> Largest change and size; NaN if any entry is NaN.
+  !> Largest change and size of whole registers; NaN if any entry is NaN.
   pure subroutine compare(n, x, next, change, size_of)
     integer, intent(in) :: n
-    real(wp), intent(in) :: x(n), next(n)
+    real(wp), dimension(row_block, n/row_block), intent(in) :: x, next
     real(wp), intent(out) :: change, size_of
-    real(wp), dimension(row_block) :: largest, moved, poison, shift, there
-    integer :: b, r
+    real(wp), dimension(row_block) :: largest, moved, poison, shift
+    integer :: b
 
-    largest = 0.0_wp
-    moved = 0.0_wp
-    poison = 0.0_wp
+    largest = abs(next(:, 1))
+    moved = abs(next(:, 1) - x(:, 1))
+    poison = 0.0_wp*moved
     !GCC$ novector
-    do b = 1, n/row_block
-      r = (b - 1)*row_block + 1
-      there = abs(next(r:r + row_block - 1))
-      shift = abs(next(r:r + row_block - 1) - x(r:r + row_block - 1))
+    do b = 2, n/row_block
+      shift = abs(next(:, b) - x(:, b))
       moved = larger(moved, shift)
-      largest = larger(largest, there)
+      largest = larger(largest, abs(next(:, b)))
       ! A NaN would be lost in a comparison, but not in a sum.
       poison = poison + 0.0_wp*shift
     end do
@@ -150,24 +148,31 @@ contains
     end do
   end subroutine add_columns
 
-  !> out = start + matrix x, rows in whole registers.
+  !> out = start + matrix x, rows in whole registers. With a first extent that the compiler knows, and
+  !! sums that do not begin at 0, registers are loaded at once.
   pure subroutine product_of(n_rows, n, matrix, x, start, out)
     integer, intent(in) :: n_rows, n
-    real(wp), intent(in) :: matrix(n_rows, n), x(n), start(n_rows)
-    real(wp), intent(out) :: out(n_rows)
+    real(wp), intent(in) :: matrix(row_block, n_rows/row_block, n), x(n)
+    real(wp), intent(in) :: start(row_block, n_rows/row_block)
+    real(wp), intent(out) :: out(row_block, n_rows/row_block)
     real(wp) :: even(row_block), odd(row_block)
-    integer :: c, r
+    integer :: b, c
 
-    do r = 1, n_rows, row_block
-      even = start(r:r + row_block - 1)
-      odd = 0.0_wp
+    do b = 1, n_rows/row_block
+      if (n < 2) then
+        out(:, b) = start(:, b)
+        if (n == 1) out(:, b) = out(:, b) + matrix(:, b, 1)*x(1)
+        cycle
+      end if
+      even = start(:, b) + matrix(:, b, 1)*x(1)
+      odd = matrix(:, b, 2)*x(2)
       !GCC$ novector
-      do c = 1, n/2
-        even = even + matrix(r:r + row_block - 1, 2*c - 1)*x(2*c - 1)
-        odd = odd + matrix(r:r + row_block - 1, 2*c)*x(2*c)
+      do c = 2, n/2
+        even = even + matrix(:, b, 2*c - 1)*x(2*c - 1)
+        odd = odd + matrix(:, b, 2*c)*x(2*c)
       end do
-      if (mod(n, 2) == 1) even = even + matrix(r:r + row_block - 1, n)*x(n)
-      out(r:r + row_block - 1) = even + odd
+      if (mod(n, 2) == 1) even = even + matrix(:, b, n)*x(n)
+      out(:, b) = even + odd
     end do
   end subroutine product_of
 
