@@ -103,15 +103,19 @@ contains
     real(wp), intent(in) :: nu
     complex(wp), intent(in) :: fraction(:, :), compliance(:, :, :)
     complex(wp) :: p(system%n_dof())
-    integer :: j, k
+    integer :: b, j, k
 
     work%point(lane) = point
     work%nu(lane) = nu
-    work%f_re(lane, :, :) = real(fraction)
-    work%f_im(lane, :, :) = aimag(fraction)
-    work%c_re(lane, :, :, :) = real(compliance)
-    work%c_im(lane, :, :, :) = aimag(compliance)
-    work%load(lane, :, :, :) = 0.0_wp
+    do k = 1, size(set%orders)
+      work%f_re(lane, :, k) = real(fraction(:, k))
+      work%f_im(lane, :, k) = aimag(fraction(:, k))
+      do b = 1, size(compliance, 2)
+        work%c_re(lane, :, b, k) = real(compliance(:, b, k))
+        work%c_im(lane, :, b, k) = aimag(compliance(:, b, k))
+        work%load(lane, :, k, b) = 0.0_wp
+      end do
+    end do
     do j = 1, size(load%orders)
       do k = 1, size(set%orders)
         if (set%orders(k) /= load%orders(j)) cycle
