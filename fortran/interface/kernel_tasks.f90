@@ -1,4 +1,4 @@
-! Optimize: -O1
+! Optimize: -O3
 !> Tasks about relaxation kernels. A kernel is given by its kind and parameters as in
 !! `viscovib_catalogue`.
 module viscovib_kernel_tasks
@@ -7,7 +7,7 @@ module viscovib_kernel_tasks
   use viscovib_convolution, only: convolve
   use viscovib_kernel_doubts, only: doubt_integral, doubt_table
   use viscovib_kernel_holder, only: kernel_holder
-  use viscovib_kinds, only: wp
+  use viscovib_kinds, only: i8, wp
   use viscovib_motion_balance, only: panel_points
   use viscovib_task, only: built_kernel, task_type
   implicit none
@@ -41,6 +41,7 @@ contains
     complex(wp), pointer, contiguous :: s(:), transform(:)
     real(wp), allocatable :: values(:), weights(:), rates(:)
     character(len=:), allocatable :: text
+    integer :: lost
 
     if (name == 'new') then
       call build_kernel(task)
@@ -56,10 +57,11 @@ contains
     associate (kernel => kernel%kernel)
       select case (name)
       case ('transform')
-        ! R_c - i R_s at `mu` (n).
+        ! R_c - i R_s at `mu` (n); `lost`: how many of them are not finite numbers.
         points => task%get_reals('mu')
         transform => task%found%new_complexes('values', shape(points))
-        call transform_at(kernel, points, transform)
+        call transform_at(kernel, points, transform, lost)
+        call task%found%put_integer('lost', int(lost, i8))
       case ('laplace')
         ! Laplace transform at complex `s` (n).
         s => task%get_complexes('s')
@@ -119,19 +121,22 @@ contains
     call task%found%put_reals('recalled', recalled, shape(recalled))
   end subroutine find_convolution
 
-  subroutine transform_at(kernel, mu, transform)
+  subroutine transform_at(kernel, mu, transform, lost)
     use viscovib_kernel, only: kernel_type
     class(kernel_type), intent(in) :: kernel
     real(wp), intent(in) :: mu(:)
     complex(wp), intent(out) :: transform(:)
+    integer, intent(out) :: lost
     !> Size of parts that stay in cache between both passes.
     integer, parameter :: part = 1024
     real(wp) :: cosine(part), sine(part)
     integer :: first, m
+    lost = 0
     do first = 1, size(mu), part
       m = min(part, size(mu) - first + 1)
       call kernel%transform(mu(first:first + m - 1), cosine(:m), sine(:m))
       transform(first:first + m - 1) = cmplx(cosine(:m), -sine(:m), wp)
+      lost = lost + count(.not. abs(cosine(:m)) + abs(sine(:m)) <= huge(1.0_wp))
     end do
   end subroutine transform_at
 

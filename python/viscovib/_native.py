@@ -620,10 +620,11 @@ def run_in_parts(
     whole: Mapping[str, Any] = _NOTHING,
     /,
     **arrays: npt.NDArray[Any],
-) -> dict[str, npt.NDArray[Any]]:
+) -> dict[str, Any]:
     """Run a task on parts of the values, so that Ctrl-C works between the parts.
 
-    ``seconds``: largest time per value. Values are the last axis of input and result arrays.
+    ``seconds``: largest time per value. Values are the last axis of input and result arrays; whole
+    numbers in results are counts.
     ``whole``: arguments common to all values.
     """
     n = next(iter(arrays.values())).shape[-1]
@@ -633,12 +634,15 @@ def run_in_parts(
     # Use full blocks and lanes of the core, so that results do not depend on the parts.
     wide = int(_PART / seconds)
     size = max(wide // _BLOCK * _BLOCK, min(wide // _LANES * _LANES, _BLOCK), _LANES)
-    found: dict[str, npt.NDArray[Any]] = {}
+    found: dict[str, Any] = {}
     for start in range(0, n, size):
         end = start + size
         own = {name: array[..., start:end] for name, array in arrays.items()}
         parts = run(task, *parents, **whole, **own)
         for name, part in parts.items():
+            if type(part) is int:
+                found[name] = found.get(name, 0) + part
+                continue
             if name not in found:
                 found[name] = np.empty((*part.shape[:-1], n), dtype=part.dtype, order="F")
             found[name][..., start:end] = part

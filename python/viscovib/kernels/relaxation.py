@@ -153,8 +153,9 @@ class Kernel(ABC):
         flat = points.ravel()
         seconds = self._seconds if power > 0 else self._relaxing
         task = f"kernel {what}"
-        values = _native.run_in_parts(task, self._handle, seconds, **{name: flat})["values"]
-        if _native.all_finite(values):
+        found = _native.run_in_parts(task, self._handle, seconds, **{name: flat})
+        values = found["values"]
+        if found["lost"] == 0 if "lost" in found else _native.all_finite(values):
             return values
         sizes = np.maximum(np.abs(flat.real), np.abs(flat.imag))
         for far, factor in ((sizes > 1 / _SMALL, _SMALL**2), (sizes < _SMALL, _SMALL**-2)):
@@ -166,8 +167,8 @@ class Kernel(ABC):
                     values[far] = _native.run_in_parts(
                         task, self._in_core(data), seconds, **{name: flat[far] * factor}
                     )["values"]
-        found = "the transform" if power > 0 else "the relaxation"
-        _native.check_range(name, points, values, found)
+        quantity = "the transform" if power > 0 else "the relaxation"
+        _native.check_range(name, points, values, quantity)
         return values
 
     def sum_of_exponentials(
