@@ -154,7 +154,7 @@ class Kernel(ABC):
         seconds = self._seconds if power > 0 else self._relaxing
         task = f"kernel {what}"
         found = _native.run_in_parts(task, self._handle, seconds, **{name: flat})
-        values = found["values"]
+        values: npt.NDArray[Any] = found["values"]
         if found["lost"] == 0 if "lost" in found else _native.all_finite(values):
             return values
         sizes = np.maximum(np.abs(flat.real), np.abs(flat.imag))

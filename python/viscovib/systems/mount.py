@@ -219,7 +219,7 @@ def dynamic_stiffness(system: Any, nu: npt.ArrayLike) -> ComplexArray:
         if frequencies.size and (frequencies == 0).any() and math.isinf(kernel.integral):
             raise InputError("nu = 0: a kernel has no integral, nu must not be 0")
     seconds = 1e-6 + sum(kernel._seconds for kernel in kernels)
-    found = _native.run_in_parts(
+    found: ComplexArray = _native.run_in_parts(
         "system dynamic_stiffness", system._handle, seconds, nu=frequencies.ravel()
     )["stiffness"]
     found = np.moveaxis(found, 2, 0).reshape(*frequencies.shape, *found.shape[:2])
