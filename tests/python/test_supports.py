@@ -349,3 +349,138 @@ def test_bad_supports_of_scenes(tmp_path, changes, message):
     path = _scene(tmp_path, "&transient t_end = 1, nu = 1.1 /", **changes)
     with pytest.raises(vv.InputError, match=message):
         vv.run(path)
+
+
+def _each_on_its_own(rng, given, n_elements, **more):
+    """The structure with linear elements at the supports, and its full K and C."""
+    k, c = given["stiffness"].copy(), given["damping"].copy()
+    elements = []
+    for i, j in ((2, 1), (4, 3))[:n_elements]:
+        spring, damper = rng.uniform(1, 3), rng.uniform(0.05, 0.2)
+        elements.append(vv.Spring(on=(f"u{i}", f"u{j}"), stiffness=spring, damping=damper))
+        k += spring * np.outer(_e(i, j), _e(i, j))
+        c += damper * np.outer(_e(i, j), _e(i, j))
+    more = {"base_direction": None} | more
+    more["elements"] = [*elements, *more.get("elements", [])]
+    return _structure(given, **more), k, c
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_supports_that_move_each_on_its_own_in_steady_motions(seed):
+    rng = np.random.default_rng([8, seed])
+    given = _matrices(rng)
+    direction = MOVED if seed % 2 else None
+    structure, k, c = _each_on_its_own(rng, given, seed % 3, base_direction=direction)
+    base = {"u1": {0: 0.05j, 1: 0.2 - 0.1j}, "u3": {1: 0.1j, 3: 0.03}}
+    if seed % 2:
+        base["u3"] = 0.1j
+    nu = rng.uniform(0.3, 4, 3)
+    r = vv.forced_response(structure, nu, load={"u0": 0.3}, base=base, method="linear")
+    reactions = r.support_reactions()
+    losses = r.dissipation()
+    for i, w in enumerate(nu):
+        lost = np.zeros(seed % 3)
+        for j, order in enumerate(r.harmonics):
+            s = 1j * order * w
+            full = given["mass"] * s**2 + c * s + k
+            u = np.zeros(5, complex)
+            for at, name in ((1, "u1"), (3, "u3")):
+                each = base[name] if isinstance(base[name], dict) else {1: base[name]}
+                u[at] = each.get(int(order), 0)
+            p = np.zeros(5, complex)
+            p[0] = 0.3 * (order == 1)
+            u[FREE] = np.linalg.solve(
+                full[np.ix_(FREE, FREE)], p[FREE] - full[np.ix_(FREE, HELD)] @ u[HELD]
+            )
+            assert np.allclose(r.coefficients[i][:, j], u[FREE], rtol=0, atol=1e-13)
+            assert np.allclose(reactions[i][:, j], (full @ u)[HELD], rtol=0, atol=2e-12)
+            for e, (a, b) in enumerate(((2, 1), (4, 3))[: seed % 3]):
+                stretch = abs(u[a] - u[b])
+                lost[e] += np.pi * order**2 * w * structure.elements[e].damping * stretch**2
+        assert np.allclose(losses[i], lost, rtol=1e-10)
+
+
+def test_branches_over_motions_of_supports_and_of_structures_that_are_reduced():
+    rng = np.random.default_rng(12)
+    law = vv.Spring(on=("u0", "u2"), law="2*d^3")
+    structure, _, _ = _each_on_its_own(rng, _matrices(rng), 1, elements=[law])
+    call = {"base": {"u1": 0.2, "u3": 0.1j}, "harmonics": 9, "stability": True}
+    branch = vv.trace_response(structure, nu_range=(0.6, 1.5), **call)
+    r = vv.forced_response(structure, branch.nu[::4], method="newton", **call)
+    size = np.abs(r.coefficients).max()
+    assert np.allclose(branch.coefficients[::4], r.coefficients, rtol=0, atol=1e-8 * size)
+    assert np.allclose(
+        branch.support_reactions()[::4], r.support_reactions(), rtol=0, atol=1e-7 * size
+    )
+    assert (branch.stable[::4] == r.stable).all()
+    run = vv.simulate(structure, 400, base=call["base"], nu=float(branch.nu[4]), keep="last")
+    late = branch.coefficients[4] * np.exp(1j * branch.harmonics * branch.nu[4] * 400)
+    if branch.stable[4]:
+        assert np.allclose(run.state[-1, ::2], late.imag.sum(axis=1), rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_supports_that_move_each_on_its_own_in_time(seed):
+    rng = np.random.default_rng([9, seed])
+    given, w = _matrices(rng), 1.3
+    stop = vv.Gap(on=("u0", "u2"), gap=0.1, stiffness=20.0)
+    law = vv.Spring(on=("u0", "u4"), law="0.7*d^3")
+    others = [law, stop] if seed % 2 else [law]
+    structure, k, c = _each_on_its_own(rng, given, seed % 3, elements=others)
+    times = np.linspace(0, 5, 9)
+    record = vv.LoadTable(times=times, values=0.2 * np.sin(2 * times) ** 2, interpolation="cubic")
+    moved = [PPoly(record._base_pieces()[:, 0, : times.size - 1], times)]
+    moved += [moved[0].derivative(), moved[0].derivative(2)]
+
+    def full(t, x):
+        u, v, a = np.zeros((3, 5))
+        u[FREE], v[FREE] = x[:3], x[3:]
+        u[1], v[1], a[1] = (float(one(t)) for one in moved)
+        u[3], v[3], a[3] = (np.imag(0.2 * (1j * w) ** p * np.exp(1j * w * t)) for p in range(3))
+        d = u[0] - u[2]
+        rest = c @ v + k @ u + 0.7 * (u[0] - u[4]) ** 3 * _e(0, 4)
+        if seed % 2:
+            rest += 20 * max(d - 0.1, 0) * _e(0, 2)
+        rest[0] -= 0.3 * np.sin(w * t)
+        pushed = -rest[FREE] - given["mass"][np.ix_(FREE, HELD)] @ a[HELD]
+        a[FREE] = np.linalg.solve(given["mass"][np.ix_(FREE, FREE)], pushed)
+        return a[FREE], (given["mass"] @ a + rest)[HELD], u, v
+
+    start, end = [0.1, 0, 0, 0.2, -0.1, 0], 4.0
+    call = {"load": {"u0": 0.3}, "nu": w, "base": {"u1": record, "u3": 0.2}}
+    run = vv.simulate(structure, end, initial=start, **call)
+    found = solve_ivp(
+        lambda t, x: np.concatenate([x[3:], full(t, x)[0]]), (0, end),
+        [*start[::2], *start[1::2]], "DOP853", rtol=1e-11, atol=1e-12, max_step=0.02,
+    ).y[:, -1]  # fmt: skip
+    accurate = 1e-7 if seed % 2 else 1e-9
+    assert np.allclose(np.r_[run.state[-1, ::2], run.state[-1, 1::2]], found, rtol=0, atol=accurate)
+    acceleration, reaction, u, v = full(end, found)
+    assert np.allclose(run.acceleration[-1], acceleration, rtol=0, atol=20 * accurate)
+    force = run.support_reactions().force[-1]
+    assert np.allclose(force, reaction, rtol=0, atol=50 * accurate)
+    own = run.element_forces()
+    for e, (i, j) in enumerate(((2, 1), (4, 3))[: seed % 3]):
+        one = structure.elements[e]
+        pull = one.stiffness * (u[i] - u[j]) + one.damping * (v[i] - v[j])
+        assert abs(own.force[-1, e] - pull) < 20 * accurate
+    half = vv.simulate(structure, end / 2, initial=start, **call)
+    later = vv.simulate(structure, end, resume=half)
+    assert np.allclose(later.support_reactions().force[-1], force, rtol=0, atol=50 * accurate)
+
+
+@pytest.mark.parametrize(
+    ("base", "message"),
+    [
+        ({"u2": 0.1}, r"base = 'u2': must be one of 'u3', 'u1'"),
+        ({"u3": "t"}, r"base\['u3'\] = 't': must be a number or \{order: number\}"),
+        ({"u1": 0.1}, r"base\['u1'\]: elements\[0\] is not a linear spring or damper"),
+    ],
+)
+def test_bad_motions_of_supports(base, message):
+    spring = vv.Spring(on=("u2", "u1"), law="d^3")
+    structure = _structure(_matrices(np.random.default_rng(1)), elements=[spring])
+    with pytest.raises(vv.InputError, match=message):
+        vv.forced_response(structure, [1.0], base=base)
+    with pytest.raises(vv.InputError, match=message):
+        vv.simulate(structure, 1.0, base=base, nu=1.0)

@@ -202,6 +202,8 @@ class KnownMotion:
     laws: FloatArray | None = None
     #: What the springs of a body remember, -R * g, if it is known already.
     springs: list[FloatArray] = field(default_factory=list)
+    #: Displacements, velocities and accelerations of supports that move each on its own.
+    supports: tuple[FloatArray, ...] | None = None
 
     @cached_property
     def panels(self) -> Panels | None:

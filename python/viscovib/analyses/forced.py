@@ -114,7 +114,9 @@ def forced_response(
         vector over its coordinates (for a body x, y, z, rx, ry, rz), or amplitudes by name. The
         response is absolute. Viscous damping acts on the motion relative to the base. A mass matrix
         that couples coordinates to the supports (block M_fs of consistent finite elements) also
-        needs the load -M_fs a with the acceleration a of the supports.
+        needs the load -M_fs a with the acceleration a of the supports. For a `Structure` with
+        ``supports`` also a motion of each by name, {"left": 1e-3, "right": {1: 1e-3j, 2: 2e-4}}.
+        Only linear springs and dampers may act on such supports.
     p1, p2, p3, f0, m01, m02 : array_like, shape (n,)
         For a pendulum, instead of ``nu``: values of one of its parameters. Without them a single
         motion is computed.

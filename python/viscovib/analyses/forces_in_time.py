@@ -126,6 +126,8 @@ def support_reactions(
         force += own @ row[:, held.free].T
         if held.motion is not None:
             force += np.outer(moved, row @ held.motion)
+    for row, each in zip(rows[::-1], motion.supports or (), strict=False):
+        force += each @ row[:, held.held].T
     if held.touched:
         # A coupling has one entry for each of its deflections.
         first = np.cumsum([0, *(len(one) for one in held.ends)])[held.touched].tolist()
@@ -137,18 +139,21 @@ def _of_structure(
     structure: Structure, motion: KnownMotion, only: Sequence[int] | None = None
 ) -> ElementForces:
     at = law_places(structure)
-    chosen = [
-        (element, at[i])
+    rows = [
+        i
         for i, element in enumerate(structure._all_elements)
         # Directions of a coupling are places only.
         if (element.powers or element.damping or element.law is not None)
         and (only is None or i in only)
     ]
+    chosen = [(structure._all_elements[i], at[i]) for i in rows]
     directions = np.array([element.direction for element, _ in chosen])
     directions = directions.reshape(-1, structure.n_coordinates).T
 
     def forces(u: FloatArray, rate: FloatArray, laws: FloatArray | None) -> FloatArray:
-        d, speed = u @ directions, rate @ directions
+        return forces_of(u @ directions, rate @ directions, laws)
+
+    def forces_of(d: FloatArray, speed: FloatArray, laws: FloatArray | None) -> FloatArray:
         force: FloatArray = np.zeros(d.shape)
         for j, (element, place) in enumerate(chosen):
             law: Any = element.law
@@ -160,8 +165,14 @@ def _of_structure(
         return force
 
     d, speed = motion.u @ directions, motion.rate @ directions
+    if motion.supports is not None:
+        held = structure._held
+        assert held is not None
+        ends_of = np.concatenate(held.ends)[rows].T
+        d = d + motion.supports[0] @ ends_of
+        speed = speed + motion.supports[1] @ ends_of
     damping = speed * np.array([element.damping for element, _ in chosen])
-    elastic = forces(motion.u, motion.rate, motion.laws)
+    elastic = forces_of(d, speed, motion.laws)
     ends = [element.series or element for element, _ in chosen]
     for j, (element, _) in enumerate(chosen):
         if element.series is not None:

@@ -55,6 +55,7 @@ from viscovib.systems.base_acceleration import BaseMotion, relative_loads
 from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
+from viscovib.systems.own_supports import SupportMotion, moves_apart, on_own_supports
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
@@ -138,8 +139,9 @@ def simulate(
     load, nu, base
         Not for a pendulum: periodic load, its frequency and base motion, as for
         ``forced_response``; a constant force F is ``load={0: 1j * F}``. ``base`` may also be a
-        `LoadTable` of displacements in time. States are absolute, not relative to the base. Without
-        ``initial`` the body is at rest at 0.
+        `LoadTable` of displacements in time, or of a support by name, {"left": table, "right":
+        1e-3}. States are absolute, not relative to the base. Without ``initial`` the body is at
+        rest at 0.
     force : LoadTable
         Not for a pendulum: any load in time, added to the periodic one. Steps end on its corners
         and ends. With a given ``dt`` the states kept are still equidistant.
@@ -244,6 +246,11 @@ def simulate(
     floor = None
     if base_acceleration is not None:
         load, force, floor = _on_moving_base(system, base_acceleration, base, load, nu, force)
+    supports = None
+    if moves_apart(system, base):
+        load = at_frequency(load, nu)
+        load, force, supports = on_own_supports(system, base, load, nu, force, end)
+        base, nu = None, nu if load is not None else None
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
@@ -259,7 +266,9 @@ def simulate(
                 "events: taken from the run that is resumed, must not be given with resume"
             )
         run = go_on(resume, end, want, progress, other, estimated)
-        return _heard(run, floor or resume._floor)
+        if other is None:
+            supports = resume._supports
+        return _heard(run, floor or resume._floor, supports)
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     breaks = breaks_of(force, base, len(system.dof_names))
@@ -283,7 +292,7 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         first = steps.first(n)
         try:
-            return _heard(by_tolerance(first, n, end, want, accuracy, progress), floor)
+            return _heard(by_tolerance(first, n, end, want, accuracy, progress), floor, supports)
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
@@ -293,9 +302,10 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
-        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress), floor)
+        found = by_tolerance(steps.first(n), n, end, want, accuracy, progress)
+        return _heard(found, floor, supports)
     run = _with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated)
-    return _heard(run, floor)
+    return _heard(run, floor, supports)
 
 
 def _on_moving_base(
@@ -315,10 +325,10 @@ def _speed(nu: float | None, resume: Trajectory | None) -> float | None:
     return getattr(getattr(resume, "system", None), "speed", None) if nu is None else nu
 
 
-def _heard(run: Trajectory, floor: BaseMotion | None) -> Trajectory:
+def _heard(run: Trajectory, floor: BaseMotion | None, supports: SupportMotion | None) -> Trajectory:
     """Warn of events that could not be found: functions without a value, or too fine."""
-    if floor is not None:
-        run = replace(run, _floor=floor)
+    if floor is not None or supports is not None:
+        run = replace(run, _floor=floor, _supports=supports)
     watch = None if run._resume is None else run._resume.watch
     if watch is None or not run.stats["steps"]:
         return run

@@ -107,17 +107,17 @@ def dissipated(
     """
     losses = np.full((nu.size, len(view.elements)), np.nan)
     for column, terms in enumerate(view.elements):
-        d = _deflections(view, terms, nu, orders, y, factors)
+        d = _deflections(view, column, nu, orders, y, factors)
         for i in np.flatnonzero(np.isfinite(d).all(axis=(1, 2))):
             losses[i, column] = _loss_of(terms, float(nu[i]), orders, d[i], linear)
     return losses
 
 
 def _deflections(
-    view: View, terms: Any, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
+    view: View, place: int, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
 ) -> ComplexArray:
     """Harmonics of the deflections of an element, relative to the base, shape (n, n_own, m)."""
-    loaded = view.loaded
+    loaded, terms = view.loaded, view.elements[place]
     condensed = loaded.condensation.laws.directions
     found = []
     for e in terms.directions if hasattr(terms, "directions") else (terms.direction,):
@@ -132,7 +132,12 @@ def _deflections(
                 base = np.outer(factors, loaded.direction[places] * loaded.base[j])
                 u[:, :, orders == order] -= base[:, :, np.newaxis]
         found.append(np.einsum("q,nqm->nm", e[places], u))
-    return np.stack(found, axis=1)
+    all_of_them = np.stack(found, axis=1)
+    for order, moved in loaded.apart.items():
+        assert view.held is not None
+        stretched = np.multiply.outer(factors, view.held.ends[place] @ moved)
+        all_of_them = all_of_them + np.multiply.outer(stretched, orders == order)
+    return all_of_them
 
 
 def _loss_of(terms: Any, nu: float, orders: Any, d: ComplexArray, linear: bool) -> float:
@@ -187,7 +192,7 @@ def forces_of_elements(
     found = np.full((nu.size, len(chosen), orders.size), np.nan, dtype=complex)
     for column, place in enumerate(chosen):
         terms = view.elements[place]
-        d = _deflections(view, terms, nu, orders, y, factors)
+        d = _deflections(view, place, nu, orders, y, factors)
         for i in np.flatnonzero(np.isfinite(d).all(axis=(1, 2))):
             theta, force, _ = _sampled(terms, float(nu[i]), orders, d[i], linear)
             parts = 2j / theta.size * (force @ np.exp(-1j * np.outer(theta, orders)))

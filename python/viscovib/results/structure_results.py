@@ -95,6 +95,8 @@ class _OfStructure:
             for order, moved in zip(view.loaded.orders, view.loaded.base, strict=True):
                 at = np.multiply.outer(factors * moved, view.held.motion[view.held.held])
                 u[:, view.held.held] += np.multiply.outer(at, orders == order)
+        for order, each in view.loaded.apart.items():
+            u[:, view.held.held] += np.multiply.outer(np.outer(factors, each), orders == order)
         s = 1j * np.multiply.outer(nu, orders)[:, np.newaxis]
         found = [one @ u for one in (mass, damping, stiffness)]
         return np.asarray(

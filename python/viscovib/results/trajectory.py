@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, overload
 
@@ -40,6 +40,7 @@ from viscovib.systems.law_poles import (
     pole_text,
 )
 from viscovib.systems.mount import Mount
+from viscovib.systems.own_supports import SupportMotion
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
@@ -191,6 +192,7 @@ class Trajectory(Result):
     resolution: float | None = None
     events: tuple[LocatedEvents, ...] = ()
     _floor: BaseMotion | None = field(default=None, repr=False)
+    _supports: SupportMotion | None = field(default=None, repr=False)
 
     #: Whether its table contains accelerations.
     _accelerates = False
@@ -425,7 +427,10 @@ class Trajectory(Result):
     @cached_property
     def _known(self) -> Any:
         """What acts along the motion; not part of pickles."""
-        return self._resume.along(self)
+        found = self._resume.along(self)
+        if self._supports is not None:
+            found = replace(found, supports=self._supports.at(self.t))
+        return found
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_known"}

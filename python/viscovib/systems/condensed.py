@@ -227,6 +227,8 @@ class LoadedStructure:
         push = _push(condensation, inertia.astype(complex))
         self.inertial_pushes = [push.times(factor) for factor in base]
         self.varying_pushes = [_push(condensation, one.force) for one in self.varying]
+        #: Motions of supports that move each on its own, by order, shape (n_held,).
+        self.apart: dict[int, ComplexArray] = {}
         #: Whether motions are those of the linear part, whose forces need no division by H.
         self.linear = False
 

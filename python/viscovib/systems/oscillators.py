@@ -15,6 +15,7 @@ from viscovib.systems.load import (
 )
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.mount import Mount
+from viscovib.systems.own_supports import moves_apart
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.system import System
@@ -52,6 +53,8 @@ def refuse_turning(system: System, what: str) -> None:
 def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
     if isinstance(base, LoadTable):
         apart, along = base._columned, not base._columned
+    elif moves_apart(system, base):
+        return
     else:
         terms = [in_components(term) for term in base_by_order(base).values()]
         apart, along = any(terms), not all(terms)

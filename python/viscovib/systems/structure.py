@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray
+from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
@@ -37,6 +37,7 @@ from viscovib.systems.load import (
     parts_of,
 )
 from viscovib.systems.mount import warn_of_creep
+from viscovib.systems.own_supports import harmonics_apart, moves_apart, with_forces
 from viscovib.systems.penalty_supports import (
     fixed,
     fixed_elements,
@@ -126,7 +127,8 @@ class Structure(WithSpeed):
         Names of coordinates of the matrices that are fixed, or move with the base. The structure
         has all other coordinates. The base acts on them by K_fs, C_fs and M_fs, and by the elements
         between them and supports. Modal damping, Rayleigh damping and the loss factor are those of
-        the motion relative to the base.
+        the motion relative to the base. ``base={"x1": ..., "x9": ...}`` moves each support on its
+        own, without ``base_direction``.
     gyroscopic, circulatory, centrifugal, speed : optional
         Matrices that depend on the speed of a rotor, in the form of ``stiffness``, and the speed,
         as for `PolynomialSystem`. With these matrices modal damping and Rayleigh damping are those
@@ -790,7 +792,13 @@ class Structure(WithSpeed):
         n = self.n_coordinates
         places: Mapping[str, int] = self._places  # type: ignore[attr-defined]
         constant, varying = parts_of(load, n, places)
+        apart: dict[int, ComplexArray] = {}
+        forces: dict[int, ComplexArray] = {}
+        if moves_apart(self, base):
+            apart, forces, more = harmonics_apart(self, base)
+            varying, base = [*varying, *more], None
         orders, series = load_series(constant, base, n, places)
+        orders, series = with_forces(orders, series, forces)
         held = self._held
         if base is not None and held is not None and held.pulls:
             for j, order in enumerate(orders.tolist()):
@@ -805,9 +813,11 @@ class Structure(WithSpeed):
         if self._reduced is not None:
             given = np.column_stack([series[:-1], inertia, *(one.force for one in varying)])
             self._reduced.check_loads(given, self.dof_names)
-        return LoadedStructure.of(
+        found = LoadedStructure.of(
             self._condensation, orders, series, inertia, self._base_direction, varying
         )
+        found.apart = apart
+        return found
 
     @cached_property
     def _free(self) -> LoadedStructure:

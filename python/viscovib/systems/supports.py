@@ -294,7 +294,20 @@ def with_base_loads(
     supports: Supports | None = system._held
     if base is None or supports is None:
         return load, force
-    n = len(system.dof_names)
+    return pulled(supports, system.dof_names, end, load, nu, base, force)
+
+
+def pulled(
+    supports: Supports,
+    names: Sequence[str],
+    end: float,
+    load: LoadLike | None,
+    nu: float,
+    base: Any,
+    force: LoadTable | None,
+) -> tuple[LoadLike | None, LoadTable | None]:
+    """Return the loads in time on the coordinates with these names with those of supports."""
+    n = len(names)
     if isinstance(base, LoadTable):
         times, pieces = np.asarray(base.times), base._base_pieces()[:, 0]
         if supports.mass.any():
@@ -309,8 +322,7 @@ def with_base_loads(
                 own = added((np.asarray(force.times), force._pieces(n)), own)
             force = PiecewiseTable.of(*own)
         return load, force
-    places = name_places(system.dof_names)
-    orders, series = load_series(load, base, n, places)
+    orders, series = load_series(load, base, n, name_places(names))
     loads = {}
     for order, column in zip(orders.tolist(), series.T, strict=True):
         moved = (order * nu) ** 2 * supports.mass + supports.force(order, nu)
@@ -332,5 +344,5 @@ def _refuse_kinks(times: FloatArray, pieces: FloatArray, end: float) -> None:
         i = int(np.argmax(jumps))
         raise InputError(
             f"base: its velocity jumps by {jumps[i]:g} at t = {times[i]:g}, and the mass matrix "
-            "couples the supports to a structure with kinks: use interpolation = 'cubic'"
+            "couples the supports to the structure: use interpolation = 'cubic'"
         )

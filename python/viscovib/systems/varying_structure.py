@@ -27,6 +27,7 @@ from viscovib.systems.laws import (
     named_in,
 )
 from viscovib.systems.load import LoadLike
+from viscovib.systems.own_supports import moves_apart
 from viscovib.systems.series_dampers import Maxwell
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import Varied, affine
@@ -70,6 +71,12 @@ def varied_structure(
             Varied("memory_scale", flat - direction * flat, direction), structure
         )
     place, key = _element(structure, name)
+    held = structure._held
+    if held is not None and moves_apart(structure, base) and held.ends[place].any():
+        raise InputError(
+            f"vary = {name!r}: elements[{place}] acts on a support, so its forces by a motion of "
+            "each support would vary too: must act on free coordinates, or give base_direction"
+        )
     if not isinstance(structure.elements[place], Spring):
         for end in (finish, start):
             ends: dict[str, Any] = {key: end}
