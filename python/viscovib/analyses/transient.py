@@ -60,6 +60,8 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 
+#: Motion of the base by its acceleration, and of supports, each or None.
+_Moved = tuple[BaseMotion | None, SupportMotion | None]
 #: Largest relative last coefficient of a step without a warning.
 _ROUGH = 1e-2
 #: Reduction of the tolerance of memory equations if no step size met the tolerance.
@@ -240,17 +242,8 @@ def simulate(
     if not auto and (rtol is not None or atol is not None):
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     estimated = _native.flag("estimate_error", estimate_error)
-    # Scenes represent a base at rest by an empty mapping.
-    if base is not None and isinstance(base, Mapping) and not base:
-        base = None
-    floor = None
-    if base_acceleration is not None:
-        load, force, floor = _on_moving_base(system, base_acceleration, base, load, nu, force)
-    supports = None
-    if moves_apart(system, base):
-        load = at_frequency(load, nu)
-        load, force, supports = on_own_supports(system, base, load, nu, force, end)
-        base, nu = None, nu if load is not None else None
+    given = load, nu, base, force
+    load, nu, base, force, moved = _with_base(system, base_acceleration, *given, end)
     loads = Acting(load, nu, base, force, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
@@ -266,9 +259,8 @@ def simulate(
                 "events: taken from the run that is resumed, must not be given with resume"
             )
         run = go_on(resume, end, want, progress, other, estimated)
-        if other is None:
-            supports = resume._supports
-        return _heard(run, floor or resume._floor, supports)
+        supports = resume._supports if other is None else moved[1]
+        return _heard(run, (moved[0] or resume._floor, supports))
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
     breaks = breaks_of(force, base, len(system.dof_names))
@@ -292,7 +284,7 @@ def simulate(
         n = want.every * math.ceil(n / want.every)
         first = steps.first(n)
         try:
-            return _heard(by_tolerance(first, n, end, want, accuracy, progress), floor, supports)
+            return _heard(by_tolerance(first, n, end, want, accuracy, progress), moved)
         except NotMetError:
             if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
                 raise
@@ -302,10 +294,26 @@ def simulate(
             first.layers.seen = True
         else:
             steps, _ = prepared(_SHARPER)
-        found = by_tolerance(steps.first(n), n, end, want, accuracy, progress)
-        return _heard(found, floor, supports)
+        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress), moved)
     run = _with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated)
-    return _heard(run, floor, supports)
+    return _heard(run, moved)
+
+
+def _with_base(
+    system: Any, acceleration: object, load: Any, nu: Any, base: Any, force: Any, end: float
+) -> tuple[Any, Any, Any, Any, _Moved]:
+    """Return the loads, and the motions of a base or supports that are part of them."""
+    # Scenes represent a base at rest by an empty mapping.
+    if base is not None and isinstance(base, Mapping) and not base:
+        base = None
+    if acceleration is not None:
+        load, force, floor = _on_moving_base(system, acceleration, base, load, nu, force)
+        return load, nu, base, force, (floor, None)
+    if not moves_apart(system, base):
+        return load, nu, base, force, (None, None)
+    load = at_frequency(load, nu)
+    load, force, supports = on_own_supports(system, base, load, nu, force, end)
+    return load, None if load is None else nu, None, force, (None, supports)
 
 
 def _on_moving_base(
@@ -325,10 +333,10 @@ def _speed(nu: float | None, resume: Trajectory | None) -> float | None:
     return getattr(getattr(resume, "system", None), "speed", None) if nu is None else nu
 
 
-def _heard(run: Trajectory, floor: BaseMotion | None, supports: SupportMotion | None) -> Trajectory:
+def _heard(run: Trajectory, moved: _Moved) -> Trajectory:
     """Warn of events that could not be found: functions without a value, or too fine."""
-    if floor is not None or supports is not None:
-        run = replace(run, _floor=floor, _supports=supports)
+    if moved != (None, None):
+        run = replace(run, _floor=moved[0], _supports=moved[1])
     watch = None if run._resume is None else run._resume.watch
     if watch is None or not run.stats["steps"]:
         return run
