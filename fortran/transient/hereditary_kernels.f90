@@ -148,8 +148,8 @@ contains
     end do
   end subroutine add_columns
 
-  !> out = start + matrix x. If the compiler knows the first extent and sums do not begin at 0, whole
-  !! registers are loaded at once.
+  !> out = start + matrix x. Whole registers are loaded at once if the compiler knows the first
+  !! extent and sums do not begin at 0.
   pure subroutine product_of(n_rows, n, matrix, x, start, out)
     integer, intent(in) :: n_rows, n
     real(wp), intent(in) :: matrix(row_block, n_rows/row_block, n), x(n)
