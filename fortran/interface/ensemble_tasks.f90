@@ -9,7 +9,7 @@ module viscovib_ensemble_tasks
   use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_load, only: load_type
-  use viscovib_many_motions, only: many_motions
+  use viscovib_many_motions, only: compare, many_motions
   use viscovib_motion_inputs, only: load_of, read_equations, read_piece
   use viscovib_motion_piece, only: motion_equations
   use viscovib_pendulum, only: pendulum_type
@@ -20,6 +20,7 @@ module viscovib_ensemble_tasks
   use viscovib_stopping, only: is_set
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_task, only: task_type
+  use viscovib_trajectory, only: hopeless
   implicit none
   private
 
@@ -50,6 +51,8 @@ contains
       call run_oscillators(task)
     case ('of members')
       call run_members(task)
+    case ('comparison')
+      call compare_runs(task)
     case ('orbits')
       call find_last_orbits(task)
     case ('disturbances')
@@ -350,6 +353,41 @@ contains
     call task%found%put_reals('times', times, shape(times))
     call task%found%put_reals('points', points, shape(points))
   end subroutine put_passages
+
+  !> Compare all runs with runs of half the step size, see `compare`. Both are objects with some of
+  !! the results of runs. Input: the allowed errors `absolute` and `relative`, and the `changes` of
+  !! earlier comparisons. Results: `change`; `worst`: the run that changes most, from 0; `met`;
+  !! `goes_on`: true if half the step size may help; `lyapunov_error` of the finer runs.
+  subroutine compare_runs(task)
+    type(task_type), intent(inout) :: task
+    type(many_motions) :: many(2)
+    real(wp) :: change
+    logical :: met
+    integer :: i
+
+    do i = 1, 2
+      associate (given => task%parents(i)%to, its => many(i))
+        allocate (its%state, source=given%get_matrix('state'))
+        allocate (its%ended, source=given%get_integers('ended'))
+        allocate (its%t_reached, source=given%get_reals('t_reached'))
+        allocate (its%peak, source=given%get_matrix('peak'))
+        allocate (its%mean, source=given%get_matrix('mean'))
+        allocate (its%rms, source=given%get_matrix('rms'))
+        allocate (its%lyapunov, source=given%get_matrix('lyapunov'))
+        allocate (its%lyapunov_error, source=given%get_matrix('lyapunov_error'))
+      end associate
+    end do
+    call compare(many(1), many(2), task%get_real('absolute'), task%get_real('relative'), change, &
+                 met)
+    associate (found => task%found, finer => many(2))
+      call found%put_real('change', change)
+      call found%put_integer('worst', int(finer%worst - 1, i8))
+      call found%put_integer('met', merge(1_i8, 0_i8, met))
+      call found%put_integer('goes_on', merge(0_i8, 1_i8, &
+                                              hopeless([task%get_reals('changes'), change])))
+      call found%put_reals('lyapunov_error', finer%lyapunov_error, shape(finer%lyapunov_error))
+    end associate
+  end subroutine compare_runs
 
   !> Periodic orbits in the last `points` (w, k, n) of n solutions, see `viscovib_basin_rules`;
   !! `ended` (n) /= 0: end time reached. `shown`: a solution on each orbit, from 0.

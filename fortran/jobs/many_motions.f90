@@ -22,6 +22,8 @@ module viscovib_many_motions
     integer, allocatable :: ended(:)
     !> True if common steps may have missed a thin layer of a force.
     logical, allocatable :: missed(:)
+    !> Motion with the largest difference from a run with twice the step size.
+    integer :: worst = 1
   contains
     procedure :: begin
     procedure :: take_lane
@@ -109,7 +111,8 @@ contains
     logical, intent(out) :: met
     real(wp), dimension(size(fine%state, 1), size(fine%state, 2)) :: along, parts
     real(wp), dimension(size(fine%state, 1)) :: sizes, tops
-    real(wp), dimension(size(fine%ended)) :: late, moved
+    real(wp), dimension(size(fine%ended)) :: late, moved, changes
+    real(wp), dimension(size(fine%lyapunov, 1)) :: off
     real(wp) :: rounded
     logical :: alive(size(fine%ended))
     integer :: d, i
@@ -125,6 +128,8 @@ contains
     do i = 1, size(alive)
       ! Peaks and means of a motion that stopped are NaN.
       if (.not. alive(i)) cycle
+      off = abs(fine%lyapunov(:, i) - coarse%lyapunov(:, i))
+      where (off > fine%lyapunov_error(:, i)) fine%lyapunov_error(:, i) = off
       rounded = max(rounded, maxval(abs(fine%state(:, i))))
       if (size(fine%peak) == 0) cycle
       along(:, i) = max(abs(fine%peak(:, i) - coarse%peak(:, i)), &
@@ -133,9 +138,11 @@ contains
       tops = max(tops, fine%peak(:, i))
       rounded = max(rounded, maxval(fine%peak(:, i)))
     end do
-    change = max(maxval(parts), maxval(along), maxval(moved))
+    changes = max(maxval(parts, 1), maxval(along, 1), moved)
+    where (coarse%ended /= fine%ended .or. fine%ended == run_coarse) changes = huge(1.0_wp)
+    fine%worst = maxloc(changes, 1)
+    change = changes(fine%worst)
     met = .false.
-    if (any(coarse%ended /= fine%ended .or. fine%ended == run_coarse)) change = huge(1.0_wp)
     if (.not. change < huge(1.0_wp)) return
     do d = 1, size(sizes)
       sizes(d) = maxval([0.0_wp, pack(abs(fine%state(d, :)), alive)])
@@ -148,11 +155,6 @@ contains
       met = met .and. all(.not. alive .or. (parts(d, :) <= sizes(d) .and. along(d, :) <= tops(d)))
     end do
     if (.not. met) return
-    do i = 1, size(alive)
-      ! For stopped motions both are NaN.
-      if (alive(i)) fine%lyapunov_error(:, i) = max(fine%lyapunov_error(:, i), &
-                                              abs(fine%lyapunov(:, i) - coarse%lyapunov(:, i)))
-    end do
     change = max(change, 4.0_wp*epsilon(1.0_wp)*rounded)
     if (.not. all(alive)) change = max(change, located*max(1.0_wp, maxval(fine%t_reached, &
                                                                           mask=.not. alive)))

@@ -10,8 +10,6 @@ from viscovib.common.parameters import RTOL, TIME_TOLERANCE
 from viscovib.errors import InputError
 
 _EPS = float(np.finfo(float).eps)
-#: Smallest size of a coordinate in comparisons, relative to the largest coordinate.
-_SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,15 +48,6 @@ class Accuracy:
     def solved(self) -> float:
         """Relative tolerance for approximations, such as kernels."""
         return 0.1 * min(filter(None, (self.absolute, self.relative)))
-
-    def allowed(self, states: FloatArray) -> FloatArray:
-        """Largest allowed error of each column of states."""
-        sizes = np.abs(states).max(axis=0, initial=0.0)
-        if self.by_size:
-            pair = sizes[::2].max(initial=0.0), sizes.max(initial=0.0)
-            return self.relative * np.tile(pair, sizes.size // 2)
-        sizes = np.maximum(sizes, _SMALLEST * sizes.max(initial=0.0))
-        return np.asarray(self.absolute + self.relative * sizes)
 
     @property
     def text(self) -> str:

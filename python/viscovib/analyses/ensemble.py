@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +20,6 @@ from viscovib.analyses.events import Event
 from viscovib.analyses.gathering import members_of
 from viscovib.analyses.members import Members, Sections
 from viscovib.analyses.memoryless import SIDE_BY_SIDE, TAYLOR
-from viscovib.analyses.runs import LOCATED, hopeless
 from viscovib.analyses.singles import SingleMembers
 from viscovib.analyses.transient import simulate
 from viscovib.common.cluster import Cluster, Lost
@@ -46,8 +46,6 @@ from viscovib.systems.system import turned
 
 #: Motions computed together: in a block of vector lanes, and by Taylor's method.
 _LANES, _WIDE = 8, 32
-#: Indices of "diverged" and "step too large".
-_DIVERGED, _COARSE = OUTCOMES.index("diverged"), OUTCOMES.index("step too large")
 _MAX_STEPS = 10**12
 #: Largest number of trajectories per native call, which sets the interval of progress.
 _MAX_PIECE = 1024
@@ -64,6 +62,8 @@ _OF_MEMBERS = ("discarded", "gathered_since", "step_is_sought")
 _TOLERANCE = 1e-8
 #: Smallest number of steps with samples, in units of the first number (four per fastest period).
 _SAMPLED = 8
+#: Change of runs that do not end in the same way.
+_ENDLESS = float(np.finfo(float).max)
 
 
 def simulate_ensemble(
@@ -477,6 +477,15 @@ class _Raw:
     lyapunov: FloatArray | None
     lyapunov_error: FloatArray | None
 
+    @cached_property
+    def as_object(self) -> _native.Handle:
+        """An object of the core with the results that runs are compared by."""
+        names = "state", "peak", "mean", "rms", "lyapunov", "lyapunov_error"
+        found = {name: getattr(self, name) for name in names}
+        nothing = np.empty((0, self.ended.size))
+        whole = {name: nothing if one is None else one.T for name, one in found.items()}
+        return _native.Handle("values", ended=self.ended, t_reached=self.t_reached, **whole)
+
 
 @dataclass(frozen=True)
 class _Neighbour:
@@ -696,23 +705,6 @@ class _InWorker:
         return parts, members.found_so_far(part, results=True)
 
 
-def _with_step_counts(coarse: _Raw, fine: _Raw) -> _Raw:
-    """Increase the errors of exponents to their change with a different step size."""
-    if fine.lyapunov is None or coarse.lyapunov is None or fine.lyapunov_error is None:
-        return fine
-    with np.errstate(invalid="ignore"):
-        moved = np.abs(fine.lyapunov - coarse.lyapunov)
-        errors = np.where(moved > fine.lyapunov_error, moved, fine.lyapunov_error)
-    return replace(fine, lyapunov_error=errors)
-
-
-def _changes_along(coarse: _Raw, fine: _Raw, runs: npt.NDArray[np.bool_]) -> FloatArray:
-    """Largest differences of peaks, means and rms of some runs, in the shape of their states."""
-    pairs = ((coarse.peak, fine.peak), (coarse.mean, fine.mean), (coarse.rms, fine.rms))
-    parts = [np.abs(b[runs] - a[runs]) for a, b in pairs if a is not None and b is not None]
-    return np.asarray(np.max(parts, axis=0))
-
-
 def _computed(
     job: _Job, n: int, sought: Accuracy | None, progress: bool
 ) -> tuple[_Raw, int, float | None, _Neighbour]:
@@ -731,51 +723,32 @@ def _refine(
     job: _Job, coarse: _Raw, n: int, wanted: Accuracy, progress: bool
 ) -> tuple[_Raw, int, float, _Neighbour]:
     """Halve the step size until the final states no longer change."""
-    change, worst, factor = math.inf, 0, 1
     before = job.members.passages(coarse.sections)
-    changes_so_far: list[float] = []
-    while not hopeless(changes_so_far):
-        factor *= 2
+    changes: list[float] = []
+    factor, error, goes_on = 1, None, True
+    while goes_on:
+        factor = _SAMPLED if error is not None else 2 * factor
         fine = job.run(n * factor, progress)
         after = job.members.passages(fine.sections)
-        both = (coarse.ended == 0) & (fine.ended == 0)
-        unlike = (coarse.ended != fine.ended) | (fine.ended == _COARSE)
-        parts = np.abs(fine.state - coarse.state)
-        along = np.zeros_like(parts)
-        if job.statistics:
-            along[both] = _changes_along(coarse, fine, both)
-        # For a state at 1e6 only the time is accurate.
-        parts[fine.ended == _DIVERGED] = 0.0
-        moved = np.abs(fine.t_reached - coarse.t_reached)
-        changes = np.maximum(np.maximum(parts, along).max(axis=1), moved)
-        changes[unlike] = math.inf
-        worst = int(changes.argmax())
-        change = float(changes[worst])
-        alive = fine.state[both]
-        stopped = ~both
-        late = wanted.absolute + wanted.relative * fine.t_reached
-        sizes = alive if fine.peak is None else fine.peak[both]
-        if (
-            not unlike.any()
-            and (parts[both] <= wanted.allowed(alive)).all()
-            and (along <= wanted.allowed(sizes)).all()
-            and (moved <= late).all()
-            and (parts[stopped].max(axis=1, initial=0.0) <= late[stopped]).all()
-        ):
-            located = LOCATED * float(np.maximum(fine.t_reached[stopped], 1.0).max(initial=0.0))
-            error = max(change, rounding_of(alive), located)
-            if fine.peak is not None:
-                error = max(error, rounding_of(fine.peak[both]))
-            if job.lines.size and factor < _SAMPLED:
-                factor, coarse, before = _SAMPLED, fine, after
-                fine = job.run(n * factor, progress)
-                after = job.members.passages(fine.sections)
+        found = _native.run(
+            "ensemble comparison", coarse.as_object, fine.as_object, changes=np.array(changes),
+            absolute=wanted.absolute, relative=wanted.relative,
+        )  # fmt: skip
+        if found["met"] and error is None:
+            error = found["change"]
+        # Samples for amplitudes need shorter steps than the states.
+        if error is not None and not (job.lines.size and factor < _SAMPLED):
+            if fine.lyapunov is not None:
+                fine = replace(fine, lyapunov_error=found["lyapunov_error"].T)
+            both = (coarse.ended == 0) & (fine.ended == 0)
             nearby = _errors_by_neighbours(coarse, fine, before, after, both)
-            return _with_step_counts(coarse, fine), n * factor, error, nearby
-        changes_so_far.append(change)
+            return fine, n * factor, error, nearby
+        changes.append(found["change"])
+        goes_on = error is not None or bool(found["goes_on"])
         coarse, before = fine, after
-    note = f"still changes by {change:.1e}" if math.isfinite(change) else "fails"
+    change = changes[-1]
+    note = f"still changes by {change:.1e}" if change < _ENDLESS else "fails"
     raise InputError(
-        f"{wanted}: not met with {n * factor} steps (run {worst} {note}); that motion may be "
-        "chaotic: give dt, or use a shorter run or a larger tolerance"
+        f"{wanted}: not met with {n * factor} steps (run {found['worst']} {note}); that motion may "
+        "be chaotic: give dt, or use a shorter run or a larger tolerance"
     )

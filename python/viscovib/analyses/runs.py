@@ -49,10 +49,6 @@ MAX_KEPT = 2**27
 #: Largest number of steps of the first run of a step size search.
 MAX_FIRST_STEPS = 10**9
 ROUNDING = 1e-15
-#: Relative error of the time of a stop inside a step.
-LOCATED = 1e-12
-#: Smallest and largest number of halvings, and largest number while two runs end differently.
-_MIN_HALVINGS, _MAX_HALVINGS, _MAX_UNLIKE = 5, 12, 9
 #: Growth factor of a motion that has diverged.
 _AWAY = 10.0
 #: What a native call makes: one run, one run and its error, or runs with decreasing steps.
@@ -110,21 +106,6 @@ class Wanted:
         if self.keep == "tail":
             times = times[times >= times[-1] - self.tail * (1 + 1e-12)]
         return Wanted(times=times, asked=self.asked or self)
-
-
-def hopeless(changes: list[float]) -> bool:
-    """True if one more halving of the step size is useless: two halvings gain less than a digit.
-
-    This happens for chaotic motions and below the rounding error. A large first step may need some
-    halvings before the method converges with its order, or before two runs end in the same way. An
-    infinite change is not used for the comparison.
-    """
-    n = len(changes)
-    if n < _MIN_HALVINGS:
-        return False
-    if not math.isfinite(changes[-1]):
-        return n >= _MAX_UNLIKE
-    return n >= _MAX_HALVINGS or 0.1 * changes[-3] < changes[-1]
 
 
 def has_outrun(start: FloatArray, end: FloatArray, one: float, other: float, h: float) -> bool:
