@@ -97,6 +97,7 @@ contains
     if (size(held) > 0 .and. .not. reader%status%failed()) then
       call remove_supports(reader, model, held, coordinates, units)
     end if
+    if (.not. reader%status%failed()) call damp_outside(reader, model)
     status = reader%status
     if (status%failed()) return
     call condense(model, kernels, system, built)
@@ -104,6 +105,48 @@ contains
     status = reader%status
 
   end subroutine read_structure
+
+  !> Replace the damping of modes without internal coordinates, the last ones, by a damping matrix.
+  subroutine damp_outside(reader, model)
+    type(group_reader), intent(inout) :: reader
+    type(structure_model), intent(inout) :: model
+    type(structure_model) :: plain
+    real(wp), allocatable :: stiffness(:, :), damping(:, :), squares(:), shapes(:, :)
+    integer :: i, n
+
+    associate (modal => model%modal)
+      n = size(model%mass, 1) - count([(model%elements(i)%series(1) > 0.0_wp, &
+                                        i=1, size(model%elements))])
+      if (n == size(model%mass, 1)) return
+      if (.not. any(abs([modal%ratios, modal%rayleigh]) > 0.0_wp)) return
+      plain%mass = model%mass(:n, :n)
+      plain%stiffness = model%stiffness(:n, :n)
+      plain%damping = 0.0_wp*plain%mass
+      plain%places = model%places(:n, :n)
+      plain%elements = pack(model%elements, [(.not. model%elements(i)%series(1) > 0.0_wp, &
+                                              i=1, size(model%elements))])
+      do i = 1, size(plain%elements)
+        plain%elements(i)%direction = plain%elements(i)%direction(:n)
+      end do
+      allocate (stiffness(n, n), damping(n, n), shapes(n, n), squares(n))
+      call add_linear(plain, stiffness, damping)
+      damping = modal%rayleigh(1)*plain%mass + modal%rayleigh(2)*stiffness
+      if (any(abs(modal%ratios) > 0.0_wp)) then
+        if (any([(.not. plain%mass(i, i) > 0.0_wp, i=1, n)])) then
+          call reader%complain('modal_damping', 'modal_damping: not for coordinates without ' &
+                               //'mass with series_stiffness of an &element')
+          return
+        end if
+        call find_symmetric_modes(plain%mass, stiffness, squares, shapes)
+        squares = 2.0_wp*modal%ratios(:n)*sqrt(max(squares, 0.0_wp))
+        shapes = matmul(plain%mass, shapes)
+        damping = damping + matmul(shapes*spread(squares, 1, n), transpose(shapes))
+      end if
+      model%damping(:n, :n) = model%damping(:n, :n) + damping
+      modal%ratios = 0.0_wp*modal%ratios
+      modal%rayleigh = 0.0_wp
+    end associate
+  end subroutine damp_outside
 
   !> Add internal coordinates s of Maxwell elements with springs k and rates h(force) of dampers, so
   !! that the spring has the deflection s' + r s:
@@ -125,9 +168,9 @@ contains
     if (m == 0) return
     if (model%is_reduced) then
       call reader%complain('shapes', 'shapes: not with series_stiffness of an &element')
-    else if (any(abs([model%modal%ratios, model%modal%rayleigh, model%modal%loss]) > 0.0_wp)) then
-      call reader%complain('structure', 'modal_damping, rayleigh and loss_factor: not with ' &
-                           //'series_stiffness of an &element, use damping')
+    else if (abs(model%modal%loss) > 0.0_wp) then
+      call reader%complain('loss_factor', 'loss_factor: not with series_stiffness of an &element, ' &
+                           //'use damping or modal_damping')
     end if
     if (reader%status%failed()) return
     call widen(model%mass, m)

@@ -277,8 +277,69 @@ def test_the_loss_of_no_motion_needs_a_frequency_too():
         element.energy(0.0, nu=-1.0)
 
 
-def test_damping_of_modes_is_refused():
+@pytest.mark.parametrize("seed", range(6))
+def test_damping_of_modes(seed, tmp_path):
+    """It is that of the modes without Maxwell elements, also with supports and in scenes."""
+    rng = np.random.default_rng([77, seed])
+    n = int(rng.integers(2, 5))
+    root = rng.normal(size=(2, n, n))
+    mass, stiffness = (one @ one.T + n * np.eye(n) for one in root)
+    free = np.arange(n - (seed % 2))
+    spring = vv.Spring(on="x1", stiffness=2.0, damping=0.1)
+    ratios, factors = rng.uniform(0.01, 0.1, free.size), rng.uniform(0, 0.1, 2)
+    by_mass, by_stiffness = factors.tolist()
+    if seed % 3 == 0:
+        by_mass = by_stiffness = 0.0
+    given = {"mass": mass, "stiffness": stiffness, "supports": [f"x{n}"] if seed % 2 else []}
+    element = vv.Maxwell(on=("x1", "x2"), stiffness=30.0, coefficient=2.0, exponent=0.6)
+    if free.size == 1:
+        element = vv.Maxwell(on="x1", stiffness=30.0, coefficient=2.0, exponent=0.6)
+    damped = {"modal_damping": ratios, "rayleigh": (by_mass, by_stiffness)}
+    system = vv.Structure(**given, **damped, elements=[spring, element])
+    # Modes by Cholesky factors and a symmetric eigenvalue problem of NumPy.
+    m, k = (one[np.ix_(free, free)] for one in (mass, stiffness))
+    k = k + 2.0 * np.outer(np.eye(free.size)[0], np.eye(free.size)[0])
+    factor = np.linalg.cholesky(m)
+    inverse = np.linalg.inv(factor)
+    squares, vectors = np.linalg.eigh(inverse @ k @ inverse.T)
+    rates = 2 * ratios * np.sqrt(squares) + by_mass + by_stiffness * squares
+    wanted = factor @ (vectors * rates) @ vectors.T @ factor.T
+    whole = np.zeros((n, n))
+    whole[np.ix_(free, free)] = wanted
+    other = vv.Structure(**given, damping=whole, elements=[spring, element])
+    np.testing.assert_allclose(system.damping, other.damping, atol=1e-12 * np.abs(wanted).max())
+    sparse = {name: csc_array(given[name]) for name in ("mass", "stiffness")}
+    same = vv.Structure(**(given | sparse), **damped, elements=[spring, element])
+    np.testing.assert_allclose(same.damping.toarray(), system.damping, atol=1e-12)
+    run = vv.simulate(other, 3, load={"x1": 1.0}, nu=2.0, dt=0.01)
+    own = vv.simulate(system, 3, load={"x1": 1.0}, nu=2.0, dt=0.01)
+    np.testing.assert_allclose(own.state[-1], run.state[-1], atol=1e-11)
+    numbers = {name: " ".join(map(repr, map(float, one.ravel()))) for name, one in
+               (("mass", mass), ("stiffness", stiffness), ("modal_damping", ratios))}  # fmt: skip
+    keys = " ".join(f"{name}={text}" for name, text in numbers.items())
+    held = f"supports='x{n}'" if seed % 2 else ""
+    on = "'x1'" if free.size == 1 else "'x1' 'x2'"
+    path = tmp_path / "modal.nml"
+    path.write_text(
+        f"&structure size={n} {keys} {held} rayleigh={by_mass!r} {by_stiffness!r} /\n"
+        "&element on='x1' stiffness=2 damping=0.1 /\n"
+        f"&element on={on} series_stiffness=30 fluid_coefficient=2 fluid_exponent=0.6 /\n"
+        "&load on='x1' amplitude=1 /\n&transient t_end=3 dt=0.01 nu=2 /\n"
+    )
+    subprocess.run([SOLVE, path, "--out", tmp_path, "--quiet"], check=True)
+    last = (tmp_path / "modal_transient.csv").read_text().splitlines()[-1].split(",")
+    np.testing.assert_allclose(float(last[1]), own.state[-1, 0], atol=1e-10)
+    np.testing.assert_allclose(vv.run(path).value.columns["x1"][-1], own.state[-1, 0], atol=1e-10)
+
+
+def test_loss_factors_are_refused():
     element = vv.Maxwell(on="x1", stiffness=1.0, coefficient=1.0)
-    for name, value in (("modal_damping", 0.1), ("rayleigh", (0.1, 0.1)), ("loss_factor", 0.1)):
-        with pytest.raises(vv.InputError, match=f"{name}: must not be given with a Maxwell"):
-            vv.Structure(mass=[1.0], stiffness=[1.0], elements=[element], **{name: value})
+    with pytest.raises(vv.InputError, match="loss_factor: must not be given with a Maxwell"):
+        vv.Structure(mass=[1.0], stiffness=[1.0], elements=[element], loss_factor=0.1)
+    for given, more in (({"modal_damping": 0.1}, []), ({"rayleigh": (0.1, 0.1)}, [0.1])):
+        light = {"mass": [1.0, 0.0], "stiffness": [[2.0, -1], [-1, 2]], "elements": [element]}
+        if more:
+            assert vv.Structure(**light, **given).damping[1, 1] == pytest.approx(0.2)
+            continue
+        with pytest.raises(vv.InputError, match="modal_damping: with a Maxwell element"):
+            vv.Structure(**light, **given)

@@ -22,7 +22,32 @@ _NODES = 1 / (1 + np.exp(-pi * np.sinh(_T)))
 _WEIGHTS = pi / 32 * np.cosh(_T) * _NODES / (1 + np.exp(pi * np.sinh(_T)))
 
 
-class RateElement:
+class LosesInCycles:
+    """An element with an energy loss in cycles of its deflection."""
+
+    def energy(self, amplitude: npt.ArrayLike, *, nu: float) -> FloatArray:
+        """Return the energy loss (J) of a cycle d = X sin(nu t).
+
+        Parameters
+        ----------
+        amplitude : array_like
+            X, of any shape (m).
+        nu : float
+            Circular frequency, greater than 0 (rad/s).
+        """
+        sizes = np.abs(_native.real_array("amplitude", amplitude))
+        speed = _native.number("nu", nu)
+        if speed <= 0:
+            raise InputError(f"nu = {speed:g}: must be greater than 0")
+        with np.errstate(all="ignore"):
+            return np.asarray(self._energy(sizes, speed))
+
+    def _energy(self, sizes: FloatArray, speed: float) -> FloatArray:
+        """Return the loss at amplitudes of any shape and a frequency above 0."""
+        raise NotImplementedError
+
+
+class RateElement(LosesInCycles):
     """An element with a force f(v) along a direction, odd in the rate v = d'."""
 
     on: Any
@@ -56,23 +81,6 @@ class RateElement:
         rates = _native.real_array("v", v)
         at = np.stack([np.zeros(rates.size), rates.ravel()], axis=1)
         return self._whole.values(at).reshape(rates.shape)
-
-    def energy(self, amplitude: npt.ArrayLike, *, nu: float) -> FloatArray:
-        """Return the energy loss (J) of a cycle d = X sin(nu t).
-
-        Parameters
-        ----------
-        amplitude : array_like
-            X, of any shape (m).
-        nu : float
-            Circular frequency, greater than 0 (rad/s).
-        """
-        sizes = np.abs(_native.real_array("amplitude", amplitude))
-        speed = _native.number("nu", nu)
-        if speed <= 0:
-            raise InputError(f"nu = {speed:g}: must be greater than 0")
-        with np.errstate(all="ignore"):
-            return np.asarray(self._energy(sizes, speed))
 
     def _energy(self, sizes: FloatArray, speed: float) -> FloatArray:
         # 4 X times the integral of f(X nu sin p) sin p over a quarter of the cycle, with a kink.

@@ -17,13 +17,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
-from viscovib.systems.dampers import _positive, _take, _within
+from viscovib.systems.dampers import LosesInCycles, _positive, _take, _within
 from viscovib.systems.laws import Law, compile_law
 
 #: Bounds of the exponent.
@@ -36,7 +35,7 @@ _PHASES = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Maxwell:
+class Maxwell(LosesInCycles):
     """A spring k in series with a fluid damper c sign(w) abs(w)^a, w its rate, on d = e . u.
 
     The structure gets an internal coordinate "maxwell1", "maxwell2", ... for each such element,
@@ -118,21 +117,8 @@ class Maxwell:
         parts = np.fft.rfft(self._cycle(amplitude, nu)) / _SAMPLES
         return np.asarray(self.stiffness * np.fft.irfft(720 * parts, 720))
 
-    def energy(self, amplitude: npt.ArrayLike, *, nu: float) -> FloatArray:
-        """Return the energy loss (J) of a cycle d = X sin(nu t).
-
-        Parameters
-        ----------
-        amplitude : array_like
-            X, of any shape (m).
-        nu : float
-            Circular frequency, greater than 0 (rad/s).
-        """
-        sizes = np.abs(_native.real_array("amplitude", amplitude))
-        if _native.number("nu", nu) <= 0:
-            raise InputError(f"nu = {nu:g}: must be greater than 0")
-        lost = [self._lost(size, nu) for size in sizes.ravel().tolist()]
-        return np.reshape(lost, sizes.shape)
+    def _energy(self, sizes: FloatArray, speed: float) -> FloatArray:
+        return np.reshape([self._lost(size, speed) for size in sizes.ravel()], sizes.shape)
 
     def _lost(self, size: float, nu: float) -> float:
         if size == 0:

@@ -51,6 +51,7 @@ from viscovib.systems.spring_groups import texts_of
 from viscovib.systems.structure_matrices import (
     block_diagonal,
     check_mass,
+    damped_outside,
     dense_of,
     extended,
     has_series,
@@ -221,13 +222,24 @@ class Structure(WithSpeed):
                 raise InputError(f"base_direction: must have shape ({n},), got {direction.shape}")
             direction.setflags(write=False)
             self._set("base_direction", direction)
-        self._set("_modal", modal_damping_of(self, self.n_coordinates))
+        self._read_modal_damping()
         self._eliminate_penalties()
         self._fix_speed()
         warn_of_creep([kernel.integral for kernel in self._all_kernels])
 
     def __repr__(self) -> str:
         return note(self)
+
+    def _read_modal_damping(self) -> None:
+        """Store the damping of modes; with internal coordinates it becomes a damping matrix."""
+        inner = sum(element.series is not None for element in self._all_elements)
+        modal = modal_damping_of(self, self.n_coordinates - inner)
+        if inner and modal is not None:
+            layers: Layers = self._layers  # type: ignore[attr-defined]
+            matrices = self.mass, self.damping, layers.added_to(self.stiffness)
+            self._set("damping", damped_outside(*matrices, modal, self._all_elements, inner))
+            modal = None
+        self._set("_modal", modal)
 
     def _read_speed_matrices(self, n: int, sparse: bool) -> None:
         """Check the matrices that depend on the speed, without internal coordinates."""
@@ -292,7 +304,8 @@ class Structure(WithSpeed):
             "damping": matrix_of("damping", self.damping, n, sparse),
             "names": texts_of("names", names, n), "units": texts_of("units", units, n),
             "base_direction": self.base_direction, "layers": self.layers,
-            "supports": self.supports, "modal_damping": None, "rayleigh": None,
+            "supports": self.supports, "modal_damping": self.modal_damping,
+            "rayleigh": self.rayleigh,
         }  # fmt: skip
         prepared, more = extended(self, plain | {"layers": layers.whole})
         if layers.elements:

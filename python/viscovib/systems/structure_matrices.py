@@ -169,6 +169,22 @@ def with_damping(
     return damping + more
 
 
+def damped_outside(
+    mass: Any, damping: Any, stiffness: Any, modal: ModalDamping,
+    elements: Sequence[ElementTerms], inner: int,
+) -> Any:  # fmt: skip
+    """Return C with the damping of the modes without internal coordinates, the last ones."""
+    n = mass.shape[0] - inner
+    own, at_first = mass[:n, :n], damping[:n, :n]
+    if np.any(modal.ratio) and not (own.diagonal() > 0).all():
+        raise InputError(
+            "modal_damping: with a Maxwell element, must not be given for coordinates without mass"
+        )
+    plain = [one._replace(direction=one.direction[:n]) for one in elements if one.series is None]
+    more = with_damping(own, at_first, stiffness[:n, :n], modal, plain) - at_first
+    return damping + block_diagonal(more, inner)
+
+
 def block_diagonal(matrix: Any, n: int) -> Any:
     """Return a matrix with n more rows and columns of 0."""
     if not is_sparse(matrix):
@@ -315,12 +331,11 @@ def extended(structure: Any, given: Mapping[str, Any]) -> tuple[list[Any], dict[
 
     ``given``: arguments of the structure without them, with matrices in one form.
     """
-    for name in ("modal_damping", "rayleigh", "loss_factor"):
-        if np.any(getattr(structure, name)):
-            raise InputError(
-                f"{name}: must not be given with a Maxwell element, whose internal coordinate it "
-                "would damp: use damping"
-            )
+    if np.any(structure.loss_factor):
+        raise InputError(
+            "loss_factor: must not be given with a Maxwell element, whose internal coordinate it "
+            "would damp: use damping or modal_damping"
+        )
     names, mass = given["names"], given["mass"]
     elements, (columns, stiffness, rates) = _with_inner(structure.elements, names, mass.diagonal())
     n, m = columns.shape
