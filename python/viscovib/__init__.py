@@ -103,6 +103,7 @@ _NAMES = {
     "systems.python_law": "PythonLaw",
     "systems.series_dampers": "Maxwell",
     "systems.spring_groups": "Monomial Springs",
+    "systems.shaft": "DriveTorque",
     "systems.structure": "Structure",
     "systems.user_elements": "user_elements",
 }
@@ -357,6 +358,7 @@ if TYPE_CHECKING:
     from viscovib.systems.polynomial_system import PolynomialSystem as PolynomialSystem
     from viscovib.systems.python_law import PythonLaw as PythonLaw
     from viscovib.systems.series_dampers import Maxwell as Maxwell
+    from viscovib.systems.shaft import DriveTorque as DriveTorque
     from viscovib.systems.spring_groups import (
         Monomial as Monomial,
         Springs as Springs,

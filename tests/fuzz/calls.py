@@ -276,6 +276,8 @@ SOUND = (
     "vv.PistonEngine(crank_radius=0.05, rod_length=0.2, reciprocating_mass=1, crank_angles=[0], "
     f"positions=[0], gas_torque={{0.5: 30j, 1: 2}}).load({BODY}, per='cycle')",
     "vv.RunUp(unbalance=[0.1, 0.1j], speed=(0, 5), duration=2.0, hold=1.0, phase=0.3)",
+    "vv.DriveTorque(torque='5 - 0.1*nu', inertia=0.5, unbalance=[0.1, 0.1j], speed=1, phase=0.3)",
+    f"vv.simulate({SYSTEM}, t_end=1, force=vv.DriveTorque(torque='1', inertia=1, unbalance=0.1))",
     "vv.Step(amplitude=1.0, start=0.5, unit='g')",
     f"vv.simulate({MOUNT}, t_end=1, dt=0.1, base_acceleration=vv.Step(amplitude=1.0))",
     "vv.Past(times=[-1, 0], displacements=[[0, 0], [0.1, 0]])",

@@ -148,6 +148,7 @@ GIVEN = [
         },
     ),
     (vv.RunUp, {"unbalance": ROW, "duration": 1.0, "speed": ROW}),
+    (vv.DriveTorque, {"torque": "1", "inertia": 1.0, "unbalance": ROW}),
     (vv.Step, {"amplitude": ROW}),
     (vv.Past, {"times": TABLE - 3, "displacements": np.outer(TABLE, ROW)}),
     (vv.PronyKernel, {"weights": ROW / 10, "rates": ROW}),

@@ -166,8 +166,8 @@ DRAWN = set(RESULTS) - {
 #: Public classes that are arguments or containers; all other classes are results.
 NOT_FOUND = [
     "AbelKernel", "Arrhenius", "Body", "BoucWen", "Chirp", "Coupling", "CreepData", "CubicSystem",
-    "Dahl", "Event", "Explorer", "ExponentialSum", "FluidDamper", "FluidTrack", "Gap",
-    "HalfSine", "Haversine", "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable",
+    "Dahl", "DriveTorque", "Event", "Explorer", "ExponentialSum", "FluidDamper", "FluidTrack",
+    "Gap", "HalfSine", "Haversine", "Iwan", "Jenkins", "Kernel", "KernelFit", "LoadTable",
     "Maxwell", "ModalModel", "Monomial", "Mount", "MountPoint", "MultipleScales", "Past",
     "Pendulum", "PeriodicMotions", "PistonEngine", "Plan", "PolynomialSystem", "PronyKernel",
     "PythonLaw", "RabotnovKernel", "RelaxationData", "Result", "RunUp", "RzhanitsynKernel",

@@ -45,6 +45,7 @@ NOTHING_TO_JUDGE = {
     "MultipleScales.formula": "words: its test evaluates them",
     "Response.iterates": "tests/python/test_response.py: by the formula of the paper",
     "Coupling": _WHOLE,
+    "DriveTorque": "tests/python/test_drive_torque.py: random rotors by SciPy, energy",
     "Structure.at_speed": "tests/python/test_structure_rotors.py: the full matrices",
     "Body.at_speed": "the same as of a PolynomialSystem",
     "MountForces.lost_in_turning": "tests/python/test_body.py: the balance of power of bodies",

@@ -53,11 +53,12 @@ from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.base_acceleration import BaseMotion, relative_loads
 from viscovib.systems.load import LoadLike, at_frequency
-from viscovib.systems.load_table import LoadTable
+from viscovib.systems.load_table import LoadTable, RunUp
 from viscovib.systems.mount import Mount
 from viscovib.systems.own_supports import SupportMotion, moves_apart, on_own_supports
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.shaft import USUAL_RTOL, DriveTorque, turns_shaft, with_shaft
 from viscovib.systems.structure import Structure
 
 #: Motion of the base by its acceleration, and of supports, each or None.
@@ -82,7 +83,7 @@ def simulate(
     load: LoadLike | None = None,
     nu: float | None = None,
     base: LoadLike | LoadTable | None = None,
-    force: LoadTable | None = None,
+    force: LoadTable | DriveTorque | None = None,
     base_acceleration: Any = None,
     held: npt.ArrayLike | Past | None = None,
     memory: str = "auto",
@@ -144,9 +145,12 @@ def simulate(
         `LoadTable` of displacements in time, or of a support by name, {"left": table, "right":
         1e-3}. States are absolute, not relative to the base. Without ``initial`` the body is at
         rest at 0.
-    force : LoadTable
+    force : LoadTable or DriveTorque
         Not for a pendulum: any load in time, added to the periodic one. Steps end on its corners
-        and ends. With a given ``dt`` the states kept are still equidistant.
+        and ends. With a given ``dt`` the states kept are still equidistant. With a `DriveTorque`,
+        and with a `RunUp` of a `PolynomialSystem` whose matrices depend on the speed, the angle of
+        the shaft is the additional coordinate "angle", its velocity the speed. Matrices are then
+        those at the instantaneous speed.
     base_acceleration : LoadTable, number or mapping
         Instead of ``base``: the acceleration of the base in m/s^2, or of a `LoadTable` or a shock
         such as `HalfSine` in its ``unit``. A number is an amplitude with the frequency ``nu``, as
@@ -227,13 +231,11 @@ def simulate(
     >>> run = vv.simulate(mount, 20, load=0.1, nu=1.5)
     >>> longer = vv.simulate(mount, 40, resume=run)  # goes on where it ended
     """
-    if not isinstance(system, (Pendulum, Mount, PolynomialSystem, Structure)):
-        raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem or "
-            "a Structure"
-        )
-    if coordinates is not None and not isinstance(system, Structure):
-        raise InputError("coordinates: is for a Structure; of other systems all are kept")
+    _check_system(system, coordinates)
+    usual = tolerance is None and atol is None and dt == "auto"
+    system, initial, force, rtol = _at_changing_speed(
+        system, initial, force, rtol, usual, (resume, held)
+    )
     system, end = system._turned(_speed(nu, resume)), _native.number("t_end", t_end)
     _native.flag("progress", progress)
     want = Wanted.checked(times, save_every, keep, tail)
@@ -314,6 +316,39 @@ def _with_base(
     load = at_frequency(load, nu)
     load, force, supports = on_own_supports(system, base, load, nu, force, end)
     return load, None if load is None else nu, None, force, (None, supports)
+
+
+def _check_system(system: object, coordinates: object) -> None:
+    """Refuse other types, and coordinates that cannot be chosen."""
+    if not isinstance(system, (Pendulum, Mount, PolynomialSystem, Structure)):
+        raise InputError(
+            f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem or "
+            "a Structure"
+        )
+    if coordinates is not None and not isinstance(system, Structure):
+        raise InputError("coordinates: is for a Structure; of other systems all are kept")
+
+
+def _at_changing_speed(
+    system: Any,
+    initial: npt.ArrayLike | None,
+    force: LoadTable | DriveTorque | None,
+    rtol: float | None,
+    usual: bool,
+    others: tuple[Any, Any],
+) -> tuple[Any, npt.ArrayLike | None, LoadTable | None, float | None]:
+    """Return the system with the angle of its shaft if its speed changes, its start and load.
+
+    ``usual``: no accuracy but perhaps ``rtol`` is given; ``others``: resumed run and history.
+    """
+    if not turns_shaft(system, force):
+        assert not isinstance(force, DriveTorque)
+        return system, initial, force, rtol
+    if any(one is not None for one in others):
+        raise InputError("force: resume and held are not available while the speed changes")
+    assert isinstance(force, (DriveTorque, RunUp))
+    whole, start, table = with_shaft(system, force, initial)
+    return whole, start, table, USUAL_RTOL if usual and rtol is None else rtol
 
 
 def _on_moving_base(
