@@ -205,6 +205,18 @@ def test_supports_are_removed_from_the_matrices():
         assert one.coefficients == pytest.approx(other.coefficients, rel=1e-12)
 
 
+def test_supports_on_which_these_matrices_act_do_not_move():
+    rotor = Rotor(5, 6)
+    given = {name: getattr(rotor, name) for name in ("mass", "stiffness", "damping", *OF_SPEED)}
+    held = vv.Structure(**given, supports=["x1"])
+    with pytest.raises(vv.InputError, match="supports must not move if gyroscopic"):
+        vv.simulate(held.at_speed(1.0), 1.0, base={"x1": 0.1}, nu=1.0)
+    with pytest.raises(vv.InputError, match="must not move supports"):
+        vv.forced_response(held, [1.0], base={"x1": 0.1})
+    with pytest.raises(vv.InputError, match="must not act on supports that move"):
+        vv.Structure(**given, supports=["x1"], base_direction=[1.0])
+
+
 def test_a_reduced_rotor_goes_by_its_modes():
     rotor = Rotor(9, 60, law=None)
     structure = vv.Structure(

@@ -233,7 +233,7 @@ def simulate(
     """
     _check_system(system, coordinates)
     usual = tolerance is None and atol is None and dt == "auto"
-    system, initial, force, rtol = _at_changing_speed(
+    system, initial, table, rtol = _at_changing_speed(
         system, initial, force, rtol, usual, (resume, held)
     )
     system, end = system._turned(_speed(nu, resume)), _native.number("t_end", t_end)
@@ -244,9 +244,9 @@ def simulate(
     if not auto and (rtol is not None or atol is not None):
         raise InputError('rtol, atol: are for dt = "auto", must not be given with dt')
     estimated = _native.flag("estimate_error", estimate_error)
-    given = load, nu, base, force
-    load, nu, base, force, moved = _with_base(system, base_acceleration, *given, end)
-    loads = Acting(load, nu, base, force, held, memory, coordinates)
+    given = load, nu, base, table
+    load, nu, base, table, moved = _with_base(system, base_acceleration, *given, end)
+    loads = Acting(load, nu, base, table, held, memory, coordinates)
     if resume is not None:
         if initial is not None:
             raise InputError("initial and resume are both given: must be one of them")
@@ -255,7 +255,7 @@ def simulate(
             {"held": held, "tolerance": tolerance, "rtol": rtol, "atol": atol},
             {"dt": dt, "method": method, "memory": memory},
         )
-        other = other_loads(system, resume, end, load, nu, base, force, coordinates)
+        other = other_loads(system, resume, end, load, nu, base, table, coordinates)
         if events is not None:
             raise InputError(
                 "events: taken from the run that is resumed, must not be given with resume"
@@ -265,13 +265,13 @@ def simulate(
         return _heard(run, (moved[0] or resume._floor, supports))
     if end <= 0:
         raise InputError(f"t_end = {end:g}: must be greater than 0")
-    breaks = breaks_of(force, base, len(system.dof_names))
+    breaks = breaks_of(table, base, len(system.dof_names))
     breaks = with_delayed_jumps(breaks, system, end, initial, held)
 
     def prepared(sharper: float = 1.0) -> tuple[_Steps, int]:
         make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto, sharper)
         watch = None if events is None else _watch_of(events, make, system)
-        made = known(make, breaks, force, base, watch)
+        made = known(make, breaks, table, base, watch)
         return _Steps(made, end, breaks, at_first, want, progress), n
 
     steps, n = prepared()

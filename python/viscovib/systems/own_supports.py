@@ -137,6 +137,11 @@ def _harmonics(name: str, part: Any) -> dict[int, complex]:
 def _alone(system: Any, name: str) -> Supports:
     """The supports of which one moves, with its columns of M, C and K."""
     supports: Supports = system._held
+    if system._turns_supports:
+        raise InputError(
+            f"base[{name!r}]: supports must not move if gyroscopic, circulatory or centrifugal act "
+            "on them"
+        )
     j = supports.names.index(name)
     where = supports.held[j : j + 1]
     mass, rate, place = (

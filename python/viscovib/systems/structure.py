@@ -182,6 +182,8 @@ class Structure(WithSpeed):
 
     #: Supports that were removed from the matrices; None: none.
     _held: Supports | None = field(init=False, repr=False, default=None)
+    #: True if matrices that depend on the speed act on supports.
+    _turns_supports: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         own_fields(
@@ -361,8 +363,10 @@ class Structure(WithSpeed):
             if getattr(self, name) is None:
                 continue
             whole_matrix = getattr(self, name)
-            if found.motion is not None and abs(block(whole_matrix, free, held)).max() > 0:
-                raise InputError(f"{name}: must not act on supports that move with the base")
+            if abs(block(whole_matrix, free, held)).max() > 0:
+                if found.motion is not None:
+                    raise InputError(f"{name}: must not act on supports that move with the base")
+                self._set("_turns_supports", True)
             self._set(name, block(whole_matrix, free, free))
         whole = tuple((block(matrix, free, free), kernel) for matrix, kernel in layers.whole)
         self._set("_layers", layers._replace(whole=whole))

@@ -222,8 +222,7 @@ def in_all_coordinates(system: _Any, base: object = None) -> Any:
     note = lacks_wholeness(system)
     if note is not None:
         raise InputError(f"speed: a motion at the speed of its load {note}")
-    held = system._held
-    if base is not None and held is not None and held.pulls:
+    if base is not None and system._held is not None:
         raise InputError("base: must not move supports of a structure that depends on the speed")
     return whole_system(system)
 
