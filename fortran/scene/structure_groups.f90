@@ -169,8 +169,8 @@ contains
     if (model%is_reduced) then
       call reader%complain('shapes', 'shapes: not with series_stiffness of an &element')
     else if (abs(model%modal%loss) > 0.0_wp) then
-      call reader%complain('loss_factor', 'loss_factor: not with series_stiffness of an &element, ' &
-                           //'use damping or modal_damping')
+      call reader%complain('loss_factor', 'loss_factor: not with series_stiffness of an ' &
+                           //'&element, use damping or modal_damping')
     end if
     if (reader%status%failed()) return
     call widen(model%mass, m)
