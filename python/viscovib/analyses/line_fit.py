@@ -232,7 +232,7 @@ class LineFit:
         amplitudes[0] = 0.0
         largest = float(np.hypot(self.a, self.b).max(initial=0.0))
         above = amplitudes > _FLOOR * max(largest, float(np.abs(self.samples).max()))
-        return above & _stands_out(amplitudes, alarm) if alarm < 1 else above
+        return above & _stands_out(amplitudes, alarm) if alarm < 1 and above.any() else above
 
     def steady_near(self, omega: float) -> int | None:
         """Line nearest to a frequency, if it is near and steady so far."""
