@@ -114,38 +114,34 @@ contains
     real(wp), allocatable :: stiffness(:, :), damping(:, :), squares(:), shapes(:, :)
     integer :: i, n
 
-    associate (modal => model%modal)
-      n = size(model%mass, 1) - count([(model%elements(i)%series(1) > 0.0_wp, &
-                                        i=1, size(model%elements))])
-      if (n == size(model%mass, 1)) return
-      if (.not. any(abs([modal%ratios, modal%rayleigh]) > 0.0_wp)) return
-      plain%mass = model%mass(:n, :n)
-      plain%stiffness = model%stiffness(:n, :n)
-      plain%damping = 0.0_wp*plain%mass
-      plain%places = model%places(:n, :n)
-      plain%elements = pack(model%elements, [(.not. model%elements(i)%series(1) > 0.0_wp, &
-                                              i=1, size(model%elements))])
-      do i = 1, size(plain%elements)
-        plain%elements(i)%direction = plain%elements(i)%direction(:n)
-      end do
-      allocate (stiffness(n, n), damping(n, n), shapes(n, n), squares(n))
-      call add_linear(plain, stiffness, damping)
-      damping = modal%rayleigh(1)*plain%mass + modal%rayleigh(2)*stiffness
-      if (any(abs(modal%ratios) > 0.0_wp)) then
-        if (any([(.not. plain%mass(i, i) > 0.0_wp, i=1, n)])) then
-          call reader%complain('modal_damping', 'modal_damping: not for coordinates without ' &
-                               //'mass with series_stiffness of an &element')
-          return
-        end if
-        call find_symmetric_modes(plain%mass, stiffness, squares, shapes)
-        squares = 2.0_wp*modal%ratios(:n)*sqrt(max(squares, 0.0_wp))
-        shapes = matmul(plain%mass, shapes)
-        damping = damping + matmul(shapes*spread(squares, 1, n), transpose(shapes))
+    n = size(model%mass, 1) - count(model%elements%series(1) > 0.0_wp)
+    if (n == size(model%mass, 1) .or. .not. any(abs([model%modal%ratios, model%modal%rayleigh]) &
+                                                > 0.0_wp)) return
+    plain%mass = model%mass(:n, :n)
+    plain%stiffness = model%stiffness(:n, :n)
+    plain%damping = 0.0_wp*plain%mass
+    plain%places = model%places(:n, :n)
+    plain%elements = pack(model%elements, .not. model%elements%series(1) > 0.0_wp)
+    do i = 1, size(plain%elements)
+      plain%elements(i)%direction = plain%elements(i)%direction(:n)
+    end do
+    allocate (stiffness(n, n), damping(n, n), shapes(n, n), squares(n))
+    call add_linear(plain, stiffness, damping)
+    damping = model%modal%rayleigh(1)*plain%mass + model%modal%rayleigh(2)*stiffness
+    if (any(abs(model%modal%ratios) > 0.0_wp)) then
+      if (any([(.not. plain%mass(i, i) > 0.0_wp, i=1, n)])) then
+        call reader%complain('modal_damping', 'modal_damping: not for coordinates without mass ' &
+                             //'with series_stiffness of an &element')
+        return
       end if
-      model%damping(:n, :n) = model%damping(:n, :n) + damping
-      modal%ratios = 0.0_wp*modal%ratios
-      modal%rayleigh = 0.0_wp
-    end associate
+      call find_symmetric_modes(plain%mass, stiffness, squares, shapes)
+      squares = 2.0_wp*model%modal%ratios(:n)*sqrt(max(squares, 0.0_wp))
+      shapes = matmul(plain%mass, shapes)
+      damping = damping + matmul(shapes*spread(squares, 1, n), transpose(shapes))
+    end if
+    model%damping(:n, :n) = model%damping(:n, :n) + damping
+    model%modal%ratios = 0.0_wp*model%modal%ratios
+    model%modal%rayleigh = 0.0_wp
   end subroutine damp_outside
 
   !> Add internal coordinates s of Maxwell elements with springs k and rates h(force) of dampers, so
