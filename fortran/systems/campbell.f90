@@ -6,7 +6,7 @@ module viscovib_campbell
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_rotor_modes, only: check_modes, find_rotor_modes, rotor_modes
+  use viscovib_rotor_modes, only: check_modes, find_rotor_modes, follow_mode, rotor_modes
   use viscovib_status, only: status_type
   implicit none
   private
@@ -301,8 +301,10 @@ contains
       real(wp), intent(in) :: low, high, values(2)
       real(wp), intent(out) :: middle
       type(lines_type) :: there
+      complex(wp) :: root
       real(wp) :: a, b, fa, fb, f
       integer :: turn
+      logical :: made
 
       a = low
       b = high
@@ -312,15 +314,42 @@ contains
       if (.not. abs(fb) > 0.0_wp) return
       do turn = 1, max_turns
         middle = b - fb*(b - a)/(fb - fa)
-        call advance(system, lines(k), middle, there, status)
-        if (status%failed() .or. .not. there%exists(i)) return
-        f = off(there)
+        call follow(system, lines(k:k + 1), i, middle, root, made)
+        if (made) then
+          f = aimag(root) - order*middle
+        else
+          call advance(system, lines(k), middle, there, status)
+          if (status%failed() .or. .not. there%exists(i)) return
+          f = off(there)
+        end if
         call shrink(middle, f, a, b, fa, fb)
         if (is_small(a, b, f)) return
       end do
     end subroutine find_zero
 
   end subroutine find_critical
+
+  !> The root of one line at a speed between two, if its shape leaves no doubt.
+  subroutine follow(system, ends, line, speed, root, made)
+    type(polynomial_type), intent(in) :: system
+    type(lines_type), intent(in) :: ends(2)
+    integer, intent(in) :: line
+    real(wp), intent(in) :: speed
+    complex(wp), intent(out) :: root
+    logical, intent(out) :: made
+    complex(wp) :: shape_of(system%n_dof())
+    real(wp) :: part
+
+    made = all([ends(1)%present(line), ends(2)%present(line)])
+    if (.not. made) return
+    part = (speed - ends(1)%speed)/(ends(2)%speed - ends(1)%speed)
+    root = (1.0_wp - part)*ends(1)%roots(line) + part*ends(2)%roots(line)
+    shape_of = ends(merge(1, 2, part < 0.5_wp))%shapes(:, line)
+    call follow_mode(system, speed, root, shape_of, made)
+    if (.not. made) return
+    made = abs(dot_product(ends(1)%weighted(:, line), shape_of)) > alike &
+           .and. abs(dot_product(ends(2)%weighted(:, line), shape_of)) > alike
+  end subroutine follow
 
   !> One step of the Illinois method: b is the last point, with the other sign at a.
   pure subroutine shrink(middle, f, a, b, fa, fb)

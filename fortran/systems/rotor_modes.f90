@@ -14,12 +14,14 @@ module viscovib_rotor_modes
   implicit none
   private
 
-  public :: check_modes, find_rotor_modes, rotor_modes
+  public :: check_modes, find_rotor_modes, follow_mode, rotor_modes
 
   !> Largest rounding error of eigenvalues, in units of their condition.
   real(wp), parameter :: uncertain = 64.0_wp*epsilon(1.0_wp)
   !> Distance between eigenvalues, relative to their size, below which vectors are arbitrary.
   real(wp), parameter :: together = 1.0e-6_wp
+  !> Iterations for one mode.
+  integer, parameter :: most_passes = 12
 
   !> The oscillating modes, by increasing frequency.
   type :: rotor_modes
@@ -64,22 +66,68 @@ contains
     real(wp), intent(in) :: speed
     type(rotor_modes), intent(out) :: modes
     type(status_type), intent(out) :: status
-    type(polynomial_type) :: whole, turned
-    integer :: n
+    type(polynomial_type) :: turned
+
+    modes%speed = speed
+    call turn(system, speed, turned)
+    call find_modes(system%n_dof(), turned%mass, turned%damping, &
+                    matmul(turned%spread, turned%gather), modes, status)
+  end subroutine find_rotor_modes
+
+  !> The system at a speed, with the exponentials of memory as coordinates.
+  subroutine turn(system, speed, turned)
+    type(polynomial_type), intent(in) :: system
+    real(wp), intent(in) :: speed
+    type(polynomial_type), intent(out) :: turned
+    type(polynomial_type) :: fixed
 
     turned = system
     call turned%set_speed(speed)
-    modes%speed = speed
-    n = system%n_dof()
-    if (any(system%kernel_of > 0)) then
-      call unfold_memory(turned, whole)
-      call find_modes(n, whole%mass, whole%damping, matmul(whole%spread, whole%gather), modes, &
-                      status)
-    else
-      call find_modes(n, turned%mass, turned%damping, matmul(turned%spread, turned%gather), modes, &
-                      status)
-    end if
-  end subroutine find_rotor_modes
+    if (.not. any(system%kernel_of > 0)) return
+    fixed = turned
+    call unfold_memory(fixed, turned)
+  end subroutine turn
+
+  !> One mode at a speed, by inverse iteration from an approximate one (Rayleigh quotients of right
+  !! and left vectors).
+  subroutine follow_mode(system, speed, root, shape_of, found)
+    type(polynomial_type), intent(in) :: system
+    real(wp), intent(in) :: speed
+    !> Approximation, then the mode, with x^H M x = 1.
+    complex(wp), intent(inout) :: root, shape_of(:)
+    logical, intent(out) :: found
+    type(polynomial_type) :: turned
+    real(wp), allocatable :: stiffness(:, :)
+    complex(wp), allocatable :: q(:, :), x(:), y(:)
+    complex(wp) :: change
+    integer :: n, pass
+    logical :: singular
+
+    call turn(system, speed, turned)
+    stiffness = matmul(turned%spread, turned%gather)
+    n = size(shape_of)
+    allocate (x(turned%n_dof()), source=(0.0_wp, 0.0_wp))
+    x(:n) = shape_of
+    y = conjg(x)
+    found = .false.
+    do pass = 1, most_passes
+      q = turned%mass*root**2 + turned%damping*root + stiffness
+      call solve_complex(q, x, .true., singular)
+      if (singular) return
+      call solve_complex(transpose(q), y, .true., singular)
+      if (singular .or. .not. (maxval(abs(x)) <= huge(1.0_wp) &
+                               .and. maxval(abs(y)) <= huge(1.0_wp))) return
+      x = x/maxval(abs(x))
+      y = y/maxval(abs(y))
+      change = sum(y*matmul(2.0_wp*root*turned%mass + turned%damping, x))
+      if (.not. abs(change) > 0.0_wp) return
+      change = sum(y*matmul(q, x))/change
+      root = root - change
+      found = abs(change) <= 8.0_wp*epsilon(1.0_wp)*abs(root)
+      if (found) exit
+    end do
+    shape_of = x(:n)/sqrt(real(dot_product(x(:n), matmul(turned%mass(:n, :n), x(:n)))))
+  end subroutine follow_mode
 
   subroutine find_modes(n_dof, mass, damping, stiffness, modes, status)
     !> Number of coordinates that are no exponentials of memory; they are the first ones.

@@ -407,7 +407,7 @@ def test_a_scene_that_cannot_be_computed_says_why(tmp_path, result, speed, messa
     ],
 )
 def test_at_speed_refuses_a_system_without_these_matrices(system):
-    with pytest.raises(vv.InputError, match="speed: has no effect without gyroscopic"):
+    with pytest.raises(vv.InputError, match="speed: has no effect without"):
         system.at_speed(2.0)
 
 
@@ -415,3 +415,65 @@ def test_wrong_parameters_of_an_ensemble_are_named():
     system = vv.PolynomialSystem(mass=1, stiffness=1)
     with pytest.raises(vv.InputError, match="parameters"):
         vv.simulate_ensemble(system, initial=[0, 0], t_end=1, parameters=b"nu")
+
+
+def body_with_rotor(rng, **given):
+    """A body on four mounts with cubic laws, and its matrices."""
+    mounts = [
+        vv.MountPoint(
+            name=f"m{i}", position=(x, y, -0.1), stiffness=rng.uniform(1e4, 3e4, 3),
+            damping=rng.uniform(50, 100, 3),
+        )
+        for i, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)])
+    ]  # fmt: skip
+    return vv.Body(mass=20.0, inertia=rng.uniform(0.5, 1.0, 3), mounts=mounts, **given)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_rotor_of_a_body_turns_with_the_load(seed):
+    """Reference: the steady rotor with the angular momentum of the speed, given as spin."""
+    rng = np.random.default_rng(seed)
+    rotor, spin = 0.3 * rng.normal(size=3), rng.normal(size=3)
+    bodies = [
+        body_with_rotor(np.random.default_rng(seed), rotor=rotor, spin=spin),
+        *(body_with_rotor(np.random.default_rng(seed), spin=spin + at * rotor) for at in (30, 70)),
+    ]
+    load = bodies[0].unbalance(40.0, 0.02, (0.1, 0, 0.2), "x")
+    for method in ("linear", "newton"):
+        options = dict(load=load, method=method, stability=method == "newton")
+        both = vv.forced_response(bodies[0], [30.0, 70.0], **options)
+        for i, at in enumerate((30.0, 70.0)):
+            steady = vv.forced_response(bodies[1 + i], [at], **options)
+            turned = vv.forced_response(bodies[0].at_speed(at), [at], **options)
+            for one in (steady, turned):
+                assert both.coefficients[i] == pytest.approx(one.coefficients[0], rel=1e-9)
+    run = vv.simulate(bodies[0], 1.0, load=load, nu=30.0)
+    steady = vv.simulate(bodies[1], 1.0, load=load, nu=30.0)
+    assert run.state[-1] == pytest.approx(steady.state[-1], rel=1e-9, abs=1e-12)
+    diagram = vv.campbell(bodies[0], [0.0, 30.0, 70.0])
+    roots = bodies[2].characteristic_roots().oscillatory
+    assert np.sort(diagram.frequencies[2]) == pytest.approx(np.sort(roots.imag), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"geometry": "exact"}, "rotor: must be 0 with geometry = 'exact'"),
+        ({"base_direction": "rx"}, "base_direction: must not turn the floor with a rotor"),
+        ({"rotor": [1, 2]}, "rotor"),
+    ],
+)
+def test_rotors_that_a_body_cannot_have_are_refused(given, message):
+    with pytest.raises(vv.InputError, match=message):
+        body_with_rotor(np.random.default_rng(1), **({"rotor": (0.1, 0, 0)} | given))
+
+
+def test_what_a_body_with_a_rotor_has_not_is_refused():
+    body = body_with_rotor(np.random.default_rng(1), rotor=(0.1, 0, 0))
+    for analysis in (lambda: body.modes(), lambda: vv.simulate(body, 1.0)):
+        with pytest.raises(vv.InputError, match=r"spin|speed"):
+            analysis()
+    with pytest.raises(vv.InputError, match="axis: must not turn the floor"):
+        body.base_transmissibility([1.0], "rx")
+    with pytest.raises(vv.InputError, match="base: must not turn the floor"):
+        vv.forced_response(body, [1.0], base={"rx": 0.1})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,7 @@ from viscovib.bodies.turning import (
     turning_energy,
     turning_vector,
 )
-from viscovib.bodies.varying_body import numbers_of_body, with_numbers
+from viscovib.bodies.varying_body import numbers_of_body, rebuilt, with_numbers
 from viscovib.common.counts import things
 from viscovib.common.values import own
 from viscovib.errors import InputError, StabilityWarning, caller
@@ -100,6 +100,10 @@ class Body(LinearBody):
         Their mass and inertia are part of the body. It adds the gyroscopic torque h x omega, J
         omega' + omega x (J omega + h) = ... (Goldstein, Classical Mechanics, 5.5), J theta'' - h x
         theta' = ... for small rotations. The modes are complex: see `characteristic_roots`.
+    rotor : array_like, shape (3,), optional
+        Polar moment of inertia (kg m^2) times the axis in body axes, of a rotor whose speed is the
+        frequency nu of the load: h = spin + nu rotor. With ``geometry="small"`` only. `at_speed`
+        returns the body at a constant speed, `campbell` its modes over the speed.
 
     Warns
     -----
@@ -132,6 +136,7 @@ class Body(LinearBody):
         load_axes: str = "body",
         base_direction: str | npt.ArrayLike | None = None,
         spin: npt.ArrayLike = (0.0, 0.0, 0.0),
+        rotor: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         keep = object.__setattr__
         keep(self, "body_mass", _native.number("mass", mass))
@@ -149,6 +154,7 @@ class Body(LinearBody):
                 "the weight as a load"
             )
         keep(self, "spin", own(checked_vector("spin", spin)))
+        keep(self, "rotor", own(checked_vector("rotor", rotor)))
         springs = mount_springs(self.mounts, self.center)
         matrix = springs.mass_of_tracks
         matrix[:3, :3] = self.body_mass * np.eye(3)
@@ -164,6 +170,8 @@ class Body(LinearBody):
         self._check_geometry(direction)
         damping = np.array(springs.damping_matrix)
         damping[3:6, 3:6] -= crossing(self._loaded_axes @ self.spin)
+        gyroscopic = np.zeros((n, n))
+        gyroscopic[3:6, 3:6] = -crossing(self._loaded_axes @ self.rotor)
         names = (*NAMES, *(f"{mount.name}_y" for mount in self.mounts if mount.track))
         first, *others = spring_groups(springs, preload, names)
         super().__init__(
@@ -175,12 +183,30 @@ class Body(LinearBody):
             names=names,
             units=(*_UNITS, *("m" for _ in names[6:])),
             base_direction=direction,
+            gyroscopic=gyroscopic if self.rotor.any() else None,
         )
         self._warn_of_instability()
 
+    def at_speed(self, speed: float) -> Self:
+        """Return the body with a steady rotor: that at a speed (rad/s)."""
+        if not self.rotor.any():
+            raise InputError("speed: has no effect without rotor")
+        at = _native.number("speed", speed)
+        with warnings.catch_warnings():
+            # The given body has already issued these warnings.
+            warnings.simplefilter("ignore")
+            found: Any = rebuilt(self, spin=self.spin + at * self.rotor, rotor=np.zeros(3))
+        turned: Self = found
+        return turned
+
     def _check_geometry(self, direction: FloatArray | None) -> None:
         if self.geometry == "small":
+            self._check_rotor("base_direction", np.zeros(6) if direction is None else direction)
             return
+        if self.rotor.any():
+            raise InputError(
+                "rotor: must be 0 with geometry = 'exact': give spin, the angular momentum"
+            )
         for mount in self.mounts:
             if any(isinstance(law, Law) and max(law.places, default=0) for law in mount.laws):
                 raise InputError(
@@ -203,6 +229,7 @@ class Body(LinearBody):
             )
 
     def _check_base_motion(self, moved: npt.NDArray[Any]) -> None:
+        self._check_rotor("base", moved)
         self._check_floor("base", moved)
 
     @property
@@ -272,6 +299,7 @@ class Body(LinearBody):
         R (J omega + h) at states (u_1, u_1', u_2, ...), shape (..., 2 n); J theta' + h + theta x h
         for small rotations, with h of the rotors.
         """
+        self._turned()
         states = self._states(state)
         inertia = self._mass_matrix[3:6, 3:6]
         if not self._turns:
@@ -288,7 +316,7 @@ class Body(LinearBody):
 
     @cached_property
     def _condensation(self) -> Condensation | None:
-        if self._turns or self.spin.any():
+        if self._turns or self.spin.any() or self.rotor.any():
             return None
         return condensed_springs(
             self._mount_springs, self._mass_matrix, self._damping, self._stiffness_at_rest

@@ -40,6 +40,7 @@ class LinearBody(PolynomialSystem):
     center: FloatArray
     gravity: FloatArray | None
     spin: FloatArray
+    rotor: FloatArray
     geometry: str
     load_axes: str
     _sag: Sag | None
@@ -47,10 +48,18 @@ class LinearBody(PolynomialSystem):
 
     def _check_real(self) -> None:
         """Refuse modes of a body with rotors."""
-        if self.spin.any():
+        if self.spin.any() or self.rotor.any():
             raise InputError(
                 "spin: modes of a body with parts that spin are complex, must be 0 here; "
                 "characteristic_roots() gives them"
+            )
+
+    def _check_rotor(self, name: str, moved: npt.NDArray[Any]) -> None:
+        """Refuse rotations of the floor, shape (n, ...), with a rotor of any speed."""
+        if self.rotor.any() and moved[3:6].any():
+            raise InputError(
+                f"{name}: must not turn the floor with a rotor at the speed of the load: use "
+                "body.at_speed(speed)"
             )
 
     @property
@@ -297,6 +306,7 @@ class LinearBody(PolynomialSystem):
         frequencies = _native.real_array("nu", nu)
         direction = np.zeros(len(self.dof_names), dtype=complex)
         direction[:6] = checked_floor("axis", axis)
+        self._check_rotor("axis", direction)
         at = frequencies[..., None]
         push = at**2 * (self._mass_matrix @ direction)
         if self._space is not None:

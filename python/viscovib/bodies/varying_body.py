@@ -86,6 +86,7 @@ def rebuilt(body: LinearBody, **changes: Any) -> LinearBody:
         "mass": body.body_mass, "inertia": body.inertia, "mounts": body.mounts,
         "center": body.center, "gravity": body.gravity, "geometry": body.geometry,
         "load_axes": body.load_axes, "base_direction": body.base_direction, "spin": body.spin,
+        "rotor": body.rotor,
     }  # fmt: skip
     return type(body)(**(given | changes))
 
