@@ -230,9 +230,10 @@ def test_mount_forces_hold_the_balance_of_momentum(case):
     assert np.abs(off).max() < 1e-8 * np.abs(about).max()
 
 
-def test_parts_of_mount_forces_in_a_steady_motion():
+@pytest.mark.parametrize("law", ["3e4*d^3", None])
+def test_parts_of_mount_forces_in_a_steady_motion(law):
     """In time they are those of the response, by harmonics of the same motion."""
-    body = stiff_feet("small", PRONY, "3e4*d^3")
+    body = stiff_feet("small", PRONY, law)
     load = body.load((0, 0, 10))
     nu = 11.0
     response = vv.forced_response(body, [nu], load=load, harmonics=9)

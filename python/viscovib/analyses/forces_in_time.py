@@ -56,8 +56,12 @@ def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
     d, speed = deflected(springs, motion.u, motion.rate, turns=turns)
     parts = [elastic(springs, d, speed), springs.damping * speed,
              _of_springs(body, motion)]  # fmt: skip
-    places = np.array(springs.first, dtype=int)[:, np.newaxis] + np.arange(3)
-    own = [one[:, places] for one in (d, speed, *parts)]
+    places: Any = np.array(springs.first, dtype=int)[:, np.newaxis] + np.arange(3)
+    if places.size == len(springs.laws):
+        # Views instead of copies.
+        own = [one.reshape(-1, *places.shape) for one in (d, speed, *parts)]
+    else:
+        own = [one[:, places] for one in (d, speed, *parts)]
     total = parts[0] + parts[1] + parts[2]
     moment = np.zeros_like(own[0])
     ends = [*springs.first[1:], len(springs.laws)]
@@ -88,14 +92,27 @@ def _of_springs(body: Body, motion: KnownMotion) -> FloatArray:
     def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
         return elastic(springs, *deflected(springs, u, rate, turns=turns))
 
-    if not motion.springs:
+    if motion.springs:
+        return motion.springs[0]
+    kinds, n = set(springs.kernels) - {None}, springs.rows.shape[1]
+    if turns or any(springs.laws) or len(kinds) * n >= len(springs.laws):
         motion.springs.append(remembered(motion, forces, springs.kernels))
-    return motion.springs[0]
+        return motion.springs[0]
+    # Linear springs: the coordinates are fewer.
+    found = np.zeros((motion.t.size, len(springs.laws)))
+    for kernel in kinds:
+        these = [j for j, one in enumerate(springs.kernels) if one == kernel]
+        moved = remembered(motion, lambda u, rate, laws: u, [kernel] * n)
+        found[:, these] = (moved @ springs.rows[these].T) * springs.stiffness[these]
+    motion.springs.append(found)
+    return found
 
 
 def remembered_by_body(system: object, motion: KnownMotion) -> FloatArray | None:
     """Return the forces -R * g on the coordinates of a body of small rotations, or None."""
     if not isinstance(system, Body) or system._turns or motion.push is not None:
+        return None
+    if motion.make_panels is None:
         return None
     return _of_springs(system, motion) @ system._mount_springs.rows
 
