@@ -13,13 +13,19 @@ module viscovib_linear_response
   implicit none
   private
 
-  public :: linear_response, compliance_table
+  public :: linear_response, compliance_table, frequencies_together
 
-  !> Frequencies treated together: enough to fill vector calls of the kernel
-  !! transforms, few enough to stay in cache.
-  integer, parameter, public :: chunk_size = 256
+  !> Frequencies treated together: enough to fill vector calls of the kernel transforms, few enough
+  !! to stay in cache; for many coordinates fewer, with this number of entries, but at least a few.
+  integer, parameter :: chunk_size = 256, most_entries = 4000000, fewest = 8
 
 contains
+
+  !> Frequencies treated together, of which all compliances are stored.
+  pure integer function frequencies_together(n_dof, n_orders) result(n)
+    integer, intent(in) :: n_dof, n_orders
+    n = max(fewest, min(chunk_size, most_entries/(n_dof**2*max(n_orders, 1))))
+  end function frequencies_together
 
   !> Compliance D(k nu)^(-1) for every order k and frequency nu.
   subroutine compliance_table(system, orders, nu, fraction, compliance, singular, by_rate)
@@ -105,8 +111,8 @@ contains
 
     n_orders = size(load%orders)
     call response%allocate_for(nu, load%orders, system%n_dof(), 0)
-    do first = 1, size(nu), chunk_size
-      n = min(chunk_size, size(nu) - first + 1)
+    do first = 1, size(nu), frequencies_together(system%n_dof(), n_orders)
+      n = min(frequencies_together(system%n_dof(), n_orders), size(nu) - first + 1)
       allocate (fraction(n, system%n_memory(), n_orders), &
                 compliance(system%n_dof(), system%n_dof(), n, n_orders))
       if (counting) call count_unknowns(load%orders, system%n_dof(), n)

@@ -20,7 +20,7 @@ module viscovib_successive
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set, samples_of_laws
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
-  use viscovib_linear_response, only: chunk_size, compliance_table
+  use viscovib_linear_response, only: compliance_table, frequencies_together
   use viscovib_load, only: load_type
   use viscovib_motion_norm, only: largest_norm, share_of_motion
   use viscovib_oscillator, only: oscillator_type
@@ -68,7 +68,7 @@ contains
     integer, intent(inout), optional :: cancel
     type(block_type) :: work, checking
     type(harmonic_set_type) :: more
-    integer :: first, last
+    integer :: first, last, together
 
     call new_harmonic_set(more, checking_order(load, system%degree, set%orders(size(set%orders))), &
                           set%half_wave, merge(system%degree, finer*samples_of_laws - 1, &
@@ -82,8 +82,9 @@ contains
     end if
     call allocate_block(work, system, set)
     call allocate_block(checking, system, more)
-    do first = 1, size(nu), chunk_size
-      last = min(first + chunk_size - 1, size(nu))
+    together = frequencies_together(system%n_dof(), size(more%orders))
+    do first = 1, size(nu), together
+      last = min(first + together - 1, size(nu))
       call iterate_chunk(system, load, set, options, work, response, first, last, more, checking, &
                          cancel)
     end do

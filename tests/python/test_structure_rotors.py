@@ -322,3 +322,44 @@ def test_modal_damping_is_that_at_rest():
     for system in (structure, structure.at_speed(nu)):
         found = vv.forced_response(system, [nu], load=1.0, method="linear")
         assert found.coefficients[0, :, 0] == pytest.approx(x, rel=1e-10)
+
+
+ELEMENTS = {
+    "spring with memory": lambda: vv.Spring(on="x2", stiffness=0.5, law="0.3*d^3", kernel=prony()),
+    "law of rates": lambda: vv.Spring(on=("x1", "x3"), law="0.1*tanh(v) + 0.2*d^2"),
+    "stop": lambda: vv.Stop(on="x2", gap=0.05, stiffness=2.0),
+    "slider": lambda: vv.Jenkins(on="x2", stiffness=1.0, limit=0.05),
+    "fluid damper": lambda: vv.FluidDamper(on="x3", coefficient=0.1, exponent=2.0),
+    "coupling": lambda: vv.Coupling(
+        on={"a": "x1", "b": "x4"}, law={"a": "0.5*a*b^2", "b": "0.5*a^2*b"}
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_elements_act_as_at_the_constant_speed(kind):
+    rotor = Rotor(17, 5, law="0.1*d^3")
+    structure = vv.Structure(
+        mass=rotor.mass, stiffness=rotor.stiffness, damping=rotor.damping,
+        layers=[(0.1 * np.eye(5), prony())],
+        elements=[ELEMENTS[kind](), vv.Spring(on="x4", law="0.1*d^3")],
+        **{name: getattr(rotor, name) for name in OF_SPEED},
+    )  # fmt: skip
+    loose = kind in ("stop", "slider", "fluid damper")
+    options = dict(
+        load={"x1": 0.3}, method="newton", harmonics=31 if loose else 11, stability=not loose,
+        tolerance=1e-4 if loose else 1e-9,
+    )  # fmt: skip
+    for nu in (0.6, 1.3):
+        one = vv.forced_response(structure, [nu], **options)
+        other = vv.forced_response(structure.at_speed(nu), [nu], **options)
+        assert one.converged.all()
+        same = [np.flatnonzero(other.harmonics == k)[0] for k in one.harmonics[:3]]
+        own = one.coefficients[0][:, :3]
+        size = np.abs(own).max()
+        near = 1e-5 if loose else 1e-8
+        assert own == pytest.approx(other.coefficients[0][:, same], abs=near * size)
+        if not loose:
+            assert one.stable[0] == other.stable[0]
+            growth = one.exponents[0, 0].real
+            assert growth == pytest.approx(other.exponents[0, 0].real, rel=1e-6)
