@@ -139,6 +139,8 @@ def _values(name: str, function: Callable[[Any], Any], run: Any) -> FloatArray:
 
 def named_quantities(run: Any, given: Sequence[Quantity]) -> list[tuple[str, Callable[[Any], Any]]]:
     """Quantities by their names, and the functions that give them along a run."""
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise InputError(f"peaks = {_native.shown(given)}: must be a list of names and functions")
     known: dict[str, Callable[[Any], Any]] = {}
     for d, name in enumerate(run.dof_names):
         known[name] = partial(_column, "state", 2 * d)

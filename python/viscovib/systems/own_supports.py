@@ -125,7 +125,7 @@ def with_forces(
 
 def _harmonics(name: str, part: Any) -> dict[int, complex]:
     """Amplitudes of a support by harmonic order."""
-    if isinstance(part, (str, bytes, LoadTable)):
+    if part is None or isinstance(part, (str, bytes, LoadTable)):
         raise InputError(
             f"base[{name!r}] = {_native.shown(part)}: must be a number or {{order: number}}; in "
             "time also a LoadTable"
