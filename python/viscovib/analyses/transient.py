@@ -148,7 +148,7 @@ def simulate(
     force : LoadTable or DriveTorque
         Not for a pendulum: any load in time, added to the periodic one. Steps end on its corners
         and ends. With a given ``dt`` the states kept are still equidistant. With a `DriveTorque`,
-        and with a `RunUp` of a `PolynomialSystem` whose matrices depend on the speed, the angle of
+        and with a `RunUp` of a system whose matrices depend on the speed, the angle of
         the shaft is the additional coordinate "angle", its velocity the speed. Matrices are then
         those at the instantaneous speed.
     base_acceleration : LoadTable, number or mapping
@@ -234,7 +234,7 @@ def simulate(
     _check_system(system, coordinates)
     usual = tolerance is None and atol is None and dt == "auto"
     system, initial, table, rtol = _at_changing_speed(
-        system, initial, force, rtol, usual, (resume, held)
+        system, initial, force, rtol, usual, (resume, held, t_end)
     )
     system, end = system._turned(_speed(nu, resume)), _native.number("t_end", t_end)
     _native.flag("progress", progress)
@@ -335,19 +335,20 @@ def _at_changing_speed(
     force: LoadTable | DriveTorque | None,
     rtol: float | None,
     usual: bool,
-    others: tuple[Any, Any],
+    others: tuple[Any, Any, float],
 ) -> tuple[Any, npt.ArrayLike | None, LoadTable | None, float | None]:
     """Return the system with the angle of its shaft if its speed changes, its start and load.
 
-    ``usual``: no accuracy but perhaps ``rtol`` is given; ``others``: resumed run and history.
+    ``usual``: no accuracy but perhaps ``rtol`` is given; ``others``: resumed run, history, and end.
     """
     if not turns_shaft(system, force):
         assert not isinstance(force, DriveTorque)
         return system, initial, force, rtol
-    if any(one is not None for one in others):
+    *refused, end = others
+    if any(one is not None for one in refused):
         raise InputError("force: resume and held are not available while the speed changes")
     assert isinstance(force, (DriveTorque, RunUp))
-    whole, start, table = with_shaft(system, force, initial)
+    whole, start, table = with_shaft(system, force, initial, _native.number("t_end", end))
     return whole, start, table, USUAL_RTOL if usual and rtol is None else rtol
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,15 @@ from viscovib._native import FloatArray
 from viscovib.common.expression import spell
 from viscovib.common.values import own_fields, short_repr
 from viscovib.errors import InputError
+from viscovib.systems.elements import Coupling, direction_of
 from viscovib.systems.laws import compile_law
+from viscovib.systems.load import name_places
 from viscovib.systems.load_table import LoadTable, PiecewiseTable, RunUp, added
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import SpringGroup, Springs
+from viscovib.systems.structure import Structure
+from viscovib.systems.structure_matrices import block_diagonal, dense_of, longer, with_damping
 
 #: The coordinate of the shaft (rad).
 ANGLE = "angle"
@@ -112,18 +118,22 @@ def turns_shaft(system: object, force: object) -> bool:
 
 
 def with_shaft(
-    system: Any, force: DriveTorque | RunUp, initial: npt.ArrayLike | None
-) -> tuple[PolynomialSystem, FloatArray, LoadTable | None]:
-    """Return the system with the angle as its last coordinate, its initial state and its load."""
+    system: Any, force: DriveTorque | RunUp, initial: npt.ArrayLike | None, end: float
+) -> tuple[PolynomialSystem | Structure, FloatArray, LoadTable | None]:
+    """Return the system with the angle as its last coordinate, its initial state and its load.
+
+    ``end``: end of the motion.
+    """
     what = "a motor" if isinstance(force, DriveTorque) else "a speed that changes"
-    if type(system) is not PolynomialSystem:
+    known = (PolynomialSystem, Structure) if isinstance(force, RunUp) else (PolynomialSystem,)
+    if type(system) not in known:
         raise InputError(
             f"force: {what} is for a PolynomialSystem, this is a {type(system).__name__}: use a "
             "PolynomialSystem in its coordinates or modes"
         )
     if ANGLE in system.dof_names:
         raise InputError(f"names: must not contain {ANGLE!r}, the name of the angle of the shaft")
-    if any(law.calls for law in system._all_laws):
+    if isinstance(system, PolynomialSystem) and any(law.calls for law in system._all_laws):
         raise InputError(f"forces: must not be Python functions with {what}")
     n = len(system.dof_names)
     start = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
@@ -133,27 +143,50 @@ def with_shaft(
         if system._active_kernels:
             raise InputError("kernel: must not be given with a DriveTorque")
         own, inertia = _driven(system, force), force.inertia
-        turning, table = (force.phase, force.speed), None
+        turning, table = np.array([force.phase, force.speed]), None
     else:
-        own, inertia = _of_speed(system), 1.0
-        turning, table = _given_speed(force, n)
+        turning, table = _given_speed(system, force, end)
+        if isinstance(system, Structure):
+            return _structure_with_shaft(system), np.concatenate([start, turning]), table
+        own, inertia = _of_speed(system._speed_matrices, system.dof_names), 1.0
     return _extended(system, own, inertia), np.concatenate([start, turning]), table
 
 
-def _given_speed(load: RunUp, n: int) -> tuple[tuple[float, float], LoadTable]:
-    """Initial angle and speed of a run-up, and its load with the angular acceleration."""
+def _given_speed(system: Any, load: RunUp, end: float) -> tuple[FloatArray, LoadTable]:
+    """Initial angle and speed of a run-up, and its load with that of the angle.
+
+    The angle of a structure has a spring of 1 N m/rad, since its modes must not be defective. The
+    load of the spring follows from the angle, which is known.
+    """
+    n, spring = len(system.dof_names), float(isinstance(system, Structure))
+    if load.on is not None and spring:
+        direction = direction_of("on", load.on, n, name_places(system.dof_names))
+        own = np.multiply.outer(direction, load._polynomials(np.zeros((1, 1)))[0])
+    else:
+        own = load._pieces(n)
     first, last = load._ends("speed", "speeds")
     begin, length = load._number("start"), load._number("duration")
-    rise = np.zeros((1, 1, 2), order="F")
-    rise[0, 0, 0] = (last - first) / length
-    wider = np.asfortranarray(np.pad(rise, ((n, 0), (0, 0), (0, 0))))
-    pieces = np.pad(load._pieces(n), ((0, 1), (0, 0), (0, 0)))
-    times, both = added(
-        (np.asarray(load.times), np.asfortranarray(pieces)),
-        (np.array([begin, begin + length]), wider),
-    )
-    phase = load._number("phase") - first * begin
-    return (phase, float(first)), PiecewiseTable.of(times, both)
+    slope = (last - first) / length
+    times = np.array([begin, begin + length])
+    if begin > 0:
+        times = np.append(0.0, times)
+    if spring:
+        times = np.append(times, max(end, times[-1]) + length)
+    passed = np.clip(times - begin, 0.0, length)
+    speed = first + slope * passed
+    angle = load._number("phase") + first * np.minimum(times - begin, 0.0)
+    angle += first * passed + 0.5 * slope * passed**2 + last * np.maximum(times - begin - length, 0)
+    rise = np.where((times >= begin) & (times < begin + length), slope, 0.0)
+    pieces = np.zeros((n + 1, 3, times.size), order="F")
+    pieces[n] = [0.5 * spring * rise, spring * speed, rise + spring * angle]
+    pieces[:, :, -1] = 0.0
+    wider = np.asfortranarray(np.pad(own, ((0, 1), (0, 0), (0, 0))))
+    found, both = added((np.asarray(load.times), wider), (times, pieces))
+    # At t = 0, which may be within the run-up.
+    at = np.clip(-begin, 0.0, length)
+    turned = load._number("phase") - first * max(begin, 0.0) + first * at + 0.5 * slope * at**2
+    turned += last * max(-begin - length, 0.0)
+    return np.array([turned, first + slope * at]), PiecewiseTable.of(found, both)
 
 
 def _extended(system: Any, more: dict[int, str], inertia: float) -> PolynomialSystem:
@@ -196,13 +229,48 @@ def _texts(group: SpringGroup, system: Any) -> dict[int, str]:
     return {on: " + ".join(terms) for on, terms in found.items()}
 
 
-def _of_speed(system: Any) -> dict[int, str]:
+def _structure_with_shaft(system: Structure) -> Structure:
+    """The structure with the angle; matrices that depend on the speed are a coupling."""
+    if system._reduced is not None or system._held is not None or system._plain:  # type: ignore[attr-defined]
+        raise InputError(
+            "force: a speed that changes needs a structure without reduction, supports and Maxwell "
+            "elements; for a reduced one use structure.reduce(...).in_modes().structure"
+        )
+    n, names = system.n_coordinates, (*system.dof_names, ANGLE)
+    layers: Any = system._layers  # type: ignore[attr-defined]
+    damping: Any = system.damping
+    if system._uncoupled is not None:
+        at_rest = layers.added_to(system.stiffness)
+        damping = with_damping(
+            system.mass, damping, at_rest, system._uncoupled, system._all_elements
+        )
+    matrices = [getattr(system, name) for name in OF_SPEED]
+    parts = [np.zeros((n, n)) if one is None else dense_of(one) for one in matrices]
+    short = [f"q{i}" for i in range(n)]
+    law = {short[on]: text for on, text in _of_speed(parts, short).items()}
+    touched = np.flatnonzero(np.abs([*parts, *(one.T for one in parts)]).any(axis=(0, 1)))
+    on = {short[i]: names[i] for i in touched.tolist()} | {ANGLE: ANGLE}
+    mass, stiffness = (block_diagonal(one, 1, 1.0) for one in (system.mass, system.stiffness))
+    direction = system._base_direction
+    return Structure(
+        mass=mass, stiffness=stiffness,
+        damping=block_diagonal(damping, 1), names=names, units=(*system.dof_units, "rad"),
+        elements=[
+            *(replace(one, on=longer(one.on, n, 1)) for one in system.elements),
+            Coupling(on=on, law=law),
+        ],
+        layers=[(block_diagonal(one, 1), kernel) for one, kernel in system.layers],
+        base_direction=None if direction is None else np.append(direction, 0.0),
+    )  # fmt: skip
+
+
+def _of_speed(matrices: Sequence[FloatArray], names: Sequence[str]) -> dict[int, str]:
     """Forces of the matrices that depend on the speed, by equation."""
     found: dict[int, list[str]] = {}
     factors = (f"{ANGLE}_dot", f"{ANGLE}_dot", f"{ANGLE}_dot^2")
-    for matrix, factor, rate in zip(system._speed_matrices, factors, ("_dot", "", ""), strict=True):
+    for matrix, factor, rate in zip(matrices, factors, ("_dot", "", ""), strict=True):
         for i, j in np.argwhere(matrix).tolist():
-            term = f"{float(matrix[i, j])!r}*{factor}*{system.dof_names[j]}{rate}"
+            term = f"{float(matrix[i, j])!r}*{factor}*{names[j]}{rate}"
             found.setdefault(i, []).append(term)
     return {on: " + ".join(terms) for on, terms in found.items()}
 
@@ -235,7 +303,7 @@ def _driven(system: Any, drive: DriveTorque) -> dict[int, str]:
     def q(u: complex) -> str:
         return f"({u.real!r}*{s} + {u.imag!r}*{c})"
 
-    turning = _of_speed(system)
+    turning = _of_speed(system._speed_matrices, names)
     torque = re.sub(r"\bnu\b", rate, drive.torque)
     torque = re.sub(r"\bphi\b", ANGLE, torque)
     power = [f"({torque})*exp(0*{ANGLE})"]

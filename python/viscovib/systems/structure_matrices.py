@@ -185,13 +185,13 @@ def damped_outside(
     return damping + block_diagonal(more, inner)
 
 
-def block_diagonal(matrix: Any, n: int) -> Any:
-    """Return a matrix with n more rows and columns of 0."""
+def block_diagonal(matrix: Any, n: int, entry: float = 0.0) -> Any:
+    """Return a matrix with n more rows and columns, with an entry on their diagonal."""
     if not is_sparse(matrix):
-        return np.pad(matrix, (0, n))
-    wider = matrix.copy()
-    wider.resize((matrix.shape[0] + n, matrix.shape[0] + n))
-    return wider
+        return np.pad(matrix, (0, n)) + np.diag(np.append(np.zeros(len(matrix)), [entry] * n))
+    from scipy.sparse import block_diag, csc_array
+
+    return csc_array(block_diag([matrix, csc_array(entry * np.eye(n))]))
 
 
 def stiffness_parts(stiffness: Any, elements: Sequence[ElementTerms]) -> tuple[FloatArray, ...]:
@@ -358,7 +358,7 @@ def extended(structure: Any, given: Mapping[str, Any]) -> tuple[list[Any], dict[
         "layers": [(joined(one, none, none.T, 0 * rates), k) for one, k in given["layers"]],
     }
     if given["base_direction"] is not None:
-        more["base_direction"] = _longer(given["base_direction"], n, m)
+        more["base_direction"] = longer(given["base_direction"], n, m)
     return elements, more
 
 
@@ -378,7 +378,7 @@ def _with_inner(elements: Sequence[Any], names: Sequence[str], mass: FloatArray)
             rate = float(np.sqrt(one.stiffness * softness)) if softness else 1.0
             columns.append(one.stiffness * e)
             numbers.append((one.stiffness, rate))
-        own = replace(one, on=_longer(one.on, n, m)) if hasattr(one, "on") else one
+        own = replace(one, on=longer(one.on, n, m)) if hasattr(one, "on") else one
         if isinstance(own, Maxwell):
             object.__setattr__(own, "_inner", f"{_NAME}{len(columns)}")
             object.__setattr__(own, "_rate", numbers[-1][1])
@@ -387,9 +387,9 @@ def _with_inner(elements: Sequence[Any], names: Sequence[str], mass: FloatArray)
     return found, (np.array(columns).T, stiffness, rates)
 
 
-def _longer(on: Any, n: int, m: int) -> Any:
+def longer(on: Any, n: int, m: int) -> Any:
     """A direction given by n numbers with m more numbers, 0."""
     if isinstance(on, Mapping):
-        return {name: _longer(one, n, m) for name, one in on.items()}
+        return {name: longer(one, n, m) for name, one in on.items()}
     numbers = isinstance(on, (list, tuple, np.ndarray)) and not any(isinstance(x, str) for x in on)
     return np.append(np.asarray(on), np.zeros(m)) if numbers and np.shape(on) == (n,) else on
