@@ -208,5 +208,5 @@ def test_located_peaks_of_every_kind_of_member():
     with pytest.raises(vv.InputError, match=r"quantity = 'y': must be one of .*'x_ddot'"):
         vv.simulate_ensemble(away, initial=[0.1, 0], t_end=10.0, peaks=["y"])
     for wrong in ("x", 1, None):
-        with pytest.raises(vv.InputError, match="peaks = .*: must be a list of names"):
+        with pytest.raises(vv.InputError, match=r"peaks = .*: must be a list of names"):
             vv.simulate_ensemble(away, initial=[0.1, 0], t_end=10.0, peaks=wrong)
