@@ -24,7 +24,7 @@ module viscovib_polynomial_condensation
   !! times as long.
   integer, parameter :: smallest_checked = 8, checked_each = 3
   !> Smallest number of coordinates for condensation at each speed, which needs all modes there.
-  integer, parameter :: smallest_turned = 25
+  integer, parameter :: smallest_turned = 13
   !> Ratio of damping rate to natural frequency above which integration in time uses modes. The full
   !! equations need steps as short as the decay (equal times measured at ratios of 20 to 70).
   real(wp), parameter :: much_faster = 50.0_wp

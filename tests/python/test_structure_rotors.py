@@ -90,7 +90,7 @@ def test_linear_responses_are_those_of_the_full_matrices(n, remembers, form):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("n", [3, 30])
+@pytest.mark.parametrize("n", [3, 16, 30])
 def test_motions_and_exponents_are_those_of_an_integration(n, seed):
     rotor = Rotor(100 + seed, n)
     push = np.zeros(n)
@@ -127,7 +127,7 @@ def test_motions_and_exponents_are_those_of_an_integration(n, seed):
     assert found.stable[0] == (largest[0] < 1)
 
 
-@pytest.mark.parametrize("n", [6, 34])
+@pytest.mark.parametrize("n", [6, 18, 34])
 def test_stability_along_branches_is_that_of_the_state_matrix(n):
     rotor = Rotor(7, n, law="1e-9*d^3")
     rotor.circulatory[:2, :2] += [[0, 2], [-2, 0]]
