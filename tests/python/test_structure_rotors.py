@@ -303,6 +303,15 @@ def test_what_is_not_available_is_refused():
         found.dissipation()
 
 
+def test_more_than_512_coordinates_are_refused_with_a_remedy():
+    n = 520
+    eye = sp.eye_array(n).tocsc()
+    shaft = vv.Structure(mass=eye, stiffness=eye, damping=0.1 * eye, centrifugal=0.1 * eye)
+    with pytest.raises(vv.InputError, match=r"at most 512 coordinates, has 520: use .*in_modes"):
+        vv.forced_response(shaft, [0.5], load={"x1": 1.0}, method="linear")
+    assert vv.forced_response(shaft.at_speed(0.5), [0.5], load={"x1": 1.0}).converged.all()
+
+
 def test_modal_damping_is_that_at_rest():
     rotor = Rotor(4, 5)
     structure = vv.Structure(

@@ -221,7 +221,8 @@ def in_all_coordinates(system: _Any, base: object = None) -> Any:
         return system
     note = lacks_wholeness(system)
     if note is not None:
-        raise InputError(f"speed: a motion at the speed of its load {note}")
+        remedy = "" if "in_modes" in note else ": use structure.reduce(...).in_modes().structure"
+        raise InputError(f"speed: a motion at the speed of its load {note}{remedy}")
     if base is not None and system._held is not None:
         raise InputError("base: must not move supports of a structure that depends on the speed")
     return whole_system(system)
