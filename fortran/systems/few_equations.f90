@@ -1,3 +1,4 @@
+! Optimize: -O2
 !> Solves the small linear systems that keep a solution on switching surfaces.
 module viscovib_few_equations
   use viscovib_kinds, only: wp

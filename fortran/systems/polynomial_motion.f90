@@ -168,6 +168,7 @@ contains
     end do
     call motion%layers%find(laws)
     call new_switched_laws(motion%laws, laws, motion%inverse)
+    motion%jump_at_rest = motion%laws%largest_jump()
     call motion%find_steep_surfaces()
     if (size(motion%laws%holds) == 0) return
     motion%signals = motion%laws%signals
@@ -205,6 +206,7 @@ contains
         where (self%laws%leader == self%laws%leader(k)) self%steep_of = j
       end do
     end do
+    self%steep_held = self%steep_pushes
   end subroutine find_steep_surfaces
 
   !> Fix the laws on one side of each surface, or on it.
@@ -219,7 +221,27 @@ contains
     end do
     ! Operands do not jump within a step that ends at the jump.
     if (self%layers%exist()) call self%layers%find(self%laws%laws)
+    if (size(self%steep) > 0) call hold_steep(self)
   end subroutine take_sides
+
+  !> Steep laws on the present surfaces. Between two sticking masses the rate is 0; rounding errors
+  !! of it would change the force of a small exponent.
+  subroutine hold_steep(self)
+    class(polynomial_motion_type), intent(inout) :: self
+    !> Part of the rate by a force that is rounding error.
+    real(wp), parameter :: rounding = 1.0e-10_wp
+    logical :: still
+    integer :: j
+
+    self%steep_held = self%steep_pushes
+    call self%laws%hold_back(self%steep_held)
+    do j = 1, size(self%steep)
+      still = abs(dot_product(self%steep_rates(j, :), self%steep_held(:, j))) &
+              <= rounding*abs(dot_product(self%steep_rates(j, :), self%steep_pushes(:, j)))
+      if (still) self%steep_held(:, j) = 0.0_wp
+      call self%laws%freeze(self%steep(j)%law, self%steep(j)%argument, still)
+    end do
+  end subroutine hold_steep
 
   !> Event function of a surface; in sliding 1 - lambda^2, lambda = -1 and 1 on its sides.
   subroutine signal_at(self, k, t, q, v, g)
@@ -302,6 +324,8 @@ contains
     else if (sides(k) == slides) then
       call weights_between(self, [t], reshape(q, [1, size(q)]), reshape(v, [1, size(v)]), mu)
       if (mu(1, self%laws%place_of(self%laws%leader(k))) > 1.0_wp) one = -one
+      ! The motion leaves the surface from the surface itself.
+      call self%laws%stay(q, v)
       sides = merge(one*self%laws%sense(k)*self%laws%sense, sides, same)
     else
       before = sides

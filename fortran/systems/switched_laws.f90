@@ -70,6 +70,9 @@ module viscovib_switched_laws
     procedure :: forces
     procedure :: rate
     procedure :: stay
+    procedure :: hold_back
+    procedure :: freeze
+    procedure :: largest_jump
     procedure :: n_slides
     procedure :: place_of
     procedure :: n_known
@@ -530,6 +533,74 @@ contains
     call solve(m, x)
     if (all(abs(x) < wall)) v = v + matmul(b(1, :, :), x)
   end subroutine stay
+
+  !> Accelerations by forces, shape (n_dof, n), less the parts that the sliding surfaces prevent.
+  subroutine hold_back(self, pushes)
+    class(switched_laws), intent(in) :: self
+    real(wp), intent(inout) :: pushes(:, :)
+    real(wp), dimension(n_lanes, self%n_dof, self%n_slides()) :: b, n
+    real(wp), dimension(n_lanes, self%n_dof) :: at_rest
+    real(wp) :: m(self%n_slides(), self%n_slides()), x(self%n_slides())
+    real(wp) :: c(n_lanes, self%n_slides())
+    integer :: j, k
+
+    if (size(x) == 0) return
+    at_rest = 0.0_wp
+    call slide_directions(self, at_rest, at_rest, b, c, n)
+    do k = 1, size(pushes, 2)
+      do j = 1, size(x)
+        m(j, :) = matmul(n(1, :, j), b(1, :, :))
+        x(j) = -dot_product(n(1, :, j), pushes(:, k))
+      end do
+      call solve(m, x)
+      if (all(abs(x) < wall)) pushes(:, k) = pushes(:, k) + matmul(b(1, :, :), x)
+    end do
+  end subroutine hold_back
+
+  !> Largest acceleration by a law that jumps at rest. It balances the other forces on its surface.
+  real(wp) function largest_jump(self)
+    class(switched_laws), intent(in) :: self
+    integer, allocatable :: sides(:)
+    real(wp) :: above(1), below(1)
+    integer :: i, j, k
+
+    largest_jump = 0.0_wp
+    do i = 1, size(self%free)
+      associate (program => self%free(i)%program, n => size(self%free(i)%arguments, 1))
+        sides = [(1, k=1, program%n_surfaces())]
+        do j = 1, size(sides)
+          call evaluate(held(program, sides), n, above)
+          sides(j) = -1
+          call evaluate(held(program, sides), n, below)
+          sides(j) = 1
+          if (max(abs(above(1)), abs(below(1))) >= wall) cycle
+          largest_jump = max(largest_jump, 0.5_wp*abs(above(1) - below(1)) &
+                             *maxval(abs(self%weights(:, i))))
+        end do
+      end associate
+    end do
+
+  contains
+
+    subroutine evaluate(program, n, value)
+      type(law_program), intent(in) :: program
+      integer, intent(in) :: n
+      real(wp), intent(out) :: value(1)
+      real(wp) :: at_rest(1, n)
+      at_rest = 0.0_wp
+      call program%evaluate(at_rest, value)
+    end subroutine evaluate
+
+  end function largest_jump
+
+  !> Evaluate a law with the rate 0 of an argument, or with its rate.
+  subroutine freeze(self, law, argument, still)
+    class(switched_laws), intent(inout) :: self
+    integer, intent(in) :: law, argument
+    logical, intent(in) :: still
+    self%laws(law)%rates(argument, :) = self%free(law)%rates(argument, :)
+    if (still) self%laws(law)%rates(argument, :) = 0.0_wp
+  end subroutine freeze
 
   !> For each slide: b, the change of accelerations by its force; c and n, the derivatives of its
   !! signal along the velocities and by accelerations.

@@ -12,7 +12,7 @@ module viscovib_event_search
   implicit none
   private
 
-  public :: first_event_point, place_of_change, signal_along
+  public :: first_event_point, place_of_change, rounding_of, signal_along
 
   !> Parts in which an interval is searched where an extremum may be beyond 0, and iterations that
   !! find the extremum.
@@ -67,7 +67,7 @@ contains
     slack = 0.0_wp
     if (fresh) then
       ! A signal that leaves a surface slowly has rounding errors of either sign at first.
-      slack = rounding_of(signal, path)
+      slack = max(rounding_of(signal, path), -g(1))
       g(1) = max(g(1), 0.0_wp)
       where (g(2:n) < 0.0_wp .and. g(2:n) >= -slack) g(2:n) = 0.0_wp
     end if
@@ -88,16 +88,24 @@ contains
     if (found) place = place_of_change(signal, path, side, low, high)
   end subroutine first_event_point
 
-  !> Change of a signal in a step due to rounding of the states.
+  !> Change of a signal in a step due to rounding of the states and forces. Modes carry the rounding
+  !! errors of the largest coordinates to all others.
   real(wp) function rounding_of(signal, path)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
-    !> Relative perturbation of states.
-    real(wp), parameter :: other = 1.0_wp + 4.0_wp*epsilon(1.0_wp)
+    !> Perturbation relative to the largest of the states.
+    real(wp), parameter :: part = 4.0_wp*epsilon(1.0_wp)
     real(wp), dimension(size(path%points)) :: times, g, moved
+    real(wp), dimension(size(path%q, 1), size(path%q, 2)) :: q, v
+    integer :: d
     times = path%start + path%h*path%points
+    do d = 1, size(q, 2)
+      ! Generic factors, so that differences change too.
+      q(:, d) = path%q(:, d) + part*sin(1.7_wp + 2.3_wp*d)*maxval(abs(path%q))
+      v(:, d) = path%v(:, d) + part*sin(2.9_wp + 1.3_wp*d)*(maxval(abs(path%v)) + path%cancelled)
+    end do
     call signal%at(times, path%q, path%v, g)
-    call signal%at(times, other*path%q, other*path%v, moved)
+    call signal%at(times, q, v, moved)
     rounding_of = maxval(abs(moved - g))
   end function rounding_of
 

@@ -75,9 +75,13 @@ module viscovib_modal_gauss
     real(wp), allocatable, private :: coefficients(:, :, :)
     !> Pushes, sections and coordinates at the nodes, shape (n_lanes, n).
     real(wp), allocatable, dimension(:, :), private :: push, x_at, rate_at, q_at, v_at
-    !> Rates of steep laws by sections, shape (n, n_steep), and pushes by their forces, shape
-    !! (n_steep, n); accelerations by steep laws at the nodes, shape (n_lanes, n).
-    real(wp), allocatable, dimension(:, :), private :: steep_rates, steep_pushes, steep_at
+    !> Rates of steep laws by sections, shape (n, n_steep), and pushes by their forces, also on the
+    !! present surfaces, shape (n_steep, n); accelerations by steep laws at the nodes, shape
+    !! (n_lanes, n); the forces of the last iteration, shape (s, n_steep).
+    real(wp), allocatable, dimension(:, :), private :: steep_rates, steep_pushes, steep_held
+    real(wp), allocatable, dimension(:, :), private :: steep_at, steep_forces
+    !> As `steep_held` of the system.
+    real(wp), allocatable, private :: held(:, :)
     !> Factors of values at the nodes in the last two coefficients of Legendre, shape (2, s).
     real(wp), allocatable, private :: last(:, :)
   contains
@@ -133,6 +137,9 @@ contains
     else
       allocate (method%steep_rates(n, 0), method%steep_pushes(0, n))
     end if
+    method%steep_held = method%steep_pushes
+    allocate (method%held(n, size(method%steep_pushes, 1)), source=0.0_wp)
+    allocate (method%steep_forces(s, size(method%steep_pushes, 1)))
     allocate (method%resolved(size(method%steep_rates, 2)), source=.false.)
     method%last = last_coefficients(method%table)
     call new_phases(method%phases, system%drives, start, h, method%table%nodes(:, :1))
@@ -175,8 +182,24 @@ contains
     end do
     self%now = merge(1, 2, abs(h - system%step_length) <= 0.0_wp)
     call make_maps(self%maps(self%now), system%frame, self%table, self%coefficients, h)
-    call make_steep_gains(self%maps(self%now), self%steep_rates, self%steep_pushes)
+    call make_steep_gains(self%maps(self%now), self%steep_rates, self%steep_held)
   end subroutine change_step
+
+  !> Take the accelerations by steep laws on the present surfaces.
+  subroutine hold_steep(self, system)
+    class(modal_gauss_type), intent(inout) :: self
+    class(driven_system_type), intent(in) :: system
+    integer :: i
+
+    if (all(abs(self%held - system%steep_held) <= 0.0_wp)) return
+    self%held = system%steep_held
+    self%steep_held = matmul(transpose(self%held), system%frame%to_sections%values)
+    do i = 1, size(self%maps)
+      if (allocated(self%maps(i)%steep_gains)) then
+        call make_steep_gains(self%maps(i), self%steep_rates, self%steep_held)
+      end if
+    end do
+  end subroutine hold_steep
 
   !> The rates of steep laws by their own forces.
   subroutine make_steep_gains(maps, rates, pushes)
@@ -385,7 +408,8 @@ contains
     end associate
   end subroutine follow
 
-  !> Add the forces of steep laws to the pushes at the nodes.
+  !> Add the forces of steep laws to the pushes at the nodes. On sliding surfaces the pushes contain
+  !! the response to the last forces, and changes of the forces act with their response.
   subroutine add_steep(self, system, roots, push, made)
     class(modal_gauss_type), intent(inout) :: self
     class(driven_system_type), intent(in) :: system
@@ -399,6 +423,7 @@ contains
     s = self%table%n_nodes
     rates = 0.0_wp
     lost = 0.0_wp
+    push(:s, :) = push(:s, :) + matmul(self%steep_forces, self%steep_pushes - self%steep_held)
     associate (maps => self%maps(self%now))
       do m = 1, size(self%x)
         if (.not. any(abs(self%steep_rates(m, :)) > 0.0_wp)) cycle
@@ -423,7 +448,8 @@ contains
                                + enlarged*lost(j)/push_of_one)
       end associate
     end do
-    push(:s, :) = push(:s, :) + matmul(forces, self%steep_pushes)
+    push(:s, :) = push(:s, :) + matmul(forces, self%steep_held)
+    self%steep_forces = forces
     self%steep_at(:s, :) = matmul(forces, transpose(system%steep_pushes))
     do j = s + 1, n_lanes
       self%steep_at(j, :) = self%steep_at(s, :)
@@ -443,6 +469,8 @@ contains
     made = .false.
     before = 0.0_wp
     self%steep_at = 0.0_wp
+    self%steep_forces = 0.0_wp
+    if (size(roots) > 0) call hold_steep(self, system)
     do m = 1, size(roots, 2)
       roots(:, m) = root_of_rate(dot_product(self%steep_rates(:, m), self%x_rate), &
                                  system%steep(m)%exponent)
@@ -457,7 +485,8 @@ contains
         if (size(roots) > 0) then
           ! Steep forces may balance the others, and amplify their rounding errors.
           do m = 1, size(self%x)
-            balanced = balanced + amplified*weight(m)*maxval(abs(new(:s, m)))
+            balanced = balanced + amplified*weight(m)*(maxval(abs(new(:s, m))) &
+                                                       + system%jump_at_rest)
           end do
           call self%add_steep(system, roots, new, made)
           if (.not. made) return

@@ -5,7 +5,8 @@
 !!   v_li = b_li + sum_mj G_limj f_mj,   v_li = rate(w_li),   f_li = force(w_li),
 !!
 !! with b the rates without these forces. Newton's method solves for w. The rate and the force
-!! increase with w, and dampers do not increase rates, so that w is bounded.
+!! increase with w, and dampers do not increase rates, so that w is bounded. A law whose gains are
+!! all 0 has the rate 0, between two sticking masses.
 module viscovib_steep_forces
   use viscovib_dense, only: factorize, solve
   use viscovib_driven_system, only: driven_system_type
@@ -37,10 +38,14 @@ contains
     real(wp) :: residual(size(rates)), change, before, bound
     real(wp), dimension(size(rates, 1), size(rates, 2)) :: slopes, at_rest
     integer :: pivots(size(rates)), i, j, k, l, s
-    logical :: singular
+    logical :: singular, still(size(rates, 2))
 
     s = size(rates, 1)
     g = reshape(gains, shape(g))
+    do l = 1, size(rates, 2)
+      still(l) = all(abs(gains(:, :, :, l)) <= 0.0_wp)
+      if (still(l)) roots(:, l) = 0.0_wp
+    end do
     made = .false.
     before = huge(1.0_wp)
     at_rest = 0.0_wp
@@ -62,6 +67,10 @@ contains
             matrix(:, j) = -g(:, j)*slopes(i, l)
             matrix(j, j) = matrix(j, j) + abs(roots(i, l))**(1.0_wp/a - 1.0_wp)/a
             residual(j) = residual(j) - rate_of_root(roots(i, l), a)
+            if (.not. still(l)) cycle
+            matrix(:, j) = 0.0_wp
+            matrix(j, j) = 1.0_wp
+            residual(j) = 0.0_wp
           end do
         end associate
       end do

@@ -14,6 +14,8 @@ module viscovib_step_path
     !> Positions in [0, 1] of known states, ascending, including both ends, shape (n);
     !! states there, shape (n, n_dof).
     real(wp), allocatable :: points(:), q(:, :), v(:, :)
+    !> Change of velocities by forces that cancel; rounding errors are relative to it.
+    real(wp) :: cancelled = 0.0_wp
     real(wp), allocatable, private :: factors(:)
   contains
     procedure :: at

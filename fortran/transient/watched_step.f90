@@ -9,7 +9,7 @@
 !! its neighbour, so that the polynomials converge in all of them at the same rate.
 module viscovib_watched_step
   use viscovib_driven_system, only: driven_system_type
-  use viscovib_event_search, only: first_event_point, signal_along
+  use viscovib_event_search, only: first_event_point, rounding_of, signal_along
   use viscovib_event_time, only: signal_in_step
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: slides, watched_function
@@ -159,7 +159,14 @@ contains
     if (.not. length < method%h) then
       call first_surface(at, method, system, which, place)
       call look_for_rough(at, method, system, which, place, method%h, length)
-      if (which == 0) call look_for_steep(method, system, at%until, length)
+      if (which == 0) then
+        call look_for_steep(method, system, at%until, length)
+      else if (place <= 0.0_wp .and. allocated(system%steep_of)) then
+        ! Forces that are not resolved may seem to return a motion to a surface that it left.
+        if (any(at%fresh .and. system%steep_of == 0)) then
+          call look_for_steep(method, system, at%until, length)
+        end if
+      end if
       if (which > 0 .or. at%n_passed > 0 .or. at%n_halved > 0) then
         call look_for_stiff(at%path, system, place, method%h, length)
       end if
@@ -188,7 +195,7 @@ contains
     if (allocated(at%nearby)) call at%nearby%follow(system, at%path)
     if (run%wants_state(at%from, method%h)) call keep_before(at, method, system, run)
     call note_events(at, method, system, run, any(at%sides == slides))
-    at%fresh = .false.
+    call leave_surfaces(at, system)
     if (at%grade > 0.0_wp) at%grade = 2.0_wp*method%h
     if (at%grade >= system%step_length) at%grade = 0.0_wp
     if (.not. at%short .or. at%ended) return
@@ -196,6 +203,23 @@ contains
     more = at%until - at%from > 4.0_wp*spacing(at%until)
     if (more) call method%change_step(system, min(2.0_wp*method%h, at%until - at%from))
   end subroutine step_watched
+
+  !> A motion has left a surface when it is further from it than rounding errors.
+  subroutine leave_surfaces(at, system)
+    type(watched_step_type), intent(inout) :: at
+    class(driven_system_type), intent(in), target :: system
+    type(surface_type) :: surface
+    real(wp) :: g(1)
+    integer :: i
+
+    surface%system => system
+    do i = 1, size(at%fresh)
+      if (.not. at%fresh(i)) cycle
+      surface%which = i
+      call signal_along(surface, at%path, [1.0_wp], g)
+      at%fresh(i) = at%sides(i) /= slides .and. abs(g(1)) <= rounding_of(surface, at%path)
+    end do
+  end subroutine leave_surfaces
 
   !> Length that the last part should have had because of steep laws, whose forces change fast after
   !! another force has changed.
@@ -220,10 +244,17 @@ contains
     class(stepper_type), intent(in) :: method
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: which
-    is_smooth = allocated(method%resolved)
-    if (is_smooth) is_smooth = system%steep_of(which) > 0
+    is_smooth = allocated(method%resolved) .and. is_steep(system, which)
     if (is_smooth) is_smooth = method%resolved(system%steep_of(which))
   end function is_smooth
+
+  !> True for the surface of a steep law.
+  pure logical function is_steep(system, which)
+    class(driven_system_type), intent(in) :: system
+    integer, intent(in) :: which
+    is_steep = allocated(system%steep_of)
+    if (is_steep) is_steep = system%steep_of(which) > 0
+  end function is_steep
 
   !> True if the last part is one of the shortest next to the surface of a steep law and ends on the
   !! side where it began: its polynomial may cross the surface and return within its error.
@@ -233,8 +264,7 @@ contains
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: which
     real(wp) :: g(1)
-    returns = allocated(system%steep_of)
-    if (returns) returns = system%steep_of(which) > 0 .and. at%sides(which) /= slides
+    returns = is_steep(system, which) .and. at%sides(which) /= slides
     if (returns) returns = method%h <= closest(system, which)
     if (.not. returns) return
     call system%signal_at(which, [at%from + method%h], reshape(method%q, [1, size(method%q)]), &
@@ -333,12 +363,9 @@ contains
   real(wp) function closest(system, which)
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: which
-    logical :: is_steep
-    is_steep = allocated(system%steep_of)
-    if (is_steep) is_steep = system%steep_of(which) > 0
     associate (p => system%signals(which)%rough)
       closest = left_there**(1.0_wp/(2.0_wp + p))
-      if (is_steep) closest = left_of_steep**(1.0_wp/(1.0_wp + p))
+      if (is_steep(system, which)) closest = left_of_steep**(1.0_wp/(1.0_wp + p))
     end associate
     closest = system%step_length*closest
   end function closest
@@ -380,6 +407,8 @@ contains
     class(driven_system_type), intent(in) :: system
     at%path%start = at%from
     call method%trace(system, at%memory, at%path)
+    at%path%cancelled = method%h*(system%jump_at_rest &
+                                  + maxval(abs(at%path%q))/system%step_length**2)
   end subroutine trace
 
   !> Store the requested states inside the last part, from its start.
@@ -419,7 +448,7 @@ contains
       call note_events(at, method, system, run, .true.)
       if (at%ended) return
       at%from = at%from + length
-      at%fresh = .false.
+      call leave_surfaces(at, system)
     end if
     call meet(at, method, system, which)
     call begin_small(at, system%first_part())

@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -323,3 +324,30 @@ def test_loops_are_drawn():
         d, force = ax.lines[0].get_data()
         lost = float(ax.get_title().split()[3])
         assert np.trapezoid(force, d) == pytest.approx(lost, abs=3e-3 * max(abs(force)))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_sticking_on_both_sides_of_a_steep_damper(seed):
+    """From rest to sliding and back, with all steps alike and without warnings."""
+    rng = np.random.default_rng(seed)
+    k = rng.uniform(0.5, 2, 3)
+    a, *exponents = rng.choice([0.2, 0.4, 0.9]), rng.choice([1, 1.5, 2]), rng.choice([1, 1.5, 2])
+    system = vv.Structure(
+        mass=rng.uniform(0.5, 2.5, 2),
+        stiffness=[[k[0] + k[1], -k[1]], [-k[1], k[1] + k[2]]],
+        damping=rng.uniform(0.05, 0.3, 2),
+        elements=[
+            vv.FluidDamper(on={"x1": -1.0, "x2": 1.0}, coefficient=0.1, exponent=a),
+            *(
+                vv.StribeckFriction(on=on, coulomb=c, static=2 * c, velocity=0.1, exponent=n)
+                for on, c, n in zip(("x1", "x2"), (0.15, 0.1), exponents, strict=True)
+            ),
+            vv.Jenkins(on="x1", stiffness=1.5, limit=0.15),
+        ],
+    )
+    load = rng.uniform(-0.9, 0.9, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        runs = [vv.simulate(system, 20, load=load, nu=1.1, dt=dt) for dt in (0.02, 0.005, 0.001)]
+    assert [run.outcome for run in runs] == ["completed"] * 3
+    assert np.ptp([run.state[-1] for run in runs], axis=0).max() < 1e-9

@@ -322,13 +322,17 @@ def _changes(law: Law, places: list[_Place]) -> list[tuple[float, float]]:
         return []
     values = _values_about(law, places, _ASIDE)
     largest = np.maximum(values.max(axis=1), -values.min(axis=1))
-    both = np.abs(values[:, :-1] - values[:, -1:])
+    before, after = np.split(values[:, :-1], 2, axis=1)
+    if law.branches:
+        # Steps end where the law jumps, as sign(v)*exp(-abs(v)) does: the jump is no layer.
+        before, after = before - before[:, :1], after - after[:, :1]
+    else:
+        before, after = before - values[:, -1:], after - values[:, -1:]
+    both = np.maximum(np.abs(before), np.abs(after))
     change = both.max(axis=1)
-    half = both >= 0.5 * change[:, np.newaxis]
-    half = half[:, : _WIDTHS.size] | half[:, _WIDTHS.size :]
-    widths = _WIDTHS[half.argmax(axis=1)]
+    widths = _WIDTHS[(both >= 0.5 * change[:, np.newaxis]).argmax(axis=1)]
     # At a step the two ends differ; at a bump they are equal.
-    ends = np.abs(values[:, -2] - values[:, _WIDTHS.size - 1])
+    ends = np.abs(after[:, -1] - before[:, -1])
     found = np.where((largest >= WALL) | ~(change > 0), 0.0, np.maximum(change, ends))
     return list(zip(found.tolist(), np.where(found > 0, widths, 1.0).tolist(), strict=True))
 
