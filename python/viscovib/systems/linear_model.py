@@ -1,13 +1,17 @@
 """Linear models in matrices: D(s) = sum_i c_i(s) A_i, with memory and every kind of damping."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.kernels.relaxation import Kernel
-from viscovib.systems.sparse_pencil import Modes
+
+if TYPE_CHECKING:
+    from viscovib.systems.sparse_pencil import Modes
 
 
 class LinearModel(NamedTuple):
@@ -90,7 +94,7 @@ class ModalDampingMatrix:
         self._weighted = np.asarray(model.mass @ modes.shapes)
 
     @property
-    def T(self) -> "ModalDampingMatrix":  # noqa: N802
+    def T(self) -> ModalDampingMatrix:  # noqa: N802
         """The transpose; the matrix is symmetric."""
         return self
 
