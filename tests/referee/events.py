@@ -105,7 +105,7 @@ middle = m(m.t_reached / 3)
         ends = np.append(g[turns], g[[0, -1]])
         if any(np.abs(ends - place).min() < 1e-4 for place, _ in levels):
             return
-        times = np.sort(np.concatenate([np.empty(0), *run.t_events]))
+        times = np.sort(np.concatenate([np.empty(0), *(run.t_events or [])]))
         yield Claim("events", len(names["times"]), len(times))
         if len(names["times"]):
             yield Claim("times", names["times"], times, 1e-5, damage=1e-2)
