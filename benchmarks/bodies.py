@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.signal
 import viscovib as vv
 from timing import least, pair, show_time
 from viscovib.units import degree, hz, mm, newton_per_mm
@@ -110,11 +111,43 @@ def run() -> list[Row]:
     off = np.abs(fine.state[-1] - coarse.state[-1]).max() / np.abs(fine.state).max()
     add("a shock of 1 s at 1e-8", least(lambda: shocked(1e-8)), nan, float(off))
 
+    names = [f"m{i}.{axis}" for i in range(3) for axis in "xyz"]
+    names += [f"{name}_ddot" for name in bent.dof_names]
+
+    def with_peaks() -> None:
+        run = shocked(1e-8)
+        for name in names:
+            run.peak(name)
+
+    add("the same with 15 peaks of forces and accelerations", least(with_peaks), nan, nan)
+
     def in_steps() -> vv.Trajectory:
         return vv.simulate(bent, 1.0, force=push, dt=0.005, method="gauss4", tolerance=1e-8)
 
     off = np.abs(fine.state[-1] - in_steps().state[-1]).max() / np.abs(fine.state).max()
     add("the same in steps of 5 ms by gauss4", least(in_steps), nan, float(off))
+
+    step, hertz = 1e-4, np.geomspace(0.1, 1000, 1000)
+    record = np.cumsum(np.random.default_rng(0).standard_normal(100_001))
+    record -= record[0]
+    table = vv.LoadTable(times=step * np.arange(record.size), values=record)
+
+    def at_samples(count: int) -> np.ndarray:
+        """Largest accelerations at the samples, one call of SciPy for each frequency."""
+        found = []
+        for w in 2 * np.pi * hertz[:count]:
+            parts = ([0.1 * w, w**2], [1, 0.1 * w, w**2])
+            above, below, _ = scipy.signal.cont2discrete(parts, step, "foh")
+            found.append(np.abs(scipy.signal.lfilter(above[0], below, record)).max())
+        return np.array(found)
+
+    def spectrum() -> np.ndarray:
+        found = vv.shock_response_spectrum(table, hertz, damping=0.05)
+        return np.asarray(found.primary)
+
+    off = np.abs(spectrum()[:100] / at_samples(100) - 1).max()
+    mine, others, _ = pair(spectrum, lambda: at_samples(1000))
+    add("shock spectrum, 1000 frequencies, 1e5 samples", mine, others, float(off))
 
     mine, others, _ = pair(lambda: plain.scatter(10_000)[0], lambda: one_by_one(plain, 10_000))
     difference = np.abs(plain.scatter(100)[0] - one_by_one(plain, 100)).max()

@@ -192,22 +192,53 @@ contains
   !> The rates and accelerations of steep laws, and their surfaces.
   subroutine find_steep_surfaces(self)
     class(polynomial_motion_type), intent(inout) :: self
+    logical :: of_steep(size(self%laws%holds)), smooth
     integer :: i, j, k
 
     allocate (self%steep_of(size(self%laws%holds)), source=0)
     allocate (self%steep_rates(size(self%steep), self%n_dof))
     allocate (self%steep_pushes(self%n_dof, size(self%steep)))
+    of_steep = [(any(self%steep%law == self%laws%law_of(k)), k=1, size(of_steep))]
     do j = 1, size(self%steep)
       i = self%steep(j)%law
       self%steep_rates(j, :) = self%laws%laws(i)%rates(self%steep(j)%argument, :)
       self%steep_pushes(:, j) = -self%laws%weights(:, i)
       do k = 1, size(self%steep_of)
         if (self%laws%law_of(k) /= i .or. .not. self%laws%signals(k)%rough > 0.0_wp) cycle
-        where (self%laws%leader == self%laws%leader(k)) self%steep_of = j
+        ! The force is not smooth where another law jumps or is rough.
+        smooth = all(of_steep .or. self%laws%leader /= self%laws%leader(k))
+        where (smooth .and. self%laws%leader == self%laws%leader(k)) self%steep_of = j
       end do
     end do
     self%steep_held = self%steep_pushes
+    call find_alike(self)
   end subroutine find_steep_surfaces
+
+  !> Steep laws with a common rate have one unknown: that of the smallest exponent.
+  subroutine find_alike(self)
+    class(polynomial_motion_type), intent(inout) :: self
+    !> Relative difference of rates that is rounding error.
+    real(wp), parameter :: rounding = 1.0e-12_wp
+    real(wp) :: factor
+    integer :: j, k, place
+
+    do j = 1, size(self%steep)
+      self%steep(j)%leader = j
+      do k = 1, size(self%steep)
+        associate (own => self%steep_rates(j, :), other => self%steep_rates(k, :))
+          place = maxloc(abs(other), 1)
+          factor = own(place)/other(place)
+          if (any(abs(own - factor*other) > rounding*maxval(abs(own)))) cycle
+        end associate
+        ! The first of those with the smallest exponent.
+        associate (leader => self%steep(j)%leader, a => self%steep%exponent)
+          if (a(k) > a(leader) .or. (a(k) >= a(leader) .and. k > leader)) cycle
+        end associate
+        self%steep(j)%leader = k
+        self%steep(j)%factor = factor
+      end do
+    end do
+  end subroutine find_alike
 
   !> Fix the laws on one side of each surface, or on it.
   subroutine take_sides(self, sides)

@@ -18,10 +18,13 @@ module viscovib_steep_laws
 
   public :: steep_law, find_steep, rate_of_root, root_of_rate, steep_force
 
-  !> A steep law: its index, the argument that is the rate, and the exponent a.
+  !> A steep law: its index, the argument that is the rate, and the exponent a; the steep law with a
+  !! proportional rate and the smallest exponent, maybe itself, and the factor to its rate.
   type :: steep_law
     integer :: law = 0, argument = 0
     real(wp) :: exponent = 1.0_wp
+    integer :: leader = 0
+    real(wp) :: factor = 1.0_wp
   end type steep_law
 
   !> Rates at which the exponent is checked, and the relative error of the ratio of forces there.

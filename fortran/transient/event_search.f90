@@ -93,8 +93,8 @@ contains
   real(wp) function rounding_of(signal, path)
     class(watched_function), intent(in) :: signal
     type(step_path), intent(in) :: path
-    !> Perturbation relative to the largest of the states.
-    real(wp), parameter :: part = 4.0_wp*epsilon(1.0_wp)
+    !> Perturbation relative to the largest of the states; polynomials between them amplify it.
+    real(wp), parameter :: part = 16.0_wp*epsilon(1.0_wp)
     real(wp), dimension(size(path%points)) :: times, g, moved
     real(wp), dimension(size(path%q, 1), size(path%q, 2)) :: q, v
     integer :: d

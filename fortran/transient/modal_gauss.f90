@@ -417,7 +417,7 @@ contains
     real(wp), intent(inout) :: roots(:, :), push(:, :)
     logical, intent(out) :: made
     real(wp), dimension(self%table%n_nodes, size(roots, 2)) :: rates, forces
-    real(wp) :: rate(n_lanes), lost(size(roots, 2)), push_of_one
+    real(wp) :: rate(n_lanes), lost(size(roots, 2)), push_of_one, blurred
     integer :: j, m, s
 
     s = self%table%n_nodes
@@ -441,11 +441,14 @@ contains
       call solve_steep(system, maps%steep_gains, rates, self%q_at(:s, :), self%v_at(:s, :), roots, &
                        forces, made)
     end associate
+    ! A steep force may be the small difference of springs and loads.
+    blurred = amplified*rounding*(sum(abs(system%frame%squares*self%x)) + system%jump_at_rest)
     do j = 1, size(rates, 2)
       push_of_one = self%h*abs(dot_product(self%steep_rates(:, j), self%steep_pushes(j, :)))
       associate (tail => abs(matmul(self%last, forces(:, j))))
         self%resolved(j) = all(tail <= represented*maxval(abs(forces(:, j))) &
-                               + enlarged*lost(j)/push_of_one)
+                               + enlarged*lost(j)/push_of_one &
+                               + blurred/maxval(abs(self%steep_pushes(j, :))))
       end associate
     end do
     push(:s, :) = push(:s, :) + matmul(forces, self%steep_held)

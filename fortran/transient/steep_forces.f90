@@ -34,61 +34,120 @@ contains
     real(wp), intent(inout) :: roots(:, :)
     real(wp), intent(out) :: forces(:, :)
     logical, intent(out) :: made
-    real(wp) :: matrix(size(rates), size(rates)), g(size(rates), size(rates))
-    real(wp) :: residual(size(rates)), change, before, bound
-    real(wp), dimension(size(rates, 1), size(rates, 2)) :: slopes, at_rest
-    integer :: pivots(size(rates)), i, j, k, l, s
-    logical :: singular, still(size(rates, 2))
+    real(wp), dimension(size(rates, 1), size(rates, 2)) :: slopes, at_rest, residual
+    real(wp) :: change, before, bound
+    integer :: k, l
+    logical :: still(size(rates, 2))
 
-    s = size(rates, 1)
-    g = reshape(gains, shape(g))
-    do l = 1, size(rates, 2)
-      still(l) = all(abs(gains(:, :, :, l)) <= 0.0_wp)
-      if (still(l)) roots(:, l) = 0.0_wp
-    end do
     made = .false.
     before = huge(1.0_wp)
+    do l = 1, size(rates, 2)
+      still(l) = all(abs(gains(:, :, :, l)) <= 0.0_wp)
+    end do
     at_rest = 0.0_wp
     call evaluate(at_rest)
-    bound = largest*maxval(abs(reshape(rates, shape(residual)) &
-                               + matmul(g, reshape(forces, shape(residual)))))
+    bound = largest*maxval(abs(rates + moved_by(forces)))
     do k = 1, most
       do l = 1, size(rates, 2)
         associate (a => system%steep(l)%exponent)
           roots(:, l) = sign(min(abs(roots(:, l)), root_of_rate(bound, a)), roots(:, l))
+          if (still(l)) roots(:, l) = 0.0_wp
         end associate
       end do
+      call follow_leaders()
       call evaluate(roots)
-      residual = reshape(rates, shape(residual)) + matmul(g, reshape(forces, shape(residual)))
-      do l = 1, size(rates, 2)
-        associate (a => system%steep(l)%exponent)
-          do i = 1, s
-            j = (l - 1)*s + i
-            matrix(:, j) = -g(:, j)*slopes(i, l)
-            matrix(j, j) = matrix(j, j) + abs(roots(i, l))**(1.0_wp/a - 1.0_wp)/a
-            residual(j) = residual(j) - rate_of_root(roots(i, l), a)
-            if (.not. still(l)) cycle
-            matrix(:, j) = 0.0_wp
-            matrix(j, j) = 1.0_wp
-            residual(j) = 0.0_wp
-          end do
-        end associate
-      end do
-      if (.not. all(abs(residual) <= huge(1.0_wp))) return
-      if (.not. all(abs(matrix) <= huge(1.0_wp))) return
-      call factorize(size(residual), matrix, pivots, singular)
-      if (singular) return
-      call solve(size(residual), matrix, pivots, residual)
+      residual = rates + moved_by(forces)
+      call correct(made)
+      if (.not. made) return
       change = maxval(abs(residual))
       made = change <= solved*maxval(abs(roots)) .or. .not. change > 0.0_wp
       ! The next correction of a converging iteration is rounding.
       made = made .or. (change <= sqrt(solved)*maxval(abs(roots)) .and. change >= before)
       if (made) return
-      roots = roots + reshape(residual, shape(roots))
+      roots = roots + residual
       before = change
     end do
 
   contains
+
+    !> Laws with a common rate have the root of their leader.
+    subroutine follow_leaders()
+      integer :: m
+      do m = 1, size(rates, 2)
+        associate (law => system%steep(m))
+          if (law%leader == m) cycle
+          roots(:, m) = root_of_rate(law%factor*rate_of_root( &
+                                     roots(:, law%leader), system%steep(law%leader)%exponent), &
+                                     law%exponent)
+        end associate
+      end do
+    end subroutine follow_leaders
+
+    !> Rates by forces.
+    function moved_by(f) result(moved)
+      real(wp), intent(in) :: f(:, :)
+      real(wp) :: moved(size(f, 1), size(f, 2))
+      moved = reshape(matmul(reshape(gains, [size(f), size(f)]), reshape(f, [size(f)])), shape(f))
+    end function moved_by
+
+    !> Replace the rates by Newton's corrections of the roots of the leaders; 0 for other laws.
+    subroutine correct(made)
+      logical, intent(out) :: made
+      integer :: free(size(rates, 2)), n, i, j, m, u, s
+      real(wp) :: matrix(size(rates), size(rates)), right(size(rates)), weight(size(rates, 1))
+      integer :: pivots(size(rates))
+      logical :: singular
+
+      s = size(rates, 1)
+      n = 0
+      free = 0
+      do m = 1, size(rates, 2)
+        if (system%steep(m)%leader /= m .or. still(m)) cycle
+        n = n + 1
+        free(m) = n
+      end do
+      made = n == 0
+      if (made) residual = 0.0_wp
+      if (made) return
+      matrix = 0.0_wp
+      do m = 1, size(rates, 2)
+        associate (law => system%steep(m), leader => system%steep(system%steep(m)%leader))
+          u = free(law%leader)
+          if (u == 0) cycle
+          weight = slopes(:, m)
+          if (law%leader /= m) then
+            ! w_m = |factor|^a_m |w|^(a_m/a), a <= a_m.
+            weight = weight*sign(abs(law%factor)**law%exponent, law%factor) &
+                     *(law%exponent/leader%exponent) &
+                     *abs(roots(:, law%leader))**(law%exponent/leader%exponent - 1.0_wp)
+          end if
+          do j = 1, size(rates, 2)
+            if (free(j) == 0) cycle
+            do i = 1, s
+              matrix((free(j) - 1)*s + 1:free(j)*s, (u - 1)*s + i) = &
+                matrix((free(j) - 1)*s + 1:free(j)*s, (u - 1)*s + i) - gains(:, j, i, m)*weight(i)
+            end do
+          end do
+          if (law%leader /= m) cycle
+          do i = 1, s
+            j = (u - 1)*s + i
+            matrix(j, j) = matrix(j, j) + abs(roots(i, m))**(1.0_wp/law%exponent - 1.0_wp) &
+                           /law%exponent
+            right(j) = residual(i, m) - rate_of_root(roots(i, m), law%exponent)
+          end do
+        end associate
+      end do
+      residual = 0.0_wp
+      n = n*s
+      if (.not. all(abs(right(:n)) <= huge(1.0_wp))) return
+      if (.not. all(abs(matrix(:n, :n)) <= huge(1.0_wp))) return
+      call solve_few(n, matrix(:n, :n), right(:n), pivots(:n), singular)
+      if (singular) return
+      do m = 1, size(rates, 2)
+        if (free(m) > 0) residual(:, m) = right((free(m) - 1)*s + 1:free(m)*s)
+      end do
+      made = .true.
+    end subroutine correct
 
     !> Forces and their slopes.
     subroutine evaluate(w)
@@ -100,5 +159,14 @@ contains
     end subroutine evaluate
 
   end subroutine solve_steep
+
+  subroutine solve_few(n, matrix, right, pivots, singular)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: matrix(n, n), right(n)
+    integer, intent(out) :: pivots(n)
+    logical, intent(out) :: singular
+    call factorize(n, matrix, pivots, singular)
+    if (.not. singular) call solve(n, matrix, pivots, right)
+  end subroutine solve_few
 
 end module viscovib_steep_forces

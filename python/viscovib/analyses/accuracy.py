@@ -56,7 +56,8 @@ class Accuracy:
             return f"{self.relative:g} of the size of the motion"
         if self.relative == 0:
             return f"{self.absolute:g}"
-        return f"{self.absolute:g} and {self.relative:g} of the largest"
+        absolute = f"{self.absolute:g} and " if self.absolute > 0 else ""
+        return f"{absolute}{self.relative:g} of the largest"
 
     def __str__(self) -> str:
         """Return the tolerance as given by the user."""

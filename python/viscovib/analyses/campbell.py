@@ -16,7 +16,7 @@ from viscovib.common.results import Result, span
 from viscovib.errors import InputError
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
-from viscovib.systems.whole import in_all_coordinates, whole_system
+from viscovib.systems.whole import in_all_coordinates
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -206,9 +206,7 @@ def campbell(
     1.5
     """
     _native.check_instance("system", system, PolynomialSystem, Structure)
-    system = in_all_coordinates(system)
-    if isinstance(system, Structure):
-        system = whole_system(system)
+    system = in_all_coordinates(system, always=True)
     if system._turns:
         raise InputError(
             "geometry = 'exact': campbell is not available for finite rotations: use geometry = "

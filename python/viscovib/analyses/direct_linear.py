@@ -21,6 +21,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import linear_model, with_damping
+from viscovib.systems.system import System
 
 #: Fewer coordinates are as fast in the core.
 _SMALLEST = 24
@@ -30,9 +31,9 @@ _SPARSE = 0.2
 _SINGULAR = 3
 
 
-def goes_directly(system: object, base: Any) -> bool:
+def goes_directly(system: System, base: Any) -> bool:
     """True if direct solutions are faster: many coordinates, and matrices that depend on speed."""
-    if not isinstance(system, (PolynomialSystem, Structure)) or not system._depends_on_speed:
+    if not system._depends_on_speed:
         return False
     several = any(in_components(term) for term in base_by_order(base).values())
     return len(system.dof_names) >= _SMALLEST and not several

@@ -24,6 +24,7 @@ from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import SpringGroup, Springs
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import block_diagonal, dense_of, longer, with_damping
+from viscovib.systems.system import System
 
 #: The coordinate of the shaft (rad).
 ANGLE = "angle"
@@ -110,11 +111,11 @@ class DriveTorque:
         return size
 
 
-def turns_shaft(system: object, force: object) -> bool:
+def turns_shaft(system: System, force: object) -> bool:
     """True if the speed of the matrices, or of the load, changes in the motion."""
     if isinstance(force, DriveTorque):
         return True
-    return isinstance(force, RunUp) and bool(getattr(system, "_depends_on_speed", False))
+    return isinstance(force, RunUp) and system._depends_on_speed
 
 
 def with_shaft(
@@ -133,32 +134,35 @@ def with_shaft(
         )
     if ANGLE in system.dof_names:
         raise InputError(f"names: must not contain {ANGLE!r}, the name of the angle of the shaft")
-    if isinstance(system, PolynomialSystem) and any(law.calls for law in system._all_laws):
-        raise InputError(f"forces: must not be Python functions with {what}")
     n = len(system.dof_names)
     start = np.zeros(2 * n) if initial is None else _native.real_array("initial", initial)
     if start.shape != (2 * n,):
         raise InputError(f"initial: must have shape ({2 * n},), got {start.shape}")
+    by_elements = isinstance(system, Structure)
+    if not by_elements and any(law.calls for law in system._all_laws):
+        raise InputError(f"forces: must not be Python functions with {what}")
     if isinstance(force, DriveTorque):
         if system._active_kernels:
             raise InputError("kernel: must not be given with a DriveTorque")
         own, inertia = _driven(system, force), force.inertia
         turning, table = np.array([force.phase, force.speed]), None
     else:
-        turning, table = _given_speed(system, force, end)
-        if isinstance(system, Structure):
+        turning, table = _given_speed(system, force, end, spring=float(by_elements))
+        if by_elements:
             return _structure_with_shaft(system), np.concatenate([start, turning]), table
         own, inertia = _of_speed(system._speed_matrices, system.dof_names), 1.0
     return _extended(system, own, inertia), np.concatenate([start, turning]), table
 
 
-def _given_speed(system: Any, load: RunUp, end: float) -> tuple[FloatArray, LoadTable]:
+def _given_speed(
+    system: Any, load: RunUp, end: float, spring: float
+) -> tuple[FloatArray, LoadTable]:
     """Initial angle and speed of a run-up, and its load with that of the angle.
 
-    The angle of a structure has a spring of 1 N m/rad, since its modes must not be defective. The
-    load of the spring follows from the angle, which is known.
+    ``spring``: stiffness on the angle (N m/rad). That of a structure is 1, since its modes must not
+    be defective. The load of the spring follows from the angle, which is known.
     """
-    n, spring = len(system.dof_names), float(isinstance(system, Structure))
+    n = len(system.dof_names)
     if load.on is not None and spring:
         direction = direction_of("on", load.on, n, name_places(system.dof_names))
         own = np.multiply.outer(direction, load._polynomials(np.zeros((1, 1)))[0])

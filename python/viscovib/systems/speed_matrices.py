@@ -25,7 +25,7 @@ class WithSpeed(System):
     speed: float | None
 
     @property
-    def _depends_on_speed(self) -> bool:
+    def _depends_on_speed(self) -> bool:  # type: ignore[override]
         """True if the speed is the frequency of the load."""
         return self.speed is None and self._has_speed_matrices
 

@@ -29,6 +29,8 @@ class System:
 
     #: True if the loads are parameters of the system itself.
     _has_own_loads = False
+    #: True if matrices depend on the speed of a rotor, which is the frequency of the load.
+    _depends_on_speed: bool = False
     #: Supports that were removed from the matrices; None: none.
     _held: Supports | None = None
 

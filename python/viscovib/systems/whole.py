@@ -212,13 +212,16 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     return whole
 
 
-def in_all_coordinates(system: _Any, base: object = None) -> Any:
+def in_all_coordinates(system: _Any, base: object = None, *, always: bool = False) -> Any:
     """Return a structure whose matrices depend on the speed as a system in all its coordinates.
 
-    Other systems are returned as they are. ``base``: motion of the base.
+    ``base``: motion of the base; ``always``: return every structure so. Other systems are returned
+    as they are.
     """
-    if not isinstance(system, Structure) or not system._depends_on_speed:
+    if not isinstance(system, Structure):
         return system
+    if not system._depends_on_speed:
+        return whole_system(system) if always else system
     note = lacks_wholeness(system)
     if note is not None:
         remedy = "" if "in_modes" in note else ": use structure.reduce(...).in_modes().structure"
