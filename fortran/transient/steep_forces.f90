@@ -36,13 +36,15 @@ contains
     logical, intent(out) :: made
     real(wp), dimension(size(rates, 1), size(rates, 2)) :: slopes, at_rest, residual
     real(wp) :: change, before, bound
-    integer :: k, l
+    integer :: free(size(rates, 2)), k, l
     logical :: still(size(rates, 2))
 
     made = .false.
     before = huge(1.0_wp)
+    free = 0
     do l = 1, size(rates, 2)
       still(l) = all(abs(gains(:, :, :, l)) <= 0.0_wp)
+      if (system%steep(l)%leader == l .and. .not. still(l)) free(l) = maxval(free) + 1
     end do
     at_rest = 0.0_wp
     call evaluate(at_rest)
@@ -57,7 +59,7 @@ contains
       call follow_leaders()
       call evaluate(roots)
       residual = rates + moved_by(forces)
-      call correct(made)
+      call correct(system, gains, roots, slopes, free, residual, made)
       if (.not. made) return
       change = maxval(abs(residual))
       made = change <= solved*maxval(abs(roots)) .or. .not. change > 0.0_wp
@@ -90,65 +92,6 @@ contains
       moved = reshape(matmul(reshape(gains, [size(f), size(f)]), reshape(f, [size(f)])), shape(f))
     end function moved_by
 
-    !> Replace the rates by Newton's corrections of the roots of the leaders; 0 for other laws.
-    subroutine correct(made)
-      logical, intent(out) :: made
-      integer :: free(size(rates, 2)), n, i, j, m, u, s
-      real(wp) :: matrix(size(rates), size(rates)), right(size(rates)), weight(size(rates, 1))
-      integer :: pivots(size(rates))
-      logical :: singular
-
-      s = size(rates, 1)
-      n = 0
-      free = 0
-      do m = 1, size(rates, 2)
-        if (system%steep(m)%leader /= m .or. still(m)) cycle
-        n = n + 1
-        free(m) = n
-      end do
-      made = n == 0
-      if (made) residual = 0.0_wp
-      if (made) return
-      matrix = 0.0_wp
-      do m = 1, size(rates, 2)
-        associate (law => system%steep(m), leader => system%steep(system%steep(m)%leader))
-          u = free(law%leader)
-          if (u == 0) cycle
-          weight = slopes(:, m)
-          if (law%leader /= m) then
-            ! w_m = |factor|^a_m |w|^(a_m/a), a <= a_m.
-            weight = weight*sign(abs(law%factor)**law%exponent, law%factor) &
-                     *(law%exponent/leader%exponent) &
-                     *abs(roots(:, law%leader))**(law%exponent/leader%exponent - 1.0_wp)
-          end if
-          do j = 1, size(rates, 2)
-            if (free(j) == 0) cycle
-            do i = 1, s
-              matrix((free(j) - 1)*s + 1:free(j)*s, (u - 1)*s + i) = &
-                matrix((free(j) - 1)*s + 1:free(j)*s, (u - 1)*s + i) - gains(:, j, i, m)*weight(i)
-            end do
-          end do
-          if (law%leader /= m) cycle
-          do i = 1, s
-            j = (u - 1)*s + i
-            matrix(j, j) = matrix(j, j) + abs(roots(i, m))**(1.0_wp/law%exponent - 1.0_wp) &
-                           /law%exponent
-            right(j) = residual(i, m) - rate_of_root(roots(i, m), law%exponent)
-          end do
-        end associate
-      end do
-      residual = 0.0_wp
-      n = n*s
-      if (.not. all(abs(right(:n)) <= huge(1.0_wp))) return
-      if (.not. all(abs(matrix(:n, :n)) <= huge(1.0_wp))) return
-      call solve_few(n, matrix(:n, :n), right(:n), pivots(:n), singular)
-      if (singular) return
-      do m = 1, size(rates, 2)
-        if (free(m) > 0) residual(:, m) = right((free(m) - 1)*s + 1:free(m)*s)
-      end do
-      made = .true.
-    end subroutine correct
-
     !> Forces and their slopes.
     subroutine evaluate(w)
       real(wp), intent(in) :: w(:, :)
@@ -160,13 +103,64 @@ contains
 
   end subroutine solve_steep
 
-  subroutine solve_few(n, matrix, right, pivots, singular)
-    integer, intent(in) :: n
-    real(wp), intent(inout) :: matrix(n, n), right(n)
-    integer, intent(out) :: pivots(n)
-    logical, intent(out) :: singular
-    call factorize(n, matrix, pivots, singular)
-    if (.not. singular) call solve(n, matrix, pivots, right)
-  end subroutine solve_few
+  !> Replace the rates by Newton's corrections of the roots of the leaders; 0 for other laws.
+  subroutine correct(system, gains, roots, slopes, free, residual, made)
+    class(driven_system_type), intent(in) :: system
+    !> As of `solve_steep`.
+    real(wp), intent(in) :: gains(:, :, :, :), roots(:, :)
+    !> Derivatives of the forces by the roots.
+    real(wp), intent(in) :: slopes(:, :)
+    !> Numbers of the leaders whose rates do not stay 0; of other laws 0.
+    integer, intent(in) :: free(:)
+    !> b + G f on entry.
+    real(wp), intent(inout) :: residual(:, :)
+    logical, intent(out) :: made
+    real(wp) :: right(maxval(free)*size(roots, 1)), matrix(size(right), size(right))
+    real(wp) :: weight(size(roots, 1))
+    integer :: pivots(size(right)), i, j, m, u, s
+    logical :: singular
+
+    s = size(roots, 1)
+    matrix = 0.0_wp
+    do m = 1, size(roots, 2)
+      associate (law => system%steep(m), leader => system%steep(system%steep(m)%leader))
+        u = free(law%leader)
+        if (u == 0) cycle
+        weight = slopes(:, m)
+        if (law%leader /= m) then
+          ! w_m = |factor|^a_m |w|^(a_m/a), a <= a_m.
+          weight = weight*sign(abs(law%factor)**law%exponent, law%factor) &
+                   *(law%exponent/leader%exponent) &
+                   *abs(roots(:, law%leader))**(law%exponent/leader%exponent - 1.0_wp)
+        end if
+        do j = 1, size(roots, 2)
+          if (free(j) == 0) cycle
+          do i = 1, s
+            matrix((free(j) - 1)*s + 1:free(j)*s, (u - 1)*s + i) = &
+              matrix((free(j) - 1)*s + 1:free(j)*s, (u - 1)*s + i) - gains(:, j, i, m)*weight(i)
+          end do
+        end do
+        if (law%leader /= m) cycle
+        do i = 1, s
+          j = (u - 1)*s + i
+          matrix(j, j) = matrix(j, j) + abs(roots(i, m))**(1.0_wp/law%exponent - 1.0_wp) &
+                         /law%exponent
+          right(j) = residual(i, m) - rate_of_root(roots(i, m), law%exponent)
+        end do
+      end associate
+    end do
+    residual = 0.0_wp
+    made = size(right) == 0
+    if (made) return
+    if (.not. all(abs(right) <= huge(1.0_wp))) return
+    if (.not. all(abs(matrix) <= huge(1.0_wp))) return
+    call factorize(size(right), matrix, pivots, singular)
+    if (singular) return
+    call solve(size(right), matrix, pivots, right)
+    do m = 1, size(roots, 2)
+      if (free(m) > 0) residual(:, m) = right((free(m) - 1)*s + 1:free(m)*s)
+    end do
+    made = .true.
+  end subroutine correct
 
 end module viscovib_steep_forces

@@ -263,3 +263,36 @@ def test_wrong_arguments(given, words):
     with pytest.raises(vv.InputError) as caught:
         vv.FluidDamper(**{"on": "x1", "coefficient": 1.0, "exponent": 0.5, **given})
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("a", [0.2, 0.5, 0.9])
+def test_dampers_in_parallel_are_one(a):
+    """From rest; the second one has the rate -2 v, so that it adds c 2^(1 + a) sign(v) |v|^a."""
+
+    def moved(*dampers):
+        system = vv.Structure(mass=[1.3], stiffness=[2.0], damping=[0.1], elements=list(dampers))
+        return vv.simulate(system, 15, load=0.7, nu=1.1, dt=0.02).state[-1]
+
+    first = vv.FluidDamper(on="x1", coefficient=0.2, exponent=a)
+    second = vv.FluidDamper(on={"x1": -2.0}, coefficient=0.1, exponent=a)
+    both = vv.FluidDamper(on="x1", coefficient=0.2 + 0.1 * 2 ** (1 + a), exponent=a)
+    assert np.allclose(moved(first, second), moved(both), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_turning_points_between_a_contact_and_dampers(seed):
+    """A motion may nearly rest where it turns: the damper carries what springs and load leave."""
+    rng = np.random.default_rng(seed)
+    elements = [
+        vv.Gap(on="x1", gap=rng.uniform(0.1, 0.3), stiffness=rng.uniform(5, 15)),
+        vv.Jenkins(on="x1", stiffness=rng.uniform(1, 3), limit=rng.uniform(0.1, 0.3)),
+        *(
+            vv.FluidDamper(on="x1", coefficient=rng.uniform(0.05, 0.5), exponent=exponent)
+            for exponent in (round(rng.uniform(0.3, 0.6), 2), 1.2)
+        ),
+    ]
+    system = vv.Structure(mass=[1.0], stiffness=[1.0], damping=[0.1], elements=elements)
+    load = rng.uniform(0.5, 1.5)
+    runs = [vv.simulate(system, 30, load=load, nu=0.9, dt=dt) for dt in (0.05, 0.02, 0.004)]
+    assert [run.outcome for run in runs] == ["completed"] * 3
+    assert np.ptp([run.state[-1] for run in runs], axis=0).max() < 1e-9

@@ -206,13 +206,13 @@ def campbell(
     1.5
     """
     _native.check_instance("system", system, PolynomialSystem, Structure)
-    system = in_all_coordinates(system, always=True)
-    if system._turns:
+    whole: PolynomialSystem = in_all_coordinates(system, always=True)
+    if whole._turns:
         raise InputError(
             "geometry = 'exact': campbell is not available for finite rotations: use geometry = "
             "'small'"
         )
-    if system.speed is not None:
+    if whole.speed is not None:
         raise InputError("speed: must not be given for campbell, which varies it")
     over = _native.real_array("speeds", speeds, ndim=1)
     if not 1 <= over.size <= _MOST:
@@ -228,18 +228,18 @@ def campbell(
     wanted = np.atleast_1d(_native.real_array("orders", orders))
     if wanted.ndim != 1 or (wanted <= 0).any():
         raise InputError(f"orders = {_native.shown(orders)}: must be numbers greater than 0")
-    places = _plane(system, plane)
-    n = len(system.dof_names)
+    places = _plane(whole, plane)
+    n = len(whole.dof_names)
     given = {"speeds": over, "orders": wanted.astype(float)}
     given |= {} if places is None else {"plane": np.array(places) + 1}
-    found = _native.run_either(n * over.size > _FEW, "system campbell", system._handle, **given)
+    found = _native.run_either(n * over.size > _FEW, "system campbell", whole._handle, **given)
     roots, shapes = found["roots"].T, np.moveaxis(found["shapes"], 0, -1).swapaxes(0, 1)
     return Campbell(
         over.copy(), np.ascontiguousarray(roots), np.ascontiguousarray(shapes), found["growth"],
         None if places is None else found["whirl"].T.copy(), found["critical"], found["order"],
         found["mode"].astype(np.int64) - 1, float(found["threshold"]), wanted.copy(),
-        system.dof_names, system.dof_units,
-        None if places is None else (system.dof_names[places[0]], system.dof_names[places[1]]),
+        whole.dof_names, whole.dof_units,
+        None if places is None else (whole.dof_names[places[0]], whole.dof_names[places[1]]),
     )  # fmt: skip
 
 

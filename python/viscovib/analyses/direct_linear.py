@@ -21,7 +21,6 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import linear_model, with_damping
-from viscovib.systems.system import System
 
 #: Fewer coordinates are as fast in the core.
 _SMALLEST = 24
@@ -31,7 +30,7 @@ _SPARSE = 0.2
 _SINGULAR = 3
 
 
-def goes_directly(system: System, base: Any) -> bool:
+def goes_directly(system: Any, base: Any) -> bool:
     """True if direct solutions are faster: many coordinates, and matrices that depend on speed."""
     if not system._depends_on_speed:
         return False
