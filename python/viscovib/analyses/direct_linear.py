@@ -20,7 +20,7 @@ from viscovib.systems.load import (
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.structure import Structure
-from viscovib.systems.structure_matrices import linear_model, with_damping
+from viscovib.systems.structure_matrices import linear_model
 
 #: Fewer coordinates are as fast in the core.
 _SMALLEST = 24
@@ -116,15 +116,10 @@ def _model_of(system: Structure | PolynomialSystem) -> LinearModel:
     """The linear part with memory, at rest."""
     if isinstance(system, Structure):
         layers: Any = system._layers  # type: ignore[attr-defined]
-        damping: Any = system.damping
-        if system._uncoupled is not None:
-            total = layers.added_to(system.stiffness)
-            damping = with_damping(
-                system.mass, damping, total, system._uncoupled, system._all_elements
-            )
         found = linear_model(
-            system.mass, damping, system.stiffness, None, system._all_elements, remembering=True
-        )
+            system.mass, system._damping_at_rest, system.stiffness, None, system._all_elements,
+            remembering=True,
+        )  # fmt: skip
         return found._replace(layers=[*found.layers, *layers.whole])
     groups: list[Any] = [group for group in system.groups if group.kernel is not None]
     elastic = sum(group.stiffness for group in system.groups if group.kernel is None)

@@ -23,7 +23,7 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import SpringGroup, Springs
 from viscovib.systems.structure import Structure
-from viscovib.systems.structure_matrices import block_diagonal, dense_of, longer, with_damping
+from viscovib.systems.structure_matrices import block_diagonal, dense_of, longer
 from viscovib.systems.system import System
 
 #: The coordinate of the shaft (rad).
@@ -241,13 +241,7 @@ def _structure_with_shaft(system: Structure) -> Structure:
             "elements; for a reduced one use structure.reduce(...).in_modes().structure"
         )
     n, names = system.n_coordinates, (*system.dof_names, ANGLE)
-    layers: Any = system._layers  # type: ignore[attr-defined]
-    damping: Any = system.damping
-    if system._uncoupled is not None:
-        at_rest = layers.added_to(system.stiffness)
-        damping = with_damping(
-            system.mass, damping, at_rest, system._uncoupled, system._all_elements
-        )
+    damping = system._damping_at_rest
     matrices = [getattr(system, name) for name in OF_SPEED]
     parts = [np.zeros((n, n)) if one is None else dense_of(one) for one in matrices]
     short = [f"q{i}" for i in range(n)]

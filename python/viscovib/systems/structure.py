@@ -265,16 +265,11 @@ class Structure(WithSpeed):
         """With a speed the matrices become constant."""
         if self.speed is None:
             return
-        modal, speed = self._uncoupled, self.speed
+        speed = self.speed
         own = ("damping", "stiffness")
         self._changed.update({name: getattr(self, name) for name in own})  # type: ignore[attr-defined]
-        damping: Any = self.damping
-        stiffness: Any = self.stiffness
-        if modal is not None:
-            layers: Layers = self._layers  # type: ignore[attr-defined]
-            at_rest = layers.added_to(stiffness)
-            damping = with_damping(self.mass, damping, at_rest, modal, self._all_elements)
-            self._set("_modal", None)
+        damping, stiffness = self._damping_at_rest, self.stiffness
+        self._set("_modal", None)
         gyroscopic, circulatory, centrifugal = (getattr(self, name) for name in OF_SPEED)
         with np.errstate(over="ignore", invalid="ignore"):
             if gyroscopic is not None:
@@ -554,6 +549,16 @@ class Structure(WithSpeed):
     @property
     def _uncoupled(self) -> ModalDamping | None:
         return self._modal  # type: ignore[attr-defined,no-any-return]
+
+    @property
+    def _damping_at_rest(self) -> Any:
+        """C with the damping of the modes at rest."""
+        modal = self._uncoupled
+        if modal is None:
+            return self.damping
+        layers: Layers = self._layers  # type: ignore[attr-defined]
+        total = layers.added_to(self.stiffness)
+        return with_damping(self.mass, self.damping, total, modal, self._all_elements)
 
     @property
     def _reduced(self) -> "ReducedRest | None":
