@@ -136,6 +136,11 @@ def test_a_slider_moved_by_keys_moves_the_curve(page):
     # Sliders have names, also after they were built again.
     slider = page.get_by_role("slider", name="mass (kg)")
     slider.wait_for()
+    # The curve arrives before the slider moves back.
+    page.wait_for_function(
+        "(handle) => Number(handle.getAttribute('aria-valuenow')) === 1",
+        arg=slider.element_handle(),
+    )
     slider.focus()
     page.keyboard.press("ArrowRight")
     assert page.get_by_role("slider", name="slider", exact=True).count() == 0
