@@ -139,51 +139,65 @@ contains
     integer, intent(in) :: kernel_of_group(:)
     real(wp), intent(in) :: slopes(:, :, :)
     complex(wp), intent(in) :: s, h(:, :)
-    complex(wp) :: x(size(h, 1), size(h, 1)), kept(1, size(kernel_of_group)), slope
-    integer :: b, i, j, n, q
+    real(wp), dimension((size(slopes, 1) - 1)/step_of(slopes) + 1, size(h, 1), size(h, 1)) :: &
+      re, im, next_re, next_im
+    complex(wp), dimension(size(re, 1)) :: slope
+    complex(wp) :: kept(1, size(kernel_of_group))
+    integer :: a, b, c, j, k, n, q
 
     n = size(h, 1)
     kept = retained_of(system, kernel_of_group, [s])
-    strength = 0.0_wp
-    do i = 1, size(slopes, 1), max(1, size(slopes, 1)/some_times)
-      x = (0.0_wp, 0.0_wp)
-      do j = 1, size(slopes, 2)
-        q = findloc(kernel_of_group, system%kernel_of(j), 1)
-        do b = 1, n
-          slope = slope_at(system, slopes(i, j, :), j, b, s)
-          slope = kept(1, q)*slope
-          if (system%kernel_of(j) > 0) then
-            slope = slope + (kept(1, q) - 1.0_wp)*system%gather(j, b)
-          end if
-          x(:, b) = x(:, b) + system%spread(:, j)*slope
+    next_re = 0.0_wp
+    next_im = 0.0_wp
+    do j = 1, size(slopes, 2)
+      q = findloc(kernel_of_group, system%kernel_of(j), 1)
+      do b = 1, n
+        slope = (0.0_wp, 0.0_wp)
+        if (system%bent(j)) then
+          slope = slopes(::step_of(slopes), j, b)
+          do c = 1, system%n_rates()
+            if (system%rates(c) == b) slope = slope + s*slopes(::step_of(slopes), j, n + c)
+          end do
+        end if
+        slope = kept(1, q)*slope
+        if (system%kernel_of(j) > 0) slope = slope + (kept(1, q) - 1.0_wp)*system%gather(j, b)
+        do k = 1, merge(n, 0, any(abs(slope) > 0.0_wp))
+          if (.not. abs(system%spread(k, j)) > 0.0_wp) cycle
+          do a = 1, n
+            next_re(:, a, b) = next_re(:, a, b) + real(h(a, k)*system%spread(k, j)*slope)
+            next_im(:, a, b) = next_im(:, a, b) + aimag(h(a, k)*system%spread(k, j)*slope)
+          end do
         end do
       end do
-      if (n > 1) then
-        x = matmul(h, x)
-        x = matmul(x, x)
-        x = matmul(x, x)
-        strength = max(strength, maxval(sum(abs(x), 2))**0.25_wp)
-      else
-        strength = max(strength, real(x(1, 1))**2 + aimag(x(1, 1))**2)
-      end if
     end do
-    if (n == 1) strength = abs(h(1, 1))*sqrt(strength)
+    call square(size(re, 1), n, next_re, next_im, re, im)
+    call square(size(re, 1), n, re, im, next_re, next_im)
+    strength = maxval(sum(sqrt(next_re**2 + next_im**2), 3))**0.25_wp
   end function strength
 
-  !> Derivative of variable j by deflection b at one time, that by its rate included.
-  pure complex(wp) function slope_at(system, slopes, j, b, s) result(slope)
-    class(structure_type), intent(in) :: system
-    real(wp), intent(in) :: slopes(:)
-    integer, intent(in) :: j, b
-    complex(wp), intent(in) :: s
-    integer :: c
+  !> From one time to the next.
+  pure integer function step_of(slopes)
+    real(wp), intent(in) :: slopes(:, :, :)
+    step_of = max(1, size(slopes, 1)/some_times)
+  end function step_of
 
-    slope = (0.0_wp, 0.0_wp)
-    if (.not. system%bent(j)) return
-    slope = slopes(b)
-    do c = 1, system%n_rates()
-      if (system%rates(c) == b) slope = slope + s*slopes(system%n_dof() + c)
+  !> Squares of n_times complex matrices.
+  pure subroutine square(n_times, n, x_re, x_im, re, im)
+    integer, intent(in) :: n_times, n
+    real(wp), intent(in), dimension(n_times, n, n) :: x_re, x_im
+    real(wp), intent(out), dimension(n_times, n, n) :: re, im
+    integer :: a, b, k
+
+    re = 0.0_wp
+    im = 0.0_wp
+    do b = 1, n
+      do k = 1, n
+        do a = 1, n
+          re(:, a, b) = re(:, a, b) + (x_re(:, a, k)*x_re(:, k, b) - x_im(:, a, k)*x_im(:, k, b))
+          im(:, a, b) = im(:, a, b) + (x_re(:, a, k)*x_im(:, k, b) + x_im(:, a, k)*x_re(:, k, b))
+        end do
+      end do
     end do
-  end function slope_at
+  end subroutine square
 
 end module viscovib_condensed_rows

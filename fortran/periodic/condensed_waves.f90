@@ -18,7 +18,8 @@ module viscovib_condensed_waves
 
 contains
 
-  !> H' at some orders, J_A. [H_.A - H_.P S_k^-1 T_k] there, and prod_k det S_k.
+  !> H' at some orders, J_A. [H_.A - H_.P S_k^-1 T_k] there, and prod_k det S_k, vectorized over
+  !! the orders.
   pure subroutine soften(h, kept, mean, without, swings, others, soft_re, soft_im, own_re, own_im, &
                          factor)
     !> H, what each kernel leaves, the mean of J of each group and what J is less of hereditary
@@ -31,26 +32,73 @@ contains
     real(wp), intent(out), dimension(:, :, :) :: soft_re, soft_im, own_re, own_im
     !> 0 where one cannot be solved.
     complex(wp), intent(out) :: factor
-    complex(wp) :: average(size(without, 1), size(without, 1)), part
-    complex(wp) :: soft(size(without, 1), size(swings)), own(size(swings), size(swings))
-    integer :: l, q
+    !> The columns P, then A, of J_P. H + I; and of H.
+    real(wp), dimension(size(h, 1), size(others), size(h, 2)) :: solved_re, solved_im
+    real(wp), dimension(size(h, 1), size(h, 2), size(h, 2)) :: h_re, h_im
+    real(wp), dimension(size(h, 1)) :: j_re, j_im
+    integer :: order(size(h, 2)), a, b, k, n
+    logical :: acts(size(h, 2), size(h, 2))
 
-    factor = (1.0_wp, 0.0_wp)
-    do l = 1, size(kept, 1)
-      average = -without
-      do q = 1, size(kept, 2)
-        average = average + kept(l, q)*mean(:, :, q)
+    n = size(others)
+    order = [others, swings]
+    acts = any(abs(mean) > 0.0_wp, 3) .or. abs(without) > 0.0_wp
+    h_re = real(h(:, :, order))
+    h_im = aimag(h(:, :, order))
+    solved_re = 0.0_wp
+    solved_im = 0.0_wp
+    do k = 1, size(order)
+      do a = 1, n
+        if (.not. acts(others(a), k)) cycle
+        call entry_of(kept, mean(others(a), k, :), without(others(a), k), j_re, j_im)
+        do b = 1, size(order)
+          solved_re(:, a, b) = solved_re(:, a, b) + (j_re*h_re(:, k, b) - j_im*h_im(:, k, b))
+          solved_im(:, a, b) = solved_im(:, a, b) + (j_re*h_im(:, k, b) + j_im*h_re(:, k, b))
+        end do
       end do
-      call remaining(h(l, :, :), average, swings, others, soft, part)
-      factor = factor*part
-      if (.not. abs(factor) > 0.0_wp) return
-      own = matmul(average(swings, :), soft)
-      soft_re(l, :, :) = real(soft(swings, :))
-      soft_im(l, :, :) = aimag(soft(swings, :))
-      own_re(l, :, :) = real(own)
-      own_im(l, :, :) = aimag(own)
     end do
+    do a = 1, n
+      solved_re(:, a, a) = solved_re(:, a, a) + 1.0_wp
+    end do
+    call eliminate(size(h, 1), n, size(order), solved_re, solved_im, factor)
+    if (.not. abs(factor) > 0.0_wp) return
+    own_re = 0.0_wp
+    own_im = 0.0_wp
+    do k = 1, size(order)
+      if (.not. (any(swings == k) .or. any(acts(swings, k)))) cycle
+      do b = n + 1, size(order)
+        do a = 1, n
+          h_re(:, k, b) = h_re(:, k, b) - (h_re(:, k, a)*solved_re(:, a, b) &
+                                           - h_im(:, k, a)*solved_im(:, a, b))
+          h_im(:, k, b) = h_im(:, k, b) - (h_re(:, k, a)*solved_im(:, a, b) &
+                                           + h_im(:, k, a)*solved_re(:, a, b))
+        end do
+      end do
+      do a = 1, size(swings)
+        if (.not. acts(swings(a), k)) cycle
+        call entry_of(kept, mean(swings(a), k, :), without(swings(a), k), j_re, j_im)
+        do b = 1, size(swings)
+          own_re(:, a, b) = own_re(:, a, b) + (j_re*h_re(:, k, n + b) - j_im*h_im(:, k, n + b))
+          own_im(:, a, b) = own_im(:, a, b) + (j_re*h_im(:, k, n + b) + j_im*h_re(:, k, n + b))
+        end do
+      end do
+    end do
+    soft_re = h_re(:, swings, n + 1:)
+    soft_im = h_im(:, swings, n + 1:)
   end subroutine soften
+
+  !> One entry of J within each order.
+  pure subroutine entry_of(kept, mean, without, re, im)
+    complex(wp), intent(in) :: kept(:, :)
+    real(wp), intent(in) :: mean(:), without
+    real(wp), intent(out) :: re(:), im(:)
+    integer :: q
+    re = -without
+    im = 0.0_wp
+    do q = 1, size(mean)
+      re = re + real(kept(:, q))*mean(q)
+      im = im + aimag(kept(:, q))*mean(q)
+    end do
+  end subroutine entry_of
 
   !> I + J H' over the deflections that swing.
   pure subroutine fill_waves(p, reach, rows, swings, kept, local, soft_re, soft_im, own_re, &
@@ -128,60 +176,53 @@ contains
     im = im + (kept_re*y + kept_im*x)
   end subroutine add_waves
 
-  !> H' of one order and det S.
-  pure subroutine remaining(h, mean, swings, others, soft, determinant)
-    complex(wp), intent(in) :: h(:, :), mean(:, :)
-    integer, intent(in) :: swings(:), others(:)
-    complex(wp), intent(out) :: soft(:, :), determinant
-    complex(wp) :: solved(size(others), size(h, 1))
-    complex(wp), dimension(size(h, 1), size(others)) :: by_others
-    integer :: a, b, k, n
-
-    n = size(others)
-    by_others = h(:, others)
-    soft = h(:, swings)
-    solved = (0.0_wp, 0.0_wp)
-    do k = 1, size(h, 1)
-      do b = 1, n
-        solved(:, b) = solved(:, b) + mean(others, k)*by_others(k, b)
-      end do
-      do b = 1, size(swings)
-        solved(:, n + b) = solved(:, n + b) + mean(others, k)*soft(k, b)
-      end do
-    end do
-    do a = 1, n
-      solved(a, a) = solved(a, a) + 1.0_wp
-    end do
-    call eliminate(solved, determinant)
-    do b = 1, size(swings)
-      do a = 1, n
-        soft(:, b) = soft(:, b) - by_others(:, a)*solved(a, n + b)
-      end do
-    end do
-  end subroutine remaining
-
-  !> Solve the square on the left for the columns behind it, in place; its determinant.
-  pure subroutine eliminate(matrix, determinant)
-    complex(wp), intent(inout) :: matrix(:, :)
+  !> Solve squares on the left for the columns behind them, in place, with the largest pivots;
+  !! the product of their determinants.
+  pure subroutine eliminate(p, n, columns, re, im, determinant)
+    integer, intent(in) :: p, n, columns
+    real(wp), intent(inout), dimension(p, n, columns) :: re, im
+    !> 0: one is singular.
     complex(wp), intent(out) :: determinant
-    complex(wp) :: row(size(matrix, 2))
-    integer :: i, j, n
+    real(wp), dimension(p) :: largest, size_of, f, g
+    complex(wp) :: entry(columns)
+    integer :: at(p), b, i, j, l
 
-    n = size(matrix, 1)
     determinant = (1.0_wp, 0.0_wp)
     do j = 1, n
-      i = j - 1 + maxloc(abs(real(matrix(j:, j))) + abs(aimag(matrix(j:, j))), 1)
-      if (i /= j) then
-        row = matrix(i, :)
-        matrix(i, :) = matrix(j, :)
-        matrix(j, :) = row
-        determinant = -determinant
+      at = j
+      largest = abs(re(:, j, j)) + abs(im(:, j, j))
+      do i = j + 1, n
+        size_of = abs(re(:, i, j)) + abs(im(:, i, j))
+        at = merge(i, at, size_of > largest)
+        largest = max(size_of, largest)
+      end do
+      do l = 1, p
+        i = at(l)
+        if (i /= j) then
+          entry = cmplx(re(l, i, :), im(l, i, :), wp)
+          re(l, i, :) = re(l, j, :)
+          im(l, i, :) = im(l, j, :)
+          re(l, j, :) = real(entry)
+          im(l, j, :) = aimag(entry)
+          determinant = -determinant
+        end if
+        determinant = determinant*cmplx(re(l, j, j), im(l, j, j), wp)
+      end do
+      if (.not. (abs(determinant) > 0.0_wp .and. all(largest > 0.0_wp))) then
+        determinant = (0.0_wp, 0.0_wp)
+        return
       end if
-      determinant = determinant*matrix(j, j)
-      if (.not. abs(determinant) > 0.0_wp) return
-      matrix(j, j + 1:) = matrix(j, j + 1:)/matrix(j, j)
-      do i = 1, n
-        if (i /= j) matrix(i, j + 1:) = matrix(i, j + 1:) - matrix(i, j)*matrix(j, j + 1:)
+      size_of = 1.0_wp/(re(:, j, j)**2 + im(:, j, j)**2)
+      do b = j + 1, columns
+        f = (re(:, j, b)*re(:, j, j) + im(:, j, b)*im(:, j, j))*size_of
+        g = (im(:, j, b)*re(:, j, j) - re(:, j, b)*im(:, j, j))*size_of
+        re(:, j, b) = f
+        im(:, j, b) = g
+        do i = 1, n
+          if (i == j) cycle
+          re(:, i, b) = re(:, i, b) - (re(:, i, j)*f - im(:, i, j)*g)
+          im(:, i, b) = im(:, i, b) - (re(:, i, j)*g + im(:, i, j)*f)
+        end do
       end do
     end do
   end subroutine eliminate
