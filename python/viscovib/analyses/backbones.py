@@ -32,8 +32,7 @@ from viscovib.results.curves import (
 )
 from viscovib.results.structure_view import View
 from viscovib.systems.law_ends import edges_text
-from viscovib.systems.oscillators import Steady, check_steady, refuse_turning
-from viscovib.systems.structure import Structure
+from viscovib.systems.oscillators import check_steady, refuse_turning
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -271,7 +270,7 @@ class Backbone(PeriodicMotions, Result):
 
 
 def oscillator_backbone(
-    system: Steady,
+    system: Any,
     mode: int,
     amplitude_range: tuple[float, float] | None,
     *,
@@ -301,7 +300,7 @@ def oscillator_backbone(
     wanted = curve.tolerance
     chosen = _native.is_auto(harmonics)
     highest = 1 if chosen else _native.integer("harmonics", harmonics, 1, MAX_HARMONICS)
-    if isinstance(system, Structure):
+    if system._is_condensed:
         # Add the coordinate of the amplitude to the condensed ones.
         most = place - 1 if place else system._moving_most(j)
         loaded, row = system._free.watching(most)

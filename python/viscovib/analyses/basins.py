@@ -22,7 +22,7 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.system import System, turned
-from viscovib.systems.whole import whole_system
+from viscovib.systems.whole import in_all_coordinates
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -185,11 +185,7 @@ def basins(
     >>> len(found.attractors)
     2
     """
-    if not isinstance(system, Pendulum | PolynomialSystem | Structure | Mount):
-        raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem, a "
-            "Structure or a Mount"
-        )
+    _native.check_instance("system", system, Pendulum, PolynomialSystem, Structure, Mount)
     if len(system.dof_names) > _MOST_COORDINATES:
         raise InputError(
             f"system: has {len(system.dof_names)} coordinates, must have at most "
@@ -202,9 +198,10 @@ def basins(
         raise InputError(f"tolerance = {near:g}: must be between 0 and 1")
     most = _native.integer("max_period", max_period, 1, 1000)
     loaded = load is not None
-    if isinstance(system, Pendulum):
+    if system._has_own_loads:
         # A pendulum without a load settles too; a load whose values include 0 keeps its periods.
-        loaded = n_periods is not None or any((system.f0, system.m01, system.m02))
+        loads = (getattr(system, name) for name in ("f0", "m01", "m02"))
+        loaded = n_periods is not None or any(loads)
     call: dict[str, Any] = {"n_threads": n_threads, "progress": progress}
     if not system._has_own_loads:
         call |= {"load": load, "nu": nu}
@@ -283,14 +280,11 @@ def _remembers(system: System) -> bool:
 
 def _fastest(system: Any, call: Mapping[str, Any]) -> float:
     """Frequency of the fastest linear motion or of a load."""
-    if isinstance(system, Pendulum):
-        return max(float(system.natural_frequencies().max()), system.p1, system.p2, system.p3)
     nu = call.get("nu")
-    few = system
-    if isinstance(system, Structure) and len(system.dof_names) <= _FEW and not _remembers(system):
-        few = whole_system(system)
-    if isinstance(few, PolynomialSystem):
-        own = few._fastest()
+    small = len(system.dof_names) <= _FEW and not _remembers(system)
+    few = in_all_coordinates(system, always=small)
+    if not isinstance(few, Structure | Mount):
+        own: float = few._fastest()
     else:
         # The initial step size corresponds to two steps per period.
         start = np.zeros(2 * len(system.dof_names))

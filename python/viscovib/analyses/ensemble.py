@@ -280,7 +280,7 @@ def _located(
     if not peaks:
         return ()
     system, initial, parameters, load, nu, method, *_ = arguments
-    own = "auto" if method in TAYLOR or isinstance(system, Structure) else method
+    own = "auto" if method in TAYLOR or system._is_condensed else method
     single = SingleMembers(system, initial, parameters or {}, load, nu, own, None)
     *accuracy, h = steps
     if accuracy == [None, None, None]:

@@ -216,7 +216,7 @@ def forced_response(
     """
     check_instance("system", system, *_STEADY)
     given = with_rtol(locals(), usual_tolerance(system))
-    if isinstance(system, Pendulum):
+    if system._has_own_loads:
         return pendulum_response(**_PENDULUM_RESPONSE.of(given))
     return mount_response(**_MOUNT_RESPONSE.of(given))
 

@@ -26,14 +26,14 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import varied
-from viscovib.systems.whole import switches, whole_system
+from viscovib.systems.whole import in_all_coordinates, switches, whole_system
 
 #: Largest number of coordinates in the vector unit, without and with perturbations.
 _MOST, _MOST_DISTURBED = 6, 3
 
 
 def members_of(
-    system: object,
+    system: Any,
     initial: npt.ArrayLike,
     parameters: Mapping[str, npt.ArrayLike] | None,
     load: LoadLike | None,
@@ -44,12 +44,8 @@ def members_of(
 ) -> Members:
     """Check a system and its varied parameters."""
     given = {} if parameters is None else _native.mapping("parameters", parameters)
-    if not isinstance(system, Pendulum | PolynomialSystem | Structure | Mount):
-        raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum, a PolynomialSystem, a "
-            "Structure or a Mount"
-        )
-    if surface is None and isinstance(system, Pendulum):
+    _native.check_instance("system", system, Pendulum, PolynomialSystem, Structure, Mount)
+    if surface is None and system._has_own_loads:
         for name, value in (("load", load), ("nu", nu)):
             if value is not None:
                 raise InputError(f"{name}: a Pendulum has its loads in itself, must be None")
@@ -88,8 +84,9 @@ def members_of(
 
         def made_with(i: int) -> PolynomialSystem:
             numbers = {name: float(x[i]) for name, x in values.items()}
-            one: Any = system._with_parameters(numbers)
-            return whole_system(one) if isinstance(one, Structure) else one
+            one = system._with_parameters(numbers)
+            found: PolynomialSystem = in_all_coordinates(one, always=True)
+            return found
 
         return systems_one_by_one(made_with, next(iter(values.values())).size)
 
@@ -119,12 +116,11 @@ def side_by_side(
     varied = [name for name in given if name not in ("nu", *SCALES)]
     if system._all_kernels or not all(name in system._parameter_names for name in varied):
         return None
-    if isinstance(system, Structure):
+    if system._is_condensed:
         if varied and any(name in SCALES[1:] for name in given):
             return None
         if system._reduced is not None or switches(system):
             return None
         return whole_system(system)
     kinked = any(law.branches for law in system._all_laws)
-    assert isinstance(system, PolynomialSystem)
     return None if kinked or system._turns else system

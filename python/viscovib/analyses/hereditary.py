@@ -23,7 +23,6 @@ from viscovib.kernels.relaxation import AbelKernel, PronyKernel, RzhanitsynKerne
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
-from viscovib.systems.polynomial_system import PolynomialSystem
 
 #: Nodes per step, and steps per fastest period at the start of the step size search.
 NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
@@ -194,11 +193,7 @@ class MountMotion:
 
     def first_steps(self) -> int:
         """Number of steps at the start of the step size search."""
-        if isinstance(self.mount, PolynomialSystem):
-            natural = self.mount._fastest()
-        else:
-            natural = float(self.mount.natural_frequencies().max())
-        fastest = max(natural, float(self.frequencies.max()))
+        fastest = max(self.mount._fastest(), float(self.frequencies.max()))
         per_period = FIRST[self.method]
         wanted = float(self.end) * fastest * per_period / (2 * math.pi)
         return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
@@ -396,8 +391,7 @@ def _vector(name: str, value: npt.ArrayLike, n: int) -> FloatArray:
 
 def warn_of_slow_mode(mount: Oscillator) -> None:
     """Warn that a run does not settle if the integral of a kernel is 1 or more."""
-    scale = 1.0 if isinstance(mount, PolynomialSystem) else mount.memory_scale
-    if all(scale * kernel.integral < 1 for kernel in mount._active_kernels):
+    if all(mount._kernel_scale * kernel.integral < 1 for kernel in mount._active_kernels):
         return
     real = mount.characteristic_roots().real
     rate = f"like exp({real[0]:.4g} t)" if real.size else "slowly"

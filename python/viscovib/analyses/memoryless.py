@@ -92,8 +92,7 @@ def checked_state(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Fl
 
 def first_steps(system: Pendulum, end: float) -> int:
     """First number of steps of the step size search: four per fastest linear period."""
-    natural: list[float] = system.natural_frequencies().tolist()
-    fastest = max(*natural, system.p1, system.p2, system.p3)
+    fastest = system._fastest()
     if not math.isfinite(end * fastest):
         raise InputError(
             f"t_end = {end:g}: contains more periods of the fastest motion (frequency "

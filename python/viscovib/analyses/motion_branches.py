@@ -103,7 +103,7 @@ def trace_motion(
         system = turned(system, nu)
     check_mapped(system)
     ranges = {"nu_range": nu_range, "load_range": load_range, "vary_range": vary_range}
-    if vary is not None and isinstance(system, Structure):
+    if vary is not None and system._is_condensed:
         raise InputError(f"vary = {vary!r}: is for a PolynomialSystem here, see trace_response")
     way = _Way.checked(system, ranges, nu, vary, load, None)
     periods = _native.integer("n_periods", n_periods, 1, MOST_PERIODS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -146,11 +146,8 @@ class MultipleScales:
             raise InputError("modes: are for a Structure, must be None")
         self.system = system
         self.ordering = _native.choice("ordering", ordering, ORDERINGS)
-        if not isinstance(system, Pendulum | Oscillator | CubicSystem):
-            raise InputError(
-                f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a "
-                "PolynomialSystem, a CubicSystem or a Structure"
-            )
+        known = (Pendulum, *get_args(Oscillator), CubicSystem, Structure)
+        _native.check_instance("system", system, *known)
         if not isinstance(system, Oscillator) and not (load is None and nu is None):
             raise InputError(
                 "load, nu: are for a Mount or a PolynomialSystem, other systems contain their loads"

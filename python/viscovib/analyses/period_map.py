@@ -21,7 +21,7 @@ from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike, oscillator_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
-from viscovib.systems.whole import n_hidden, whole_system
+from viscovib.systems.whole import in_all_coordinates, n_hidden
 
 
 class Ran(NamedTuple):
@@ -79,11 +79,8 @@ class PeriodMap:
             raise InputError(
                 "geometry = 'exact': a steady motion in time takes a Body with small rotations"
             )
-        whole = system
-        if isinstance(system, Structure):
-            check_whole(system)
-            whole = whole_system(system)
-        assert isinstance(whole, PolynomialSystem)
+        check_whole(system)
+        whole: PolynomialSystem = in_all_coordinates(system, always=True)
         n, hidden = len(whole.dof_names), n_hidden(whole)[0]
         sections = n > MAX_DOF or hidden > 0
         allowed = ("auto", "gauss8") if sections else ("auto", "gauss8", "gauss16")

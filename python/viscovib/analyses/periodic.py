@@ -234,7 +234,7 @@ def trace_response(
     # The progress bar is the same for all systems.
     given = with_curve(locals() | {"progress": False}, "trace_response", usual_tolerance(system))
     with counted_pieces(PROGRESS.check(progress)):
-        if isinstance(system, Pendulum):
+        if system._has_own_loads:
             return trace_pendulum(**_TRACE_PENDULUM.of(given))
         return trace_mount(**_TRACE_MOUNT.of(given))
 
@@ -361,13 +361,12 @@ def backbone(
     >>> round(vv.backbone(duffing, 0, (0.01, 1)).nu[-1], 3)  # of one harmonic alone: sqrt(7/4)
     np.float64(1.328)
     """
+    check_instance("system", system, *_STEADY)
     # The progress bar is the same for all systems.
     given = with_curve(locals() | {"progress": False}, "backbone")
     with counted_pieces(PROGRESS.check(progress)):
-        if isinstance(system, Pendulum):
+        if system._has_own_loads:
             return pendulum_backbone(**_PENDULUM_BACKBONE.of(given))
-        if not isinstance(system, _STEADY):
-            check_instance("system", system, *_STEADY)
         return oscillator_backbone(**_OSCILLATOR_BACKBONE.of(given))
 
 

@@ -28,10 +28,6 @@ from viscovib.kernels.tabulated import TabulatedKernel
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
-from viscovib.systems.mount import Mount
-from viscovib.systems.pendulum import Pendulum
-from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.structure import Structure
 
 #: Parameters of a pendulum that define its loads.
 _LOADS = ("f0", "m01", "m02", "p1", "p2", "p3")
@@ -126,7 +122,7 @@ def check_resumed(
 
 
 def other_loads(
-    system: Pendulum | Mount | PolynomialSystem | Structure,
+    system: Any,
     earlier: Trajectory,
     end: float,
     load: LoadLike | None,
@@ -136,23 +132,22 @@ def other_loads(
     coordinates: Sequence[str] | None = None,
 ) -> Maker | None:
     """Return a maker of runs with new loads; None: no new loads."""
-    run: Run = earlier._resume
+    run: Any = earlier._resume
     given = {"load": load, "nu": nu, "base": base, "force": force}
     loaded = any(value is not None for value in given.values())
-    if isinstance(system, Structure) or structure_motion_of(run) is not None:
+    if system._is_condensed or structure_motion_of(run) is not None:
         if coordinates is not None:
             raise InputError(
                 "coordinates: taken from the run that is resumed, must not be given with resume"
             )
-        known_system: object = run.system
-        if known_system is not system:
+        if run.system is not system:
             raise InputError("system: must be that of the run that is resumed, the same object")
         return _other_loads_of_structure(run, end, load, nu, base, force, loaded)
-    if isinstance(system, Pendulum):
+    if system._has_own_loads:
         for name, value in given.items():
             if value is not None:
                 raise InputError(f"{name}: is for a Mount; a Pendulum has its loads in itself")
-        if isinstance(run.system, Pendulum):
+        if run.system._has_own_loads:
             loads = {name: getattr(run.system, name) for name in _LOADS}
             if np.array_equal(replace(system, **loads)._flat, run.system._flat):
                 if np.array_equal(system._flat, run.system._flat):
@@ -166,7 +161,6 @@ def other_loads(
         raise InputError("system: must be that of the run that is resumed, but for its loads")
     if not loaded:
         return None
-    assert not isinstance(system, Pendulum)
     breaks = breaks_of(force, base, len(system.dof_names))
     before = hereditary_run_of(run)
     if before is None and goes_as_pendulum(system, run.method, load, base, None, "auto"):
@@ -217,7 +211,7 @@ def _other_loads_of_structure(
     before = structure_motion_of(run)
     assert before is not None
     system = before.mount
-    names = [system.dof_names[i] for i in before.places] if isinstance(system, Structure) else None
+    names = [system.dof_names[i] for i in before.places] if system._is_condensed else None
     motion = StructureMotion.checked(
         system, before.end, None, run.method, load, nu, base, force, None, before.memory, names,
     )  # fmt: skip

@@ -111,7 +111,7 @@ def steady_motion(
 
 
 def search(
-    system: PolynomialSystem | Structure,
+    system: Any,
     mapping: PeriodMap,
     initial: npt.ArrayLike | SteadyMotion | None,
     wanted: Accuracy,
@@ -127,7 +127,7 @@ def search(
 
 
 def begin_of(
-    system: PolynomialSystem | Structure,
+    system: Any,
     mapping: PeriodMap,
     initial: npt.ArrayLike | SteadyMotion | None,
 ) -> dict[str, FloatArray]:
@@ -140,7 +140,7 @@ def begin_of(
             remembered = initial.remembered
         initial = initial.state[0]
     state = starting_state(initial, mapping.n_dof, system.dof_names)
-    if isinstance(system, Structure):
+    if system._is_condensed:
         check_outside(system, state)
     return {"begin": np.concatenate([state, remembered])}
 

@@ -24,7 +24,6 @@ from viscovib.analyses.structure_motion import goes_condensed
 from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
-from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.system import OF_LOADS
 from viscovib.systems.varying import varied
@@ -127,7 +126,7 @@ class SingleMembers(Members):
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
         """Return the name and frequencies of the load."""
         name, own = "nu", self.given_nu
-        if isinstance(self.system, Pendulum):
+        if self.system._has_own_loads:
             name = f"p{_native.integer('sections', sections, 1, 3)}"
             own = float(getattr(self.system, name))
         else:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,7 @@ from viscovib.systems.structure_loads import (
     table_columns,
     warn_of_creeping,
 )
+from viscovib.systems.system import System
 from viscovib.systems.whole import lacks_wholeness, whole_system
 
 if TYPE_CHECKING:
@@ -519,10 +520,10 @@ def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle
     return _native.polynomial_object(modal["elements"]), _native.Handle("motion given", **rest)
 
 
-def goes_by_modes(
-    system: object, end: float, method: str, base: object
-) -> TypeGuard[PolynomialSystem]:
-    """True if strong dampers would require very short steps, so that modes are used."""
+def goes_by_modes(system: System, end: float, method: str, base: object) -> bool:
+    """True for structures, and if strong dampers would require very short steps without modes."""
+    if system._is_condensed:
+        return True
     if not isinstance(system, PolynomialSystem):
         return False
     if not system._strong_damping * end > _MANY_DECAYS or system._modes_in_time is None:
@@ -537,11 +538,9 @@ def goes_by_modes(
     return base is None or system._space is None
 
 
-def goes_condensed(system: object) -> TypeGuard[Condensed]:
+def goes_condensed(system: Any) -> bool:
     """True if motions of a system are computed with few deflections and modes."""
-    if isinstance(system, PolynomialSystem):
-        return len(system.dof_names) > _MOST_WHOLE
-    return isinstance(system, Structure)
+    return system._is_condensed or len(system.dof_names) > _MOST_WHOLE
 
 
 def structure_motion_of(run: Run) -> StructureMotion | None:

@@ -318,14 +318,10 @@ def _with_base(
     return load, None if load is None else nu, None, force, (None, supports)
 
 
-def _check_system(system: object, coordinates: object) -> None:
+def _check_system(system: Any, coordinates: object) -> None:
     """Refuse other types, and coordinates that cannot be chosen."""
-    if not isinstance(system, (Pendulum, Mount, PolynomialSystem, Structure)):
-        raise InputError(
-            f"system = {_native.shown(system)}: must be a Pendulum, a Mount, a PolynomialSystem or "
-            "a Structure"
-        )
-    if coordinates is not None and not isinstance(system, Structure):
+    _native.check_instance("system", system, Pendulum, Mount, PolynomialSystem, Structure)
+    if coordinates is not None and not system._is_condensed:
         raise InputError("coordinates: is for a Structure; of other systems all are kept")
 
 
@@ -353,12 +349,12 @@ def _at_changing_speed(
 
 
 def _on_moving_base(
-    system: object, acceleration: object, base: object, load: Any, nu: Any, force: Any
+    system: Any, acceleration: object, base: object, load: Any, nu: Any, force: Any
 ) -> tuple[LoadLike | None, LoadTable | None, BaseMotion | None]:
     """Return the loads on coordinates relative to a base with an acceleration."""
     if base is not None:
         raise InputError("base and base_acceleration are both given: must be one of them")
-    if isinstance(system, Pendulum):
+    if system._has_own_loads:
         raise InputError("base_acceleration: is for a Mount; a Pendulum has its loads in itself")
     return relative_loads(system, acceleration, at_frequency(load, nu), nu, force)
 
@@ -426,7 +422,7 @@ class Acting:
 
 
 def runs_of(
-    system: Pendulum | Mount | PolynomialSystem | Structure,
+    system: Any,
     end: float,
     initial: npt.ArrayLike | None,
     method: str,
@@ -447,7 +443,7 @@ def runs_of(
     wanted = None if auto or accuracy is None else accuracy.absolute
     solved = ROUNDING if wanted is None else max(0.1 * wanted, ROUNDING)
     far = ROUNDING if accuracy is None else max(sharper * accuracy.solved, ROUNDING)
-    if isinstance(system, Pendulum):
+    if system._has_own_loads:
         others = {"load": load, "nu": nu, "base": base, "force": force, "held": held}
         for argument, value in others.items():
             if value is not None:
@@ -460,9 +456,8 @@ def runs_of(
             system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
         )
         return *made, 1
-    by_modes = isinstance(system, Structure) or goes_by_modes(system, end, method, base)
+    by_modes = goes_by_modes(system, end, method, base)
     if not by_modes:
-        assert not isinstance(system, Structure)
         if goes_as_pendulum(system, method, load, base, held, given.memory):
             made = polynomial_runs(
                 system, end, initial, method, load, nu, force, solved, base=base, held=held
@@ -474,14 +469,12 @@ def runs_of(
             )
             return *made, 1
     if by_modes or goes_condensed(system):
-        assert not isinstance(system, Mount)
         shape = StructureMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory,
             given.coordinates,
         )  # fmt: skip
         make = shape.runs(far if shape.remembers else ROUNDING)
         return make, shape.first_steps(), 2 if shape.remembers else 1
-    assert not isinstance(system, Structure)
     motion = MountMotion.checked(
         system, end, initial, method, load, nu, base, force, held, given.memory
     )

@@ -83,8 +83,10 @@ def goes_whole(
     return False
 
 
-def check_whole(system: Structure) -> None:
+def check_whole(system: Any) -> None:
     """Refuse a structure that does not go by its whole equations, in a motion that repeats."""
+    if not system._is_condensed:
+        return
     note = lacks_wholeness(system) or _lacks_exponentials(system)
     if note is None and any(one.law is not None and one.law.state and one.law.text != "restitution"
                             for one in system._all_elements):  # fmt: skip

@@ -13,7 +13,6 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.load import one_of
-from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.supports import Supports
 
 
@@ -39,9 +38,7 @@ class View:
         places = system._wanted(coordinates, loaded)
         names, units = system.dof_names, system.dof_units
         # Springs of a polynomial system or a body are not elements.
-        elements: tuple[Any, ...] = ()
-        if not isinstance(system, PolynomialSystem):
-            elements = system._terms_in_order
+        elements: tuple[Any, ...] = system._terms_in_order if system._is_condensed else ()
         return cls(
             loaded, places, tuple(names[i] for i in places), tuple(units[i] for i in places),
             names, units, elements, system._held,

@@ -694,20 +694,21 @@ class Trajectory(Result):
         from scipy.interpolate import CubicSpline
 
         power = getattr(self._resume, "power", None)
-        if isinstance(self.system, Mount) or power is None:
+        if power is None:
             raise InputError(
                 "trajectory: the balance of energy is for pendulums only, and for polynomial "
                 "systems without memory"
             )
-        energy = self.system.energy(self.state)
+        system: Any = self.system
+        energy = system.energy(self.state)
         if self.t.size < 4:
             raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
         work = CubicSpline(self.t, power(self.t, self.state)).antiderivative()
         return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
 
     def _base_frequencies(self) -> dict[str, float] | None:
-        body = self.system
-        if not isinstance(body, Pendulum):
+        body: Any = self.system
+        if not body._has_own_loads:
             return None
         loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
         return {name: p for name, (size, p) in loads.items() if size and p} or None

@@ -111,6 +111,10 @@ class Mount(System):
         self.natural_frequencies()
         warn_of_creep(self.memory_scale * kernel.integral for kernel in self._active_kernels)
 
+    @property
+    def _kernel_scale(self) -> float:  # type: ignore[override]
+        return self.memory_scale
+
     def natural_frequencies(self) -> FloatArray:
         """Undamped natural circular frequencies without memory (rad/s), ascending, shape (2,)."""
         return np.array(self._modes["omega"])

@@ -27,17 +27,13 @@ Steady: TypeAlias = Oscillator | Structure
 
 def check_oscillator(system: Any, base: "LoadLike | LoadTable | None") -> None:
     """Refuse other systems, and a base motion for a system without a base direction."""
-    if not isinstance(system, (Mount, PolynomialSystem)):
-        raise InputError(f"system = {_native.shown(system)}: must be a Mount or a PolynomialSystem")
+    _native.check_instance("system", system, Mount, PolynomialSystem)
     _check_base(system, base)
 
 
 def check_steady(system: Any, base: "LoadLike | None") -> None:
     """`check_oscillator` for steady motions, which also accept structures."""
-    if not isinstance(system, (Mount, PolynomialSystem, Structure)):
-        raise InputError(
-            f"system = {_native.shown(system)}: must be a Mount, a PolynomialSystem or a Structure"
-        )
+    _native.check_instance("system", system, Mount, PolynomialSystem, Structure)
     _check_base(system, base)
 
 
@@ -76,7 +72,7 @@ def _check_base(system: Steady, base: "LoadLike | LoadTable | None") -> None:
 
 
 def oscillator_job(
-    system: Steady,
+    system: Any,
     load: LoadLike | None,
     base: LoadLike | None,
     flat: Any = None,
@@ -90,7 +86,7 @@ def oscillator_job(
     ``stability``: True if stability is computed.
     """
     condensed: Structure | PolynomialSystem | None = None
-    if isinstance(system, Structure):
+    if system._is_condensed:
         condensed = system
     elif isinstance(system, PolynomialSystem) and not whole and flat is None:
         # Base motions along several directions are not defined for condensed coordinates.
@@ -103,7 +99,6 @@ def oscillator_job(
         if flat is not None:
             job = Job(oscillator_object(flat, loaded.job[1:5]), job.given)
         return job, loaded
-    assert not isinstance(system, Structure)
     own = system._handle if flat is None else oscillator_object(flat, system._kernels)
     orders, series, formulas = oscillator_series(system, load, base)
     return Job(own, {"orders": orders, "series": series, "formulas": formulas}), None

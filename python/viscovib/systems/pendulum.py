@@ -116,6 +116,10 @@ class Pendulum(System):
 
     _has_own_loads = True
 
+    def _fastest(self) -> float:
+        """The fastest natural frequency, or the fastest load."""
+        return max(super()._fastest(), self.p1, self.p2, self.p3)
+
     @property
     def _parameter_names(self) -> tuple[str, ...]:
         return PARAMETERS

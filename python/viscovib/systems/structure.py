@@ -401,6 +401,8 @@ class Structure(WithSpeed):
     def _all_elements(self) -> tuple[ElementTerms, ...]:
         return self._elements  # type: ignore[attr-defined,no-any-return]
 
+    _is_condensed = True
+
     @cached_property
     def _terms_in_order(self) -> tuple[ElementTerms | CouplingTerms, ...]:
         """One entry for each element, with directions of the coordinates."""

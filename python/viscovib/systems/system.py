@@ -29,6 +29,10 @@ class System:
 
     #: True if the loads are parameters of the system itself.
     _has_own_loads = False
+    #: True if motions are computed in modes and deflections of elements.
+    _is_condensed = False
+    #: Factor of all kernels.
+    _kernel_scale = 1.0
     #: True if matrices depend on the speed of a rotor, which is the frequency of the load.
     _depends_on_speed: bool = False
     #: Supports that were removed from the matrices; None: none.
@@ -38,6 +42,10 @@ class System:
     def _turns(self) -> bool:
         """True if the mass matrix depends on the motion of a body."""
         return False
+
+    def _fastest(self: Any) -> float:
+        """Rate of the fastest linear motion, or an upper bound (1/s)."""
+        return float(self.natural_frequencies().max())
 
     @property
     def _all_laws(self) -> tuple[Law, ...]:
