@@ -17,6 +17,7 @@ module viscovib_body_groups
   use viscovib_polynomial, only: max_degree
   use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_scene_groups, only: place_of
+  use viscovib_speed_groups, only: find_speed
   use viscovib_spring_products, only: n_products
   use viscovib_status, only: clipped, show, status_type
   use viscovib_subject, only: name_length, subject_type
@@ -44,8 +45,9 @@ contains
     type(rest_type) :: rest
     type(group_reader) :: reader
     type(status_type) :: built
-    real(wp) :: center(3)
+    real(wp) :: center(3), speed
     real(wp), allocatable :: angles(:, :)
+    logical :: is_constant
     character(len=name_length), allocatable :: names(:)
     integer :: i, n
 
@@ -71,6 +73,16 @@ contains
       if (status%failed()) return
     end do
     call reader%start(file%path, file%groups(place_of(file, 'body')))
+    if (any(abs(body%rotor) > 0.0_wp)) then
+      call find_speed(file, reader, 'rotor', speed, is_constant)
+      if (is_constant) then
+        body%spin = body%spin + speed*body%rotor
+        body%rotor = 0.0_wp
+      else if (any(abs(body%base_direction(4:6)) > 0.0_wp)) then
+        call reader%complain('base_direction', 'base_direction: must not turn the floor with a ' &
+                             //'rotor at the speed of the load: give speed')
+      end if
+    end if
     if (any(abs(body%spin) > 0.0_wp)) then
       do i = 1, size(file%groups)
         if (file%groups(i)%name == 'modes' .or. file%groups(i)%name == 'backbone') then
@@ -109,6 +121,7 @@ contains
     type(mounted_body), intent(inout) :: body
     real(wp), intent(out) :: center(3)
     real(wp), allocatable :: inertia(:)
+    real(wp) :: speed
     type(status_type) :: checked
     integer :: i
 
@@ -121,7 +134,15 @@ contains
     body%loads_turn = reader%read_text('load_axes') == 'body'
     body%base_direction = reader%read_reals('base_direction')
     body%spin = reader%read_reals('spin')
+    body%rotor = reader%read_reals('rotor')
+    if (reader%may_have('speed')) speed = reader%read_real('speed')
     if (reader%status%failed()) return
+    if (.not. any(abs(body%rotor) > 0.0_wp)) then
+      if (reader%has('speed')) call reader%complain('speed', 'speed: has no effect without rotor')
+    else if (body%exact) then
+      call reader%complain('rotor', "rotor: must be 0 with geometry = 'exact': give spin, the " &
+                           //'angular momentum')
+    end if
     if (size(inertia) == 3) then
       do i = 1, 3
         body%inertia(i, i) = inertia(i)

@@ -7,7 +7,7 @@ module viscovib_coordinate_names
   implicit none
   private
 
-  public :: read_coordinates, read_units, read_kernel_place
+  public :: read_coordinates, read_units, read_kernel_place, some
 
   integer, parameter :: most_units = 1000
 
@@ -78,5 +78,17 @@ contains
       place = 0
     end if
   end function read_kernel_place
+
+  !> The first names of a list.
+  pure function some(names)
+    character(len=*), intent(in) :: names(:)
+    character(len=:), allocatable :: some
+    integer :: i
+    some = trim(names(1))
+    do i = 2, min(size(names), 4)
+      some = some//', '//trim(names(i))
+    end do
+    if (size(names) > 4) some = some//', ...'
+  end function some
 
 end module viscovib_coordinate_names

@@ -264,6 +264,10 @@ contains
                              //"the base, must be kind = 'base'")
       end if
     end if
+    if (on > 3 .and. any(abs(subject%body%rotor) > 0.0_wp)) then
+      call reader%complain('on', "on = '"//word//"': must not turn the floor with a rotor at the " &
+                           //'speed of the load: give speed in &body')
+    end if
     if (.not. subject%is_turning) return
     if (on > 3) then
       call reader%complain('on', "on = '"//word//"': must not turn the floor with geometry = " &

@@ -71,7 +71,8 @@ contains
 
     n = find_result(file)
     call reader%start(file%path, file%groups(n))
-    if (subject%is_turning .and. any(['backbone       ', 'multiple_scales'] == job_name(n))) then
+    if (subject%is_turning .and. any(['backbone       ', 'multiple_scales', 'campbell       '] &
+                                     == job_name(n))) then
       call reader%complain(trim(job_name(n)), '&'//trim(job_name(n))//": of a &body with " &
                            //"geometry = 'exact' it is not computed, must be 'small'")
     end if

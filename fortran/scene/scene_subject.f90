@@ -59,8 +59,10 @@ contains
     if (place_of(file, 'body') <= size(file%groups)) then
       call read_body(file, subject, canonical, status)
     else if (subject%is_structure) then
-      call read_structure(file, subject%model, subject%structure, subject%coordinates, &
-                          subject%units, canonical, status)
+      call read_structure(file, subject%model, subject%structure, subject%polynomial, &
+                          subject%is_polynomial, subject%coordinates, subject%units, canonical, &
+                          status)
+      subject%is_structure = .not. subject%is_polynomial
     else if (subject%is_polynomial) then
       call read_system(file, subject%polynomial, subject%coordinates, subject%units, canonical, &
                        status)

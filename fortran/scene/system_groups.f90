@@ -9,13 +9,13 @@ module viscovib_system_groups
   use viscovib_law_faults, only: complain_of_law
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
+  use viscovib_matrix_groups, only: read_matrix
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
-  use viscovib_oscillator, only: speed_needed
   use viscovib_polynomial_text, only: expand, terms_type
-  use viscovib_scene_groups, only: find_result
+  use viscovib_speed_groups, only: find_speed, read_speed_matrices
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_subject, only: name_length
   implicit none
@@ -42,7 +42,10 @@ contains
     type(kernel_holder), allocatable :: kernels(:)
     type(group_reader) :: reader
     type(status_type) :: built
+    real(wp), allocatable :: matrix(:, :)
+    real(wp) :: speed
     integer :: i, at, n_springs, n_monomials, effort
+    logical :: is_constant
 
     call read_system_kernels(file, kernels, echo, status)
     if (status%failed()) return
@@ -63,7 +66,8 @@ contains
       if (file%groups(i)%name == 'spring') then
         n_springs = n_springs + 1
         call reader%start(file%path, file%groups(i))
-        p%stiffness(:, :, n_springs) = read_matrix(reader, 'stiffness', size(coordinates), .true.)
+        call read_matrix(reader, 'stiffness', .true., size(coordinates), matrix)
+        p%stiffness(:, :, n_springs) = matrix
         p%spring_kernel(n_springs) = read_kernel_place(reader, size(kernels))
       else if (file%groups(i)%name == 'force') then
         call reader%start(file%path, file%groups(i))
@@ -78,49 +82,13 @@ contains
     call reader%start(file%path, file%groups(at))
     call new_polynomial(system, p, kernels, built)
     call reader%place(built)
-    if (system%depends_on_speed()) call fix_speed(file, reader, system)
+    if (system%depends_on_speed()) then
+      call find_speed(file, reader, merge('gyroscopic', '          ', &
+                                          any(abs(system%gyroscopic) > 0.0_wp)), speed, is_constant)
+      if (is_constant) call system%set_speed(speed)
+    end if
     status = reader%status
   end subroutine read_system
-
-  !> Fix the matrices at the speed: that of the system, or the one frequency of the load. Over
-  !! several frequencies they stay as they are.
-  subroutine fix_speed(file, reader, system)
-    type(namelist_type), intent(in) :: file
-    !> At the group of the system.
-    type(group_reader), intent(inout) :: reader
-    type(polynomial_type), intent(inout) :: system
-    type(group_reader) :: result
-
-    associate (group => file%groups(find_result(file)))
-      if (any(abs(system%gyroscopic) > 0.0_wp)) then
-        if (group%name == 'modes') then
-          call reader%complain('gyroscopic', 'gyroscopic: undamped modes omit it; use campbell ' &
-                               //'or characteristic_roots')
-        else if (group%name == 'backbone') then
-          call reader%complain('gyroscopic', 'gyroscopic: must be 0 for a backbone, which omits ' &
-                               //'damping and gyroscopic terms')
-        end if
-        if (reader%status%failed()) return
-      end if
-      if (group%name == 'campbell') then
-        if (reader%has('speed')) then
-          call reader%complain('speed', 'speed: must not be given for campbell, which varies it')
-        end if
-        return
-      end if
-      if (reader%has('speed')) then
-        call system%set_speed(reader%read_real('speed'))
-        return
-      end if
-      call result%start(file%path, group)
-      if (group%name == 'response' .or. (group%name == 'branch' .and. result%has('nu_from'))) return
-      if (.not. result%has('nu')) then
-        call reader%complain('speed', speed_needed)
-        return
-      end if
-      call system%set_speed(result%read_real('nu'))
-    end associate
-  end subroutine fix_speed
 
   !> The &system group.
   subroutine read_body(reader, p, n_springs, coordinates, units, n_kernels)
@@ -129,7 +97,7 @@ contains
     !> &spring groups to come.
     integer, intent(in) :: n_springs, n_kernels
     character(len=name_length), allocatable, intent(out) :: coordinates(:), units(:)
-    real(wp) :: speed
+    real(wp), allocatable :: stiffness(:, :)
     integer :: n
 
     call read_coordinates(reader, max_coordinates, coordinates)
@@ -142,24 +110,14 @@ contains
                 //'same kernel adds up')
       return
     end if
-    p%mass = read_matrix(reader, 'mass', n, .true.)
+    call read_matrix(reader, 'mass', .true., n, p%mass)
     allocate (p%stiffness(n, n, n_springs + 1), p%spring_kernel(n_springs + 1))
-    p%stiffness(:, :, 1) = read_matrix(reader, 'stiffness', n, .false.)
-    p%damping = read_matrix(reader, 'damping', n, .false.)
+    call read_matrix(reader, 'stiffness', .false., n, stiffness)
+    p%stiffness(:, :, 1) = stiffness
+    call read_matrix(reader, 'damping', .false., n, p%damping)
     p%spring_kernel(1) = read_kernel_place(reader, n_kernels)
     p%base_direction = reader%read_reals('base_direction', n)
-    if (reader%may_have('speed')) speed = reader%read_real('speed')
-    if (.not. any([reader%may_have('gyroscopic'), reader%may_have('circulatory'), &
-                   reader%may_have('centrifugal')])) then
-      if (reader%has('speed')) then
-        call reader%complain('speed', 'speed: has no effect without gyroscopic, circulatory or ' &
-                             //'centrifugal')
-      end if
-      return
-    end if
-    p%gyroscopic = read_matrix(reader, 'gyroscopic', n, .false.)
-    p%circulatory = read_matrix(reader, 'circulatory', n, .false.)
-    p%centrifugal = read_matrix(reader, 'centrifugal', n, .false.)
+    call read_speed_matrices(reader, n, p)
   end subroutine read_body
 
   !> One force: a law such as 0.5*(x1 - x2)^3, or coefficient and powers of one
@@ -326,34 +284,5 @@ contains
       names(i) = trim(coordinates(i))//'_dot'
     end do
   end function rates_of
-
-  !> n numbers make a diagonal matrix, n^2 are row by row.
-  function read_matrix(reader, key, n, required) result(matrix)
-    type(group_reader), intent(inout) :: reader
-    character(len=*), intent(in) :: key
-    integer, intent(in) :: n
-    logical, intent(in) :: required
-    real(wp) :: matrix(n, n)
-    real(wp), allocatable :: values(:)
-    integer :: i
-
-    if (required) then
-      values = reader%read_reals(key)
-    else
-      values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
-    end if
-    matrix = 0.0_wp
-    if (reader%status%failed()) return
-    if (size(values) == n) then
-      do i = 1, n
-        matrix(i, i) = values(i)
-      end do
-    else if (size(values) == n*n) then
-      matrix = reshape(values, [n, n], order=[2, 1])
-    else
-      call reader%complain(key, key//' has '//show(size(values))//' values: must be '//show(n) &
-                           //' (a diagonal) or '//show(n*n)//' (row by row)')
-    end if
-  end function read_matrix
 
 end module viscovib_system_groups

@@ -29,6 +29,8 @@ module viscovib_mounted_body
     real(wp) :: mass = 0.0_wp, inertia(3, 3) = 0.0_wp, gravity(3) = 0.0_wp
     !> Angular momentum of internal rotors, in body axes (kg m^2/s).
     real(wp) :: spin(3) = 0.0_wp
+    !> The same per speed of a rotor, the frequency of the load (kg m^2).
+    real(wp) :: rotor(3) = 0.0_wp
     !> True for finite rotations; true for loads in body axes.
     logical :: exact = .false., loads_turn = .false.
     real(wp), allocatable :: base_direction(:)
@@ -313,6 +315,10 @@ contains
     p%spring_kernel = [(i, i=0, size(kernels))]
     allocate (p%laws(0))
     p%damping(4:6, 4:6) = gyroscopic(self%spin)
+    if (any(abs(self%rotor) > 0.0_wp)) then
+      allocate (p%gyroscopic(n, n), p%circulatory(n, n), p%centrifugal(n, n), source=0.0_wp)
+      p%gyroscopic(4:6, 4:6) = gyroscopic(self%rotor)
+    end if
     if (any(abs([self%spin, self%gravity]) > 0.0_wp)) then
       ! Neither the weight nor h rotates with a floor: relative to it, -phi x W is added.
       allocate (p%space_damping(n, n), p%space_stiffness(n, n), source=0.0_wp)

@@ -13,6 +13,7 @@ module viscovib_oscillator
   use viscovib_counters, only: count_up, counted_transforms, counting
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
+  use viscovib_speed_matrices, only: speed_matrices
   implicit none
   private
 
@@ -24,7 +25,8 @@ module viscovib_oscillator
     'speed: must be given to the system, whose matrices depend on it; no frequency nu of a load ' &
     //'is the speed here'
 
-  type, abstract :: oscillator_type
+  !> The speed of its matrices is the frequency of the load.
+  type, abstract, extends(speed_matrices) :: oscillator_type
     !> M and C, shape (n_dof, n_dof).
     real(wp), allocatable :: mass(:, :), damping(:, :)
     !> W, shape (n_memory, n_dof), and B, shape (n_dof, n_memory).
@@ -50,9 +52,6 @@ module viscovib_oscillator
     !> Forces due to the absolute rates and displacements of a moving base (relative to inertial
     !! space), shape (n_dof, n_dof); not allocated: none.
     real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
-    !> Damping and stiffness in proportion to the speed, and stiffness in proportion to its square,
-    !! shape (n_dof, n_dof); all or none are allocated. The speed is the frequency of the load.
-    real(wp), allocatable :: gyroscopic(:, :), circulatory(:, :), centrifugal(:, :)
     !> True if F also depends on rates and loads: `moving_remainder` and `moving_slopes` then apply.
     logical :: moving = .false.
     !> True if other coordinates were eliminated: the load then also depends on the frequency, and
@@ -74,7 +73,6 @@ module viscovib_oscillator
     procedure :: n_memory
     procedure :: n_rates
     procedure :: is_linear
-    procedure :: depends_on_speed
     procedure :: set_speed
     procedure :: drop_zero_kernels
     procedure :: coupling
@@ -142,12 +140,6 @@ contains
     self%mass = factor*self%mass
   end subroutine weigh
 
-  !> True if damping or stiffness depend on the speed.
-  pure logical function depends_on_speed(self)
-    class(oscillator_type), intent(in) :: self
-    depends_on_speed = allocated(self%gyroscopic)
-  end function depends_on_speed
-
   !> Fix the speed: the matrices become constant.
   subroutine set_speed(self, speed)
     class(oscillator_type), intent(inout) :: self
@@ -166,7 +158,7 @@ contains
         exit
       end do
     end do
-    deallocate (self%gyroscopic, self%circulatory, self%centrifugal)
+    call self%drop_matrices()
   end subroutine set_speed
 
   !> Variables with a zero kernel have no memory.

@@ -16,6 +16,7 @@ module viscovib_polynomial
   use viscovib_law_term, only: add_law_slopes, add_laws, law_term, read_rates
   use viscovib_modal_frame, only: most_in_frame
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_speed_matrices, only: speed_matrices
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
   private
@@ -26,7 +27,7 @@ module viscovib_polynomial
   !> Limits on the size of the system.
   integer, parameter, public :: max_coordinates = 64, max_degree = 15
 
-  type :: polynomial_parameters
+  type, extends(speed_matrices) :: polynomial_parameters
     !> M and C, shape (n, n).
     real(wp), allocatable :: mass(:, :), damping(:, :)
     !> K of each spring group, shape (n, n, n_springs), and its kernel (0: none).
@@ -40,14 +41,10 @@ module viscovib_polynomial
     !> Parts of C, and additional forces, that refer to inertial space and not to a moving base,
     !! shapes (n_dof, n_dof); not allocated: none.
     real(wp), allocatable :: space_damping(:, :), space_stiffness(:, :)
-    !> Damping and stiffness in proportion to the speed, and stiffness in proportion to its square,
-    !! shape (n_dof, n_dof); the first is skew. All or none are allocated.
-    real(wp), allocatable :: gyroscopic(:, :), circulatory(:, :), centrifugal(:, :)
     !> Nonpolynomial forces; not allocated: none.
     type(law_term), allocatable :: laws(:)
   contains
     procedure :: resize_monomials
-    procedure :: depends_on_speed
   end type polynomial_parameters
 
   !> c prod u_dof^power, dof and power of its factors.
@@ -90,11 +87,8 @@ contains
       system%space_damping = parameters%space_damping
       system%space_stiffness = parameters%space_stiffness
     end if
-    if (parameters%depends_on_speed()) then
-      system%gyroscopic = parameters%gyroscopic
-      system%circulatory = parameters%circulatory
-      system%centrifugal = parameters%centrifugal
-    end if
+    call system%take_matrices(parameters, status)
+    if (status%failed()) return
     call copy_kernels(kernels, system%kernels)
     allocate (system%monomials(count(abs(parameters%coefficient) > 0.0_wp)))
     j = 0
@@ -140,15 +134,6 @@ contains
     call move_alloc(powers, self%powers)
   end subroutine resize_monomials
 
-  !> True if a matrix that depends on the speed is not 0.
-  pure logical function depends_on_speed(self)
-    class(polynomial_parameters), intent(in) :: self
-    depends_on_speed = .false.
-    if (.not. allocated(self%gyroscopic)) return
-    depends_on_speed = any(abs(self%gyroscopic) > 0.0_wp .or. abs(self%circulatory) > 0.0_wp &
-                           .or. abs(self%centrifugal) > 0.0_wp)
-  end function depends_on_speed
-
   subroutine check_parameters(p, n_kernels, status)
     type(polynomial_parameters), intent(in) :: p
     integer, intent(in) :: n_kernels
@@ -168,8 +153,6 @@ contains
     call check_finite('damping', reshape(p%damping, [size(p%damping)]), status)
     if (status%failed()) return
     call check_finite('stiffness', reshape(p%stiffness, [size(p%stiffness)]), status)
-    if (status%failed()) return
-    call check_speed_matrices(p, status)
     if (status%failed()) return
     call check_finite('base_direction', p%base_direction, status)
     if (status%failed()) return
@@ -202,29 +185,6 @@ contains
                 //show(n_kernels))
     end if
   end subroutine check_parameters
-
-  subroutine check_speed_matrices(p, status)
-    type(polynomial_parameters), intent(in) :: p
-    type(status_type), intent(inout) :: status
-    real(wp) :: a(size(p%mass, 1), size(p%mass, 1))
-    integer :: at(2)
-
-    if (.not. allocated(p%gyroscopic)) return
-    call check_finite('gyroscopic', reshape(p%gyroscopic, [size(a)]), status)
-    if (status%failed()) return
-    call check_finite('circulatory', reshape(p%circulatory, [size(a)]), status)
-    if (status%failed()) return
-    call check_finite('centrifugal', reshape(p%centrifugal, [size(a)]), status)
-    if (status%failed()) return
-    a = abs(p%gyroscopic + transpose(p%gyroscopic))
-    if (.not. any(a > 1.0e-12_wp*maxval(abs(p%gyroscopic)))) return
-    at = maxloc(a)
-    associate (i => minval(at), j => maxval(at))
-      call fail(status, status_input_error, 'gyroscopic', 'gyroscopic: must be skew, has ' &
-                //show(p%gyroscopic(i, j))//' in row '//show(i)//', column '//show(j)//' and ' &
-                //show(p%gyroscopic(j, i))//' in row '//show(j)//', column '//show(i))
-    end associate
-  end subroutine check_speed_matrices
 
   !> Check that the mass is symmetric, with positive Cholesky pivots.
   subroutine check_mass(mass, status)
@@ -285,8 +245,8 @@ contains
     integer :: a, i, j, k, m
 
     turning = .false.
-    if (p%depends_on_speed()) turning = any(abs(p%circulatory) > 0.0_wp &
-                                            .or. abs(p%centrifugal) > 0.0_wp, 2)
+    if (system%depends_on_speed()) turning = any(abs(system%circulatory) > 0.0_wp &
+                                                 .or. abs(system%centrifugal) > 0.0_wp, 2)
     m = 0
     do k = 0, n_kernels
       stiffness = 0.0_wp

@@ -64,11 +64,7 @@ contains
       reduced%space_damping = system%space_damping(dofs, dofs)
       reduced%space_stiffness = system%space_stiffness(dofs, dofs)
     end if
-    if (system%depends_on_speed()) then
-      reduced%gyroscopic = system%gyroscopic(dofs, dofs)
-      reduced%circulatory = system%circulatory(dofs, dofs)
-      reduced%centrifugal = system%centrifugal(dofs, dofs)
-    end if
+    reduced%speed_matrices = system%matrices_of(dofs)
     call copy_kernels(system%kernels, reduced%kernels)
     select type (system)
     type is (polynomial_type)

@@ -8,6 +8,7 @@ module viscovib_structure_model
   use viscovib_load, only: load_type, new_load
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
   use viscovib_resonant_compliance, only: bordered, near_modes
+  use viscovib_speed_matrices, only: speed_matrices
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: few_coordinates, structure_type, varying_push
   use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
@@ -28,7 +29,7 @@ module viscovib_structure_model
   !> Largest entry of matrices, and of factors and elements.
   real(wp), parameter :: largest = 1.0e40_wp, largest_factor = 1.0e20_wp
 
-  type :: structure_model
+  type, extends(speed_matrices) :: structure_model
     !> M, C and K without elements, shape (n, n); observed coordinates in terms of all coordinates,
     !! shape (n_places, n): shapes of a reduced structure, otherwise the unit matrix.
     real(wp), allocatable :: mass(:, :), damping(:, :), stiffness(:, :), places(:, :)
@@ -54,6 +55,9 @@ module viscovib_structure_model
     procedure :: description
     procedure :: all_damping
     procedure :: inertia
+    procedure :: fix_damping
+    procedure :: set_speed
+    procedure :: check_sizes
     procedure, private :: at_rest
   end type structure_model
 
@@ -68,6 +72,60 @@ contains
     if (allocated(self%support_mass)) inertia = inertia + self%support_mass
   end function inertia
 
+  !> Replace the damping of modes by a damping matrix, that at rest. The modes are those of the
+  !! coordinates that are not internal to an element; the internal coordinates are the last ones.
+  subroutine fix_damping(self, status)
+    class(structure_model), intent(inout) :: self
+    type(status_type), intent(out) :: status
+    type(structure_model) :: plain
+    real(wp), allocatable :: stiffness(:, :), damping(:, :), squares(:), shapes(:, :)
+    integer :: i, n
+
+    call set_ok(status)
+    if (.not. any(abs([self%modal%ratios, self%modal%rayleigh]) > 0.0_wp)) return
+    n = size(self%mass, 1) - count(self%elements%series(1) > 0.0_wp)
+    plain%mass = self%mass(:n, :n)
+    plain%stiffness = self%stiffness(:n, :n)
+    plain%damping = 0.0_wp*plain%mass
+    plain%places = self%places(:n, :n)
+    plain%elements = pack(self%elements, .not. self%elements%series(1) > 0.0_wp)
+    do i = 1, size(plain%elements)
+      plain%elements(i)%direction = plain%elements(i)%direction(:n)
+    end do
+    allocate (stiffness(n, n), damping(n, n), shapes(n, n), squares(n))
+    call add_linear(plain, stiffness, damping)
+    damping = self%modal%rayleigh(1)*plain%mass + self%modal%rayleigh(2)*stiffness
+    if (any(abs(self%modal%ratios) > 0.0_wp)) then
+      if (any([(.not. plain%mass(i, i) > 0.0_wp, i=1, n)])) then
+        call fail(status, status_input_error, 'modal_damping', 'modal_damping: not for ' &
+                  //'coordinates without mass, with series_stiffness of an &element or matrices ' &
+                  //'that depend on the speed')
+        return
+      end if
+      call find_symmetric_modes(plain%mass, stiffness, squares, shapes)
+      squares = 2.0_wp*self%modal%ratios(:n)*sqrt(max(squares, 0.0_wp))
+      shapes = matmul(plain%mass, shapes)
+      damping = damping + matmul(shapes*spread(squares, 1, n), transpose(shapes))
+    end if
+    self%damping(:n, :n) = self%damping(:n, :n) + damping
+    self%modal%ratios = 0.0_wp*self%modal%ratios
+    self%modal%rayleigh = 0.0_wp
+  end subroutine fix_damping
+
+  !> Fix the speed: the matrices become constant. The damping of modes is that at rest.
+  subroutine set_speed(self, speed, status)
+    class(structure_model), intent(inout) :: self
+    !> rad/s.
+    real(wp), intent(in) :: speed
+    type(status_type), intent(out) :: status
+
+    call self%fix_damping(status)
+    if (status%failed()) return
+    self%damping = self%damping + speed*self%gyroscopic
+    self%stiffness = self%stiffness + speed*(self%circulatory + speed*self%centrifugal)
+    call self%drop_matrices()
+  end subroutine set_speed
+
   !> Condense the structure, without loads.
   subroutine condense(model, kernels, system, status)
     type(structure_model), intent(inout) :: model
@@ -79,7 +137,7 @@ contains
     real(wp), allocatable :: weights(:)
     integer :: a, q
 
-    call check_sizes(model, status)
+    call model%check_sizes(status)
     if (status%failed()) return
     call add_linear(model, stiffness, damping, low)
     call new_rest(model%rest, model%mass, damping, stiffness, model%places, model%modal, status, &
@@ -185,7 +243,7 @@ contains
 
   !> Check that squares and products of all numbers do not overflow.
   subroutine check_sizes(model, status)
-    type(structure_model), intent(in) :: model
+    class(structure_model), intent(in) :: model
     type(status_type), intent(out) :: status
     character(len=:), allocatable :: name
     integer :: i

@@ -25,7 +25,7 @@ contains
     may = .false.
     if (model%is_reduced .or. size(model%mass, 1) > most_in_frame) return
     if (.not. is_definite(model%mass)) return
-    may = .not. (abs(model%modal%loss) > 0.0_wp .or. any(model%rest%idle))
+    may = .not. abs(model%modal%loss) > 0.0_wp
   end function may_be_whole
 
   !> True if the model also has laws with kinks or jumps.
@@ -42,7 +42,7 @@ contains
     end do
   end function switches
 
-  !> The polynomial system in all coordinates. The model is condensed already.
+  !> The polynomial system in all coordinates.
   subroutine whole_polynomial(model, kernels, system, status)
     type(structure_model), intent(in) :: model
     type(kernel_holder), intent(in) :: kernels(:)
@@ -51,28 +51,22 @@ contains
     type(polynomial_parameters) :: p
     type(structure_model) :: elastic
     type(element_type) :: elements(size(model%elements))
-    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping, pushed
+    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: stiffness, damping
     integer :: a, i, n
 
     n = size(model%mass, 1)
-    ! Stiffness that does not relax. Rayleigh damping is added to the damping below.
-    elastic%stiffness = model%stiffness
-    elastic%damping = model%damping
-    elastic%places = model%places
-    elastic%elements = model%elements
+    elastic = model
+    call elastic%fix_damping(status)
+    if (status%failed()) return
+    ! Stiffness that does not relax.
     where (elastic%elements%kernel > 0) elastic%elements%stiffness = 0.0_wp
     call add_linear(elastic, stiffness, damping)
-    damping = model%all_damping()
-    if (any(abs(model%modal%ratios) > 0.0_wp)) then
-      ! Real modes, which include all damping.
-      pushed = matmul(model%mass, model%rest%shapes)
-      damping = matmul(pushed*spread(model%rest%rates, 1, n), transpose(pushed))
-    end if
     elements = model%elements
     do i = 1, size(elements)
-      if (allocated(elements(i)%mix)) elements(i)%mix = elements(i)%direction
+      if (elements(i)%is_active()) elements(i)%mix = elements(i)%direction
     end do
     call put_laws(elements, n, size(kernels), p)
+    p%speed_matrices = model%speed_matrices
     p%stiffness(:, :, 1) = p%stiffness(:, :, 1) + stiffness
     p%mass = model%mass
     p%damping = damping

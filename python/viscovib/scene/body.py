@@ -21,7 +21,7 @@ def body_of(
 ) -> Body:
     """Build the body; ``kernels`` are in the order of their numbers, None first."""
     inertia = np.asarray(given["inertia"], dtype=float)
-    return Body(
+    found = Body(
         mass=given["mass"],
         inertia=inertia if inertia.size == 3 else inertia.reshape(3, 3),
         mounts=[_mount_point(group, kernels) for group in mount_points],
@@ -31,7 +31,9 @@ def body_of(
         load_axes=given["load_axes"],
         base_direction=given["base_direction"] if any(given["base_direction"]) else None,
         spin=given["spin"],
+        rotor=given["rotor"],
     )
+    return found.at_speed(given["speed"]) if "speed" in given else found
 
 
 def _mount_point(group: Mapping[str, Any], kernels: Sequence[Kernel | None]) -> MountPoint:

@@ -191,7 +191,6 @@ class Scene:
                 on=group["on"],
             )
             springs.append(Springs(forces=[monomial], kernel=kernels[group["kernel"]]))
-        turning = {name: _matrix(given[name], len(names)) for name in OF_SPEED if name in given}
         return PolynomialSystem(
             mass=_matrix(given["mass"], len(names)),
             damping=_matrix(given["damping"], len(names)),
@@ -200,10 +199,7 @@ class Scene:
             units=texts(given["units"]),
             base_direction=direction if direction.any() else None,
             parameters=self._parameters or None,
-            gyroscopic=turning.get("gyroscopic"),
-            circulatory=turning.get("circulatory"),
-            centrifugal=turning.get("centrifugal"),
-            speed=given.get("speed"),
+            **_of_speed(given, len(names)),
         )
 
     def structure(self) -> Structure:
@@ -265,6 +261,7 @@ class Scene:
             rayleigh=rayleigh if any(rayleigh) else None,
             loss_factor=given["loss_factor"],
             elements=elements,
+            **_of_speed(given, n),
             **more,
         )
 
@@ -583,6 +580,12 @@ def _grid(first: float, last: float, n: int, logarithmic: bool) -> FloatArray:
 def texts(value: str | list[str]) -> tuple[str, ...]:
     """Return the one or several texts of a key."""
     return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _of_speed(given: Mapping[str, Any], n: int) -> dict[str, Any]:
+    """Matrices that depend on the speed of a rotor, and the speed."""
+    matrices = {name: _matrix(given[name], n) for name in OF_SPEED if name in given}
+    return {**matrices, "speed": given.get("speed")}
 
 
 def _matrix(value: Any, n: int) -> FloatArray:

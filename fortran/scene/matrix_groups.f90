@@ -1,0 +1,192 @@
+!> Matrices in groups of a scene: numbers, or names of Matrix Market files.
+module viscovib_matrix_groups
+  use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
+  use viscovib_matrix_market, only: read_matrix_market
+  use viscovib_namelist, only: lower
+  use viscovib_status, only: clipped, show, status_io_error, status_type
+  implicit none
+  private
+
+  public :: read_matrix, read_shapes
+
+  !> Largest number of coordinates.
+  integer, parameter :: max_size = 300
+
+contains
+
+  !> Numbers (n: a diagonal; n^2: row by row) or the name of a file of them; 0 if absent.
+  subroutine read_matrix(reader, key, required, n_given, matrix)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    logical, intent(in) :: required
+    !> Number of rows; 0: that of the matrix.
+    integer, intent(in) :: n_given
+    !> Shape (n, n), 0 if the reader has failed.
+    real(wp), allocatable, intent(out) :: matrix(:, :)
+    character(len=:), allocatable :: names
+    real(wp), allocatable :: values(:), found(:, :)
+    integer :: i, n
+
+    n = n_given
+    allocate (matrix(n, n), source=0.0_wp)
+    if (is_file(reader, key)) then
+      call read_file(reader, key, max_size, found, names)
+      if (reader%status%failed()) return
+      if (n == 0) n = size(found, 1)
+      if (size(found, 1) /= n .or. size(found, 2) /= n) then
+        call reader%complain(key, key//': its file is '//show(size(found, 1))//' x ' &
+                             //show(size(found, 2))//', must be '//show(n)//' x '//show(n))
+        return
+      end if
+      if (is_triangular(found)) then
+        call reader%complain(key, key//': its file has entries on one side of the diagonal only: ' &
+                             //'store both triangles, or declare it symmetric; a coupling in one ' &
+                             //'direction must be given as numbers')
+        return
+      end if
+      call reader%echo_reals(key, reshape(transpose(found), [n*n]))
+      call move_alloc(found, matrix)
+      return
+    end if
+    if (required) then
+      values = reader%read_reals(key)
+    else
+      values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
+    end if
+    if (reader%status%failed()) return
+    if (n == 0) n = size_of(size(values), names_given(reader))
+    if (n > max_size) then
+      call reader%complain(key, key//' is of '//show(n)//' coordinates: must be at most ' &
+                           //show(max_size))
+      return
+    end if
+    if (size(values) /= n .and. size(values) /= n*n) then
+      call reader%complain(key, key//' has '//show(size(values))//' values: must be '//show(n) &
+                           //' (a diagonal) or '//show(n*n)//' (row by row)')
+      return
+    end if
+    if (size(values) == n) then
+      if (n_given == 0) matrix = reshape([(0.0_wp, i=1, n*n)], [n, n])
+      do i = 1, n
+        matrix(i, i) = values(i)
+      end do
+    else
+      matrix = reshape(values, [n, n], order=[2, 1])
+    end if
+  end subroutine read_matrix
+
+  !> True if entries off the diagonal are on one side of it only.
+  pure logical function is_triangular(matrix)
+    real(wp), intent(in) :: matrix(:, :)
+    logical :: above, below
+    integer :: j
+    above = .false.
+    below = .false.
+    do j = 1, size(matrix, 2)
+      above = above .or. any(abs(matrix(:j - 1, j)) > 0.0_wp)
+      below = below .or. any(abs(matrix(j + 1:, j)) > 0.0_wp)
+    end do
+    is_triangular = above .neqv. below
+  end function is_triangular
+
+  !> How many coordinates a mass of so many numbers is for: a diagonal, unless names say otherwise.
+  pure integer function size_of(n_values, n_names) result(n)
+    integer, intent(in) :: n_values, n_names
+    n = n_values
+    if (n_names > 0 .and. n_names < 46340) then
+      if (n_names**2 == n_values) n = n_names
+    end if
+  end function size_of
+
+  pure integer function names_given(reader) result(n)
+    type(group_reader), intent(in) :: reader
+    n = reader%group%find('coordinates')
+    if (n > 0) n = reader%group%entries(n)%n_values
+  end function names_given
+
+  logical function is_file(reader, key)
+    type(group_reader), intent(in) :: reader
+    character(len=*), intent(in) :: key
+    integer :: i
+    i = reader%group%find(key)
+    is_file = .false.
+    if (i > 0) is_file = reader%group%entries(i)%values(1)%quoted
+  end function is_file
+
+  !> A matrix from a file in the folder of the scene.
+  subroutine read_file(reader, key, most_rows, matrix, names)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: most_rows
+    real(wp), allocatable, intent(out) :: matrix(:, :)
+    character(len=:), allocatable, intent(out) :: names
+    character(len=:), allocatable :: path
+    type(status_type) :: status
+    integer :: dot
+
+    allocate (matrix(0, 0))
+    names = ''
+    path = reader%read_path(key)
+    if (reader%status%failed()) return
+    dot = index(path, '.', back=.true.)
+    if (all(lower(path(max(dot, 1):)) /= [character(len=4) :: '.mtx', '.mm'])) then
+      call reader%complain(key, key//" = '"//clipped(path)//"': must be a Matrix Market file " &
+                           //'(.mtx); .npz and Harwell-Boeing files are read by Python ' &
+                           //'(Structure.read), which reduces sparse matrices')
+      return
+    end if
+    call read_matrix_market(path, most_rows, max_size, matrix, names, status)
+    if (status%category == status_io_error) then
+      call reader%complain(key, key//': '//status%message, status_io_error)
+    else if (status%failed()) then
+      ! The file's own name and line say more than the scene's.
+      reader%status = status
+    end if
+  end subroutine read_file
+
+  !> What the places with names are in terms of the coordinates: those themselves, or of a reduced
+  !! structure its shapes.
+  subroutine read_shapes(reader, n, places, names)
+    type(group_reader), intent(inout) :: reader
+    integer, intent(in) :: n
+    real(wp), allocatable, intent(out) :: places(:, :)
+    !> As the file tells them.
+    character(len=:), allocatable, intent(out) :: names
+    real(wp), allocatable :: values(:)
+    real(wp) :: none(0)
+    integer :: i, rows
+
+    names = ''
+    allocate (places(n, n), source=0.0_wp)
+    if (is_file(reader, 'shapes')) then
+      call read_file(reader, 'shapes', max_size, places, names)
+      if (reader%status%failed()) return
+      if (size(places, 2) /= n) then
+        call reader%complain('shapes', 'shapes: its file has '//show(size(places, 2)) &
+                             //' columns, must have '//show(n))
+        return
+      end if
+      call reader%echo_reals('shapes', reshape(transpose(places), [size(places)]))
+      return
+    end if
+    values = reader%read_reals('shapes', default=none)
+    if (size(values) == 0) then
+      do i = 1, n
+        places(i, i) = 1.0_wp
+      end do
+      return
+    end if
+    rows = size(values)/n
+    if (rows*n /= size(values)) then
+      call reader%complain('shapes', 'shapes has '//show(size(values))//' values: must be rows ' &
+                           //'of '//show(n))
+    else if (rows > max_size) then
+      call reader%complain('shapes', 'shapes has '//show(rows)//' rows: must be at most ' &
+                           //show(max_size))
+    else
+      places = reshape(values, [rows, n], order=[2, 1])
+    end if
+  end subroutine read_shapes
+
+end module viscovib_matrix_groups
