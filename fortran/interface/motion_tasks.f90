@@ -1,9 +1,11 @@
 !> Tasks about solutions in time: runs, their preparation, and plans.
 module viscovib_motion_tasks
+  use viscovib_body_vector, only: mounted_from_vector
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
   use viscovib_hidden_memory, only: count_hidden
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type, new_load
   use viscovib_located_peaks, only: locate_peaks
@@ -11,6 +13,8 @@ module viscovib_motion_tasks
   use viscovib_motion_inputs, only: load_of, polynomial_of
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
   use viscovib_motion_search, only: run_motion
+  use viscovib_mount_forces, only: find_mount_forces, find_spring_memory, mount_forces_type
+  use viscovib_mounted_body, only: mounted_body
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_job, only: plan_pendulum
@@ -23,6 +27,7 @@ module viscovib_motion_tasks
     steady_motion, trace_branch
   use viscovib_task, only: task_type
   use viscovib_timed_polynomials, only: timed_polynomials
+  use viscovib_turning_body, only: row_of
   implicit none
   private
 
@@ -52,6 +57,8 @@ contains
       call find_motion_extremes(task)
     case ('accelerations')
       call find_accelerations(task)
+    case ('mount forces')
+      call find_forces_of_mounts(task)
     case ('peaks')
       call find_peaks(task)
     case ('shock')
@@ -102,16 +109,7 @@ contains
     allocate (recalled(size(u, 1), system%n_memory()), source=0.0_wp)
     allocate (a(size(u, 1), size(u, 2)))
     if (any(system%kernel_of > 0) .and. .not. task%get_flag('is_remembered', .false.)) then
-      ends => task%get_reals('ends')
-      panel_u => task%get_matrix('panel_u')
-      panel_rate => task%get_matrix('panel_rate')
-      held => task%get_reals('held')
-      times => task%get_reals('times')
-      call task%check_extents('times', shape(times), [size(u, 1)])
-      call task%check_extents('held', shape(held), [system%n_dof()])
-      call task%check_extents('panel_u', shape(panel_u), [(size(ends) - 1)*(panel_points + 2), &
-                                                          system%n_dof()])
-      call task%check_extents('panel_rate', shape(panel_rate), shape(panel_u))
+      call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
       if (task%failed()) return
       call recalled_along(system, ends, panel_u, panel_rate, held, times, recalled)
     end if
@@ -119,6 +117,78 @@ contains
     call task%found%put_reals('accelerations', a, shape(a))
     call task%found%put_integer('singular', merge(1_i8, 0_i8, singular))
   end subroutine find_accelerations
+
+  !> The motion until states of the shape `wanted`, as of `recalled_along`.
+  subroutine get_panels(task, wanted, ends, u, rate, held, times)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: wanted(2)
+    real(wp), pointer, contiguous, intent(out) :: ends(:), u(:, :), rate(:, :), held(:), times(:)
+
+    ends => task%get_reals('ends')
+    u => task%get_matrix('panel_u')
+    rate => task%get_matrix('panel_rate')
+    held => task%get_reals('held')
+    times => task%get_reals('times')
+    call task%check_extents('times', shape(times), wanted(:1))
+    call task%check_extents('held', shape(held), wanted(2:))
+    call task%check_extents('panel_u', shape(u), [(size(ends) - 1)*(panel_points + 2), wanted(2)])
+    call task%check_extents('panel_rate', shape(rate), shape(u))
+  end subroutine get_panels
+
+  !> Forces of the mounts of a body, `flat` as of `mounted_from_vector` about its static
+  !! equilibrium, `exact` (finite rotations), `mount_of` (n_springs) and `center` (3), at states
+  !! `u` and `rate` (n, n_dof) relative to the base. With kernels also the motion until then, as of
+  !! `find_accelerations`. Returns what `mount_forces_type` contains, and the forces -R * g on the
+  !! coordinates, `remembered` (n, n_dof), of small rotations.
+  subroutine find_forces_of_mounts(task)
+    type(task_type), intent(inout) :: task
+    type(mounted_body) :: body
+    type(kernel_holder), allocatable :: kernels(:)
+    type(mount_forces_type) :: forces
+    real(wp), pointer, contiguous :: u(:, :), rate(:, :), ends(:), panel_u(:, :), &
+                                     panel_rate(:, :), held(:), times(:), center(:)
+    real(wp), allocatable :: memory(:, :), rows(:, :)
+    integer, allocatable :: mount_of(:)
+    integer :: j, n
+
+    call mounted_from_vector(body, kernels, task%get_reals('flat'), task%status)
+    if (task%failed()) return
+    n = body%n_dof()
+    body%exact = task%get_flag('exact')
+    center => task%get_reals('center')
+    mount_of = task%get_integers('mount_of')
+    u => task%get_matrix('u')
+    rate => task%get_matrix('rate')
+    call task%check_extents('center', shape(center), [3])
+    call task%check_extents('mount_of', shape(mount_of), shape(body%springs))
+    call task%check_extents('rate', shape(rate), shape(u))
+    if (task%failed()) return
+    call task%check_extents('u', shape(u), [size(u, 1), n])
+    if (task%failed()) return
+    allocate (memory(size(u, 1), size(body%springs)), source=0.0_wp)
+    if (task%has('ends')) then
+      call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
+      if (task%failed()) return
+      call find_spring_memory(body%springs, kernels, body%exact, ends, panel_u, panel_rate, held, &
+                              times, memory)
+    end if
+    call find_mount_forces(body%springs, mount_of, body%exact, center, u, rate, memory, forces)
+    call task%found%put_reals('deflection', forces%deflection, shape(forces%deflection))
+    call task%found%put_reals('rate', forces%rate, shape(forces%rate))
+    call task%found%put_reals('elastic', forces%elastic, shape(forces%elastic))
+    call task%found%put_reals('damping', forces%damping, shape(forces%damping))
+    call task%found%put_reals('memory', forces%memory, shape(forces%memory))
+    call task%found%put_reals('moment', forces%moment, shape(forces%moment))
+    call task%found%put_reals('point', forces%point, shape(forces%point))
+    call task%found%put_reals('floor', forces%floor, shape(forces%floor))
+    if (body%exact) return
+    allocate (rows(size(body%springs), n))
+    do j = 1, size(rows, 1)
+      rows(j, :) = row_of(body%springs(j), n)
+    end do
+    rows = matmul(memory, rows)
+    call task%found%put_reals('remembered', rows, shape(rows))
+  end subroutine find_forces_of_mounts
 
   !> Located `peak` (m) with the time `at` and the `error` of the location, of quantities `values`
   !! (n, m) at ascending times `t` (n). Between `breaks` they are smooth.

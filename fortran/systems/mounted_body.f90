@@ -15,14 +15,15 @@ module viscovib_mounted_body
   use viscovib_rotation, only: cross, new_rotation, rotation_type
   use viscovib_rounded, only: brief
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
-  use viscovib_spring_about, only: force_of, spring_about
+  use viscovib_spring_about, only: force_of, spring_about, spring_at
   use viscovib_spring_products, only: add_products
   use viscovib_symmetric_modes, only: find_symmetric_modes
   use viscovib_turning_body, only: body_spring, new_turning_body, row_of, turning_body
   implicit none
   private
 
-  public :: build_small, build_turning, mounted_body, preload_stiffness, rest_type, spring_turned
+  public :: build_small, build_turning, mounted_body, place, preload_stiffness, rest_type, &
+    spring_turned, springs_at_rest
 
   !> Springs are as defined by the user; laws depend on d and its rate, including linear parts.
   type :: mounted_body
@@ -235,12 +236,14 @@ contains
     real(wp), intent(in) :: kept(:), weight(:), waiting(:), q(:)
     real(wp), intent(out) :: d(:), carried(:), left(:), tangent(:, :)
     real(wp) :: row(size(q)), slope
+    type(rotation_type), allocatable :: turn
     integer :: b, j
 
+    if (self%exact) turn = new_rotation(cmplx(q(4:6), 0.0_wp, wp))
     left = weight
     tangent = 0.0_wp
     do j = 1, size(self%springs)
-      call place(self%springs(j), self%exact, q, d(j), row)
+      call place(self%springs(j), q, d(j), row, turn)
       call force_of(self%springs(j), d(j), carried(j), slope)
       carried(j) = kept(j)*carried(j) - waiting(j)
       left = left - row*carried(j)
@@ -255,19 +258,18 @@ contains
   end subroutine balance
 
   !> Deflection of a spring, and its derivatives: e . (u + R p - p) and T^T (p x R^T e).
-  pure subroutine place(spring, exact, q, d, row)
+  pure subroutine place(spring, q, d, row, turn)
     type(body_spring), intent(in) :: spring
-    logical, intent(in) :: exact
     real(wp), intent(in) :: q(:)
     real(wp), intent(out) :: d, row(:)
-    type(rotation_type) :: turn
+    !> The rotation; not present: rotations are small.
+    type(rotation_type), intent(in), optional :: turn
     complex(wp) :: p(3)
 
     row = row_of(spring, size(q))
     d = sum(row*q)
-    if (.not. exact .or. spring%turning) return
+    if (spring%turning .or. .not. present(turn)) return
     p = spring%arm
-    turn = new_rotation(cmplx(q(4:6), 0.0_wp, wp))
     d = d + sum(spring%direction*real(turn%moved(p)))
     row(4:6) = real(slope_by_turning(spring, turn))
   end subroutine place
@@ -390,6 +392,20 @@ contains
       seen%arm = real(turn%turned(v))
     end if
   end function spring_turned
+
+  !> The springs about the static equilibrium, with laws of d and its rate.
+  function springs_at_rest(self, rest) result(seen)
+    type(mounted_body), intent(in) :: self
+    type(rest_type), intent(in) :: rest
+    type(body_spring) :: seen(size(self%springs))
+    integer :: j
+    do j = 1, size(seen)
+      seen(j) = spring_at(self%springs(j), rest%d(j))
+      if (self%exact) then
+        seen(j) = spring_turned(seen(j), new_rotation(cmplx(rest%q(4:6), 0.0_wp, wp)))
+      end if
+    end do
+  end function springs_at_rest
 
   !> Add nonpolynomial laws to all equations on which the spring acts.
   subroutine add_laws_of(spring, row, laws)

@@ -8,7 +8,7 @@ module viscovib_spring_about
   implicit none
   private
 
-  public :: force_of, spring_about
+  public :: force_of, spring_about, spring_at
 
 contains
 
@@ -35,17 +35,15 @@ contains
     end do
   end subroutine force_of
 
-  !> The spring about a deflection: its force increment, split into linear and nonlinear parts.
-  function spring_about(spring, at) result(seen)
+  !> The spring about a deflection: its force increment, with laws of d and its rate.
+  function spring_at(spring, at) result(seen)
     type(body_spring), intent(in) :: spring
     real(wp), intent(in) :: at
     type(body_spring) :: seen
-    real(wp) :: force, slope, slopes(2), ways, series(2:max_degree)
-    character(len=:), allocatable :: fault
+    real(wp) :: ways, series(2:max_degree)
     integer :: i, p, power
 
     seen = spring
-    call force_of(spring, at, force, slope)
     series = 0.0_wp
     do power = 2, size(spring%coefficient) + 1
       associate (c => spring%coefficient(power - 1))
@@ -59,8 +57,23 @@ contains
     end do
     seen%coefficient = series(:size(spring%coefficient) + 1)
     do i = 1, size(seen%laws)
+      call shift(seen%laws(i), at)
+    end do
+  end function spring_at
+
+  !> The same, with each law split into its linear part, in the stiffness and the damping, and its
+  !! remainder.
+  function spring_about(spring, at) result(seen)
+    type(body_spring), intent(in) :: spring
+    real(wp), intent(in) :: at
+    type(body_spring) :: seen
+    real(wp) :: slopes(2)
+    character(len=:), allocatable :: fault
+    integer :: i
+
+    seen = spring_at(spring, at)
+    do i = 1, size(seen%laws)
       associate (law => seen%laws(i))
-        call shift(law, at)
         law%kernel = spring%kernel
         call about_rest(law, slopes, fault)
         law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])

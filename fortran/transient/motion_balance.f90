@@ -3,13 +3,14 @@ module viscovib_motion_balance
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_convolution, only: convolve
   use viscovib_dense, only: factorize, solve_columns
+  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_memory_channels, only: variables_of
   use viscovib_oscillator, only: oscillator_type
   implicit none
   private
 
-  public :: accelerations_of, recalled_along
+  public :: accelerations_of, recall, recalled_along
 
   !> Nodes of the panels of a motion.
   integer, parameter, public :: panel_points = 8
@@ -27,34 +28,50 @@ contains
     real(wp), intent(in) :: held(:), times(:)
     !> Shape (size(times), n_memory).
     real(wp), intent(out) :: recalled(:, :)
-    type(collocation_type) :: table
-    real(wp), allocatable :: w(:, :), g(:, :, :), some(:, :)
+    real(wp), allocatable :: w(:, :)
     real(wp) :: first(system%n_memory())
-    integer, allocatable :: members(:)
-    integer :: j, k, n
 
     recalled = 0.0_wp
     if (.not. any(system%kernel_of > 0)) return
-    call new_collocation(table, panel_points)
-    n = ubound(ends, 1)
     allocate (w(size(u, 1), system%n_memory()))
     call find_variables(system, u, rate, w)
     first = 0.0_wp
     if (any(abs(held) > 0.0_wp)) first = variables_of(system, held)
-    do k = 1, size(system%kernels)
-      members = pack([(j, j=1, system%n_memory())], system%kernel_of == k)
+    call recall(system%kernels, system%kernel_of, ends, w, first, times, recalled)
+  end subroutine recalled_along
+
+  !> R*w of quantities w along a motion.
+  subroutine recall(kernels, kernel_of, ends, w, first, times, recalled)
+    type(kernel_holder), intent(in) :: kernels(:)
+    !> The kernel of each quantity, shape (m); 0: none.
+    integer, intent(in) :: kernel_of(:)
+    !> As of `recalled_along`; the quantities, shape (n (panel_points + 2), m), and before the first
+    !! panel, shape (m).
+    real(wp), intent(in) :: ends(0:), w(:, :), first(:), times(:)
+    !> Shape (size(times), m).
+    real(wp), intent(out) :: recalled(:, :)
+    type(collocation_type) :: table
+    real(wp), allocatable :: g(:, :, :), some(:, :)
+    integer, allocatable :: members(:)
+    integer :: j, k, n
+
+    recalled = 0.0_wp
+    call new_collocation(table, panel_points)
+    n = ubound(ends, 1)
+    do k = 1, size(kernels)
+      members = pack([(j, j=1, size(kernel_of))], kernel_of == k)
       if (size(members) == 0) cycle
       allocate (g(panel_points + 2, n, size(members)), some(size(times), size(members)))
       do j = 1, size(members)
         g(:, :, j) = reshape(w(:, members(j)), [panel_points + 2, n])
       end do
-      call convolve(system%kernels(k), table, ends, g, first(members), times, some)
+      call convolve(kernels(k), table, ends, g, first(members), times, some)
       do j = 1, size(members)
         recalled(:, members(j)) = some(:, j)
       end do
       deallocate (g, some)
     end do
-  end subroutine recalled_along
+  end subroutine recall
 
   !> Hereditary variables w at states.
   subroutine find_variables(system, u, rate, w)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -174,6 +175,14 @@ class Panels:
             ends = np.concatenate([early[:-1], ends])
         return cls(ends, u, rate, past.held, laws)
 
+    @property
+    def given(self) -> dict[str, FloatArray]:
+        """The motion for the core."""
+        return {
+            "ends": self.ends, "panel_u": np.asfortranarray(self.u),
+            "panel_rate": np.asfortranarray(self.rate), "held": self.held,
+        }  # fmt: skip
+
     def recalled(
         self, kernel: Kernel, values: FloatArray, held: FloatArray, t: FloatArray
     ) -> FloatArray:
@@ -200,8 +209,8 @@ class KnownMotion:
     #: Accelerations relative to the base and forces of laws, of motions on surfaces of laws.
     push: FloatArray | None = None
     laws: FloatArray | None = None
-    #: What the springs of a body remember, -R * g, if it is known already.
-    springs: list[FloatArray] = field(default_factory=list)
+    #: Forces of the mounts of a body, if they are known already.
+    mounts: list[dict[str, Any]] = field(default_factory=list)
     #: Displacements, velocities and accelerations of supports that move each on its own.
     supports: tuple[FloatArray, ...] | None = None
 
@@ -224,10 +233,7 @@ def accelerations(motion: KnownMotion, remembered: FloatArray | None = None) -> 
     given = {"u": motion.u, "rate": motion.rate, "load": load}
     flags = {} if remembered is None else {"is_remembered": True}
     if panels is not None:
-        given |= {
-            "times": motion.t, "ends": panels.ends, "panel_u": panels.u, "panel_rate": panels.rate,
-            "held": panels.held,
-        }  # fmt: skip
+        given |= panels.given | {"times": motion.t}
     found = _native.run_either(
         panels is not None, "motion accelerations", motion.system,
         **flags, **{name: np.asfortranarray(value) for name, value in given.items()},

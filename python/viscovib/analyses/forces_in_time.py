@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.acting import KnownMotion, accelerations
 from viscovib.bodies.body import Body
-from viscovib.bodies.in_time import deflected, elastic, point_moved
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
@@ -52,60 +52,28 @@ def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
         raise InputError(
             "mount_forces: is for motions of a Body; element_forces() is for other systems"
         )
-    springs, turns = body._mount_springs, body._turns
-    d, speed = deflected(springs, motion.u, motion.rate, turns=turns)
-    parts = [elastic(springs, d, speed), springs.damping * speed,
-             _of_springs(body, motion)]  # fmt: skip
-    places: Any = np.array(springs.first, dtype=int)[:, np.newaxis] + np.arange(3)
-    if places.size == len(springs.laws):
-        # Views instead of copies.
-        own = [one.reshape(-1, *places.shape) for one in (d, speed, *parts)]
-    else:
-        own = [one[:, places] for one in (d, speed, *parts)]
-    total = parts[0] + parts[1] + parts[2]
-    moment = np.zeros_like(own[0])
-    ends = [*springs.first[1:], len(springs.laws)]
-    point = np.empty_like(moment)
-    for i, (mount, begin, end) in enumerate(zip(body.mounts, springs.first, ends, strict=True)):
-        if mount.track is not None:
-            # The track stands behind the other springs of a mount.
-            own[2][:, i, mount.track.axis] += parts[0][:, end - 1]
-        holds = np.flatnonzero(np.asarray(mount.rotational_stiffness))
-        moment[:, i, holds] = total[:, begin + 3 : begin + 3 + holds.size]
-        point[:, i] = np.asarray(mount.position)
-        if turns:
-            moved = point_moved(springs.arms[begin], motion.u, motion.rate, None, turns=True)[0]
-            sag = 0.0 if body._sag is None else body._sag.displacement[:3]
-            point[:, i] = body.center + sag + springs.arms[begin] + moved
+    found = _of_mounts(body, motion)
+    parts = ("deflection", "rate", "elastic", "damping", "memory", "moment", "point")
     axes = np.array([mount.rotation for mount in body.mounts]).reshape(-1, 3, 3)
     names = tuple(mount.name for mount in body.mounts)
-    d, speed, elastic_part, damping, memory = own
     return MountForcesInTime(
-        motion.t, names, d, speed, elastic_part, damping, memory, moment, point, axes
+        motion.t, names, *(found[part].transpose(0, 2, 1) for part in parts), axes, found["floor"]
     )
 
 
-def _of_springs(body: Body, motion: KnownMotion) -> FloatArray:
-    """Return -R * g of all springs of the mounts of a body, made once."""
-    springs, turns = body._mount_springs, body._turns
-
-    def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
-        return elastic(springs, *deflected(springs, u, rate, turns=turns))
-
-    if motion.springs:
-        return motion.springs[0]
-    kinds, n = set(springs.kernels) - {None}, springs.rows.shape[1]
-    if turns or any(springs.laws) or len(kinds) * n >= len(springs.laws):
-        motion.springs.append(remembered(motion, forces, springs.kernels))
-        return motion.springs[0]
-    # Linear springs: the coordinates are fewer.
-    found = np.zeros((motion.t.size, len(springs.laws)))
-    for kernel in kinds:
-        these = [j for j, one in enumerate(springs.kernels) if one == kernel]
-        moved = remembered(motion, lambda u, rate, laws: u, [kernel] * n)
-        found[:, these] = (moved @ springs.rows[these].T) * springs.stiffness[these]
-    motion.springs.append(found)
-    return found
+def _of_mounts(body: Body, motion: KnownMotion) -> dict[str, Any]:
+    """What the core finds about the mounts of a body, made once."""
+    if not motion.mounts:
+        sag = 0.0 if body._sag is None or not body._turns else body._sag.displacement[:3]
+        panels = motion.panels
+        given = {} if panels is None else panels.given | {"times": motion.t}
+        found = _native.run_either(
+            panels is not None, "motion mount forces", flat=body._placed, exact=body._turns,
+            mount_of=body._mount_springs.mount_of, center=body.center + sag,
+            u=np.asfortranarray(motion.u), rate=np.asfortranarray(motion.rate), **given,
+        )  # fmt: skip
+        motion.mounts.append(found)
+    return motion.mounts[0]
 
 
 def remembered_by_body(system: object, motion: KnownMotion) -> FloatArray | None:
@@ -114,7 +82,7 @@ def remembered_by_body(system: object, motion: KnownMotion) -> FloatArray | None
         return None
     if motion.make_panels is None:
         return None
-    return _of_springs(system, motion) @ system._mount_springs.rows
+    return np.asarray(_of_mounts(system, motion)["remembered"])
 
 
 def element_forces(system: object, motion: KnownMotion) -> ElementForces:

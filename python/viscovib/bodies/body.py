@@ -33,6 +33,7 @@ from viscovib.bodies.turning import (
     BODY_IN_VECTOR,
     angular_momentum,
     further_moved,
+    placed_vector,
     turning_energy,
     turning_vector,
 )
@@ -277,6 +278,11 @@ class Body(LinearBody):
             self._active_kernels, self._loaded_axes @ self.spin,
             loads_turn=self.load_axes == "body",
         )  # fmt: skip
+
+    @cached_property
+    def _placed(self) -> FloatArray:
+        """The body at its static equilibrium as of `mounted_from_vector`."""
+        return placed_vector(self._mass_matrix, self._mount_springs)
 
     @property
     def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:

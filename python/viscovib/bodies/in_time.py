@@ -1,4 +1,4 @@
-"""Deflections of mounts and motions of points along a motion of a body in time."""
+"""Motions of points along a motion of a body in time."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from viscovib._native import FloatArray
-from viscovib.bodies.springs import MountSprings
 from viscovib.bodies.turning import spin, turned
-from viscovib.systems.laws import Law
 
 #: Step of derivatives by complex numbers.
 _STEP = 1e-100
@@ -35,32 +33,3 @@ def point_moved(
     along: Any = spin(-theta - 1j * _STEP * spins, spins + 1j * _STEP * push[:, 3:6])
     swing = np.cross(along.imag / _STEP, now) + np.cross(omega, np.cross(omega, now))
     return u[:, :3] + now - arm, velocity, push[:, :3] + swing
-
-
-def deflected(
-    springs: MountSprings, u: FloatArray, rate: FloatArray, *, turns: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Deflections of all springs and their rates, shape (n, n_springs)."""
-    d, speed = u @ springs.rows.T, rate @ springs.rows.T
-    if turns:
-        for j, row in enumerate(springs.rows):
-            if not row[:3].any():
-                continue
-            place, velocity = point_moved(springs.arms[j], u, rate, None, turns=True)
-            d[:, j] += (place - u[:, :3] - np.cross(u[:, 3:6], springs.arms[j])) @ row[:3]
-            speed[:, j] += (velocity - rate[:, :3] - np.cross(rate[:, 3:6], springs.arms[j])) @ row[
-                :3
-            ]
-    return d, speed
-
-
-def elastic(springs: MountSprings, d: FloatArray, rate: FloatArray) -> FloatArray:
-    """Forces k d + g(d, d') of all springs without memory, shape (n, n_springs)."""
-    force = springs.stiffness * d
-    for j, law in enumerate(springs.laws):
-        if isinstance(law, Law):
-            both = np.stack([d[:, j], rate[:, j]], axis=1)
-            force[:, j] += law.values(both[:, : len(law.arguments)])
-        elif law:
-            force[:, j] += sum(c * d[:, j] ** power for power, c in law.items())
-    return force

@@ -8,6 +8,7 @@ from itertools import combinations_with_replacement
 from math import comb, factorial, prod
 
 import numpy as np
+import numpy.typing as npt
 
 from viscovib._native import FloatArray
 from viscovib.bodies.mount_point import MountPoint, crossing
@@ -42,6 +43,11 @@ class MountSprings:
     damping_of_tracks: FloatArray
     #: Force of each spring at zero coordinates (N, N m), shape (n_springs,).
     preload: FloatArray
+
+    @property
+    def mount_of(self) -> npt.NDArray[np.intp]:
+        """Index of the mount of each spring, from 1."""
+        return np.searchsorted(self.first, np.arange(len(self.laws)), side="right")
 
     @property
     def damping_matrix(self) -> FloatArray:

@@ -12,7 +12,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
-from viscovib.bodies.turning import turning_vector
+from viscovib.bodies.turning import placed_vector
 from viscovib.common.values import Value
 from viscovib.errors import StabilityWarning, caller
 
@@ -68,13 +68,9 @@ def settled(
     StabilityWarning
         For numbers that are probably not in SI units.
     """
-    kernels = list(dict.fromkeys(kernel for kernel in springs.kernels if kernel is not None))
-    none = np.zeros_like(mass)
     found = _native.run(
         "system body",
-        flat=turning_vector(
-            mass, none, None, springs, kernels, np.zeros(3), loads_turn=False, placed=False
-        ),
+        flat=placed_vector(mass, springs),
         names=b"".join(mount.name.encode().ljust(64) for mount in mounts),
         first=np.array(springs.first, dtype=int) + 1,
         angles=np.array([mount.angles for mount in mounts], dtype=float).reshape(-1, 3).T,

@@ -66,6 +66,15 @@ def turning_vector(
     return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
 
+def placed_vector(mass: FloatArray, springs: MountSprings) -> FloatArray:
+    """A body on springs, their laws as given, as of `mounted_from_vector`."""
+    kernels = list(dict.fromkeys(kernel for kernel in springs.kernels if kernel is not None))
+    none = np.zeros_like(mass)
+    return turning_vector(
+        mass, none, None, springs, kernels, np.zeros(3), loads_turn=False, placed=False
+    )
+
+
 def turning_energy(mass: FloatArray, springs: MountSprings, states: FloatArray) -> FloatArray:
     """Kinetic and potential energy at states (u_1, u_1', ...), shape (..., 2 n)."""
     if any(kernel is not None for kernel in springs.kernels):

@@ -219,6 +219,8 @@ class MountForcesInTime(_ForcesInTime):
     moment: FloatArray
     point: FloatArray
     axes: FloatArray
+    #: Force and moment about the origin on the floor, shape (n, 6).
+    _floor: FloatArray
 
     kind = "mount forces in time"
 

@@ -622,11 +622,8 @@ class Trajectory(Result):
         return self._floor_about(np.zeros(3))
 
     def _floor_about(self, point: FloatArray) -> FloorForce:
-        mounts = self._mount_forces
-        force = np.einsum("iab,nib->nia", mounts.axes, mounts.force)
-        moment = np.einsum("iab,nib->nia", mounts.axes, mounts.moment)
-        moment = moment + np.cross(mounts.point - point, force)
-        return FloorForce(self.t, force.sum(axis=1), moment.sum(axis=1), point)
+        force, moment = np.hsplit(self._mount_forces._floor, 2)
+        return FloorForce(self.t, force, moment - np.cross(point, force), point)
 
     @overload
     def peak(self, quantity: Quantity) -> LocatedPeak: ...
