@@ -8,7 +8,7 @@ module viscovib_motion_tasks
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type, new_load
-  use viscovib_located_peaks, only: locate_peaks
+  use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
   use viscovib_mesh, only: extend_ends
   use viscovib_motion_inputs, only: load_of, polynomial_of
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
@@ -25,6 +25,7 @@ module viscovib_motion_tasks
   use viscovib_shock_shapes, only: new_shock, shock_names, shock_type
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
+  use viscovib_status, only: show
   use viscovib_task, only: task_type
   use viscovib_timed_polynomials, only: timed_polynomials
   use viscovib_turning_body, only: row_of
@@ -191,11 +192,14 @@ contains
   end subroutine find_forces_of_mounts
 
   !> Located `peak` (m) with the time `at` and the `error` of the location, of quantities `values`
-  !! (n, m) at ascending times `t` (n). Between `breaks` they are smooth.
+  !! (n, m) at ascending times `t` (n). Between `breaks` they are smooth. Quantities that need more
+  !! samples are `loose`, as of `peak_windows` with `times_i` and `ends_i`.
   subroutine find_peaks(task)
     type(task_type), intent(inout) :: task
     real(wp), pointer, contiguous :: t(:), values(:, :), breaks(:)
-    real(wp), allocatable :: peak(:), at(:), error(:)
+    real(wp), allocatable :: peak(:), at(:), error(:), times(:), ends(:)
+    integer, allocatable :: loose(:)
+    integer :: i
 
     t => task%get_reals('t')
     values => task%get_matrix('values')
@@ -208,6 +212,13 @@ contains
     call task%found%put_reals('peak', peak, shape(peak))
     call task%found%put_reals('at', at, shape(at))
     call task%found%put_reals('error', error, shape(error))
+    loose = pack([(i, i=1, size(peak))], is_loose(peak, error))
+    call task%found%put_integers('loose', loose, shape(loose))
+    do i = 1, size(loose)
+      call peak_windows(t, values(:, loose(i)), times, ends)
+      call task%found%put_reals('times_'//show(loose(i)), times, shape(times))
+      call task%found%put_reals('ends_'//show(loose(i)), ends, shape(ends))
+    end do
   end subroutine find_peaks
 
   !> A shock of height 1 by the `shape` of its name and its numbers as of `shock_type`: `times` (n)

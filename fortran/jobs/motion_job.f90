@@ -12,7 +12,7 @@ module viscovib_motion_job
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: wall
   use viscovib_law_term, only: law_term
-  use viscovib_motion_accelerations, only: find_accelerations
+  use viscovib_motion_quantities, only: find_quantities, motion_quantities, put_forces, put_peaks
   use viscovib_number_text, only: exact
   use viscovib_pendulum_job, only: plan_pendulum
   use viscovib_polar, only: argument, modulus
@@ -115,6 +115,9 @@ contains
     if (self%motion%wants_accelerations) then
       text = text//'computes: accelerations of the states kept, by the equations'//new_line('a')
     end if
+    if (self%motion%wants_forces) text = text//'computes: forces of the mounts'//new_line('a')
+    if (self%motion%wants_peaks) text = text//'computes: peaks between the states kept' &
+                                        //new_line('a')
     if (allocated(self%events)) text = text//'computes: times of ' &
                                        //things(size(self%events), 'event')//new_line('a')
     if (self%decay%wanted) text = text//'computes: '//things(self%decay%count, &
@@ -143,7 +146,8 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type), target :: trajectory
     character(len=:), allocatable :: doubts, folded, method
-    real(wp), allocatable :: shares(:), accelerations(:, :)
+    type(motion_quantities), target :: quantities
+    real(wp), allocatable :: shares(:)
     integer :: kept
 
     method = method_of(self%motion)
@@ -160,18 +164,24 @@ contains
         if (status%failed()) return
       end if
     end if
-    if (self%motion%wants_accelerations .or. self%shock%place > 0) then
-      call find_accelerations(self%motion, subject, self%nu, trajectory, accelerations, status)
-      if (status%failed()) return
-    end if
-    call put_motion(self, subject, trajectory, accelerations, method, sink, status)
+    call find_quantities(self%motion, subject, self%nu, self%motion%wants_accelerations &
+                         .or. self%shock%place > 0, trajectory, quantities, status)
+    if (status%failed()) return
+    call put_motion(self, subject, trajectory, quantities%accelerations, method, sink, status)
+    if (status%failed()) return
+    if (self%motion%wants_forces) call put_forces(subject, trajectory%t, quantities%forces, sink, &
+                                                  status)
+    if (status%failed()) return
+    if (self%motion%wants_peaks) call put_peaks(self%motion, subject, self%nu, self%wanted, &
+                                                trajectory, quantities, sink, status)
     if (status%failed()) return
     if (allocated(self%events)) call put_events(self, subject, trajectory, sink, status)
     if (status%failed()) return
     if (self%decay%wanted) call put_decay(self%decay, subject, trajectory, sink, folded, status)
     if (status%failed()) return
     doubts = ''
-    if (self%shock%wanted) call self%shock%put(trajectory%t, accelerations, sink, doubts, status)
+    if (self%shock%wanted) call self%shock%put(trajectory%t, quantities%accelerations, &
+                                             sink, doubts, status)
     if (status%failed()) return
     report%complete = any(trajectory%outcome == [run_completed, run_event]) .and. kept >= 2
     report%summary = trim(run_names(trajectory%outcome))//' at t = '//show(trajectory%t_reached) &

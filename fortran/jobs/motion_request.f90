@@ -44,6 +44,8 @@ module viscovib_motion_request
     real(wp) :: relative = 0.0_wp
     !> Events, as in `new_watch`; not allocated: none.
     real(wp), allocatable :: watched(:)
+    !> Whether mount forces at the states kept, and peaks of all columns are wanted.
+    logical :: wants_forces = .false., wants_peaks = .false.
     !> Whether accelerations of the states kept are wanted; whether a run without memory finds them
     !! at its `times`.
     logical :: wants_accelerations = .false., accelerates = .false.

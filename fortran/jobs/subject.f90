@@ -8,7 +8,7 @@ module viscovib_subject
   use viscovib_limits, only: corner_tolerance, smooth_tolerance
   use viscovib_load, only: load_type
   use viscovib_mount, only: mount_type
-  use viscovib_mounted_body, only: mounted_body
+  use viscovib_mounted_body, only: mounted_body, rest_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
@@ -34,10 +34,11 @@ module viscovib_subject
     logical :: goes_whole = .false.
     !> A body with finite rotations; with small rotations it is a polynomial system.
     logical :: is_turning = .false.
-    !> True for any body in space: its centre of mass in the axes of the positions, and its rotation
-    !! at rest.
+    !> True for any body in space: its centre of mass in the axes of the positions, its static
+    !! equilibrium, and its rotation there.
     logical :: is_body = .false.
     type(mounted_body) :: body
+    type(rest_type) :: rest
     type(kernel_holder), allocatable :: body_kernels(:)
     real(wp) :: center(3) = 0.0_wp, axes(3, 3) = 0.0_wp
     !> Warnings from reading, one per line.

@@ -6,10 +6,11 @@
 module viscovib_located_peaks
   use viscovib_kinds, only: wp
   use viscovib_quadrature, only: lagrange, lagrange_factors
+  use viscovib_sorting, only: sort_reals
   implicit none
   private
 
-  public :: locate_peaks
+  public :: is_loose, locate_peaks, peak_windows
 
   !> Samples of a polynomial on each side of a sample; samples left out for the error.
   integer, parameter :: n_beside = 6, n_left_out = 2
@@ -20,8 +21,56 @@ module viscovib_located_peaks
   !! are closer by a factor.
   integer, parameter :: n_parts = 8, n_parabolas = 3
   real(wp), parameter :: closer = 0.125_wp
+  !> Largest error of a location by the samples, relative to the peak; intervals of the Chebyshev
+  !! points of a window.
+  real(wp), parameter :: close = 1.0e-9_wp, pi = acos(-1.0_wp)
+  integer, parameter :: n_chebyshev = 16
 
 contains
+
+  !> True if a peak needs more samples (`peak_windows`).
+  elemental logical function is_loose(peak, error)
+    real(wp), intent(in) :: peak, error
+    is_loose = error > close*abs(peak)
+  end function is_loose
+
+  !> Times at which more samples of a quantity locate its peak, ascending, and the ends of the
+  !! windows in which they are: between these ends the samples belong together.
+  pure subroutine peak_windows(t, values, times, ends)
+    real(wp), intent(in) :: t(:), values(:)
+    real(wp), allocatable, intent(out) :: times(:), ends(:)
+    real(wp) :: parts(0:n_chebyshev)
+    integer :: i, tops(most), n_tops
+
+    parts = [((1.0_wp - cos(pi*i/n_chebyshev))/2.0_wp, i=0, n_chebyshev)]
+    call find_tops(values, maxval(abs(values)), tops, n_tops)
+    allocate (times(0), ends(0))
+    do i = 1, n_tops
+      associate (a => t(max(tops(i) - 1, 1)), b => t(min(tops(i) + 1, size(t))))
+        ends = [ends, a, b]
+        times = [times, a + (b - a)*parts]
+      end associate
+    end do
+    call sort_reals(times)
+    times = [times(1), pack(times(2:), times(2:) > times(:size(times) - 1))]
+  end subroutine peak_windows
+
+  !> The largest samples that are not below their neighbours, in descending order.
+  pure subroutine find_tops(values, largest, tops, n_tops)
+    real(wp), intent(in) :: values(:), largest
+    integer, intent(out) :: tops(most), n_tops
+    real(wp) :: here
+    integer :: i, n
+    n = size(values)
+    tops = 1
+    n_tops = 0
+    do i = 1, n
+      here = abs(values(i))
+      if (here < near*largest) cycle
+      if (here < abs(values(max(i - 1, 1))) .or. here < abs(values(min(i + 1, n)))) cycle
+      call insert(values, i, tops, n_tops)
+    end do
+  end subroutine find_tops
 
   !> Peaks of several quantities.
   pure subroutine locate_peaks(t, values, breaks, peak, at, error)
@@ -38,13 +87,7 @@ contains
     n = size(t)
     do k = 1, size(values, 2)
       largest = maxval(abs(values(:, k)))
-      n_tops = 0
-      do i = 1, n
-        here = abs(values(i, k))
-        if (here < near*largest) cycle
-        if (here < abs(values(max(i - 1, 1), k)) .or. here < abs(values(min(i + 1, n), k))) cycle
-        call insert(values(:, k), i, tops, n_tops)
-      end do
+      call find_tops(values(:, k), largest, tops, n_tops)
       peak(k) = values(tops(1), k)
       at(k) = t(tops(1))
       error(k) = 0.0_wp

@@ -111,6 +111,7 @@ contains
     subject%warned = doubt_units(body, pack([(i, i=1, size(body%axis_of))], body%axis_of == 1), &
                                  names, angles)
     subject%center = center
+    subject%rest = rest
     subject%axes = rest%axes(body%exact)
     status = reader%status
   end subroutine read_body

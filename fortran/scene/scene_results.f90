@@ -240,6 +240,12 @@ contains
       end if
       call move_alloc(motion, own%motion)
     end if
+    if (subject%is_body) own%motion%wants_forces = reader%read_yes('forces')
+    own%motion%wants_peaks = reader%read_yes('peaks')
+    if (own%motion%wants_peaks .and. own%motion%last_only) then
+      call reader%complain('peaks', "peaks = 'yes': needs the states all along, must be 'no' " &
+                           //"with keep = 'last'")
+    end if
     call move_alloc(own, job)
   end subroutine read_motion_job
 

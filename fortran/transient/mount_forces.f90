@@ -23,9 +23,20 @@ module viscovib_mount_forces
     !> In axes of the floor: the point of each force, shape (n, 3, n_mounts), and the force and the
     !! moment about the origin of all mounts on the floor, shape (n, 6).
     real(wp), allocatable :: point(:, :, :), floor(:, :)
+  contains
+    procedure :: force
   end type mount_forces_type
 
 contains
+
+  !> Force of a mount along one of its axes, opposite to the deflection.
+  pure function force(self, axis, mount)
+    class(mount_forces_type), intent(in) :: self
+    integer, intent(in) :: axis, mount
+    real(wp) :: force(size(self%elastic, 1))
+    force = self%elastic(:, axis, mount) + self%damping(:, axis, mount) &
+            + self%memory(:, axis, mount)
+  end function force
 
   !> Forces at states of a motion.
   subroutine find_mount_forces(springs, mount_of, exact, center, u, rate, memory, forces)
@@ -189,8 +200,7 @@ contains
     do a = 1, 3
       do b = 1, 3
         associate (e => springs(a)%direction(b))
-          force(:, b) = force(:, b) + e*(forces%elastic(:, a, m) + forces%damping(:, a, m) &
-                                         + forces%memory(:, a, m))
+          force(:, b) = force(:, b) + e*forces%force(a, m)
           moment(:, b) = moment(:, b) + e*forces%moment(:, a, m)
         end associate
       end do

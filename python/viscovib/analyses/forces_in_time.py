@@ -56,9 +56,8 @@ def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
     parts = ("deflection", "rate", "elastic", "damping", "memory", "moment", "point")
     axes = np.array([mount.rotation for mount in body.mounts]).reshape(-1, 3, 3)
     names = tuple(mount.name for mount in body.mounts)
-    return MountForcesInTime(
-        motion.t, names, *(found[part].transpose(0, 2, 1) for part in parts), axes, found["floor"]
-    )
+    shown = {part: found[part].transpose(0, 2, 1) for part in parts}
+    return MountForcesInTime(motion.t, names, **shown, axes=axes, _floor=found["floor"])
 
 
 def _of_mounts(body: Body, motion: KnownMotion) -> dict[str, Any]:

@@ -188,17 +188,18 @@ def _run(options: argparse.Namespace) -> int:
     wanting = "spectrum" in scene.groups and result.spectrum is None
     if result.spectrum is not None:
         wanting = not result.spectrum.complete
-        tables.append(options.out / f"{options.scene.stem}_spectrum.csv")
-        result.spectrum_to_csv(tables[-1])
-    if result.events is not None:
-        tables.append(options.out / f"{options.scene.stem}_event.csv")
-        result.events_to_csv(tables[-1])
-    if result.decay is not None:
-        tables.append(options.out / f"{options.scene.stem}_free_decay.csv")
-        result.decay_to_csv(tables[-1])
-    if result.shock_spectrum is not None:
-        tables.append(options.out / f"{options.scene.stem}_shock_spectrum.csv")
-        result.shock_spectrum_to_csv(tables[-1])
+    further = {
+        "spectrum": (result.spectrum, result.spectrum_to_csv),
+        "event": (result.events, result.events_to_csv),
+        "free_decay": (result.decay, result.decay_to_csv),
+        "shock_spectrum": (result.shock_spectrum, result.shock_spectrum_to_csv),
+        "forces": (result.forces, result.forces_to_csv),
+        "peaks": (result.peaks, result.peaks_to_csv),
+    }
+    for name, (found, write) in further.items():
+        if found is not None:
+            tables.append(options.out / f"{options.scene.stem}_{name}.csv")
+            write(tables[-1])
     pictures = _picture(options, result)
     status = 0 if value.complete and not wanting else _UNSOLVED
     if options.json:

@@ -16,12 +16,6 @@ from viscovib.errors import InputError
 
 #: Local axes of a mount.
 _AXES = ("x", "y", "z")
-#: Points around a state, as parts of the interval, if the states kept are too far apart.
-_CHEBYSHEV = (1 - np.cos(np.pi * np.arange(17) / 16)) / 2
-#: States around which a peak may be: as large as this part of the largest, and how many.
-_NEAR, _MOST = 0.9, 4
-#: Largest error of a location by the states kept, as part of the peak.
-_CLOSE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -94,38 +88,29 @@ def find_peaks(run: Any, quantities: Sequence[Quantity]) -> list[LocatedPeak]:
     for k, (name, function) in enumerate(named):
         kept[:, k] = _values(name, function, run)
     breaks = getattr(run._resume, "breaks", np.empty(0))
-    found = _located(run.t, kept, breaks)
-    loose = np.flatnonzero(found[:, 2] > _CLOSE * np.abs(found[:, 0])).tolist()
-    if loose:
-        windows = [_windows(run.t, kept[:, k]) for k in loose]
-        points = [np.unique(a + (b - a) * _CHEBYSHEV) for a, b in windows]
-        wanted = np.unique(np.concatenate(points))
+    found, windows = _located(run.t, kept, breaks)
+    if windows:
+        wanted = np.unique(np.concatenate([times for times, _ in windows.values()]))
         fine = replace(run, t=wanted, state=run(wanted))
-        for k, t, (a, b) in zip(loose, points, windows, strict=True):
+        for k, (t, ends) in windows.items():
             values = _values(*named[k], fine)[np.searchsorted(wanted, t), np.newaxis]
-            # Windows that do not touch are apart.
-            apart = np.unique(np.concatenate([breaks, a.ravel(), b.ravel()]))
-            found[k] = _located(t, values, apart)
+            found[k] = _located(t, values, np.unique(np.concatenate([breaks, ends])))[0]
     if run.error is not None:
         # As much of it as the motion is off by of itself.
         found[:, 2] += run.error * np.abs(found[:, 0]) / max(np.abs(run.state).max(), 1e-300)
     return [LocatedPeak(name, *one) for (name, _), one in zip(named, found.tolist(), strict=True)]
 
 
-def _located(t: FloatArray, values: FloatArray, breaks: FloatArray) -> FloatArray:
-    """Return values, times and errors of peaks, shape (m, 3), of samples (n, m)."""
+def _located(
+    t: FloatArray, values: FloatArray, breaks: FloatArray
+) -> tuple[FloatArray, dict[int, tuple[FloatArray, FloatArray]]]:
+    """Return values, times and errors of peaks, shape (m, 3), of samples (n, m).
+
+    Also, for quantities that need more samples, their times and the ends of separate windows.
+    """
     found = _native.run("motion peaks", t=t, values=values, breaks=breaks)
-    return np.stack([found["peak"], found["at"], found["error"]], axis=1)
-
-
-def _windows(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Times before and after the states near the largest values, shape (m, 1) each."""
-    size = np.abs(values)
-    above = np.concatenate([[-1.0], size, [-1.0]])
-    high = size >= _NEAR * float(size.max())
-    tops = np.flatnonzero(high & (size >= above[:-2]) & (size >= above[2:]))
-    tops = np.sort(tops[np.argsort(-size[tops], kind="stable")][:_MOST])[:, np.newaxis]
-    return t[np.maximum(tops - 1, 0)], t[np.minimum(tops + 1, t.size - 1)]
+    windows = {k - 1: (found[f"times_{k}"], found[f"ends_{k}"]) for k in found["loose"].tolist()}
+    return np.stack([found["peak"], found["at"], found["error"]], axis=1), windows
 
 
 def _values(name: str, function: Callable[[Any], Any], run: Any) -> FloatArray:

@@ -46,6 +46,8 @@ _SUBJECTS = (
 
 #: Groups whose tables are additions to that of another group.
 _FURTHER = ("spectrum", "event", "free_decay", "shock_spectrum")
+#: Keys of &transient that request tables of their own.
+_TABLES = ("forces", "peaks")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,9 +80,15 @@ class SceneResult:
     #: The table of &free_decay; the motion itself is then a table too.
     decay: TableResult | None = None
     shock_spectrum: ShockResponseSpectrum | None = None
+    #: The tables of ``forces = 'yes'`` and ``peaks = 'yes'`` in &transient.
+    forces: TableResult | None = None
+    peaks: TableResult | None = None
 
     def __repr__(self) -> str:
-        parts = (self.spectrum, self.events, self.decay, self.shock_spectrum, *self.switched)
+        parts = (
+            self.spectrum, self.events, self.decay, self.shock_spectrum, self.forces, self.peaks,
+            *self.switched,
+        )  # fmt: skip
         more = [repr(one) for one in parts if one is not None]
         return "\n".join([f"<SceneResult of {self.scene.path.name}>", repr(self.value), *more])
 
@@ -143,8 +151,20 @@ class SceneResult:
             raise InputError("shock_spectrum_to_csv: this scene has no &shock_spectrum")
         self._write(self.shock_spectrum, path)
 
+    def forces_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of mount forces."""
+        if self.forces is None:
+            raise InputError("forces_to_csv: this scene has no forces = 'yes'")
+        self._write(self.forces, path)
+
+    def peaks_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of peaks."""
+        if self.peaks is None:
+            raise InputError("peaks_to_csv: this scene has no peaks = 'yes'")
+        self._write(self.peaks, path)
+
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
-        group = "transient" if value.kind == "event" else value.kind
+        group = "transient" if value.kind in ("event", *_TABLES) else value.kind
         group = group.replace("shock_response", "shock")
         wanted = self.scene.groups[group].get("coordinates")
         title = self.scene.groups.get("scene", {}).get("title", "")
@@ -193,7 +213,8 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute a scene without &sweep."""
     planned = plan(scene)
-    if not scene.groups.keys().isdisjoint(("structure", "body", "free_decay")):
+    by_core = not scene.groups.keys().isdisjoint(("structure", "body", "free_decay"))
+    if by_core or _tables_of(scene):
         return _by_core(scene, planned)
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
@@ -242,6 +263,12 @@ def _extra_columns(scene: Scene, name: str) -> tuple[str, ...]:
     return tuple(key for key in ("sampling", "dissipation") if scene.groups[name].get(key) == "yes")
 
 
+def _tables_of(scene: Scene) -> list[str]:
+    """Tables that keys of &transient request."""
+    group = scene.groups.get("transient", {})
+    return [key for key in _TABLES if group.get(key) == "yes"]
+
+
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     """Compute everything in the core; the result has the tables of the standalone driver."""
     kinds = [name for name, group in scene.groups.items() if name not in _SUBJECTS and group != []]
@@ -251,14 +278,17 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     if many and (many != "ensemble" or scene.groups[many]["sections"]):
         first, *more = run_tables(scene, [many, f"{many}_1"], planned)
         return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
-    first, *further_tables = run_tables(scene, kinds, planned)
+    first, *further_tables = run_tables(scene, kinds + _tables_of(scene), planned)
     further = {table.kind: table for table in further_tables}
     spectra, located, decay, shock = map(further.get, _FURTHER)
     extremes = None
     if shock is not None:
         group = scene.groups["shock_spectrum"]
         extremes = spectrum_of_table(shock.notes, shock.columns, group)
-    return SceneResult(scene, first, spectra, located, decay=decay, shock_spectrum=extremes)
+    return SceneResult(
+        scene, first, spectra, located, decay=decay, shock_spectrum=extremes,
+        forces=further.get("forces"), peaks=further.get("peaks"),
+    )  # fmt: skip
 
 
 def _events(scene: Scene, run: Trajectory) -> TableResult | None:
