@@ -11,7 +11,7 @@ module viscovib_many_job
   use viscovib_rounded, only: error_digits
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
-  use viscovib_table, only: table_type
+  use viscovib_table, only: listed, table_type
   use viscovib_time_run, only: run_completed, run_names
   use viscovib_varied_system, only: varied_system
   implicit none
@@ -33,8 +33,13 @@ module viscovib_many_job
     !! load `sections` if that is not 0.
     real(wp) :: t_end = 0.0_wp, discard = 0.0_wp
     integer :: n_periods = 0, sections = 0
-    !> Step size; 0: determined by the tolerance of the last states.
-    real(wp) :: dt = 0.0_wp, tolerance = 1.0e-8_wp
+    !> Step size; 0: determined by the allowed error of last states, peaks and means.
+    real(wp) :: dt = 0.0_wp
+    !> Allowed error, and in addition relative to the largest value of each coordinate.
+    real(wp) :: absolute = 0.0_wp, relative = 0.0_wp
+    !> Frequencies of amplitudes (rad/s); not allocated: none. Steps between the samples for them.
+    real(wp), allocatable :: lines(:)
+    integer :: sample_every = 1
     !> Index in `lane_methods`; of motions that are computed by themselves in their methods.
     integer :: method = 4
     logical :: side_by_side = .true.
@@ -69,9 +74,15 @@ contains
     if (self%dt > 0.0_wp) then
       text = text//step_given_note//new_line('a')
     else
-      text = text//step_halved_note//show(self%tolerance)//new_line('a')
+      text = text//step_halved_note//error_of(self)//new_line('a')
     end if
-    text = text//'computes: peaks and rms'//new_line('a')
+    text = text//'computes: peaks, means and rms'//new_line('a')
+    if (allocated(self%lines)) then
+      text = text//'computes: amplitudes at '//things(size(self%lines), 'frequency', &
+                                                      'frequencies')//new_line('a')
+    else
+      text = text//'skips: amplitudes (not requested)'//new_line('a')
+    end if
     if (self%sections > 0) then
       text = text//'computes: sections'//new_line('a')
     else
@@ -112,13 +123,14 @@ contains
       call runs%make(n, many, status)
       change = -1.0_wp
     else
-      call runs%refine(n, self%tolerance, 0.0_wp, many, change, met, status)
+      call runs%refine(n, self%absolute, self%relative, many, change, met, status)
       if (.not. (met .or. status%failed())) then
-        call fail(status, status_input_error, 'tolerance', 'tolerance = '//show(self%tolerance) &
+        call fail(status, status_input_error, 'tolerance', 'tolerance = '//error_of(self) &
                   //': not met with '//show(real(n, wp))//' steps; some motion may be chaotic: ' &
                   //'give dt')
       end if
     end if
+    if (.not. status%failed()) call check_samples(self, runs%spans, n, status)
     if (status%failed()) return
     call put_tables(self, subject, many, change, sink, status)
     report%complete = all(many%ended == run_completed)
@@ -128,6 +140,33 @@ contains
     if (change >= 0.0_wp) report%summary = report%summary//', estimated error ' &
                                            //error_digits(change)
   end subroutine run
+
+  !> The allowed error as a text.
+  function error_of(self) result(text)
+    class(many_job), intent(in) :: self
+    character(len=:), allocatable :: text
+    text = show(self%absolute)
+    if (self%relative > 0.0_wp) text = show(self%relative)//' of the largest'
+    if (min(self%absolute, self%relative) > 0.0_wp) text = show(self%absolute)//' and '//text
+  end function error_of
+
+  !> Fail if samples are too far apart for a frequency of amplitudes.
+  subroutine check_samples(self, spans, n, status)
+    class(many_job), intent(in) :: self
+    !> Lengths of the motions, in n steps each.
+    real(wp), intent(in) :: spans(:)
+    integer(i8), intent(in) :: n
+    type(status_type), intent(inout) :: status
+    real(wp) :: apart
+
+    if (.not. allocated(self%lines)) return
+    apart = self%sample_every*maxval(spans)/n
+    if (maxval(self%lines)*apart < pi) return
+    call fail(status, status_input_error, 'sample_every', 'sample_every = ' &
+              //show(self%sample_every)//': states '//show(apart)//' apart resolve no frequency ' &
+              //'of '//show(pi/apart)//' or more, amplitudes_at has '//show(maxval(self%lines)) &
+              //': must be smaller')
+  end subroutine check_samples
 
   !> Set up the motions.
   subroutine lay_out(self, subject, runs, fastest, status)
@@ -157,6 +196,8 @@ contains
       runs%discard = self%discard
     end if
     runs%moments = .true.
+    if (allocated(self%lines)) runs%lines = self%lines
+    runs%sample_every = self%sample_every
     runs%lyapunov = self%lyapunov
     call runs%lay_out(self%t_end, fastest, status)
     if (.not. fastest > 0.0_wp) fastest = pi/maxval(runs%spans)
@@ -176,7 +217,7 @@ contains
     integer, allocatable :: whole(:)
     integer :: i, j, k, n
 
-    call table%note('last states, largest sizes and rms of each motion'//error_text(error))
+    call table%note('last states, largest sizes, means and rms of each motion'//error_text(error))
     call table%hold_reals(self%vary, self%values)
     call table%add_words('outcome', many%ended, run_names)
     call table%add_reals('t_reached', many%t_reached)
@@ -186,7 +227,17 @@ contains
       call table%hold_reals(name, many%state(2*j - 1, :))
       call table%hold_reals(name//'_dot', many%state(2*j, :))
       call table%hold_reals('peak_'//name, many%peak(2*j - 1, :))
+      call table%hold_reals('mean_'//name, many%mean(2*j - 1, :))
       call table%hold_reals('rms_'//name, many%rms(2*j - 1, :))
+    end do
+    if (allocated(self%lines)) then
+      call table%note('amplitudes at'//listed(self%lines)//' rad/s')
+    end if
+    do i = 1, size(self%wanted)*size(many%amplitudes, 2)
+      j = self%wanted((i - 1)/size(many%amplitudes, 2) + 1)
+      k = modulo(i - 1, size(many%amplitudes, 2)) + 1
+      call table%add_complex(trim(subject%coordinates(j))//'_'//show(k), &
+                             many%amplitudes(j, k, :))
     end do
     if (self%lyapunov) then
       call table%add_reals('lyapunov', many%lyapunov(1, :))

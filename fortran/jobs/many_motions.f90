@@ -65,11 +65,28 @@ contains
     self%lyapunov(:, i) = block%lyapunov(l, :size(self%lyapunov, 1))
     self%lyapunov_error(:, i) = block%lyapunov_error(l, :size(self%lyapunov, 1))
     if (size(self%amplitudes, 2) > 0) self%amplitudes(:, :, i) = transpose(block%lines(l, :, :))
-    if (size(self%peak) == 0) return
-    call put_moments(block%peak(l, :, :), self%peak(:, i))
-    call put_moments(block%mean(l, :, :), self%mean(:, i))
-    call put_moments(block%rms(l, :, :), self%rms(:, i))
+    if (size(self%peak) > 0) then
+      call put_moments(block%peak(l, :, :), self%peak(:, i))
+      call put_moments(block%mean(l, :, :), self%mean(:, i))
+      call put_moments(block%rms(l, :, :), self%rms(:, i))
+    end if
+    call blank_early(self, i)
   end subroutine take_lane
+
+  !> Set what was gathered along motion i to NaN if it ended early.
+  subroutine blank_early(self, i)
+    class(many_motions), intent(inout) :: self
+    integer, intent(in) :: i
+    real(wp) :: unset
+
+    if (self%ended(i) == run_completed) return
+    unset = ieee_value(unset, ieee_quiet_nan)
+    self%amplitudes(:, :, i) = cmplx(unset, unset, wp)
+    if (size(self%peak) == 0) return
+    self%peak(:, i) = unset
+    self%mean(:, i) = unset
+    self%rms(:, i) = unset
+  end subroutine blank_early
 
   !> Interleave the values of displacements and velocities.
   pure subroutine put_moments(of_block, of_run)
@@ -90,14 +107,12 @@ contains
     self%t_reached(i) = found%t_reached
     if (size(self%sections) > 0) self%sections(rows, :, i) = found%sections
     if (size(self%amplitudes) > 0) self%amplitudes(:, :, i) = found%amplitudes
-    if (size(self%peak) == 0) return
-    self%peak(rows, i) = found%peak
-    self%mean(rows, i) = found%mean
-    self%rms(rows, i) = found%rms
-    if (found%ended == run_completed) return
-    self%peak(:, i) = ieee_value(0.0_wp, ieee_quiet_nan)
-    self%mean(:, i) = self%peak(:, i)
-    self%rms(:, i) = self%peak(:, i)
+    if (size(self%peak) > 0) then
+      self%peak(rows, i) = found%peak
+      self%mean(rows, i) = found%mean
+      self%rms(rows, i) = found%rms
+    end if
+    call blank_early(self, i)
   end subroutine take_single
 
   !> Test if motions with half the step size agree, and compute their difference; if they agree, the

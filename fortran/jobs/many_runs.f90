@@ -34,6 +34,8 @@ module viscovib_many_runs
   integer, parameter, public :: of_parameter = size(system_numbers) + 1
   !> Halvings of the step before a tolerance is given up.
   integer, parameter :: most_halvings = 12
+  !> Smallest number of steps with samples for amplitudes, in units of the first number.
+  integer, parameter :: sampled = 8
   !> Largest number of systems in memory; of steps of a motion.
   integer, parameter :: most_built = 4096
   real(wp), parameter :: most_steps = 1.0e10_wp
@@ -62,6 +64,9 @@ module viscovib_many_runs
     !! `discard` is the time before.
     integer :: sections = 0, n_periods = 0, periods_before = 0
     real(wp) :: discard = 0.0_wp
+    !> Frequencies of amplitudes (not allocated: none), and steps between the samples for them.
+    real(wp), allocatable :: lines(:)
+    integer :: sample_every = 1
     !> Whether to compute peaks and means, and the largest exponent.
     logical :: moments = .false., lyapunov = .false.
     !> Steps of the first runs (0: none yet), and motions that are computed separately since.
@@ -103,6 +108,7 @@ contains
     fastest = 0.0_wp
     self%side_by_side = self%subject%goes_side_by_side()
     if (.not. allocated(self%wanted)) self%wanted = [(i, i=1, size(self%starts, 1)/2)]
+    if (.not. allocated(self%lines)) allocate (self%lines(0))
     if (.not. allocated(self%in_parts)) allocate (self%in_parts(n), source=.false.)
     if (.not. self%side_by_side) then
       call lay_out_singles(self, fastest, status)
@@ -346,7 +352,8 @@ contains
     job%n_steps = n
     job%moments = self%moments
     job%n_exponents = merge(1, 0, self%lyapunov)
-    allocate (job%lines(0))
+    job%sample_every = self%sample_every
+    job%lines = self%lines
     if (self%n_periods > 0) then
       job%section_every = n/self%n_periods
       job%n_discard = self%periods_before*job%section_every
@@ -529,6 +536,7 @@ contains
         request%n_steps = job%n_steps
         request%n_discard = job%n_discard
         request%section_every = job%section_every
+        request%sample_every = job%sample_every
         request%moments = self%moments
         request%since = since
         request%in_parts = self%in_parts(i)
@@ -567,9 +575,13 @@ contains
       if (status%failed()) return
       call compare(coarse, many, absolute, relative, change, met)
       changes(i) = change
-      if (met .or. hopeless(changes(:i))) return
+      if (met .or. hopeless(changes(:i))) exit
       coarse = many
     end do
+    ! Samples for amplitudes need shorter steps than the states.
+    if (.not. met .or. size(self%lines) == 0 .or. n >= sampled*self%n_first) return
+    n = sampled*self%n_first
+    call self%make(n, many, status)
   end subroutine refine
 
   ! Numbers of a pendulum that vary from motion to motion.

@@ -14,8 +14,10 @@ module viscovib_ensemble_groups
   use viscovib_namelist, only: namelist_type
   use viscovib_near_words, only: listed, longest
   use viscovib_number_text, only: exact
+  use viscovib_repeating_groups, only: read_accuracy
   use viscovib_scene_groups, only: place_of
   use viscovib_scene_subject, only: read_subject
+  use viscovib_shooting, only: accuracy_type
   use viscovib_status, only: show, status_type
   use viscovib_subject, only: subject_type
   use viscovib_varied_system, only: varied_system
@@ -23,6 +25,9 @@ module viscovib_ensemble_groups
   private
 
   public :: read_ensemble
+
+  !> Default of the tolerance.
+  real(wp), parameter :: usual_error = 1.0e-8_wp
 
   !> The system of a scene with other values of one of its &parameters.
   type, extends(varied_system) :: varied_parameter
@@ -39,6 +44,7 @@ contains
     type(namelist_type), intent(in) :: file
     type(subject_type), intent(in) :: subject
     type(many_job), intent(out) :: job
+    type(accuracy_type) :: accuracy
     real(wp) :: from, to
     integer :: count_of
 
@@ -67,7 +73,12 @@ contains
     call read_length(reader, subject, job)
     if (reader%status%failed()) return
     job%dt = reader%read_real('dt')
-    job%tolerance = reader%read_real('tolerance')
+    call read_accuracy(reader, accuracy)
+    job%absolute = accuracy%absolute
+    job%relative = accuracy%relative
+    if (.not. max(job%absolute, job%relative) > 0.0_wp) job%absolute = usual_error
+    if (reader%may_have('amplitudes_at')) job%lines = reader%read_reals('amplitudes_at')
+    job%sample_every = reader%read_integer('sample_every')
     call read_method(reader, subject, job)
     job%lyapunov = reader%read_yes('lyapunov')
     if (reader%status%failed()) return

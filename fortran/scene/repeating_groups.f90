@@ -10,7 +10,7 @@ module viscovib_repeating_groups
   implicit none
   private
 
-  public :: read_steady_motion, read_trace_motion
+  public :: read_accuracy, read_steady_motion, read_trace_motion
 
 contains
 

@@ -140,6 +140,61 @@ def test_every_number_of_a_pendulum_varies(solve, tmp_path):
         np.testing.assert_allclose(found, many.state, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("law", ["0.4*x^3", "5*max(x - 0.2, 0)"])
+@pytest.mark.parametrize("accuracy", ["dt=0.05", "rtol=1e-7 atol=1e-9"])
+def test_statistics_and_amplitudes(solve, tmp_path, law, accuracy):
+    """All columns against Python, side by side and one after another."""
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        stiffness, damping = rng.uniform(0.5, 2), rng.uniform(0.1, 0.3)
+        lines = np.sort(rng.uniform(0.5, 2, 2)).tolist()
+        text = (
+            f"&system coordinates='y' 'x' mass=1 2 damping={damping!r} {damping!r}\n"
+            f"  stiffness={stiffness + 1!r} -1 -1 {stiffness + 1!r} /\n"
+            f"&force on='x' law='{law}' /\n&load on='x' amplitude=0.4 /\n"
+            "&ensemble vary='nu' from=0.8 to=1.6 count=3 initial=0 0 0 0 t_end=30 discard=7\n"
+            f"  {accuracy} amplitudes_at={lines[0]!r} {lines[1]!r} sample_every=3 /\n"
+        )
+        table = _run(solve, tmp_path, text)
+        system = vv.PolynomialSystem(
+            names=["y", "x"], mass=[1, 2], damping=[damping, damping], forces={"x": law},
+            stiffness=[[stiffness + 1, -1], [-1, stiffness + 1]],
+        )  # fmt: skip
+        given = {name: float(value) for name, value in
+                 (one.split("=") for one in accuracy.split())}  # fmt: skip
+        many = vv.simulate_ensemble(
+            system, initial=np.zeros(4), t_end=30, discard=7, parameters={"nu": table["nu"]},
+            load={"x": 0.4}, statistics=True, amplitudes_at=lines, sample_every=3, **given,
+        )  # fmt: skip
+        for j, name in enumerate(system.dof_names):
+            for kind in ("peak", "mean", "rms"):
+                found = table[f"{kind}_{name}"]
+                np.testing.assert_allclose(found, getattr(many, kind)[:, 2 * j], rtol=1e-12)
+            for k in range(2):
+                found = table[f"{name}_{k + 1}_re"] + 1j * table[f"{name}_{k + 1}_im"]
+                np.testing.assert_allclose(found, many.amplitudes[:, k, j], rtol=0, atol=1e-12)
+
+
+def test_amplitudes_of_a_linear_spring(solve, tmp_path):
+    """The steady amplitude in closed form; a motion that diverges has none."""
+    text = (
+        "&system coordinates='x' mass=1 stiffness=4 damping=0.8 /\n&load on='x' amplitude=1 /\n"
+        "&ensemble vary='nu' from=1 to=1.2 count=2 initial=0 0 t_end=250 discard=60\n"
+        "  amplitudes_at=1 /\n"
+    )
+    table = _run(solve, tmp_path, text)
+    assert np.hypot(table["x_1_re"][0], table["x_1_im"][0]) == pytest.approx(
+        1 / abs(3 + 0.8j), rel=1e-6
+    )
+    away = text.replace("&load", "&force on='x' law='-5*x^3' /\n&load").replace("0 0 t", "3 0 t")
+    scene = tmp_path / "many.nml"
+    scene.write_text(away)
+    assert solve(scene, "--out", tmp_path).returncode == 1
+    table = read_csv(tmp_path / "many_ensemble.csv")
+    assert set(table["outcome"]) == {"diverged"}
+    assert np.isnan([table[name][0] for name in ("peak_x", "mean_x", "x_1_re", "x_1_im")]).all()
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
@@ -148,6 +203,10 @@ def test_every_number_of_a_pendulum_varies(solve, tmp_path):
         ({"count=9": "count=0"}, "must be 1 to"),
         ({"sections=1": "sections=2"}, "must be 0 to 1"),
         ({"n_periods=4": "t_end=4"}, "n_periods"),
+        ({"tolerance=1e-9": "tolerance=1e-9 rtol=1e-6"}, "must not be given with rtol"),
+        ({"tolerance=1e-9": "sample_every=0"}, "must be 1 to"),
+        ({"tolerance=1e-9": "amplitudes_at=-1"}, "must be greater than 0"),
+        ({"tolerance=1e-9": "amplitudes_at=90"}, "resolve no frequency of"),
         ({"discard=2": "discard=4"}, "less than the run"),
         ({"nu=1.2": ""}, "nu"),
         ({"vary='load_scale' from=0.2": "vary='nu' from=0.2"}, "the frequency is what varies"),

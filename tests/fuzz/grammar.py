@@ -28,7 +28,8 @@ SEEDS = {
   n_periods=6 discard=2 dt=0.1 lyapunov='yes' coordinates='x' tolerance=1e-6 method='dop8' /
 """,
     "ensemble_of_pendulums": """&pendulum e=0.1 w2=0.4 w3=0.8 alpha=0.5 f0=0.002 p1=1.02 /
-&ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=5 discard=1 /
+&ensemble vary='f0' from=0.001 to=0.004 count=4 initial=0 0 0.1 0 0 0 t_end=5 discard=1
+  rtol=1e-5 atol=1e-9 amplitudes_at=0.4 1.02 sample_every=2 /
 """,
     "ensemble_one_by_one": """&structure mass=1 1 stiffness=2 -1 -1 2 damping=0.1 0.1 /
 &kernel weights=0.2 rates=1 kind='prony' /

@@ -310,7 +310,8 @@ CALLS = {
 #: Arguments of Python whose range depends on the call, and words for other values.
 OTHER = {
     "response.relaxation", "branch.nu", "trace_motion.nu", "transient.nu", "ensemble.nu",
-    "basins.nu", "transient.dt", "ensemble.dt", "basins.dt", "transient.atol", "transient.tail",
+    "basins.nu", "transient.dt", "ensemble.dt", "ensemble.amplitudes_at", "basins.dt",
+    "transient.atol", "transient.tail",
     "transient.times", "transient.save_every", "ensemble.n_periods", "basins.t_end",
     "basins.sections", "body.mass",
 }  # fmt: skip

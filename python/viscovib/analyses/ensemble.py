@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,8 @@ from viscovib.systems.system import turned
 #: Motions computed together: in a block of vector lanes, and by Taylor's method.
 _LANES, _WIDE = 8, 32
 _MAX_STEPS = 10**12
+#: Largest number of steps between samples, as in scenes.
+_MOST_APART = 10**9
 #: Largest number of trajectories per native call, which sets the interval of progress.
 _MAX_PIECE = 1024
 #: Largest number of steps of all runs (a tenth of a second) for a direct call, without a second
@@ -202,7 +204,7 @@ def simulate_ensemble(
     exponents = 2 * len(members.dof_names) if all_of_them else int(some)
     place = SIDE_BY_SIDE.get(members.method_name, 0)
     wanted = Accuracy.checked(tolerance, rtol, atol, None) or Accuracy(_TOLERANCE)
-    every = _native.integer("sample_every", sample_every, 1, _MAX_STEPS)
+    every = _native.integer("sample_every", sample_every, 1, _MOST_APART)
     lines = np.empty(0)
     if amplitudes_at is not None:
         lines = _native.real_array("amplitudes_at", amplitudes_at, ndim=1)
@@ -246,10 +248,10 @@ def simulate_ensemble(
         outcome=names[raw.ended],
         step=h,
         dt=length.spacing,
-        peak=_of_whole(raw.peak, raw.ended),
-        mean=_of_whole(raw.mean, raw.ended),
-        rms=_of_whole(raw.rms, raw.ended),
-        amplitudes=_of_whole(raw.amplitudes, raw.ended),
+        peak=raw.peak,
+        mean=raw.mean,
+        rms=raw.rms,
+        amplitudes=raw.amplitudes,
         sections=points,
         **_exponents_of(raw),
         error=error,
@@ -518,16 +520,6 @@ def _errors_by_neighbours(
             rounding_of(np.abs(lines)) if lines.size else 0.0,
         )
     return _Neighbour(sections, amplitudes)
-
-
-_Array = TypeVar("_Array", FloatArray, ComplexArray)
-
-
-def _of_whole(gathered: _Array | None, ended: npt.NDArray[np.intc]) -> _Array | None:
-    """Set results of runs that did not reach their end to NaN (real and imaginary part)."""
-    if gathered is not None:
-        gathered[ended != 0] = complex(np.nan, np.nan) if np.iscomplexobj(gathered) else np.nan
-    return gathered
 
 
 class _Job:

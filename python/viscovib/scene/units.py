@@ -34,7 +34,7 @@ _ELEMENTS = {
 _TIMES = ("t_end", "dt", "discard")
 #: Groups with initial values.
 _STARTS = ("transient", "ensemble", "basins")
-_FREQUENCIES = ("nu", "nu_from", "nu_to", "p1", "p2", "p3")
+_FREQUENCIES = ("nu", "nu_from", "nu_to", "p1", "p2", "p3", "amplitudes_at")
 
 
 def unit_of(groups: Mapping[str, Any], key: str) -> str:
