@@ -35,6 +35,9 @@ contains
     if (subject%is_turning) then
       call fail(status, status_input_error, 'dissipation', "dissipation = yes: is not available " &
                 //"for a &body with geometry = 'exact', must be no")
+    else if (subject%model%supports%pull) then
+      call fail(status, status_input_error, 'dissipation', 'dissipation = yes: is not available ' &
+                //'with supports that pull at springs or dampers, must be no')
     else if (subject%is_structure) then
       if (subject%model%is_reduced .and. subject%model%load%moves_base()) then
         call fail(status, status_input_error, 'dissipation', 'dissipation = yes: is not ' &

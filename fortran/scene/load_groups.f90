@@ -9,7 +9,7 @@ module viscovib_load_groups
   use viscovib_load, only: load_type, new_load
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_scene_groups, only: place_of
-  use viscovib_status, only: clipped, set_ok, status_type
+  use viscovib_status, only: clipped, set_ok, show, status_type
   use viscovib_subject, only: subject_type
   use viscovib_timed_groups, only: read_in_time
   implicit none
@@ -56,8 +56,8 @@ contains
     type(term_list) :: terms
     integer :: i, n
 
-    ! A load whose phase depends on nu has two terms.
-    n = 2*count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
+    ! A load whose phase depends on nu has two terms, a motion of a base with supports has four.
+    n = 4*count([(file%groups(i)%name == 'load', i=1, size(file%groups))])
     allocate (terms%orders(n), terms%law_of(n), source=0)
     allocate (terms%laws(n))
     allocate (terms%base(n), terms%force(size(subject%coordinates), n), source=(0.0_wp, 0.0_wp))
@@ -88,13 +88,14 @@ contains
     character(len=:), allocatable :: kind_name, word, by, turn
     real(wp), allocatable :: shape(:)
     real(wp) :: amplitude, phase
-    integer :: kind, on, order
+    integer :: kind, on, order, support
 
     on = 1
+    support = 0
     kind_name = reader%read_text('kind', choice=kind)
     allocate (shape(size(subject%coordinates)), source=0.0_wp)
     if (kind == moves .or. kind == accelerates) then
-      call read_base(reader, subject, kind == accelerates, on)
+      call read_base(reader, subject, kind == accelerates, on, support)
       shape(on) = 1.0_wp
       if (kind == accelerates) then
         if (.not. reader%has('on')) shape = subject%base_direction()
@@ -131,7 +132,23 @@ contains
       call reader%complain('order', "order = 0: kind = 'unbalance' turns, must be 1, 2, ...")
     end if
     if (reader%status%failed()) return
+    if (kind == moves .and. support > 0) then
+      associate (supports => subject%model%supports)
+        call add_supports(terms, order, amplitude*unit_at(order, phase), &
+                          supports%places(:, support), supports%rates(:, support), &
+                          supports%masses(:, support))
+      end associate
+      subject%model%supports%pull = .true.
+      return
+    end if
     if (kind == moves) then
+      if (allocated(subject%model%supports%mass)) then
+        associate (supports => subject%model%supports)
+          call add_supports(terms, order, amplitude*unit_at(order, phase), supports%place, &
+                            supports%rate, supports%mass)
+          supports%pull = supports%pull .or. supports%are_pulled()
+        end associate
+      end if
       call terms%add(order, 0.0_wp*shape, (1.0_wp, 0.0_wp), '')
       associate (n => terms%n, term => amplitude*unit_at(order, phase))
         if ((subject%is_polynomial .or. subject%is_turning) .and. reader%has('on')) then
@@ -156,6 +173,22 @@ contains
       call terms%add(order, shape, cmplx(0.0_wp, amplitude, wp), product_of(by, 'sin'//turn))
     end if
   end subroutine read_load
+
+  !> Add the forces -K u - C u' - M u'' of a motion u of supports.
+  subroutine add_supports(terms, order, moved, stiffness, damping, mass)
+    type(term_list), intent(inout) :: terms
+    integer, intent(in) :: order
+    !> u.
+    complex(wp), intent(in) :: moved
+    !> Columns of K, C and M.
+    real(wp), intent(in) :: stiffness(:), damping(:), mass(:)
+
+    call terms%add(order, stiffness, -moved, '')
+    if (order == 0) return
+    if (any(abs(damping) > 0.0_wp)) call terms%add(order, damping, &
+                                                   cmplx(0.0_wp, -order, wp)*moved, 'nu')
+    if (any(abs(mass) > 0.0_wp)) call terms%add(order, mass, order**2*moved, 'nu^2')
+  end subroutine add_supports
 
   !> exp(i phase); i for the mean.
   pure complex(wp) function unit_at(order, phase)
@@ -229,18 +262,19 @@ contains
     end if
   end subroutine check_mixed
 
-  !> A base that moves along the direction of its system, or one coordinate of it.
-  subroutine read_base(reader, subject, accelerated, on)
+  !> A base that moves along the direction of its system, or one coordinate of it, or a support.
+  subroutine read_base(reader, subject, accelerated, on, support)
     type(group_reader), intent(inout) :: reader
     type(subject_type), intent(in) :: subject
     !> Whether its acceleration is given.
     logical, intent(in) :: accelerated
-    !> The coordinate.
-    integer, intent(out) :: on
+    !> The coordinate; the support, 0: none.
+    integer, intent(out) :: on, support
     character(len=:), allocatable :: word
     integer :: n
 
     on = 1
+    support = 0
     call reader%refuse(['force ', 'torque', 'at    '], 'only a force has this key')
     if (.not. reader%has('on')) then
       if (.not. any(abs(subject%base_direction()) > 0.0_wp)) then
@@ -250,7 +284,22 @@ contains
       end if
       return
     end if
-    if (.not. (subject%is_polynomial .or. subject%is_turning) &
+    if (allocated(subject%model%supports%names) .and. .not. accelerated) then
+      associate (supports => subject%model%supports)
+        word = reader%read_text('on', trim(supports%names(1)), supports%names, support)
+        if (supports%are_turned) then
+          call reader%complain('on', "on = '"//word//"': supports must not move if gyroscopic, " &
+                               //'circulatory or centrifugal act on them')
+        else if (supports%bent_by(support) > 0) then
+          call reader%complain('on', "on = '"//word//"': &element "//show(supports%bent_by( &
+                               support))//' or a layer with memory acts on this support: must be ' &
+                               //'a linear spring or damper; give all supports one motion by ' &
+                               //'base_direction')
+        end if
+      end associate
+      return
+    end if
+    if (.not. (subject%is_polynomial .or. subject%is_turning) .or. allocated(subject%model%mass) &
         .or. size(subject%coordinates) == 1) then
       call reader%complain('on', 'on: the base moves as a whole; only a force has this key here')
       return

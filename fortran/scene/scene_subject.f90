@@ -20,7 +20,7 @@ module viscovib_scene_subject
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: place_of, place_of_motion
-  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_status, only: status_type
   use viscovib_stiffness_ratio, only: hidden_springs
   use viscovib_structure_groups, only: read_structure
   use viscovib_structure_model, only: put_load
@@ -118,14 +118,6 @@ contains
     else
       if (place_of_motion(file) > size(file%groups)) return
       if (.not. switches(subject%model)) return
-    end if
-    if (allocated(subject%model%support_mass) .and. load%moves_base()) then
-      if (any(abs(subject%model%support_mass) > 0.0_wp)) then
-        call fail(status, status_input_error, 'supports', 'supports: the mass matrix couples ' &
-                  //'moving supports to a structure with kinks, must not here; Structure of ' &
-                  //'Python takes it')
-        return
-      end if
     end if
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return

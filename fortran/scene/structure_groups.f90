@@ -1,7 +1,6 @@
 !> The groups of a scene that make up a structure: &structure, &element.
 module viscovib_structure_groups
   use viscovib_coordinate_names, only: read_coordinates, read_units, some
-  use viscovib_dense, only: factorize, solve
   use viscovib_element_groups, only: add_inner_coordinates, read_element, read_layer
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
@@ -16,7 +15,7 @@ module viscovib_structure_groups
   use viscovib_speed_groups, only: find_speed, read_speed_matrices
   use viscovib_status, only: show, status_type
   use viscovib_structure, only: structure_type
-  use viscovib_structure_model, only: add_linear, condense, structure_model
+  use viscovib_structure_model, only: condense, structure_model
   use viscovib_structure_rest, only: is_symmetric
   use viscovib_subject, only: name_length
   use viscovib_whole_structure, only: may_be_whole, whole_polynomial
@@ -27,9 +26,6 @@ module viscovib_structure_groups
 
   !> Largest number of elements.
   integer, parameter :: max_elements = 1000
-  !> Stretches by the base below this part of the largest are 0; forces of a base motion above this
-  !! part deform something.
-  real(wp), parameter :: no_part = 1.0e-12_wp, strained = 1.0e-9_wp
 
 contains
 
@@ -232,90 +228,22 @@ contains
     end if
   end subroutine read_supports
 
-  !> Keep the free coordinates u_f = r y + w of a structure whose supports move by u_s = d y:
-  !!
-  !!   M_ff w'' + C_ff w' + K_ff w + elements(w) = p - (M_ff r + M_fs d) y'',
-  !!
-  !! where K_ff r + K_fs d = 0, C_ff r + C_fs d = 0, and no element is stretched by (r, d).
+  !> Keep the free coordinates of a structure with supports.
   subroutine remove_supports(reader, model, held, coordinates, units)
     type(group_reader), intent(inout) :: reader
     type(structure_model), intent(inout) :: model
     integer, intent(in) :: held(:)
     character(len=name_length), allocatable, intent(inout) :: coordinates(:), units(:)
-    real(wp), dimension(size(model%mass, 1), size(model%mass, 1)) :: damping, stiffness, low
-    real(wp) :: moved(size(model%mass, 1)), pulled(size(model%mass, 1))
-    integer :: i, n
+    type(status_type) :: status
     integer, allocatable :: free(:)
+    integer :: i
 
-    n = size(moved)
-    free = pack([(i, i=1, n)], [(all(held /= i), i=1, n)])
-    call add_linear(model, stiffness, damping, low)
-    moved = 0.0_wp
-    if (model%depends_on_speed()) then
-      if (any(abs(model%base_direction) > 0.0_wp) .and. any( &
-          abs(model%gyroscopic(free, held)) > 0.0_wp .or. abs(model%circulatory(free, held)) &
-          > 0.0_wp .or. abs(model%centrifugal(free, held)) > 0.0_wp)) then
-        call reader%complain('base_direction', 'base_direction: must be 0 where gyroscopic, ' &
-                             //'circulatory or centrifugal act on supports')
-        return
-      end if
-      model%speed_matrices = model%matrices_of(free)
-    end if
-    if (size(model%base_direction) == n) then
-      moved = model%base_direction
-    else
-      moved(held) = model%base_direction
-      if (any(abs(moved) > 0.0_wp)) moved(free) = static(stiffness(free, free), &
-                                                 -matmul(stiffness(free, held), moved(held)))
-    end if
-    do i = 1, size(model%elements)
-      associate (e => model%elements(i)%direction)
-        if (.not. any(abs(e(free)) > 0.0_wp)) then
-          call reader%complain('supports', '&element '//show(i)//': acts on supports only, must ' &
-                               //'act on a free coordinate')
-        else if (abs(sum(e*moved)) > no_part*sum(abs(e*moved))) then
-          call reader%complain('base_direction', 'base_direction: stretches &element '//show(i) &
-                               //', must not here; Structure of Python takes it')
-        end if
-        if (reader%status%failed()) return
-      end associate
-      model%elements(i)%direction = model%elements(i)%direction(free)
-    end do
-    pulled = matmul(stiffness, moved)
-    if (any(abs(pulled(free)) > strained*matmul(abs(stiffness(free, :)), abs(moved)))) then
-      call reader%complain('base_direction', 'base_direction: deforms springs, must not; the ' &
-                           //'motion of the supports alone is enough')
-      return
-    end if
-    pulled = matmul(damping, moved)
-    model%base_strains = any(abs(pulled(free)) > strained*matmul(abs(damping(free, :)), abs(moved)))
-    model%support_mass = matmul(model%mass(free, held), moved(held))
-    model%base_direction = moved(free)
-    model%mass = model%mass(free, free)
-    model%damping = model%damping(free, free)
-    model%stiffness = model%stiffness(free, free)
-    model%places = model%places(free, free)
+    free = pack([(i, i=1, size(coordinates))], [(all(held /= i), i=1, size(coordinates))])
+    call model%hold(free, held, status)
+    call reader%place(status)
+    model%supports%names = coordinates(held)
     coordinates = coordinates(free)
     units = units(free)
-
-  contains
-
-    !> Static deflection; 0 without supports that hold the structure.
-    function static(matrix, forces) result(found)
-      real(wp), intent(in) :: matrix(:, :), forces(:)
-      real(wp) :: found(size(forces)), factors(size(forces), size(forces))
-      integer :: pivots(size(forces))
-      logical :: singular
-      factors = matrix
-      found = forces
-      call factorize(size(forces), factors, pivots, singular)
-      if (singular) then
-        found = 0.0_wp
-      else
-        call solve(size(forces), factors, pivots, found)
-      end if
-    end function static
-
   end subroutine remove_supports
 
   !> Number of coordinates, where the matrices alone do not determine it; 0: they do.

@@ -74,6 +74,11 @@ contains
       call load%add_row(times, pieces, direction, 0.0_wp*direction)
       return
     end if
+    if (subject%model%supports%are_pulled()) then
+      call reader%complain('kind', "kind = 'acceleration': deforms springs or dampers at the " &
+                           //"supports, must be kind = 'base'")
+      return
+    end if
     push = -inertia(subject, direction)
     if (.not. any(abs(push) > 0.0_wp)) then
       call reader%complain('kind', 'base_acceleration: no mass moves in this direction of the base')
@@ -163,9 +168,9 @@ contains
     real(wp) :: inertia(size(direction))
     if (subject%is_structure) then
       inertia = matmul(subject%model%mass, direction)
-      if (allocated(subject%model%support_mass)) then
+      if (allocated(subject%model%supports%mass)) then
         if (all(abs(direction - subject%model%base_direction) <= 0.0_wp)) then
-          inertia = subject%model%inertia()
+          inertia = inertia + subject%model%supports%mass
         end if
       end if
     else if (subject%is_turning) then

@@ -14,6 +14,7 @@ module viscovib_structure_model
   use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
     put_laws
   use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
+  use viscovib_structure_supports, only: new_supports, structure_supports
   use viscovib_symmetric_modes, only: find_symmetric_modes
   implicit none
   private
@@ -38,10 +39,8 @@ module viscovib_structure_model
     logical :: is_reduced = .false.
     !> Displacement of observed coordinates per unit base displacement, shape (n_places).
     real(wp), allocatable :: base_direction(:)
-    !> Inertia of supports, M_fs d, for their motion d by a unit base displacement; not allocated:
-    !! none. True if a base motion deforms dampers.
-    real(wp), allocatable :: support_mass(:)
-    logical :: base_strains = .false.
+    !> Forces of supports that were removed from the matrices; its arrays are not allocated: none.
+    type(structure_supports) :: supports
     type(element_type), allocatable :: elements(:)
     !> Results: directions (n_places, q), linear subsystem, loads on observed coordinates,
     !! (n_places, n_loads), and base motion (n_loads) by order.
@@ -56,6 +55,7 @@ module viscovib_structure_model
     procedure :: all_damping
     procedure :: inertia
     procedure :: fix_damping
+    procedure :: hold
     procedure :: set_speed
     procedure :: check_sizes
     procedure, private :: at_rest
@@ -63,14 +63,47 @@ module viscovib_structure_model
 
 contains
 
-  !> M b of a base that moves the coordinates by b, and the inertia of supports.
+  !> M b of a base that moves the coordinates by b.
   pure function inertia(self)
     class(structure_model), intent(in) :: self
     real(wp) :: inertia(size(self%base_direction))
     inertia = 0.0_wp
     if (any(abs(self%base_direction) > 0.0_wp)) inertia = matmul(self%mass, self%base_direction)
-    if (allocated(self%support_mass)) inertia = inertia + self%support_mass
   end function inertia
+
+  !> Keep the free coordinates of a structure with supports, relative to the base.
+  subroutine hold(self, free, held, status)
+    class(structure_model), intent(inout) :: self
+    integer, intent(in) :: free(:), held(:)
+    type(status_type), intent(out) :: status
+    real(wp), dimension(size(self%mass, 1), size(self%mass, 1), 3) :: matrices
+    real(wp) :: moved(size(self%mass, 1))
+    integer :: i
+
+    matrices(:, :, 1) = self%mass
+    call add_linear(self, matrices(:, :, 3), matrices(:, :, 2))
+    call new_supports(self%supports, matrices, self%elements, free, held, self%base_direction, &
+                      moved, status)
+    if (self%depends_on_speed() .and. .not. status%failed()) then
+      self%supports%are_turned = any(abs(self%gyroscopic(free, held)) > 0.0_wp .or. &
+                                     abs(self%circulatory(free, held)) > 0.0_wp .or. &
+                                     abs(self%centrifugal(free, held)) > 0.0_wp)
+      if (self%supports%are_turned .and. any(abs(moved) > 0.0_wp)) then
+        call fail(status, status_input_error, 'base_direction', 'base_direction: must be 0 where ' &
+                  //'gyroscopic, circulatory or centrifugal act on supports')
+      end if
+      self%speed_matrices = self%matrices_of(free)
+    end if
+    if (status%failed()) return
+    do i = 1, size(self%elements)
+      self%elements(i)%direction = self%elements(i)%direction(free)
+    end do
+    self%base_direction = moved(free)
+    self%mass = self%mass(free, free)
+    self%damping = self%damping(free, free)
+    self%stiffness = self%stiffness(free, free)
+    self%places = self%places(free, free)
+  end subroutine hold
 
   !> Replace the damping of modes by a damping matrix, that at rest. The modes are those of the
   !! coordinates that are not internal to an element; the internal coordinates are the last ones.
@@ -383,11 +416,6 @@ contains
     if (load%has_table()) then
       call model%rest%refuse_on_idle(load%pushes, 'load', '&load: it', status)
       if (status%failed()) return
-    end if
-    if (model%base_strains .and. load%moves_base()) then
-      call fail(status, status_input_error, 'base_direction', 'base_direction: the base deforms ' &
-                //'dampers of &structure, must not here; Structure of Python takes it')
-      return
     end if
     model%load = load
     n = size(load%orders)

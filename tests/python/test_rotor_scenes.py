@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 import viscovib as vv
+from scene_texts import numbers, scene_of
 
 OF_SPEED = ("gyroscopic", "circulatory", "centrifugal")
-
-
-def numbers(values):
-    return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
 def random_rotor(seed, n):
@@ -25,12 +22,6 @@ def random_rotor(seed, n):
         "circulatory": 0.3 * circulatory,
         "centrifugal": 0.3 * centrifugal,
     }
-
-
-def scene_of(tmp_path, text, name="rotor.nml"):
-    path = tmp_path / name
-    path.write_text(text)
-    return vv.Scene.read(path)
 
 
 def structure_text(matrices, more="", elements=""):

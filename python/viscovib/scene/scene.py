@@ -308,7 +308,10 @@ class Scene:
                 continue
             order, terms = group["order"], _amplitudes(with_numbers(group, self._parameters))
             if group["kind"] == "base":
-                if "on" in group:
+                if "on" in group and "structure" in self.groups:
+                    alone = base.setdefault(group["on"].lower(), {})
+                    alone[order] = alone.get(order, 0.0) + terms[ONE]
+                elif "on" in group:
                     on = np.array([group["on"] == name for name in self._base_names()])
                     apart[order] = apart.get(order, 0.0) + on * terms[ONE]
                 else:
