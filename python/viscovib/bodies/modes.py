@@ -185,9 +185,10 @@ def _modes_of(
     body: Any, omega: FloatArray, shapes: Any, ratio: FloatArray | None = None
 ) -> BodyModes:
     energy = 100 * (shapes.conj() * (body._mass_matrix @ shapes)).real
-    loss = np.full(omega.size, np.nan)
     held = omega > 0
-    if held.any():
+    # Zero without kernels and dampers.
+    loss = np.where(held, 0.0, np.nan)
+    if held.any() and (body._active_kernels or body._damping.any()):
         dynamic = body.dynamic_stiffness(omega[held])
         modal = np.einsum("ar,rab,br->r", shapes[:, held].conj(), dynamic, shapes[:, held])
         loss[held] = modal.imag / (modal.real + omega[held] ** 2)
