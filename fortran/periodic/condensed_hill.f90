@@ -29,6 +29,7 @@ module viscovib_condensed_hill
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_hill_determinant, only: hill_determinant, retained_of, slow
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
   use viscovib_oscillator, only: oscillator_type
   use viscovib_slope_waves, only: hold_waves
   use viscovib_structure, only: structure_type
@@ -296,10 +297,11 @@ contains
     self%highest = b
     n = n + size(self%band%rigid_squares)
     if (allocated(self%re)) then
-      if (size(self%re, 1) == n) return
+      if (size(self%re, 2) == n) return
       deallocate (self%re, self%im)
     end if
-    allocate (self%re(n, n), self%im(n, n))
+    ! Columns are filled in whole registers.
+    allocate (self%re(n + n_lanes, n), self%im(n + n_lanes, n))
   end subroutine find_orders
 
   !> H at any s.

@@ -1,4 +1,4 @@
-! Optimize: -O2 -fvect-cost-model=dynamic
+! Optimize: -O3
 !> Hill's determinant of a condensed structure in those deflections only whose stiffness swings.
 !!
 !! Of the local stiffness J the waves, J_kl with k /= l, have rows and columns in some deflections
@@ -11,6 +11,7 @@
 !! H' = H_.A - H_.P S_k^-1 T_k of the rest and its linear memory together.
 module viscovib_condensed_waves
   use viscovib_kinds, only: wp
+  use viscovib_lanes, only: n_lanes
   implicit none
   private
 
@@ -32,24 +33,30 @@ contains
     real(wp), intent(out), dimension(:, :, :) :: soft_re, soft_im, own_re, own_im
     !> 0 where one cannot be solved.
     complex(wp), intent(out) :: factor
-    !> The columns P, then A, of J_P. H + I; and of H.
-    real(wp), dimension(size(h, 1), size(others), size(h, 2)) :: solved_re, solved_im
-    real(wp), dimension(size(h, 1), size(h, 2), size(h, 2)) :: h_re, h_im
-    real(wp), dimension(size(h, 1)) :: j_re, j_im
-    integer :: order(size(h, 2)), a, b, k, n
+    !> The columns P, then A, of J_P. H + I; of H; and J_A. H'. Whole registers of orders.
+    real(wp), dimension(whole(size(h, 1)), size(others), size(h, 2)) :: solved_re, solved_im
+    real(wp), dimension(size(solved_re, 1), size(h, 2), size(h, 2)) :: h_re, h_im
+    real(wp), dimension(size(solved_re, 1), size(swings), size(swings)) :: of_re, of_im
+    real(wp), dimension(size(solved_re, 1)) :: j_re, j_im
+    integer :: order(size(h, 2)), a, b, k, n, p
     logical :: acts(size(h, 2), size(h, 2))
 
     n = size(others)
+    p = size(h, 1)
     order = [others, swings]
     acts = any(abs(mean) > 0.0_wp, 3) .or. abs(without) > 0.0_wp
-    h_re = real(h(:, :, order))
-    h_im = aimag(h(:, :, order))
+    h_re(:p, :, :) = real(h(:, :, order))
+    h_im(:p, :, :) = aimag(h(:, :, order))
+    h_re(p + 1:, :, :) = 0.0_wp
+    h_im(p + 1:, :, :) = 0.0_wp
+    j_re = 0.0_wp
+    j_im = 0.0_wp
     solved_re = 0.0_wp
     solved_im = 0.0_wp
     do k = 1, size(order)
       do a = 1, n
         if (.not. acts(others(a), k)) cycle
-        call entry_of(kept, mean(others(a), k, :), without(others(a), k), j_re, j_im)
+        call entry_of(kept, mean(others(a), k, :), without(others(a), k), j_re(:p), j_im(:p))
         do b = 1, size(order)
           solved_re(:, a, b) = solved_re(:, a, b) + (j_re*h_re(:, k, b) - j_im*h_im(:, k, b))
           solved_im(:, a, b) = solved_im(:, a, b) + (j_re*h_im(:, k, b) + j_im*h_re(:, k, b))
@@ -59,10 +66,10 @@ contains
     do a = 1, n
       solved_re(:, a, a) = solved_re(:, a, a) + 1.0_wp
     end do
-    call eliminate(size(h, 1), n, size(order), solved_re, solved_im, factor)
+    call eliminate(size(j_re), n, size(order), solved_re, solved_im, factor)
     if (.not. abs(factor) > 0.0_wp) return
-    own_re = 0.0_wp
-    own_im = 0.0_wp
+    of_re = 0.0_wp
+    of_im = 0.0_wp
     do k = 1, size(order)
       if (.not. (any(swings == k) .or. any(acts(swings, k)))) cycle
       do b = n + 1, size(order)
@@ -75,16 +82,24 @@ contains
       end do
       do a = 1, size(swings)
         if (.not. acts(swings(a), k)) cycle
-        call entry_of(kept, mean(swings(a), k, :), without(swings(a), k), j_re, j_im)
+        call entry_of(kept, mean(swings(a), k, :), without(swings(a), k), j_re(:p), j_im(:p))
         do b = 1, size(swings)
-          own_re(:, a, b) = own_re(:, a, b) + (j_re*h_re(:, k, n + b) - j_im*h_im(:, k, n + b))
-          own_im(:, a, b) = own_im(:, a, b) + (j_re*h_im(:, k, n + b) + j_im*h_re(:, k, n + b))
+          of_re(:, a, b) = of_re(:, a, b) + (j_re*h_re(:, k, n + b) - j_im*h_im(:, k, n + b))
+          of_im(:, a, b) = of_im(:, a, b) + (j_re*h_im(:, k, n + b) + j_im*h_re(:, k, n + b))
         end do
       end do
     end do
-    soft_re = h_re(:, swings, n + 1:)
-    soft_im = h_im(:, swings, n + 1:)
+    soft_re = h_re(:p, swings, n + 1:)
+    soft_im = h_im(:p, swings, n + 1:)
+    own_re = of_re(:p, :, :)
+    own_im = of_im(:p, :, :)
   end subroutine soften
+
+  !> The next multiple of the lanes of a register.
+  pure integer function whole(n)
+    integer, intent(in) :: n
+    whole = n_lanes*((n + n_lanes - 1)/n_lanes)
+  end function whole
 
   !> One entry of J within each order.
   pure subroutine entry_of(kept, mean, without, re, im)
@@ -112,68 +127,81 @@ contains
     !> H', and the part of J H' within one order.
     real(wp), intent(in), dimension(:, :, :) :: soft_re, soft_im, own_re, own_im
     real(wp), intent(inout) :: re(rows, size(swings)*p), im(rows, size(swings)*p)
-    real(wp), dimension(size(swings), -reach:reach, size(swings), size(kept, 2)) :: c, s
-    real(wp), dimension(size(swings), p, size(kept, 2)) :: kept_re, kept_im
-    real(wp), dimension(size(swings)) :: f, g
-    integer :: a, b, l, n, q, middle
+    !> J by the difference of orders, and what is kept at each row; zeros up to whole registers.
+    real(wp), dimension(size(swings)*(2*reach + 1) + n_lanes, size(swings), size(kept, 2)) :: c, s
+    real(wp), dimension(size(swings)*p + n_lanes, size(kept, 2)) :: kept_re, kept_im
+    integer :: a, b, l, m, n, q, first, last, row, column
 
     n = size(swings)
-    middle = (size(local, 3) + 1)/2
+    c = 0.0_wp
+    s = 0.0_wp
     do q = 1, size(kept, 2)
       do b = 1, n
-        do a = 1, n
-          associate (wave => local(swings(a), swings(b), middle - reach:middle + reach, q))
-            c(a, :, b, q) = real(wave)
-            s(a, :, b, q) = aimag(wave)
-          end associate
+        do m = -reach, reach
+          do a = 1, n
+            associate (wave => local(swings(a), swings(b), (size(local, 3) + 1)/2 + m, q))
+              c((m + reach)*n + a, b, q) = real(wave)
+              s((m + reach)*n + a, b, q) = aimag(wave)
+            end associate
+          end do
         end do
       end do
     end do
+    kept_re = 0.0_wp
+    kept_im = 0.0_wp
     do a = 1, n
-      kept_re(a, :, :) = real(kept)
-      kept_im(a, :, :) = aimag(kept)
+      kept_re(a:n*p:n, :) = real(kept)
+      kept_im(a:n*p:n, :) = aimag(kept)
     end do
-    re(:n*p, :n*p) = 0.0_wp
-    im(:n*p, :n*p) = 0.0_wp
     do l = 1, p
-      associate (first => max(1, l - reach), last => min(p, l + reach), column => (l - 1)*n)
-        do b = 1, n
-          f = soft_re(l, :, b)
-          g = soft_im(l, :, b)
-          do q = 1, size(kept, 2)
-            call add_waves(n*(last - first + 1), n, n*(2*reach + 1), kept_re(1, first, q), &
-                           kept_im(1, first, q), c(1, first - l, 1, q), s(1, first - l, 1, q), &
-                           f, g, re((first - 1)*n + 1, column + b), &
-                           im((first - 1)*n + 1, column + b))
-          end do
-          re(column + 1:column + n, column + b) = own_re(l, :, b)
-          im(column + 1:column + n, column + b) = own_im(l, :, b)
-          re(column + b, column + b) = re(column + b, column + b) + 1.0_wp
+      first = max(1, l - reach)
+      last = min(p, l + reach)
+      row = (first - 1)*n + 1
+      column = (l - 1)*n
+      do b = 1, n
+        re(:n*p + n_lanes, column + b) = 0.0_wp
+        im(:n*p + n_lanes, column + b) = 0.0_wp
+        do q = 1, size(kept, 2)
+          call add_waves(whole(n*(last - first + 1)), n, size(c, 1), kept_re(row, q), &
+                         kept_im(row, q), c(row - column + reach*n, 1, q), &
+                         s(row - column + reach*n, 1, q), soft_re(l, :, b), soft_im(l, :, b), &
+                         re(row, column + b), im(row, column + b))
         end do
-      end associate
+        re(column + 1:column + n, column + b) = own_re(l, :, b)
+        im(column + 1:column + n, column + b) = own_im(l, :, b)
+        re(column + b, column + b) = re(column + b, column + b) + 1.0_wp
+      end do
     end do
   end subroutine fill_waves
 
   !> One column of J H', of one kernel.
   pure subroutine add_waves(n_rows, n, rows, kept_re, kept_im, c, s, f, g, re, im)
-    !> Rows of the column that J reaches, columns of J, and its leading dimension.
+    !> Rows of the column that J reaches, in whole registers; columns of J; its leading dimension.
     integer, intent(in) :: n_rows, n, rows
     !> What is kept at the order of each row.
     real(wp), intent(in) :: kept_re(n_rows), kept_im(n_rows)
     !> J, and a column of H', real and imaginary parts.
     real(wp), intent(in) :: c(rows, n), s(rows, n), f(n), g(n)
     real(wp), intent(inout) :: re(n_rows), im(n_rows)
-    real(wp) :: x(n_rows), y(n_rows)
-    integer :: b
+    real(wp), dimension(n_lanes) :: x, y
+    integer :: b, i, l
 
-    x = f(1)*c(:n_rows, 1) - g(1)*s(:n_rows, 1)
-    y = f(1)*s(:n_rows, 1) + g(1)*c(:n_rows, 1)
-    do b = 2, n
-      x = x + (f(b)*c(:n_rows, b) - g(b)*s(:n_rows, b))
-      y = y + (f(b)*s(:n_rows, b) + g(b)*c(:n_rows, b))
+    do i = 0, n_rows - 1, n_lanes
+      x = 0.0_wp
+      y = 0.0_wp
+      do b = 1, n
+        !GCC$ unroll 1
+        do l = 1, n_lanes
+          x(l) = x(l) + (f(b)*c(i + l, b) - g(b)*s(i + l, b))
+          y(l) = y(l) + (f(b)*s(i + l, b) + g(b)*c(i + l, b))
+        end do
+      end do
+      !GCC$ unroll 1
+      do l = 1, n_lanes
+        re(i + l) = re(i + l) + (kept_re(i + l)*x(l) - kept_im(i + l)*y(l))
+        im(i + l) = im(i + l) + (kept_re(i + l)*y(l) + kept_im(i + l)*x(l))
+      end do
     end do
-    re = re + (kept_re*x - kept_im*y)
-    im = im + (kept_re*y + kept_im*x)
   end subroutine add_waves
 
   !> Solve squares on the left for the columns behind them, in place, with the largest pivots;
