@@ -25,6 +25,7 @@ module viscovib_motion_tasks
   use viscovib_shock_shapes, only: new_shock, shock_names, shock_type
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
+  use viscovib_spline_integral, only: spline_integral
   use viscovib_status, only: show
   use viscovib_task, only: task_type
   use viscovib_timed_polynomials, only: timed_polynomials
@@ -62,6 +63,8 @@ contains
       call find_forces_of_mounts(task)
     case ('peaks')
       call find_peaks(task)
+    case ('work')
+      call find_work(task)
     case ('shock')
       call find_shock(task)
     case ('sum of tables')
@@ -220,6 +223,25 @@ contains
       call task%found%put_reals('ends_'//show(loose(i)), ends, shape(ends))
     end do
   end subroutine find_peaks
+
+  !> `work` (n, m), the integrals of `power` (n, m) over the times `t` (n), as of `spline_integral`.
+  subroutine find_work(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: t(:), power(:, :)
+    real(wp), allocatable :: work(:, :)
+    integer :: j
+
+    t => task%get_reals('t')
+    power => task%get_matrix('power')
+    if (task%failed()) return
+    call task%check_extents('t', shape(t), [size(power, 1)])
+    if (task%failed()) return
+    allocate (work, mold=power)
+    do j = 1, size(power, 2)
+      work(:, j) = spline_integral(t, power(:, j))
+    end do
+    call task%found%put_reals('work', work, shape(work))
+  end subroutine find_work
 
   !> A shock of height 1 by the `shape` of its name and its numbers as of `shock_type`: `times` (n)
   !! and `pieces` (p, n).

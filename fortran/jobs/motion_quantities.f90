@@ -9,6 +9,7 @@ module viscovib_motion_quantities
   use viscovib_mount_forces, only: find_mount_forces, find_spring_memory, mount_forces_type
   use viscovib_mounted_body, only: springs_at_rest
   use viscovib_sorting, only: sort_reals
+  use viscovib_spline_integral, only: spline_integral
   use viscovib_status, only: set_ok, status_type
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
@@ -99,8 +100,8 @@ contains
     character(len=:), allocatable :: name
     integer :: a, m
 
-    call table%note('units: t in s, forces in N, moments in N m, deflections in m, rates in m/s; ' &
-                    //'without the static part')
+    call table%note('units: t in s, forces in N, moments in N m, deflections in m, rates in m/s, ' &
+                    //'work and dissipated energy in J; without the static part')
     call table%add_reals('t', t)
     do m = 1, size(subject%body%names)
       do a = 1, 3
@@ -112,6 +113,11 @@ contains
         call table%add_reals(name//'_deflection', forces%deflection(:, a, m))
         call table%add_reals(name//'_rate', forces%rate(:, a, m))
         call table%add_reals(name//'_moment', forces%moment(:, a, m))
+        associate (rate => forces%rate(:, a, m))
+          call table%hold_reals(name//'_work', spline_integral(t, forces%force(a, m)*rate))
+          call table%hold_reals(name//'_dissipated', &
+                                spline_integral(t, forces%damping(:, a, m)*rate))
+        end associate
       end do
     end do
     do a = 1, 3

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import check_failure
+from scipy.interpolate import CubicSpline
 
 KERNELS = {
     "": "",
@@ -97,7 +98,8 @@ def test_forces_of_random_bodies(solve, tmp_path, seed):
     own, floor = run.mount_forces(), run.floor_force()
     parts = {"": own.force, "_elastic": own.elastic, "_damping": own.damping,
              "_memory": own.memory, "_deflection": own.deflection, "_rate": own.rate,
-             "_moment": own.moment}  # fmt: skip
+             "_moment": own.moment, "_work": own.work,
+             "_dissipated": own.dissipated}  # fmt: skip
     for end, part in parts.items():
         for i, name in enumerate(own.names):
             for j, axis in enumerate("xyz"):
@@ -109,6 +111,9 @@ def test_forces_of_random_bodies(solve, tmp_path, seed):
             near = 1e-12 * np.abs(floor.force).max()
             found = forces[f"floor.{axis}{end}"]
             np.testing.assert_allclose(found, part[:, j], rtol=0, atol=near)
+    for power, energy in ((own.force, "_work"), (own.damping, "_dissipated")):
+        spline = CubicSpline(own.t, (power * own.rate)[:, 0, 2]).antiderivative()(own.t)
+        np.testing.assert_allclose(forces[f"fl.z{energy}"], spline, atol=1e-12 * size)
     peaks = tables["peaks"]
     names = [str(name) for name in peaks["quantity"]]
     assert names[-3:] == ["floor.x", "floor.y", "floor.z"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,13 +21,11 @@ if TYPE_CHECKING:
 _AXES = ("x", "y", "z")
 
 
-def _integrated(t: FloatArray, power: FloatArray) -> FloatArray:
+def integrated(t: FloatArray, power: FloatArray) -> FloatArray:
     """The integral of a power from the first time on, by a spline through its values."""
-    from scipy.interpolate import CubicSpline
-
-    if t.size < 4:
-        return np.full(power.shape, np.nan)
-    return np.asarray(CubicSpline(t, power).antiderivative()(t))
+    columns = np.asfortranarray(power.reshape(t.size, math.prod(power.shape[1:])))
+    found = _native.run("motion work", t=t, power=columns)["work"]
+    return np.asarray(found.reshape(power.shape))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,12 +53,12 @@ class _ForcesInTime(Result):
         element stores returns; the work of a closed loop is its loss. The work of rotational
         stiffness of mounts is not included.
         """
-        return _integrated(self.t, self.force * self.rate)
+        return integrated(self.t, self.force * self.rate)
 
     @cached_property
     def dissipated(self) -> FloatArray:
         """Energy dissipated by linear dampers since the first time, as ``work``."""
-        return _integrated(self.t, self.damping * self.rate)
+        return integrated(self.t, self.damping * self.rate)
 
     def of(self, name: str) -> FloatArray:
         """Force of one element, shape (n,), or of one mount along its local axes, (n, 3)."""

@@ -29,6 +29,7 @@ from viscovib.results.motion_forces import (
     MountForcesInTime,
     PointMotion,
     SupportReactions,
+    integrated,
 )
 from viscovib.systems.base_acceleration import BaseMotion
 from viscovib.systems.law_ends import edges_text, law_end as end_of_law
@@ -688,8 +689,6 @@ class Trajectory(Result):
         this balance. Available for pendulums and for polynomial systems without memory whose forces
         have a potential.
         """
-        from scipy.interpolate import CubicSpline
-
         power = getattr(self._resume, "power", None)
         if power is None:
             raise InputError(
@@ -700,8 +699,7 @@ class Trajectory(Result):
         energy = system.energy(self.state)
         if self.t.size < 4:
             raise InputError(f"trajectory: {self.t.size} states kept, must be at least 4")
-        work = CubicSpline(self.t, power(self.t, self.state)).antiderivative()
-        return np.asarray(energy - energy[0] - (work(self.t) - work(self.t[0])))
+        return np.asarray(energy - energy[0] - integrated(self.t, power(self.t, self.state)))
 
     def _base_frequencies(self) -> dict[str, float] | None:
         body: Any = self.system
