@@ -5,14 +5,20 @@ module viscovib_many_job
   use viscovib_constants, only: pi
   use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, error_text
   use viscovib_kinds, only: i8, wp
+  use viscovib_known_motion, only: repeat_motion
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
   use viscovib_many_runs, only: many_runs
+  use viscovib_motion_quantities, only: find_peaks, find_quantities, motion_quantities, &
+    put_peaks, quantity_length
   use viscovib_rounded, only: error_digits
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_subject, only: subject_type
+  use viscovib_subject_motion, only: move_subject, new_motion
   use viscovib_table, only: listed, table_type
   use viscovib_time_run, only: run_completed, run_names
+  use viscovib_trajectory, only: trajectory_type
+  use viscovib_transient_job, only: transient_job
   use viscovib_varied_system, only: varied_system
   implicit none
   private
@@ -44,6 +50,8 @@ module viscovib_many_job
     integer :: method = 4
     logical :: side_by_side = .true.
     logical :: lyapunov = .false.
+    !> Whether peaks are wanted, also of accelerations and of mount forces.
+    logical :: wants_peaks = .false., wants_accelerations = .false., wants_forces = .false.
   contains
     procedure, nopass :: kind => this_kind
     procedure :: plan => plan_many
@@ -88,6 +96,8 @@ contains
     else
       text = text//'skips: sections (not requested)'//new_line('a')
     end if
+    if (self%wants_peaks) text = text//'computes: peaks between steps, each motion once more' &
+                                 //new_line('a')
     if (self%lyapunov) then
       text = text//'computes: Lyapunov exponents'//new_line('a')
     else
@@ -133,6 +143,8 @@ contains
     if (.not. status%failed()) call check_samples(self, runs%spans, n, status)
     if (status%failed()) return
     call put_tables(self, subject, many, change, sink, status)
+    if (status%failed()) return
+    if (self%wants_peaks) call put_peaks_of_motions(self, runs, many%ended, n, sink, status)
     report%complete = all(many%ended == run_completed)
     report%summary = things(size(self%values), 'motion')//', ' &
                      //show(count(many%ended == run_completed))//' completed, ' &
@@ -259,5 +271,77 @@ contains
     end do
     call sink%put(this_kind()//'_1', points, status)
   end subroutine put_tables
+
+  !> Located peaks of all motions that were completed; each is made once more.
+  subroutine put_peaks_of_motions(self, runs, ended, n_steps, sink, status)
+    class(many_job), intent(in) :: self
+    type(many_runs), intent(in) :: runs
+    integer, intent(in) :: ended(:)
+    integer(i8), intent(in) :: n_steps
+    class(table_sink), intent(inout) :: sink
+    type(status_type), intent(out) :: status
+    character(len=quantity_length), allocatable :: names(:)
+    real(wp), allocatable :: peaks(:, :), all_peaks(:, :), values(:)
+    integer, allocatable :: which(:)
+    integer :: i, k
+
+    call set_ok(status)
+    allocate (all_peaks(3, 0), values(0), which(0), names(0))
+    do i = 1, size(self%values)
+      if (ended(i) /= run_completed) cycle
+      call find_peaks_of_motion(self, runs, i, n_steps, names, peaks, status)
+      if (status%failed()) return
+      all_peaks = reshape([all_peaks, peaks], [3, size(which) + size(names)])
+      values = [values, (self%values(i), k=1, size(names))]
+      which = [which, (k, k=1, size(names))]
+    end do
+    call put_peaks(names, which, all_peaks, sink, status, self%vary, values)
+  end subroutine put_peaks_of_motions
+
+  !> Located peaks of one motion from the time on at which accumulation begins.
+  subroutine find_peaks_of_motion(self, runs, i, n_steps, names, peaks, status)
+    class(many_job), intent(in) :: self
+    type(many_runs), intent(in) :: runs
+    integer, intent(in) :: i
+    integer(i8), intent(in) :: n_steps
+    character(len=quantity_length), allocatable, intent(out) :: names(:)
+    real(wp), allocatable, intent(out) :: peaks(:, :)
+    type(status_type), intent(out) :: status
+    type(subject_type), target :: subject
+    class(transient_job), allocatable :: motion
+    type(trajectory_type) :: run, late
+    type(motion_quantities) :: quantities
+    real(wp) :: since
+    integer :: k
+
+    call runs%subject_of(i, subject, status)
+    if (status%failed()) return
+    associate (nu => runs%frequency(i), span => runs%spans(i))
+      call new_motion(subject, nu, self%initial, span, motion)
+      motion%method = runs%own_method
+      if (self%dt > 0.0_wp) then
+        motion%dt = span/n_steps
+      else
+        motion%tolerance = self%absolute
+        motion%relative = self%relative
+      end if
+      motion%wants_forces = self%wants_forces
+      call move_subject(motion, subject, nu, [(k, k=1, size(self%initial)/2)], run, status)
+      if (status%failed()) return
+      since = self%discard
+      if (self%n_periods > 0) since = span*nint(self%discard)/self%n_periods
+      if (since > 0.0_wp) then
+        call repeat_motion(motion, subject, nu, run, [since, pack(run%t, run%t > since)], .false., &
+                           late, status)
+        if (status%failed()) return
+        late%error = run%error
+        call run%become(late)
+      end if
+      call find_quantities(motion, subject, nu, self%wants_accelerations, run, quantities, status)
+      if (status%failed()) return
+      motion%wants_accelerations = self%wants_accelerations
+      call find_peaks(motion, subject, nu, self%wanted, run, quantities, names, peaks, status)
+    end associate
+  end subroutine find_peaks_of_motion
 
 end module viscovib_many_job

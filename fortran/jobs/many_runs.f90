@@ -29,7 +29,8 @@ module viscovib_many_runs
   !> Varied numbers of a polynomial system (the scales in the order of the lanes).
   character(len=*), parameter, public :: system_numbers(5) = &
     [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
-  integer, parameter :: of_nu = 1, of_load = 2, of_stiffness = 3, of_damping = 4
+  integer, parameter :: of_nu = 1, of_stiffness = 3, of_damping = 4
+  integer, parameter, public :: of_load = 2
   !> Index of a parameter of laws, after all of these.
   integer, parameter, public :: of_parameter = size(system_numbers) + 1
   !> Halvings of the step before a tolerance is given up.
@@ -79,10 +80,10 @@ module viscovib_many_runs
     procedure :: steps_of
     procedure :: make
     procedure :: refine
-    procedure, private :: frequency
+    procedure :: frequency
     procedure, private :: pendulum_of
     procedure, private :: system_of
-    procedure, private :: subject_of
+    procedure :: subject_of
     procedure, private :: run_single
     procedure, private :: motion_of
   end type many_runs

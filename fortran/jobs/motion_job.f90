@@ -12,7 +12,8 @@ module viscovib_motion_job
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: wall
   use viscovib_law_term, only: law_term
-  use viscovib_motion_quantities, only: find_quantities, motion_quantities, put_forces, put_peaks
+  use viscovib_motion_quantities, only: find_peaks, find_quantities, motion_quantities, &
+    put_forces, put_peaks, quantity_length
   use viscovib_number_text, only: exact
   use viscovib_pendulum_job, only: plan_pendulum
   use viscovib_polar, only: argument, modulus
@@ -147,8 +148,9 @@ contains
     type(trajectory_type), target :: trajectory
     character(len=:), allocatable :: doubts, folded, method
     type(motion_quantities), target :: quantities
-    real(wp), allocatable :: shares(:)
-    integer :: kept
+    character(len=quantity_length), allocatable :: names(:)
+    real(wp), allocatable :: shares(:), peaks(:, :)
+    integer :: i, kept
 
     method = method_of(self%motion)
     call move_subject(self%motion, subject, self%nu, places(self), trajectory, status)
@@ -172,9 +174,13 @@ contains
     if (self%motion%wants_forces) call put_forces(subject, trajectory%t, quantities%forces, sink, &
                                                   status)
     if (status%failed()) return
-    if (self%motion%wants_peaks) call put_peaks(self%motion, subject, self%nu, self%wanted, &
-                                                trajectory, quantities, sink, status)
-    if (status%failed()) return
+    if (self%motion%wants_peaks) then
+      call find_peaks(self%motion, subject, self%nu, self%wanted, trajectory, quantities, names, &
+                      peaks, status)
+      if (status%failed()) return
+      call put_peaks(names, [(i, i=1, size(names))], peaks, sink, status)
+      if (status%failed()) return
+    end if
     if (allocated(self%events)) call put_events(self, subject, trajectory, sink, status)
     if (status%failed()) return
     if (self%decay%wanted) call put_decay(self%decay, subject, trajectory, sink, folded, status)

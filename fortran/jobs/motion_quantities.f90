@@ -19,10 +19,10 @@ module viscovib_motion_quantities
   implicit none
   private
 
-  public :: find_quantities, motion_quantities, put_forces, put_peaks
+  public :: find_peaks, find_quantities, motion_quantities, put_forces, put_peaks
 
   !> Longest name of a quantity.
-  integer, parameter :: name_length = 32
+  integer, parameter, public :: quantity_length = 32
 
   type :: motion_quantities
     !> Of all coordinates, a column for each time; not allocated: not wanted.
@@ -127,8 +127,33 @@ contains
     call sink%put('forces', table, status)
   end subroutine put_forces
 
-  !> A row a quantity: its largest magnitude, located between the states, with the error.
-  subroutine put_peaks(motion, subject, nu, wanted, trajectory, quantities, sink, status)
+  !> A row a peak: its quantity, value with its sign, time and estimated error.
+  subroutine put_peaks(names, which, peaks, sink, status, vary, values)
+    !> Names of quantities; the index of that of each peak; peaks as of `find_peaks`.
+    character(len=*), intent(in) :: names(:)
+    integer, intent(in) :: which(:)
+    real(wp), intent(in) :: peaks(:, :)
+    class(table_sink), intent(inout) :: sink
+    type(status_type), intent(out) :: status
+    !> A number that varies, and its value for each peak.
+    character(len=*), intent(in), optional :: vary
+    real(wp), intent(in), optional :: values(:)
+    type(table_type) :: table
+    integer, target :: codes(size(which))
+
+    codes = which - 1
+    call table%note('largest magnitude of each quantity, with its sign, its time and its ' &
+                    //'estimated error; units as in the tables of motion and forces')
+    if (present(vary)) call table%hold_reals(vary, values)
+    call table%add_words('quantity', codes, names)
+    call table%hold_reals('value', peaks(1, :))
+    call table%hold_reals('t', peaks(2, :))
+    call table%hold_reals('error', peaks(3, :))
+    call sink%put('peaks', table, status)
+  end subroutine put_peaks
+
+  !> The largest magnitude of each column of a motion, located between the states.
+  subroutine find_peaks(motion, subject, nu, wanted, trajectory, quantities, names, peaks, status)
     class(transient_job), intent(in) :: motion
     type(subject_type), intent(in), target :: subject
     real(wp), intent(in) :: nu
@@ -136,15 +161,13 @@ contains
     integer, intent(in) :: wanted(:)
     type(trajectory_type), intent(in) :: trajectory
     type(motion_quantities), intent(in) :: quantities
-    class(table_sink), intent(inout) :: sink
+    character(len=quantity_length), allocatable, intent(out) :: names(:)
+    !> Value, time and error, shape (3, size(names)).
+    real(wp), allocatable, intent(out) :: peaks(:, :)
     type(status_type), intent(out) :: status
-    type(table_type) :: table
-    character(len=name_length), allocatable :: names(:)
     real(wp), allocatable :: values(:, :), peak(:), at(:), error(:)
-    integer, allocatable, target :: which(:)
-    integer :: k
 
-    call gather(subject, wanted, trajectory, quantities, names, values)
+    call gather(motion, subject, wanted, trajectory, quantities, names, values)
     allocate (peak(size(names)), at(size(names)), error(size(names)))
     call locate_closely(motion, subject, nu, wanted, trajectory, values, peak, at, error, status)
     if (status%failed()) return
@@ -152,15 +175,8 @@ contains
       ! As much of it as the motion is off by of itself.
       error = error + trajectory%error*abs(peak)/max(maxval(abs(trajectory%states)), tiny(1.0_wp))
     end if
-    which = [(k, k=0, size(names) - 1)]
-    call table%note('largest magnitude of each quantity, with its sign, its time and its ' &
-                    //'estimated error; units as in the tables of motion and forces')
-    call table%add_words('quantity', which, names)
-    call table%hold_reals('value', peak)
-    call table%hold_reals('t', at)
-    call table%hold_reals('error', error)
-    call sink%put('peaks', table, status)
-  end subroutine put_peaks
+    peaks = transpose(reshape([peak, at, error], [size(names), 3]))
+  end subroutine find_peaks
 
   !> Peaks of the columns of a motion; near those that its states do not locate, the motion is made
   !! once more at closer times.
@@ -176,7 +192,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: fine
     type(motion_quantities) :: more
-    character(len=name_length), allocatable :: names(:)
+    character(len=quantity_length), allocatable :: names(:)
     real(wp), allocatable :: breaks(:), times(:), ends(:), all_times(:), closer(:, :), some(:, :)
     integer, allocatable :: rows(:)
     integer :: i, k
@@ -201,7 +217,7 @@ contains
     if (status%failed()) return
     call find_quantities(motion, subject, nu, motion%wants_accelerations, fine, more, status)
     if (status%failed()) return
-    call gather(subject, wanted, fine, more, names, closer)
+    call gather(motion, subject, wanted, fine, more, names, closer)
     do k = 1, size(peak)
       if (.not. is_loose(peak(k), error(k))) cycle
       call peak_windows(trajectory%t, values(:, k), times, ends)
@@ -214,17 +230,18 @@ contains
   end subroutine locate_closely
 
   !> Columns of a motion whose peaks are wanted, and their names.
-  subroutine gather(subject, wanted, trajectory, quantities, names, values)
+  subroutine gather(motion, subject, wanted, trajectory, quantities, names, values)
+    class(transient_job), intent(in) :: motion
     type(subject_type), intent(in) :: subject
     integer, intent(in) :: wanted(:)
     type(trajectory_type), intent(in) :: trajectory
     type(motion_quantities), intent(in) :: quantities
-    character(len=name_length), allocatable, intent(out) :: names(:)
+    character(len=quantity_length), allocatable, intent(out) :: names(:)
     real(wp), allocatable, intent(out) :: values(:, :)
     character(len=:), allocatable :: name
     integer :: a, i, m, n_columns
 
-    m = 2 + merge(1, 0, allocated(quantities%accelerations))
+    m = 2 + merge(1, 0, motion%wants_accelerations)
     n_columns = m*size(wanted)
     if (allocated(quantities%forces)) n_columns = n_columns + 3*size(subject%body%names) + 3
     allocate (names(n_columns), values(size(trajectory%t), n_columns))
@@ -234,7 +251,7 @@ contains
       m = trajectory%row_of(wanted(i))
       call add(name, trajectory%states(m, :))
       call add(name//'_dot', trajectory%states(m + 1, :))
-      if (allocated(quantities%accelerations)) then
+      if (motion%wants_accelerations) then
         call add(name//'_ddot', quantities%accelerations(wanted(i), :))
       end if
     end do

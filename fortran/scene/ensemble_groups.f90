@@ -8,7 +8,7 @@ module viscovib_ensemble_groups
   use viscovib_kinds, only: wp
   use viscovib_law_parameters, only: read_parameters
   use viscovib_many_job, only: many_job
-  use viscovib_many_runs, only: of_parameter, system_numbers
+  use viscovib_many_runs, only: of_load, of_parameter, system_numbers
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_motion_groups, only: read_frequency
   use viscovib_namelist, only: namelist_type
@@ -81,7 +81,14 @@ contains
     job%sample_every = reader%read_integer('sample_every')
     call read_method(reader, subject, job)
     job%lyapunov = reader%read_yes('lyapunov')
+    job%wants_peaks = reader%read_yes('peaks')
+    job%wants_accelerations = reader%read_yes('acceleration')
+    if (subject%is_body) job%wants_forces = reader%read_yes('forces')
     if (reader%status%failed()) return
+    if (job%wants_peaks .and. .not. subject%is_pendulum .and. job%place > of_load &
+        .and. job%place < of_parameter) then
+      call reader%complain('peaks', "peaks = 'yes': must be 'no' if a scale of the system varies")
+    end if
     if (job%sections == 0 .and. job%dt > job%t_end) then
       call reader%complain('dt', 'dt = '//show(job%dt)//': must not exceed t_end = ' &
                            //show(job%t_end))

@@ -279,14 +279,18 @@ def test_shocks_of_a_system_move_it_as_in_a_scene(library):
     assert library.viscovib_system_add(system, b"load", keys) == 0
     library.viscovib_motion.argtypes = None
     zero, end = ctypes.c_double(0.0), ctypes.c_double(1.0)
-    moved = handle_of(library, library.viscovib_motion, system, zero, end, None, b"dt=0.01")
-    scene = body + b"&load " + keys + b" /\n&transient t_end=1 dt=0.01 /\n"
+    wanted = b"dt=0.01 peaks='yes'"
+    moved = handle_of(library, library.viscovib_motion, system, zero, end, None, wanted)
+    scene = body + b"&load " + keys + b" /\n&transient t_end=1 " + wanted + b" /\n"
     scene += b"&shock_spectrum frequencies=1 5 20 /\n"
     whole = handle_of(library, library.viscovib_run, scene)
     one, other = table(library, moved), table(library, whole)
     assert np.abs(one["x"]).max() > 0.1
     assert all(np.array_equal(one[name], other[name]) for name in ("t", "x", "x_dot"))
-    assert library.viscovib_table_name(whole, 1).decode() == "shock_spectrum"
+    one, other = table(library, moved, 1), table(library, whole, 1)
+    assert np.array_equal(one["value"], other["value"])
+    names = [library.viscovib_table_name(whole, i).decode() for i in (1, 2)]
+    assert names == ["peaks", "shock_spectrum"]
     library.viscovib_result_free(moved)
     library.viscovib_result_free(whole)
     library.viscovib_system_free(system)

@@ -80,7 +80,7 @@ class SceneResult:
     #: The table of &free_decay; the motion itself is then a table too.
     decay: TableResult | None = None
     shock_spectrum: ShockResponseSpectrum | None = None
-    #: The tables of ``forces = 'yes'`` and ``peaks = 'yes'`` in &transient.
+    #: The tables of ``forces = 'yes'`` and ``peaks = 'yes'`` in &transient, of peaks in &ensemble.
     forces: TableResult | None = None
     peaks: TableResult | None = None
 
@@ -264,7 +264,9 @@ def _extra_columns(scene: Scene, name: str) -> tuple[str, ...]:
 
 
 def _tables_of(scene: Scene) -> list[str]:
-    """Tables that keys of &transient request."""
+    """Tables that keys of &transient or &ensemble request."""
+    if "ensemble" in scene.groups:
+        return ["peaks"] if scene.groups["ensemble"]["peaks"] == "yes" else []
     group = scene.groups.get("transient", {})
     return [key for key in _TABLES if group.get(key) == "yes"]
 
@@ -276,8 +278,11 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     several = ("basins", "ensemble", "steady_motion")
     many = next((name for name in several if name in scene.groups), None)
     if many and (many != "ensemble" or scene.groups[many]["sections"]):
-        first, *more = run_tables(scene, [many, f"{many}_1"], planned)
-        return SceneResult(scene, first, switched=tuple(replace(x, kind=many) for x in more))
+        kinds = [many, f"{many}_1", *_tables_of(scene)]
+        first, *more = run_tables(scene, kinds, planned)
+        peaks = next((table for table in more if table.kind == "peaks"), None)
+        points = tuple(replace(table, kind=many) for table in more if table is not peaks)
+        return SceneResult(scene, first, switched=points, peaks=peaks)
     first, *further_tables = run_tables(scene, kinds + _tables_of(scene), planned)
     further = {table.kind: table for table in further_tables}
     spectra, located, decay, shock = map(further.get, _FURTHER)
