@@ -5,10 +5,9 @@ module viscovib_element_groups
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_hysteresis_catalogue, only: new_hysteresis, order_numbers
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: complain_of_law
+  use viscovib_law_faults, only: compile_term, complain_of_law
   use viscovib_law_program, only: multiply, put_argument, put_number, subtract
-  use viscovib_law_term, only: about_rest, law_term
-  use viscovib_law_text, only: compile_law
+  use viscovib_law_term, only: law_term
   use viscovib_matrix_groups, only: read_matrix
   use viscovib_namelist, only: lower
   use viscovib_polynomial, only: max_coordinates, max_degree
@@ -176,25 +175,10 @@ contains
     type(element_type), intent(inout) :: element
     character(len=*), intent(in) :: text
     character(len=:), allocatable, intent(inout) :: fault
-    character(len=name_length) :: none(0)
-    real(wp) :: no_values(0), slopes(2)
-    character(len=:), allocatable :: other
+    real(wp) :: slopes(2)
 
     element%laws = [law_term(), element%laws]
-    associate (law => element%laws(1))
-      call compile_law(lower(text), ['d', 'v'], none, no_values, law%program, law%parity, &
-                       law%degree, other)
-      if (other /= '') then
-        if (scan(text, '(<>vV') > 0) fault = other
-        return
-      end if
-      law%kernel = element%kernel
-      law%text = text
-      call about_rest(law, slopes, fault)
-      law%arguments = reshape([1.0_wp, 0.0_wp], [2, 1])
-      law%rates = reshape([0.0_wp, 1.0_wp], [2, 1])
-      call law%drop_unread()
-    end associate
+    call compile_term(element%laws(1), text, ['d', 'v'], element%kernel, slopes, fault)
     element%stiffness = element%stiffness + slopes(1)
     element%damping = element%damping + slopes(2)
   end subroutine read_function

@@ -1,15 +1,17 @@
-!> Errors in the text of a law. Messages show the text of the file, with names of parameters
-!! instead of their numbers.
+!> Laws of scenes that are no polynomials, and errors in their text. Messages show the text of the
+!! file, with names of parameters instead of their numbers.
 module viscovib_law_faults
   use viscovib_group_reader, only: group_reader
+  use viscovib_kinds, only: wp
   use viscovib_law_program, only: law_program
+  use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower
   use viscovib_status, only: clipped
   implicit none
   private
 
-  public :: complain_of_law
+  public :: complain_of_law, compile_term
 
 contains
 
@@ -36,5 +38,43 @@ contains
     if (present(must)) description = must//': '//description
     call reader%complain(key, key//" = '"//clipped(written)//"': "//description)
   end subroutine complain_of_law
+
+  !> A law that is no polynomial, of coordinates and their rates. If its text cannot be compiled,
+  !! the fault stays, or becomes a clearer one.
+  subroutine compile_term(law, text, arguments, kernel, slopes, fault)
+    type(law_term), intent(out) :: law
+    character(len=*), intent(in) :: text
+    !> Names of n coordinates, then of their rates.
+    character(len=*), intent(in) :: arguments(:)
+    integer, intent(in) :: kernel
+    !> Derivatives at equilibrium, shape (2 n).
+    real(wp), intent(out) :: slopes(:)
+    !> Fault of the text as a polynomial; empty: the law is valid.
+    character(len=:), allocatable, intent(inout) :: fault
+    character(len=len(arguments)) :: none(0)
+    character(len=:), allocatable :: other
+    real(wp) :: no_values(0)
+    integer :: i, n
+
+    n = size(arguments)/2
+    slopes = 0.0_wp
+    call compile_law(lower(text), arguments, none, no_values, law%program, law%parity, law%degree, &
+                     other)
+    if (other /= '') then
+      if (scan(text, '(<>') > 0 .or. index(lower(text), '_dot') > 0 &
+          .or. any([(index(lower(text), trim(arguments(i))) > 0, i=n + 1, 2*n)])) fault = other
+      return
+    end if
+    law%kernel = kernel
+    law%text = text
+    call about_rest(law, slopes, fault)
+    if (fault /= '') return
+    allocate (law%arguments(2*n, n), law%rates(2*n, n), source=0.0_wp)
+    do i = 1, n
+      law%arguments(i, i) = 1.0_wp
+      law%rates(n + i, i) = 1.0_wp
+    end do
+    call law%drop_unread()
+  end subroutine compile_term
 
 end module viscovib_law_faults

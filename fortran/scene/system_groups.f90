@@ -6,11 +6,10 @@ module viscovib_system_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: complain_of_law
-  use viscovib_law_term, only: about_rest, law_term
-  use viscovib_law_text, only: compile_law
+  use viscovib_law_faults, only: compile_term, complain_of_law
+  use viscovib_law_term, only: law_term
   use viscovib_matrix_groups, only: read_matrix
-  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_namelist, only: namelist_type
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
@@ -228,34 +227,16 @@ contains
     character(len=:), allocatable, intent(inout) :: fault
     type(law_term) :: law
     type(law_term), allocatable :: laws(:)
-    character(len=name_length) :: none(0)
-    real(wp) :: no_values(0), slopes(2*size(coordinates))
-    real(wp), dimension(size(coordinates), size(coordinates)) :: zero, unit
-    character(len=name_length + 4) :: arguments(2*size(coordinates))
-    character(len=:), allocatable :: other
+    real(wp) :: slopes(2*size(coordinates)), zero(size(coordinates), size(coordinates))
     integer :: i, n
 
     n = size(coordinates)
-    arguments(:n) = coordinates
-    arguments(n + 1:) = rates_of(coordinates)
-    call compile_law(lower(text), arguments, none, no_values, law%program, law%parity, law%degree, &
-                     other)
-    if (other /= '') then
-      if (scan(text, '(<>') > 0 .or. index(lower(text), '_dot') > 0) fault = other
-      return
-    end if
-    law%kernel = kernel
-    law%text = text
+    call compile_term(law, text, [character(len=name_length + 4) :: coordinates, &
+                                  rates_of(coordinates)], kernel, slopes, fault)
+    if (fault /= '') return
     law%equations = [on]
     law%weights = [1.0_wp]
     law%variables = [0]
-    call about_rest(law, slopes, fault)
-    if (fault /= '') return
-    unit = reshape([(merge(1.0_wp, 0.0_wp, mod(i, n + 1) == 0), i=0, n*n - 1)], [n, n])
-    allocate (law%arguments(2*n, n), law%rates(2*n, n), source=0.0_wp)
-    law%arguments(:n, :) = unit
-    law%rates(n + 1:, :) = unit
-    call law%drop_unread()
     if (.not. allocated(p%laws)) allocate (p%laws(0))
     if (size(p%laws) >= max_laws) then
       call reader%complain('force', '&force: at most '//show(max_laws)//' may be no polynomials')
