@@ -105,6 +105,7 @@ contains
     integer :: blurred, dof, i, short
 
     if (subject%is_pendulum) then
+      free = subject
       call run_free(self, subject%pendulum, families, status)
     else
       allocate (families(1))
@@ -116,11 +117,7 @@ contains
     do i = 1, size(families)
       name = this_kind()
       if (i > 1) name = name//'_'//show(i - 1)
-      if (subject%is_pendulum) then
-        call tabulate(self, subject, families(i), table)
-      else
-        call tabulate(self, free, families(i), table)
-      end if
+      call tabulate(self, free, families(i), table)
       call sink%put(name, table, status)
       if (status%failed()) return
     end do

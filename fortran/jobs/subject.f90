@@ -105,8 +105,8 @@ contains
     end if
   end function base_direction
 
-  !> True if motions in time need equations with memory: always for mounts; the complete
-  !! equations of a structure represent memory by coordinates.
+  !> True if motions in time need equations with memory: always for mounts and structures; the
+  !! complete equations of a structure represent memory by coordinates.
   pure logical function remembers(self)
     class(subject_type), intent(in) :: self
     remembers = .not. self%is_pendulum

@@ -40,7 +40,7 @@ contains
     type(hereditary_job), allocatable :: hereditary
     integer :: i
 
-    if (subject%is_structure .or. subject%remembers()) then
+    if (subject%remembers()) then
       allocate (hereditary)
       hereditary%nu = nu
       hereditary%held = [(0.0_wp, i=1, size(start)/2)]

@@ -4,7 +4,7 @@ module viscovib_basins_groups
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
-  use viscovib_motion_groups, only: read_frequency
+  use viscovib_load_groups, only: read_frequency
   use viscovib_namelist, only: lower
   use viscovib_near_words, only: listed
   use viscovib_status, only: show

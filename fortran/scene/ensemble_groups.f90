@@ -7,10 +7,10 @@ module viscovib_ensemble_groups
   use viscovib_hereditary_job, only: hereditary_methods
   use viscovib_kinds, only: wp
   use viscovib_law_parameters, only: read_parameters
+  use viscovib_load_groups, only: read_frequency
   use viscovib_many_job, only: many_job
   use viscovib_many_runs, only: of_load, of_parameter, system_numbers
   use viscovib_method_catalogue, only: transient_methods
-  use viscovib_motion_groups, only: read_frequency
   use viscovib_namelist, only: namelist_type
   use viscovib_near_words, only: listed, longest
   use viscovib_number_text, only: exact
@@ -133,7 +133,7 @@ contains
     if (reader%status%failed()) return
     if (job%side_by_side) then
       known = lane_methods
-    else if (subject%is_structure .or. subject%remembers()) then
+    else if (subject%remembers()) then
       known = hereditary_methods
     else
       known = transient_methods
@@ -223,12 +223,14 @@ contains
     type(subject_type), intent(in) :: subject
     type(many_job), intent(inout) :: job
     real(wp) :: span
+    integer :: most
 
     job%sections = reader%read_integer('sections')
     if (reader%status%failed()) return
-    if (job%sections < 0 .or. job%sections > merge(3, 1, subject%is_pendulum)) then
+    most = merge(3, 1, subject%is_pendulum)
+    if (job%sections < 0 .or. job%sections > most) then
       call reader%complain('sections', 'sections = '//show(job%sections)//': must be 0 to ' &
-                           //show(merge(3, 1, subject%is_pendulum)))
+                           //show(most))
       return
     end if
     if (job%sections > 0) then

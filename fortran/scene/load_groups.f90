@@ -15,7 +15,7 @@ module viscovib_load_groups
   implicit none
   private
 
-  public :: read_loads
+  public :: read_frequency, read_loads
 
   !> Kinds: 1 is a force.
   integer, parameter :: moves = 2, unbalances = 3, accelerates = 4
@@ -355,5 +355,23 @@ contains
     shape(4:6) = torque + [arm(2)*force(3) - arm(3)*force(2), arm(3)*force(1) - arm(1)*force(3), &
                            arm(1)*force(2) - arm(2)*force(1)]
   end subroutine read_direction
+
+  !> The frequency nu of a load that has one.
+  subroutine read_frequency(reader, load, nu)
+    type(group_reader), intent(inout) :: reader
+    type(load_type), intent(in) :: load
+    real(wp), intent(out) :: nu
+    type(status_type) :: status
+
+    nu = 0.0_wp
+    if (any(load%orders > 0)) then
+      nu = reader%read_real('nu')
+      if (reader%status%failed()) return
+      call load%check_at([nu], status)
+      if (status%failed()) call reader%complain('nu', status%message)
+    else
+      call reader%refuse(['nu'], 'is the frequency of a load, and none has one')
+    end if
+  end subroutine read_frequency
 
 end module viscovib_load_groups

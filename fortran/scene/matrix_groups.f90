@@ -55,7 +55,11 @@ contains
       values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
     end if
     if (reader%status%failed()) return
-    if (n == 0) n = size_of(size(values), names_given(reader))
+    if (n == 0) then
+      n = size_of(size(values), values_of(reader, 'coordinates'))
+      call refuse_ambiguous(reader, key, size(values))
+      if (reader%status%failed()) return
+    end if
     if (n > max_size) then
       call reader%complain(key, key//' is of '//show(n)//' coordinates: must be at most ' &
                            //show(max_size))
@@ -99,11 +103,27 @@ contains
     end if
   end function size_of
 
-  pure integer function names_given(reader) result(n)
+  !> Number of values of a key; 0 if it is absent.
+  pure integer function values_of(reader, key) result(n)
     type(group_reader), intent(in) :: reader
-    n = reader%group%find('coordinates')
+    character(len=*), intent(in) :: key
+    n = reader%group%find(key)
     if (n > 0) n = reader%group%entries(n)%n_values
-  end function names_given
+  end function values_of
+
+  !> Fail if the mass and the stiffness are diagonals of n coordinates, or full matrices of sqrt(n).
+  subroutine refuse_ambiguous(reader, key, n)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: key
+    integer, intent(in) :: n
+    integer :: rows
+
+    rows = nint(sqrt(real(n, wp)))
+    if (n == 1 .or. rows*rows /= n .or. values_of(reader, 'coordinates') > 0) return
+    if (values_of(reader, 'stiffness') /= n) return
+    call reader%complain('size', key//' and stiffness have '//show(n)//' values each: give size ' &
+                         //'= '//show(n)//' (diagonals) or size = '//show(rows)//' (row by row)')
+  end subroutine refuse_ambiguous
 
   logical function is_file(reader, key)
     type(group_reader), intent(in) :: reader

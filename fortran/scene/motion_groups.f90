@@ -8,6 +8,7 @@ module viscovib_motion_groups
   use viscovib_kinds, only: wp
   use viscovib_limits, only: largest_start
   use viscovib_load, only: load_type
+  use viscovib_load_groups, only: read_frequency
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_motion_job, only: decay_job, spectrum_job
   use viscovib_record_doubts, only: doubt_record
@@ -21,8 +22,7 @@ module viscovib_motion_groups
   implicit none
   private
 
-  public :: read_decay, read_frequency, read_hereditary, read_shock_spectrum, read_spectrum, &
-    read_transient
+  public :: read_decay, read_hereditary, read_shock_spectrum, read_spectrum, read_transient
 
   !> Keys of the range that a list of frequencies replaces.
   character(len=*), parameter :: grid_keys(4) = &
@@ -57,24 +57,6 @@ contains
     call check_times(job, status)
     call reader%place(status)
   end subroutine read_hereditary
-
-  !> The frequency nu of a load that has one.
-  subroutine read_frequency(reader, load, nu)
-    type(group_reader), intent(inout) :: reader
-    type(load_type), intent(in) :: load
-    real(wp), intent(out) :: nu
-    type(status_type) :: status
-
-    nu = 0.0_wp
-    if (any(load%orders > 0)) then
-      nu = reader%read_real('nu')
-      if (reader%status%failed()) return
-      call load%check_at([nu], status)
-      if (status%failed()) call reader%complain('nu', status%message)
-    else
-      call reader%refuse(['nu'], 'is the frequency of a load, and none has one')
-    end if
-  end subroutine read_frequency
 
   subroutine read_transient(reader, system, job, from_rest, is_pushed)
     type(group_reader), intent(inout) :: reader

@@ -52,7 +52,7 @@ contains
     scene%of_text = present(text)
     call read_namelist(path, file, status, text)
     if (present(allow_paths)) file%groups%anywhere = allow_paths
-    if (.not. status%failed()) call check_groups(file, scene%subject%is_pendulum, status)
+    if (.not. status%failed()) call check_groups(file, status)
     if (.not. status%failed()) call read_title(file, scene, canonical, status)
     if (.not. status%failed()) call read_parameters(file, unused, canonical, status)
     if (.not. status%failed()) call read_subject(file, scene%subject, canonical, status)

@@ -13,14 +13,12 @@ module viscovib_scene_groups
 
 contains
 
-  subroutine check_groups(file, is_pendulum, status)
+  subroutine check_groups(file, status)
     type(namelist_type), intent(inout) :: file
-    logical, intent(out) :: is_pendulum
     type(status_type), intent(out) :: status
     integer :: first(size(group_table))
     integer :: i
 
-    is_pendulum = has(file, 'pendulum')
     file%groups%systems = 0
     do i = 1, size(system_groups)
       if (has(file, system_groups(i))) file%groups%systems = ibset(0, i - 1)
@@ -39,7 +37,7 @@ contains
         call refuse_lack(file, 'mount', status)
       end if
     end if
-    if (.not. status%failed()) call check_results(file, is_pendulum, status)
+    if (.not. status%failed()) call check_results(file, status)
   end subroutine check_groups
 
   !> Whether a group is known, given once, and goes with the system.
@@ -102,9 +100,8 @@ contains
   end subroutine check_group
 
   !> One result, and a load where it needs one.
-  subroutine check_results(file, is_pendulum, status)
+  subroutine check_results(file, status)
     type(namelist_type), intent(in) :: file
-    logical, intent(in) :: is_pendulum
     type(status_type), intent(inout) :: status
     integer :: i, first, other
 
@@ -116,7 +113,7 @@ contains
       if (first == 0) first = i
     end do
     if (first == 0) then
-      if (is_pendulum) then
+      if (has(file, 'pendulum')) then
         call fail(status, status_input_error, 'transient', file%path//': no &transient group: ' &
                   //'a scene with &pendulum needs a wanted result (' &
                   //listed(wanted(ibset(0, size(system_groups) - 1)))//')')
@@ -135,7 +132,7 @@ contains
       call refuse(file, trim(group_table(other)%name), '&'//trim(group_table(other)%name) &
                   //': this scene has &'//trim(group_table(first)%name) &
                   //' already, give one of them', status)
-    else if (group_table(first)%needs == 'load' .and. .not. (is_pendulum &
+    else if (group_table(first)%needs == 'load' .and. .not. (has(file, 'pendulum') &
                                                              .or. has(file, 'load'))) then
       call refuse_lack(file, 'load', status)
     end if

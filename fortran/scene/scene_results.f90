@@ -26,9 +26,10 @@ module viscovib_scene_results
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: job_type
   use viscovib_kinds, only: wp
+  use viscovib_load_groups, only: read_frequency
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
-  use viscovib_motion_groups, only: read_decay, read_frequency, read_hereditary, &
+  use viscovib_motion_groups, only: read_decay, read_hereditary, &
     read_shock_spectrum, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: lower, namelist_type
@@ -219,7 +220,7 @@ contains
     if (subject%is_pendulum) then
       call read_transient(reader, subject%pendulum, motion)
       call move_alloc(motion, own%motion)
-    else if (subject%is_structure .or. subject%remembers()) then
+    else if (subject%remembers()) then
       allocate (hereditary)
       call read_hereditary(reader, size(subject%coordinates), subject%load, hereditary)
       if (subject%is_structure) call check_structure(reader, subject%model, hereditary)

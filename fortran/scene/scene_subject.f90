@@ -45,6 +45,7 @@ contains
     type(mount_parameters) :: parameters
     type(load_type) :: load
 
+    subject%is_pendulum = place_of(file, 'pendulum') <= size(file%groups)
     if (subject%is_pendulum) then
       subject%coordinates = [character(len=name_length) :: 'z', 'phi', 'psi']
       subject%units = [character(len=name_length) :: 'L', 'rad', 'rad']

@@ -189,6 +189,8 @@ REFUSED = {
     "mass=1 2 stiffness=1 1 damping=1 0.2 0.2 1 loss_factor=0.1": "leave the modes uncoupled",
     "mass=1 2 stiffness=1 1 coordinates='x' 'x'": "is there twice",
     "mass=1 2 stiffness=1 1 size=400": "must be 1 to 300",
+    "mass=1 0 0 1 stiffness=2 -1 -1 2": "mass and stiffness have 4 values each: give size = 4 "
+    "(diagonals) or size = 2 (row by row)",
 }
 ELEMENTS = {
     "on='x9' law='d^3'": "on = 'x9': must be one of the 2 coordinates x1, x2",
