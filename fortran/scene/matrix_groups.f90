@@ -125,13 +125,17 @@ contains
                          //'= '//show(n)//' (diagonals) or size = '//show(rows)//' (row by row)')
   end subroutine refuse_ambiguous
 
+  !> True for a text, but for a number in quotes.
   logical function is_file(reader, key)
     type(group_reader), intent(in) :: reader
     character(len=*), intent(in) :: key
     integer :: i
     i = reader%group%find(key)
     is_file = .false.
-    if (i > 0) is_file = reader%group%entries(i)%values(1)%quoted
+    if (i == 0) return
+    associate (value => reader%group%entries(i)%values(1))
+      is_file = value%quoted .and. verify(value%text, '+-.0123456789 eEdD') > 0
+    end associate
   end function is_file
 
   !> A matrix from a file in the folder of the scene.
