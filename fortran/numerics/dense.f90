@@ -293,7 +293,7 @@ contains
     n = size(x)
     a = matrix
     smallest = 0.0_wp
-    if (nudge) smallest = epsilon(1.0_wp)*maxval(abs(a))
+    if (nudge) smallest = epsilon(1.0_wp)*maxval(max(abs(real(a)), abs(aimag(a))))
     do k = 1, n
       p = k
       largest = abs(real(a(k, k))) + abs(aimag(a(k, k)))

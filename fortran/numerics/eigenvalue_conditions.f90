@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Sensitivity of eigenvalues of a real matrix to its entries: |left| |right|/|left . right| of
 !! their eigenvectors (Golub and Van Loan, Matrix Computations, 4th ed., 7.2.2).
 !!

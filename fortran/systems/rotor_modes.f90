@@ -1,3 +1,4 @@
+! Optimize: -O3
 !> Complex modes of a polynomial system about rest at a speed of its rotor.
 !!
 !! Eigenvalues and vectors of (M s^2 + C(Omega) s + K(Omega)) x = 0, with the exponentials of memory
