@@ -8,7 +8,7 @@ module viscovib_matrix_groups
   implicit none
   private
 
-  public :: read_matrix, read_shapes
+  public :: read_matrix, read_shapes, refuse_ambiguous
 
   !> Largest number of coordinates.
   integer, parameter :: max_size = 300
@@ -55,11 +55,7 @@ contains
       values = reader%read_reals(key, default=[(0.0_wp, i=1, n)])
     end if
     if (reader%status%failed()) return
-    if (n == 0) then
-      n = size_of(size(values), values_of(reader, 'coordinates'))
-      call refuse_ambiguous(reader, key, size(values))
-      if (reader%status%failed()) return
-    end if
+    if (n == 0) n = size_of(size(values), values_of(reader, 'coordinates'))
     if (n > max_size) then
       call reader%complain(key, key//' is of '//show(n)//' coordinates: must be at most ' &
                            //show(max_size))
@@ -111,18 +107,29 @@ contains
     if (n > 0) n = reader%group%entries(n)%n_values
   end function values_of
 
-  !> Fail if the mass and the stiffness are diagonals of n coordinates, or full matrices of sqrt(n).
-  subroutine refuse_ambiguous(reader, key, n)
+  !> Fail if mass and stiffness, read as diagonals of n coordinates, are full matrices of sqrt(n)
+  !! coordinates as well: both symmetric, the mass of any two coordinates positive definite.
+  subroutine refuse_ambiguous(reader, mass, stiffness)
     type(group_reader), intent(inout) :: reader
-    character(len=*), intent(in) :: key
-    integer, intent(in) :: n
-    integer :: rows
+    !> Shape (n, n).
+    real(wp), intent(in) :: mass(:, :), stiffness(:, :)
+    real(wp), allocatable :: m(:, :), k(:, :)
+    integer :: i, j, n, rows
 
+    n = size(mass, 1)
     rows = nint(sqrt(real(n, wp)))
     if (n == 1 .or. rows*rows /= n .or. values_of(reader, 'coordinates') > 0) return
-    if (values_of(reader, 'stiffness') /= n) return
-    call reader%complain('size', key//' and stiffness have '//show(n)//' values each: give size ' &
-                         //'= '//show(n)//' (diagonals) or size = '//show(rows)//' (row by row)')
+    if (values_of(reader, 'mass') /= n .or. values_of(reader, 'stiffness') /= n) return
+    m = reshape([(mass(i, i), i=1, n)], [rows, rows])
+    k = reshape([(stiffness(i, i), i=1, n)], [rows, rows])
+    if (any(abs(m - transpose(m)) > 0.0_wp) .or. any(abs(k - transpose(k)) > 0.0_wp)) return
+    do j = 1, rows
+      do i = 1, j - 1
+        if (.not. m(i, i)*m(j, j) > m(i, j)**2) return
+      end do
+    end do
+    call reader%complain('size', 'mass and stiffness have '//show(n)//' values each: give size = ' &
+                         //show(n)//' (diagonals) or size = '//show(rows)//' (row by row)')
   end subroutine refuse_ambiguous
 
   !> True for a text, but for a number in quotes.

@@ -8,7 +8,7 @@ module viscovib_structure_groups
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_limits, only: least_mass
-  use viscovib_matrix_groups, only: read_matrix, read_shapes
+  use viscovib_matrix_groups, only: read_matrix, read_shapes, refuse_ambiguous
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: place_of
@@ -141,15 +141,17 @@ contains
     integer, allocatable, intent(out) :: held(:)
     character(len=:), allocatable :: names
     character(len=name_length), allocatable :: own(:)
-    integer :: i, n, n_modes, rows
+    integer :: given, i, n, n_modes, rows
 
     allocate (coordinates(0), units(0), held(0))
-    call read_size(reader, n)
-    call read_matrix(reader, 'mass', .true., n, model%mass)
+    call read_size(reader, given)
+    call read_matrix(reader, 'mass', .true., given, model%mass)
     n = size(model%mass, 1)
     reader%echo = reader%echo//'  size = '//show(n)//new_line('a')
     call read_matrix(reader, 'stiffness', .true., n, model%stiffness)
     call read_matrix(reader, 'damping', .false., n, model%damping)
+    if (reader%status%failed()) return
+    if (given == 0) call refuse_ambiguous(reader, model%mass, model%stiffness)
     if (reader%status%failed()) return
     call check_mass(reader, model%mass)
     call read_shapes(reader, n, model%places, names)
