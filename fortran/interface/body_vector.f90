@@ -8,13 +8,13 @@
 !!
 !! Matrices are in column-major order.
 module viscovib_body_vector
-  use viscovib_catalogue, only: new_kernel
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: put_argument
   use viscovib_law_term, only: law_term, new_law_term
   use viscovib_mounted_body, only: mounted_body
   use viscovib_status, only: fail, set_ok, status_input_error, status_type
+  use viscovib_system_vector, only: kernels_from_vector
   use viscovib_turning_body, only: body_spring, new_turning_body, turning_body
   implicit none
   private
@@ -81,7 +81,7 @@ contains
     type(body_spring), allocatable, intent(out) :: springs(:)
     type(kernel_holder), allocatable, intent(out) :: kernels(:)
     type(status_type), intent(out) :: status
-    integer :: at, i, kind, n, n_data
+    integer :: at, i, n
 
     call set_ok(status)
     if (size(vector) < 7) then
@@ -89,7 +89,7 @@ contains
       return
     end if
     n = nint(vector(1))
-    allocate (springs(nint(vector(2))), kernels(nint(vector(3))))
+    allocate (springs(nint(vector(2))))
     at = 7
     mass = reshape(next(n*n), [n, n])
     damping = reshape(next(n*n), [n, n])
@@ -97,13 +97,7 @@ contains
     do i = 1, size(springs)
       call next_spring(springs(i))
     end do
-    do i = 1, size(kernels)
-      kind = nint(vector(at + 1))
-      n_data = nint(vector(at + 2))
-      at = at + 2
-      call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
-      if (status%failed()) return
-    end do
+    call kernels_from_vector(kernels, nint(vector(3)), vector, at, status)
 
   contains
 

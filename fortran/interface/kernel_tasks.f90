@@ -3,12 +3,9 @@
 !! `viscovib_catalogue`.
 module viscovib_kernel_tasks
   use viscovib_catalogue, only: new_kernel
-  use viscovib_collocation, only: collocation_type, new_collocation
-  use viscovib_convolution, only: convolve
   use viscovib_kernel_doubts, only: doubt_integral, doubt_table
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
-  use viscovib_motion_balance, only: panel_points
   use viscovib_task, only: built_kernel, task_type
   implicit none
   private
@@ -90,36 +87,11 @@ contains
                                  task%get_real('t_max'), weights, rates)
         call task%found%put_reals('weights', weights, shape(weights))
         call task%found%put_reals('rates', rates, shape(rates))
-      case ('convolve')
-        call find_convolution(task)
       case default
         call task%refuse_kind()
       end select
     end associate
   end subroutine kernel_task
-
-  !> R*g at ascending `times` (n): `recalled` (n, m). `values` of g (p (panel_points + 2), m) at the
-  !! points of panels with `ends` (p + 1), and what it was before, `held` (m).
-  subroutine find_convolution(task)
-    type(task_type), intent(inout) :: task
-    real(wp), pointer, contiguous :: ends(:), values(:, :), held(:), times(:)
-    real(wp), allocatable :: recalled(:, :), g(:, :, :)
-    type(collocation_type) :: table
-
-    ends => task%get_reals('ends')
-    values => task%get_matrix('values')
-    held => task%get_reals('held')
-    times => task%get_reals('times')
-    call task%check_extents('held', shape(held), [size(values, 2)])
-    call task%check_extents('values', shape(values), [(size(ends) - 1)*(panel_points + 2), &
-                                                      size(held)])
-    if (task%failed()) return
-    call new_collocation(table, panel_points)
-    allocate (g, source=reshape(values, [panel_points + 2, size(ends) - 1, size(held)]))
-    allocate (recalled(size(times), size(held)))
-    call convolve(task%kernel(), table, ends, g, held, times, recalled)
-    call task%found%put_reals('recalled', recalled, shape(recalled))
-  end subroutine find_convolution
 
   subroutine transform_at(kernel, mu, transform, lost)
     use viscovib_kernel, only: kernel_type

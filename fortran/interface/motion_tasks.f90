@@ -1,6 +1,9 @@
 !> Tasks about solutions in time: runs, their preparation, and plans.
 module viscovib_motion_tasks
   use viscovib_body_vector, only: mounted_from_vector
+  use viscovib_element_forces, only: element_forces_type, find_element_forces, &
+    find_forces_by_kernel, find_mount_springs, sampled_motion
+  use viscovib_element_vector, only: elements_from_vector
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
@@ -13,6 +16,7 @@ module viscovib_motion_tasks
   use viscovib_motion_inputs, only: load_of, polynomial_of
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
   use viscovib_motion_search, only: run_motion
+  use viscovib_mount, only: mount_type
   use viscovib_mount_forces, only: find_mount_forces, find_spring_memory, mount_forces_type
   use viscovib_mounted_body, only: mounted_body
   use viscovib_oscillator, only: oscillator_type
@@ -27,6 +31,8 @@ module viscovib_motion_tasks
     steady_motion, trace_branch
   use viscovib_spline_integral, only: spline_integral
   use viscovib_status, only: show
+  use viscovib_structure_elements, only: element_type
+  use viscovib_structure_supports, only: support_rows
   use viscovib_task, only: task_type
   use viscovib_timed_polynomials, only: timed_polynomials
   use viscovib_turning_body, only: row_of
@@ -61,6 +67,10 @@ contains
       call find_accelerations(task)
     case ('mount forces')
       call find_forces_of_mounts(task)
+    case ('element forces')
+      call find_forces_of_elements(task)
+    case ('support reactions')
+      call find_support_reactions(task)
     case ('peaks')
       call find_peaks(task)
     case ('work')
@@ -149,8 +159,8 @@ contains
     type(mounted_body) :: body
     type(kernel_holder), allocatable :: kernels(:)
     type(mount_forces_type) :: forces
-    real(wp), pointer, contiguous :: u(:, :), rate(:, :), ends(:), panel_u(:, :), &
-                                     panel_rate(:, :), held(:), times(:), center(:)
+    type(sampled_motion) :: motion
+    real(wp), pointer, contiguous :: center(:)
     real(wp), allocatable :: memory(:, :), rows(:, :)
     integer, allocatable :: mount_of(:)
     integer :: j, n
@@ -161,22 +171,17 @@ contains
     body%exact = task%get_flag('exact')
     center => task%get_reals('center')
     mount_of = task%get_integers('mount_of')
-    u => task%get_matrix('u')
-    rate => task%get_matrix('rate')
+    call read_samples(task, n, motion)
     call task%check_extents('center', shape(center), [3])
     call task%check_extents('mount_of', shape(mount_of), shape(body%springs))
-    call task%check_extents('rate', shape(rate), shape(u))
     if (task%failed()) return
-    call task%check_extents('u', shape(u), [size(u, 1), n])
-    if (task%failed()) return
-    allocate (memory(size(u, 1), size(body%springs)), source=0.0_wp)
-    if (task%has('ends')) then
-      call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
-      if (task%failed()) return
-      call find_spring_memory(body%springs, kernels, body%exact, ends, panel_u, panel_rate, held, &
-                              times, memory)
+    allocate (memory(size(motion%u, 1), size(body%springs)), source=0.0_wp)
+    if (allocated(motion%ends)) then
+      call find_spring_memory(body%springs, kernels, body%exact, motion%ends, motion%panel_u, &
+                              motion%panel_rate, motion%held, motion%times, memory)
     end if
-    call find_mount_forces(body%springs, mount_of, body%exact, center, u, rate, memory, forces)
+    call find_mount_forces(body%springs, mount_of, body%exact, center, motion%u, motion%rate, &
+                           memory, forces)
     call task%found%put_reals('deflection', forces%deflection, shape(forces%deflection))
     call task%found%put_reals('rate', forces%rate, shape(forces%rate))
     call task%found%put_reals('elastic', forces%elastic, shape(forces%elastic))
@@ -193,6 +198,125 @@ contains
     rows = matmul(memory, rows)
     call task%found%put_reals('remembered', rows, shape(rows))
   end subroutine find_forces_of_mounts
+
+  !> Forces of the `elements` of a structure (`elements_from_vector`), or else of the springs of the
+  !! system, at states `u` and `rate` (n, n_dof) relative to the base. With kernels also the motion
+  !! until then, as of `find_accelerations`. Forces of laws that are known: `laws` and `panel_laws`,
+  !! as of `sampled_motion`. Motions `apart` (n, n_held, 3) of supports, with their `weights`
+  !! (n_held, m) in the deflections. Returns what `element_forces_type` contains.
+  subroutine find_forces_of_elements(task)
+    type(task_type), intent(inout) :: task
+    type(sampled_motion) :: motion
+    type(element_forces_type) :: forces
+    class(oscillator_type), pointer :: system
+
+    if (task%has('elements')) then
+      call find_forces_in_structure(task, forces)
+    else
+      system => task%system()
+      if (task%failed()) return
+      call read_samples(task, system%n_dof(), motion)
+      if (task%failed()) return
+      select type (system)
+      type is (mount_type)
+        call find_mount_springs(system, motion, forces)
+      type is (polynomial_type)
+        call find_forces_by_kernel(system, motion, forces)
+      class default
+        call task%refuse_kind()
+      end select
+    end if
+    if (task%failed()) return
+    call task%found%put_reals('deflection', forces%deflection, shape(forces%deflection))
+    call task%found%put_reals('rate', forces%rate, shape(forces%rate))
+    call task%found%put_reals('elastic', forces%elastic, shape(forces%elastic))
+    call task%found%put_reals('damping', forces%damping, shape(forces%damping))
+    call task%found%put_reals('memory', forces%memory, shape(forces%memory))
+  end subroutine find_forces_of_elements
+
+  subroutine find_forces_in_structure(task, forces)
+    type(task_type), intent(inout) :: task
+    type(element_forces_type), intent(out) :: forces
+    type(element_type), allocatable :: elements(:)
+    type(kernel_holder), allocatable :: kernels(:)
+    type(sampled_motion) :: motion
+    real(wp), pointer, contiguous :: apart(:, :, :), weights(:, :), flat(:)
+    integer :: j
+
+    flat => task%get_reals('elements')
+    call elements_from_vector(elements, kernels, flat, task%status)
+    if (task%failed()) return
+    call read_samples(task, nint(flat(1)), motion)
+    if (task%failed()) return
+    if (.not. task%has('apart')) then
+      call find_element_forces(elements, kernels, motion, forces)
+      return
+    end if
+    apart => task%get_cube('apart')
+    weights => task%get_matrix('weights')
+    call task%check_extents('apart', shape(apart), [size(motion%u, 1), size(weights, 1), 3])
+    call task%check_extents('weights', shape(weights), [size(weights, 1), size(elements)])
+    if (task%failed()) return
+    do j = 1, size(elements)
+      elements(j)%ends = weights(:, j)
+    end do
+    call find_element_forces(elements, kernels, motion, forces, apart)
+  end subroutine find_forces_in_structure
+
+  !> A motion relative to the base, as of `find_forces_of_elements`.
+  subroutine read_samples(task, n_dof, motion)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n_dof
+    type(sampled_motion), intent(out) :: motion
+    real(wp), pointer, contiguous :: u(:, :), rate(:, :), ends(:), panel_u(:, :), &
+                                     panel_rate(:, :), held(:), times(:)
+    u => task%get_matrix('u')
+    rate => task%get_matrix('rate')
+    call task%check_extents('rate', shape(rate), shape(u))
+    if (.not. task%failed()) call task%check_extents('u', shape(u), [size(u, 1), n_dof])
+    if (task%failed()) return
+    motion%u = u
+    motion%rate = rate
+    if (task%has('laws')) motion%laws = task%get_matrix('laws')
+    if (.not. task%has('ends')) return
+    call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
+    if (task%failed()) return
+    motion%times = times
+    motion%ends = ends
+    motion%panel_u = panel_u
+    motion%panel_rate = panel_rate
+    motion%held = held
+    if (task%has('panel_laws')) motion%panel_laws = task%get_matrix('panel_laws')
+  end subroutine read_samples
+
+  !> Forces `force` (n, n_held) that hold supports, without those of elements, as of `reactions`:
+  !! `moved` (n, n_free, 3), `base` (n, 3), `apart` (n, n_held, 3), and the rows `free`
+  !! (n_held, n_free, 3), `held` (n_held, n_held, 3) and `based` (n_held, 3).
+  subroutine find_support_reactions(task)
+    type(task_type), intent(inout) :: task
+    type(support_rows) :: rows
+    real(wp), pointer, contiguous :: moved(:, :, :), base(:, :), apart(:, :, :)
+    real(wp), allocatable :: force(:, :)
+    integer :: n_held
+
+    moved => task%get_cube('moved')
+    base => task%get_matrix('base')
+    apart => task%get_cube('apart')
+    rows%free = task%get_cube('free')
+    rows%held = task%get_cube('held')
+    rows%based = task%get_matrix('based')
+    if (task%failed()) return
+    n_held = size(rows%based, 1)
+    call task%check_extents('base', shape(base), [size(moved, 1), 3])
+    call task%check_extents('apart', shape(apart), [size(moved, 1), n_held, 3])
+    call task%check_extents('moved', shape(moved), [size(moved, 1), size(rows%free, 2), 3])
+    call task%check_extents('free', shape(rows%free), [n_held, size(rows%free, 2), 3])
+    call task%check_extents('held', shape(rows%held), [n_held, n_held, 3])
+    call task%check_extents('based', shape(rows%based), [n_held, 3])
+    if (task%failed()) return
+    force = rows%reactions(moved, base, apart)
+    call task%found%put_reals('force', force, shape(force))
+  end subroutine find_support_reactions
 
   !> Located `peak` (m) with the time `at` and the `error` of the location, of quantities `values`
   !! (n, m) at ascending times `t` (n). Between `breaks` they are smooth. Quantities that need more

@@ -15,11 +15,11 @@ module viscovib_system_vector
   use viscovib_kinds, only: wp
   use viscovib_law_term, only: new_law_term
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
-  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_status, only: fail, set_ok, status_input_error, status_type
   implicit none
   private
 
-  public :: polynomial_from_vector
+  public :: kernels_from_vector, polynomial_from_vector
 
 contains
 
@@ -29,7 +29,7 @@ contains
     type(status_type), intent(out) :: status
     type(polynomial_parameters) :: p
     type(kernel_holder), allocatable :: kernels(:)
-    integer :: at, i, n, n_springs, n_monomials, n_kernels, kind, n_data
+    integer :: at, i, n, n_springs, n_monomials, n_kernels, n_data
 
     if (size(vector) < 5) then
       call fail(status, status_input_error, 'system', 'system: not a polynomial system')
@@ -56,15 +56,9 @@ contains
       p%monomial_kernel(i:i) = nint(next(1))
       p%powers(:, i) = nint(next(n))
     end do
-    allocate (kernels(n_kernels))
-    do i = 1, n_kernels
-      kind = nint(vector(at + 1))
-      n_data = nint(vector(at + 2))
-      at = at + 2
-      call new_kernel(kernels(i)%kernel, kind, next(n_data), status)
-      kernels(i)%factor = vector(5)
-      if (status%failed()) return
-    end do
+    call kernels_from_vector(kernels, n_kernels, vector, at, status)
+    if (status%failed()) return
+    kernels%factor = vector(5)
     if (at < size(vector)) then
       allocate (p%laws(nint(vector(at + 1))))
       at = at + 1
@@ -97,5 +91,26 @@ contains
     end function next
 
   end subroutine polynomial_from_vector
+
+  !> Read kernels: of each its kind, the number of its data, and these.
+  subroutine kernels_from_vector(kernels, n, vector, at, status)
+    type(kernel_holder), allocatable, intent(out) :: kernels(:)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: vector(:)
+    !> Number of entries read before, and after.
+    integer, intent(inout) :: at
+    type(status_type), intent(out) :: status
+    integer :: i, n_data
+
+    call set_ok(status)
+    allocate (kernels(n))
+    do i = 1, n
+      n_data = nint(vector(at + 2))
+      call new_kernel(kernels(i)%kernel, nint(vector(at + 1)), vector(at + 3:at + 2 + n_data), &
+                      status)
+      if (status%failed()) return
+      at = at + 2 + n_data
+    end do
+  end subroutine kernels_from_vector
 
 end module viscovib_system_vector

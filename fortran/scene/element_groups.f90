@@ -112,7 +112,7 @@ contains
         call reader%complain('fluid_exponent', 'fluid_exponent = '//show(a)//': must be 0.1 to 1 ' &
                              //'with series_stiffness')
       end if
-      element%series = [series, c, a]
+      element%series = [series, c, a, 0.0_wp]
       return
     end if
     if (.not. c > 0.0_wp) return
@@ -291,6 +291,8 @@ contains
         end do
         rate = 1.0_wp
         if (softness > 0.0_wp) rate = sqrt(k*softness)
+        one%series(4) = rate
+        one%across = one%direction
         model%mass(j, j) = k
         model%damping(:n, j) = k*e
         model%damping(j, :n) = -k*e

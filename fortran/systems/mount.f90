@@ -52,6 +52,7 @@ module viscovib_mount
     procedure :: force_slopes
     procedure :: jets
     procedure :: natural_modes
+    procedure :: deflect
   end type mount_type
 
 contains
@@ -182,6 +183,26 @@ contains
       f(i, 2) = 2.0_wp*self%parameters%offset*sin(0.5_wp*u(i, 2))**2*v(i, 1)
     end do
   end subroutine force_remainder
+
+  !> Deflections of the springs in x and phi, and their rates, shape (n, 2). The geometry is exact,
+  !! or expanded to third order.
+  pure subroutine deflect(self, u, rate, d, speed)
+    class(mount_type), intent(in) :: self
+    real(wp), intent(in) :: u(:, :), rate(:, :)
+    real(wp), intent(out) :: d(:, :), speed(:, :)
+
+    d(:, 2) = u(:, 2)
+    speed(:, 2) = rate(:, 2)
+    associate (p => self%parameters, phi => u(:, 2))
+      if (p%geometry == geometry_exact) then
+        d(:, 1) = u(:, 1) - p%offset*sin(phi)
+        speed(:, 1) = rate(:, 1) - p%offset*cos(phi)*speed(:, 2)
+      else
+        d(:, 1) = u(:, 1) - p%offset*(phi - p%cubic_scale*phi**3/6.0_wp)
+        speed(:, 1) = rate(:, 1) - p%offset*(1.0_wp - p%cubic_scale*phi**2/2.0_wp)*speed(:, 2)
+      end if
+    end associate
+  end subroutine deflect
 
   subroutine deflection_slopes(self, u, slopes)
     class(mount_type), intent(in) :: self

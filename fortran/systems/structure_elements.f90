@@ -14,8 +14,13 @@ module viscovib_structure_elements
     !> e, shape (n_places).
     real(wp), allocatable :: direction(:)
     real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp
-    !> Spring in series with a fluid damper, and coefficient and exponent of the damper; 0: none.
-    real(wp) :: series(3) = 0.0_wp
+    !> Spring in series with a fluid damper, coefficient and exponent of the damper, and the rate r
+    !! of the internal coordinate s, along which e is; 0: none. The force is series(1) (s' + r s).
+    real(wp) :: series(4) = 0.0_wp
+    !> Direction of the deflection of spring and damper in series; not allocated: e.
+    real(wp), allocatable :: across(:)
+    !> Weights of supports in the deflection, shape (n_supports); not allocated: none.
+    real(wp), allocatable :: ends(:)
     !> Coefficients of f by power of d; one law of d without its linear part for a nonpolynomial
     !! force, or none.
     real(wp) :: powers(2:max_degree) = 0.0_wp

@@ -96,7 +96,11 @@ contains
     end if
     if (status%failed()) return
     do i = 1, size(self%elements)
-      self%elements(i)%direction = self%elements(i)%direction(free)
+      associate (one => self%elements(i))
+        one%ends = one%direction(held)
+        one%direction = one%direction(free)
+        if (allocated(one%across)) one%across = one%across(free)
+      end associate
     end do
     self%base_direction = moved(free)
     self%mass = self%mass(free, free)

@@ -18,7 +18,7 @@ module viscovib_structure_supports
   implicit none
   private
 
-  public :: structure_supports, new_supports
+  public :: structure_supports, new_supports, support_rows
 
   !> Relative stretch of an element, and relative forces, that are rounding errors.
   real(wp), parameter :: unstretched = 1.0e-12_wp, rounding = 1.0e-13_wp
@@ -27,6 +27,17 @@ module viscovib_structure_supports
   real(wp), parameter :: largest = 1.0e6_wp
   !> Eigenvalues below this part of the largest are 0.
   real(wp), parameter :: no_part = 1.0e-13_wp
+
+  !> Rows of M, C and K of the supports, without elements.
+  type :: support_rows
+    !> Columns of the free coordinates, shape (n_held, n_free, 3), and of the supports,
+    !! (n_held, n_held, 3).
+    real(wp), allocatable :: free(:, :, :), held(:, :, :)
+    !> Products with the motion (r, d) of all coordinates with the base, shape (n_held, 3).
+    real(wp), allocatable :: based(:, :)
+  contains
+    procedure :: reactions
+  end type support_rows
 
   type :: structure_supports
     !> Names of the supports.
@@ -96,6 +107,26 @@ contains
     supports%rate = forces(matrices(free, :, 2), moved)
     supports%place = forces(matrices(free, :, 3), moved)
   end subroutine new_supports
+
+  !> Forces M u'' + C u' + K u on the supports, shape (n, n_held).
+  function reactions(self, moved, base, apart) result(force)
+    class(support_rows), intent(in) :: self
+    !> Displacements, velocities and accelerations: of the free coordinates relative to the base
+    !! (n, n_free, 3), of the base (n, 3), and of supports that move each on its own (n, n_held, 3).
+    real(wp), intent(in) :: moved(:, :, :), base(:, :), apart(:, :, :)
+    real(wp) :: force(size(base, 1), size(self%based, 1))
+    integer :: j, p
+
+    force = 0.0_wp
+    do p = 1, 3
+      ! Matrices are in the order of derivatives from the second on.
+      force = force + matmul(moved(:, :, p), transpose(self%free(:, :, 4 - p))) &
+              + matmul(apart(:, :, p), transpose(self%held(:, :, 4 - p)))
+      do j = 1, size(force, 2)
+        force(:, j) = force(:, j) + self%based(j, 4 - p)*base(:, p)
+      end do
+    end do
+  end function reactions
 
   !> Forces of a motion of all coordinates; rounding errors are 0.
   pure function forces(rows, moved) result(found)

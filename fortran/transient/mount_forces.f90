@@ -1,6 +1,7 @@
 ! Optimize: -O2
 !> Forces of the mounts of a body along a motion that is known.
 module viscovib_mount_forces
+  use viscovib_element_forces, only: spring_force
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_motion_balance, only: recall
@@ -135,7 +136,7 @@ contains
     real(wp), intent(out) :: d(:, :), speed(:, :), elastic(:, :)
     type(rotation_type) :: turn
     real(wp) :: row(size(u, 2)), value(size(u, 1))
-    integer :: i, j, power
+    integer :: i, j
 
     if (exact) then
       do i = 1, size(u, 1)
@@ -153,11 +154,7 @@ contains
           d(:, j) = matmul(u, row)
           speed(:, j) = matmul(rate, row)
         end if
-        value = 0.0_wp
-        do power = size(spring%coefficient) + 1, 2, -1
-          value = (value + spring%coefficient(power - 1))*d(:, j)
-        end do
-        elastic(:, j) = (spring%stiffness + value)*d(:, j)
+        elastic(:, j) = spring_force(spring%stiffness, spring%coefficient, d(:, j))
         do i = 1, size(spring%laws)
           call spring%laws(i)%program%evaluate(reshape([d(:, j), speed(:, j)], [size(u, 1), 2]), &
                                                value)

@@ -13,7 +13,6 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
-from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.load_table import table_at
 from viscovib.systems.piecewise import values_at
 
@@ -182,16 +181,6 @@ class Panels:
             "ends": self.ends, "panel_u": np.asfortranarray(self.u),
             "panel_rate": np.asfortranarray(self.rate), "held": self.held,
         }  # fmt: skip
-
-    def recalled(
-        self, kernel: Kernel, values: FloatArray, held: FloatArray, t: FloatArray
-    ) -> FloatArray:
-        """Return R*g at ascending times (n,), of values of g at the points, shape (n_points, m)."""
-        found = _native.run_either(
-            True, "kernel convolve", kernel._handle, ends=self.ends,
-            values=np.asfortranarray(values), held=np.array(held, dtype=float), times=t,
-        )  # fmt: skip
-        return np.asarray(found["recalled"])
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,38 +12,12 @@ from viscovib._native import FloatArray
 from viscovib.analyses.acting import KnownMotion, accelerations
 from viscovib.bodies.body import Body
 from viscovib.errors import InputError
-from viscovib.kernels.relaxation import Kernel
 from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
-from viscovib.systems.laws import Law
+from viscovib.systems.elements import element_vector
 from viscovib.systems.mount import Mount
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.whole import law_places
-
-#: Forces at states of a motion: coordinates, rates, and forces of laws if these are known.
-_Forces = Callable[[FloatArray, FloatArray, FloatArray | None], FloatArray]
-
-
-def remembered(
-    motion: KnownMotion, forces: _Forces, kernels: Sequence[Kernel | None], scale: float = 1.0
-) -> FloatArray:
-    """Return -R * g for each force (n, m), each with its kernel or None."""
-    panels = motion.panels
-    found = np.zeros((motion.t.size, len(kernels)))
-    if panels is None or not any(kernel is not None for kernel in kernels):
-        return found
-    values = forces(panels.u, panels.rate, panels.laws)
-    held = np.zeros(len(kernels))
-    if panels.held.any():
-        at = panels.held[np.newaxis]
-        held = forces(at, 0 * at, np.full((1, panels.laws.shape[1]), np.nan))[0]
-    for kernel in dict.fromkeys(kernels):
-        if kernel is None:
-            continue
-        these = [j for j, one in enumerate(kernels) if one == kernel]
-        part = panels.recalled(kernel, values[:, these], held[these], motion.t)
-        found[:, these] = -scale * part
-    return found
 
 
 def mount_forces(body: object, motion: KnownMotion) -> MountForcesInTime:
@@ -89,11 +63,20 @@ def element_forces(system: object, motion: KnownMotion) -> ElementForces:
     if isinstance(system, Body):
         raise InputError("element_forces: a Body has mounts: use mount_forces()")
     if isinstance(system, Structure):
-        return _of_structure(system, motion)
+        chosen = [
+            i
+            for i, element in enumerate(system._all_elements)
+            # Directions of a coupling are places only.
+            if element.powers or element.damping or element.law is not None
+        ]
+        ends = [one.series or one for one in (system._all_elements[i] for i in chosen)]
+        names = _distinct(_name(end.direction, system.dof_names) for end in ends)
+        return ElementForces(motion.t, names, **_of_elements(system, motion, chosen))
     if isinstance(system, Mount):
-        return _of_mount(system, motion)
+        found = _in_core(motion, (motion.system,))
+        return ElementForces(motion.t, ("x", "phi"), **found, units=("N", "N m"))
     if isinstance(system, PolynomialSystem):
-        return _of_polynomial(system, motion)
+        return _of_groups(system, motion)
     raise InputError("element_forces: is for a Structure, a PolynomialSystem or a Mount")
 
 
@@ -104,152 +87,87 @@ def support_reactions(
     held = structure._held
     assert held is not None
     weights, rows = held.rows("support_reactions")
-    relative = motion.u, motion.rate, accelerations(motion) - motion.acting.push
-    force: FloatArray = np.zeros((motion.t.size, held.held.size))
-    for row, own, moved in zip(rows[::-1], relative, base, strict=True):
-        force += own @ row[:, held.free].T
-        if held.motion is not None:
-            force += np.outer(moved, row @ held.motion)
-    for row, each in zip(rows[::-1], motion.supports or (), strict=False):
-        force += each @ row[:, held.held].T
+    own = motion.u, motion.rate, accelerations(motion) - motion.acting.push
+    still = np.zeros((motion.t.size, held.held.size))
+    matrices = np.moveaxis(rows, 0, 2)
+    along = np.zeros(rows.shape[2]) if held.motion is None else held.motion
+    arrays = {
+        "moved": np.stack(own, axis=2), "base": np.stack(base, axis=1),
+        "apart": np.stack(motion.supports or (still,) * 3, axis=2),
+        "free": matrices[:, held.free], "held": matrices[:, held.held], "based": (rows @ along).T,
+    }  # fmt: skip
+    given = {name: np.asfortranarray(array) for name, array in arrays.items()}
+    force = np.asarray(_native.run("motion support reactions", **given)["force"])
     if held.touched:
         # A coupling has one entry for each of its deflections.
         first = np.cumsum([0, *(len(one) for one in held.ends)])[held.touched].tolist()
-        force += _of_structure(structure, motion, first).force @ weights
+        found = _of_elements(structure, motion, first)
+        force = force + (found["elastic"] + found["damping"] + found["memory"]) @ weights
     return SupportReactions(motion.t, held.names, force, held.units)
 
 
-def _of_structure(
-    structure: Structure, motion: KnownMotion, only: Sequence[int] | None = None
-) -> ElementForces:
-    at = law_places(structure)
-    rows = [
-        i
-        for i, element in enumerate(structure._all_elements)
-        # Directions of a coupling are places only.
-        if (element.powers or element.damping or element.law is not None)
-        and (only is None or i in only)
-    ]
-    chosen = [(structure._all_elements[i], at[i]) for i in rows]
-    directions = np.array([element.direction for element, _ in chosen])
-    directions = directions.reshape(-1, structure.n_coordinates).T
+def _in_core(
+    motion: KnownMotion,
+    system: tuple[_native.Handle, ...] = (),
+    laws: Sequence[int | None] = (),
+    **given: FloatArray,
+) -> dict[str, Any]:
+    """Forces by the core; ``laws``: columns of the forces of laws that the run has."""
+    values = {"u": motion.u, "rate": motion.rate} | given
+    panels = motion.panels
+    if panels is not None:
+        values |= panels.given | {"times": motion.t}
+    if motion.laws is not None and motion.laws.shape[1]:
+        values["laws"] = _columns(motion.laws, laws)
+        if panels is not None:
+            values["panel_laws"] = _columns(panels.laws, laws)
+    return _native.run_either(
+        panels is not None, "motion element forces", *system,
+        **{name: np.asfortranarray(value) for name, value in values.items()},
+    )  # fmt: skip
 
-    def forces(u: FloatArray, rate: FloatArray, laws: FloatArray | None) -> FloatArray:
-        return forces_of(u @ directions, rate @ directions, laws)
 
-    def forces_of(d: FloatArray, speed: FloatArray, laws: FloatArray | None) -> FloatArray:
-        force: FloatArray = np.zeros(d.shape)
-        for j, (element, place) in enumerate(chosen):
-            law: Any = element.law
-            if law is None or not law.state:
-                for power, c in element.powers.items():
-                    force[:, j] += c * d[:, j] ** power
-            if law is not None:
-                force[:, j] += _law_values(law, d[:, j], speed[:, j], laws, place)
-        return force
+def _columns(laws: FloatArray, places: Sequence[int | None]) -> FloatArray:
+    found = np.full((laws.shape[0], len(places)), np.nan)
+    for column, place in enumerate(places):
+        if place is not None:
+            found[:, column] = laws[:, place]
+    return found
 
-    d, speed = motion.u @ directions, motion.rate @ directions
+
+def _of_elements(
+    structure: Structure, motion: KnownMotion, chosen: Sequence[int]
+) -> dict[str, Any]:
+    """Forces of some elements of a structure."""
+    elements = [structure._all_elements[i] for i in chosen]
+    given: dict[str, Any] = {"elements": element_vector(elements, structure.n_coordinates)}
     if motion.supports is not None:
         held = structure._held
         assert held is not None
-        ends_of = np.concatenate(held.ends)[rows].T
-        d = d + motion.supports[0] @ ends_of
-        speed = speed + motion.supports[1] @ ends_of
-    damping = speed * np.array([element.damping for element, _ in chosen])
-    elastic = forces_of(d, speed, motion.laws)
-    ends = [element.series or element for element, _ in chosen]
-    for j, (element, _) in enumerate(chosen):
-        if element.series is not None:
-            e, k, rate = element.series
-            elastic[:, j], damping[:, j] = k * (speed[:, j] + rate * d[:, j]), 0.0
-            d[:, j], speed[:, j] = motion.u @ e, motion.rate @ e
-    names = _distinct(_name(end.direction, structure.dof_names) for end in ends)
-    kernels = [element.kernel for element, _ in chosen]
-    return ElementForces(
-        motion.t, names, d, speed, elastic, damping,
-        remembered(motion, forces, kernels),
-    )  # fmt: skip
+        given["apart"] = np.stack(motion.supports, axis=2)
+        # Layers do not act on such supports.
+        rows = np.concatenate(
+            [*held.ends, np.zeros((len(structure._all_elements), held.held.size))]
+        )
+        given["weights"] = rows[chosen].T
+    places = law_places(structure)
+    laws = [places[i] for i in chosen if structure._all_elements[i].law is not None]
+    return _in_core(motion, laws=laws, **given)
 
 
-def _law_values(
-    law: Law, d: FloatArray, speed: FloatArray, laws: FloatArray | None, place: int | None
-) -> FloatArray:
-    """Forces of a law: as the run has them, else by the law itself."""
-    known = np.full(d.shape, np.nan)
-    if laws is not None and place is not None and laws.shape[1]:
-        known = laws[:, place].copy()
-    unset = np.isnan(known)
-    if law.state:
-        # Before t = 0 an element is at rest.
-        known[unset] = 0.0
-    elif unset.any():
-        both = np.stack([d[unset], speed[unset]], axis=1)
-        known[unset] = law.values(both[:, : len(law.arguments)])
-    return known
-
-
-def _of_mount(mount: Mount, motion: KnownMotion) -> ElementForces:
-    """The springs of x and phi; the damping matrix is no part of them."""
-    stiffness = np.array([mount.stiffness_x, mount.stiffness_phi])
-
-    def moved(u: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        phi, speed = u[:, 1], rate[:, 1]
-        if mount.geometry == "exact":
-            arm, slope = np.sin(phi), np.cos(phi)
-        else:
-            arm = phi - mount.cubic_scale * phi**3 / 6
-            slope = 1 - mount.cubic_scale * phi**2 / 2
-        d = np.stack([u[:, 0] - mount.offset * arm, phi], axis=1)
-        return d, np.stack([rate[:, 0] - mount.offset * slope * speed, speed], axis=1)
-
-    def forces(u: FloatArray, rate: FloatArray, _: FloatArray | None) -> FloatArray:
-        force: FloatArray = stiffness * moved(u, rate)[0]
-        return force
-
-    d, speed = moved(motion.u, motion.rate)
-    in_phi = mount.kernel if mount.kernel_phi is None else mount.kernel_phi
-    kernels = [mount.kernel, in_phi if isinstance(in_phi, Kernel) else None]
-    memory = remembered(motion, forces, kernels, mount.memory_scale)
-    return ElementForces(
-        motion.t, ("x", "phi"), d, speed, stiffness * d, np.zeros_like(d), memory, ("N", "N m")
-    )
-
-
-def _of_polynomial(system: PolynomialSystem, motion: KnownMotion) -> ElementForces:
+def _of_groups(system: PolynomialSystem, motion: KnownMotion) -> ElementForces:
     """Forces of each group of springs on each coordinate, and of the damping matrix."""
-    n = len(system.dof_names)
-    groups = system.groups
-    first = np.cumsum([0, *(len(group.laws) for group in groups)])
-
-    def forces(u: FloatArray, rate: FloatArray, laws: FloatArray | None) -> FloatArray:
-        found = np.zeros((u.shape[0], len(groups), n))
-        for g, group in enumerate(groups):
-            found[:, g] = u @ group.stiffness.T
-            for (on, powers), c in group.forces.items():
-                found[:, g, on] += c * np.prod(u ** np.array(powers), axis=1)
-            both = np.concatenate([u, rate], axis=1)
-            for k, (on, law) in enumerate(group.laws):
-                known = None if laws is None or not laws.shape[1] else laws[:, first[g] + k]
-                if known is None or np.isnan(known).any():
-                    known = law.values(both[:, : len(law.arguments)])
-                found[:, g, on] += known
-        return found.reshape(u.shape[0], -1)
-
-    elastic_part = forces(motion.u, motion.rate, motion.laws)
-    kernels = [group.kernel for group in groups for _ in range(n)]
-    memory = remembered(motion, forces, kernels)
-    damping = np.zeros_like(elastic_part)
-    damping[:, :n] = motion.rate @ np.asarray(system._damping).T
-    names = [
-        name if g == 0 else f"springs[{g - 1}].{name}"
-        for g in range(len(groups))
-        for name in system.dof_names
+    groups, names = system.groups, system.dof_names
+    first = np.cumsum([0, *(len(group.laws) for group in groups)]).tolist()
+    found = []
+    for g in range(len(groups)):
+        handle = _native.polynomial_object(system._numbers(g))
+        found.append(_in_core(motion, (handle,), range(first[g], first[g + 1])))
+    parts: dict[str, Any] = {name: np.hstack([one[name] for one in found]) for name in found[0]}
+    shown = [
+        name if g == 0 else f"springs[{g - 1}].{name}" for g in range(len(groups)) for name in names
     ]
-    times = len(groups)
-    return ElementForces(
-        motion.t, tuple(names), np.tile(motion.u, times), np.tile(motion.rate, times),
-        elastic_part, damping, memory,
-    )  # fmt: skip
+    return ElementForces(motion.t, tuple(shown), **parts)
 
 
 def _name(direction: FloatArray, names: Sequence[str]) -> str:

@@ -277,6 +277,26 @@ def element_terms(
     return tuple(found)
 
 
+def element_vector(elements: Sequence[ElementTerms], n: int) -> FloatArray:
+    """Return elements of n coordinates and their kernels as numbers for the core."""
+    kernels = list(dict.fromkeys(one.kernel for one in elements if one.kernel is not None))
+    parts: list[Any] = [[n, len(elements), len(kernels)]]
+    for one in elements:
+        powers = [one.powers.get(power, 0.0) for power in range(2, MAX_DEGREE + 1)]
+        series = (one.series.stiffness, one.series.rate) if one.series is not None else (0.0, 0.0)
+        place = 0 if one.kernel is None else kernels.index(one.kernel) + 1
+        parts += [
+            [place, one.powers.get(1, 0.0), one.damping, *series, *powers], one.direction,
+            one.direction if one.series is None else one.series.direction,
+            [int(one.law is not None)],
+        ]  # fmt: skip
+        if one.law is not None:
+            parts.append(one.law.numbers(np.ones((1, 1)), {0: 1.0}, 0))
+    for kernel in kernels:
+        parts += [[kernel._kind, kernel._data.size], kernel._data]
+    return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+
 def terms_in_order(
     elements: Sequence[Any], names: Sequence[str], places: Mapping[str, int]
 ) -> tuple["ElementTerms | CouplingTerms", ...]:

@@ -500,13 +500,18 @@ class PolynomialSystem(WithSpeed):
     def _vector(self) -> FloatArray:
         return self._numbers()
 
-    def _numbers(self) -> FloatArray:
+    def _numbers(self, only: int | None = None) -> FloatArray:
+        """Return the system as numbers for the core, or ``only`` one of its groups.
+
+        The damping matrix belongs to the first group.
+        """
         n = len(self.dof_names)
         kernels = list(self._active_kernels)
+        groups = self.groups if only is None else self.groups[only : only + 1]
         springs: list[Any] = []
         monomials: list[Any] = []
         laws: list[Any] = []
-        for group in self.groups:
+        for group in groups:
             place = 0 if group.kernel is None else kernels.index(group.kernel) + 1
             springs += [[place], group.stiffness.ravel(order="F")]
             for (on, powers), c in group.forces.items():
@@ -517,15 +522,16 @@ class PolynomialSystem(WithSpeed):
         for kernel in kernels:
             data += [[kernel._kind, kernel._data.size], kernel._data]
         parts: list[Any] = [
-            [n, len(self.groups), len(monomials), len(kernels), 1.0],
-            self._mass_matrix.ravel(order="F"), self._damping.ravel(order="F"),
+            [n, len(groups), len(monomials), len(kernels), 1.0],
+            self._mass_matrix.ravel(order="F"), ((only or 0) == 0) * self._damping.ravel(order="F"),
             direction, *springs, *monomials, *data,
         ]  # fmt: skip
-        turning = self._speed_matrices if self._depends_on_speed else ()
-        if laws or self._space is not None or turning:
+        turning = self._speed_matrices if self._depends_on_speed and only is None else ()
+        space = self._space if only is None else None
+        if laws or space is not None or turning:
             parts += [[len(laws)], *laws]
-        if self._space is not None:
-            parts += [matrix.ravel(order="F") for matrix in self._space]
+        if space is not None:
+            parts += [matrix.ravel(order="F") for matrix in space]
         parts += [matrix.ravel(order="F") for matrix in turning]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
