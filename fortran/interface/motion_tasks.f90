@@ -182,12 +182,8 @@ contains
     end if
     call find_mount_forces(body%springs, mount_of, body%exact, center, motion%u, motion%rate, &
                            memory, forces)
-    call task%found%put_reals('deflection', forces%deflection, shape(forces%deflection))
-    call task%found%put_reals('rate', forces%rate, shape(forces%rate))
-    call task%found%put_reals('elastic', forces%elastic, shape(forces%elastic))
-    call task%found%put_reals('damping', forces%damping, shape(forces%damping))
-    call task%found%put_reals('memory', forces%memory, shape(forces%memory))
-    call task%found%put_reals('moment', forces%moment, shape(forces%moment))
+    call put_parts(task, forces, [size(motion%u, 1), 3, size(forces%point, 3)])
+    call task%found%put_reals('moment', forces%moment, shape(forces%point))
     call task%found%put_reals('point', forces%point, shape(forces%point))
     call task%found%put_reals('floor', forces%floor, shape(forces%floor))
     if (body%exact) return
@@ -227,12 +223,19 @@ contains
       end select
     end if
     if (task%failed()) return
-    call task%found%put_reals('deflection', forces%deflection, shape(forces%deflection))
-    call task%found%put_reals('rate', forces%rate, shape(forces%rate))
-    call task%found%put_reals('elastic', forces%elastic, shape(forces%elastic))
-    call task%found%put_reals('damping', forces%damping, shape(forces%damping))
-    call task%found%put_reals('memory', forces%memory, shape(forces%memory))
+    call put_parts(task, forces, shape(forces%elastic))
   end subroutine find_forces_of_elements
+
+  subroutine put_parts(task, forces, extents)
+    type(task_type), intent(inout) :: task
+    class(element_forces_type), intent(in) :: forces
+    integer, intent(in) :: extents(:)
+    call task%found%put_reals('deflection', forces%deflection, extents)
+    call task%found%put_reals('rate', forces%rate, extents)
+    call task%found%put_reals('elastic', forces%elastic, extents)
+    call task%found%put_reals('damping', forces%damping, extents)
+    call task%found%put_reals('memory', forces%memory, extents)
+  end subroutine put_parts
 
   subroutine find_forces_in_structure(task, forces)
     type(task_type), intent(inout) :: task

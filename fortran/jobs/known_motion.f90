@@ -2,6 +2,8 @@
 module viscovib_known_motion
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_constants, only: imaginary_unit
+  use viscovib_element_forces, only: sampled_motion
+  use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_mesh, only: mesh_type, new_mesh
@@ -16,25 +18,19 @@ module viscovib_known_motion
   implicit none
   private
 
-  public :: base_at, know_motion, known_motion, load_at, repeat_motion
+  public :: add_wave, base_at, know_motion, known_motion, load_at, own_forces, repeat_motion
 
-  type :: known_motion
-    !> Coordinates and rates at the states, shape (n, n_dof), and displacements, velocities and
-    !! accelerations by the base, shape (n_dof, n, 3).
-    real(wp), allocatable :: u(:, :), rate(:, :), moved(:, :, :)
-    !> The motion until then, as of `recalled_along`, with the displacement before it; not
-    !! allocated: no force remembers it.
-    real(wp), allocatable :: ends(:), panel_u(:, :), panel_rate(:, :), held(:)
+  type, extends(sampled_motion) :: known_motion
+    !> Displacements, velocities and accelerations by the base, shape (n_dof, n, 3).
+    real(wp), allocatable :: moved(:, :, :)
   end type known_motion
 
 contains
 
-  subroutine know_motion(motion, subject, system, load, nu, trajectory, known, status)
+  !> The motion of all coordinates, and forces of laws if states do not give them.
+  subroutine know_motion(motion, subject, nu, trajectory, known, status)
     class(transient_job), intent(in) :: motion
     type(subject_type), intent(in), target :: subject
-    !> The system in all its coordinates, and its loads.
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
     !> Frequency of the load (rad/s).
     real(wp), intent(in) :: nu
     type(trajectory_type), intent(in) :: trajectory
@@ -43,26 +39,51 @@ contains
     type(trajectory_type) :: again
     real(wp), allocatable :: times(:)
     integer, allocatable :: points(:)
-    integer :: i
+    logical :: has_laws
+    integer :: i, n
 
     call set_ok(status)
-    if (any(system%kernel_of > 0)) then
+    n = size(motion%initial)/2
+    known%times = trajectory%t
+    has_laws = own_forces(motion, subject)
+    if (subject%has_kernels()) then
       call find_panels(trajectory, known%ends, times, points)
-      call repeat_motion(motion, subject, nu, trajectory, times, .false., again, status)
+      call repeat_motion(motion, subject, nu, trajectory, times, has_laws, again, status)
       if (status%failed()) return
-      call relative(system, load, nu, again, points, known%panel_u, known%panel_rate)
-      known%held = motion%held
+      call relative(subject, nu, again, points, known%panel_u, known%panel_rate)
+      if (has_laws) known%panel_laws = transpose(again%accelerations(n + 1:, points))
+      known%held = [(0.0_wp, i=1, n)]
+      if (allocated(motion%held)) known%held = motion%held
     end if
     points = [(i, i=1, size(trajectory%t))]
-    if (subject%is_structure) then
-      call repeat_motion(motion, subject, nu, trajectory, trajectory%t, .false., again, status)
+    if (subject%is_structure .or. has_laws) then
+      call repeat_motion(motion, subject, nu, trajectory, trajectory%t, has_laws, again, status)
       if (status%failed()) return
-      call relative(system, load, nu, again, points, known%u, known%rate)
+      call relative(subject, nu, again, points, known%u, known%rate)
+      if (has_laws) known%laws = transpose(again%accelerations(n + 1:, :))
     else
-      call relative(system, load, nu, trajectory, points, known%u, known%rate)
+      call relative(subject, nu, trajectory, points, known%u, known%rate)
     end if
-    call base_at(system, load, nu, trajectory%t, known%moved)
+    call base_at(subject, nu, trajectory%t, known%moved)
   end subroutine know_motion
+
+  !> True if a state does not give the forces, because laws have surfaces, elements have states or
+  !! forces remember by coordinates: the equations then give them along the motion.
+  logical function own_forces(motion, subject)
+    class(transient_job), intent(in) :: motion
+    type(subject_type), intent(in) :: subject
+    integer :: i
+    own_forces = .false.
+    if (subject%is_pendulum .or. subject%is_turning) return
+    select type (motion)
+    type is (hereditary_job)
+      return
+    end select
+    associate (system => subject%polynomial)
+      own_forces = any(system%kernel_of > 0) .or. any([(system%laws(i)%state > 0 .or. &
+        system%laws(i)%program%n_surfaces() > 0, i=1, size(system%laws))])
+    end associate
+  end function own_forces
 
   !> The same motion in the same steps, with all coordinates at other times.
   subroutine repeat_motion(motion, subject, nu, trajectory, times, accelerates, again, status)
@@ -134,48 +155,57 @@ contains
   end subroutine find_panels
 
   !> Coordinates and rates relative to the base, a row for each of some states.
-  subroutine relative(system, load, nu, trajectory, points, u, rate)
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
+  subroutine relative(subject, nu, trajectory, points, u, rate)
+    type(subject_type), intent(in) :: subject
     real(wp), intent(in) :: nu
     type(trajectory_type), intent(in) :: trajectory
     integer, intent(in) :: points(:)
     real(wp), allocatable, intent(out) :: u(:, :), rate(:, :)
     real(wp), allocatable :: moved(:, :, :)
-    call base_at(system, load, nu, trajectory%t, moved)
+    call base_at(subject, nu, trajectory%t, moved)
     allocate (u, source=transpose(trajectory%states(1::2, points) - moved(:, points, 1)))
     allocate (rate, source=transpose(trajectory%states(2::2, points) - moved(:, points, 2)))
   end subroutine relative
 
   !> What the base moves the coordinates by, their velocities and accelerations, (n_dof, n, 3).
-  subroutine base_at(system, load, nu, t, moved)
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
+  subroutine base_at(subject, nu, t, moved)
+    type(subject_type), intent(in), target :: subject
     real(wp), intent(in) :: nu, t(:)
     real(wp), allocatable, intent(out) :: moved(:, :, :)
-    complex(wp) :: shift(system%n_dof()), wave
-    real(wp) :: w
+    type(load_type), pointer :: load
     integer :: i, k
 
-    allocate (moved(system%n_dof(), size(t), 3), source=0.0_wp)
-    if (load%has_table()) then
-      ! States are relative to a base whose acceleration is given.
-      do i = 1, size(t)
-        moved(:, i, 3) = matmul(load%floors, load%table%at(t(i)))
+    load => subject%load
+    if (subject%is_structure) load => subject%model%load
+    associate (direction => subject%base_direction())
+      allocate (moved(size(direction), size(t), 3), source=0.0_wp)
+      if (load%has_table()) then
+        ! States are relative to a base whose acceleration is given.
+        do i = 1, size(t)
+          moved(:, i, 3) = matmul(load%floors, load%table%at(t(i)))
+        end do
+      end if
+      if (.not. load%moves_base()) return
+      do k = 1, size(load%orders)
+        call add_wave(load%orders(k)*nu, load%moved(:, k) + direction*load%base(k), t, moved)
       end do
-    end if
-    if (.not. load%moves_base()) return
-    do k = 1, size(load%orders)
-      w = load%orders(k)*nu
-      shift = load%shift(system, k)
-      do i = 1, size(t)
-        wave = exp(imaginary_unit*(w*t(i)))
-        moved(:, i, 1) = moved(:, i, 1) + aimag(shift*wave)
-        moved(:, i, 2) = moved(:, i, 2) + w*real(shift*wave)
-        moved(:, i, 3) = moved(:, i, 3) - w**2*aimag(shift*wave)
-      end do
-    end do
+    end associate
   end subroutine base_at
+
+  !> Add Im a exp(i w t), its derivative and its second derivative, shape (size(a), size(t), 3).
+  pure subroutine add_wave(w, a, t, moved)
+    real(wp), intent(in) :: w, t(:)
+    complex(wp), intent(in) :: a(:)
+    real(wp), intent(inout) :: moved(:, :, :)
+    complex(wp) :: wave
+    integer :: i
+    do i = 1, size(t)
+      wave = exp(imaginary_unit*(w*t(i)))
+      moved(:, i, 1) = moved(:, i, 1) + aimag(a*wave)
+      moved(:, i, 2) = moved(:, i, 2) + w*real(a*wave)
+      moved(:, i, 3) = moved(:, i, 3) - w**2*aimag(a*wave)
+    end do
+  end subroutine add_wave
 
   !> The load on coordinates relative to the base, a row for each time.
   function load_at(system, load, nu, t) result(force)

@@ -290,6 +290,9 @@ contains
     else if (self%place == of_load) then
       call subject%load%scale(self%values(i))
       if (subject%is_structure) call subject%model%load%scale(self%values(i))
+      if (allocated(subject%model%supports%waves)) then
+        subject%model%supports%waves = self%values(i)*subject%model%supports%waves
+      end if
     end if
   end subroutine subject_of
 

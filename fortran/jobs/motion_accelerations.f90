@@ -5,9 +5,9 @@
 !! looked at in all their coordinates; what they remember follows from the motion at the points of
 !! its steps.
 module viscovib_motion_accelerations
-  use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: wp
-  use viscovib_known_motion, only: base_at, know_motion, known_motion, load_at, repeat_motion
+  use viscovib_known_motion, only: base_at, know_motion, known_motion, load_at, own_forces, &
+    repeat_motion
   use viscovib_load, only: load_type
   use viscovib_motion_balance, only: accelerations_of, recalled_along
   use viscovib_oscillator, only: oscillator_type
@@ -28,7 +28,7 @@ contains
   subroutine find_accelerations(motion, subject, nu, trajectory, accelerations, status)
     class(transient_job), intent(in) :: motion
     type(subject_type), intent(in), target :: subject
-    !> Frequency of the load of a system without memory (rad/s).
+    !> Frequency of the load (rad/s).
     real(wp), intent(in) :: nu
     type(trajectory_type), intent(in) :: trajectory
     real(wp), allocatable, intent(out) :: accelerations(:, :)
@@ -39,25 +39,12 @@ contains
       call of_pendulum(subject, trajectory, accelerations)
       return
     end if
-    select type (motion)
-    type is (hereditary_job)
-      call by_balance(motion, subject, motion%nu, trajectory, accelerations, status)
-    class default
-      if (switches(subject%polynomial)) then
-        call along_once_more(motion, subject, nu, trajectory, accelerations, status)
-      else
-        call by_balance(motion, subject, nu, trajectory, accelerations, status)
-      end if
-    end select
+    if (own_forces(motion, subject)) then
+      call along_once_more(motion, subject, nu, trajectory, accelerations, status)
+    else
+      call by_balance(motion, subject, nu, trajectory, accelerations, status)
+    end if
   end subroutine find_accelerations
-
-  !> True if a state does not tell the forces: laws with surfaces, elements with states, memory.
-  logical function switches(system)
-    type(polynomial_type), intent(in) :: system
-    integer :: i
-    switches = any(system%kernel_of > 0) .or. any([(system%laws(i)%state > 0 .or. &
-      system%laws(i)%program%n_surfaces() > 0, i=1, size(system%laws))])
-  end function switches
 
   subroutine of_pendulum(subject, trajectory, accelerations)
     type(subject_type), intent(in) :: subject
@@ -88,7 +75,7 @@ contains
     call repeat_motion(motion, subject, nu, trajectory, trajectory%t, .true., again, status)
     if (status%failed()) return
     n = size(motion%initial)/2
-    call base_at(subject%polynomial, subject%load, nu, trajectory%t, moved)
+    call base_at(subject, nu, trajectory%t, moved)
     allocate (accelerations(n, size(trajectory%t)))
     accelerations = again%accelerations(:n, :) + moved(:, :, 3)
   end subroutine along_once_more
@@ -123,7 +110,7 @@ contains
                 //'loss factors')
     end if
     if (status%failed()) return
-    call know_motion(motion, subject, system, load, nu, trajectory, known, status)
+    call know_motion(motion, subject, nu, trajectory, known, status)
     if (status%failed()) return
     allocate (recalled(size(trajectory%t), system%n_memory()), source=0.0_wp)
     if (allocated(known%ends)) call recalled_along(system, known%ends, known%panel_u, &

@@ -13,7 +13,7 @@ module viscovib_motion_job
   use viscovib_law_program, only: wall
   use viscovib_law_term, only: law_term
   use viscovib_motion_quantities, only: find_peaks, find_quantities, motion_quantities, &
-    put_forces, put_peaks, quantity_length
+    put_peaks, quantity_length
   use viscovib_number_text, only: exact
   use viscovib_pendulum_job, only: plan_pendulum
   use viscovib_polar, only: argument, modulus
@@ -116,7 +116,9 @@ contains
     if (self%motion%wants_accelerations) then
       text = text//'computes: accelerations of the states kept, by the equations'//new_line('a')
     end if
-    if (self%motion%wants_forces) text = text//'computes: forces of the mounts'//new_line('a')
+    if (self%motion%wants_forces) text = text//'computes: forces of ' &
+      //trim(merge('the mounts          ', 'elements and springs', subject%is_body)) &
+      //new_line('a')
     if (self%motion%wants_peaks) text = text//'computes: peaks between the states kept' &
                                         //new_line('a')
     if (allocated(self%events)) text = text//'computes: times of ' &
@@ -171,8 +173,7 @@ contains
     if (status%failed()) return
     call put_motion(self, subject, trajectory, quantities%accelerations, method, sink, status)
     if (status%failed()) return
-    if (self%motion%wants_forces) call put_forces(subject, trajectory%t, quantities%forces, sink, &
-                                                  status)
+    if (self%motion%wants_forces) call quantities%forces%put(subject, trajectory%t, sink, status)
     if (status%failed()) return
     if (self%motion%wants_peaks) then
       call find_peaks(self%motion, subject, self%nu, self%wanted, trajectory, quantities, names, &

@@ -1,4 +1,4 @@
-!> Accelerations and mount forces of a motion in time, and peaks of its columns.
+!> Accelerations and forces of a motion in time, and peaks of its columns.
 module viscovib_motion_quantities
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: table_sink
@@ -6,29 +6,23 @@ module viscovib_motion_quantities
   use viscovib_known_motion, only: know_motion, known_motion, repeat_motion
   use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
   use viscovib_motion_accelerations, only: find_accelerations
-  use viscovib_mount_forces, only: find_mount_forces, find_spring_memory, mount_forces_type
-  use viscovib_mounted_body, only: springs_at_rest
+  use viscovib_motion_forces, only: motion_forces, quantity_length
   use viscovib_sorting, only: sort_reals
-  use viscovib_spline_integral, only: spline_integral
   use viscovib_status, only: set_ok, status_type
   use viscovib_subject, only: subject_type
   use viscovib_table, only: table_type
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: transient_job
-  use viscovib_turning_body, only: body_spring
   implicit none
   private
 
-  public :: find_peaks, find_quantities, motion_quantities, put_forces, put_peaks
-
-  !> Longest name of a quantity.
-  integer, parameter, public :: quantity_length = 32
+  public :: find_peaks, find_quantities, motion_quantities, put_peaks, quantity_length
 
   type :: motion_quantities
     !> Of all coordinates, a column for each time; not allocated: not wanted.
     real(wp), allocatable :: accelerations(:, :)
     !> Not allocated: not wanted.
-    type(mount_forces_type), allocatable :: forces
+    type(motion_forces), allocatable :: forces
   end type motion_quantities
 
 contains
@@ -44,88 +38,37 @@ contains
     type(trajectory_type), intent(in) :: trajectory
     type(motion_quantities), intent(out) :: quantities
     type(status_type), intent(out) :: status
+    type(known_motion) :: known
+    real(wp), allocatable :: accelerations(:, :)
+    real(wp) :: frequency
 
     call set_ok(status)
-    if (accelerates) then
-      call find_accelerations(motion, subject, nu, trajectory, quantities%accelerations, status)
-      if (status%failed()) return
-    end if
-    if (motion%wants_forces) then
-      allocate (quantities%forces)
-      call find_forces(motion, subject, nu, trajectory, quantities%forces, status)
-    end if
-  end subroutine find_quantities
-
-  !> Forces of the mounts of a body.
-  subroutine find_forces(motion, subject, nu, trajectory, forces, status)
-    class(transient_job), intent(in) :: motion
-    type(subject_type), intent(in), target :: subject
-    real(wp), intent(in) :: nu
-    type(trajectory_type), intent(in) :: trajectory
-    type(mount_forces_type), intent(out) :: forces
-    type(status_type), intent(out) :: status
-    type(body_spring) :: springs(size(subject%body%springs))
-    type(known_motion) :: known
-    real(wp) :: frequency, center(3)
-    real(wp), allocatable :: memory(:, :)
-
     frequency = nu
     select type (motion)
     type is (hereditary_job)
       frequency = motion%nu
     end select
-    call know_motion(motion, subject, subject%oscillator(), subject%load, frequency, trajectory, &
-                     known, status)
-    if (status%failed()) return
-    center = subject%center
-    if (subject%is_turning) center = center + subject%rest%q(:3)
-    springs = springs_at_rest(subject%body, subject%rest)
-    allocate (memory(size(trajectory%t), size(springs)), source=0.0_wp)
-    if (allocated(known%ends)) then
-      call find_spring_memory(springs, subject%body_kernels, subject%is_turning, known%ends, &
-                              known%panel_u, known%panel_rate, known%held, trajectory%t, memory)
+    if (accelerates) then
+      call find_accelerations(motion, subject, frequency, trajectory, quantities%accelerations, &
+                              status)
+      if (status%failed()) return
     end if
-    call find_mount_forces(springs, subject%body%mount_of, subject%is_turning, center, known%u, &
-                           known%rate, memory, forces)
-  end subroutine find_forces
-
-  !> A row a time: force, its parts, deflection, rate and moment of each mount, and the floor.
-  subroutine put_forces(subject, t, forces, sink, status)
-    type(subject_type), intent(in) :: subject
-    real(wp), intent(in), target :: t(:)
-    type(mount_forces_type), intent(in), target :: forces
-    class(table_sink), intent(inout) :: sink
-    type(status_type), intent(out) :: status
-    type(table_type) :: table
-    character(len=:), allocatable :: name
-    integer :: a, m
-
-    call table%note('units: t in s, forces in N, moments in N m, deflections in m, rates in m/s, ' &
-                    //'work and dissipated energy in J; without the static part')
-    call table%add_reals('t', t)
-    do m = 1, size(subject%body%names)
-      do a = 1, 3
-        name = trim(subject%body%names(m))//'.'//'xyz'(a:a)
-        call table%hold_reals(name, forces%force(a, m))
-        call table%add_reals(name//'_elastic', forces%elastic(:, a, m))
-        call table%add_reals(name//'_damping', forces%damping(:, a, m))
-        call table%add_reals(name//'_memory', forces%memory(:, a, m))
-        call table%add_reals(name//'_deflection', forces%deflection(:, a, m))
-        call table%add_reals(name//'_rate', forces%rate(:, a, m))
-        call table%add_reals(name//'_moment', forces%moment(:, a, m))
-        associate (rate => forces%rate(:, a, m))
-          call table%hold_reals(name//'_work', spline_integral(t, forces%force(a, m)*rate))
-          call table%hold_reals(name//'_dissipated', &
-                                spline_integral(t, forces%damping(:, a, m)*rate))
-        end associate
-      end do
-    end do
-    do a = 1, 3
-      call table%add_reals('floor.'//'xyz'(a:a), forces%floor(:, a))
-      call table%add_reals('floor.'//'xyz'(a:a)//'_moment', forces%floor(:, a + 3))
-    end do
-    call sink%put('forces', table, status)
-  end subroutine put_forces
+    if (.not. motion%wants_forces) return
+    call know_motion(motion, subject, frequency, trajectory, known, status)
+    if (status%failed()) return
+    allocate (quantities%forces)
+    call quantities%forces%find(subject, frequency, known)
+    if (.not. allocated(subject%model%supports%names)) return
+    if (any(abs(subject%model%supports%rows%free(:, :, 1)) > 0.0_wp)) then
+      if (accelerates) then
+        accelerations = quantities%accelerations
+      else
+        call find_accelerations(motion, subject, frequency, trajectory, accelerations, status)
+        if (status%failed()) return
+      end if
+    end if
+    call quantities%forces%find_reactions(subject, frequency, known, accelerations)
+  end subroutine find_quantities
 
   !> A row a peak: its quantity, value with its sign, time and estimated error.
   subroutine put_peaks(names, which, peaks, sink, status, vary, values)
@@ -238,12 +181,16 @@ contains
     type(motion_quantities), intent(in) :: quantities
     character(len=quantity_length), allocatable, intent(out) :: names(:)
     real(wp), allocatable, intent(out) :: values(:, :)
+    character(len=quantity_length), allocatable :: of_forces(:)
     character(len=:), allocatable :: name
-    integer :: a, i, m, n_columns
+    real(wp), allocatable :: forces(:, :)
+    integer :: i, m, n_columns
 
-    m = 2 + merge(1, 0, motion%wants_accelerations)
-    n_columns = m*size(wanted)
-    if (allocated(quantities%forces)) n_columns = n_columns + 3*size(subject%body%names) + 3
+    allocate (of_forces(0), forces(size(trajectory%t), 0))
+    if (allocated(quantities%forces)) then
+      call quantities%forces%quantities(subject, of_forces, forces)
+    end if
+    n_columns = (2 + merge(1, 0, motion%wants_accelerations))*size(wanted) + size(of_forces)
     allocate (names(n_columns), values(size(trajectory%t), n_columns))
     n_columns = 0
     do i = 1, size(wanted)
@@ -255,15 +202,8 @@ contains
         call add(name//'_ddot', quantities%accelerations(wanted(i), :))
       end if
     end do
-    if (.not. allocated(quantities%forces)) return
-    do m = 1, size(subject%body%names)
-      do a = 1, 3
-        call add(trim(subject%body%names(m))//'.'//'xyz'(a:a), quantities%forces%force(a, m))
-      end do
-    end do
-    do a = 1, 3
-      call add('floor.'//'xyz'(a:a), quantities%forces%floor(:, a))
-    end do
+    names(n_columns + 1:) = of_forces
+    values(:, n_columns + 1:) = forces
 
   contains
 

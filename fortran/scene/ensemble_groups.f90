@@ -11,6 +11,7 @@ module viscovib_ensemble_groups
   use viscovib_many_job, only: many_job
   use viscovib_many_runs, only: of_load, of_parameter, system_numbers
   use viscovib_method_catalogue, only: transient_methods
+  use viscovib_motion_groups, only: read_forces
   use viscovib_namelist, only: namelist_type
   use viscovib_near_words, only: listed, longest
   use viscovib_number_text, only: exact
@@ -83,7 +84,7 @@ contains
     job%lyapunov = reader%read_yes('lyapunov')
     job%wants_peaks = reader%read_yes('peaks')
     job%wants_accelerations = reader%read_yes('acceleration')
-    if (subject%is_body) job%wants_forces = reader%read_yes('forces')
+    call read_forces(reader, subject, job%wants_forces)
     if (reader%status%failed()) return
     if (job%wants_peaks .and. .not. subject%is_pendulum .and. job%place > of_load &
         .and. job%place < of_parameter) then

@@ -138,7 +138,7 @@ contains
                           supports%places(:, support), supports%rates(:, support), &
                           supports%masses(:, support))
       end associate
-      subject%model%supports%pull = .true.
+      call subject%model%supports%move_apart(support, order, amplitude*unit_at(order, phase))
       return
     end if
     if (kind == moves) then

@@ -22,7 +22,8 @@ module viscovib_motion_groups
   implicit none
   private
 
-  public :: read_decay, read_hereditary, read_shock_spectrum, read_spectrum, read_transient
+  public :: read_decay, read_forces, read_hereditary, read_shock_spectrum, read_spectrum, &
+    read_transient
 
   !> Keys of the range that a list of frequencies replaces.
   character(len=*), parameter :: grid_keys(4) = &
@@ -303,5 +304,22 @@ contains
     end if
     call read_range(reader, '', hz, 'spacing')
   end subroutine read_frequencies
+
+  !> Whether forces along a motion are wanted.
+  subroutine read_forces(reader, subject, wanted)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    logical, intent(out) :: wanted
+
+    wanted = .false.
+    if (.not. subject%is_pendulum) wanted = reader%read_yes('forces')
+    if (.not. wanted .or. reader%status%failed()) return
+    if (subject%model%n_given == 0 .and. .not. allocated(subject%model%supports%names)) then
+      call reader%complain('forces', "forces = 'yes': needs an &element or supports")
+    else if (subject%model%supports%are_turned) then
+      call reader%complain('forces', "forces = 'yes': must be 'no' if gyroscopic, circulatory or " &
+                           //'centrifugal act on supports')
+    end if
+  end subroutine read_forces
 
 end module viscovib_motion_groups

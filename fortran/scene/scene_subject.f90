@@ -20,13 +20,13 @@ module viscovib_scene_subject
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: place_of, place_of_motion
-  use viscovib_status, only: status_type
+  use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_stiffness_ratio, only: hidden_springs
   use viscovib_structure_groups, only: read_structure
   use viscovib_structure_model, only: put_load
   use viscovib_subject, only: name_length, subject_type
   use viscovib_system_groups, only: read_system
-  use viscovib_whole_structure, only: may_be_whole, switches, whole_polynomial
+  use viscovib_whole_structure, only: has_states, may_be_whole, switches, whole_polynomial
   implicit none
   private
 
@@ -94,6 +94,13 @@ contains
     call put_load(subject%model, load, place_of_motion(file) <= size(file%groups), &
                   subject%structure, subject%load, status)
     if (.not. status%failed()) call go_whole(file, load, subject, status)
+    if (place_of_motion(file) <= size(file%groups) .and. subject%is_structure .and. &
+        .not. status%failed()) then
+      if (has_states(subject%model)) call fail(status, status_input_error, 'hysteresis', &
+        'hysteresis: a motion in time needs at most 512 coordinates, all with mass, no shapes, ' &
+        //'kernels that are sums of exponentials, memory that is not direct, and a method for ' &
+        //'steps that end at switches')
+    end if
     if (status%failed()) status%message = file%path//': '//status%message
   end subroutine read_subject
 

@@ -65,6 +65,7 @@ contains
       return
     end if
     allocate (model%elements(n))
+    model%n_given = n
     n = 0
     do i = 1, size(file%groups)
       if (file%groups(i)%name /= 'element') cycle
@@ -244,6 +245,7 @@ contains
     call model%hold(free, held, status)
     call reader%place(status)
     model%supports%names = coordinates(held)
+    allocate (model%supports%orders(0), model%supports%waves(size(held), 0))
     coordinates = coordinates(free)
     units = units(free)
   end subroutine remove_supports

@@ -42,6 +42,8 @@ module viscovib_structure_model
     !> Forces of supports that were removed from the matrices; its arrays are not allocated: none.
     type(structure_supports) :: supports
     type(element_type), allocatable :: elements(:)
+    !> Number of elements that are not parts of layers; -1: the user has defined another system.
+    integer :: n_given = -1
     !> Results: directions (n_places, q), linear subsystem, loads on observed coordinates,
     !! (n_places, n_loads), and base motion (n_loads) by order.
     real(wp), allocatable :: directions(:, :)
@@ -84,6 +86,18 @@ contains
     call add_linear(self, matrices(:, :, 3), matrices(:, :, 2))
     call new_supports(self%supports, matrices, self%elements, free, held, self%base_direction, &
                       moved, status)
+    if (.not. status%failed()) then
+      matrices(:, :, 2) = self%damping
+      matrices(:, :, 3) = self%stiffness
+      associate (rows => self%supports%rows)
+        rows%free = matrices(held, free, :)
+        rows%held = matrices(held, held, :)
+        allocate (rows%based(size(held), 3))
+        do i = 1, 3
+          rows%based(:, i) = matmul(matrices(held, :, i), moved)
+        end do
+      end associate
+    end if
     if (self%depends_on_speed() .and. .not. status%failed()) then
       self%supports%are_turned = any(abs(self%gyroscopic(free, held)) > 0.0_wp .or. &
                                      abs(self%circulatory(free, held)) > 0.0_wp .or. &

@@ -48,12 +48,19 @@ module viscovib_structure_supports
     real(wp), allocatable :: masses(:, :), rates(:, :), places(:, :)
     !> The first element on each support that is no linear spring or damper; 0: none.
     integer, allocatable :: bent_by(:)
+    !> Rows of the supports.
+    type(support_rows) :: rows
+    !> Motions of supports that move each on its own, Im a exp(i k nu t): orders k, and a, shape
+    !! (n_held, size(orders)).
+    integer, allocatable :: orders(:)
+    complex(wp), allocatable :: waves(:, :)
     !> True if matrices that depend on the speed act on supports.
     logical :: are_turned = .false.
     !> True if a load moves supports that act by springs or dampers.
     logical :: pull = .false.
   contains
     procedure :: are_pulled
+    procedure :: move_apart
   end type structure_supports
 
 contains
@@ -64,6 +71,19 @@ contains
     are_pulled = .false.
     if (allocated(self%rate)) are_pulled = any(abs([self%rate, self%place]) > 0.0_wp)
   end function are_pulled
+
+  !> Add the motion Im a exp(i order nu t) of one support.
+  pure subroutine move_apart(self, support, order, a)
+    class(structure_supports), intent(inout) :: self
+    integer, intent(in) :: support, order
+    complex(wp), intent(in) :: a
+    complex(wp) :: wave(size(self%names))
+    wave = (0.0_wp, 0.0_wp)
+    wave(support) = a
+    self%orders = [self%orders, order]
+    self%waves = reshape([self%waves, wave], [size(wave), size(self%orders)])
+    self%pull = .true.
+  end subroutine move_apart
 
   !> Find the forces of supports, and the motion (r, d) of all coordinates with the base.
   subroutine new_supports(supports, matrices, elements, free, held, direction, moved, status)

@@ -16,6 +16,7 @@ module viscovib_timed_polynomials
   contains
     procedure :: between
     procedure :: at
+    procedure :: integrals
     procedure :: add
     procedure :: corners
     procedure, private :: place
@@ -75,6 +76,29 @@ contains
       values = values*(t - self%breaks(i)) + self%pieces(:, p, i)
     end do
   end function at
+
+  !> First and second integrals of the loads from the first break on, shape (n_rows, 2).
+  pure function integrals(self, t) result(values)
+    class(timed_polynomials), intent(in) :: self
+    real(wp), intent(in) :: t
+    real(wp) :: values(size(self%pieces, 1), 2)
+    real(wp) :: x
+    integer :: i, m, p
+
+    values = 0.0_wp
+    do i = 1, size(self%breaks)
+      if (t <= self%breaks(i)) exit
+      x = t - self%breaks(i)
+      if (i < size(self%breaks)) x = min(t, self%breaks(i + 1)) - self%breaks(i)
+      values(:, 2) = values(:, 2) + x*values(:, 1)
+      if (i == size(self%breaks)) exit
+      do p = 1, size(self%pieces, 2)
+        m = size(self%pieces, 2) - p + 1
+        values(:, 1) = values(:, 1) + self%pieces(:, p, i)*x**m/m
+        values(:, 2) = values(:, 2) + self%pieces(:, p, i)*x**(m + 1)/(m*(m + 1))
+      end do
+    end do
+  end function integrals
 
   !> Values of polynomials and all their derivatives after a time x, by order.
   pure function derivatives(a, x) result(jets)

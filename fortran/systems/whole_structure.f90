@@ -15,7 +15,7 @@ module viscovib_whole_structure
   implicit none
   private
 
-  public :: may_be_whole, switches, whole_polynomial
+  public :: has_states, may_be_whole, switches, whole_polynomial
 
 contains
 
@@ -28,19 +28,27 @@ contains
     may = .not. abs(model%modal%loss) > 0.0_wp
   end function may_be_whole
 
-  !> True if the model also has laws with kinks or jumps.
+  !> True if the model also has laws with kinks or jumps, or elements with states.
   pure logical function switches(model)
     type(structure_model), intent(in) :: model
     integer :: i, j
 
     switches = .false.
     if (.not. may_be_whole(model)) return
+    switches = has_states(model)
     do i = 1, size(model%elements)
       do j = 1, size(model%elements(i)%laws)
         switches = switches .or. any(branches(model%elements(i)%laws(j)%program%code))
       end do
     end do
   end function switches
+
+  !> True if an element has hysteresis.
+  pure logical function has_states(model)
+    type(structure_model), intent(in) :: model
+    integer :: i
+    has_states = any([(any(model%elements(i)%laws%state > 0), i=1, size(model%elements))])
+  end function has_states
 
   !> The polynomial system in all coordinates.
   subroutine whole_polynomial(model, kernels, system, status)

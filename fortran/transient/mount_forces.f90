@@ -1,7 +1,7 @@
 ! Optimize: -O2
 !> Forces of the mounts of a body along a motion that is known.
 module viscovib_mount_forces
-  use viscovib_element_forces, only: spring_force
+  use viscovib_element_forces, only: element_forces_type, spring_force
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_motion_balance, only: recall
@@ -13,31 +13,17 @@ module viscovib_mount_forces
 
   public :: find_mount_forces, find_spring_memory, mount_forces_type
 
-  type :: mount_forces_type
-    !> Along the local axes of each mount, shape (n, 3, n_mounts): deflection relative to the base,
-    !! its rate, and the parts of the force, k d + g(d, d'), c d' and -R * (k d + g). A fluid track
-    !! belongs to `elastic`.
-    real(wp), allocatable :: deflection(:, :, :), rate(:, :, :), elastic(:, :, :)
-    real(wp), allocatable :: damping(:, :, :), memory(:, :, :)
-    !> Moment of its rotational springs, opposite to the rotation.
-    real(wp), allocatable :: moment(:, :, :)
+  !> Columns are along the local axes of each mount, those of the first mount first. A fluid track
+  !! belongs to `elastic`.
+  type, extends(element_forces_type) :: mount_forces_type
+    !> Moment of its rotational springs, opposite to the rotation, shape (n, 3 n_mounts).
+    real(wp), allocatable :: moment(:, :)
     !> In axes of the floor: the point of each force, shape (n, 3, n_mounts), and the force and the
     !! moment about the origin of all mounts on the floor, shape (n, 6).
     real(wp), allocatable :: point(:, :, :), floor(:, :)
-  contains
-    procedure :: force
   end type mount_forces_type
 
 contains
-
-  !> Force of a mount along one of its axes, opposite to the deflection.
-  pure function force(self, axis, mount)
-    class(mount_forces_type), intent(in) :: self
-    integer, intent(in) :: axis, mount
-    real(wp) :: force(size(self%elastic, 1))
-    force = self%elastic(:, axis, mount) + self%damping(:, axis, mount) &
-            + self%memory(:, axis, mount)
-  end function force
 
   !> Forces at states of a motion.
   subroutine find_mount_forces(springs, mount_of, exact, center, u, rate, memory, forces)
@@ -59,25 +45,26 @@ contains
 
     call find_elastic(springs, exact, u, rate, d, speed, elastic)
     m = maxval(mount_of)
-    allocate (forces%deflection(size(u, 1), 3, m), source=0.0_wp)
+    allocate (forces%deflection(size(u, 1), 3*m), source=0.0_wp)
     allocate (forces%rate, forces%elastic, forces%damping, source=forces%deflection)
-    allocate (forces%memory, forces%moment, forces%point, source=forces%deflection)
-    allocate (forces%floor(size(u, 1), 6), source=0.0_wp)
+    allocate (forces%memory, forces%moment, source=forces%deflection)
+    allocate (forces%point(size(u, 1), 3, m), forces%floor(size(u, 1), 6), source=0.0_wp)
     do j = 1, size(springs)
       m = mount_of(j)
       first = findloc(mount_of, m, 1)
       ! The static equilibrium turns the direction of a rotational spring by a small angle.
       a = maxloc([(abs(sum(springs(j)%direction*springs(first + i)%direction)), i=0, 2)], 1)
+      a = 3*(m - 1) + a
       if (springs(j)%turning) then
-        forces%moment(:, a, m) = elastic(:, j) + springs(j)%damping*speed(:, j) + memory(:, j)
+        forces%moment(:, a) = elastic(:, j) + springs(j)%damping*speed(:, j) + memory(:, j)
         cycle
       end if
-      forces%elastic(:, a, m) = forces%elastic(:, a, m) + elastic(:, j)
+      forces%elastic(:, a) = forces%elastic(:, a) + elastic(:, j)
       if (springs(j)%track > 0) cycle
-      forces%deflection(:, a, m) = d(:, j)
-      forces%rate(:, a, m) = speed(:, j)
-      forces%damping(:, a, m) = springs(j)%damping*speed(:, j)
-      forces%memory(:, a, m) = memory(:, j)
+      forces%deflection(:, a) = d(:, j)
+      forces%rate(:, a) = speed(:, j)
+      forces%damping(:, a) = springs(j)%damping*speed(:, j)
+      forces%memory(:, a) = memory(:, j)
     end do
     do m = 1, maxval(mount_of)
       first = findloc(mount_of, m, 1)
@@ -190,15 +177,17 @@ contains
     integer, intent(in) :: m
     type(mount_forces_type), intent(inout) :: forces
     real(wp), dimension(size(forces%floor, 1), 3) :: force, moment
-    integer :: a, b
+    integer :: a, b, j
 
     force = 0.0_wp
     moment = 0.0_wp
     do a = 1, 3
+      j = 3*(m - 1) + a
       do b = 1, 3
         associate (e => springs(a)%direction(b))
-          force(:, b) = force(:, b) + e*forces%force(a, m)
-          moment(:, b) = moment(:, b) + e*forces%moment(:, a, m)
+          force(:, b) = force(:, b) + e*(forces%elastic(:, j) + forces%damping(:, j) &
+                                         + forces%memory(:, j))
+          moment(:, b) = moment(:, b) + e*forces%moment(:, j)
         end associate
       end do
     end do

@@ -257,5 +257,5 @@ def test_requests_that_are_refused(solve, tmp_path):
         "peaks='maybe'": "peaks = 'maybe': must be one of 'no', 'yes'",
     }
     for keys, reported in cases.items():
-        scene.write_text(SYSTEMS["mount"].replace("@", keys))
+        scene.write_text(SYSTEMS["pendulum"].replace("@", keys))
         check_failure(solve(scene, "--out", out), 2, reported, out)

@@ -167,6 +167,7 @@ NOTHING_TO_JUDGE = {
     "SceneResult.decay_to_csv": "the table of decaying oscillations, which test_tables compares",
     "SceneResult.events_to_csv": "the table of events, which test_driver_events compares",
     "SceneResult.forces_to_csv": "the table of forces, which test_driver_forces compares",
+    "SceneResult.reactions_to_csv": "the table of reactions, which test_driver_forces compares",
     "SceneResult.peaks_to_csv": "the table of peaks, which test_driver_forces compares",
     "SceneResult.shock_spectrum_to_csv": "the table of a spectrum, which test_tables compares",
     "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_tables compares",

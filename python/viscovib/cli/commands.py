@@ -194,6 +194,7 @@ def _run(options: argparse.Namespace) -> int:
         "free_decay": (result.decay, result.decay_to_csv),
         "shock_spectrum": (result.shock_spectrum, result.shock_spectrum_to_csv),
         "forces": (result.forces, result.forces_to_csv),
+        "reactions": (result.reactions, result.reactions_to_csv),
         "peaks": (result.peaks, result.peaks_to_csv),
     }
     for name, (found, write) in further.items():

@@ -82,12 +82,13 @@ class SceneResult:
     shock_spectrum: ShockResponseSpectrum | None = None
     #: The tables of ``forces = 'yes'`` and ``peaks = 'yes'`` in &transient, of peaks in &ensemble.
     forces: TableResult | None = None
+    reactions: TableResult | None = None
     peaks: TableResult | None = None
 
     def __repr__(self) -> str:
         parts = (
-            self.spectrum, self.events, self.decay, self.shock_spectrum, self.forces, self.peaks,
-            *self.switched,
+            self.spectrum, self.events, self.decay, self.shock_spectrum, self.forces,
+            self.reactions, self.peaks, *self.switched,
         )  # fmt: skip
         more = [repr(one) for one in parts if one is not None]
         return "\n".join([f"<SceneResult of {self.scene.path.name}>", repr(self.value), *more])
@@ -152,10 +153,18 @@ class SceneResult:
         self._write(self.shock_spectrum, path)
 
     def forces_to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the table of mount forces."""
+        """Write the table of forces of mounts, elements or springs."""
         if self.forces is None:
             raise InputError("forces_to_csv: this scene has no forces = 'yes'")
         self._write(self.forces, path)
+
+    def reactions_to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write the table of reactions at supports."""
+        if self.reactions is None:
+            raise InputError(
+                "reactions_to_csv: this scene has no forces = 'yes' of a structure with supports"
+            )
+        self._write(self.reactions, path)
 
     def peaks_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of peaks."""
@@ -164,7 +173,9 @@ class SceneResult:
         self._write(self.peaks, path)
 
     def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
-        group = "transient" if value.kind in ("event", *_TABLES) else value.kind
+        group = value.kind
+        if group in ("event", "reactions", *_TABLES):
+            group = "ensemble" if "ensemble" in self.scene.groups else "transient"
         group = group.replace("shock_response", "shock")
         wanted = self.scene.groups[group].get("coordinates")
         title = self.scene.groups.get("scene", {}).get("title", "")
@@ -268,7 +279,10 @@ def _tables_of(scene: Scene) -> list[str]:
     if "ensemble" in scene.groups:
         return ["peaks"] if scene.groups["ensemble"]["peaks"] == "yes" else []
     group = scene.groups.get("transient", {})
-    return [key for key in _TABLES if group.get(key) == "yes"]
+    found = [key for key in _TABLES if group.get(key) == "yes"]
+    if "forces" in found and texts(scene.groups.get("structure", {}).get("supports", ())):
+        found.append("reactions")
+    return found
 
 
 def _by_core(scene: Scene, planned: Plan) -> SceneResult:
@@ -292,7 +306,8 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
         extremes = spectrum_of_table(shock.notes, shock.columns, group)
     return SceneResult(
         scene, first, spectra, located, decay=decay, shock_spectrum=extremes,
-        forces=further.get("forces"), peaks=further.get("peaks"),
+        forces=further.get("forces"), reactions=further.get("reactions"),
+        peaks=further.get("peaks"),
     )  # fmt: skip
 
 
