@@ -305,7 +305,7 @@ contains
     type(polynomial_type), pointer :: it
     class(oscillator_type), pointer :: system
     nullify (it)
-    system => task%system()
+    system => task%system(with_shaft=.true.)
     if (task%failed()) return
     select type (system)
     type is (polynomial_type)

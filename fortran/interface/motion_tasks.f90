@@ -26,7 +26,7 @@ module viscovib_motion_tasks
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates
-  use viscovib_shock_shapes, only: new_shock, shock_names, shock_type
+  use viscovib_shock_shapes, only: find_turn, new_shock, shock_names, shock_type
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
   use viscovib_spline_integral, only: spline_integral
@@ -371,11 +371,13 @@ contains
   end subroutine find_work
 
   !> A shock of height 1 by the `shape` of its name and its numbers as of `shock_type`: `times` (n)
-  !! and `pieces` (p, n).
+  !! and `pieces` (p, n). Of a run-up also `turn_start`, `turn_times` and `turn_pieces`, as of
+  !! `find_turn`.
   subroutine find_shock(task)
     type(task_type), intent(inout) :: task
     type(shock_type) :: shock
     real(wp), allocatable :: times(:), pieces(:, :)
+    real(wp) :: start(2), ends(2), slopes(1, 2)
     character(len=:), allocatable :: shape_name
     integer :: i
 
@@ -399,6 +401,11 @@ contains
     if (task%failed()) return
     call task%found%put_reals('times', times, shape(times))
     call task%found%put_reals('pieces', pieces, shape(pieces))
+    if (shape_name /= 'run_up') return
+    call find_turn(shock, start, ends, slopes)
+    call task%found%put_reals('turn_start', start, shape(start))
+    call task%found%put_reals('turn_times', ends, shape(ends))
+    call task%found%put_reals('turn_pieces', slopes, shape(slopes))
 
   contains
 
@@ -493,7 +500,7 @@ contains
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
     integer, allocatable :: driven(:), moves(:)
-    system => task%system()
+    system => task%system(with_shaft=.true.)
     allocate (driven, source=task%get_integers('driven'))
     if (task%failed()) return
     call task%check_extents('driven', shape(driven), [system%n_dof()])
@@ -567,7 +574,7 @@ contains
       if (task%failed()) return
       text = plan_pendulum(job%transient_job, pendulum)
     else
-      system => task%system()
+      system => task%system(with_shaft=.true.)
       if (task%failed()) return
       call load_of(task, system%n_dof(), load)
       if (name == 'plan with memory') then

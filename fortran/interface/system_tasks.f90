@@ -18,6 +18,7 @@ module viscovib_system_tasks
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_rotation, only: new_rotation
+  use viscovib_shaft_system, only: drive_type, put_on_shaft
   use viscovib_spring_about, only: force_of
   use viscovib_status, only: fail, status_input_error
   use viscovib_stiffness_ratio, only: entries_of, entries_type, hidden_modes, hidden_poles, &
@@ -40,6 +41,8 @@ contains
     select case (name)
     case ('oscillator')
       call build_system(task)
+    case ('on shaft')
+      call build_on_shaft(task)
     case ('pendulum')
       call build_pendulum(task)
     case ('body')
@@ -89,6 +92,35 @@ contains
     call make_system(own%it, flat, kind_x, data_x, kind_phi, data_phi, task%status)
     if (.not. task%failed()) call move_alloc(own, task%built)
   end subroutine build_system
+
+  !> A polynomial system with the angle of its shaft as its last coordinate: `torque`, a text
+  !! (empty: none), `inertia` and `unbalance` (n_dof).
+  subroutine build_on_shaft(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(built_system), allocatable :: own
+    type(polynomial_type), allocatable :: whole
+    type(drive_type) :: drive
+
+    system => task%system(with_speed=.true.)
+    call task%take_text('torque', drive%torque)
+    drive%inertia = task%get_real('inertia')
+    allocate (drive%unbalance, source=task%get_complexes('unbalance'))
+    if (task%failed()) return
+    if (drive%torque == '') deallocate (drive%torque)
+    allocate (own, whole)
+    select type (system)
+    type is (polynomial_type)
+      call lock_texts()
+      call put_on_shaft(system, drive, whole, task%status)
+      call unlock_texts()
+    class default
+      call task%refuse_kind()
+    end select
+    if (task%failed()) return
+    call move_alloc(whole, own%it)
+    call move_alloc(own, task%built)
+  end subroutine build_on_shaft
 
   !> A pendulum: `flat` (14) as for `make_pendulum`.
   subroutine build_pendulum(task)

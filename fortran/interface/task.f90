@@ -11,6 +11,7 @@ module viscovib_task
     text_value
   use viscovib_oscillator, only: oscillator_type, speed_needed
   use viscovib_pendulum, only: pendulum_type
+  use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: clipped, fail, show, status_input_error, status_type
   implicit none
   private
@@ -376,9 +377,9 @@ contains
 
   !> The oscillator of the task. The task fails if there is none, or if it depends on the speed and
   !! `with_speed` does not say that the task takes such systems.
-  function system(self, with_speed) result(it)
+  function system(self, with_speed, with_shaft) result(it)
     class(task_type), intent(inout), target :: self
-    logical, intent(in), optional :: with_speed
+    logical, intent(in), optional :: with_speed, with_shaft
     class(oscillator_type), pointer :: it
     type(task_link) :: holder
     nullify (it)
@@ -391,11 +392,25 @@ contains
     type is (built_system)
       it => own%it
     end select
-    if (present(with_speed) .or. .not. associated(it)) return
+    if (.not. associated(it)) return
+    if (.not. present(with_shaft)) call refuse_shaft(self, it)
+    if (present(with_speed)) return
     if (it%depends_on_speed() .and. .not. self%failed()) then
       call fail(self%status, status_input_error, 'speed', speed_needed)
     end if
   end function system
+
+  subroutine refuse_shaft(task, system)
+    class(task_type), intent(inout) :: task
+    class(oscillator_type), intent(in) :: system
+    select type (system)
+    type is (polynomial_type)
+      if (allocated(system%shaft) .and. .not. task%failed()) then
+        call fail(task%status, status_input_error, 'system', 'system: the speed of its shaft ' &
+                  //'changes, so only motions in time are available')
+      end if
+    end select
+  end subroutine refuse_shaft
 
   function pendulum(self) result(it)
     class(task_type), intent(inout), target :: self

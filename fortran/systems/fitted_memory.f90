@@ -167,6 +167,7 @@ contains
     other%base_direction = system%base_direction
     other%monomials = system%monomials
     other%laws = system%laws
+    if (allocated(system%shaft)) other%shaft = system%shaft
   end subroutine copy_system
 
   subroutine replace(holder, weights, rates)

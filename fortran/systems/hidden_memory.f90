@@ -206,6 +206,7 @@ contains
     whole%degree = system%degree
     whole%n_zero = system%n_zero
     whole%n_silent = system%n_silent
+    if (allocated(system%shaft)) whole%shaft = system%shaft
     call drag_by_monomials(system, masses, whole)
     call drag_by_laws(system, masses, whole)
   end subroutine unfold_memory

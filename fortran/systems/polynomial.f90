@@ -16,6 +16,7 @@ module viscovib_polynomial
   use viscovib_law_term, only: add_law_slopes, add_laws, law_term, read_rates
   use viscovib_modal_frame, only: most_in_frame
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_shaft, only: shaft_type
   use viscovib_speed_matrices, only: speed_matrices
   use viscovib_status, only: fail, show, status_input_error, status_type
   implicit none
@@ -57,6 +58,9 @@ module viscovib_polynomial
   type, extends(oscillator_type) :: polynomial_type
     type(monomial_type), allocatable :: monomials(:)
     type(law_term), allocatable :: laws(:)
+    !> The shaft whose angle is the last coordinate; not allocated: none. Only motions in time
+    !! include it.
+    type(shaft_type), allocatable :: shaft
   contains
     procedure :: deflection_remainder
     procedure :: force_remainder
@@ -404,7 +408,7 @@ contains
     logical :: touched(size(self%gather, 2))
     integer :: i, j
 
-    coupled = self%linear_coupling()
+    coupled = self%linear_coupling() .or. allocated(self%shaft)
     do i = 1, size(self%monomials)
       associate (together => [self%monomials(i)%equation, self%monomials(i)%dof])
         coupled(together, together) = .true.

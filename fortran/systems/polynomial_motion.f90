@@ -23,6 +23,7 @@ module viscovib_polynomial_motion
   use viscovib_motion_loads, only: motion_loads
   use viscovib_moving_element, only: fastest_settling, moving_element
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
+  use viscovib_shaft_motion, only: new_shaft_motion, shaft_motion
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_steep_laws, only: find_steep, steep_force
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
@@ -34,6 +35,7 @@ module viscovib_polynomial_motion
   type, extends(driven_system_type) :: polynomial_motion_type
     type(monomial_type), allocatable, private :: monomials(:)
     type(switched_laws) :: laws
+    type(shaft_motion), private :: shaft
     !> M^(-1), M^(-1) K and M^(-1) C, shape (n_dof, n_dof), and an upper bound of the rates of the
     !! linear system.
     real(wp), allocatable, private :: inverse(:, :), stiffness(:, :), damping(:, :)
@@ -160,7 +162,11 @@ contains
       if (n > max_dof) motion%linear_rate = pace
       motion%fading = maxval([0.0_wp, motion%frame%rates(n + 1:)])
     end if
-    motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0)
+    motion%sloped = motion%n_dof <= most_sloped .and. size(laws) > 0 .and. all(laws%state == 0) &
+                    .and. .not. allocated(system%shaft)
+    if (allocated(system%shaft)) then
+      call new_shaft_motion(motion%shaft, system%shaft, system%mass, motion%inverse)
+    end if
     allocate (motion%parted(2*motion%n_dof, size(laws)))
     call part_linear(laws, motion%inverse, motion%stiffness, motion%damping, motion%parted)
     do i = 1, size(laws)
@@ -325,6 +331,9 @@ contains
     do from = 1, size(t), n_lanes
       place = [(min(from + i - 1, size(t)), i=1, n_lanes)]
       call self%but_laws(q(place, :), v(place, :), self%drive_at(t(place)), a)
+      if (self%shaft%angle > 0) then
+        call self%shaft%hold(self%laws, self%n_dof, q(place, :), v(place, :), a)
+      end if
       call self%laws%add(q(place, :), v(place, :), a, some_mu)
       i = min(n_lanes, size(t) - from + 1)
       mu(from:from + i - 1, :) = some_mu(:i, :)
@@ -532,7 +541,11 @@ contains
     real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
     call self%but_laws(q, v, drive, a)
-    call self%laws%add(q, v, a)
+    if (self%shaft%angle == 0) then
+      call self%laws%add(q, v, a)
+    else
+      call self%shaft%add_laws(self%laws, self%n_dof, q, v, a)
+    end if
   end subroutine acceleration
 
   pure integer function n_laws(self)
@@ -544,13 +557,15 @@ contains
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: t, q(self%n_dof), v(self%n_dof)
     real(wp), intent(out) :: a(self%n_dof), force(:)
-    real(wp), dimension(n_lanes, self%n_dof) :: some_q, some_v, lanes
+    real(wp), dimension(n_lanes, self%n_dof) :: some_q, some_v, lanes, held
     some_q = spread(q, 1, n_lanes)
     some_v = spread(v, 1, n_lanes)
     call self%but_laws(some_q, some_v, self%drive_at(spread(t, 1, n_lanes)), lanes)
-    call self%laws%forces(some_q, some_v, lanes, force)
+    held = lanes
+    call self%shaft%hold(self%laws, self%n_dof, some_q, some_v, held)
+    call self%laws%forces(some_q, some_v, held, force)
     force = force + matmul([q, v], self%parted)
-    call self%laws%add(some_q, some_v, lanes)
+    call self%shaft%add_laws(self%laws, self%n_dof, some_q, some_v, lanes)
     a = lanes(1, :)
   end subroutine law_forces
 
@@ -594,23 +609,28 @@ contains
       if (d > last) call add_multiple(total, -self%damping(d, d), v(:, d))
       a(:, d) = total
     end do
-    call self%add_pushes(q, drive, a)
+    call self%add_pushes(q, v, drive, a)
   end subroutine but_laws
 
-  !> Accelerations without the linear subsystem and steep laws. Sliding needs the full acceleration.
+  !> Accelerations without the linear subsystem and steep laws. Sliding and an unbalance need the
+  !! full acceleration.
   pure subroutine push(self, q, v, drive, rest, a)
     class(polynomial_motion_type), intent(in) :: self
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives)), rest(n_lanes, self%n_dof)
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
-    logical :: slides
+    logical :: all_needed
 
-    slides = self%laws%n_slides() > 0
+    all_needed = self%laws%n_slides() > 0 .or. self%shaft%angle > 0
     a = 0.0_wp
-    call self%add_pushes(q, drive, a)
-    if (slides) a = a + rest
-    call self%laws%add(q, v, a, but=self%steep%law)
-    if (slides) a = a - rest
+    call self%add_pushes(q, v, drive, a)
+    if (all_needed) a = a + rest
+    if (self%shaft%angle == 0) then
+      call self%laws%add(q, v, a, but=self%steep%law)
+    else
+      call self%shaft%add_laws(self%laws, self%n_dof, q, v, a, self%steep%law)
+    end if
+    if (all_needed) a = a - rest
   end subroutine push
 
   subroutine steep_forces(self, which, q, v, roots, forces, slopes)
@@ -624,13 +644,15 @@ contains
     end associate
   end subroutine steep_forces
 
-  !> Add the accelerations by monomials and loads.
-  pure subroutine add_pushes(self, q, drive, a)
+  !> Add the accelerations by monomials, loads and the speed of a shaft.
+  pure subroutine add_pushes(self, q, v, drive, a)
     class(polynomial_motion_type), intent(in) :: self
-    real(wp), intent(in) :: q(n_lanes, self%n_dof), drive(n_lanes, size(self%drives))
+    real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
+    real(wp), intent(in) :: drive(n_lanes, size(self%drives))
     real(wp), intent(inout) :: a(n_lanes, self%n_dof)
     call take_monomials(self%monomials, self%n_dof, self%inverse, q, a)
     call self%loads%add_to(drive, a)
+    if (self%shaft%angle > 0) call self%shaft%add_forces(self%n_dof, q, v, a)
   end subroutine add_pushes
 
   !> The equations are valid everywhere.

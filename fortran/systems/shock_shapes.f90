@@ -15,7 +15,7 @@ module viscovib_shock_shapes
   implicit none
   private
 
-  public :: new_shock
+  public :: find_turn, new_shock
 
   character(len=*), parameter, public :: shock_names(7) = &
     [character(len=9) :: 'half_sine', 'haversine', 'chirp', 'run_up', 'sawtooth', 'trapezoid', &
@@ -145,6 +145,23 @@ contains
     end subroutine join
 
   end subroutine new_shock
+
+  !> The angle of the shaft of a run-up: phi and phi' at t = 0, and phi'' as a polynomial of degree
+  !! 0 from times (2) on. Before the start the speed is the first one.
+  subroutine find_turn(shock, start, times, pieces)
+    type(shock_type), intent(in) :: shock
+    real(wp), intent(out) :: start(2), times(2), pieces(1, 2)
+    real(wp) :: slope, t
+
+    slope = (shock%speed(2) - shock%speed(1))/shock%duration
+    times = shock%start + [0.0_wp, shock%duration]
+    pieces(1, :) = [slope, 0.0_wp]
+    ! Of the run-up until t = 0.
+    t = min(max(-shock%start, 0.0_wp), shock%duration)
+    start(1) = shock%phase + (shock%speed(1) + 0.5_wp*slope*t)*t &
+               - shock%speed(1)*max(shock%start, 0.0_wp) - shock%speed(2)*min(times(2), 0.0_wp)
+    start(2) = shock%speed(1) + slope*t
+  end subroutine find_turn
 
   !> sin(phi), cos(phi) and the Taylor series of phi' at a time.
   pure subroutine find_phase(shock, time, holds, rate, s, c)

@@ -29,14 +29,30 @@ class Laval:
         self.torque, self.slope = rng.uniform(0.1, 1), rng.uniform(0.003, 0.03)
         self.wave = rng.uniform(0, 0.2)
         self.start = np.concatenate([0.01 * rng.normal(size=4), [rng.uniform(0, 6), 1.0]])
+        self.load, self.nu = 0.0, rng.uniform(1, 9)
+        self.relaxed, self.rate_of_memory = 0.0, rng.uniform(0.5, 3)
 
     def system(self, **more):
-        turn = self.internal * np.array([[0, 1], [-1, 0]])
         cubic = f"{self.cubic}*(x^2 + y^2)"
-        return vv.PolynomialSystem(
+        forces = {"x": f"x*{cubic}", "y": f"y*{cubic}"}
+        return vv.PolynomialSystem(forces=forces, **self.matrices(), **more)
+
+    def matrices(self):
+        turn = self.internal * np.array([[0, 1], [-1, 0]])
+        return dict(
             mass=[self.mass] * 2, stiffness=self.k, damping=[self.c] * 2, circulatory=turn,
-            forces={"x": f"x*{cubic}", "y": f"y*{cubic}"}, names=["x", "y"], **more,
+            names=["x", "y"],
         )  # fmt: skip
+
+    def structure(self):
+        cubic = f"{self.cubic}*(x^2 + y^2)"
+        law = {"x": f"x*{cubic}", "y": f"y*{cubic}"}
+        coupling = vv.Coupling(on={"x": "x", "y": "y"}, law=law)
+        return vv.Structure(elements=[coupling], **self.matrices())
+
+    def kernel(self):
+        b = self.rate_of_memory
+        return vv.PronyKernel(weights=[self.relaxed * b], rates=[b])
 
     def drive(self):
         return vv.DriveTorque(
@@ -45,32 +61,114 @@ class Laval:
             speed=self.start[5],
         )  # fmt: skip
 
-    def rate(self, _, z):
+    def rate(self, t, z):
         """Lagrange's equations with the displacements x + e cos(phi), y + e sin(phi)."""
-        x, vx, y, vy, phi, w = z
+        x, vx, y, vy, phi, w, *memory = z
         s, c, me = np.sin(phi), np.cos(phi), self.me
         matrix = np.array(
             [[self.mass, 0, -me * s], [0, self.mass, me * c], [-me * s, me * c, self.inertia]]
         )
         stiff = self.k + self.cubic * (x * x + y * y)
+        force, b = stiff * [x, y], self.rate_of_memory
+        recalled = np.array(memory or [0.0, 0.0])
         push = [
-            me * w**2 * c - self.c * vx - stiff[0] * x - w * self.internal * y,
-            me * w**2 * s - self.c * vy - stiff[1] * y + w * self.internal * x,
+            me * w**2 * c - self.c * vx - w * self.internal * y + self.load * np.sin(self.nu * t),
+            me * w**2 * s - self.c * vy + w * self.internal * x,
             self.torque - self.slope * w + self.wave * s,
         ]
+        push[:2] += recalled - force
         a = np.linalg.solve(matrix, push)
-        return [vx, a[0], vy, a[1], w, a[2]]
+        rates = [vx, a[0], vy, a[1], w, a[2]]
+        return [*rates, *(b * (self.relaxed * force - recalled))] if memory else rates
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_motors_of_random_rotors(seed):
-    rotor, end = Laval(seed), 5.0
+    """Under a load, as a structure, and with memory."""
+    rotor, end, more = Laval(seed), 5.0, {}
+    if seed % 2:
+        rotor.load = 3.0
+        more = dict(load={"x": rotor.load}, nu=rotor.nu)
+    system, start = rotor.system(), rotor.start
+    if seed % 3 == 1:
+        system = rotor.structure()
+    elif seed % 3 == 2:
+        rotor.relaxed = 0.3
+        system, start = rotor.system(kernel=rotor.kernel()), np.append(start, [0.0, 0.0])
     run = vv.simulate(
-        rotor.system(), end, force=rotor.drive(), initial=rotor.start[:4], times=[0, 2, end]
+        system, end, force=rotor.drive(), initial=start[:4], times=[0, 2, end], **more
     )
-    exact = integrated(rotor.rate, (0, end), rotor.start)
-    assert run.system.dof_names == ("x", "y", "angle")
-    assert run.state[-1] == pytest.approx(exact, rel=1e-8, abs=1e-9)
+    exact = integrated(rotor.rate, (0, end), start)
+    assert run.system.dof_names == run.dof_names == ("x", "y", "angle")
+    assert run.state[-1] == pytest.approx(exact[:6], rel=1e-8, abs=1e-9)
+    rates = rotor.rate(end, exact)
+    assert run.acceleration[-1] == pytest.approx(rates[1:6:2], rel=1e-6, abs=1e-6)
+    if seed % 3 == 1:
+        assert run.deflections[-1] == pytest.approx(exact[:4:2], rel=1e-6, abs=1e-9)
+        return
+    pull = (rotor.k + rotor.cubic * (exact[0] ** 2 + exact[2] ** 2)) * exact[:4:2]
+    forces = run.element_forces()
+    assert forces.elastic[-1] == pytest.approx(pull, rel=1e-6, abs=1e-7)
+    if seed % 3 == 2:
+        assert forces.memory[-1] == pytest.approx(-exact[6:], rel=1e-6, abs=1e-7)
+
+
+def test_a_motor_on_a_body():
+    """Six coordinates with an unbalance that couples them, and a gyroscopic rotor."""
+    feet = [
+        vv.MountPoint(name=f"foot{i}", position=at, stiffness=(2e3, 2.5e3, 3e3), damping=20)
+        for i, at in enumerate([(0.3, 0.2, -0.1), (0.3, -0.2, -0.1), (-0.3, 0.1, -0.2)])
+    ]
+    body = vv.Body(mass=10, inertia=(0.2, 0.3, 0.4), mounts=feet, rotor=(0.05, 0, 0))
+    u = body.unbalance(1.0, 0.1, at=(0.1, 0.02, 0.05), axis=(1, 0, 0))
+    drive = vv.DriveTorque(torque="0.8 - 0.02*nu", inertia=0.06, unbalance=u, speed=2.0)
+    run = vv.simulate(body, 3.0, force=drive, times=[0, 3.0])
+    still, moving = body.at_speed(0.0), body.at_speed(1.0)
+    gyroscopic = moving._damping - still._damping
+
+    def rate(_, z):
+        x, v, (phi, w) = z[:6], z[6:12], z[12:]
+        turned = u * np.exp(1j * phi)
+        matrix = np.block([[still.mass, turned.real[:, None]], [turned.real, np.array(0.06)]])
+        push = w**2 * turned.imag - (still._damping + w * gyroscopic) @ v - still.stiffness @ x
+        a = np.linalg.solve(matrix, np.append(push, 0.8 - 0.02 * w))
+        return np.concatenate([v, a[:6], [w, a[6]]])
+
+    exact = integrated(rate, (0, 3.0), np.append(np.zeros(13), 2.0))
+    assert run.state[-1, ::2] == pytest.approx(np.append(exact[:6], exact[12]), abs=1e-9)
+    assert run.state[-1, -1] == pytest.approx(exact[13], rel=1e-9)
+
+
+def test_dry_friction_holds_the_rotor_and_the_shaft():
+    """Against friction forces that are smooth within 1e-7 m/s and 1e-7 rad/s."""
+    rotor, friction = Laval(2), 0.6
+    system = vv.PolynomialSystem(
+        mass=[rotor.mass] * 2, stiffness=rotor.k, damping=[rotor.c] * 2,
+        forces={"x": "1.4*sign(x_dot)"}, names=["x", "y"],
+    )  # fmt: skip
+    drive = vv.DriveTorque(
+        torque=f"{rotor.torque}*sin(3*phi) - {friction}*sign(nu)", inertia=rotor.inertia,
+        unbalance=[1j * rotor.me, rotor.me], speed=3.0,
+    )  # fmt: skip
+    run = vv.simulate(system, 1.0, force=drive, initial=[0.05, 0, 0, 0], times=[0, 1.0])
+
+    def rate(_, z):
+        x, vx, y, vy, phi, w = z
+        s, c, me = np.sin(phi), np.cos(phi), rotor.me
+        matrix = np.diag([rotor.mass, rotor.mass, rotor.inertia])
+        matrix[2, :2] = matrix[:2, 2] = [-me * s, me * c]
+        push = [
+            me * w**2 * c - rotor.c * vx - rotor.k[0] * x - 1.4 * np.tanh(vx / 1e-7),
+            me * w**2 * s - rotor.c * vy - rotor.k[1] * y,
+            rotor.torque * np.sin(3 * phi) - friction * np.tanh(w / 1e-7),
+        ]
+        a = np.linalg.solve(matrix, push)
+        return [vx, a[0], vy, a[1], w, a[2]]
+
+    start = [0.05, 0, 0, 0, 0, 3.0]
+    exact = solve_ivp(rate, (0, 1), start, method="Radau", rtol=1e-7, atol=1e-10).y[:, -1]
+    assert abs(exact[[1, 5]]).max() < 1e-6
+    assert run.state[-1] == pytest.approx(exact, abs=3e-6)
 
 
 def test_a_motor_without_loss_keeps_the_energy():
@@ -235,16 +333,24 @@ def test_wrong_motors_are_refused(given, message):
 def test_what_is_not_available_is_refused():
     rotor = Laval(1)
     system, drive = rotor.system(), rotor.drive()
-    chain = vv.Structure(mass=[1, 1], stiffness=[1, 1])
-    with pytest.raises(vv.InputError, match="a motor is for a PolynomialSystem, this is a Str"):
+    chain = vv.Structure(mass=[1, 0], stiffness=[1, 1], names=["x", "y"])
+    with pytest.raises(vv.InputError, match="a motor is for structures all of whose coordinates"):
         vv.simulate(chain, 1, force=drive)
-    with pytest.raises(vv.InputError, match="inertia = 1e-09: must be greater than"):
+    stop = vv.Stop(on="x", gap=0.1, restitution=0.5)
+    with pytest.raises(vv.InputError, match="unbalance: must be 0 with rigid stops"):
+        vv.simulate(vv.Structure(elements=[stop], **rotor.matrices()), 1, force=drive)
+    with pytest.raises(vv.InputError, match="base: must not move with a DriveTorque"):
+        vv.simulate(system, 1, force=drive, base=0.1, nu=1.0)
+    with pytest.raises(vv.InputError, match="the speed of its shaft changes"):
+        vv.simulate(system, 1, force=drive).system.natural_frequencies()
+    with pytest.raises(vv.InputError, match="the speed of its shaft changes"):
+        vv.forced_response(vv.simulate(system, 1, force=drive).system, [1.0], load={"x": 1})
+    with pytest.raises(vv.InputError, match="inertia = 1e-9: must be greater than"):
         vv.simulate(system, 1, force=vv.DriveTorque(torque="1", inertia=1e-9, unbalance=[1, 1]))
     with pytest.raises(vv.InputError, match=r"unbalance: must have shape \(2,\), got \(3,\)"):
         vv.simulate(system, 1, force=vv.DriveTorque(torque="1", inertia=1, unbalance=np.ones(3)))
-    remembering = rotor.system(kernel=vv.PronyKernel(weights=[0.2], rates=[1.5]))
-    with pytest.raises(vv.InputError, match="kernel: must not be given with a DriveTorque"):
-        vv.simulate(remembering, 1, force=drive)
+    with pytest.raises(vv.InputError, match="memory = 'direct': must be one of"):
+        vv.simulate(rotor.system(kernel=rotor.kernel()), 1, force=drive, memory="direct")
     with pytest.raises(vv.InputError, match=r"initial: must have shape \(4,\)"):
         vv.simulate(system, 1, force=drive, initial=np.zeros(6))
     with pytest.raises(vv.InputError, match="names: must not contain 'angle'"):

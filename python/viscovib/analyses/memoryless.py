@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from functools import cache, partial
-from typing import Any, TypeGuard
+from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -292,6 +292,8 @@ class PolynomialRun(Run):
 
     counts = "evaluations"
     system: PolynomialSystem
+    #: True if only the equations of the run itself give accelerations.
+    always_repeats: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -378,7 +380,7 @@ class PolynomialRun(Run):
 
     def along(self, kept: Trajectory) -> KnownMotion:
         """As of other runs; on surfaces of laws by the equations of the side that it is on."""
-        if not (self.switched.size or self.hidden):
+        if not (self.switched.size or self.hidden or self.always_repeats):
             return super().along(kept)
         system, loads, past = self.acting()
         n = len(self.job[6])

@@ -39,6 +39,7 @@ from viscovib.analyses.runs import (
     Run,
     Wanted,
 )
+from viscovib.analyses.shaft_motion import shaft_runs
 from viscovib.analyses.step_search import by_tolerance, with_estimate
 from viscovib.analyses.structure_motion import (
     StructureMotion,
@@ -58,7 +59,7 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.own_supports import SupportMotion, moves_apart, on_own_supports
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.shaft import USUAL_RTOL, DriveTorque, turns_shaft, with_shaft
+from viscovib.systems.shaft import USUAL_RTOL, DriveTorque, OnShaft, turns_shaft, with_shaft
 from viscovib.systems.structure import Structure
 
 #: Motion of the base by its acceleration, and of supports, each or None.
@@ -150,7 +151,7 @@ def simulate(
         and ends. With a given ``dt`` the states kept are still equidistant. With a `DriveTorque`,
         and with a `RunUp` of a system whose matrices depend on the speed, the angle of
         the shaft is the additional coordinate "angle", its velocity the speed. Matrices are then
-        those at the instantaneous speed.
+        those at the instantaneous speed. To resume such a run, pass its ``system``.
     base_acceleration : LoadTable, number or mapping
         Instead of ``base``: the acceleration of the base in m/s^2, or of a `LoadTable` or a shock
         such as `HalfSine` in its ``unit``. A number is an amplitude with the frequency ``nu``, as
@@ -234,9 +235,13 @@ def simulate(
     _check_system(system, coordinates)
     usual = tolerance is None and atol is None and dt == "auto"
     system, initial, table, rtol = _at_changing_speed(
-        system, initial, force, rtol, usual, (resume, held, t_end)
+        system, initial, force, rtol, usual, (resume, held)
     )
-    system, end = system._turned(_speed(nu, resume)), _native.number("t_end", t_end)
+    if isinstance(force, DriveTorque) and (base is not None or base_acceleration is not None):
+        raise InputError("base: must not move with a DriveTorque")
+    if not isinstance(system, OnShaft):
+        system = system._turned(_speed(nu, resume))
+    end = _native.number("t_end", t_end)
     _native.flag("progress", progress)
     want = Wanted.checked(times, save_every, keep, tail)
     auto = _native.is_auto(dt)
@@ -331,20 +336,22 @@ def _at_changing_speed(
     force: LoadTable | DriveTorque | None,
     rtol: float | None,
     usual: bool,
-    others: tuple[Any, Any, float],
+    others: tuple[Any, Any],
 ) -> tuple[Any, npt.ArrayLike | None, LoadTable | None, float | None]:
     """Return the system with the angle of its shaft if its speed changes, its start and load.
 
-    ``usual``: no accuracy but perhaps ``rtol`` is given; ``others``: resumed run, history, and end.
+    ``usual``: no accuracy but perhaps ``rtol`` is given; ``others``: resumed run and history.
     """
     if not turns_shaft(system, force):
         assert not isinstance(force, DriveTorque)
         return system, initial, force, rtol
-    *refused, end = others
-    if any(one is not None for one in refused):
-        raise InputError("force: resume and held are not available while the speed changes")
+    if any(one is not None for one in others):
+        raise InputError(
+            "force: resume and held are not available while the speed changes; to resume a run, "
+            "use simulate(run.system, ..., resume=run) without force"
+        )
     assert isinstance(force, (DriveTorque, RunUp))
-    whole, start, table = with_shaft(system, force, initial, _native.number("t_end", end))
+    whole, start, table = with_shaft(system, force, initial)
     return whole, start, table, USUAL_RTOL if usual and rtol is None else rtol
 
 
@@ -450,6 +457,12 @@ def runs_of(
                 raise InputError(f"{argument}: is for a Mount; a Pendulum has its loads in itself")
         _native.choice("memory", given.memory, ("auto",))
         return *pendulum_runs(system, end, initial, method, solved), 1
+    if isinstance(system, OnShaft):
+        made = shaft_runs(
+            system, end, initial, method, load, nu, force, solved, base, given.memory,
+            given.coordinates,
+        )  # fmt: skip
+        return *made, 1
     if goes_whole(system, method, given.memory):
         kept = given.coordinates
         made = whole_runs(

@@ -492,12 +492,20 @@ class RunUp(FormulaLoad):
     phase: float = 0.0
     _shape: ClassVar[str] = "run_up"
 
+    def _numbers(self) -> dict[str, Any]:
+        """Numbers of the shape, as the core calls them."""
+        numbers = {name: self._number(name) for name in ("duration", "hold", "phase")}
+        return numbers | {"speed": self._ends("speed", "speeds")}
+
+    def _turn(self) -> dict[str, Any]:
+        """Angle and speed at t = 0 (`turn_start`), and the angular acceleration in time."""
+        return _native.run(
+            "motion shock", shape=self._shape, start=self._number("start"), **self._numbers()
+        )
+
     def __post_init__(self) -> None:
         size = self._size("unbalance", _native.complex_array)
-        numbers: dict[str, Any] = {
-            name: self._number(name) for name in ("duration", "hold", "phase")
-        }
-        numbers["speed"] = self._ends("speed", "speeds")
+        numbers = self._numbers()
         terms = [(size.real, numbers)]
         if size.imag.any():
             terms.append((size.imag, numbers | {"phase": numbers["phase"] + 0.5 * np.pi}))
