@@ -12,10 +12,10 @@ module viscovib_ensemble_tasks
   use viscovib_many_motions, only: compare, many_motions
   use viscovib_motion_inputs, only: load_of, read_equations, read_piece
   use viscovib_motion_piece, only: motion_equations
+  use viscovib_neighbouring_runs, only: gather_run
   use viscovib_pendulum, only: pendulum_type
-  use viscovib_piece_runs, only: shared_type
+  use viscovib_piece_runs, only: piece_runs, shared_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_single_run, only: single_run
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_stopping, only: is_set
   use viscovib_system_vector, only: polynomial_from_vector
@@ -256,7 +256,8 @@ contains
   !> Runs that are computed one by one. Each is an object with its start and its equations, as of
   !! a motion in time; `longest`: step size of its first run with another step; `rows` (2 d): rows
   !! of its states that are kept. Peaks and means begin at the time `since` (n), events count
-  !! from the time `late` (n). Additional results: `in_parts`(i) /= 0: run i has missed a thin layer
+  !! from the time `late` (n). `first_steps` (n): number of steps of the first run of a search.
+  !! Additional results: `in_parts`(i) /= 0: run i has missed a thin layer
   !! of a law, so that its steps are divided; `passed` (n): numbers of events, their `times` (m) and
   !! states `points` (2 d, m).
   subroutine run_members(task)
@@ -265,29 +266,33 @@ contains
     type(single_request) :: request
     type(gathered_type), allocatable :: found(:)
     real(wp), pointer, contiguous :: since(:), late(:)
-    integer, allocatable :: in_parts(:)
+    integer, allocatable :: first_steps(:), in_parts(:)
     integer :: i, k, n
 
     call runs%read(task)
     since => task%get_reals('since')
     late => task%get_reals('late')
+    allocate (first_steps, source=task%get_integers('first_steps'))
     n = size(runs%h)
     if (.not. allocated(task%parents)) allocate (task%parents(0))
     call task%check_extents('members', shape(task%parents), [n])
     call task%check_extents('since', shape(since), [n])
     call task%check_extents('late', shape(late), [n])
+    call task%check_extents('first_steps', shape(first_steps), [n])
     if (task%failed()) return
     request%n_steps = runs%job%n_steps
     request%n_discard = runs%job%n_discard
     request%sample_every = runs%job%sample_every
     request%section_every = runs%job%section_every
     request%lines = runs%job%lines
+    request%n_exponents = runs%job%n_exponents
     allocate (found(n))
     allocate (in_parts(n), source=0)
     do i = 1, n
       if (is_set(task%cancel)) return
       request%since = since(i)
       request%late = late(i)
+      request%quarter = max(1_i8, nint(real(request%n_steps, wp)/max(1, first_steps(i)), i8))
       call run_member(task%parents(i)%to, request, size(runs%initial, 1), found(i), in_parts(i), &
                       task%status)
       if (task%failed()) return
@@ -310,25 +315,24 @@ contains
     type(status_type), intent(out) :: status
     class(motion_equations), allocatable, target :: equations
     type(shared_type) :: shared
-    type(single_run) :: run
+    type(piece_runs) :: runs
     integer :: i
 
-    call read_piece(member, run%runs%first)
+    call read_piece(member, runs%first)
     shared%longest = member%get_real('longest', 0.0_wp)
-    run%runs%most_direct = member%get_long('most_direct', 0_i8)
-    if (.not. member%failed()) call read_equations(member, run%runs%first, equations)
+    runs%most_direct = member%get_long('most_direct', 0_i8)
+    if (.not. member%failed()) call read_equations(member, runs%first, equations)
     if (member%has('rows')) then
-      allocate (run%runs%rows, source=member%get_integers('rows'))
+      allocate (runs%rows, source=member%get_integers('rows'))
     else
-      allocate (run%runs%rows, source=[(i, i=1, size(run%runs%first%initial))])
+      allocate (runs%rows, source=[(i, i=1, size(runs%first%initial))])
     end if
-    call member%check_extents('rows', shape(run%runs%rows), [width])
+    call member%check_extents('rows', shape(runs%rows), [width])
     in_parts = 0
     status = member%status
     if (status%failed()) return
-    run%runs%equations => equations
-    call run%begin(shared)
-    call run%gather(request, found, status)
+    runs%equations => equations
+    call gather_run(runs, request, shared, found, status)
     in_parts = merge(1, 0, shared%in_parts)
   end subroutine run_member
 

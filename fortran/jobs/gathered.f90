@@ -25,6 +25,10 @@ module viscovib_gathered
     !> As of `shared_type`, of earlier runs of the motion with other step sizes.
     logical :: in_parts = .false.
     real(wp) :: longest = 0.0_wp
+    !> Number of Lyapunov exponents, and largest number of steps between two renewals of their
+    !! perturbations.
+    integer :: n_exponents = 0
+    integer(i8) :: quarter = 1
   contains
     procedure :: stride
   end type single_request
@@ -38,6 +42,8 @@ module viscovib_gathered
     complex(wp), allocatable :: amplitudes(:, :)
     !> Points of the section that the motion reached, or its events, with their times.
     real(wp), allocatable :: sections(:, :), times(:)
+    !> Lyapunov exponents, and their errors.
+    real(wp), allocatable :: lyapunov(:), lyapunov_error(:)
     !> True if steps were made in parts that resolve thin layers of forces.
     logical :: in_parts = .false.
     !> Sums for amplitudes: of windowed waves with and without the motion, and of the window.
@@ -69,6 +75,8 @@ contains
     if (request%section_every > 0) then
       n = int((request%n_steps - request%n_discard)/request%section_every)
     end if
+    allocate (self%lyapunov(request%n_exponents), source=0.0_wp)
+    allocate (self%lyapunov_error, source=self%lyapunov)
     allocate (self%sections(w, n), self%times(0))
     self%sections = ieee_value(0.0_wp, ieee_quiet_nan)
   end subroutine begin_gathering

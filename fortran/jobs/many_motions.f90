@@ -107,6 +107,8 @@ contains
     self%t_reached(i) = found%t_reached
     if (size(self%sections) > 0) self%sections(rows, :, i) = found%sections
     if (size(self%amplitudes) > 0) self%amplitudes(:, :, i) = found%amplitudes
+    self%lyapunov(:, i) = found%lyapunov
+    self%lyapunov_error(:, i) = found%lyapunov_error
     if (size(self%peak) > 0) then
       self%peak(rows, i) = found%peak
       self%mean(rows, i) = found%mean

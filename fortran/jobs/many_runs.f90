@@ -107,7 +107,7 @@ contains
     n = size(self%starts, 2)
     self%spans = [(t_end, i=1, n)]
     fastest = 0.0_wp
-    self%side_by_side = self%subject%goes_side_by_side()
+    self%side_by_side = self%subject%goes_side_by_side(self%lyapunov)
     if (.not. allocated(self%wanted)) self%wanted = [(i, i=1, size(self%starts, 1)/2)]
     if (.not. allocated(self%lines)) allocate (self%lines(0))
     if (.not. allocated(self%in_parts)) allocate (self%in_parts(n), source=.false.)
@@ -501,11 +501,6 @@ contains
     integer :: k
     integer, allocatable :: rows(:)
 
-    if (self%lyapunov) then
-      call fail(status, status_input_error, 'lyapunov', "lyapunov = 'yes': a law changes in a " &
-                //'layer thinner than a step: use a smaller dt, or a wider layer')
-      return
-    end if
     call self%run_single(i, job, run, status)
     if (status%failed()) return
     allocate (rows(2*size(self%wanted)))
@@ -542,6 +537,7 @@ contains
         request%section_every = job%section_every
         request%sample_every = job%sample_every
         request%moments = self%moments
+        request%n_exponents = job%n_exponents
         request%since = since
         request%in_parts = self%in_parts(i)
         request%longest = self%spans(i)/self%n_first

@@ -10,8 +10,9 @@ module viscovib_memory_pieces
   use viscovib_march, only: begun, march_type, step_too_large
   use viscovib_modal_maps, only: sections_type
   use viscovib_motion_piece, only: check_memory, from_start, memory_under_other_loads, &
-    motion_equations, piece_type, under_other_loads
+    motion_equations, not_of_state, of_state, piece_type, under_other_loads
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_pole_maps, only: pole_rates, seen_of_poles
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce
   use viscovib_status, only: set_ok, status_type
@@ -60,6 +61,9 @@ module viscovib_memory_pieces
     real(wp) :: kick(2) = 0.0_wp
   contains
     procedure :: run => run_structure
+    procedure :: n_start => n_modal_start
+    procedure :: seen_at_start => seen_of_modes
+    procedure :: move_start => move_modes
   end type structure_equations
 
 contains
@@ -205,6 +209,63 @@ contains
     if (piece%reason == begun) piece%phased = run%phase_errors()
   end subroutine run_structure
 
+  !> The start are modes, then real and imaginary parts of the part without real modes.
+  integer function n_modal_start(self, w) result(n)
+    class(structure_equations), intent(in) :: self
+    integer, intent(in) :: w
+    associate (unused => w)
+    end associate
+    n = 2*size(self%q)
+  end function n_modal_start
+
+  function seen_of_modes(self, change, w) result(seen)
+    class(structure_equations), intent(in) :: self
+    real(wp), intent(in) :: change(:)
+    integer, intent(in) :: w
+    real(wp) :: seen(w), u(w/2), v(w/2)
+    complex(wp) :: z(size(self%sections%others%poles))
+    integer :: i, n
+
+    n = size(self%sections%squares)
+    z = pole_change(self, change(2*n + 1:))
+    do i = 1, w/2
+      u(i) = dot_product(self%shown(:, i), change(1:2*n:2)) &
+             + seen_of_poles(self%shown_left(:, i), z)
+      v(i) = dot_product(self%shown(:, i), change(2:2*n:2)) &
+             + pole_rates(self%shown_left(:, i), self%sections%others%poles, z)
+    end do
+    seen(1::2) = u
+    seen(2::2) = v
+  end function seen_of_modes
+
+  subroutine move_modes(self, change)
+    class(structure_equations), intent(inout) :: self
+    real(wp), intent(in) :: change(:)
+    complex(wp) :: z(size(self%sections%others%poles))
+    integer :: i, n
+    n = size(self%sections%squares)
+    z = pole_change(self, change(2*n + 1:))
+    do i = 1, n
+      ! Without real modes there is one that shows nothing.
+      if (.not. any(abs(self%shown(i, :)) > 0.0_wp)) cycle
+      self%q(i) = self%q(i) + change(2*i - 1)
+      self%v(i) = self%v(i) + change(2*i)
+    end do
+    self%q(n + 1:) = self%q(n + 1:) + real(z)
+    self%v(n + 1:) = self%v(n + 1:) + aimag(z)
+  end subroutine move_modes
+
+  !> The change of the part without real modes: that of a real pole is real, and massless variables
+  !! follow their forces.
+  pure function pole_change(self, change) result(z)
+    class(structure_equations), intent(in) :: self
+    real(wp), intent(in) :: change(:)
+    complex(wp) :: z(size(change)/2)
+    z = cmplx(change(1::2), change(2::2), wp)
+    where (.not. abs(aimag(self%sections%others%poles)) > 0.0_wp) z = real(z)
+    z(size(z) - self%sections%others%n_at_once + 1:) = (0.0_wp, 0.0_wp)
+  end function pole_change
+
   !> Continue a run with the memory of the piece before. Under other loads it continues from the
   !! state (u, v), or if this is not allocated, from the state that is kept, after a jump of the
   !! base by -`kick` (displacement, velocity).
@@ -221,7 +282,9 @@ contains
     if (piece%reason /= begun .or. piece%resume == from_start) return
     if (piece%resume /= under_other_loads) then
       call check_memory(piece, run%memory_size(), status)
-      if (.not. status%failed()) call run%load_memory(piece%memory, .false.)
+      if (status%failed()) return
+      call run%load_memory(piece%memory, .false.)
+      if (piece%marks) call run%follow_state()
       return
     end if
     call run%load_memory(memory_under_other_loads(piece, run%memory_size()), .true.)
@@ -254,6 +317,7 @@ contains
     piece%counted = run%equations%n_iterations
     piece%resolution = run%resolution()
     piece%kept = run%save_memory()
+    if (piece%marks) piece%kinds = merge(of_state, not_of_state, run%are_of_state())
     piece%too_long = too_long/(unseen_by_node*nodes)
   end subroutine make_steps
 

@@ -18,6 +18,10 @@ module viscovib_motion_piece
   !> Start of a run: from a start, continued as before, or continued under other loads.
   integer, parameter, public :: from_start = 0, as_before = 1, under_other_loads = 2
 
+  !> Kinds of numbers in a memory: of time or of the method, times of contact of stops, states of
+  !! switches, and all else of the state. The last two grow with a perturbation.
+  integer, parameter, public :: not_of_state = 0, of_contact = 1, of_switch = 2, of_state = 3
+
   !> The memory of a run that has none.
   real(wp), target, public :: nothing(0)
 
@@ -42,8 +46,9 @@ module viscovib_motion_piece
     real(wp), allocatable :: ends(:)
     integer(i8), allocatable :: made_by(:)
     real(wp), allocatable :: last(:), kept(:), phased(:)
-    !> True if accelerations are requested.
-    logical :: accelerates = .false.
+    !> True if accelerations are requested, and if the kinds of the numbers in `kept` are.
+    logical :: accelerates = .false., marks = .false.
+    integer, allocatable :: kinds(:)
     integer(i8) :: counted = 0
     integer :: reason = 0
     real(wp) :: resolution = 0.0_wp, too_long = 0.0_wp
@@ -85,6 +90,10 @@ module viscovib_motion_piece
     procedure :: look_at
     procedure :: set_past
     procedure :: set_loads
+    procedure :: move_all
+    procedure :: n_start
+    procedure :: seen_at_start
+    procedure :: move_start
   end type motion_equations
 
   abstract interface
@@ -139,6 +148,41 @@ contains
     if (allocated(self%base_pieces)) deallocate (self%base_pieces)
     allocate (self%base_pieces(4, system%n_dof(), 1), source=0.0_wp)
   end subroutine set_loads
+
+  !> Compute all coordinates, also those at rest.
+  subroutine move_all(self)
+    class(motion_equations), intent(inout) :: self
+    if (allocated(self%moves)) self%moves = .true.
+  end subroutine move_all
+
+  !> Size of the start of a motion whose state has w numbers. The start are coordinates and
+  !! velocities, alternating.
+  integer function n_start(self, w)
+    class(motion_equations), intent(in) :: self
+    integer, intent(in) :: w
+    associate (unused => self)
+    end associate
+    n_start = w
+  end function n_start
+
+  !> Change of the w numbers of the state by a change of the start.
+  function seen_at_start(self, change, w) result(seen)
+    class(motion_equations), intent(in) :: self
+    real(wp), intent(in) :: change(:)
+    integer, intent(in) :: w
+    real(wp) :: seen(w)
+    associate (unused => self)
+    end associate
+    seen = change
+  end function seen_at_start
+
+  !> Change a start that is part of the equations.
+  subroutine move_start(self, change)
+    class(motion_equations), intent(inout) :: self
+    real(wp), intent(in) :: change(:)
+    associate (unused => self, also => change)
+    end associate
+  end subroutine move_start
 
   !> Allocate the results, for this number of states.
   subroutine allocate_arrays(self, columns)

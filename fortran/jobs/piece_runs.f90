@@ -572,6 +572,7 @@ contains
       trajectory%counted = piece%counted
       if (allocated(piece%phased)) trajectory%by_phases = maxval(piece%phased(self%rows))
       if (allocated(piece%kept)) call move_alloc(piece%kept, trajectory%memory)
+      if (allocated(piece%kinds)) call move_alloc(piece%kinds, trajectory%kinds)
       if (allocated(piece%watch)) call move_alloc(piece%watch, trajectory%watch)
       if (allocated(piece%accelerations)) then
         call move_alloc(piece%accelerations, trajectory%accelerations)

@@ -14,7 +14,7 @@ module viscovib_plain_pieces
   use viscovib_memory_channels, only: channels_type, variables_of
   use viscovib_method_catalogue, only: method_order, new_stepper
   use viscovib_motion_piece, only: as_before, check_memory, from_start, motion_equations, &
-    piece_type, under_other_loads
+    not_of_state, of_contact, of_state, of_switch, piece_type, under_other_loads
   use viscovib_pendulum, only: new_pendulum, pendulum_type
   use viscovib_pendulum_spring, only: new_spring, spring_type
   use viscovib_polynomial, only: polynomial_type
@@ -74,6 +74,7 @@ module viscovib_plain_pieces
     procedure :: run => run_pendulum
     procedure :: are_smooth => pendulum_is_smooth
     procedure :: find_rates => rates_of_pendulum
+    procedure :: move_all => swing_all
   end type pendulum_equations
 
   !> Equations of a polynomial system without memory, or with memory by exponentials.
@@ -139,8 +140,22 @@ contains
     piece%last(1:2*n:2) = stepper%q
     piece%last(2:2*n:2) = stepper%v
     piece%kept = stepper%save_memory()
+    if (piece%marks) piece%kinds = kinds_of(stepper)
     piece%counted = stepper%n_evaluations
   end subroutine run_pendulum
+
+  !> Kinds of the numbers in the memory of a method: only its state grows with a perturbation.
+  function kinds_of(stepper) result(kinds)
+    class(stepper_type), intent(in) :: stepper
+    integer :: kinds(stepper%memory_size())
+    kinds = not_of_state
+    kinds(:stepper%n_of_state()) = of_state
+  end function kinds_of
+
+  subroutine swing_all(self)
+    class(pendulum_equations), intent(inout) :: self
+    self%swings = .true.
+  end subroutine swing_all
 
   pure logical function pendulum_is_smooth(self) result(smooth)
     class(pendulum_equations), intent(in) :: self
@@ -252,6 +267,11 @@ contains
     i = stepper%memory_size()
     piece%kept = [stepper%save_memory(), motion%keep_switches(), motion%grade, &
                   merge(1.0_wp, 0.0_wp, motion%in_parts), real(i, wp)]
+    if (piece%marks) then
+      piece%kinds = [kinds_of(stepper), spread(of_switch, 1, motion%n_switches()), &
+                     spread(not_of_state, 1, 3)]
+      piece%kinds(i + 1:i + motion%n_contacts()) = of_contact
+    end if
     piece%in_parts = motion%in_parts
     q = stepper%q
     v = stepper%v

@@ -26,6 +26,8 @@ module viscovib_single_run
     type(piece_runs) :: runs
     !> State and data after these steps.
     real(wp), allocatable :: state(:), memory(:)
+    !> Kinds of the numbers of the data, if its first piece requests them.
+    integer, allocatable :: marks(:)
   contains
     procedure :: begin
     procedure :: advance
@@ -66,6 +68,7 @@ contains
       if (status%failed()) return
       self%state = run%last
       if (allocated(run%memory)) call move_alloc(run%memory, self%memory)
+      if (allocated(run%kinds)) call move_alloc(run%kinds, self%marks)
       first%first = run%n_steps
       first%resume = as_before
       first%shortest = run%shortest

@@ -126,12 +126,16 @@ contains
   end function has_kernels
 
   !> True if its motions can be computed in lanes.
-  pure logical function goes_side_by_side(self) result(goes)
+  pure logical function goes_side_by_side(self, disturbed) result(goes)
     class(subject_type), intent(in) :: self
-    integer :: i
+    !> True if Lyapunov exponents are wanted (default: not).
+    logical, intent(in), optional :: disturbed
+    integer :: i, most
+    most = max_dof
+    if (present(disturbed)) most = merge(max_dof/2, max_dof, disturbed)
     goes = self%is_pendulum
     if (goes .or. self%is_structure .or. self%is_turning .or. self%goes_whole) return
-    goes = self%is_polynomial .and. .not. self%remembers() .and. size(self%coordinates) <= max_dof
+    goes = self%is_polynomial .and. .not. self%remembers() .and. size(self%coordinates) <= most
     if (.not. goes) return
     do i = 1, size(self%polynomial%laws)
       if (self%polynomial%laws(i)%program%n_surfaces() > 0) goes = .false.

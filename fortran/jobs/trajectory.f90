@@ -77,9 +77,10 @@ module viscovib_trajectory
     !> If `states` are only some rows of the computed states: their indices, and all rows.
     integer, allocatable :: rows(:)
     real(wp), allocatable :: whole(:, :)
-    !> Data to continue the run, and the shortest step for which kernels are fitted, 0: its steps;
-    !! counted work; the largest last coefficient of a step's polynomial.
+    !> Data to continue the run, their kinds if requested, and the shortest step for which kernels
+    !! are fitted, 0: its steps; counted work; the largest last coefficient of a step's polynomial.
     real(wp), allocatable :: memory(:)
+    integer, allocatable :: kinds(:)
     real(wp) :: shortest = 0.0_wp
     integer(i8) :: counted = 0
     real(wp) :: resolution = 0.0_wp

@@ -1,11 +1,12 @@
 !> A motion in time as one job: from a start at rest or not, to an end, with the
 !! step given or found.
 module viscovib_transient_job
+  use viscovib_gathered, only: single_request
   use viscovib_kinds, only: i8, wp
   use viscovib_mesh, only: extend_ends, first_after
   use viscovib_motion_request, only: part_of_size, transient_job
+  use viscovib_neighbouring_runs, only: gather_run
   use viscovib_piece_runs, only: piece_runs, shared_type
-  use viscovib_single_run, only: single_run
   use viscovib_search_reason, only: find_reason, max_kept
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_step_search, only: find_step, max_numbers, max_steps, search_type, step_found
@@ -100,7 +101,8 @@ contains
     real(wp), intent(in) :: wanted
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
-    type(single_run) :: run
+    type(piece_runs) :: made
+    type(single_request) :: its
     type(shared_type), target :: shared
     integer :: i
 
@@ -108,15 +110,15 @@ contains
     trajectory%n_steps = ceiling(min(max(wanted, 1.0_wp), 2.0_wp*max_steps), i8)
     associate (request => job%gathers)
       if (request%n_steps == 0) return
-      run%runs = runs
-      run%runs%first%h = job%t_end/request%n_steps
-      run%runs%first%in_parts = request%in_parts
-      if (allocated(job%watched)) run%runs%first%sides = [(0, i=1, 3*nint(job%watched(1)))]
+      made = runs
+      made%first%h = job%t_end/request%n_steps
+      made%first%in_parts = request%in_parts
+      if (allocated(job%watched)) made%first%sides = [(0, i=1, 3*nint(job%watched(1)))]
       shared%longest = request%longest
-      call run%begin(shared)
+      its = request
+      its%quarter = max(1_i8, nint(real(request%n_steps, wp)/trajectory%n_steps, i8))
       allocate (trajectory%gathered)
-      call run%gather(request, trajectory%gathered, status)
-      trajectory%gathered%in_parts = shared%in_parts
+      call gather_run(made, its, shared, trajectory%gathered, status)
     end associate
   end subroutine gather_along
 

@@ -49,7 +49,8 @@ contains
     real(wp) :: from, to
     integer :: count_of
 
-    job%side_by_side = subject%goes_side_by_side()
+    job%lyapunov = reader%read_yes('lyapunov')
+    job%side_by_side = subject%goes_side_by_side(job%lyapunov)
     call check_subject(reader, subject)
     if (reader%status%failed()) return
     if (subject%is_pendulum) then
@@ -81,7 +82,6 @@ contains
     if (reader%may_have('amplitudes_at')) job%lines = reader%read_reals('amplitudes_at')
     job%sample_every = reader%read_integer('sample_every')
     call read_method(reader, subject, job)
-    job%lyapunov = reader%read_yes('lyapunov')
     job%wants_peaks = reader%read_yes('peaks')
     job%wants_accelerations = reader%read_yes('acceleration')
     call read_forces(reader, subject, job%wants_forces)
@@ -93,15 +93,6 @@ contains
     if (job%sections == 0 .and. job%dt > job%t_end) then
       call reader%complain('dt', 'dt = '//show(job%dt)//': must not exceed t_end = ' &
                            //show(job%t_end))
-    end if
-    if (.not. job%lyapunov) return
-    if (.not. job%side_by_side) then
-      call reader%complain('lyapunov', "lyapunov = 'yes': is for motions that are computed side " &
-                           //'by side, these are computed one after another: use ' &
-                           //'vv.simulate_ensemble of Python')
-    else if (size(subject%coordinates) > 3) then
-      call reader%complain('lyapunov', "lyapunov = 'yes': is for at most 3 coordinates, has " &
-                           //show(size(subject%coordinates)))
     end if
   end subroutine read_ensemble
 

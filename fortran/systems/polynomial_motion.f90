@@ -58,7 +58,7 @@ module viscovib_polynomial_motion
     procedure :: n_laws
     procedure :: law_forces
     procedure :: settle
-    procedure :: n_switches, keep_switches, recall_switches
+    procedure :: n_switches, n_contacts, keep_switches, recall_switches
     procedure, private :: but_laws, add_pushes, find_steep_surfaces
   end type polynomial_motion_type
 
@@ -467,6 +467,12 @@ contains
     class(polynomial_motion_type), intent(in) :: self
     n_switches = 2*size(self%laws%holds) + self%laws%n_known()
   end function n_switches
+
+  !> The number of these that are times of contact of stops, which are the first ones.
+  pure integer function n_contacts(self)
+    class(polynomial_motion_type), intent(in) :: self
+    n_contacts = self%laws%n_contacts()
+  end function n_contacts
 
   function keep_switches(self) result(kept)
     class(polynomial_motion_type), intent(in) :: self

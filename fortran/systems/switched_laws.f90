@@ -76,6 +76,7 @@ module viscovib_switched_laws
     procedure :: n_slides
     procedure :: place_of
     procedure :: n_known
+    procedure :: n_contacts
     procedure :: known
     procedure :: recall
     procedure :: normal
@@ -302,6 +303,16 @@ contains
       n_known = n_known + self%elements(i)%n_kept()
     end do
   end function n_known
+
+  !> The number of these that are times of contact, which are the first ones.
+  pure integer function n_contacts(self)
+    class(switched_laws), intent(in) :: self
+    integer :: i
+    n_contacts = 0
+    do i = 1, size(self%elements)
+      if (self%elements(i)%is_stop) n_contacts = n_contacts + self%elements(i)%n_kept()
+    end do
+  end function n_contacts
 
   !> Saved values of the elements, stops first.
   function known(self) result(kept)

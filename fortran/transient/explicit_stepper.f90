@@ -24,6 +24,7 @@ module viscovib_explicit_stepper
     procedure :: change_step
     procedure :: put
     procedure :: memory_size
+    procedure :: n_of_state
     procedure :: save_memory
     procedure :: load_memory
     procedure :: least_margin
@@ -87,6 +88,11 @@ contains
     class(explicit_stepper_type), intent(in) :: self
     memory_size = self%block%lane_memory_size()
   end function memory_size
+
+  pure integer function n_of_state(self)
+    class(explicit_stepper_type), intent(in) :: self
+    n_of_state = self%block%lane_memory_size() - 2*self%block%n_drives
+  end function n_of_state
 
   pure function save_memory(self) result(memory)
     class(explicit_stepper_type), intent(in) :: self

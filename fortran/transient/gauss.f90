@@ -64,6 +64,7 @@ module viscovib_gauss
     procedure :: change_step
     procedure :: put
     procedure :: memory_size
+    procedure :: n_of_state
     procedure :: save_memory
     procedure :: load_memory
     procedure :: least_margin
@@ -432,6 +433,11 @@ contains
     class(gauss_type), intent(in) :: self
     memory_size = 4*size(self%q) + 2*size(self%phases%high) + n_nodes_values(self) + 1
   end function memory_size
+
+  pure integer function n_of_state(self)
+    class(gauss_type), intent(in) :: self
+    n_of_state = 4*size(self%q)
+  end function n_of_state
 
   pure integer function n_nodes_values(self)
     class(gauss_type), intent(in) :: self

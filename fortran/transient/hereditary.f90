@@ -42,6 +42,7 @@ module viscovib_hereditary
     procedure :: n_saved
     procedure :: n_phases
     procedure :: save_state
+    procedure :: saved_of_state
     procedure :: load_state
     procedure :: starts_moving
     procedure :: make_start
@@ -303,6 +304,14 @@ contains
     saved = [self%u, self%v, self%u_rest, self%v_rest, self%roughness, self%largest, &
              self%clock%high, self%clock%low]
   end function save_state
+
+  !> True for the numbers of a saved state but those of its assessment and phases.
+  function saved_of_state(self) result(flags)
+    class(hereditary_type), intent(in) :: self
+    logical :: flags(self%n_saved())
+    flags = .false.
+    flags(:4*size(self%u)) = .true.
+  end function saved_of_state
 
   subroutine load_state(self, saved, other_load)
     class(hereditary_type), intent(inout) :: self

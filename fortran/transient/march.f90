@@ -77,6 +77,8 @@ module viscovib_march
     procedure :: sharpen
     procedure :: memory_size
     procedure :: save_memory
+    procedure :: are_of_state
+    procedure :: follow_state
     procedure :: load_memory
     procedure :: read_by_laws => read_all
     procedure :: n_read => n_all
@@ -95,6 +97,7 @@ module viscovib_march
     procedure(size_interface), deferred :: n_saved
     procedure(size_interface), deferred :: n_phases
     procedure(save_interface), deferred :: save_state
+    procedure(flags_interface), deferred :: saved_of_state
     procedure(load_interface), deferred :: load_state
     procedure(maps_interface), deferred :: make_maps
     procedure(first_interface), deferred :: starts_moving
@@ -163,6 +166,12 @@ module viscovib_march
       class(march_type), intent(in) :: self
       real(wp) :: saved(self%n_saved())
     end function save_interface
+
+    function flags_interface(self) result(flags)
+      import :: march_type
+      class(march_type), intent(in) :: self
+      logical :: flags(self%n_saved())
+    end function flags_interface
 
     subroutine load_interface(self, saved, other_load)
       import :: march_type, wp
@@ -435,6 +444,26 @@ contains
     if (self%remembers()) call push(memory, n, self%history%save_memory())
     call push(memory, n, state(own + 1:))
   end function save_memory
+
+  !> True for the numbers of the memory that belong to the state.
+  function are_of_state(self)
+    class(march_type), intent(in) :: self
+    logical :: are_of_state(self%memory_size()), own(self%n_saved())
+    integer :: n
+    own = self%saved_of_state()
+    n = self%n_saved() - self%n_phases()
+    are_of_state = .true.
+    are_of_state(:n_common) = .false.
+    are_of_state(n_common + 1:n_common + n) = own(:n)
+    are_of_state(size(are_of_state) - self%n_phases() + 1:) = own(n + 1:)
+  end function are_of_state
+
+  !> Compute again what follows from the state of a memory that was changed.
+  subroutine follow_state(self)
+    class(march_type), intent(inout) :: self
+    associate (unused => self)
+    end associate
+  end subroutine follow_state
 
   subroutine load_memory(self, memory, other_load)
     class(march_type), intent(inout) :: self

@@ -90,6 +90,7 @@ module viscovib_modal_gauss
     procedure :: change_step
     procedure :: put
     procedure :: memory_size
+    procedure :: n_of_state
     procedure :: save_memory
     procedure :: load_memory
     procedure :: trace
@@ -563,6 +564,11 @@ contains
     class(modal_gauss_type), intent(in) :: self
     memory_size = (6 + n_lanes)*size(self%q) + 2*size(self%phases%high) + 3
   end function memory_size
+
+  pure integer function n_of_state(self)
+    class(modal_gauss_type), intent(in) :: self
+    n_of_state = 6*size(self%q)
+  end function n_of_state
 
   !> State, sections, rounding errors, phases, pushes, and flags that show which are valid.
   pure function save_memory(self) result(memory)

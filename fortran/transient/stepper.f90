@@ -29,6 +29,7 @@ module viscovib_stepper
     procedure(change_interface), deferred :: change_step
     procedure(put_interface), deferred :: put
     procedure(size_interface), deferred :: memory_size
+    procedure(size_interface), deferred :: n_of_state
     procedure(save_interface), deferred :: save_memory
     procedure(load_interface), deferred :: load_memory
     procedure :: least_margin
@@ -70,7 +71,8 @@ module viscovib_stepper
       real(wp), intent(in) :: q(:), v(:)
     end subroutine put_interface
 
-    !> Length of the data that a run needs to continue bit for bit.
+    !> Length of the data that a run needs to continue bit for bit; number of these that belong to
+    !! the state, which are the first ones.
     pure integer function size_interface(self)
       import :: stepper_type
       class(stepper_type), intent(in) :: self

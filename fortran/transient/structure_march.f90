@@ -91,6 +91,8 @@ module viscovib_structure_march
     procedure :: n_saved
     procedure :: n_phases
     procedure :: save_state
+    procedure :: saved_of_state
+    procedure :: follow_state
     procedure :: load_state
     procedure :: sharpen
     procedure :: starts_moving
@@ -403,6 +405,24 @@ contains
     saved = [self%state%save_numbers(), self%swing%high, self%swing%low, &
              self%state%at_once_numbers()]
   end function save_state
+
+  !> True for the numbers of a saved state but deflections, which follow from modes, their
+  !! assessment, and phases.
+  function saved_of_state(self) result(flags)
+    class(structure_march_type), intent(in) :: self
+    logical :: flags(self%n_saved())
+    integer :: assessed, n
+    n = self%state%n_numbers()
+    assessed = n - 4*size(self%state%w)
+    flags = .true.
+    flags(1) = .false.
+    flags(assessed + 1:n + 2*size(self%swing%high)) = .false.
+  end function saved_of_state
+
+  subroutine follow_state(self)
+    class(structure_march_type), intent(inout) :: self
+    call start_state(self%state, self%sections)
+  end subroutine follow_state
 
   subroutine load_state(self, saved, other_load)
     class(structure_march_type), intent(inout) :: self

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.acting import EarlierMotion, Loads
-from viscovib.analyses.kept_numbers import of_mount
 from viscovib.analyses.mount_loads import inertia_of, sinusoids
 from viscovib.analyses.runs import MAX_STEPS, Run, nothing, starting_state
 from viscovib.common.past import Past
@@ -257,17 +256,6 @@ class MountRun(Run):
         """The oscillator, its loads and its past."""
         motion = self.motion
         return motion.mount._handle, motion.acting, motion.past
-
-    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Mask of coordinates, velocities, their rounding errors, forces and past."""
-        assert self.memory is not None
-        n_phases = int(self.motion.frequencies.size)
-        return of_mount(self.memory.size, self.state.size // 2, n_phases)
-
-    def compute_all(self) -> None:
-        """Compute all coordinates."""
-        if self.moves is not None:
-            self.moves = np.ones_like(self.moves)
 
     def _plan(self, **steps: Any) -> str:
         motion = self.motion

@@ -273,20 +273,6 @@ def _no_base() -> tuple[FloatArray, FloatArray]:
     return nothing(1), np.zeros((4, 1, 1), order="F")
 
 
-def _of_states(size: int, method: str, n: int, hidden: int = 0) -> npt.NDArray[np.bool_]:
-    """Mask of coordinates, velocities and their rounding errors in the memory of steppers.
-
-    Collocation keeps n of each, explicit methods the size of a lane; the method with modes also
-    keeps modal values, with ``hidden`` additional coordinates.
-    """
-    belongs = np.zeros(size, dtype=bool)
-    if n > MAX_DOF or hidden:
-        belongs[: 6 * (n + hidden)] = True
-        return belongs
-    belongs[: 4 * (n if method.startswith("gauss") else MAX_DOF)] = True
-    return belongs
-
-
 class PolynomialRun(Run):
     """A run of a polynomial system without memory."""
 
@@ -343,18 +329,6 @@ class PolynomialRun(Run):
     def switched(self) -> FloatArray:
         """States of elements and signs of surfaces, stored by the core after the method's data."""
         return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -3]
-
-    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Mask of coordinates, velocities, their rounding errors, and states of elements."""
-        assert self.memory is not None
-        n = int(np.count_nonzero(self.job[6]))
-        belongs = _of_states(self.memory.size, self.method, n, self.hidden)
-        belongs[int(self.memory[-1]) : -3] = True
-        return belongs
-
-    def compute_all(self) -> None:
-        """Compute all coordinates."""
-        self.job = (*self.job[:6], np.ones_like(self.job[6]), *self.job[7:])
 
     @property
     def system_in_core(self) -> _native.Handle:
@@ -462,15 +436,6 @@ class _PendulumRun(Run):
     def swings(self) -> int:
         """1 if phi or psi move; 0: only the spring is integrated."""
         return int(any(self.begin[2:].tolist()) or self.system.m01 != 0 or self.system.m02 != 0)
-
-    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Mask of coordinates, velocities and their rounding errors."""
-        assert self.memory is not None
-        return _of_states(self.memory.size, self.method, 3)
-
-    def compute_all(self) -> None:
-        """Compute all coordinates."""
-        self.begin = np.ones_like(self.begin)
 
     def _plan(self, **steps: Any) -> str:
         text: str = _native.run(

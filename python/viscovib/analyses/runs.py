@@ -345,23 +345,6 @@ class Run(ABC):
         return False
 
     @property
-    def switched(self) -> FloatArray:
-        """States of elements and signs of switching surfaces; empty without switches."""
-        return np.empty(0)
-
-    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Mask of the memory that belongs to the state (not to time or to the method)."""
-        assert self.memory is not None
-        return np.ones(self.memory.size, dtype=bool)
-
-    def state_columns(self) -> slice:
-        """Slice of the memory that follows from the modes; also the end of the state."""
-        return slice(0, 0)
-
-    def compute_all(self) -> None:  # noqa: B027
-        """Compute all coordinates, also those at rest, before the first step."""
-
-    @property
     def time(self) -> float:
         """Present time of the run."""
         return self._time_after(self.done)

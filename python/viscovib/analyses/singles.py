@@ -17,7 +17,6 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.members import Members, Sections, shared_runs, side_by_side
-from viscovib.analyses.neighbours import exponents_of
 from viscovib.analyses.resume import known
 from viscovib.analyses.runs import Run, ThinLayers
 from viscovib.analyses.structure_motion import goes_condensed
@@ -110,14 +109,15 @@ class SingleMembers(Members):
             nu = float(self.varied["nu"][i])
         return Acting(load, nu)
 
-    def _begin(self, i: int, end: float, h: float, moved: FloatArray | None = None) -> Run:
-        """Run i at its start, which may be changed by ``moved``."""
-        state = self.states[i] if moved is None else self.states[i] + moved
-        make, _, _ = runs_of(self._one(i), end, state, self.method, self._acting(i), None, False)
+    def _begin(self, i: int, end: float, h: float) -> Run:
+        """Run i at its start."""
+        make, _, _ = runs_of(
+            self._one(i), end, self.states[i], self.method, self._acting(i), None, False
+        )
         watch = None
-        if self.surface is not None and moved is None:
+        if self.surface is not None:
             watch = Watch.checked([self.surface], observed(make(1.0)), "sections")
-        if self.gathered_since is not None and moved is None:
+        if self.gathered_since is not None:
             watch = Watch.of_motion(watch, float(self.gathered_since[i]))
         run = known(make, watch=watch)(h)
         run.layers = self.layers.setdefault(i, ThinLayers())
@@ -146,7 +146,7 @@ class SingleMembers(Members):
 
     def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
         """Compute a part of the runs, one after another."""
-        h, _, n_steps, n_discard, _, _, _, _, exponents, *_ = given
+        h, _, n_steps, _, _, _, _, _, exponents, *_ = given
         runs = range(part.start, part.stop)
         starts = [self._begin(i, n_steps * one, one) for i, one in zip(runs, h, strict=True)]
         since = np.zeros(len(runs)) if self.gathered_since is None else self.gathered_since[part]
@@ -154,6 +154,10 @@ class SingleMembers(Members):
             "ensemble of members", given, *(run.as_object() for run in starts),
             initial=np.zeros((2 * len(self.dof_names), len(runs))), since=since,
             late=self.discarded[part],
+            first_steps=np.array([
+                min(self._steps(i, n_steps * one), n_steps) if exponents else 1
+                for i, one in zip(runs, h, strict=True)
+            ], dtype=np.int32),
         )  # fmt: skip
         ends = np.cumsum(others["passed"])
         for k, i in enumerate(runs):
@@ -161,11 +165,6 @@ class SingleMembers(Members):
             if self.surface is not None:
                 own = slice(ends[k] - others["passed"][k], ends[k])
                 self.passed[i] = others["points"][:, own].T, others["times"][own]
-            if exponents:
-                for of, one in zip(
-                    found[-2:], self._exponents(i, h[k], n_steps, n_discard, exponents), strict=True
-                ):
-                    of[:, k] = one
         return tuple(found)
 
     def found_so_far(self, part: slice, results: bool) -> Any:
@@ -178,15 +177,6 @@ class SingleMembers(Members):
         """Add thin layers, and states on the surface."""
         for of, part in zip((self.layers, self.passed), found, strict=True):
             of |= part
-
-    def _exponents(
-        self, i: int, h: float, n_steps: int, n_discard: int, count: int
-    ) -> tuple[FloatArray, FloatArray]:
-        quarter = max(1, round(n_steps / self._steps(i, h * n_steps)))
-        return exponents_of(
-            lambda moved, *, finer: self._begin(i, h * n_steps, h / finer, moved),
-            (self.states.shape[1], 2 * len(self.dof_names)), n_steps, n_discard, count, quarter,
-        )  # fmt: skip
 
     def passages(self, sections: FloatArray | None) -> Sections:
         """States and times on the surface, shape (n, most, 2 n_dof) and (n, most), NaN beyond."""

@@ -17,7 +17,6 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
 from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
-from viscovib.analyses.kept_numbers import of_structure
 from viscovib.analyses.memoryless import reads_rates, switches_by_itself
 from viscovib.analyses.runs import MAX_STEPS, ONE_RUN, Run, Wanted, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
@@ -478,20 +477,6 @@ class StructureRun(MountRun):
         assert isinstance(earlier, StructureRun)
         old = np.array(earlier.motion.base_state(self.time))
         self.kick = old - np.array(self.motion.base_state(self.time))
-
-    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Mask of modes, deflections, their rounding errors, forces and past."""
-        return self._parts[0]
-
-    def state_columns(self) -> slice:
-        """Slice of deflections and rates: steps add to them, so an error would remain."""
-        return self._parts[1]
-
-    @property
-    def _parts(self) -> tuple[npt.NDArray[np.bool_], slice]:
-        assert self.memory is not None
-        n_seen = self.state.size // 2 - self.motion.places.size
-        return of_structure(self.memory.size, n_seen, self.motion.modal)
 
     def _plan(self, **steps: Any) -> str:
         motion, loaded = self.motion, self.motion.loaded

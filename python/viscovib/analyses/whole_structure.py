@@ -200,14 +200,6 @@ class WholeRun(PolynomialRun):
         structure: Any = self.system
         return has_text_laws(structure)
 
-    def belongs_to_state(self) -> npt.NDArray[np.bool_]:
-        """Mask as for other systems, without the times of contact with stops."""
-        belongs = super().belongs_to_state()
-        assert self.memory is not None
-        begin = int(self.memory[-1])
-        belongs[begin : begin + 2 * self._n_stops] = False
-        return belongs
-
     def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
         return super()._base_motion(t) if self.motion is None else self.motion.base_motion(t)
 
