@@ -316,9 +316,12 @@ contains
     if (.not. wanted .or. reader%status%failed()) return
     if (subject%model%n_given == 0 .and. .not. allocated(subject%model%supports%names)) then
       call reader%complain('forces', "forces = 'yes': needs an &element or supports")
-    else if (subject%model%supports%are_turned) then
-      call reader%complain('forces', "forces = 'yes': must be 'no' if gyroscopic, circulatory or " &
-                           //'centrifugal act on supports')
+    else if (allocated(subject%model%supports%turning)) then
+      ! The speed is the frequency of the load.
+      if (any(abs(subject%model%supports%turning) > 0.0_wp)) then
+        call reader%complain('forces', "forces = 'yes': gyroscopic, circulatory or centrifugal " &
+                             //'act on supports: give speed')
+      end if
     end if
   end subroutine read_forces
 

@@ -106,6 +106,10 @@ contains
         call fail(status, status_input_error, 'base_direction', 'base_direction: must be 0 where ' &
                   //'gyroscopic, circulatory or centrifugal act on supports')
       end if
+      allocate (self%supports%turning(size(held), size(free), 3))
+      self%supports%turning(:, :, 1) = self%gyroscopic(held, free)
+      self%supports%turning(:, :, 2) = self%circulatory(held, free)
+      self%supports%turning(:, :, 3) = self%centrifugal(held, free)
       self%speed_matrices = self%matrices_of(free)
     end if
     if (status%failed()) return
@@ -174,6 +178,16 @@ contains
     if (status%failed()) return
     self%damping = self%damping + speed*self%gyroscopic
     self%stiffness = self%stiffness + speed*(self%circulatory + speed*self%centrifugal)
+    if (allocated(self%supports%turning)) then
+      associate (rows => self%supports%rows, turning => self%supports%turning)
+        turning(:, :, 2) = speed*(turning(:, :, 2) + speed*turning(:, :, 3))
+        turning(:, :, 1) = speed*turning(:, :, 1)
+        rows%free(:, :, 2:) = rows%free(:, :, 2:) + turning(:, :, :2)
+        rows%based(:, 2) = rows%based(:, 2) + matmul(turning(:, :, 1), self%base_direction)
+        rows%based(:, 3) = rows%based(:, 3) + matmul(turning(:, :, 2), self%base_direction)
+      end associate
+      deallocate (self%supports%turning)
+    end if
     call self%drop_matrices()
   end subroutine set_speed
 

@@ -48,8 +48,10 @@ module viscovib_structure_supports
     real(wp), allocatable :: masses(:, :), rates(:, :), places(:, :)
     !> The first element on each support that is no linear spring or damper; 0: none.
     integer, allocatable :: bent_by(:)
-    !> Rows of the supports.
+    !> Rows of the supports, and of gyroscopic, circulatory and centrifugal matrices that are not
+    !! contained in them, shape (n_held, n_free, 3); not allocated: none.
     type(support_rows) :: rows
+    real(wp), allocatable :: turning(:, :, :)
     !> Motions of supports that move each on its own, Im a exp(i k nu t): orders k, and a, shape
     !! (n_held, size(orders)).
     integer, allocatable :: orders(:)

@@ -310,6 +310,43 @@ def test_peaks_of_element_forces_in_ensembles(solve, tmp_path):
     np.testing.assert_allclose(many["value"][mine], one["value"], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_reactions_of_a_rotor(solve, tmp_path, seed):
+    """Matrices that depend on the speed act on supports, in time and in a response."""
+    rng = np.random.default_rng([85, seed])
+    n, speed = 4, 2.0
+    a, g, h = rng.normal(size=(3, n, n))
+    g, h = 0.3 * (g - g.T), 0.1 * (h + h.T)
+    k, m, c = a @ a.T + 6 * np.eye(n), np.diag(rng.uniform(1, 2, n)), 0.1 * np.eye(n)
+    text = (
+        f"&structure size=4 mass={matrix_text(m)} stiffness={matrix_text(k)} "
+        f"damping={matrix_text(c)} gyroscopic={matrix_text(g)} circulatory={matrix_text(0.2 * h)} "
+        f"centrifugal={matrix_text(h)} speed={speed} supports='x2' /\n&load on='x1' amplitude=1 /\n"
+        f"&transient nu={NU} t_end={END} dt={STEP} forces='yes' acceleration='yes' /\n"
+    )
+    tables = tables_of(solve, tmp_path, text, ["transient", "reactions"])
+    motion = tables["transient"]
+    free = [f"x{i}" for i in (1, 3, 4)]
+    u, v, a = (
+        np.insert(np.stack([motion[name + dot] for name in free], axis=1), 1, 0, axis=1)
+        for dot in ("", "_dot", "_ddot")
+    )
+    damping, stiffness = c + speed * g, k + speed * (0.2 * h + speed * h)
+    total = a @ m + v @ damping.T + u @ stiffness.T
+    reaction = tables["reactions"]["reaction_x2"]
+    np.testing.assert_allclose(reaction, total[:, 1], atol=1e-12)
+    given = {"mass": m, "stiffness": k, "damping": c, "supports": ["x2"], "gyroscopic": g,
+             "circulatory": 0.2 * h, "centrifugal": h}  # fmt: skip
+    rotor = vv.Structure(**given, speed=speed)
+    run = vv.simulate(rotor, END, dt=STEP, load={"x1": 1.0}, nu=NU)
+    np.testing.assert_allclose(run.support_reactions().force[:, 0], reaction, atol=1e-12)
+    response = vv.forced_response(rotor, [NU], load={"x1": 1.0})
+    first = list(response.harmonics).index(1)
+    u = np.insert(response.coefficients[0][:, first], 1, 0)
+    row = (-(NU**2) * m + 1j * NU * damping + stiffness)[1]
+    assert response.support_reactions()[0, 0, first] == pytest.approx(row @ u, abs=1e-12)
+
+
 def test_forces_that_scenes_refuse(solve, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
@@ -319,8 +356,6 @@ def test_forces_that_scenes_refuse(solve, tmp_path):
         f"{plain} size=2 /\n": "forces = 'yes': needs an &element or supports",
         f"{plain} size=2 loss_factor=0.1 /\n&element on='x1' hysteresis='jenkins' "
         "hysteresis_numbers=2 0.1 /\n": "hysteresis: a motion in time needs",
-        "&structure size=3 mass=1 0 0 0 2 0 0 0 1 stiffness=3 -1 0 -1 2 -1 0 -1 2 supports='x3' "
-        "speed=2 gyroscopic=0 0 0.1 0 0 0 -0.1 0 0 /\n": "must be 'no' if gyroscopic",
     }
     for head, reported in cases.items():
         scene.write_text(f"{head}&transient t_end=1 dt=0.1 forces='yes' /\n")

@@ -275,6 +275,11 @@ def test_reactions_need_supports():
         vv.forced_response(plain, [1.0], load={"x1": 1.0}).support_reactions()
     with pytest.raises(vv.InputError, match="support_reactions: this system has no supports"):
         vv.simulate(vv.PolynomialSystem(mass=1, stiffness=1), 1, initial=[1, 0]).support_reactions()
+    turned = vv.Structure(
+        mass=[1.0, 2], stiffness=k, gyroscopic=[[0, 0.1], [-0.1, 0]], supports=["x2"]
+    )
+    with pytest.raises(vv.InputError, match="act on a support: give speed"):
+        vv.simulate(turned, 1, load={"x1": 1.0}, nu=2.0).support_reactions()
     kernel = vv.PronyKernel(weights=[0.2], rates=[1.0])
     rubber = vv.Structure(
         mass=[1.0, 0.0], stiffness=np.zeros((2, 2)), supports=["x2"],

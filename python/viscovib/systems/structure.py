@@ -351,6 +351,8 @@ class Structure(WithSpeed):
             (*terms_in_order(self._prepared, self.dof_names, self._places), *layers.elements),  # type: ignore[attr-defined]
         )  # fmt: skip
         self._set("supports", given)
+        turning = [getattr(self, name) for name in OF_SPEED]
+        found = found.at_speed(self.speed, turning)
         self._set("_held", found.with_layers(layers, len(self.elements)))
         for name, matrix in zip(("mass", "damping", "stiffness"), matrices, strict=True):
             self._set(name, block(matrix, free, free))

@@ -60,6 +60,10 @@ class Supports:
     strains: bool = False
     #: True if a layer with memory acts on a support.
     layered: bool = False
+    #: Rows of C and K by gyroscopic, circulatory and centrifugal matrices, shape
+    #: (2, n_held, n_free), and whether these act on supports at a speed that is not constant.
+    turning: Any = 0.0
+    is_turned: bool = False
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -79,12 +83,30 @@ class Supports:
         """
         if self.layered:
             raise InputError(f"{name}: a layer with memory acts on a support")
+        if self.is_turned:
+            raise InputError(
+                f"{name}: gyroscopic, circulatory or centrifugal act on a support: give speed"
+            )
         for i in self.touched:
             if self.ends[i].shape[0] > 1:
                 raise InputError(f"{name}: elements[{i}] is a Coupling that acts on a support")
         weights = np.array([self.ends[i][0] for i in self.touched]).reshape(-1, self.held.size)
         found = [block(matrix, self.held, _all(matrix)) for matrix in self.matrices]
-        return weights, np.array([one.toarray() if is_sparse(one) else one for one in found])
+        rows = np.array([one.toarray() if is_sparse(one) else one for one in found])
+        rows[1:, :, self.free] += self.turning
+        return weights, rows
+
+    def at_speed(self, speed: float | None, matrices: Sequence[Any]) -> Supports:
+        """The same with the gyroscopic, circulatory and centrifugal matrix, or None, of each."""
+        rows = np.zeros((3, self.held.size, self.free.size))
+        for row, matrix in zip(rows, matrices, strict=True):
+            if matrix is not None:
+                found = block(matrix, self.held, self.free)
+                row[:] = found.toarray() if is_sparse(found) else found
+        if speed is None:
+            return replace(self, is_turned=bool(rows.any()))
+        turning = [speed * rows[0], speed * (rows[1] + speed * rows[2])]
+        return replace(self, turning=np.array(turning))
 
     def cut(self, terms: Any) -> Any:
         """An element with directions of the free coordinates."""
