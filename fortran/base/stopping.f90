@@ -40,19 +40,20 @@ contains
     stop_wanted = c_stop_wanted() /= 0_c_int
   end function stop_wanted
 
-  !> True if a flag that another thread may set is not 0. It is read by a C function, so that the
-  !! compiler cannot keep an old value in a loop; not every compiler supports a volatile argument.
+  !> True if a flag that another thread may set is present and not 0. It is read by a C function, so
+  !! that the compiler cannot keep an old value in a loop; not every compiler supports a volatile
+  !! argument.
   logical function is_set(flag)
-    integer(c_int), intent(inout) :: flag
-    is_set = c_is_set(flag) /= 0_c_int
+    integer(c_int), intent(inout), optional :: flag
+    is_set = .false.
+    if (present(flag)) is_set = c_is_set(flag) /= 0_c_int
   end function is_set
 
   !> True if a loop must skip its remaining work: the caller has cancelled it, or the program must
   !! stop, which is recorded.
   logical function given_up(cancel)
     integer(c_int), intent(inout), optional :: cancel
-    given_up = .false.
-    if (present(cancel)) given_up = is_set(cancel)
+    given_up = is_set(cancel)
     if (given_up .or. .not. stop_wanted()) return
     cut = .true.
     given_up = .true.

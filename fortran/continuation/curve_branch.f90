@@ -106,9 +106,7 @@ contains
     branch%outcome = curve_step_limit
     call copy_point(f%here, f%first)
     do while (branch%n_points < options%max_points)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       if (stop_wanted()) then
         branch%outcome = curve_stopped
         return

@@ -57,9 +57,7 @@ contains
     outcome = outcome_stalled
     if (present(second)) second = 0.0_wp
     do k = 1, max_iterations
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       if (fresh) then
         call curve%equations(new, p, step, jacobian, slope, inside)
       else

@@ -129,9 +129,7 @@ contains
     rising = measure%growth(here) >= 0.0_wp
     step = min(first_step, max(0.25_wp*(high - low)/scale, 1.0e3_wp*smallest_step))
     do k = 1, max_steps
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       ! Exact: a tangent from kept factors may show the maximum too early.
       call correct(curve, corrector, here, step, next, made, .true.)
       if (made) then

@@ -11,7 +11,7 @@ module viscovib_response_tasks
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
-  use viscovib_motion_checks, only: losses_of
+  use viscovib_motion_checks, only: errors_of, losses_of, sampling_of
   use viscovib_motion_stability, only: stability_type
   use viscovib_order_rules, only: most_along
   use viscovib_oscillator, only: oscillator_type
@@ -21,8 +21,6 @@ module viscovib_response_tasks
   use viscovib_response, only: response_options, response_type
   use viscovib_response_plan, only: method_auto, method_names, new_response_plan, &
     response_plan_type
-  use viscovib_rounding_error, only: rounding_checker
-  use viscovib_sampling_error, only: sampling_checker
   use viscovib_status, only: fail, status_input_error
   use viscovib_stopping, only: is_set
   use viscovib_task, only: task_type
@@ -389,104 +387,85 @@ contains
     end do
   end function peak_unknowns
 
-  !> Unknowns of a solution: alternating real and imaginary parts.
-  pure function unknowns_of(motion) result(x)
-    complex(wp), intent(in) :: motion(:, :)
-    real(wp) :: x(2*size(motion, 1), size(motion, 2))
-    x(1::2, :) = real(motion)
-    x(2::2, :) = aimag(motion)
-  end function unknowns_of
-
-  !> Relative `errors` of solutions due to sampling of their forces. `motions` (m, n_dof, n) at `p`
-  !! (n) with harmonics `kept` (m), relative to the base, of which the first `used` (n) are present;
-  !! -1 if unknown.
+  !> Relative `errors` of solutions due to sampling of their forces, at `p` (n); NaN if unknown.
   subroutine find_sampling_errors(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
-    class(oscillator_type), allocatable, target :: own
+    class(oscillator_type), allocatable :: own
     type(load_type) :: load
-    type(sampling_checker) :: checker
     type(vector_builder) :: builder
     real(wp), pointer, contiguous :: p(:)
     complex(wp), pointer, contiguous :: motions(:, :, :)
-    integer, allocatable :: kept(:), used(:)
-    real(wp), allocatable :: errors(:)
-    real(wp) :: nu, at, factor
+    integer, allocatable :: kept(:), highest(:)
+    real(wp), allocatable :: errors(:), nu(:), factor(:)
     integer :: i, parameter
 
     parameter = given_variation(task)
     call given_load(task, load)
-    nu = task%get_real('at_nu')
     p => task%get_reals('p')
-    call given_motions(task, size(p), kept, used, motions)
-    nullify (system)
+    nu = spread(task%get_real('at_nu'), 1, size(p))
+    factor = spread(1.0_wp, 1, size(p))
+    if (parameter == vary_frequency) nu = p
+    if (parameter == vary_load) factor = p
+    call given_motions(task, size(p), kept, highest, motions)
     if (parameter > vary_load) then
       builder = given_builder(task)
     else
       system => task%system(with_speed=.true.)
     end if
     if (task%failed()) return
-    allocate (errors(size(p)), source=-1.0_wp)
-    do i = 1, size(p)
-      if (is_set(task%cancel)) exit
-      at = merge(p(i), nu, parameter == vary_frequency)
-      factor = merge(p(i), 1.0_wp, parameter == vary_load)
-      if (parameter > vary_load) then
+    allocate (errors(size(p)))
+    if (parameter <= vary_load) then
+      call sampling_of(system, load, kept, nu, factor, highest, motions, errors, task%cancel)
+    else
+      do i = 1, size(p)
         call builder%build(p(i), own, task%status)
         if (task%failed()) return
-        system => own
-        call checker%forget()
-      end if
-      if (used(i) == 0) cycle
-      call checker%error_of(system, load, at, factor, kept(1) > 0, &
-                          unknowns_of(motions(:used(i), :, i)), errors(i))
-    end do
+        call sampling_of(own, load, kept, nu(i:i), factor(i:i), highest(i:i), motions(:, :, i:i), &
+                         errors(i:i), task%cancel)
+      end do
+    end if
     call task%found%put_reals('errors', errors, shape(errors))
   end subroutine find_sampling_errors
 
-  subroutine given_motions(task, n, kept, used, motions)
+  !> `motions` (m, n_dof, n) with harmonics `kept` (m), relative to the base, and the `highest`
+  !! harmonic of each (n).
+  subroutine given_motions(task, n, kept, highest, motions)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: n
-    integer, allocatable, intent(out) :: kept(:), used(:)
+    integer, allocatable, intent(out) :: kept(:), highest(:)
     complex(wp), pointer, contiguous, intent(out) :: motions(:, :, :)
     allocate (kept, source=task%get_integers('kept'))
-    allocate (used, source=task%get_integers('used'))
+    allocate (highest, source=task%get_integers('highest'))
     motions => task%get_complex_cube('motions')
-    call task%check_extents('used', shape(used), [n])
+    call task%check_extents('highest', shape(highest), [n])
     call task%check_extents('motions', shape(motions), [size(kept), size(motions, 2), n])
   end subroutine given_motions
 
   !> Relative `errors` of solutions at `nu` (n) due to rounding errors in their equations, or in the
-  !! linearized equations (`linear`). `motions` as in `find_sampling_errors`.
+  !! linearized equations (`linear`); NaN if unknown.
   subroutine find_rounding_errors(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
     type(load_type) :: load
-    type(rounding_checker) :: checker
     real(wp), pointer, contiguous :: nu(:)
     complex(wp), pointer, contiguous :: motions(:, :, :)
-    integer, allocatable :: kept(:), used(:)
+    integer, allocatable :: kept(:), highest(:)
     real(wp), allocatable :: errors(:)
     logical :: linear
-    integer :: i
 
     call given_system(task, system, load)
     nu => task%get_reals('nu')
-    call given_motions(task, size(nu), kept, used, motions)
+    call given_motions(task, size(nu), kept, highest, motions)
     linear = task%get_flag('linear')
     if (task%failed()) return
-    allocate (errors(size(nu)), source=-1.0_wp)
-    do i = 1, size(nu)
-      if (is_set(task%cancel)) exit
-      if (used(i) == 0) cycle
-      call checker%error_of(system, load, nu(i), kept(1) > 0, linear, &
-                          unknowns_of(motions(:used(i), :, i)), errors(i))
-    end do
+    allocate (errors(size(nu)))
+    call errors_of(system, load, kept, nu, highest, linear, motions, errors, task%cancel)
     call task%found%put_reals('errors', errors, shape(errors))
   end subroutine find_rounding_errors
 
   !> Energy `lost` per period (J) by solutions at frequencies `nu` (n) and load factors `factor`
-  !! (n), with orders up to `highest` (n); NaN if unknown.
+  !! (n); NaN if unknown.
   subroutine find_losses(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
@@ -500,14 +479,9 @@ contains
     call given_system(task, system, load)
     nu => task%get_reals('nu')
     factor => task%get_reals('factor')
-    allocate (highest, source=task%get_integers('highest'))
-    allocate (kept, source=task%get_integers('kept'))
-    motions => task%get_complex_cube('motions')
+    call given_motions(task, size(nu), kept, highest, motions)
     linear = task%get_flag('linear')
-    if (task%failed()) return
     call task%check_extents('factor', shape(factor), shape(nu))
-    call task%check_extents('highest', shape(highest), shape(nu))
-    call task%check_extents('motions', shape(motions), [size(kept), system%n_dof(), size(nu)])
     if (task%failed()) return
     allocate (lost(size(nu)))
     call losses_of(system, load, kept, nu, factor, highest, linear, motions, lost)
@@ -548,16 +522,12 @@ contains
     trend = 0
     do i = 1, size(p)
       if (.not. wide .and. abs(i - largest) > 1) cycle
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       call growth_along(curve, measure, tolerance, x(:, i), p(i), trend(i), slopes(:, i))
     end do
     do i = 1, size(p) - 1
       if (.not. wide .and. abs(2*(i - largest) + 1) > 1) cycle
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       there = .false.
       ! If both slopes agree upwards there is no maximum between the samples.
       if (trend(i) > 0 .and. .not. (trend(i + 1) > 0 .and. sizes(i + 1) >= sizes(i))) then

@@ -90,8 +90,7 @@ contains
     allocate (motions, source=response%coefficients)
     call relative_motions(subject%oscillator(), subject%load, response%orders, ones, motions)
     call errors_of(subject%oscillator(), subject%load, response%orders, response%nu, &
-                   response%outcome == outcome_converged, response%highest, &
-                   plan%method == method_linear, motions, errors)
+                   response%highest, plan%method == method_linear, motions, errors)
     call subject%show_motions(response%nu, ones, response%orders, &
                               self%wanted, .true., response%coefficients)
     call tabulate_response(response, subject%coordinates(self%wanted), &

@@ -26,12 +26,12 @@ module viscovib_condensed_hill
   use viscovib_condensed_waves, only: fill_waves, soften
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
-  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_harmonic_set, only: harmonic_set_type
+  use viscovib_hill_blocks, only: moments_of
   use viscovib_hill_determinant, only: hill_determinant, retained_of, slow
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_slope_waves, only: hold_waves
   use viscovib_structure, only: structure_type
   implicit none
   private
@@ -60,10 +60,6 @@ module viscovib_condensed_hill
     real(wp) :: line = 0.0_wp
     !> Poles nearer to 0 are those of rigid bodies (rad/s).
     real(wp), private :: nearness = 0.0_wp
-    !> Deflections, and how many orders J reaches.
-    integer :: n_dof = 0, reach = 0
-    integer, private :: highest = 0, n_orders = 0
-    type(harmonic_set_type), private :: set
     type(compliance_band), private :: band
     !> J of each group, by the difference of orders, shape (n_dof, n_dof, -reach:reach, groups),
     !! and what it is less of hereditary ones, (n_dof, n_dof).
@@ -73,8 +69,7 @@ module viscovib_condensed_hill
     integer, allocatable, private :: swings(:), others(:)
     !> Norms of J_m, m = 1, ..., and how large a part it is of the largest J, whatever the units.
     real(wp), allocatable :: sizes(:), parts(:)
-    complex(wp), allocatable, private :: waves(:)
-    real(wp), allocatable, private :: u(:, :), slopes(:, :, :), re(:, :), im(:, :)
+    real(wp), allocatable, private :: re(:, :), im(:, :)
     !> As `local` what depends on rates, not allocated if nothing does.
     complex(wp), allocatable :: by_rate(:, :, :, :)
   contains
@@ -82,8 +77,8 @@ module viscovib_condensed_hill
     procedure :: vary
     procedure :: compliances
     procedure :: count_from
-    procedure :: determinant
-    procedure :: determinant_from_place
+    procedure :: of_orders
+    procedure :: without_poles
     procedure :: mean_system
     procedure :: relaxation
     procedure :: on_line
@@ -101,22 +96,9 @@ contains
     type(condensed_hill), intent(out) :: hill
     class(structure_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    integer :: j, n, s
-    n = system%n_dof()
-    hill%n_dof = n
-    hill%stride = merge(2, 1, set%half_wave)
-    ! Slopes of a polynomial of degree g reach the order (g - 1) K.
-    call new_harmonic_set(hill%set, maxval(set%orders), set%half_wave, max(2*system%degree - 3, 3))
-    s = hill%set%n_samples
-    allocate (hill%u(s, n + system%n_rates()), &
-              hill%slopes(s, system%n_memory(), n + system%n_rates()), source=0.0_wp)
-    allocate (hill%waves(0:s - 1))
-    do j = 0, s - 1
-      hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
-    end do
-    call hill%find_memory(system)
+    call hill%prepare(system, set, max(2*system%degree - 3, 3))
     hill%without = matmul(system%spread, system%gather &
-                          *spread(merge(1.0_wp, 0.0_wp, system%kernel_of > 0), 2, n))
+                          *spread(merge(1.0_wp, 0.0_wp, system%kernel_of > 0), 2, hill%n_dof))
     call new_poles(hill%poles, system%rest)
   end subroutine new_condensed_hill
 
@@ -165,9 +147,7 @@ contains
     class(structure_type), intent(in) :: system
     real(wp), intent(in) :: x(:, :)
     real(wp), intent(out) :: largest(:, :), strongest(:, :)
-    call self%set%sample(self%nu, x, self%u, system%rates)
-    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
-    call hold_waves(system, self%set, self%set%orders*self%nu, x, self%u, self%slopes)
+    call self%sample(system, x)
     call self%find_local(system, largest, strongest)
     self%ready = max(maxval(largest), maxval(strongest)) <= sqrt(huge(1.0_wp))
   end subroutine find_motion
@@ -190,41 +170,32 @@ contains
     class(condensed_hill), intent(inout) :: self
     class(structure_type), intent(in) :: system
     real(wp), intent(out) :: largest(:, :), strongest(:, :)
-    complex(wp) :: total
+    complex(wp) :: moments(2*((size(self%u, 1) - 1)/2) + 1)
     real(wp) :: peak, constant
-    integer :: a, b, j, m, most, q, s
+    integer :: a, b, j, most, q
     most = (size(self%u, 1) - 1)/2
     if (allocated(self%local)) deallocate (self%local)
     allocate (self%local(self%n_dof, self%n_dof, -most:most, size(self%kernel_of_group)), &
               source=(0.0_wp, 0.0_wp))
     largest = abs(self%without)
     do j = 1, size(self%slopes, 2)
-      q = findloc(self%kernel_of_group, system%kernel_of(j), 1)
+      q = self%group(j)
       do b = 1, self%n_dof
         constant = merge(system%gather(j, b), 0.0_wp, system%kernel_of(j) > 0)
         peak = abs(constant)
         if (system%bent(j)) peak = maxval(abs(self%slopes(:, j, b) + constant))
         if (.not. peak > 0.0_wp) cycle
         largest(:, b) = largest(:, b) + abs(system%spread(:, j))*peak
-        do m = 0, merge(most, 0, system%bent(j))
-          total = cmplx(merge(constant, 0.0_wp, m == 0), 0.0_wp, wp)
-          if (system%bent(j)) then
-            do s = 1, size(self%u, 1)
-              total = total + self%slopes(s, j, b) &
-                      *self%waves(modulo(m*(s - 1), size(self%u, 1)))
-            end do
-          end if
-          do a = 1, self%n_dof
-            if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
-            self%local(a, b, m, q) = self%local(a, b, m, q) + system%spread(a, j)*total
-            if (m > 0) self%local(a, b, -m, q) = conjg(self%local(a, b, m, q))
-          end do
+        call moments_of(self%waves, system%bent(j), self%slopes(:, j, b), constant, moments)
+        do a = 1, self%n_dof
+          if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
+          self%local(a, b, :, q) = self%local(a, b, :, q) + system%spread(a, j)*moments
         end do
       end do
     end do
     strongest = 0.0_wp
     if (system%n_rates() > 0) then
-      call waves_of_rates(system, self%kernel_of_group, self%slopes(:, :, self%n_dof + 1:), &
+      call waves_of_rates(system, self%group, self%slopes(:, :, self%n_dof + 1:), &
                           self%waves, self%by_rate, strongest)
     end if
     call measure_waves(self%local, self%by_rate, largest, strongest, self%sizes, self%parts)
@@ -322,35 +293,12 @@ contains
     end if
   end subroutine compliances
 
-  !> F at lambda; not to be asked for on a cut of a kernel or at a pole of the rest.
-  subroutine determinant(self, system, lambda, value, about_half)
-    class(condensed_hill), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
+  subroutine without_poles(self, lambda, value)
+    class(condensed_hill), intent(in) :: self
     complex(wp), intent(in) :: lambda
-    complex(wp), intent(out) :: value
-    logical, intent(in) :: about_half
-    integer :: p
-
-    p = self%n_orders - merge(0, 1, about_half)
-    call of_orders(self, system, p, self%highest - (p - 1)*self%stride, lambda, value)
+    complex(wp), intent(inout) :: value
     call self%poles%multiplied%multiply(lambda, value)
-  end subroutine determinant
-
-  !> F at a distance from where memory is singular.
-  subroutine determinant_from_place(self, system, distance, value)
-    class(condensed_hill), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: distance
-    complex(wp), intent(out) :: value
-    real(wp) :: place
-    integer :: p
-
-    p = self%n_orders - merge(0, 1, self%stride == 2)
-    call of_orders(self, system, p, self%highest + self%stride/2 - (p - 1)*self%stride, distance, &
-                   value)
-    place = merge(0.5_wp*self%period, 0.0_wp, self%stride == 2)
-    call self%poles%multiplied%multiply(distance + cmplx(0.0_wp, place, wp), value)
-  end subroutine determinant_from_place
+  end subroutine without_poles
 
   !> F of the p highest orders, from the lowest of these, but for most of the poles.
   subroutine of_orders(self, system, p, lowest, lambda, value)

@@ -1,6 +1,7 @@
 ! Optimize: -O2 -fvect-cost-model=dynamic
 !> Matrices of Hill's determinant of a condensed structure, real and imaginary parts apart.
 module viscovib_condensed_rows
+  use viscovib_hill_blocks, only: moments_of
   use viscovib_hill_determinant, only: retained_of
   use viscovib_kinds, only: wp
   use viscovib_structure, only: structure_type
@@ -92,39 +93,34 @@ contains
   end subroutine find_swings
 
   !> The part of J that the rate of a deflection multiplies, and the largest it is at any time.
-  subroutine waves_of_rates(system, kernel_of_group, slopes, waves, by_rate, strongest)
+  subroutine waves_of_rates(system, group, slopes, waves, by_rate, strongest)
     class(structure_type), intent(in) :: system
-    !> Kernel of each group; slopes by rates, shape (n_samples, n_memory, n_rates);
+    !> Group of each variable; slopes by rates, shape (n_samples, n_memory, n_rates);
     !! exp(-2 pi i m/n)/n of so many samples.
-    integer, intent(in) :: kernel_of_group(:)
+    integer, intent(in) :: group(:)
     real(wp), intent(in) :: slopes(:, :, :)
     complex(wp), intent(in) :: waves(0:)
     !> By the difference of orders and group, shape (n_dof, n_dof, -most:most, groups), and (n_dof,
     !! n_dof).
     complex(wp), allocatable, intent(inout) :: by_rate(:, :, :, :)
     real(wp), intent(inout) :: strongest(:, :)
-    complex(wp) :: total
-    integer :: b, j, m, most, n, q, s
+    complex(wp) :: moments(-(size(slopes, 1) - 1)/2:(size(slopes, 1) - 1)/2)
+    integer :: b, j, m, most
 
-    n = size(slopes, 1)
-    most = (n - 1)/2
+    most = ubound(moments, 1)
     if (allocated(by_rate)) deallocate (by_rate)
-    allocate (by_rate(size(strongest, 1), size(strongest, 1), -most:most, size(kernel_of_group)), &
+    allocate (by_rate(size(strongest, 1), size(strongest, 1), -most:most, maxval(group)), &
               source=(0.0_wp, 0.0_wp))
     do j = 1, size(slopes, 2)
       if (.not. system%bent(j)) cycle
-      q = findloc(kernel_of_group, system%kernel_of(j), 1)
       do b = 1, system%n_rates()
         associate (column => system%rates(b))
           strongest(:, column) = strongest(:, column) + abs(system%spread(:, j)) &
                                  *maxval(abs(slopes(:, j, b)))
-          do m = 0, most
-            total = (0.0_wp, 0.0_wp)
-            do s = 1, n
-              total = total + slopes(s, j, b)*waves(modulo(m*(s - 1), n))
-            end do
-            by_rate(:, column, m, q) = by_rate(:, column, m, q) + system%spread(:, j)*total
-            if (m > 0) by_rate(:, column, -m, q) = conjg(by_rate(:, column, m, q))
+          call moments_of(waves, .true., slopes(:, j, b), 0.0_wp, moments)
+          do m = -most, most
+            by_rate(:, column, m, group(j)) = by_rate(:, column, m, group(j)) &
+                                              + system%spread(:, j)*moments(m)
           end do
         end associate
       end do

@@ -61,9 +61,7 @@ contains
     made = .false.
     x = 0.0_wp
     do k = 1, n_rates
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       curve%rate = first_rate*ratio**(k - 1)*nu
       start = 0.0_wp
       iterations = 0

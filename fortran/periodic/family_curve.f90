@@ -148,9 +148,7 @@ contains
     allocate (stability%exponents(checker%n_slots, n), stability%multipliers(checker%n_slots, n), &
               source=cmplx(ieee_value(0.0_wp, ieee_quiet_nan), 0.0_wp, wp))
     do i = 1, n
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       call curve%set(p(i), inside)
       if (.not. inside) cycle
       call new_stability_checker(checker, curve%system, curve%balance%set)

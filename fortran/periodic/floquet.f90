@@ -109,9 +109,7 @@ contains
       count = min(n_lanes, size(nu) - first + 1)
       call block_of(self, system, nu(first:first + count - 1), x(:, :, first:first + count - 1), &
                     matrices(:, :, first:first + count - 1), cancel)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
     end do
   end subroutine monodromies
 
@@ -140,9 +138,7 @@ contains
       if (.not. self%density*needed <= max_steps) exit
       call self%prepare(ceiling(self%density*needed))
       call self%integrate(system, h/self%n_steps, error, pending, cancel)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       worst = maxval(error, pending)
       do l = 1, size(nu)
         if (.not. (pending(l) .and. error(l) <= accepted*wanted_error)) cycle
@@ -186,9 +182,7 @@ contains
       product%n_factors = 0
       pending = .true.
       call self%integrate(system, h/self%n_steps, error, pending, cancel, product)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       found = error(1) <= accepted*wanted_error
       if (found) return
       self%density = self%n_steps/needed*max(0.5_wp, min(2.0_wp, (error(1)/wanted_error) &
@@ -273,9 +267,7 @@ contains
     end do
     error = 0.0_wp
     do first = 1, self%n_steps, self%chunk
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       last = min(first + self%chunk - 1, self%n_steps)
       call self%along%fill(system, self%orders, self%x, &
                            self%synthesis(:, (first - 1)*n_nodes + 1:last*n_nodes), &

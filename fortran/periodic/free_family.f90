@@ -256,9 +256,7 @@ contains
     if (options%stability) allocate (family%multipliers(2*curve%motion%system%n_dof, n), &
                                      source=(0.0_wp, 0.0_wp))
     do i = 1, n
-      if (present(cancel)) then
-        if (is_set(cancel)) exit
-      end if
+      if (is_set(cancel)) exit
       associate (point => branch%x(:, i))
         family%x(:, i) = cosines_of(curve, point)
         family%nu(i) = curve%frequency(point)

@@ -100,9 +100,7 @@ contains
       if (needs(largest)) call self%more_wanted(branch%truncation(largest), again)
       if (again) return
       do i = 1, n
-        if (present(cancel)) then
-          if (is_set(cancel)) return
-        end if
+        if (is_set(cancel)) return
         if (i /= largest) call look(i)
       end do
       i = maxloc(branch%truncation, 1, [(needs(i), i=1, n)])

@@ -74,31 +74,6 @@ module viscovib_harmonic_balance
     procedure :: frequency_derivative
   end type balance_type
 
-  interface
-
-    !> dR/ds with the load factor s.
-    pure module subroutine load_derivative(self, slope)
-      class(balance_type), intent(in) :: self
-      real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
-    end subroutine load_derivative
-
-    !> dR/dnu at the motion x of the last call of `residual`.
-    module subroutine frequency_derivative(self, system, load, x, slope)
-      class(balance_type), intent(inout) :: self
-      class(oscillator_type), intent(in) :: system
-      type(load_type), intent(in) :: load
-      real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
-      real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
-    end subroutine frequency_derivative
-
-    !> Derivatives of F at the samples.
-    module subroutine find_slopes(self, system)
-      class(balance_type), intent(inout) :: self
-      class(oscillator_type), intent(in) :: system
-    end subroutine find_slopes
-
-  end interface
-
 contains
 
   subroutine new_balance(balance, system, set)
@@ -247,9 +222,7 @@ contains
       end do
     end if
     ! The mean has only an imaginary part: its real part is fixed at 0.
-    do k = 1, size(self%set%orders)
-      if (self%set%orders(k) == 0) r(2*k - 1, :) = x(2*k - 1, :)
-    end do
+    r(:self%set%held(), :) = x(:self%set%held(), :)
   end subroutine residual
 
   !> F(u, u', v, s P) - B v at the samples, and the contribution of the load to it.
@@ -288,8 +261,7 @@ contains
     integer, intent(in) :: a, b
     real(wp), intent(inout) :: jacobian(:, :)
 
-    self%block = 0.0_wp
-    call add_sandwich(self, self%by_rate(:, a, b), 1.0_wp, 1, 1, self%block)
+    call find_block(self, self%by_rate(:, a, b))
     call add_block(rate_columns(self%mu, self%block), 1.0_wp, a, b, jacobian)
   end subroutine add_rates
 
@@ -299,7 +271,7 @@ contains
     class(oscillator_type), intent(in) :: system
     !> At least (n, n); unknowns in the order of x.
     real(wp), intent(out) :: jacobian(:, :)
-    integer :: a, b, j, k
+    integer :: a, b, j
 
     jacobian = 0.0_wp
     do b = 1, self%n_dof
@@ -311,38 +283,66 @@ contains
     self%bent_known = .true.
     if (.not. system%separable) call find_slopes(self, system)
     do b = 1, self%n_dof
+      if (.not. system%separable) self%memory = 0.0_wp
       do j = 1, self%n_memory
         if (.not. system%bent(j)) cycle
-        if (.not. any(abs(self%slopes(:, j, b)) > 0.0_wp)) then
-          if (.not. system%separable) self%memory(:, :, j) = 0.0_wp
-          cycle
-        end if
+        if (.not. any(abs(self%slopes(:, j, b)) > 0.0_wp)) cycle
         if (system%kernel_of(j) == 0 .and. system%separable) then
           do a = 1, self%n_dof
             call add_sandwich(self, self%slopes(:, j, b), system%spread(a, j), a, b, jacobian)
           end do
         else
-          self%block = 0.0_wp
-          call add_sandwich(self, self%slopes(:, j, b), 1.0_wp, 1, 1, self%block)
-          do k = 1, size(self%block, 2)
-            call retain(self%fraction(:, j), self%block(:, k))
-          end do
-          do a = 1, self%n_dof
-            if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
-            call add_block(self%block, system%spread(a, j), a, b, jacobian)
-          end do
+          call find_block(self, self%slopes(:, j, b))
+          call add_variable(self, system, j, b, jacobian)
         end if
         if (.not. system%separable) self%memory(:, :, j) = self%block
       end do
       if (.not. system%separable) call add_inseparable(self, system, b, jacobian)
     end do
+    ! A basic motion sin k nu t has the rate k nu cos k nu t.
     do b = 1, size(self%rates)
-      call add_rate(self, system, b, jacobian)
+      do j = 1, self%n_memory
+        if (.not. system%bent(j)) cycle
+        if (.not. any(abs(self%slopes(:, j, self%n_dof + b)) > 0.0_wp)) cycle
+        call find_block(self, self%slopes(:, j, self%n_dof + b))
+        self%block = rate_columns(self%mu, self%block)
+        call add_variable(self, system, j, self%rates(b), jacobian)
+      end do
     end do
     do j = 1, size(self%cycles)
       call add_cycle(self, system, self%cycles(j), jacobian)
     end do
   end subroutine derivatives
+
+  !> Derivatives of the harmonics of a variable, in `block`, in the equations of all coordinates;
+  !! its memory is applied.
+  subroutine add_variable(self, system, j, b, jacobian)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    !> Variable, and coordinate of the derivative.
+    integer, intent(in) :: j, b
+    real(wp), intent(inout) :: jacobian(:, :)
+    integer :: a
+
+    call retain_block(self, system, j)
+    do a = 1, self%n_dof
+      if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
+      call add_block(self%block, system%spread(a, j), a, b, jacobian)
+    end do
+  end subroutine add_variable
+
+  !> Apply the memory of a variable to its derivatives in `block`.
+  subroutine retain_block(self, system, j)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: j
+    integer :: k
+
+    if (system%kernel_of(j) == 0) return
+    do k = 1, size(self%block, 2)
+      call retain(self%fraction(:, j), self%block(:, k))
+    end do
+  end subroutine retain_block
 
   !> Add the derivatives of a law that is not a polynomial.
   subroutine add_cycle(self, system, one, jacobian)
@@ -351,7 +351,7 @@ contains
     type(cycle_term), intent(inout) :: one
     real(wp), intent(inout) :: jacobian(:, :)
     type(law_term), pointer :: law
-    integer :: j, k, m
+    integer :: j, m
 
     call find_blocks(one, system, self%set, self%tables, self%nu)
     law => law_of(one, system)
@@ -359,11 +359,7 @@ contains
       associate (v => law%variables(j))
         do m = 1, size(one%blocks, 3)
           self%block = one%blocks(:, :, m)
-          if (system%kernel_of(v) > 0) then
-            do k = 1, size(self%block, 2)
-              call retain(self%fraction(:, v), self%block(:, k))
-            end do
-          end if
+          call retain_block(self, system, v)
           call add_of(system%spread(:, v), law%weights(j)*law%arguments(m, :))
           if (.not. any(abs(law%rates(m, :)) > 0.0_wp)) cycle
           self%block = rate_columns(self%mu, self%block)
@@ -385,33 +381,6 @@ contains
     end subroutine add_of
 
   end subroutine add_cycle
-
-  !> Add the derivatives by a rate: a basic motion sin k nu t has the rate k nu cos k nu t.
-  subroutine add_rate(self, system, b, jacobian)
-    class(balance_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    !> Index among the rates.
-    integer, intent(in) :: b
-    real(wp), intent(inout) :: jacobian(:, :)
-    integer :: a, j, k
-
-    do j = 1, self%n_memory
-      if (.not. system%bent(j)) cycle
-      if (.not. any(abs(self%slopes(:, j, self%n_dof + b)) > 0.0_wp)) cycle
-      self%block = 0.0_wp
-      call add_sandwich(self, self%slopes(:, j, self%n_dof + b), 1.0_wp, 1, 1, self%block)
-      self%block = rate_columns(self%mu, self%block)
-      if (system%kernel_of(j) > 0) then
-        do k = 1, size(self%block, 2)
-          call retain(self%fraction(:, j), self%block(:, k))
-        end do
-      end if
-      do a = 1, self%n_dof
-        if (.not. abs(system%spread(a, j)) > 0.0_wp) cycle
-        call add_block(self%block, system%spread(a, j), a, self%rates(b), jacobian)
-      end do
-    end do
-  end subroutine add_rate
 
   !> The linear part of coordinate b in the equations of coordinate a.
   pure subroutine add_stiffness(self, a, b, jacobian)
@@ -457,7 +426,6 @@ contains
     integer :: a, j, k
 
     do j = 1, self%n_memory
-      if (.not. system%bent(j)) self%memory(:, :, j) = 0.0_wp
       do k = 1, size(self%set%orders)
         associate (f => self%fraction(k, j)*system%gather(j, b), v => self%memory(:, :, j))
           v(2*k - 1, 2*k - 1) = v(2*k - 1, 2*k - 1) + real(f)
@@ -476,8 +444,7 @@ contains
       end if
       do j = 1, self%n_memory
         if (.not. any(abs(self%by_v(:, a, j)) > 0.0_wp)) cycle
-        self%block = 0.0_wp
-        call add_sandwich(self, self%by_v(:, a, j), 1.0_wp, 1, 1, self%block)
+        call find_block(self, self%by_v(:, a, j))
         call add_block(matmul(self%block, self%memory(:, :, j)), 1.0_wp, a, b, jacobian)
       end do
     end do
@@ -498,5 +465,191 @@ contains
     call add_sandwich_of(self%set, self%c, self%s, factor, &
                          jacobian(m*(a - 1) + 1:m*a, m*(b - 1) + 1:m*b))
   end subroutine add_sandwich
+
+  !> Derivatives of harmonics of a variable with a given slope at the samples, in `block`.
+  subroutine find_block(self, slope)
+    class(balance_type), intent(inout) :: self
+    real(wp), intent(in) :: slope(:)
+    self%block = 0.0_wp
+    call add_sandwich(self, slope, 1.0_wp, 1, 1, self%block)
+  end subroutine find_block
+
+  !> Derivatives of F at the samples.
+  subroutine find_slopes(self, system)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    if (system%moving) then
+      call system%moving_slopes(self%u, self%rate, self%w, self%push, self%by_u, self%by_rate, &
+                                self%by_v)
+    else
+      call system%force_slopes(self%u, self%w, self%by_u, self%by_v)
+    end if
+  end subroutine find_slopes
+
+  !> dR/ds with the load factor s.
+  pure subroutine load_derivative(self, slope)
+    class(balance_type), intent(in) :: self
+    real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
+    slope(1::2, :) = -real(self%load)
+    slope(2::2, :) = -aimag(self%load)
+    if (allocated(self%by_load)) slope = slope + self%by_load
+    slope(:self%set%held(), :) = 0.0_wp
+  end subroutine load_derivative
+
+  !> dR/dnu at the motion x of the last call of `residual`.
+  subroutine frequency_derivative(self, system, load, x, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: x(2*size(self%set%orders), self%n_dof)
+    real(wp), intent(out) :: slope(2*size(self%set%orders), self%n_dof)
+    complex(wp) :: total(size(self%set%orders), size(x, 2)), y(size(self%set%orders), size(x, 2))
+    complex(wp) :: base(size(load%moved, 1), size(load%orders))
+    integer :: a, b, k
+
+    total = (0.0_wp, 0.0_wp)
+    do b = 1, self%n_dof
+      y(:, b) = cmplx(x(1::2, b), x(2::2, b), wp)
+    end do
+    base = (0.0_wp, 0.0_wp)
+    if (load%moves_base()) then
+      do k = 1, size(load%orders)
+        base(:, k) = load%shift(system, k)
+      end do
+    end if
+    call system%add_frequency_slope(self%set%orders, self%nu, y, load%orders, load%force, base, &
+                                    self%load_factor, total)
+    if (self%load_varies) total = total - self%load_factor*self%load_slope
+    do a = 1, self%n_dof
+      slope(1::2, a) = real(total(:, a))
+      slope(2::2, a) = aimag(total(:, a))
+    end do
+    if (any(system%kernel_of > 0)) call add_memory_slope(self, system, y, slope)
+    if (size(self%rates) > 0) call add_rate_slope(self, system, slope)
+    do k = 1, size(self%cycles)
+      if (size(self%rates) > 0) call add_cycle_slope(self, system, self%cycles(k), slope)
+    end do
+    if (system%moving) call add_moving_slope(self, system, slope)
+    if (system%moving .and. self%load_varies) call add_push_slope(self, system, slope)
+    slope(:self%set%held(), :) = 0.0_wp
+  end subroutine frequency_derivative
+
+  !> Add the derivative of F by forces that depend on the frequency, in which F is linear.
+  subroutine add_push_slope(self, system, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    real(wp), dimension(size(self%u, 1), self%n_dof) :: push, f, without
+    integer :: b
+
+    do b = 1, self%n_dof
+      self%kept(1::2) = self%load_factor*real(self%load_slope(:, b))
+      self%kept(2::2) = self%load_factor*aimag(self%load_slope(:, b))
+      call self%tables%to_samples(self%kept, push(:, b))
+    end do
+    call system%moving_remainder(self%u, self%rate, self%w, push, f)
+    call system%moving_remainder(self%u, self%rate, self%w, 0.0_wp*push, without)
+    do b = 1, self%n_dof
+      call self%tables%to_parts(f(:, b) - without(:, b), self%f_parts)
+      slope(:, b) = slope(:, b) + self%f_parts
+    end do
+  end subroutine add_push_slope
+
+  !> Add the derivative of a law that is not a polynomial.
+  subroutine add_cycle_slope(self, system, one, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(cycle_term), intent(inout) :: one
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    type(law_term), pointer :: law
+    integer :: a, j
+
+    call find_blocks(one, system, self%set, self%tables, self%nu)
+    law => law_of(one, system)
+    do j = 1, size(law%variables)
+      associate (v => law%variables(j))
+        self%kept = law%weights(j)*one%by_nu
+        if (system%kernel_of(v) > 0) call retain(self%fraction(:, v), self%kept)
+        do a = 1, self%n_dof
+          slope(:, a) = slope(:, a) + system%spread(a, v)*self%kept
+        end do
+      end associate
+    end do
+  end subroutine add_cycle_slope
+
+  !> Add the contribution of the rates in laws, which are proportional to nu.
+  subroutine add_rate_slope(self, system, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    real(wp) :: samples(size(self%u, 1))
+    integer :: a, b, j
+
+    if (.not. self%bent_known) call system%sampled_slopes(self%u, self%slopes)
+    self%bent_known = .true.
+    do j = 1, self%n_memory
+      if (.not. system%bent(j)) cycle
+      samples = 0.0_wp
+      do b = 1, size(self%rates)
+        samples = samples + self%slopes(:, j, self%n_dof + b)*self%u(:, self%n_dof + b)
+      end do
+      call self%tables%to_parts(samples/self%nu, self%kept)
+      if (system%kernel_of(j) > 0) call retain(self%fraction(:, j), self%kept)
+      do a = 1, self%n_dof
+        slope(:, a) = slope(:, a) + system%spread(a, j)*self%kept
+      end do
+    end do
+  end subroutine add_rate_slope
+
+  !> Add the contribution of the rates in F.
+  subroutine add_moving_slope(self, system, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    real(wp) :: samples(size(self%u, 1))
+    integer :: a, b
+
+    call find_slopes(self, system)
+    do a = 1, self%n_dof
+      samples = 0.0_wp
+      do b = 1, self%n_dof
+        samples = samples + self%by_rate(:, a, b)*self%rate(:, b)/self%nu
+      end do
+      call self%tables%to_parts(samples, self%f_parts)
+      slope(:, a) = slope(:, a) + self%f_parts
+    end do
+  end subroutine add_moving_slope
+
+  !> Add the contribution of memory: dv_k/dnu = k f'(k nu) W_k, in B v and in F(u, v) - B v at the
+  !! samples.
+  subroutine add_memory_slope(self, system, y, slope)
+    class(balance_type), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: y(size(self%set%orders), self%n_dof)
+    real(wp), intent(inout) :: slope(2*size(self%set%orders), self%n_dof)
+    complex(wp) :: by_nu(size(self%set%orders), self%n_memory), v(size(self%set%orders))
+    real(wp) :: samples(size(self%u, 1))
+    integer :: a, j
+
+    call system%retained_slope(self%set%orders*self%nu, self%fraction, by_nu)
+    if (.not. system%separable) call find_slopes(self, system)
+    do j = 1, self%n_memory
+      if (system%kernel_of(j) == 0) cycle
+      v = self%set%orders*by_nu(:, j)*(cmplx(self%bent(1::2, j), self%bent(2::2, j), wp) &
+                                       + matmul(y, system%gather(j, :)))
+      self%kept(1::2) = real(v)
+      self%kept(2::2) = aimag(v)
+      do a = 1, self%n_dof
+        slope(:, a) = slope(:, a) + system%spread(a, j)*self%kept
+      end do
+      if (system%separable) cycle
+      call self%tables%to_samples(self%kept, samples)
+      do a = 1, self%n_dof
+        if (.not. any(abs(self%by_v(:, a, j)) > 0.0_wp)) cycle
+        call self%tables%to_parts(self%by_v(:, a, j)*samples, self%f_parts)
+        slope(:, a) = slope(:, a) + self%f_parts
+      end do
+    end do
+  end subroutine add_memory_slope
 
 end module viscovib_harmonic_balance

@@ -22,15 +22,13 @@ module viscovib_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi
   use viscovib_dense, only: invert
-  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
+  use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_hill_blocks, only: add_columns, add_products, add_waves, fill_waves, moments_of, &
     reach_of, scale_rows, widths_of
   use viscovib_hill_determinant, only: hill_determinant, retained_of
-  use viscovib_hill_reach, only: highest_order, max_unknowns, norm, norms_of_waves
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polar, only: plain_logarithm
-  use viscovib_slope_waves, only: hold_waves
   implicit none
   private
 
@@ -40,25 +38,20 @@ module viscovib_hill
   integer, parameter :: as_degree = 11
   !> Ratio of a determinant of 0 to that of another order.
   real(wp), parameter :: clear = 1.0e-6_wp
+  !> Unknowns of a determinant at most.
+  integer, parameter :: max_unknowns = 360
+  !> Orders are kept until what reaches the next ones is this small: exponents feel its square.
+  real(wp), parameter :: accurate = 1.0e-5_wp
+  !> Fourier coefficients of the stiffness that are small compared with its mean have no effect.
+  real(wp), parameter :: silent = 1.0e-11_wp
 
   type, extends(hill_determinant) :: hill_type
     !> a, > 0: exponents are sought right of -a.
     real(wp), private :: shift = 0.0_wp
-    integer :: n_dof = 0
-    !> Orders of the disturbance, with the one below the lowest.
-    integer, private :: n_orders = 0
-    !> Highest order of the disturbance. Orders reach from -highest to highest, which mirrors them
-    !! about Im lambda = 0; with the one below they are mirrored about d/2.
-    integer, private :: highest = 0
-    !> Largest difference of orders that the slopes couple.
-    integer, private :: reach = 0
     !> Trace of M^(-1) dF/du', its mean along the solution.
     real(wp), private :: drag = 0.0_wp
-    type(harmonic_set_type), private :: set
     !> M^(-1), M^(-1) C with the mean of what depends on rates, and M^(-1) B.
     real(wp), allocatable :: inverse(:, :), damping(:, :), spread(:, :)
-    !> The group of each hereditary variable.
-    integer, allocatable, private :: group(:)
     !> What each group multiplies, Fourier coefficients by the difference of orders, real parts
     !! first, imaginary parts second in the last index, shape (n, -p:p, n, groups, 2).
     real(wp), allocatable, private :: springs(:, :, :, :, :)
@@ -72,10 +65,7 @@ module viscovib_hill
     complex(wp), allocatable, private :: inner(:, :, :), direct(:, :, :)
     !> The differences of orders of `outer` that count, for each difference of those of `inner`.
     integer, allocatable, private :: widths(:)
-    !> exp(-2 pi i m/n)/n at m = 0, 1, ..., n samples.
-    complex(wp), allocatable, private :: waves(:)
-    real(wp), allocatable, private :: u(:, :), w(:, :), slopes(:, :, :), by_u(:, :, :)
-    real(wp), allocatable, private :: by_v(:, :, :)
+    real(wp), allocatable, private :: w(:, :), by_u(:, :, :), by_v(:, :, :)
     !> Of systems that are `moving`: rates, accelerations and loads, slopes by rates, and their
     !! Fourier coefficients, which multiply s.
     real(wp), allocatable, private :: rate(:, :), push(:, :), by_rate(:, :, :)
@@ -83,8 +73,8 @@ module viscovib_hill
   contains
     procedure :: along
     procedure :: count_from
-    procedure :: determinant
-    procedure :: determinant_from_place
+    procedure :: of_orders
+    procedure :: without_poles
     procedure :: mean_system
     procedure :: on_line
     procedure :: root_of
@@ -104,29 +94,18 @@ contains
 
     n = system%n_dof()
     m = system%n_memory()
-    hill%n_dof = n
-    hill%stride = merge(2, 1, set%half_wave)
     hill%n_without_memory = 2*n
-    call hill%find_memory(system)
+    call hill%prepare(system, set, merge(max(2*system%degree - 3, 3), as_degree, &
+                                         system%degree > 0))
     call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
     hill%inverse = real(inverse)
     hill%damping = matmul(hill%inverse, system%damping)
     hill%linear_damping = hill%damping
     hill%spread = matmul(hill%inverse, system%spread)
-    ! Slopes of a polynomial of degree g reach the order (g - 1) K.
-    call new_harmonic_set(hill%set, maxval(set%orders), set%half_wave, &
-                          merge(max(2*system%degree - 3, 3), as_degree, system%degree > 0))
     s = hill%set%n_samples
-    allocate (hill%u(s, n + system%n_rates()), hill%w(s, m), &
-              hill%slopes(s, m, n + system%n_rates()), hill%by_u(s, n, n), &
-              hill%by_v(s, n, m), source=0.0_wp)
-    allocate (hill%by_rate(s, n, n), source=0.0_wp)
+    allocate (hill%w(s, m), hill%by_u(s, n, n), hill%by_v(s, n, m), hill%by_rate(s, n, n), &
+              source=0.0_wp)
     if (system%moving) allocate (hill%rate(s, n), hill%push(s, n), source=0.0_wp)
-    allocate (hill%waves(0:s - 1))
-    do j = 0, s - 1
-      hill%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
-    end do
-    hill%group = [(findloc(hill%kernel_of_group, system%kernel_of(j), 1), j=1, m)]
     allocate (hill%springs_at_rest(n, n, size(hill%kernel_of_group)), im(n, n), source=0.0_wp)
     do j = 1, m
       associate (stiffness => hill%springs_at_rest(:, :, hill%group(j)))
@@ -151,9 +130,7 @@ contains
 
     call self%set_period(system, nu)
     call self%count_from(0.0_wp)
-    call self%set%sample(nu, x, self%u, system%rates)
-    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
-    call hold_waves(system, self%set, self%set%orders*nu, x, self%u, self%slopes)
+    call self%sample(system, x)
     if (.not. system%separable) then
       call variables_along(self, system, nu, x)
       if (system%moving) then
@@ -183,6 +160,94 @@ contains
     real(wp), intent(in) :: line
     self%shift = 0.5_wp*self%period - line
   end subroutine count_from
+
+  !> Highest order: beyond the fastest rate along the motion, and until a disturbance of order 1
+  !! there hardly reaches the next,
+  !!
+  !!   Y_k = f_k sum_m |K_m| Y_(k - m)/[(k nu)^2 - f_k |K_0|],
+  !!
+  !! the stiffness K divided by the mass, and f_k what memory makes of it where that is more. What
+  !! lies beyond acts on exponents by the square of that: there and back.
+  subroutine highest_order(system, kernel_of_group, nu, stride, fastest, waves, highest)
+    class(oscillator_type), intent(in) :: system
+    !> Kernel of each group of hereditary variables; 0: none.
+    integer, intent(in) :: kernel_of_group(:)
+    !> Frequency (rad/s), from order to order, and the fastest rate (rad/s).
+    real(wp), intent(in) :: nu, fastest
+    integer, intent(in) :: stride
+    !> Norms of K_m, orders stride m, m = 0, 1, ... (rad^2/s^2).
+    real(wp), intent(in) :: waves(0:)
+    !> Beyond `max_unknowns` where these are not enough.
+    integer, intent(out) :: highest
+    real(wp) :: reached(2*max_unknowns), beyond, more, before
+    integer :: i, m, top
+
+    top = findloc(waves(1:) > silent*waves(0), .true., 1, back=.true.)
+    highest = ceiling(fastest/nu + 0.5_wp*stride)
+    if (stride == 2 .and. mod(highest, 2) == 0) highest = highest + 1
+    do while (highest <= max_unknowns)
+      more = swelling(system, kernel_of_group, highest*nu)
+      if (highest*nu >= fastest*sqrt(more)) exit
+      highest = highest + stride
+    end do
+    if (highest > max_unknowns) return
+    do i = 1, size(reached)
+      beyond = ((highest + i*stride)*nu)**2 - more*waves(0)
+      reached(i) = 0.0_wp
+      do m = 1, top
+        before = merge(reached(max(i - m, 1)), 1.0_wp, m < i)
+        ! Of large motions it grows by factors for many orders.
+        reached(i) = min(reached(i) + waves(m)*(more/beyond)*before, 1.0e100_wp)
+      end do
+      ! None of these reaches further.
+      if (all(reached(max(i - top + 1, 1):i) <= accurate)) exit
+    end do
+    highest = highest + stride*findloc(reached(:min(i, size(reached))) > accurate, .true., 1, &
+                                       back=.true.)
+  end subroutine highest_order
+
+  !> By how much memory makes a stiffness larger at a frequency (rad/s), 1 at least.
+  real(wp) function swelling(system, kernel_of_group, nu) result(factor)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: kernel_of_group(:)
+    real(wp), intent(in) :: nu
+    complex(wp) :: s(1), kept(1)
+    integer :: q
+
+    s = cmplx(0.0_wp, nu, wp)
+    factor = 1.0_wp
+    do q = 1, size(kernel_of_group)
+      if (kernel_of_group(q) == 0) cycle
+      call system%kernels(kernel_of_group(q))%laplace(s, kept)
+      factor = max(factor, abs(1.0_wp - kept(1)))
+    end do
+  end function swelling
+
+  !> Norms of the Fourier coefficients of a matrix along a (half) period, m = 0, 1, ...
+  subroutine norms_of_waves(phases, matrix, norms)
+    !> exp(-2 pi i m/n)/n at m = 0, 1, ..., n - 1.
+    complex(wp), intent(in) :: phases(0:)
+    !> Shape (n_dof, n_dof, n).
+    real(wp), intent(in) :: matrix(:, :, :)
+    real(wp), intent(out) :: norms(0:)
+    complex(wp) :: wave(size(matrix, 1), size(matrix, 2))
+    integer :: m, s, n
+
+    n = size(matrix, 3)
+    do m = 0, ubound(norms, 1)
+      wave = (0.0_wp, 0.0_wp)
+      do s = 1, n
+        wave = wave + matrix(:, :, s)*phases(modulo(m*(s - 1), n))
+      end do
+      norms(m) = norm(wave)
+    end do
+  end subroutine norms_of_waves
+
+  !> A bound of how much longer a vector becomes: the smaller one of two.
+  pure real(wp) function norm(matrix)
+    complex(wp), intent(in) :: matrix(:, :)
+    norm = min(maxval(sum(abs(matrix), 2)), sqrt(sum(abs(matrix)**2)))
+  end function norm
 
   !> v along the solution, in w.
   subroutine variables_along(self, system, nu, x)
@@ -447,32 +512,14 @@ contains
     end do
   end subroutine fill_products
 
-  !> The determinant at lambda without its divisors; not to be asked for on a cut of a kernel.
-  subroutine determinant(self, system, lambda, value, about_half)
-    class(hill_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
+  !> The divisors vanish at -a modulo i d, or at -a + i d/2.
+  subroutine without_poles(self, lambda, value)
+    class(hill_type), intent(in) :: self
     complex(wp), intent(in) :: lambda
-    complex(wp), intent(out) :: value
-    logical, intent(in) :: about_half
-    integer :: p
-    p = self%n_orders - merge(0, 1, about_half)
-    call of_orders(self, system, p, self%highest - (p - 1)*self%stride, lambda, value)
-    ! The divisors vanish at -a modulo i d, or at -a + i d/2.
+    complex(wp), intent(inout) :: value
     value = value*(1.0_wp - merge(-1, 1, self%stride == 2) &
                    *exp(-2.0_wp*pi/self%period*(self%shift + lambda)))**(2*self%n_dof)
-  end subroutine determinant
-
-  !> The determinant at a distance from where memory is singular.
-  subroutine determinant_from_place(self, system, distance, value)
-    class(hill_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    complex(wp), intent(in) :: distance
-    complex(wp), intent(out) :: value
-    integer :: p
-    p = self%n_orders - merge(0, 1, self%stride == 2)
-    call of_orders(self, system, p, self%highest + self%stride/2 - (p - 1)*self%stride, distance, &
-                   value)
-  end subroutine determinant_from_place
+  end subroutine without_poles
 
   !> s^2 M + s C + B [1 - R(s)] W: the system at rest.
   subroutine mean_system(self, system, s, matrix)
@@ -506,7 +553,7 @@ contains
   !> The root s = lambda + i k nu of a linear system for an exponent lambda: orders k are not
   !! coupled, so one of them alone has a determinant of 0. NaN if this is not clear.
   subroutine root_of(self, system, lambda, root)
-    class(hill_type), intent(in) :: self
+    class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     complex(wp), intent(in) :: lambda
     complex(wp), intent(out) :: root
@@ -518,7 +565,7 @@ contains
     least = huge(least)
     second = huge(second)
     do k = -self%highest, self%highest, self%stride
-      call of_orders(self, system, 1, k, lambda, value)
+      call self%of_orders(system, 1, k, lambda, value)
       size_of = abs(value)
       second = min(second, max(least, size_of))
       if (.not. size_of < least) cycle
@@ -544,7 +591,7 @@ contains
 
   !> The determinant of the p highest orders, from the lowest of these.
   subroutine of_orders(self, system, p, lowest, lambda, value)
-    class(hill_type), intent(in) :: self
+    class(hill_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     integer, intent(in) :: p, lowest
     complex(wp), intent(in) :: lambda

@@ -1,11 +1,16 @@
 ! Optimize: -O3
 !> What all forms of Hill's determinant of a periodic solution have in common, and factors of zeros.
+!!
+!! Exponents of memory itself are near a rate -r at which memory fades: there what a kernel R leaves
+!! of a spring, 1 - R(s), vanishes, or somewhat left of it if other springs remember less. They are
+!! real, or at i d/2 where orders are odd.
 module viscovib_hill_determinant
   use viscovib_band_elimination, only: band_determinant
   use viscovib_constants, only: pi
-  use viscovib_hill_relaxing, only: relaxing_points, widest
+  use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_slope_waves, only: hold_waves
   implicit none
   private
 
@@ -15,12 +20,28 @@ module viscovib_hill_determinant
   real(wp), parameter, public :: slow = 1.0e-12_wp
   !> Gaps smaller than this need care with rounding errors.
   real(wp), parameter :: small_gap = 1.0e-2_wp
+  !> Exponents of memory itself are no faster, in nu.
+  real(wp), parameter :: widest = 100.0_wp
+  !> How much of the stiffness remembers.
+  real(wp), parameter :: parts(2) = [1.0_wp, 0.3_wp]
 
   type, abstract :: hill_determinant
     !> Frequency, and d: exponents matter modulo i d (rad/s).
     real(wp) :: nu = 0.0_wp, period = 0.0_wp
     !> From order to order; 2 under half-wave symmetry.
     integer :: stride = 1
+    !> Coordinates, or deflections of a condensed structure.
+    integer :: n_dof = 0
+    !> Orders of a perturbation, with the one below the lowest. They reach from -highest to highest,
+    !! which mirrors them about Im lambda = 0; with the one below they are mirrored about d/2.
+    integer :: n_orders = 0, highest = 0
+    !> Largest difference of orders that the slopes couple.
+    integer :: reach = 0
+    !> Harmonics of the motion with the samples of its slopes, exp(-2 pi i m/n)/n at m = 0, 1, ...,
+    !! n samples, and deflections and rates with the slopes of all variables at the samples.
+    type(harmonic_set_type) :: set
+    complex(wp), allocatable :: waves(:)
+    real(wp), allocatable :: u(:, :), slopes(:, :, :)
     !> True if the determinant of a motion is known and of reasonable size.
     logical :: ready = .false.
     !> Exponents that a motion has without memory in |Im lambda| <= d/2; huge: not known.
@@ -30,8 +51,8 @@ module viscovib_hill_determinant
     !> True if some kernel is in use, if one of them has no integral, and if relaxed springs push:
     !! some perturbations may grow slowly.
     logical :: remembers = .false., creeps = .false., pushes = .false.
-    !> Kernel of each group of hereditary variables, 0: none.
-    integer, allocatable :: kernel_of_group(:)
+    !> Kernel of each group of hereditary variables, 0: none; group of each variable.
+    integer, allocatable :: kernel_of_group(:), group(:)
     !> Static stiffness of each group at rest, shape (n, n, groups), and the determinant of all of
     !! it; 0: not known.
     real(wp), allocatable :: springs_at_rest(:, :, :)
@@ -43,28 +64,37 @@ module viscovib_hill_determinant
     !> Where memory alone would relax (rad/s, < 0).
     real(wp), allocatable :: relaxing(:)
   contains
-    procedure(determinant_interface), deferred :: determinant
+    procedure(of_orders_interface), deferred :: of_orders
+    procedure(without_poles_interface), deferred :: without_poles
     procedure(on_line_interface), deferred :: on_line
-    procedure(from_place_interface), deferred :: determinant_from_place
     procedure(mean_interface), deferred :: mean_system
-    procedure :: find_memory
+    procedure :: determinant
+    procedure :: determinant_from_place
+    procedure :: prepare
+    procedure :: sample
     procedure :: set_period
     procedure :: relaxation
   end type hill_determinant
 
   abstract interface
 
-    !> The determinant at lambda, without poles where exponents are sought. It tends to a constant
-    !! far to the right.
-    subroutine determinant_interface(self, system, lambda, value, about_half)
+    !> The determinant of the p highest orders, from the lowest of these.
+    subroutine of_orders_interface(self, system, p, lowest, lambda, value)
       import :: hill_determinant, oscillator_type, wp
       class(hill_determinant), intent(inout) :: self
       class(oscillator_type), intent(in) :: system
+      integer, intent(in) :: p, lowest
       complex(wp), intent(in) :: lambda
       complex(wp), intent(out) :: value
-      !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
-      logical, intent(in) :: about_half
-    end subroutine determinant_interface
+    end subroutine of_orders_interface
+
+    !> Multiply a determinant by factors that vanish at its poles.
+    subroutine without_poles_interface(self, lambda, value)
+      import :: hill_determinant, wp
+      class(hill_determinant), intent(in) :: self
+      complex(wp), intent(in) :: lambda
+      complex(wp), intent(inout) :: value
+    end subroutine without_poles_interface
 
     !> The determinant on a line Re lambda = constant from Im lambda = 0 to d/2.
     subroutine on_line_interface(self, system, lambda, value)
@@ -74,16 +104,6 @@ module viscovib_hill_determinant
       complex(wp), intent(in) :: lambda
       complex(wp), intent(out) :: value
     end subroutine on_line_interface
-
-    !> The determinant at a distance, however small, from where memory is singular: from 0, or i d/2
-    !! where orders are odd. Factors that have neither zeros nor poles near there are left out.
-    subroutine from_place_interface(self, system, distance, value)
-      import :: hill_determinant, oscillator_type, wp
-      class(hill_determinant), intent(inout) :: self
-      class(oscillator_type), intent(in) :: system
-      complex(wp), intent(in) :: distance
-      complex(wp), intent(out) :: value
-    end subroutine from_place_interface
 
     !> A matrix that is singular at rates s of growth (1/s, real and positive) where stiffness does
     !! not vary.
@@ -110,6 +130,70 @@ module viscovib_hill_determinant
 
 contains
 
+  !> For motions with the harmonics of `set`.
+  subroutine prepare(self, system, set, degree)
+    class(hill_determinant), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(harmonic_set_type), intent(in) :: set
+    !> Degree of the forces of which the slopes are sampled.
+    integer, intent(in) :: degree
+    integer :: j, s
+
+    self%n_dof = system%n_dof()
+    self%stride = merge(2, 1, set%half_wave)
+    ! Slopes of a polynomial of degree g reach the order (g - 1) K.
+    call new_harmonic_set(self%set, maxval(set%orders), set%half_wave, degree)
+    s = self%set%n_samples
+    allocate (self%u(s, self%n_dof + system%n_rates()), &
+              self%slopes(s, system%n_memory(), self%n_dof + system%n_rates()), source=0.0_wp)
+    allocate (self%waves(0:s - 1))
+    do j = 0, s - 1
+      self%waves(j) = cmplx(cos(2.0_wp*pi*j/s), -sin(2.0_wp*pi*j/s), wp)/s
+    end do
+    call find_memory(self, system)
+  end subroutine prepare
+
+  !> Deflections and slopes along a motion of the present frequency.
+  subroutine sample(self, system, x)
+    class(hill_determinant), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    !> Harmonics, real and imaginary part by turns, shape (2 n_orders, n_dof).
+    real(wp), intent(in) :: x(:, :)
+    call self%set%sample(self%nu, x, self%u, system%rates)
+    if (any(system%bent)) call system%deflection_slopes(self%u, self%slopes)
+    call hold_waves(system, self%set, self%set%orders*self%nu, x, self%u, self%slopes)
+  end subroutine sample
+
+  !> The determinant at lambda, without poles where exponents are sought. It tends to a constant far
+  !! to the right. Not on a cut of a kernel.
+  subroutine determinant(self, system, lambda, value, about_half)
+    class(hill_determinant), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: lambda
+    complex(wp), intent(out) :: value
+    !> Orders mirrored about Im lambda = d/2, where the determinant is real then, instead of 0.
+    logical, intent(in) :: about_half
+    integer :: p
+    p = self%n_orders - merge(0, 1, about_half)
+    call self%of_orders(system, p, self%highest - (p - 1)*self%stride, lambda, value)
+    call self%without_poles(lambda, value)
+  end subroutine determinant
+
+  !> The determinant at a distance, however small, from where memory is singular: from 0, or i d/2
+  !! where orders are odd.
+  subroutine determinant_from_place(self, system, distance, value)
+    class(hill_determinant), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    complex(wp), intent(in) :: distance
+    complex(wp), intent(out) :: value
+    integer :: p
+    p = self%n_orders - merge(0, 1, self%stride == 2)
+    call self%of_orders(system, p, self%highest + self%stride/2 - (p - 1)*self%stride, distance, &
+                        value)
+    call self%without_poles(distance + cmplx(0.0_wp, merge(0.5_wp*self%period, 0.0_wp, &
+                                                           self%stride == 2), wp), value)
+  end subroutine determinant_from_place
+
   !> Everything that kernels decide.
   subroutine find_memory(self, system)
     class(hill_determinant), intent(inout) :: self
@@ -130,6 +214,7 @@ contains
       q = system%kernel_of(j)
       if (.not. any(self%kernel_of_group == q)) self%kernel_of_group = [self%kernel_of_group, q]
     end do
+    self%group = [(findloc(self%kernel_of_group, system%kernel_of(j), 1), j=1, system%n_memory())]
   end subroutine find_memory
 
   !> For motions of frequency nu (rad/s).
@@ -143,6 +228,84 @@ contains
     if (self%pushes) self%finest = max(self%fading, slow*self%period)
     if (.not. allocated(self%relaxing)) call relaxing_points(system, widest*nu, self%relaxing)
   end subroutine set_period
+
+  !> Where 1 - part R(s) = 0 at real s, -range < s < 0, for every kernel in use.
+  subroutine relaxing_points(system, range, points)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: range
+    real(wp), allocatable, intent(out) :: points(:)
+    real(wp) :: s
+    integer :: i, q
+    logical :: made
+
+    allocate (points(0))
+    do q = 1, size(system%kernels)
+      if (.not. any(system%kernel_of == q)) cycle
+      do i = 1, merge(1, size(parts), all(system%kernel_of == q))
+        call relaxing(system, q, parts(i), range, s, made)
+        if (.not. made) exit
+        points = [points, s]
+      end do
+    end do
+  end subroutine relaxing_points
+
+  !> Where part R(s) = 1 at real s, 0 > s > -range: R grows from s = 0 to its first singularity, and
+  !! is no positive real number behind it.
+  subroutine relaxing(system, q, part, range, s, made)
+    class(oscillator_type), intent(in) :: system
+    integer, intent(in) :: q
+    real(wp), intent(in) :: part, range
+    real(wp), intent(out) :: s
+    logical, intent(out) :: made
+    complex(wp) :: r(1)
+    real(wp) :: low, high, last
+    integer :: i
+
+    made = .false.
+    s = 0.0_wp
+    ! With a factor below 0 springs stiffen: R grows nowhere above 0.
+    if (.not. system%kernels(q)%factor > 0.0_wp) return
+    if (.not. system%kernels(q)%integral() < 1.0_wp/part) return
+    ! Above the root at low, below it, or behind the singularity, at high.
+    low = 0.0_wp
+    high = 0.0_wp
+    last = 0.0_wp
+    s = 1.0e-12_wp*range
+    do while (s < range)
+      call system%kernels(q)%laplace([cmplx(-s, 0.0_wp, wp)], r)
+      if (beyond()) then
+        high = s
+        exit
+      end if
+      last = real(r(1))
+      low = s
+      s = 2.0_wp*s
+    end do
+    if (.not. high > 0.0_wp) return
+    do i = 1, 60
+      s = 0.5_wp*(low + high)
+      call system%kernels(q)%laplace([cmplx(-s, 0.0_wp, wp)], r)
+      if (beyond()) then
+        high = s
+      else
+        low = s
+        last = real(r(1))
+      end if
+      if (high - low <= 1.0e-14_wp*high) exit
+    end do
+    s = -low
+    made = .true.
+
+  contains
+
+    logical function beyond()
+      beyond = .true.
+      if (.not. abs(r(1)) <= huge(1.0_wp)) return
+      if (abs(aimag(r(1))) > 1.0e-12_wp*abs(real(r(1)))) return
+      beyond = real(r(1)) < last .or. real(r(1))*part > 1.0_wp
+    end function beyond
+
+  end subroutine relaxing
 
   !> What memory leaves of the static stiffness at rest at s = lambda (lambda - i d/2 under
   !! half-wave symmetry), det K(s)/det K without memory; 1 where that vanishes or is not known. Near

@@ -11,13 +11,12 @@
 module viscovib_hill_roots
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_hill_count, only: may_be_of_memory
-  use viscovib_hill_creep, only: n_slow, n_strips, rates_in_strip, strip_of
+  use viscovib_hill_creep, only: n_slow, n_strips, rates_from_rest, rates_in_strip, strip_of
   use viscovib_hill_determinant, only: hill_determinant, into_strip
   use viscovib_hill_path, only: hill_path_type
   use viscovib_hill_secant, only: folded, leftmost, on_line, secant, smallest_step
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_rest_growth, only: rates_from_rest
   use viscovib_sorting, only: sort_falling
   implicit none
   private

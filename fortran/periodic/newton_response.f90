@@ -81,9 +81,7 @@ contains
     call walk%begin(rest, 2*ladder%n_orders(ladder%n_rungs), system%n_dof())
     if (present(start)) call walk%begin_at(start, nu(1), ladder)
     do i = 1, size(nu)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       if (present(found)) then
         if (found%outcome(i) == outcome_converged) then
           call walk%take(response, i, ladder)

@@ -42,9 +42,7 @@ contains
 
     multipliers = (0.0_wp, 0.0_wp)
     do i = 1, size(p)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       call balance%visit(x(:, i), p(i), .true., inside)
       call floquet%multipliers(balance, x(:, i), multipliers(:, i))
     end do

@@ -99,9 +99,7 @@ contains
           if (branch%n_points > 0) exit
         end if
         if (rung == ladder%n_rungs) exit
-        if (present(cancel)) then
-          if (is_set(cancel)) exit
-        end if
+        if (is_set(cancel)) exit
         ! A motion with few orders may have no counterpart with more: start with more.
         rung = ladder%rung_of(2*ladder%highest(rung) + 1)
         call ladder%prepare(rung, curve%system, curve%load, nu)

@@ -134,7 +134,7 @@ contains
       end do
       if (all(work%point == 0)) exit
       stopped = stop_wanted()
-      if (present(cancel) .and. .not. stopped) stopped = is_set(cancel)
+      if (.not. stopped) stopped = is_set(cancel)
       if (stopped) then
         call give_up()
         exit

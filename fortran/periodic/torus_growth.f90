@@ -93,9 +93,7 @@ contains
     total = 0.0_wp
     swings = 0.0_wp
     do s = 1, n_steps
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       do i = 1, table%n_stages
         call stage_sums(n, table%n_terms(i), table%from(1, i), table%weights(1, 1, i), f, in_q, &
                         in_v)

@@ -206,9 +206,7 @@ contains
     vain = 0
     near_enough = .false.
     do k = 1, max_iterations
-      if (present(cancel)) then
-        if (is_set(cancel)) exit
-      end if
+      if (is_set(cancel)) exit
       call balance%residual(new, p, step, inside)
       if (.not. inside) return
       call levels%correction(balance, step)

@@ -195,9 +195,7 @@ contains
     allocate (last(size(x, 1)), before(size(x, 1)), source=0.0_wp)
     bound = ladder%first
     do i = 1, size(p)
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       call ladder%prepare(bound, status)
       if (status%failed()) return
       associate (rung => ladder%rungs(bound))
@@ -336,9 +334,7 @@ contains
     outer = [(outer_part(ladder, ladder%last, x(:, i)), i=1, size(p))]
     do j = 1, min(max_checked, size(p))
       if (status%failed()) return
-      if (present(cancel)) then
-        if (is_set(cancel)) return
-      end if
+      if (is_set(cancel)) return
       i = maxloc(outer, 1)
       outer(i) = -1.0_wp
       call ladder%check_truncation(p(i), tolerance, ladder%last, ladder%cropped(ladder%last, &
@@ -374,9 +370,7 @@ contains
     associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
       call new_curve_step(newton, balance)
       do i = 1, size(fold_p)
-        if (present(cancel)) then
-          if (is_set(cancel)) return
-        end if
+        if (is_set(cancel)) return
         from = max(1, before(i))
         to = min(size(p), before(i) + 1)
         chord = [ladder%lifted(x(:, to)) - ladder%lifted(x(:, from)), p(to) - p(from)]
@@ -416,7 +410,7 @@ contains
   end function next_bound
 
   ! Errors of solutions of harmonic balance on a torus: the remaining correction, and rounding
-  ! errors (like `viscovib_rounding_error` for oscillators). With many unknowns both use the
+  ! errors (like `viscovib_motion_checks` for oscillators). With many unknowns both use the
   ! approximate derivatives of `viscovib_torus_levels`.
 
   !> Error relative to the largest unknown, as for the truncation error.

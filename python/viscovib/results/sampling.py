@@ -21,12 +21,11 @@ def sampling_errors(result: Any, job: Job, p: FloatArray, y: ComplexArray) -> Fl
     ``job``: system, load and varied parameter for the core; ``p``: its values; ``y``: motions
     relative to the base, shape (n, n_dof, m).
     """
-    used = np.searchsorted(result.harmonics, result.highest, side="right")
-    used[~np.isfinite(y).all(axis=(1, 2)) | (result.highest <= 0)] = 0
     errors = job.run_long(
-        "response sampling_errors", kept=result.harmonics, p=p, motions=y.T, used=used
-    )["errors"]
-    return np.where(errors < 0, np.nan, errors)
+        "response sampling_errors",
+        kept=result.harmonics, p=p, motions=y.T, highest=result.highest,
+    )["errors"]  # fmt: skip
+    return np.asarray(errors)
 
 
 def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> FloatArray:
@@ -34,22 +33,11 @@ def rounding_errors(result: Any, job: Job, y: ComplexArray, *, linear: bool) -> 
 
     ``job``: system and load for the core; ``y``: motions relative to the base.
     """
-    kept = result.harmonics
-    if linear:
-        # Only harmonics of the load, of any order.
-        odd = kept.size > 0 and (kept % 2 == 1).all()
-        last = kept.max(initial=0)
-        kept = np.arange(1 if odd else 0, last + 1, 2 if odd else 1)
-        whole = np.zeros((*y.shape[:2], kept.size), dtype=complex)
-        whole[..., np.searchsorted(kept, result.harmonics)] = y
-        y = whole
-    used = np.searchsorted(kept, result.highest, side="right")
-    # The highest harmonic is 0 for a motion at rest, a mean only, or no solution.
-    used[~np.isfinite(y).all(axis=(1, 2)) | ~result.converged] = 0
     errors = job.run_long(
-        "response rounding_errors", kept=kept, nu=result.nu, motions=y.T, used=used, linear=linear
-    )["errors"]
-    return np.where(errors < 0, np.nan, errors)
+        "response rounding_errors",
+        kept=result.harmonics, nu=result.nu, motions=y.T, highest=result.highest, linear=linear,
+    )["errors"]  # fmt: skip
+    return np.asarray(errors)
 
 
 def lost_energy(
