@@ -22,6 +22,7 @@ module viscovib_motion_tasks
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_pendulum_job, only: plan_pendulum
+  use viscovib_point_motion, only: move_point
   use viscovib_polynomial, only: polynomial_type
   use viscovib_polynomial_job, only: plan_polynomial
   use viscovib_polynomial_motion, only: polynomial_motion_type
@@ -67,6 +68,8 @@ contains
       call find_accelerations(task)
     case ('mount forces')
       call find_forces_of_mounts(task)
+    case ('at point')
+      call find_point_motion(task)
     case ('element forces')
       call find_forces_of_elements(task)
     case ('support reactions')
@@ -320,6 +323,27 @@ contains
     force = rows%reactions(moved, base, apart)
     call task%found%put_reals('force', force, shape(force))
   end subroutine find_support_reactions
+
+  !> Displacements, velocities and accelerations `moved` (n, 3, 3) of a point, as of `move_point`:
+  !! `arm` (3), `exact`, `u`, `rate` and `push` (n, n_dof).
+  subroutine find_point_motion(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: arm(:), u(:, :), rate(:, :), push(:, :)
+    real(wp), allocatable :: moved(:, :, :)
+    logical :: exact
+
+    arm => task%get_reals('arm')
+    exact = task%get_flag('exact')
+    u => task%get_matrix('u')
+    rate => task%get_matrix('rate')
+    push => task%get_matrix('push')
+    call task%check_extents('arm', shape(arm), [3])
+    call task%check_extents('rate', shape(rate), shape(u))
+    call task%check_extents('push', shape(push), shape(u))
+    if (task%failed()) return
+    moved = move_point(arm, exact, u, rate, push)
+    call task%found%put_reals('moved', moved, shape(moved))
+  end subroutine find_point_motion
 
   !> Located `peak` (m) with the time `at` and the `error` of the location, of quantities `values`
   !! (n, m) at ascending times `t` (n). Between `breaks` they are smooth. Quantities that need more

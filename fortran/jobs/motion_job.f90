@@ -12,7 +12,7 @@ module viscovib_motion_job
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: wall
   use viscovib_law_term, only: law_term
-  use viscovib_motion_quantities, only: find_peaks, find_quantities, motion_quantities, &
+  use viscovib_motion_quantities, only: find_peaks, find_quantities, motion_quantities, of_point, &
     put_peaks, quantity_length
   use viscovib_number_text, only: exact
   use viscovib_pendulum_job, only: plan_pendulum
@@ -116,6 +116,7 @@ contains
     if (self%motion%wants_accelerations) then
       text = text//'computes: accelerations of the states kept, by the equations'//new_line('a')
     end if
+    if (allocated(self%motion%point)) text = text//'computes: motion of a point'//new_line('a')
     if (self%motion%wants_forces) text = text//'computes: forces of ' &
       //trim(merge('the mounts          ', 'elements and springs', subject%is_body)) &
       //new_line('a')
@@ -171,7 +172,7 @@ contains
     call find_quantities(self%motion, subject, self%nu, self%motion%wants_accelerations &
                          .or. self%shock%place > 0, trajectory, quantities, status)
     if (status%failed()) return
-    call put_motion(self, subject, trajectory, quantities%accelerations, method, sink, status)
+    call put_motion(self, subject, trajectory, quantities, method, sink, status)
     if (status%failed()) return
     if (self%motion%wants_forces) call quantities%forces%put(subject, trajectory%t, sink, status)
     if (status%failed()) return
@@ -335,6 +336,7 @@ contains
     places = self%wanted
     if (self%spectrum%wanted) places = union(places, self%spectrum%transformed)
     if (self%decay%wanted) places = union(places, self%decay%fitted)
+    if (allocated(self%motion%point)) places = union(places, [(i, i=1, 6)])
     if (.not. allocated(self%motion%watched)) return
     associate (n => size(self%motion%initial)/2)
       places = union(places, pack([(i, i=1, n)], coordinates_read(self%motion%watched, n)))
@@ -353,12 +355,11 @@ contains
   end function union
 
   !> A row a time.
-  subroutine put_motion(self, subject, trajectory, accelerations, method, sink, status)
+  subroutine put_motion(self, subject, trajectory, quantities, method, sink, status)
     class(motion_job), intent(in) :: self
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in), target :: trajectory
-    !> Of all coordinates, if they are wanted.
-    real(wp), allocatable, intent(in), target :: accelerations(:, :)
+    type(motion_quantities), intent(in), target :: quantities
     character(len=*), intent(in) :: method
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status
@@ -377,9 +378,14 @@ contains
       call table%add_reals(name, trajectory%states(row, :))
       call table%add_reals(name//'_dot', trajectory%states(row + 1, :))
       if (self%motion%wants_accelerations) then
-        call table%add_reals(name//'_ddot', accelerations(self%wanted(i), :))
+        call table%add_reals(name//'_ddot', quantities%accelerations(self%wanted(i), :))
       end if
     end do
+    if (allocated(quantities%point)) then
+      do i = 1, size(of_point)
+        call table%add_reals(trim(of_point(i)), quantities%point(:, i))
+      end do
+    end if
     call sink%put(this_kind(), table, status)
   end subroutine put_motion
 

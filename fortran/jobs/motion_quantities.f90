@@ -7,6 +7,7 @@ module viscovib_motion_quantities
   use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
   use viscovib_motion_accelerations, only: find_accelerations
   use viscovib_motion_forces, only: motion_forces, quantity_length
+  use viscovib_point_motion, only: move_point
   use viscovib_sorting, only: sort_reals
   use viscovib_status, only: set_ok, status_type
   use viscovib_subject, only: subject_type
@@ -18,9 +19,17 @@ module viscovib_motion_quantities
 
   public :: find_peaks, find_quantities, motion_quantities, put_peaks, quantity_length
 
+  !> Names of the columns of a point.
+  character(len=*), parameter, public :: of_point(9) = &
+    [character(len=12) :: 'point_x', 'point_y', 'point_z', 'point_x_dot', 'point_y_dot', &
+    'point_z_dot', 'point_x_ddot', 'point_y_ddot', 'point_z_ddot']
+
   type :: motion_quantities
     !> Of all coordinates, a column for each time; not allocated: not wanted.
     real(wp), allocatable :: accelerations(:, :)
+    !> Displacements, velocities and accelerations of a point, shape (n, 9); not allocated: not
+    !! wanted.
+    real(wp), allocatable :: point(:, :)
     !> Not allocated: not wanted.
     type(motion_forces), allocatable :: forces
   end type motion_quantities
@@ -40,7 +49,9 @@ contains
     type(status_type), intent(out) :: status
     type(known_motion) :: known
     real(wp), allocatable :: accelerations(:, :)
+    integer, allocatable :: rows(:)
     real(wp) :: frequency
+    integer :: i
 
     call set_ok(status)
     frequency = nu
@@ -48,10 +59,18 @@ contains
     type is (hereditary_job)
       frequency = motion%nu
     end select
-    if (accelerates) then
+    if (accelerates .or. allocated(motion%point)) then
       call find_accelerations(motion, subject, frequency, trajectory, quantities%accelerations, &
                               status)
       if (status%failed()) return
+    end if
+    if (allocated(motion%point)) then
+      rows = [(trajectory%row_of(i), i=1, 6)]
+      quantities%point = reshape(move_point(motion%point, subject%is_turning, &
+                                            transpose(trajectory%states(rows, :)), &
+                                            transpose(trajectory%states(rows + 1, :)), &
+                                            transpose(quantities%accelerations)), &
+                                 [size(trajectory%t), 9])
     end if
     if (.not. motion%wants_forces) return
     call know_motion(motion, subject, frequency, trajectory, known, status)
@@ -60,7 +79,7 @@ contains
     call quantities%forces%find(subject, frequency, known)
     if (.not. allocated(subject%model%supports%names)) return
     if (any(abs(subject%model%supports%rows%free(:, :, 1)) > 0.0_wp)) then
-      if (accelerates) then
+      if (allocated(quantities%accelerations)) then
         accelerations = quantities%accelerations
       else
         call find_accelerations(motion, subject, frequency, trajectory, accelerations, status)
@@ -190,7 +209,8 @@ contains
     if (allocated(quantities%forces)) then
       call quantities%forces%quantities(subject, of_forces, forces)
     end if
-    n_columns = (2 + merge(1, 0, motion%wants_accelerations))*size(wanted) + size(of_forces)
+    n_columns = (2 + merge(1, 0, motion%wants_accelerations))*size(wanted) + size(of_forces) &
+                + merge(size(of_point), 0, allocated(quantities%point))
     allocate (names(n_columns), values(size(trajectory%t), n_columns))
     n_columns = 0
     do i = 1, size(wanted)
@@ -202,6 +222,11 @@ contains
         call add(name//'_ddot', quantities%accelerations(wanted(i), :))
       end if
     end do
+    if (allocated(quantities%point)) then
+      do i = 1, size(of_point)
+        call add(trim(of_point(i)), quantities%point(:, i))
+      end do
+    end if
     names(n_columns + 1:) = of_forces
     values(:, n_columns + 1:) = forces
 

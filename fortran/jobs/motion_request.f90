@@ -46,6 +46,8 @@ module viscovib_motion_request
     real(wp), allocatable :: watched(:)
     !> Whether mount forces at the states kept, and peaks of all columns are wanted.
     logical :: wants_forces = .false., wants_peaks = .false.
+    !> Point of a body whose motion is wanted, from the mass centre at rest; not allocated: none.
+    real(wp), allocatable :: point(:)
     !> Whether accelerations of the states kept are wanted; whether a run without memory finds them
     !! at its `times`.
     logical :: wants_accelerations = .false., accelerates = .false.

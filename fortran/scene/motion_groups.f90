@@ -22,8 +22,8 @@ module viscovib_motion_groups
   implicit none
   private
 
-  public :: read_decay, read_forces, read_hereditary, read_shock_spectrum, read_spectrum, &
-    read_transient
+  public :: read_decay, read_forces, read_hereditary, read_point, read_shock_spectrum, &
+    read_spectrum, read_transient
 
   !> Keys of the range that a list of frequencies replaces.
   character(len=*), parameter :: grid_keys(4) = &
@@ -304,6 +304,19 @@ contains
     end if
     call read_range(reader, '', hz, 'spacing')
   end subroutine read_frequencies
+
+  !> The point of a body whose motion is wanted.
+  subroutine read_point(reader, subject, point)
+    type(group_reader), intent(inout) :: reader
+    type(subject_type), intent(in) :: subject
+    !> From the mass centre at rest; not allocated: none.
+    real(wp), allocatable, intent(out) :: point(:)
+    if (.not. subject%is_body) return
+    if (.not. reader%may_have('point')) return
+    point = reader%read_reals('point')
+    if (reader%status%failed()) return
+    point = matmul(subject%axes, point - subject%center)
+  end subroutine read_point
 
   !> Whether forces along a motion are wanted.
   subroutine read_forces(reader, subject, wanted)

@@ -29,7 +29,7 @@ module viscovib_scene_results
   use viscovib_load_groups, only: read_frequency
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
-  use viscovib_motion_groups, only: read_decay, read_forces, read_hereditary, &
+  use viscovib_motion_groups, only: read_decay, read_forces, read_hereditary, read_point, &
     read_shock_spectrum, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: lower, namelist_type
@@ -241,6 +241,7 @@ contains
       end if
       call move_alloc(motion, own%motion)
     end if
+    call read_point(reader, subject, own%motion%point)
     call read_forces(reader, subject, own%motion%wants_forces)
     own%motion%wants_peaks = reader%read_yes('peaks')
     if (own%motion%wants_peaks .and. own%motion%last_only) then

@@ -8,6 +8,7 @@ import pytest
 import viscovib as vv
 from driver import check_failure
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 DEBUG = "debug" in os.environ.get("VISCOVIB_SOLVE", "")
 KERNELS = {
@@ -57,7 +58,7 @@ def random_scene(seed):
         f"{KERNELS[kernel]}&body mass=8 inertia=0.2 0.3 0.35 center=0.02 0.01 0.03 {weight} "
         f"geometry='{geometry}' load_axes='space' /\n{''.join(feet)}&load force=1 2 10 /\n"
         f"&transient nu=9 t_end=0.9 dt=0.015 initial={start} acceleration='yes' forces='yes' "
-        "peaks='yes' /\n"
+        "peaks='yes' point=0.1 -0.2 0.3 /\n"
     )
 
 
@@ -129,10 +130,27 @@ def test_forces_of_random_bodies(solve, tmp_path, seed):
     for power, energy in ((own.force, "_work"), (own.damping, "_dissipated")):
         spline = CubicSpline(own.t, (power * own.rate)[:, 0, 2]).antiderivative()(own.t)
         np.testing.assert_allclose(forces[f"fl.z{energy}"], spline, atol=1e-12 * size)
+    point = run.motion_of([0.1, -0.2, 0.3])
+    place = body._arm("point", [0.1, -0.2, 0.3])
+    turned = np.cross(run.state[:, 6:12:2], place)
+    if body._turns:
+        turned = Rotation.from_rotvec(run.state[:, 6:12:2]).apply(place) - place
+    np.testing.assert_allclose(point.displacement, run.state[:, :6:2] + turned, atol=1e-15)
+    for j, axis in enumerate("xyz"):
+        for order, end in enumerate(("", "_dot", "_ddot")):
+            own = (point.displacement, point.velocity, point.acceleration)[order][:, j]
+            near = 1e-11 * np.abs(own).max()
+            np.testing.assert_allclose(motion[f"point_{axis}{end}"], own, rtol=0, atol=near)
+            if order < 2:
+                rate = (point.velocity, point.acceleration)[order][:, j]
+                slope = CubicSpline(run.t, own)(run.t, 1)
+                assert np.abs(slope - rate)[3:-3].max() < 0.05 * np.abs(rate).max()
     peaks = tables["peaks"]
     names = [str(name) for name in peaks["quantity"]]
     assert names[-3:] == ["floor.x", "floor.y", "floor.z"]
-    for name, value, top in zip(names, peaks["value"], run.peak(names), strict=True):
+    kept = [not name.startswith("point") for name in names]
+    values, names = peaks["value"][kept], [n for n in names if not n.startswith("point")]
+    for name, value, top in zip(names, values, run.peak(names), strict=True):
         assert value == pytest.approx(top.value, rel=1e-11, abs=1e-12 * size), name
         assert abs(value) >= np.abs((motion | forces)[name]).max()
 

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.bodies.checks import checked_vector
-from viscovib.bodies.in_time import point_moved
 from viscovib.common.counts import things
 from viscovib.common.parameters import Flag
 from viscovib.common.plan import Plan, wanted_places
@@ -583,7 +582,10 @@ class Trajectory(Result):
         floor = None if self._floor is None else self._floor.at(self.t)
         if floor is not None:
             moved[:2] = [one + base for one, base in zip(moved[:2], floor[:2], strict=True)]
-        found = point_moved(arm, *moved, turns=body._turns)
+        u, rate, push = (np.asfortranarray(one) for one in moved)
+        found = _native.run(
+            "motion at point", arm=arm, exact=body._turns, u=u, rate=rate, push=push
+        )["moved"].transpose(2, 0, 1)
         if relative:
             floor = floor or self._equations("motion_of").floor(self)
             found = tuple(
