@@ -82,6 +82,7 @@ contains
     associate (system => subject%polynomial)
       own_forces = any(system%kernel_of > 0) .or. any([(system%laws(i)%state > 0 .or. &
         system%laws(i)%program%n_surfaces() > 0, i=1, size(system%laws))])
+      own_forces = own_forces .or. allocated(system%shaft)
     end associate
   end function own_forces
 

@@ -53,6 +53,9 @@ module viscovib_subject
     type(structure_type) :: structure
     type(load_type) :: load
     character(len=name_length), allocatable :: coordinates(:), units(:)
+    !> Angle and speed at t = 0 of the shaft, whose angle is the last coordinate; not allocated: no
+    !! speed changes in time.
+    real(wp), allocatable :: shaft_start(:)
   contains
     procedure :: oscillator
     procedure :: base_direction

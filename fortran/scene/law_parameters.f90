@@ -11,6 +11,7 @@ module viscovib_law_parameters
   use viscovib_near_words, only: longest
   use viscovib_number_text, only: exact
   use viscovib_scene_groups, only: place_of
+  use viscovib_shaft_system, only: torque_arguments
   use viscovib_status, only: clipped, show, status_type
   implicit none
   private
@@ -20,8 +21,9 @@ module viscovib_law_parameters
   character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz' &
                                            //'ABCDEFGHIJKLMNOPQRSTUVWXYZ_', &
                                  digits = '0123456789', &
-                                 keys(7) = [character(len=9) :: 'law', 'law_x', 'law_y', 'law_z', &
-                                                             'function', 'amplitude', 'phase']
+                                 keys(8) = [character(len=9) :: 'law', 'law_x', 'law_y', 'law_z', &
+                                                             'function', 'amplitude', 'phase', &
+                                                             'torque']
 
   type :: parameter_type
     character(len=longest) :: name = ''
@@ -62,8 +64,8 @@ contains
     call reader%close(echo, status)
     if (status%failed()) return
     do i = 1, size(file%groups)
-      if (.not. any([character(len=11) :: 'force', 'element', 'mount_point', 'event', 'load'] &
-                    == file%groups(i)%name)) cycle
+      if (.not. any([character(len=12) :: 'force', 'element', 'mount_point', 'event', 'load', &
+                     'drive_torque'] == file%groups(i)%name)) cycle
       file%groups(i)%names = known%name
       file%groups(i)%values = values
       do j = 1, file%groups(i)%n_entries
@@ -97,6 +99,10 @@ contains
     end if
     if (name == 'nu' .and. has_formulas(file)) call reader%complain(name, 'nu: is the frequency ' &
       //'in a formula of a &load, must be another name')
+    if (any(torque_arguments == name) &
+        .and. place_of(file, 'drive_torque') <= size(file%groups)) then
+      call reader%complain(name, name//': is an argument of a torque, must be another name')
+    end if
     system = place_of(file, 'system')
     if (system > size(file%groups)) return
     k = file%groups(system)%find('coordinates')

@@ -25,6 +25,8 @@ module viscovib_motion_groups
   public :: read_decay, read_forces, read_hereditary, read_point, read_shock_spectrum, &
     read_spectrum, read_transient
 
+  !> Default accuracy of a motion with a shaft, relative to the largest value of each coordinate.
+  real(wp), parameter :: of_angles = 1.0e-9_wp
   !> Keys of the range that a list of frequencies replaces.
   character(len=*), parameter :: grid_keys(4) = &
     [character(len=7) :: 'from', 'to', 'count', 'spacing']
@@ -59,7 +61,7 @@ contains
     call reader%place(status)
   end subroutine read_hereditary
 
-  subroutine read_transient(reader, system, job, from_rest, is_pushed)
+  subroutine read_transient(reader, system, job, from_rest, is_pushed, shaft_start)
     type(group_reader), intent(inout) :: reader
     class(driven_system_type), intent(in) :: system
     type(transient_job), intent(out) :: job
@@ -67,11 +69,16 @@ contains
     logical, intent(in), optional :: from_rest
     !> Whether a shock moves it: it begins at rest where no start is given.
     logical, intent(in), optional :: is_pushed
+    !> Angle and speed of a shaft, which follow the start that is given; not allocated: no shaft.
+    real(wp), allocatable, intent(in), optional :: shaft_start(:)
     type(status_type) :: checked
     character(len=:), allocatable :: word
-    real(wp) :: start(2*(system%n_dof - system%n_hidden))
-    logical :: may_lack, is_resting
+    real(wp), allocatable :: start(:)
+    logical :: may_lack, is_resting, has_shaft
 
+    has_shaft = .false.
+    if (present(shaft_start)) has_shaft = allocated(shaft_start)
+    allocate (start(2*(system%n_dof - system%n_hidden - merge(1, 0, has_shaft))))
     may_lack = .false.
     is_resting = .false.
     if (present(is_pushed)) is_resting = is_pushed
@@ -81,16 +88,26 @@ contains
       job%held = reader%read_reals('held', size(start)/2)
       if (reader%status%failed()) return
       start(1::2) = job%held
-      job%initial = reader%read_reals('initial', 2*(system%n_dof - system%n_hidden), start)
+      job%initial = reader%read_reals('initial', size(start), start)
     else if (is_resting) then
       job%initial = reader%read_reals('initial', size(start), start)
     else
       job%initial = reader%read_reals('initial', size(start))
     end if
+    if (has_shaft .and. .not. reader%status%failed()) then
+      if (any(abs(job%held) > 0.0_wp)) call reader%complain('held', 'held: must be 0 while the ' &
+                                                            //'speed of a shaft changes')
+      deallocate (job%held)
+      job%initial = [job%initial, shaft_start]
+    end if
     call check_start(reader, job%initial)
     job%t_end = reader%read_real('t_end')
     job%dt = reader%read_real('dt')
     call read_accuracy(reader, job)
+    ! Angles are large.
+    if (has_shaft .and. .not. (job%dt > 0.0_wp .or. job%tolerance > 0.0_wp)) then
+      job%relative = max(job%relative, of_angles*merge(0.0_wp, 1.0_wp, job%relative > 0.0_wp))
+    end if
     word = reader%read_text('method', allowed=transient_methods, choice=job%method)
     ! What remembers does so by exponentials.
     if (may_lack) word = reader%read_text('memory', allowed=past_names(:2))
@@ -327,7 +344,10 @@ contains
     wanted = .false.
     if (.not. subject%is_pendulum) wanted = reader%read_yes('forces')
     if (.not. wanted .or. reader%status%failed()) return
-    if (subject%model%n_given == 0 .and. .not. allocated(subject%model%supports%names)) then
+    if (allocated(subject%shaft_start)) then
+      call reader%complain('forces', "forces = 'yes': must be 'no' while the speed of a shaft " &
+                           //'changes')
+    else if (subject%model%n_given == 0 .and. .not. allocated(subject%model%supports%names)) then
       call reader%complain('forces', "forces = 'yes': needs an &element or supports")
     else if (allocated(subject%model%supports%turning)) then
       ! The speed is the frequency of the load.

@@ -236,7 +236,8 @@ contains
         call reader%place(status)
         ! What goes by all coordinates may begin at rest, and so may what a shock moves.
         if (.not. status%failed()) then
-          call read_transient(reader, system, motion, subject%goes_whole, subject%load%has_table())
+          call read_transient(reader, system, motion, subject%goes_whole, &
+                              subject%load%has_table(), subject%shaft_start)
         end if
       end if
       call move_alloc(motion, own%motion)

@@ -20,6 +20,7 @@ module viscovib_scene_subject
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: place_of, place_of_motion
+  use viscovib_shaft_groups, only: read_shaft
   use viscovib_status, only: fail, status_input_error, status_type
   use viscovib_stiffness_ratio, only: hidden_springs
   use viscovib_structure_groups, only: read_structure
@@ -83,9 +84,11 @@ contains
       subject%warned = subject%warned//hidden_springs(subject%polynomial, 1)
     end if
     call read_loads(file, subject, load, canonical, status)
+    if (.not. status%failed()) call read_shaft(file, subject, load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then
       subject%load = load
-      if (subject%is_polynomial .and. .not. (subject%is_turning .or. status%failed())) then
+      if (subject%is_polynomial .and. .not. (subject%is_turning .or. subject%goes_whole &
+                                             .or. status%failed())) then
         subject%goes_whole = may_go_whole(file, subject%polynomial, load)
         if (.not. subject%goes_whole) call take_modes(file, subject)
       end if

@@ -3,15 +3,15 @@ module viscovib_speed_groups
   use viscovib_group_reader, only: group_reader
   use viscovib_kinds, only: wp
   use viscovib_matrix_groups, only: read_matrix
-  use viscovib_namelist, only: namelist_type
+  use viscovib_namelist, only: group_type, lower, namelist_type
   use viscovib_oscillator, only: speed_needed
-  use viscovib_scene_groups, only: find_result
+  use viscovib_scene_groups, only: find_result, place_of
   use viscovib_speed_matrices, only: speed_matrices
   use viscovib_status, only: status_type
   implicit none
   private
 
-  public :: find_speed, read_speed_matrices
+  public :: find_speed, is_run_up, read_speed_matrices, turns_shaft
 
 contains
 
@@ -45,7 +45,7 @@ contains
   end subroutine read_speed_matrices
 
   !> The constant speed of matrices that depend on it: that of the system, or the only frequency of
-  !! the load. Over several frequencies there is none.
+  !! the load. Over several frequencies, and while the speed changes in time, there is none.
   subroutine find_speed(file, reader, key, speed, is_constant)
     type(namelist_type), intent(in) :: file
     !> At the group of the system.
@@ -80,6 +80,7 @@ contains
         speed = reader%read_real('speed')
         return
       end if
+      if (turns_shaft(file)) return
       call result%start(file%path, group)
       if (group%name == 'response' .or. (group%name == 'branch' .and. result%has('nu_from'))) return
       is_constant = result%has('nu')
@@ -90,5 +91,24 @@ contains
       end if
     end associate
   end subroutine find_speed
+
+  !> True if the speed changes in a motion in time: by a motor or a run-up.
+  logical function turns_shaft(file)
+    type(namelist_type), intent(in) :: file
+    integer :: i
+    turns_shaft = place_of(file, 'drive_torque') <= size(file%groups)
+    if (place_of(file, 'transient') > size(file%groups)) return
+    turns_shaft = turns_shaft .or. any([(is_run_up(file%groups(i)), i=1, size(file%groups))])
+  end function turns_shaft
+
+  !> True for a &load that is a run-up.
+  logical function is_run_up(group)
+    type(group_type), intent(in) :: group
+    integer :: place
+    is_run_up = .false.
+    if (group%name /= 'load') return
+    place = group%find('shape')
+    if (place > 0) is_run_up = lower(group%entries(place)%values(1)%text) == 'run_up'
+  end function is_run_up
 
 end module viscovib_speed_groups

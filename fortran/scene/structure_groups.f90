@@ -91,7 +91,7 @@ contains
       call model%fix_damping(built)
       call reader%place(built)
     end if
-    is_whole = place_of(file, 'campbell') <= size(file%groups)
+    is_whole = min(place_of(file, 'campbell'), place_of(file, 'drive_torque')) <= size(file%groups)
     if (model%depends_on_speed() .and. .not. reader%status%failed()) then
       call find_speed(file, reader, merge('gyroscopic', '          ', &
                                           any(abs(model%gyroscopic) > 0.0_wp)), speed, is_constant)

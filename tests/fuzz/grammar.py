@@ -97,6 +97,11 @@ SEEDS = {
 &response nu_from=0.3 nu_to=2 nu_count=3 harmonics=5 method='newton' sampling='yes'
   dissipation='yes' /
 """,
+    "motor": """&system coordinates='x1' 'x2' mass=1 1 stiffness=100 90 circulatory=0 0.1 -0.1 0 /
+&drive_torque torque='2 - 0.1*nu + 0.1*sin(phi)' inertia=0.4 unbalance=0.02 0.01
+  unbalance_phase=0 1 speed=3 phase=0.1 /
+&transient t_end=1 /
+""",
     "body": """&body mass=10 inertia=0.3 0.01 0 0.01 0.2 0 0 0 0.4 gravity=0 0 -9.81 /
 &kernel kind='prony' weights=0.3 rates=1.5 /
 &mount_point name='a' position=0.1 0.2 0 stiffness=1e4 1e4 2e4 angles=0 0.1 0 kernel=1 /

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -58,6 +58,14 @@ def shaft_runs(
             "kernel.sum_of_exponentials()"
         )
     _native.choice("method", method, ("auto", *methods))
+    n = len(system.dof_names) - 1
+    if isinstance(load, Mapping):
+        # No load acts on the angle.
+        given: Mapping[Any, Any] = load
+        load = {
+            key: np.append(value, 0.0) if np.shape(value) == (n,) else value
+            for key, value in given.items()
+        }
     make, steps = polynomial_runs(system, end, initial, method, load, nu, force, solved, True, base)
     if not isinstance(system.given, Structure):
         return partial(_of_system, system, make), steps

@@ -41,7 +41,7 @@ _R = TypeVar("_R", bound=Result)
 #: Groups of a scene that request no computation.
 _SUBJECTS = (
     "scene", "parameters", "mount", "system", "pendulum", "kernel", "spring", "force", "structure",
-    "element", "layer", "body", "mount_point", "load", "sweep",
+    "element", "layer", "body", "mount_point", "load", "drive_torque", "sweep",
 )  # fmt: skip
 
 #: Groups whose tables are additions to that of another group.

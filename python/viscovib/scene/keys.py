@@ -122,6 +122,10 @@ def named_in(law: str, parameters: Mapping[str, float]) -> dict[str, float]:
     return {name: value for name, value in parameters.items() if name in words}
 
 
+#: First letters of keys whose texts are laws.
+_LAWS = ("law", "function", "amplitude", "phase", "torque")
+
+
 def with_numbers(group: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
     """Return a group with numbers in place of the parameters in its laws."""
 
@@ -130,9 +134,7 @@ def with_numbers(group: Mapping[str, Any], parameters: Mapping[str, float]) -> d
         return f"({parameters[name]!r})" if name in parameters else found[0]
 
     return {
-        key: _WORD.sub(number, value)
-        if isinstance(value, str) and key.startswith(("law", "function", "amplitude", "phase"))
-        else value
+        key: _WORD.sub(number, value) if isinstance(value, str) and key.startswith(_LAWS) else value
         for key, value in group.items()
     }
 

@@ -47,6 +47,7 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.shaft import DriveTorque, turns_shaft
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
@@ -402,10 +403,18 @@ class Scene:
         accuracy = {name: group[name] or None for name in ("rtol", "atol")}
         if not any(accuracy.values()):
             accuracy = {"tolerance": group["tolerance"]}
+        in_time = loads_in_time(self.groups["load"], self._names())
+        if "drive_torque" in self.groups:
+            group_of_motor = with_numbers(self._group("drive_torque"), self._parameters)
+            in_time["force"] = _motor(group_of_motor)
+        system = self.pendulum() if self.is_pendulum else self.oscillator()
+        if turns_shaft(system, in_time.get("force")):
+            # Its whole history is 0.
+            more.pop("held", None)
         return {
-            "system": self.pendulum() if self.is_pendulum else self.oscillator(),
+            "system": system,
             **more,
-            **loads_in_time(self.groups["load"], self._names()),
+            **in_time,
             "t_end": group["t_end"],
             "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
@@ -532,6 +541,15 @@ class Scene:
             "relaxation": relaxation if relaxation > 0 else "auto",
             "stability": group["stability"] == "yes",
         }
+
+
+def _motor(group: Mapping[str, Any]) -> DriveTorque:
+    """The motor of a group &drive_torque."""
+    given = {name: group[name] for name in ("inertia", "speed", "phase")}
+    size, turned = (np.atleast_1d(group[name]) for name in ("unbalance", "unbalance_phase"))
+    return DriveTorque(
+        torque=group["torque"].lower(), unbalance=size * np.exp(1j * turned), **given
+    )
 
 
 def _amplitudes(group: Mapping[str, Any]) -> dict[str, complex]:

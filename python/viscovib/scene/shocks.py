@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
@@ -71,6 +72,13 @@ def _sum(tables: Sequence[LoadTable], n_dof: int) -> LoadTable:
     """Forces on coordinates together, or accelerations (``n_dof`` = 0)."""
     if len(tables) == 1:
         return tables[0]
+    run_ups = [one for one in tables if isinstance(one, RunUp)]
+    if len(run_ups) == len(tables) and all(_turns_with(run_ups[0], one) for one in run_ups):
+        # One shaft turns them all.
+        first = run_ups[0]
+        turned = [np.exp(1j * (one.phase - first.phase)) for one in run_ups]
+        sizes = [np.asarray(one.unbalance) for one in run_ups]
+        return replace(first, unbalance=np.sum(np.multiply(np.transpose(sizes), turned), axis=1))
     parts = []
     for one in tables:
         factor = units.g if one.unit == "g" else 1.0
@@ -82,6 +90,12 @@ def _sum(tables: Sequence[LoadTable], n_dof: int) -> LoadTable:
             pieces = factor * one._polynomials(values[:, np.newaxis])
         parts.append((np.asarray(one.times), pieces))
     return PiecewiseTable.of(*reduce(added, parts))
+
+
+def _turns_with(one: RunUp, other: RunUp) -> bool:
+    """True if both run-ups have the same speed at all times."""
+    numbers = [np.append(x.speed, [x.start, x.duration, x.hold]) for x in (one, other)]
+    return bool((numbers[0] == numbers[1]).all())
 
 
 def shock_spectrum(
