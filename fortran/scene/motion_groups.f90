@@ -331,6 +331,9 @@ contains
     if (.not. subject%is_body) return
     if (.not. reader%may_have('point')) return
     point = reader%read_reals('point')
+    if (allocated(subject%shaft_start)) then
+      call reader%complain('point', 'point: must be left out while the speed of a shaft changes')
+    end if
     if (reader%status%failed()) return
     point = matmul(subject%axes, point - subject%center)
   end subroutine read_point
