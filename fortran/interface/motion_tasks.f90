@@ -283,7 +283,7 @@ contains
     if (task%failed()) return
     motion%u = u
     motion%rate = rate
-    if (task%has('laws')) motion%laws = task%get_matrix('laws')
+    if (task%has('laws')) allocate (motion%laws, source=task%get_matrix('laws'))
     if (.not. task%has('ends')) return
     call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
     if (task%failed()) return
@@ -292,7 +292,7 @@ contains
     motion%panel_u = panel_u
     motion%panel_rate = panel_rate
     motion%held = held
-    if (task%has('panel_laws')) motion%panel_laws = task%get_matrix('panel_laws')
+    if (task%has('panel_laws')) allocate (motion%panel_laws, source=task%get_matrix('panel_laws'))
   end subroutine read_samples
 
   !> Forces `force` (n, n_held) that hold supports, without those of elements, as of `reactions`:
@@ -308,9 +308,9 @@ contains
     moved => task%get_cube('moved')
     base => task%get_matrix('base')
     apart => task%get_cube('apart')
-    rows%free = task%get_cube('free')
-    rows%held = task%get_cube('held')
-    rows%based = task%get_matrix('based')
+    allocate (rows%free, source=task%get_cube('free'))
+    allocate (rows%held, source=task%get_cube('held'))
+    allocate (rows%based, source=task%get_matrix('based'))
     if (task%failed()) return
     n_held = size(rows%based, 1)
     call task%check_extents('base', shape(base), [size(moved, 1), 3])

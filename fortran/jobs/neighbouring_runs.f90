@@ -336,7 +336,7 @@ contains
     integer :: i, j, k, n
 
     call set_ok(status)
-    own = whole_of(self%runs(0)%run)
+    allocate (own, source=whole_of(self%runs(0)%run))
     n = size(self%runs(0)%run%state)
     if (allocated(self%parts)) deallocate (self%parts)
     allocate (self%parts(size(own), size(self%grown)), source=0.0_wp)
@@ -380,7 +380,7 @@ contains
     real(wp) :: apart, share, times
     integer :: j, n
 
-    own = whole_of(self%runs(0)%run)
+    allocate (own, source=whole_of(self%runs(0)%run))
     n = size(self%runs(0)%run%state)
     self%sizes = [self%sizes(max(1, size(self%sizes) - n_recent + 2):), &
                   norm2(own(self%rows)/self%scale)]
