@@ -392,18 +392,6 @@ def test_the_last_time_is_the_end_itself():
         assert later.t[-1] == later.t_reached == end + n * run.step
 
 
-def test_what_a_structure_keeps_is_where_the_mask_of_its_state_says():
-    """Without damping that couples modes there are no poles, and no states for them."""
-    for damping in (0.1 * np.eye(2), np.array([[0.3, -0.1], [-0.1, 0.2]])):
-        system = vv.Structure(
-            mass=np.diag([1.0, 2.0]), damping=damping, stiffness=[[3.0, -1.0], [-1.0, 2.0]],
-            elements=[vv.Spring(on={"x1": 1.0}, law="d^3")],
-        )  # fmt: skip
-        run = vv.simulate(system, 2.0, dt=0.1, initial=[0.3, 0.0, 0.1, 0.2])
-        kept = run._resume.memory[run._resume.state_columns()]
-        assert np.allclose(kept, [run.deflections[-1, 0], run.rates[-1, 0]], atol=1e-13)
-
-
 def test_any_end_may_be_gone_on_from():
     """For any last digit of its end time: steps times step size may exceed the end."""
     system = vv.Structure(
