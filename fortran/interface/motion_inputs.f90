@@ -5,6 +5,7 @@ module viscovib_motion_inputs
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: make_base, oscillator_equations, structure_equations
+  use viscovib_motion_choice, only: nodes, without_memory
   use viscovib_motion_piece, only: motion_equations, nothing, piece_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_plain_pieces, only: part_of_numbers, pendulum_equations, polynomial_equations
@@ -14,7 +15,7 @@ module viscovib_motion_inputs
   implicit none
   private
 
-  public :: load_of, polynomial_of, read_equations, read_piece
+  public :: load_of, polynomial_of, read_equations, read_past, read_piece, read_tables
 
 contains
 
@@ -60,10 +61,12 @@ contains
     select case (task%kind)
     case ('motion of pendulum')
       call read_pendulum(task, piece, equations)
-    case ('motion without memory')
-      call read_polynomial(task, piece, equations)
-    case ('motion with memory')
-      call read_oscillator(task, piece, equations)
+    case ('motion of oscillator')
+      if (task%get_integer('equations') == without_memory) then
+        call read_polynomial(task, piece, equations)
+      else
+        call read_oscillator(task, piece, equations)
+      end if
     case ('motion of structure')
       call read_structure(task, piece, equations)
     case default
@@ -103,69 +106,88 @@ contains
     own%method = task%get_integer('method')
     own%nu = task%get_real('nu')
     own%reach = task%get_real('reach')
-    call read_past(task, own)
+    call read_past(task, n, own)
     call read_loads(task, n, piece, own)
     if (task%failed()) return
     call own%look_at(own%system)
     call move_alloc(own, equations)
   end subroutine read_polynomial
 
-  !> The motion before t = 0: `held`, `before` and `moved`.
-  subroutine read_past(task, own)
+  !> The motion before t = 0: `held`, `before` and `moved`; not given: n coordinates are at rest.
+  subroutine read_past(task, n, own)
     type(task_type), intent(inout) :: task
+    integer, intent(in) :: n
     class(motion_equations), intent(inout) :: own
+    if (.not. task%has('before')) then
+      call own%set_past(spread(0.0_wp, 1, n))
+      return
+    end if
     allocate (own%held, source=task%get_reals('held'))
     allocate (own%before, source=task%get_reals('before'))
     allocate (own%moved, source=task%get_matrix('moved'))
   end subroutine read_past
 
-  !> Loads and the motion of the base as polynomials, for n coordinates with a past; `moves` (n).
+  !> Loads and the motion of the base as polynomials, if there are any, for n coordinates with a
+  !! past; `moves` (n).
   subroutine read_loads(task, n, piece, own)
     type(task_type), intent(inout) :: task
     integer, intent(in) :: n
     type(piece_type), intent(in) :: piece
     class(motion_equations), intent(inout) :: own
     allocate (own%moves, source=task%get_integers('moves') /= 0)
-    allocate (own%breaks, source=task%get_reals('breaks'))
-    allocate (own%pieces, source=task%get_cube('pieces'))
-    allocate (own%base_breaks, source=task%get_reals('base_breaks'))
-    allocate (own%base_pieces, source=task%get_cube('base_pieces'))
+    call read_tables(task, n, own)
     call task%check_extents('initial', shape(piece%initial), [2*n])
     call task%check_extents('moves', shape(own%moves), [n])
     call task%check_extents('held', shape(own%held), [n])
     call task%check_extents('moved', shape(own%moved), [n, size(own%before)])
-    call task%check_extents('pieces', shape(own%pieces), [shape(own%pieces(:, :, 1)), &
-                                                          size(own%breaks)])
-    call task%check_extents('base_pieces', shape(own%base_pieces), &
-                            [shape(own%base_pieces(:, :, 1)), size(own%base_breaks)])
   end subroutine read_loads
 
-  !> Components of `oscillator_equations` by name; `moves` (n): see 'moving coordinates'.
+  !> The tables of loads, `breaks` and `pieces`, and of the base, `base_breaks` and `base_pieces`.
+  subroutine read_tables(task, n, own)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n
+    class(motion_equations), intent(inout) :: own
+    if (task%has('breaks')) then
+      allocate (own%breaks, source=task%get_reals('breaks'))
+      allocate (own%pieces, source=task%get_cube('pieces'))
+    else
+      own%breaks = [0.0_wp]
+      allocate (own%pieces(n, 4, 1), source=0.0_wp)
+    end if
+    if (task%has('base_breaks')) then
+      allocate (own%base_breaks, source=task%get_reals('base_breaks'))
+      allocate (own%base_pieces, source=task%get_cube('base_pieces'))
+    else
+      own%base_breaks = [0.0_wp]
+      allocate (own%base_pieces(4, 1, 1), source=0.0_wp)
+    end if
+    call task%check_extents('pieces', shape(own%pieces), [n, size(own%pieces, 2), size(own%breaks)])
+    call task%check_extents('base_pieces', shape(own%base_pieces), &
+                            [size(own%base_pieces, 1), &
+                             merge(n, 1, size(own%base_pieces, 2) > 1), size(own%base_breaks)])
+  end subroutine read_tables
+
+  !> Components of `oscillator_equations` by name, with the load and other values as of
+  !! `read_polynomial`; `method`: index in `hereditary_methods`.
   subroutine read_oscillator(task, piece, equations)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(in) :: piece
     class(motion_equations), allocatable, intent(out) :: equations
     type(oscillator_equations), allocatable :: own
-    integer :: n, w
+    type(load_type) :: load
+    integer :: n
 
     allocate (own)
     own%system => task%system()
     if (task%failed()) return
     n = own%system%n_dof()
-    call own%set_nodes(task%get_integer('nodes'))
-    own%t_end = task%get_real('t_end')
-    call read_past(task, own)
+    call load_of(task, n, load)
+    call own%set_nodes(nodes(task%get_integer('method')))
+    own%t_end = task%get_real('reach')
+    call read_past(task, n, own)
     call read_loads(task, n, piece, own)
-    allocate (own%frequencies, source=task%get_reals('frequencies'))
-    allocate (own%amplitudes, source=task%get_complex_matrix('amplitudes'))
-    allocate (own%waves, source=task%get_complex_matrix('waves'))
-    w = size(own%waves, 1)
-    call task%check_extents('amplitudes', shape(own%amplitudes), [n, size(own%frequencies)])
-    call task%check_extents('pieces', shape(own%pieces), [n, size(own%pieces, 2), size(own%breaks)])
-    call task%check_extents('waves', shape(own%waves), [merge(n, 1, w > 1), size(own%frequencies)])
-    call task%check_extents('base_pieces', shape(own%base_pieces), &
-                            [size(own%base_pieces, 1), w, size(own%base_breaks)])
     if (task%failed()) return
+    call own%set_load(own%system, load, task%get_real('nu'))
     call own%look_at(own%system)
     call move_alloc(own, equations)
   end subroutine read_oscillator
@@ -194,7 +216,7 @@ contains
     n = size(own%shown, 2)
     call task%check_extents('initial', shape(piece%initial), [2*n])
     shown_left => task%get_complex_matrix('shown_left')
-    call read_past(task, own)
+    call read_past(task, 0, own)
     start => task%get_reals('start')
     start_rates => task%get_reals('start_rates')
     start_others => task%get_complexes('start_others')

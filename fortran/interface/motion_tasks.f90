@@ -1,19 +1,26 @@
+! Optimize: -O1
 !> Tasks about solutions in time: runs, their preparation, and plans.
 module viscovib_motion_tasks
   use viscovib_body_vector, only: mounted_from_vector
   use viscovib_element_forces, only: element_forces_type, find_element_forces, &
     find_forces_by_kernel, find_mount_springs, sampled_motion
   use viscovib_element_vector, only: elements_from_vector
+  use viscovib_constants, only: pi
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_hereditary_job, only: hereditary_job, plan_hereditary
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
-  use viscovib_load, only: load_type, new_load
+  use viscovib_load, only: load_type
   use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
+  use viscovib_memory_pieces, only: oscillator_equations
   use viscovib_mesh, only: extend_ends
-  use viscovib_motion_inputs, only: load_of, polynomial_of
+  use viscovib_method_catalogue, only: transient_methods
+  use viscovib_lanes, only: max_dof
+  use viscovib_motion_choice, only: by_modes, choose_equations, driven_coordinates, fastest_rate, &
+    hereditary_methods, is_on_shaft, motion_wish, per_period, switches_in_time, without_memory
+  use viscovib_motion_inputs, only: load_of, polynomial_of, read_past, read_tables
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
   use viscovib_motion_search, only: run_motion
   use viscovib_mount, only: mount_type
@@ -34,6 +41,7 @@ module viscovib_motion_tasks
   use viscovib_status, only: show
   use viscovib_structure_elements, only: element_type
   use viscovib_structure_supports, only: support_rows
+  use viscovib_step_search, only: max_steps
   use viscovib_task, only: task_type
   use viscovib_timed_polynomials, only: timed_polynomials
   use viscovib_turning_body, only: row_of
@@ -41,6 +49,9 @@ module viscovib_motion_tasks
   private
 
   public :: motion_task
+
+  !> Largest time of continued runs, relative to the run time; a time that represents infinity.
+  real(wp), parameter :: furthest = 100.0_wp, ever = 1.0e30_wp
 
 contains
 
@@ -51,7 +62,7 @@ contains
     case ('given')
       ! An object that contains values for the tasks that use it.
       return
-    case ('of pendulum', 'without memory', 'with memory', 'of structure')
+    case ('of pendulum', 'of oscillator', 'of structure')
       ! Without steps it is an object, the equations of a part of a run.
       if (task%has('n_steps')) call run_motion(task)
     case ('run')
@@ -88,13 +99,13 @@ contains
       call find_corners(task)
     case ('mesh')
       call extend_mesh(task)
-    case ('moving coordinates')
-      call find_moving(task)
+    case ('equations')
+      call find_equations(task)
+    case ('loads')
+      call find_loads(task)
     case ('hidden coordinates')
       call count_hidden_coordinates(task)
-    case ('fastest rate')
-      call find_fastest(task)
-    case ('plan of pendulum', 'plan without memory', 'plan with memory')
+    case ('plan of pendulum', 'plan of oscillator')
       call plan_motion(task, name)
     case default
       call task%refuse_kind()
@@ -519,19 +530,115 @@ contains
     call task%found%put_reals('made_by', real(made_by, wp), shape(made_by))
   end subroutine extend_mesh
 
-  !> Which coordinates move (1) if those with `driven` /= 0 (n) are driven: `moves` (n).
-  subroutine find_moving(task)
+  !> The kind of `equations` of a motion, as of `choose_equations`, or the reason why its steps do
+  !! not end at switches, `lack`. Input: `method`, `memory` and `t_end`; `is_held` if a displacement
+  !! before the start is given; `may_have_modes`; loads, start and past as of a run. With equations
+  !! of coordinates also the `method` by its index, 0: is not one of them; the coordinates that
+  !! `moves` (n); `first`: first number of steps of a search; `reach`: the latest time of
+  !! any run that continues; `fitted`: whether kernels are fitted; `n_phases`: number of sinusoids.
+  subroutine find_equations(task)
     type(task_type), intent(inout) :: task
     class(oscillator_type), pointer :: system
-    integer, allocatable :: driven(:), moves(:)
+    type(load_type) :: load
+    type(motion_wish) :: wish
+    type(oscillator_equations) :: equations
+    character(len=:), allocatable :: lack
+    logical, allocatable :: moves(:)
+    real(wp) :: fastest, first, reach
+    integer :: kind, method, n
+    logical :: all_move, fitted
+
     system => task%system(with_shaft=.true.)
-    allocate (driven, source=task%get_integers('driven'))
     if (task%failed()) return
-    call task%check_extents('driven', shape(driven), [system%n_dof()])
+    n = system%n_dof()
+    call load_of(task, n, load)
+    call task%take_text('method', wish%method)
+    call task%take_text('memory', wish%memory)
+    wish%t_end = task%get_real('t_end')
+    wish%is_held = task%get_flag('is_held')
+    wish%may_have_modes = task%get_flag('may_have_modes')
+    call read_past(task, n, equations)
+    call read_tables(task, n, equations)
+    associate (initial => task%get_reals('initial'), given => equations)
+      call task%check_extents('initial', shape(initial), [2*n])
+      call task%check_extents('moved', shape(given%moved), [n, size(given%before)])
+      if (task%failed()) return
+      wish%moves_base = load%moves_base() .or. size(given%base_breaks) > 1
+      call choose_equations(system, wish, kind, lack)
+      kind = task%get_integer('equations', kind)
+      call task%found%put_integer('equations', int(kind, i8))
+      if (lack /= '') call task%found%put_text('lack', lack)
+      if (kind == by_modes) return
+      all_move = system%moving
+      if (kind == without_memory) all_move = switches_in_time(system) .or. wish%moves_base &
+                                             .or. wish%is_held .or. is_on_shaft(system)
+      moves = driven_coordinates(system, load, initial, maxval(abs(given%moved), 2), all_move) &
+              .or. any(any(abs(given%pieces) > 0.0_wp, 3), 2)
+      if (any(abs(given%base_pieces) > 0.0_wp)) then
+        if (size(given%base_pieces, 2) > 1) then
+          moves = moves .or. any(any(abs(given%base_pieces) > 0.0_wp, 3), 1)
+        else
+          moves = moves .or. abs(system%base_direction) > 0.0_wp
+        end if
+      end if
+      moves = moved_coordinates(system, moves)
+      fitted = needs_fit(system)
+      reach = furthest*wish%t_end
+      fastest = 0.0_wp
+      if (size(load%orders) > 0) fastest = task%get_real('nu')*maxval(load%orders)
+      if (kind == without_memory) then
+        reach = ever
+        if (fitted) reach = min(furthest*wish%t_end, ever) - given%before(1)
+        method = findloc(transient_methods == wish%method, .true., 1)
+        fastest = max(fastest, rate_of_motion(task, load))
+        first = max(1.0_wp, wish%t_end*fastest/(0.5_wp*pi))
+      else
+        method = findloc(hereditary_methods == wish%method, .true., 1)
+        fastest = max(fastest, fastest_rate(system))
+        first = max(4.0_wp, wish%t_end*fastest*per_period(max(method, 1))/(2.0_wp*pi))
+      end if
+      if (wish%method == 'auto') method = 1
+    end associate
+    call task%found%put_integer('first', ceiling(min(first, 2.0_wp*max_steps), i8))
+    call task%found%put_integer('method', int(method, i8))
+    call task%found%put_integers('moves', merge(1, 0, moves), shape(moves))
+    call task%found%put_real('reach', reach)
+    call task%found%put_integer('fitted', merge(1_i8, 0_i8, fitted))
+    call task%found%put_integer('n_phases', size(load%orders, kind=i8))
+  end subroutine find_equations
+
+  !> Upper bound of the rates of a system without memory (rad/s).
+  real(wp) function rate_of_motion(task, load) result(fastest)
+    type(task_type), intent(inout) :: task
+    type(load_type), intent(in) :: load
+    class(oscillator_type), pointer :: system
+    type(polynomial_motion_type) :: motion
+    system => task%system(with_shaft=.true.)
+    if (system%n_dof() <= max_dof) then
+      fastest = fastest_rate(system)
+      return
+    end if
+    ! Step size and times do not affect the rates of coordinates.
+    call new_fitted_motion(motion, polynomial_of(task), load, 0.0_wp, 1.0_wp, 1.0_wp, task%status)
+    if (.not. task%failed()) fastest = motion%fastest()
+  end function rate_of_motion
+
+  !> The sinusoids of loads on an oscillator: their `frequencies` (k), `amplitudes` (n, k) with the
+  !! inertia of what is relative to the base, and displacements of the base, `waves` (n, k).
+  subroutine find_loads(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(load_type) :: load
+    type(oscillator_equations) :: equations
+    system => task%system(with_shaft=.true.)
     if (task%failed()) return
-    allocate (moves, source=merge(1, 0, moved_coordinates(system, driven /= 0)))
-    call task%found%put_integers('moves', moves, shape(moves))
-  end subroutine find_moving
+    call load_of(task, system%n_dof(), load)
+    if (task%failed()) return
+    call equations%set_load(system, load, task%get_real('nu'))
+    call task%found%put_reals('frequencies', equations%frequencies, shape(equations%frequencies))
+    call task%found%put_complexes('amplitudes', equations%amplitudes, shape(equations%amplitudes))
+    call task%found%put_complexes('waves', equations%waves, shape(equations%waves))
+  end subroutine find_loads
 
   !> Number of memory coordinates `n_hidden` of a system for steps `h` up to the time `reach`;
   !! h = 0: upper bound; -1: a kernel is not, and cannot be fitted by, a sum of exponentials.
@@ -555,25 +662,10 @@ contains
     call task%found%put_integer('fitted', merge(1_i8, 0_i8, needs_fit(system)))
   end subroutine count_hidden_coordinates
 
-  !> Upper bound of the rates of the linear subsystem of a polynomial system (rad/s): `fastest`.
-  subroutine find_fastest(task)
-    type(task_type), intent(inout) :: task
-    type(polynomial_type), pointer :: system
-    type(load_type) :: load
-    type(polynomial_motion_type) :: motion
-    complex(wp), allocatable :: forces(:, :), none(:)
-    system => polynomial_of(task)
-    if (task%failed()) return
-    allocate (forces(system%n_dof(), 0), none(0))
-    call new_load(load, system%n_dof(), [integer ::], forces, none, task%status)
-    ! Step size and times do not affect the rates of coordinates.
-    call new_fitted_motion(motion, system, load, 0.0_wp, 1.0_wp, 1.0_wp, task%status)
-    if (.not. task%failed()) call task%found%put_real('fastest', motion%fastest())
-  end subroutine find_fastest
-
   !> Plan of a motion, a `text`. Input: `initial`, `t_end`, `dt` (0: found by `tolerance` and
   !! `relative`, both 0: by the size of the motion), `method`, `save_every`, `last_only`, `tail`,
-  !! `times`; without memory `reach`; with memory `held` and `past`, the index in `past_names`.
+  !! `times`; of an oscillator `equations`; without memory `reach`; with memory `held` and `past`,
+  !! the index in `past_names`.
   subroutine plan_motion(task, name)
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
@@ -601,7 +693,7 @@ contains
       system => task%system(with_shaft=.true.)
       if (task%failed()) return
       call load_of(task, system%n_dof(), load)
-      if (name == 'plan with memory') then
+      if (task%get_integer('equations') /= without_memory) then
         allocate (job%held, source=task%get_reals('held'))
         job%past = task%get_integer('past')
         call task%check_extents('held', shape(job%held), [system%n_dof()])

@@ -1,9 +1,8 @@
 !> Condensation of a polynomial system whose forces act in few of its coordinates to a structure.
 module viscovib_condensed_subject
   use viscovib_cycle_terms, only: has_kinks
-  use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_polynomial_condensation, only: condense_polynomial, condenses, is_overdamped
+  use viscovib_polynomial_condensation, only: condense_polynomial, condenses
   use viscovib_status, only: status_type
   use viscovib_structure_model, only: put_load
   use viscovib_subject, only: subject_type
@@ -25,12 +24,10 @@ contains
     end if
   end subroutine condense_subject
 
-  !> The same for motions in time, of systems with strong dampers.
-  subroutine condense_in_time(subject, t_end)
+  !> The same for motions in time, whose modes are exact in each step.
+  subroutine condense_in_time(subject)
     type(subject_type), intent(inout) :: subject
-    real(wp), intent(in) :: t_end
-    if (subject%is_body .or. subject%is_turning) return
-    if (is_overdamped(subject%polynomial, t_end)) call condense(subject, .true.)
+    call condense(subject, .true.)
   end subroutine condense_in_time
 
   !> Convert a polynomial system to a structure, unless its modes do not give the compliance.

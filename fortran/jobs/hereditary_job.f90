@@ -8,6 +8,8 @@ module viscovib_hereditary_job
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: memory_equations, oscillator_equations
+  use viscovib_motion_choice, only: driven_coordinates, hereditary_methods, keep_direct, nodes, &
+    past_auto, per_period
   use viscovib_oscillator, only: oscillator_type
   use viscovib_plan_text, only: report_idle, report_laws, report_zeros
   use viscovib_polynomial, only: polynomial_type
@@ -21,14 +23,6 @@ module viscovib_hereditary_job
 
   public :: hereditary_job, run_hereditary_job, run_with_memory, plan_hereditary, plan_forces
 
-  !> Methods by their nodes per step, and first number of steps per fastest period.
-  character(len=*), parameter, public :: hereditary_methods(5) = &
-    [character(len=6) :: 'gauss8', 'gauss6', 'gauss4', 'gauss3', 'gauss2']
-  integer, parameter, public :: nodes(5) = [8, 6, 4, 3, 2], per_period(5) = [2, 3, 6, 8, 12]
-  !> Storage of the past; 'auto': as exponentials if the kernels are such sums.
-  character(len=*), parameter, public :: past_names(3) = &
-    [character(len=12) :: 'auto', 'exponentials', 'direct']
-  integer, parameter :: past_auto = 1, keep_exponentials = 2, keep_direct = 3
   !> Largest number of steps for which 'auto' stores the whole past.
   integer(i8), parameter :: most_direct = 20000_i8
   !> Kernels as exponentials are fitted for this multiple of the run time.
@@ -57,36 +51,19 @@ contains
     type(trajectory_type), intent(out) :: trajectory
     type(status_type), intent(out) :: status
     type(oscillator_equations), target :: equations
-    integer :: k, n
 
-    n = system%n_dof()
     equations%system => system
-    equations%moves = moved_coordinates(system, driven(job, system, load))
+    equations%moves = moved_coordinates(system, &
+                                        driven_coordinates(system, load, job%initial, job%held, &
+                                                           allocated(job%watched)))
     call equations%set_past(job%held)
     call equations%set_loads(system, load)
-    equations%frequencies = load%orders*job%nu
-    allocate (equations%amplitudes(n, size(load%orders)), equations%waves(n, size(load%orders)))
-    equations%waves = (0.0_wp, 0.0_wp)
-    do k = 1, size(load%orders)
-      equations%amplitudes(:, k) = load%coefficient(system, load%orders(k), job%nu)
-      if (load%moves_base()) equations%waves(:, k) = load%shift(system, k)
-    end do
+    call equations%set_load(system, load, job%nu)
     if (counting) call count_up(counted_idle, count(.not. equations%moves))
     call run_with_memory(job, system, equations, &
                          max(fastest, maxval([0.0_wp, equations%frequencies])), load%corners(), &
                          trajectory, status)
   end subroutine run_hereditary_job
-
-  !> Coordinates that the load, the start or the past moves; with events all are computed.
-  pure function driven(job, system, load)
-    type(hereditary_job), intent(in) :: job
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
-    logical :: driven(size(job%held))
-    driven = load%drives(system) .or. abs(job%held) > 0.0_wp &
-             .or. abs(job%initial(1::2)) > 0.0_wp .or. abs(job%initial(2::2)) > 0.0_wp &
-             .or. allocated(job%watched)
-  end function driven
 
   !> A motion by equations with memory, with steps and past as in the job. An unstable
   !! motion with memory amplifies the errors of equations and kernels: if no step meets the
@@ -138,7 +115,8 @@ contains
     text = 'computes: motion to t = '//show(job%t_end)//' by '//hereditary_methods(job%method) &
            //', accelerations at '//things(nodes(job%method), 'node')//' per step'//nl &
            //plan_steps(job)
-    moved = moved_coordinates(system, driven(job, system, load))
+    moved = moved_coordinates(system, driven_coordinates(system, load, job%initial, job%held, &
+                                                         allocated(job%watched)))
     if (all(moved)) then
       text = text//plan_forces(job, system, load)
     else

@@ -7,6 +7,7 @@ module viscovib_memory_pieces
   use viscovib_histories, only: past_request
   use viscovib_kinds, only: wp
   use viscovib_law_layers, only: unseen_by_node
+  use viscovib_load, only: load_type
   use viscovib_march, only: begun, march_type, step_too_large
   use viscovib_modal_maps, only: sections_type
   use viscovib_motion_piece, only: check_memory, from_start, memory_under_other_loads, &
@@ -37,11 +38,12 @@ module viscovib_memory_pieces
   type, extends(memory_equations) :: oscillator_equations
     class(oscillator_type), pointer :: system => null()
     !> The load Im sum_k amplitudes(:, k) exp(i frequencies(k) t), shape (n, k), which already
-    !! includes the acceleration of the base; the base by `waves` (w, k).
+    !! includes the acceleration of the base; the base by `waves` (n, k).
     real(wp), allocatable :: frequencies(:)
     complex(wp), allocatable :: amplitudes(:, :), waves(:, :)
   contains
     procedure :: run => run_oscillator
+    procedure :: set_load
   end type oscillator_equations
 
   !> Equations of a structure, whose state consists of modes.
@@ -75,6 +77,24 @@ contains
     self%nodes = nodes
     self%collocated = .true.
   end subroutine set_nodes
+
+  !> Set the sinusoids of a load with the frequency nu (rad/s), and of the base.
+  pure subroutine set_load(self, system, load, nu)
+    class(oscillator_equations), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    type(load_type), intent(in) :: load
+    real(wp), intent(in) :: nu
+    integer :: k, n
+
+    n = size(load%orders)
+    self%frequencies = load%orders*nu
+    allocate (self%amplitudes(system%n_dof(), n))
+    allocate (self%waves(system%n_dof(), n), source=(0.0_wp, 0.0_wp))
+    do k = 1, n
+      self%amplitudes(:, k) = load%coefficient(system, load%orders(k), nu)
+      if (load%moves_base()) self%waves(:, k) = load%shift(system, k)
+    end do
+  end subroutine set_load
 
   !> A piece of a run of an oscillator. `reason` (not 0: no run, see `viscovib_hereditary`);
   !! `resolution`: largest last Legendre coefficient of a displacement on a step, relative to its
@@ -152,25 +172,29 @@ contains
     load%amplitudes = self%amplitudes(dofs, :)
     load%breaks = self%breaks
     load%pieces = self%pieces(dofs, :, :)
-    if (.not. any(abs(self%waves) > 0.0_wp) .and. size(self%base_breaks) == 1) return
-    if (size(self%waves, 1) > 1) then
-      call make_base(base, [real(wp) ::], self%frequencies, self%waves(dofs, :), &
-                     self%base_breaks, self%base_pieces(:, dofs, :))
+    if (any(abs(self%waves) > 0.0_wp)) then
+      base%frequencies = self%frequencies
+      base%amplitudes = self%waves(dofs, :)
+    end if
+    if (size(self%base_breaks) == 1) return
+    if (size(self%base_pieces, 2) > 1) then
+      call base%add_polynomials(size(dofs), [real(wp) ::], self%base_breaks, &
+                                self%base_pieces(:, dofs, :))
     else
-      call make_base(base, system%base_direction, self%frequencies, self%waves, &
-                     self%base_breaks, self%base_pieces)
+      call base%add_polynomials(size(dofs), system%base_direction, self%base_breaks, &
+                                self%base_pieces)
     end if
   end subroutine take_loads
 
   !> Set a base motion by harmonics and polynomials.
   subroutine make_base(base, direction, frequencies, waves, breaks, pieces)
     type(base_motion_type), intent(inout) :: base
-    !> Motion of the coordinates with the base; empty: each has its own displacement.
+    !> Motion of the coordinates with the base.
     real(wp), intent(in) :: direction(:)
     !> Shapes (n), (m), (4, q, m) and (q, n).
     real(wp), intent(in) :: frequencies(:), breaks(:), pieces(:, :, :)
     complex(wp), intent(in) :: waves(:, :)
-    if (size(direction) > 0) base%direction = direction
+    base%direction = direction
     base%frequencies = frequencies
     base%amplitudes = waves
     if (size(breaks) == 1) return

@@ -5,8 +5,8 @@ module viscovib_polynomial_job
   use viscovib_fitted_memory, only: needs_fit, fit_text
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kinds, only: wp
-  use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
+  use viscovib_motion_choice, only: driven_coordinates, switches_in_time
   use viscovib_plan_text, only: report_idle, report_laws, report_zeros
   use viscovib_piece_runs, only: piece_runs
   use viscovib_plain_pieces, only: polynomial_equations
@@ -42,7 +42,7 @@ contains
     equations%load = load
     equations%nu = nu
     equations%reach = furthest*job%t_end
-    equations%moves = moved_coordinates(system, driven(job, system, load))
+    equations%moves = moves(job, system, load)
     call equations%set_past(spread(0.0_wp, 1, system%n_dof()))
     if (allocated(job%held)) call equations%set_past(job%held)
     call equations%set_loads(system, load)
@@ -53,21 +53,19 @@ contains
     call run_motion(runs, job, job%t_end*fastest/(0.5_wp*pi), load%corners(), 1, trajectory, status)
   end subroutine run_polynomial_job
 
-  !> Coordinates that the load or the start moves. With events all are computed, and also if
-  !! laws switch: their states are stored in one order, for any later loads.
-  pure function driven(job, system, load)
+  !> Coordinates that move. If laws switch all are computed: their states are stored in one order,
+  !! for any later loads.
+  function moves(job, system, load)
     type(transient_job), intent(in) :: job
     type(polynomial_type), intent(in) :: system
     type(load_type), intent(in) :: load
-    logical :: driven(size(job%initial)/2)
-    integer :: i
-    driven = load%drives(system) .or. abs(job%initial(1::2)) > 0.0_wp &
-             .or. abs(job%initial(2::2)) > 0.0_wp .or. allocated(job%watched)
-    if (allocated(job%held)) driven = driven .or. abs(job%held) > 0.0_wp
-    do i = 1, size(system%laws)
-      driven = driven .or. system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))
-    end do
-  end function driven
+    logical :: moves(size(job%initial)/2)
+    real(wp) :: held(size(job%initial)/2)
+    held = 0.0_wp
+    if (allocated(job%held)) held = job%held
+    moves = moved_coordinates(system, driven_coordinates(system, load, job%initial, held, &
+                                        allocated(job%watched) .or. switches_in_time(system)))
+  end function moves
 
   !> Text of the plan: computed and skipped parts, with reasons.
   function plan_polynomial(job, system, load, reach) result(text)
@@ -88,7 +86,7 @@ contains
                                                                         'exponential')
     if (needs_fit(system)) text = fit_text(system, step, last)
     text = plan_transient(job)//text//new_line('a') &
-           //report_idle(moved_coordinates(system, driven(job, system, load))) &
+           //report_idle(moves(job, system, load)) &
            //report_laws(system)//report_zeros(system, load)
   end function plan_polynomial
 

@@ -4,12 +4,12 @@
 module viscovib_structure_job
   use, intrinsic :: iso_fortran_env, only: real128
   use viscovib_base_motion, only: base_motion_type
-  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, nodes, plan_forces, &
-    run_with_memory
+  use viscovib_hereditary_job, only: hereditary_job, plan_forces, run_with_memory
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: structure_equations
   use viscovib_modal_maps, only: sections_type
+  use viscovib_motion_choice, only: hereditary_methods, nodes
   use viscovib_plan_text, only: report_laws, report_table
   use viscovib_status, only: show, status_type
   use viscovib_structure, only: structure_type

@@ -7,6 +7,7 @@ module viscovib_subject
   use viscovib_lanes, only: max_dof
   use viscovib_limits, only: corner_tolerance, smooth_tolerance
   use viscovib_load, only: load_type
+  use viscovib_motion_choice, only: with_memory, without_memory
   use viscovib_mount, only: mount_type
   use viscovib_mounted_body, only: mounted_body, rest_type
   use viscovib_oscillator, only: oscillator_type
@@ -29,9 +30,8 @@ module viscovib_subject
     !> A pendulum with its own loads; else a mount, a polynomial system, a structure or a body
     !! under `load`.
     logical :: is_pendulum = .false., is_polynomial = .false., is_structure = .false.
-    !> True if motions in time use all coordinates of `polynomial`, including its
-    !! exponentials; also for a structure, whose complete equations these are.
-    logical :: goes_whole = .false.
+    !> Kind of the equations of its motions in time, as of `choose_equations`.
+    integer :: equations = with_memory
     !> A body with finite rotations; with small rotations it is a polynomial system.
     logical :: is_turning = .false.
     !> True for any body in space: its centre of mass in the axes of the positions, its static
@@ -108,14 +108,10 @@ contains
     end if
   end function base_direction
 
-  !> True if motions in time need equations with memory: always for mounts and structures; the
-  !! complete equations of a structure represent memory by coordinates.
+  !> True if its motions in time have equations with memory.
   pure logical function remembers(self)
     class(subject_type), intent(in) :: self
-    remembers = .not. self%is_pendulum
-    if (self%is_polynomial) remembers = any(self%polynomial%kernel_of > 0) &
-                                        .or. self%polynomial%n_silent > 0
-    remembers = remembers .and. .not. self%goes_whole
+    remembers = .not. self%is_pendulum .and. self%equations /= without_memory
   end function remembers
 
   !> True if any force has a kernel, for any representation in time.
@@ -137,8 +133,9 @@ contains
     most = max_dof
     if (present(disturbed)) most = merge(max_dof/2, max_dof, disturbed)
     goes = self%is_pendulum
-    if (goes .or. self%is_structure .or. self%is_turning .or. self%goes_whole) return
-    goes = self%is_polynomial .and. .not. self%remembers() .and. size(self%coordinates) <= most
+    if (goes .or. self%is_structure .or. self%is_turning .or. self%remembers()) return
+    goes = self%is_polynomial .and. size(self%coordinates) <= most &
+           .and. .not. (any(self%polynomial%kernel_of > 0) .or. self%load%moves_base())
     if (.not. goes) return
     do i = 1, size(self%polynomial%laws)
       if (self%polynomial%laws(i)%program%n_surfaces() > 0) goes = .false.

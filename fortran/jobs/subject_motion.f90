@@ -1,11 +1,10 @@
 !> A motion in time of any system, with any kind of equations.
 module viscovib_subject_motion
-  use viscovib_dense, only: factorize, solve
   use viscovib_fitted_motion, only: new_fitted_motion
-  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, run_hereditary_job
+  use viscovib_hereditary_job, only: hereditary_job, run_hereditary_job
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
-  use viscovib_oscillator, only: oscillator_type
+  use viscovib_motion_choice, only: fastest_rate, hereditary_methods
   use viscovib_pendulum_job, only: run_pendulum_job
   use viscovib_polynomial_job, only: run_polynomial_job
   use viscovib_polynomial_motion, only: polynomial_motion_type
@@ -72,7 +71,7 @@ contains
         call run_structure_job(motion, subject%model, subject%structure, places, trajectory, status)
       else
         call run_hereditary_job(motion, subject%oscillator(), subject%load, &
-                                fastest_frequency(subject), trajectory, status)
+                                fastest_rate(subject%oscillator()), trajectory, status)
       end if
     type is (transient_job)
       call fastest_of(subject, nu, fastest, status)
@@ -104,7 +103,7 @@ contains
     else if (subject%is_structure) then
       fastest = rate_of_structure(subject%model, subject%structure, nu)
     else if (subject%remembers()) then
-      fastest = fastest_frequency(subject)
+      fastest = fastest_rate(subject%oscillator())
     else
       fastest = 0.0_wp
       ! Rates are those of coordinates, for any sums that represent kernels.
@@ -112,40 +111,5 @@ contains
       if (.not. status%failed()) fastest = own%fastest()
     end if
   end subroutine fastest_of
-
-  !> Fastest natural frequency of a mount, or an upper bound of the rates of a polynomial
-  !! system.
-  real(wp) function fastest_frequency(subject) result(fastest)
-    type(subject_type), intent(in), target :: subject
-    real(wp) :: omega(2), shapes(2, 2)
-
-    if (subject%is_turning) then
-      fastest = largest_rate(subject%turning, subject%turning%n_dof())
-    else if (subject%is_polynomial) then
-      fastest = largest_rate(subject%polynomial, subject%polynomial%n_dof())
-    else
-      call subject%mount%natural_modes(omega, shapes)
-      fastest = omega(2)
-    end if
-  end function fastest_frequency
-
-  !> Largest row sum of M^-1 K, its root, plus the largest row sum of M^-1 C.
-  real(wp) function largest_rate(system, n)
-    class(oscillator_type), intent(in) :: system
-    integer, intent(in) :: n
-    real(wp) :: mass(n, n), pull(n, n), drag(n, n)
-    integer :: pivots(n), k
-    logical :: singular
-
-    mass = system%mass
-    pull = matmul(system%spread, system%gather)
-    drag = system%damping
-    call factorize(n, mass, pivots, singular)
-    do k = 1, n
-      call solve(n, mass, pivots, pull(:, k))
-      call solve(n, mass, pivots, drag(:, k))
-    end do
-    largest_rate = sqrt(maxval(sum(abs(pull), 2))) + maxval(sum(abs(drag), 2))
-  end function largest_rate
 
 end module viscovib_subject_motion

@@ -4,7 +4,7 @@ module viscovib_ensemble_groups
   use viscovib_grids, only: linear_grid
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
-  use viscovib_hereditary_job, only: hereditary_methods
+  use viscovib_motion_choice, only: hereditary_methods
   use viscovib_kinds, only: wp
   use viscovib_law_parameters, only: read_parameters
   use viscovib_load_groups, only: read_frequency
@@ -107,9 +107,6 @@ contains
         call reader%complain('ensemble', '&ensemble: loss_factor has no meaning in time, must be ' &
                              //'0 (use a kernel, or modal_damping)')
       end if
-    else if (.not. (subject%remembers() .or. subject%goes_whole) &
-             .and. subject%load%moves_base()) then
-      call reader%complain('base', 'base: must be at rest in motion in time')
     end if
   end subroutine check_subject
 

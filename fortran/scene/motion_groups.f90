@@ -4,12 +4,13 @@ module viscovib_motion_groups
   use viscovib_constants, only: standard_gravity
   use viscovib_driven_system, only: driven_system_type
   use viscovib_group_reader, only: group_reader
-  use viscovib_hereditary_job, only: hereditary_job, hereditary_methods, past_names
+  use viscovib_hereditary_job, only: hereditary_job
   use viscovib_kinds, only: wp
   use viscovib_limits, only: largest_start
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_frequency
   use viscovib_method_catalogue, only: transient_methods
+  use viscovib_motion_choice, only: hereditary_methods, past_names
   use viscovib_motion_job, only: decay_job, spectrum_job
   use viscovib_record_doubts, only: doubt_record
   use viscovib_response_groups, only: read_range

@@ -29,6 +29,7 @@ module viscovib_scene_results
   use viscovib_load_groups, only: read_frequency
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
+  use viscovib_motion_choice, only: switches_in_time
   use viscovib_motion_groups, only: read_decay, read_forces, read_hereditary, read_point, &
     read_shock_spectrum, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
@@ -42,7 +43,7 @@ module viscovib_scene_results
   use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
-  use viscovib_status, only: fail, show, status_input_error, status_type
+  use viscovib_status, only: show, status_type
   use viscovib_steady_motion_job, only: steady_motion_job
   use viscovib_structure_model, only: structure_model
   use viscovib_subject, only: subject_type
@@ -230,13 +231,10 @@ contains
       if (.not. reader%status%failed()) then
         call new_fitted_motion(system, subject%polynomial, subject%load, own%nu, 1.0_wp, 1.0_wp, &
                                status)
-        if (subject%load%moves_base() .and. .not. subject%goes_whole) then
-          call fail(status, status_input_error, 'base', 'base: must be at rest in motion in time')
-        end if
         call reader%place(status)
-        ! What goes by all coordinates may begin at rest, and so may what a shock moves.
+        ! Systems that switch may begin at rest, and so may systems that a shock moves.
         if (.not. status%failed()) then
-          call read_transient(reader, system, motion, subject%goes_whole, &
+          call read_transient(reader, system, motion, switches_in_time(subject%polynomial), &
                               subject%load%has_table(), subject%shaft_start)
         end if
       end if

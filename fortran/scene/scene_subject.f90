@@ -2,23 +2,18 @@
 module viscovib_scene_subject
   use viscovib_body_groups, only: read_body
   use viscovib_condensed_subject, only: condense_in_time
-  use viscovib_fitted_memory, only: bound_hidden
   use viscovib_group_reader, only: group_reader
   use viscovib_growing_text, only: growing_text
-  use viscovib_hereditary_job, only: hereditary_methods, past_names
   use viscovib_kernel_groups, only: read_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof
-  use viscovib_law_program, only: branches
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
-  use viscovib_method_catalogue, only: takes_sections, transient_methods
-  use viscovib_modal_frame, only: has_frame, most_in_frame, most_with_memory
+  use viscovib_motion_choice, only: by_modes, choose_equations, motion_wish, without_memory
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
-  use viscovib_polynomial, only: polynomial_type
   use viscovib_scene_groups, only: place_of, place_of_motion
   use viscovib_shaft_groups, only: read_shaft
   use viscovib_status, only: fail, status_input_error, status_type
@@ -87,11 +82,7 @@ contains
     if (.not. status%failed()) call read_shaft(file, subject, load, canonical, status)
     if (.not. subject%is_structure .or. status%failed()) then
       subject%load = load
-      if (subject%is_polynomial .and. .not. (subject%is_turning .or. subject%goes_whole &
-                                             .or. status%failed())) then
-        subject%goes_whole = may_go_whole(file, subject%polynomial, load)
-        if (.not. subject%goes_whole) call take_modes(file, subject)
-      end if
+      if (.not. status%failed()) call choose(file, subject)
       return
     end if
     call put_load(subject%model, load, place_of_motion(file) <= size(file%groups), &
@@ -115,7 +106,7 @@ contains
     type(load_type), intent(in) :: load
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
-
+    character(len=:), allocatable :: lack
     logical :: is_always_whole
 
     is_always_whole = min(place_of(file, 'steady_motion'), place_of(file, 'trace_motion')) &
@@ -132,82 +123,66 @@ contains
     end if
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return
-    if (.not. is_always_whole) then
-      if (.not. fits_sections(file, subject%polynomial)) return
-      subject%goes_whole = .true.
+    if (place_of_motion(file) <= size(file%groups)) then
+      call choose_equations(subject%polynomial, wish_of(file, load, .false.), subject%equations, &
+                            lack)
+      if (subject%equations /= without_memory .and. .not. is_always_whole) return
     end if
     subject%load = load
     subject%is_structure = .false.
     subject%is_polynomial = .true.
   end subroutine go_whole
 
-  !> The same of a system that remembers by exponentials alone, whose base moves, or that has more
-  !! coordinates than lanes hold.
-  logical function may_go_whole(file, system, load) result(may)
-    type(namelist_type), intent(in) :: file
-    type(polynomial_type), intent(in) :: system
-    type(load_type), intent(in) :: load
-    logical :: is_large
-    integer :: i
-    may = .false.
-    if (place_of_motion(file) > size(file%groups)) return
-    is_large = system%n_dof() > max_dof
-    if (.not. (is_large .or. any(system%kernel_of > 0) .or. load%moves_base())) return
-    if (is_large .and. .not. has_frame(system%mass)) return
-    if (.not. any([(any(branches(system%laws(i)%program%code)), i=1, size(system%laws))])) return
-    may = fits_sections(file, system)
-  end function may_go_whole
-
-  !> A motion in time of a system with strong dampers goes by modes, unless its method is none of
-  !! these.
-  subroutine take_modes(file, subject)
+  !> Choose the equations of motions in time.
+  subroutine choose(file, subject)
     type(namelist_type), intent(in) :: file
     type(subject_type), intent(inout) :: subject
-    type(group_reader) :: reader
-    integer :: method, place
-    place = place_of(file, 'transient')
-    if (place > size(file%groups)) return
-    associate (group => file%groups(place))
-      method = group%find('method')
-      if (method > 0) then
-        if (all(hereditary_methods /= lower(group%entries(method)%values(1)%text))) return
-      end if
-      if (group%find('t_end') == 0) return
-      call reader%start(file%path, group)
-    end associate
-    call condense_in_time(subject, reader%read_real('t_end', 0.0_wp))
-  end subroutine take_modes
+    type(motion_wish) :: wish
+    character(len=:), allocatable :: lack
 
-  !> Whether memory takes so few coordinates that sections hold them, and the scene asks for nothing
-  !! that these have not.
-  logical function fits_sections(file, system) result(fits)
+    if (place_of_motion(file) > size(file%groups)) return
+    ! Ensembles, and forces of mounts, are those of all coordinates.
+    wish = wish_of(file, subject%load, .not. subject%is_body .and. place_of(file, 'transient') &
+                   <= size(file%groups))
+    call choose_equations(subject%oscillator(), wish, subject%equations, lack)
+    if (subject%equations /= by_modes) return
+    call condense_in_time(subject)
+    if (subject%is_structure) return
+    wish%may_have_modes = .false.
+    call choose_equations(subject%oscillator(), wish, subject%equations, lack)
+  end subroutine choose
+
+  !> What the scene asks of its motion in time; the group is read completely later.
+  type(motion_wish) function wish_of(file, load, may_have_modes) result(wish)
     type(namelist_type), intent(in) :: file
-    type(polynomial_type), intent(in) :: system
-    integer :: method, n_hidden, place
+    type(load_type), intent(in) :: load
+    logical, intent(in) :: may_have_modes
+    type(group_reader) :: reader
 
-    fits = .false.
-    n_hidden = bound_hidden(system)
-    if (n_hidden < 0 .or. system%n_dof() + n_hidden &
-        > merge(most_with_memory, most_in_frame, n_hidden > 0)) return
     associate (group => file%groups(place_of_motion(file)))
-      place = group%find('memory')
-      if (place > 0) then
-        if (all(past_names(:2) /= lower(group%entries(place)%values(1)%text))) return
-      end if
-      method = group%find('method')
-      if (method > 0) then
-        if (lower(group%entries(method)%values(1)%text) == 'auto') method = 0
-      end if
-      if (method > 0) then
-        method = findloc(transient_methods == lower(group%entries(method)%values(1)%text), &
-                         .true., 1)
-        if (method == 0) return
-        if (system%n_dof() <= max_dof .and. n_hidden == 0) method = 1
-        if (.not. takes_sections(method) .or. (n_hidden > 0 .and. method /= 1)) return
-      end if
+      wish%method = word_of('method')
+      wish%memory = word_of('memory')
+      wish%is_held = group%find('held') > 0
+      wish%moves_base = load%moves_base()
+      wish%may_have_modes = may_have_modes .and. group%find('t_end') > 0 &
+                            .and. .not. any(abs(load%moved) > 0.0_wp)
+      if (.not. wish%may_have_modes) return
+      call reader%start(file%path, group)
+      wish%t_end = reader%read_real('t_end', 0.0_wp)
     end associate
-    fits = .true.
-  end function fits_sections
+
+  contains
+
+    function word_of(key) result(word)
+      character(len=*), intent(in) :: key
+      character(len=:), allocatable :: word
+      integer :: i
+      word = 'auto'
+      i = file%groups(place_of_motion(file))%find(key)
+      if (i > 0) word = lower(file%groups(place_of_motion(file))%entries(i)%values(1)%text)
+    end function word_of
+
+  end function wish_of
 
   ! The &mount group of a scene.
 

@@ -82,7 +82,6 @@ contains
     if (.not. has_motor) call turn(shock, n, load, subject%shaft_start)
     subject%coordinates = [character(len=name_length) :: subject%coordinates, angle]
     subject%units = [character(len=name_length) :: subject%units, 'rad']
-    subject%goes_whole = .true.
   end subroutine read_shaft
 
   !> The group &drive_torque.

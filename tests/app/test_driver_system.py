@@ -218,3 +218,43 @@ def test_laws_of_structures_and_of_what_remembers_are_reported_too(
     assert reported in done.stdout
     place = float(done.stdout.split(reported)[1].split()[0])
     assert place == pytest.approx(-edge, abs=1e-5)
+
+
+#: Law, keys of &transient, motion of the base, and True if the equations have memory.
+CHOICES = {
+    "smooth": ("x1^3", "initial=0.2 0 0 0", "", False),
+    "smooth on a moving base": ("x1^3", "", "&load kind='base' amplitude=0.05 /\n", True),
+    "kinks on a moving base": ("3*max(x1, 0)", "", "&load kind='base' amplitude=0.05 /\n", False),
+    "held": ("x1^3", "held=0.2 0", "", True),
+    "nodes": ("x1^3", "initial=0.2 0 0 0 method='gauss6'", "", True),
+    "strong damping": ("x1^3", "initial=0.2 0 0 0 t_end=3 tolerance=1e-8", "", True),
+}
+
+
+@pytest.mark.parametrize("name", CHOICES)
+def test_scenes_and_python_choose_the_same_equations(tmp_path, name):
+    """The states are then equal but for rounding; other equations differ by the tolerance."""
+    law, group, base, by_nodes = CHOICES[name]
+    damping = [4000.0, 0.05] if name == "strong damping" else [0.1, 0.05]
+    path = tmp_path / "own.nml"
+    end = "" if "t_end" in group else "t_end=6 dt=0.2"
+    path.write_text(
+        "&system coordinates='x1', 'x2', mass=1, 0.5, stiffness=2, -1, -1, 1.5, base_direction=1, 1"
+        f",\n  damping={damping[0]}, {damping[1]} /\n&force on='x1', law='{law}' /\n"
+        f"&load on='x2', amplitude=0.1 /\n{base}&transient nu=1.3 {end} {group} /\n"
+    )
+    system = vv.PolynomialSystem(
+        mass=[1, 0.5], stiffness=[[2, -1], [-1, 1.5]], damping=damping, base_direction=[1, 1],
+        forces={"x1": law},
+    )  # fmt: skip
+    given = {"dt": 0.2, "load": {1: [0, 0.1]}, "nu": 1.3, "base": 0.05 if base else None}
+    given |= {"held": [0.2, 0]} if "held" in group else {}
+    given |= {"initial": [0.2, 0, 0, 0]} if "initial" in group else {}
+    given |= {"method": "gauss6"} if "gauss6" in group else {}
+    if name == "strong damping":
+        given |= {"dt": "auto", "tolerance": 1e-8}
+    run = vv.simulate(system, 3 if name == "strong damping" else 6, **given)
+    assert ("iterations" in run.stats) == by_nodes
+    read = vv.run(path).trajectory
+    assert read.t == pytest.approx(run.t, abs=1e-14)
+    assert read.state == pytest.approx(run.state, abs=2e-13)

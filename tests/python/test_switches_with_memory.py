@@ -293,7 +293,7 @@ def test_stops_rest_and_friction_holds_with_memory():
 def test_what_is_refused_says_why():
     """Tables of points, too many exponentials, and `held`."""
     table = vv.TabulatedKernel(times=[0, 1, 2], values=[0.3, 0.1, 0.05])
-    with pytest.raises(vv.InputError, match=r"TabulatedKernel.*sum_of_exponentials"):
+    with pytest.raises(vv.InputError, match=r"needs kernels.*sum_of_exponentials"):
         run(rubber(kernel=table))
     many = vv.PronyKernel(weights=np.full(1100, 4e-4), rates=np.linspace(1, 70, 1100))
     with pytest.raises(vv.InputError, match="at most 1024 coordinates and exponentials"):
@@ -313,7 +313,7 @@ def test_what_is_refused_says_why():
     with pytest.raises(vv.InputError, match="has the methods auto, gauss8, got method = "):
         run(rubber(), method="rk4")
     # The message for a wrong method does not name the kernel.
-    for method in ("rk4", "foo", 3):
+    for method in ("rk4", "gauss6"):
         with pytest.raises(vv.InputError, match=f"got method = {method!r}$"):
             run(rubber(kernel=table), method=method)
 

@@ -26,7 +26,7 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import varied
-from viscovib.systems.whole import in_all_coordinates, switches, whole_system
+from viscovib.systems.whole import in_all_coordinates, whole_system
 
 #: Largest number of coordinates in the vector unit, without and with perturbations.
 _MOST, _MOST_DISTURBED = 6, 3
@@ -119,7 +119,7 @@ def side_by_side(
     if system._is_condensed:
         if varied and any(name in SCALES[1:] for name in given):
             return None
-        if system._reduced is not None or switches(system):
+        if system._reduced is not None or system._has_kinks:
             return None
         return whole_system(system)
     kinked = any(law.branches for law in system._all_laws)

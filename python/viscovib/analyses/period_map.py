@@ -13,7 +13,8 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.analyses.following import _Way
-from viscovib.analyses.memoryless import MAX_DOF, METHODS
+from viscovib.analyses.memoryless import MAX_DOF
+from viscovib.analyses.oscillator_motion import METHODS
 from viscovib.analyses.runs import nothing
 from viscovib.analyses.whole_structure import check_whole
 from viscovib.errors import InputError

@@ -10,12 +10,11 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.events import Watch
-from viscovib.analyses.hereditary import NODES, MountMotion, hereditary_run_of, moving
-from viscovib.analyses.memoryless import (
-    PolynomialRun,
-    goes_as_pendulum,
-    pendulum_runs,
-    polynomial_runs,
+from viscovib.analyses.memoryless import pendulum_runs
+from viscovib.analyses.oscillator_motion import (
+    NODES,
+    WITH_MEMORY,
+    OscillatorMotion,
 )
 from viscovib.analyses.runs import Run, Wanted, nothing
 from viscovib.analyses.step_search import with_estimate
@@ -162,29 +161,24 @@ def other_loads(
     if not loaded:
         return None
     breaks = breaks_of(force, base, len(system.dof_names))
-    before = hereditary_run_of(run)
-    if before is None and goes_as_pendulum(system, run.method, load, base, None, "auto"):
-        make, _ = polynomial_runs(
-            system, end, run.state, run.method, load, nu, force, run.solved, base=base
+    before = run.motion
+    if run.by_nodes:
+        motion = OscillatorMotion.checked(
+            system, before.end, run.state, run.method, load, nu, base, force, None, before.memory
+        ).with_equations(WITH_MEMORY)
+    else:
+        motion = OscillatorMotion.checked(
+            system, end, run.state, run.method, load, nu, base, force, None, "auto"
         )
-        _check_base(_motion_of(make(run.h)), _motion_of(run), run.time)
-        return known(make, breaks, force, base)
-    if run.method not in NODES:
-        raise InputError(
-            f"resume: with method {run.method!r} a moving base or these harmonics are not "
-            f"available, must be one of {', '.join(NODES)}"
-        )
-    past = "auto" if before is None else before.memory
-    reach = end if before is None else before.end
-    motion = MountMotion.checked(
-        system, reach, run.state, run.method, load, nu, base, force, None, past
-    )
+        motion = replace(motion, is_held=before.is_held).with_equations()
+        if motion.remembers_all and run.method not in NODES:
+            raise InputError(
+                f"resume: with method {run.method!r} a moving base is not available, must be one "
+                f"of {', '.join(NODES)}"
+            )
     _check_base(motion, before, run.time)
-    if before is not None:
-        moves = moving(system, (motion.moves | before.moves).astype(bool))
-        motion = replace(
-            motion, held=before.held, before=before.before, moved=before.moved, moves=moves
-        )
+    if motion.remembers_all == run.by_nodes:
+        motion = motion.after(before)
     return known(motion.runs(run.solved), breaks, force, base)
 
 
@@ -203,11 +197,14 @@ def _other_loads_of_structure(
     if isinstance(run, WholeRun):
         given: Any = run.system
         names = None if run.places is None else [given.dof_names[i] for i in run.places]
-        make, _ = whole_runs(
-            given, end, None, run.method, load, nu, force, run.solved, names, base=base
-        )
-        _check_base(_motion_of(make(run.h)), run.motion, run.time)
-        return known(make, breaks_of(force, base, len(given.dof_names)), force, base)
+        made = whole_runs(
+            given, end, None, run.method, load, nu, force, run.solved, names, base=base,
+            before=run.motion,
+        )  # fmt: skip
+        assert made is not None
+        begun: Any = made[0](run.h)
+        _check_base(begun.motion, run.motion, run.time)
+        return known(made[0], breaks_of(force, base, len(given.dof_names)), force, base)
     before = structure_motion_of(run)
     assert before is not None
     system = before.mount
@@ -224,18 +221,13 @@ def _other_loads_of_structure(
     return known(motion.runs(run.solved), breaks, force, base)
 
 
-def _motion_of(run: Run) -> MountMotion | None:
-    """Motion of the base in a run of a polynomial system, or None."""
-    return run.motion if isinstance(run, PolynomialRun) else None
-
-
 def _check_base(motion: Any, before: Any, now: float) -> None:
     """Refuse a base whose position jumps."""
-    if motion is None is before:
+    if not (motion.moves_base or before.moves_base):
         return
-    places = [0.0 if one is None else np.atleast_1d(one.base_at(now)) for one in (motion, before)]
+    places = [np.atleast_1d(one.base_at(now)) for one in (motion, before)]
     here, place = np.broadcast_arrays(*places)
-    most = max(one.travel for one in (motion, before) if one is not None)
+    most = max(one.travel for one in (motion, before))
     if np.abs(here - place).max() > _OFF * most:
         if np.ptp(here) == 0 == np.ptp(place):
             # A base that moves all coordinates together has one position.

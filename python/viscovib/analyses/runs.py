@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -157,7 +157,7 @@ class Run(ABC):
     """A run that can be continued: its equations, and its state and data after some steps."""
 
     #: Quantity that native calls count.
-    counts: ClassVar[str]
+    counts: str
     #: Number of equal steps to a given time, and this time (the product with h is rounded).
     goal: tuple[int, float] = (-1, 0.0)
     #: True if the step was found by a tolerance.

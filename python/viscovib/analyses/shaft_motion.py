@@ -13,14 +13,12 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib.analyses.acting import KnownMotion
 from viscovib.analyses.forces_in_time import element_forces
-from viscovib.analyses.memoryless import (
-    AS_COORDINATES,
-    IN_SECTIONS,
-    MAX_DOF,
+from viscovib.analyses.memoryless import MAX_DOF
+from viscovib.analyses.oscillator_motion import (
     METHODS,
-    REMEMBERING,
-    PolynomialRun,
-    polynomial_runs,
+    WITHOUT_MEMORY,
+    OscillatorMotion,
+    OscillatorRun,
 )
 from viscovib.analyses.runs import Run
 from viscovib.analyses.whole_structure import WholeRun, check_outside
@@ -32,6 +30,9 @@ from viscovib.systems.load_table import LoadTable
 from viscovib.systems.shaft import OnShaft
 from viscovib.systems.structure import ALL_GIVEN, Structure
 from viscovib.systems.whole import n_hidden
+
+#: Methods for more coordinates than a lane of the core, and with memory.
+_IN_SECTIONS, _REMEMBERING = ("gauss8", "gauss2", "gauss3"), ("gauss8",)
 
 
 def shaft_runs(
@@ -48,10 +49,10 @@ def shaft_runs(
     coordinates: Sequence[str] | None,
 ) -> tuple[Callable[[float], Run], int]:
     """Return a function that creates a run with a step size, and the first number of steps."""
-    _native.choice("memory", memory, AS_COORDINATES)
-    methods = tuple(METHODS) if len(system.dof_names) <= MAX_DOF else IN_SECTIONS
+    _native.choice("memory", memory, ("auto", "exponentials"))
+    methods = tuple(METHODS) if len(system.dof_names) <= MAX_DOF else _IN_SECTIONS
     if hidden := n_hidden(system)[0]:
-        methods = REMEMBERING
+        methods = _REMEMBERING
     if hidden < 0:
         raise InputError(
             "kernel: must be, or be fitted by, a sum of exponentials while the speed changes: use "
@@ -66,11 +67,15 @@ def shaft_runs(
             key: np.append(value, 0.0) if np.shape(value) == (n,) else value
             for key, value in given.items()
         }
-    make, steps = polynomial_runs(system, end, initial, method, load, nu, force, solved, True, base)
+    motion = OscillatorMotion.checked(
+        system, end, initial, method, load, nu, base, force, None, memory
+    ).with_equations(WITHOUT_MEMORY)
+    first: int = motion.chosen["first"]
     if not isinstance(system.given, Structure):
-        return partial(_of_system, system, make), steps
-    check_outside(system.given, make(1.0).state[:-2])
-    return partial(_of_structure, system, _places(system, coordinates, load), make), steps
+        return partial(_SystemRun, motion, solved), first
+    check_outside(system.given, motion.state[:-2])
+    places: Any = _places(system, coordinates, load)
+    return partial(_StructureRun, system, places, motion, solved), first
 
 
 def _places(
@@ -86,19 +91,7 @@ def _places(
     return np.append(still._wanted(None, still._loaded(load, None)), n - 1)
 
 
-def _of_system(system: OnShaft, make: Callable[[float], Run], h: float) -> Run:
-    run: Any = make(h)
-    return _SystemRun(system, run.method, run.state, h, run.solved, run.job)
-
-
-def _of_structure(
-    system: Any, places: npt.NDArray[np.intp], make: Callable[[float], Run], h: float
-) -> Run:
-    run: Any = make(h)
-    return _StructureRun(system, places, run)
-
-
-class _ShaftRun(PolynomialRun):
+class _ShaftRun(OscillatorRun):
     """A run with the accelerations of the shaft."""
 
     always_repeats = True

@@ -19,8 +19,7 @@ from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.members import Members, Sections, shared_runs, side_by_side
 from viscovib.analyses.resume import known
 from viscovib.analyses.runs import Run, ThinLayers
-from viscovib.analyses.structure_motion import goes_condensed
-from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
+from viscovib.analyses.transient import MOST_WHOLE, Acting, kept_by, observed, runs_of
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -202,7 +201,7 @@ def _scaled(system: PolynomialSystem, numbers: Mapping[str, float]) -> Polynomia
     """The system with scaled parts: K of all springs, C, polynomial forces, or memory."""
     if not numbers:
         return system
-    if goes_condensed(system):
+    if len(system.dof_names) > MOST_WHOLE:
         raise InputError(
             f"parameters: {', '.join(numbers)} do not vary of a system that is condensed "
             f"({len(system.dof_names)} coordinates)"

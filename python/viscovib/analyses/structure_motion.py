@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,14 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
-from viscovib.analyses.hereditary import FIRST, NODES, PASTS, MountRun, history_of
-from viscovib.analyses.memoryless import reads_rates, switches_by_itself
+from viscovib.analyses.oscillator_motion import (
+    FIRST,
+    NODES,
+    PASTS,
+    REACH,
+    OscillatorRun,
+    history_of,
+)
 from viscovib.analyses.runs import MAX_STEPS, ONE_RUN, Run, Wanted, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
@@ -27,7 +33,7 @@ from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import law_end as end_of_law
-from viscovib.systems.load import LoadLike, base_by_order, in_components
+from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.piecewise import derivative, values_at
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -38,16 +44,11 @@ from viscovib.systems.structure_loads import (
     table_columns,
     warn_of_creeping,
 )
-from viscovib.systems.system import System
 from viscovib.systems.whole import lacks_wholeness, whole_system
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Largest number of coordinates of polynomial systems that are not condensed.
-_MOST_WHOLE = 64
-#: Length in decay times from which on a motion is long, as in the core.
-_MANY_DECAYS = 3000.0
 #: Largest part of a start outside the modes without a warning.
 _LEFT_OUT = 1e-6
 
@@ -356,6 +357,19 @@ class StructureMotion:
         wanted = float(self.end) * fastest * FIRST[self.method] / (2 * math.pi)
         return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
 
+    #: The equations are those with memory, of modes.
+    remembers_all: ClassVar[bool] = True
+
+    @property
+    def system(self) -> Condensed:
+        """The structure."""
+        return self.mount
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """What the core chooses for other motions: the latest time of a continued run."""
+        return {"reach": REACH * self.end}
+
     @property
     def remembers(self) -> bool:
         """True if an element or layer has memory."""
@@ -409,13 +423,14 @@ class StructureMotion:
         return partial(StructureRun, self, tolerance)
 
 
-class StructureRun(MountRun):
+class StructureRun(OscillatorRun):
     """A run of a structure."""
 
-    motion: StructureMotion
+    motion: Any
 
     def __init__(self, motion: StructureMotion, tolerance: float, h: float) -> None:
         super().__init__(motion, tolerance, h, motion.first_kept)
+        self.moves = None
         #: Jumps of base position and velocity at the start of new loads.
         self.kick = np.zeros(2)
         if motion.follows.any():
@@ -446,7 +461,7 @@ class StructureRun(MountRun):
         return _native.polynomial_object(motion.whole._vector), motion.acting, motion.past
 
     def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
-        return self.motion.base_motion(t)
+        return tuple(self.motion.base_motion(t))
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Of the coordinates that are kept, from a run that keeps all of them."""
@@ -481,7 +496,7 @@ class StructureRun(MountRun):
     def _plan(self, **steps: Any) -> str:
         motion, loaded = self.motion, self.motion.loaded
         moving = bool(motion.start.any() or motion.speed.any() or motion.before.size > 1)
-        lines = self._plan_with_memory(
+        lines = self._plan_of(
             loaded._handle, orders=loaded.job[5], series=loaded.job[6],
             initial=np.full(2 * loaded.condensation.q, float(moving)), held=motion.held, **steps,
         ).splitlines()  # fmt: skip
@@ -495,7 +510,7 @@ class StructureRun(MountRun):
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for a structure."""
-        values = self._order() | {"kick": self.kick}
+        values = {"nodes": NODES[self.method], "t_end": self.reach, "kick": self.kick}
         return "motion of structure", (*self.motion._modes, self.motion._given), values
 
 
@@ -503,29 +518,6 @@ def modes_in_core(modal: dict[str, Any]) -> tuple[_native.Handle, _native.Handle
     """Elements, and the linear subsystem with its loads, as objects of the core."""
     rest = {name: value for name, value in modal.items() if name != "elements"}
     return _native.polynomial_object(modal["elements"]), _native.Handle("motion given", **rest)
-
-
-def goes_by_modes(system: System, end: float, method: str, base: object) -> bool:
-    """True for structures, and if strong dampers would require very short steps without modes."""
-    if system._is_condensed:
-        return True
-    if not isinstance(system, PolynomialSystem):
-        return False
-    if not system._strong_damping * end > _MANY_DECAYS or system._modes_in_time is None:
-        return False
-    if system._turns or switches_by_itself(system) or reads_rates(system):
-        return False
-    if not (isinstance(method, str) and method in ("auto", *NODES)):
-        return False
-    if isinstance(base, LoadTable) or any(map(in_components, base_by_order(base).values())):
-        # Modes do not support a base motion along several directions.
-        return False
-    return base is None or system._space is None
-
-
-def goes_condensed(system: Any) -> bool:
-    """True if motions of a system are computed with few deflections and modes."""
-    return system._is_condensed or len(system.dof_names) > _MOST_WHOLE
 
 
 def structure_motion_of(run: Run) -> StructureMotion | None:

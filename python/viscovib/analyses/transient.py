@@ -15,13 +15,8 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.events import Event, Watch
-from viscovib.analyses.hereditary import MountMotion
-from viscovib.analyses.memoryless import (
-    goes_as_pendulum,
-    goes_in_sections,
-    pendulum_runs,
-    polynomial_runs,
-)
+from viscovib.analyses.memoryless import pendulum_runs
+from viscovib.analyses.oscillator_motion import BY_MODES, OscillatorMotion
 from viscovib.analyses.resume import (
     Maker,
     breaks_of,
@@ -43,17 +38,15 @@ from viscovib.analyses.shaft_motion import shaft_runs
 from viscovib.analyses.step_search import by_tolerance, with_estimate
 from viscovib.analyses.structure_motion import (
     StructureMotion,
-    goes_by_modes,
-    goes_condensed,
     structure_motion_of,
 )
-from viscovib.analyses.whole_structure import goes_whole, whole_runs
+from viscovib.analyses.whole_structure import whole_runs
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.base_acceleration import BaseMotion, relative_loads
-from viscovib.systems.load import LoadLike, at_frequency
+from viscovib.systems.load import LoadLike, at_frequency, base_by_order, in_components
 from viscovib.systems.load_table import LoadTable, RunUp
 from viscovib.systems.mount import Mount
 from viscovib.systems.own_supports import SupportMotion, moves_apart, on_own_supports
@@ -61,9 +54,12 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.shaft import USUAL_RTOL, DriveTorque, OnShaft, turns_shaft, with_shaft
 from viscovib.systems.structure import Structure
+from viscovib.systems.whole import MOST_IN_FRAME
 
 #: Motion of the base by its acceleration, and of supports, each or None.
 _Moved = tuple[BaseMotion | None, SupportMotion | None]
+#: Largest number of coordinates of smooth systems that are not condensed, as in the core.
+MOST_WHOLE = 64
 #: Largest relative last coefficient of a step without a warning.
 _ROUGH = 1e-2
 #: Reduction of the tolerance of memory equations if no step size met the tolerance.
@@ -463,36 +459,45 @@ def runs_of(
             given.coordinates,
         )  # fmt: skip
         return *made, 1
-    if goes_whole(system, method, given.memory):
-        kept = given.coordinates
+    if system._is_condensed:
         made = whole_runs(
-            system, end, initial, method, load, nu, force, solved, kept, base=base, held=held
-        )
-        return *made, 1
-    by_modes = goes_by_modes(system, end, method, base)
-    if not by_modes:
-        if goes_as_pendulum(system, method, load, base, held, given.memory):
-            made = polynomial_runs(
-                system, end, initial, method, load, nu, force, solved, base=base, held=held
-            )
-            return *made, 1
-        if goes_in_sections(system, method, given.memory):
-            made = polynomial_runs(
-                system, end, initial, method, load, nu, force, solved, True, base, held
-            )
-            return *made, 1
-    if by_modes or goes_condensed(system):
-        shape = StructureMotion.checked(
-            system, end, initial, method, load, nu, base, force, held, given.memory,
-            given.coordinates,
+            system, end, initial, method, load, nu, force, solved, given.coordinates, base=base,
+            held=held, memory=given.memory,
         )  # fmt: skip
-        make = shape.runs(far if shape.remembers else ROUNDING)
-        return make, shape.first_steps(), 2 if shape.remembers else 1
-    motion = MountMotion.checked(
-        system, end, initial, method, load, nu, base, force, held, given.memory
+        if made is not None:
+            return *made, 1
+    elif not is_large(system):
+        motion = OscillatorMotion.checked(
+            system, end, initial, method, load, nu, base, force, held, given.memory
+        )
+        motion = motion.with_equations(may_have_modes=_may_have_modes(system, base))
+        if motion.chosen["equations"] == BY_MODES and system._modes_in_time is None:
+            motion = motion.with_equations()
+        if motion.chosen["equations"] != BY_MODES:
+            if not motion.remembers_all:
+                return motion.runs(solved), motion.chosen["first"], 1
+            make = motion.runs(far if motion.remembers or not auto else ROUNDING)
+            return make, motion.chosen["first"], 2 if motion.remembers else 1
+    shape = StructureMotion.checked(
+        system, end, initial, method, load, nu, base, force, held, given.memory, given.coordinates
     )
-    make = motion.runs(far if motion.remembers or not auto else ROUNDING)
-    return make, motion.first_steps(), 2 if motion.remembers else 1
+    make = shape.runs(far if shape.remembers else ROUNDING)
+    return make, shape.first_steps(), 2 if shape.remembers else 1
+
+
+def is_large(system: Any) -> bool:
+    """True if the core does not take a system in all its coordinates for motions in time."""
+    n = len(system.dof_names)
+    return n > MOST_WHOLE and not (system._has_kinks and n <= MOST_IN_FRAME)
+
+
+def _may_have_modes(system: Any, base: Any) -> bool:
+    """True unless the base moves in a way that modes do not support: in several directions."""
+    if base is None or len(system.dof_names) > MOST_WHOLE:
+        return True
+    if isinstance(base, LoadTable) or any(map(in_components, base_by_order(base).values())):
+        return False
+    return getattr(system, "_space", None) is None
 
 
 @dataclass(frozen=True)

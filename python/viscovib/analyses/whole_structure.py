@@ -8,23 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, ClassVar, TypeGuard
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib._native import FloatArray, shown
-from viscovib.analyses.hereditary import MountMotion
-from viscovib.analyses.memoryless import (
-    AS_COORDINATES,
-    IN_SECTIONS,
-    MAX_DOF,
-    METHODS,
-    REMEMBERING,
-    PolynomialRun,
-    polynomial_runs,
-)
+from viscovib._native import FloatArray
+from viscovib.analyses.oscillator_motion import OscillatorMotion, OscillatorRun
 from viscovib.analyses.runs import Run
 from viscovib.analyses.structure_motion import with_deflections
 from viscovib.common.past import Past
@@ -32,55 +23,18 @@ from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
-from viscovib.systems.piecewise import values_at
 from viscovib.systems.structure import ALL_GIVEN, Structure
 from viscovib.systems.supports import with_base_loads
 from viscovib.systems.whole import (
     MOST_WITH_MEMORY,
-    has_text_laws,
     lacks_wholeness,
     n_hidden,
     once_each,
-    shares_switches,
-    switches,
     whole_system,
 )
 
 #: Indices of the coordinates kept; None: all.
 _Places = npt.NDArray[np.intp] | None
-
-
-def goes_whole(
-    system: object,
-    method: str,
-    memory: str,
-) -> TypeGuard[Structure]:
-    """True for a small structure with kinks or element states, and memory by exponentials."""
-    if not isinstance(system, Structure) or not switches(system):
-        return False
-    note, n = lacks_wholeness(system), len(system.dof_names)
-    sections = n > MAX_DOF or bool(system._all_kernels)
-    methods = ("auto", *(IN_SECTIONS if sections else METHODS))
-    if system._all_kernels:
-        methods = ("auto", *REMEMBERING)
-    if note is not None:
-        pass
-    elif not (isinstance(method, str) and method in methods):
-        note = f"has the methods {', '.join(methods)}, got method = {shown(method)}"
-    elif not (isinstance(memory, str) and memory in AS_COORDINATES):
-        note = f"has memory {' or '.join(map(repr, AS_COORDINATES))}, got memory = {shown(memory)}"
-    elif (lacks := _lacks_exponentials(system)) is not None:
-        note = lacks
-    elif sections and shares_switches(system):
-        note = (
-            f"of more than {MAX_DOF} coordinates, or with kernels, takes no law that switches with "
-            "the rate, as sign(v), on the deflection of an element with a state"
-        )
-    if note is None:
-        return True
-    if any(element.law is not None and element.law.state for element in system._all_elements):
-        raise InputError(f"elements: a motion in time with hysteresis or restitution {note}")
-    return False
 
 
 def check_whole(system: Any) -> None:
@@ -129,25 +83,45 @@ def whole_runs(
     *,
     base: LoadLike | LoadTable | None = None,
     held: npt.ArrayLike | Past | None = None,
-) -> tuple[Callable[[float], Run], int]:
+    memory: str = "auto",
+    before: OscillatorMotion | None = None,
+) -> tuple[Callable[[float], Run], int] | None:
     """Return a function that creates a run with a step size, and the first number of steps.
 
-    ``coordinates``: names of those kept; None: all if few, else those with loads or elements.
+    None: steps cannot end where laws switch, or no law does. ``coordinates``: names of those kept;
+    None: all if few, else those with loads or elements. ``before``: earlier motion under other
+    loads.
     """
-    places: _Places = None
+    if not structure._has_kinks:
+        return None
+    note = lacks_wholeness(structure)
+    if note is None:
+        frequency = 0.0 if nu is None else _native.number("nu", nu)
+        own, table = with_base_loads(structure, end, load, frequency, base, force)
+        motion = OscillatorMotion.checked(
+            whole_system(structure), end, initial, method, own, nu, base, table, held, memory
+        ).with_equations()
+        note = motion.chosen.get("lack")
+        if not note:
+            motion = motion if before is None else motion.after(before)
+            check_outside(structure, motion.state)
+            places = _places_of(structure, coordinates, load, base)
+            return partial(WholeRun, structure, places, motion, solved), motion.chosen["first"]
+    if any(element.law is not None and element.law.state for element in structure._all_elements):
+        raise InputError(f"elements: a motion in time with hysteresis or restitution {note}")
+    return None
+
+
+def _places_of(
+    structure: Structure, coordinates: Sequence[str] | None, load: LoadLike | None, base: Any
+) -> _Places:
+    """Indices of the coordinates kept."""
     if coordinates is not None:
-        places = structure._chosen(coordinates)
-    elif structure.n_coordinates > ALL_GIVEN:
-        waved = None if isinstance(base, LoadTable) else base
-        places = structure._wanted(None, structure._loaded(load, waved))
-    whole = whole_system(structure)
-    frequency = 0.0 if nu is None else _native.number("nu", nu)
-    load, force = with_base_loads(structure, end, load, frequency, base, force)
-    make, steps = polynomial_runs(
-        whole, end, initial, method, load, nu, force, solved, True, base, held
-    )
-    check_outside(structure, make(1.0).state)
-    return partial(_of_structure, structure, places, make), steps
+        return structure._chosen(coordinates)
+    if structure.n_coordinates <= ALL_GIVEN:
+        return None
+    waved = None if isinstance(base, LoadTable) else base
+    return np.asarray(structure._wanted(None, structure._loaded(load, waved)))
 
 
 def check_outside(structure: Structure, state: FloatArray) -> None:
@@ -163,45 +137,21 @@ def check_outside(structure: Structure, state: FloatArray) -> None:
             )
 
 
-def _base_states(motion: MountMotion, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Displacements and velocities of the coordinates by the base, before a corner, (m, n)."""
-    waves = np.exp(1j * np.outer(times, motion.frequencies))
-    place = (waves @ motion.base.T).imag
-    speed = (waves @ (motion.frequencies * motion.base).T).real
-    if motion.table is not None:
-        breaks, pieces = motion.base_breaks, np.moveaxis(motion.base_pieces, 1, 0)
-        before = np.nextafter(times, -np.inf)
-        moved, rate, _ = values_at(breaks, pieces, before)
-        place, speed = place + moved, speed + rate
-    return place @ motion._directions.T, speed @ motion._directions.T
-
-
-def _of_structure(
-    structure: Structure, places: _Places, make: Callable[[float], Run], h: float
-) -> WholeRun:
-    run = make(h)
-    assert isinstance(run, PolynomialRun)
-    return WholeRun(structure, places, run)
-
-
-class WholeRun(PolynomialRun):
+class WholeRun(OscillatorRun):
     """A run of a structure by its full equations."""
 
     power: ClassVar[Any] = None
 
-    def __init__(self, structure: Structure, places: _Places, like: PolynomialRun) -> None:
-        super().__init__(like.system, like.method, like.state, like.h, like.solved, like.job)
+    def __init__(
+        self, structure: Structure, places: _Places, motion: OscillatorMotion, solved: float,
+        h: float,
+    ) -> None:  # fmt: skip
+        super().__init__(motion, solved, h)
         self.places = places
         self.system = structure  # type: ignore[assignment]
 
-    @property
-    def has_layers(self) -> bool:
-        """True if the structure has laws that may have thin layers."""
-        structure: Any = self.system
-        return has_text_laws(structure)
-
     def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
-        return super()._base_motion(t) if self.motion is None else self.motion.base_motion(t)
+        return tuple(self.motion.base_motion(t))
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Of the coordinates that are kept."""
@@ -232,9 +182,11 @@ class WholeRun(PolynomialRun):
         directions = structure._element_directions
         places = np.arange(len(structure.dof_names)) if self.places is None else self.places
         relative = run.state
-        if self.motion is not None:
+        if self.motion.moves_base:
+            # At a corner of its table the base has the velocity before it.
+            at = run.t if self.motion.table is None else np.nextafter(run.t, -np.inf)
+            place, speed, _ = self.motion.acting.moved(at)
             relative = run.state.copy()
-            place, speed = _base_states(self.motion, run.t)
             relative[:, ::2] -= place
             relative[:, 1::2] -= speed
         count = self._n_stops

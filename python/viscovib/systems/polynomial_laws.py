@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,11 +21,6 @@ _SMALLEST = 4
 #: matrices are faster and give all multipliers. With memory the determinant of the full equations
 #: takes 10 to 200 times as long, and with kinks of laws the balance of many harmonics 2 to 4 times.
 _SMALLEST_CHECKED, _CHECKED_EACH = 8, 3
-
-
-#: Ratio of the rates of dampers and springs from which on steps in time use modes (as in the
-#: core).
-_MUCH_FASTER = 50.0
 
 
 def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> Laws | None:
@@ -92,11 +86,3 @@ def condensation_of(
     except InputError:
         # The modes are defective: the compliance is not a sum over modes.
         return None
-
-
-def strong_damping(mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> float:
-    """The decay rate (1/s) of the dampers if it is much larger than the frequencies, else 0."""
-    inverse = np.linalg.inv(mass)
-    drag = float(np.abs(inverse @ damping).sum(axis=1).max())
-    springs = math.sqrt(np.abs(inverse @ stiffness).sum(axis=1).max())
-    return drag if drag > _MUCH_FASTER * springs else 0.0

@@ -284,13 +284,6 @@ class PolynomialSystem(WithSpeed):
         return condensation_of(self._mass_matrix, self._damping, self.groups, quiet=note)
 
     @cached_property
-    def _strong_damping(self) -> float:
-        """The decay rate (1/s) of the dampers if it is much larger than the frequencies, else 0."""
-        from viscovib.systems.polynomial_laws import strong_damping
-
-        return strong_damping(self._mass_matrix, self._damping, self._stiffness_at_rest)
-
-    @cached_property
     def _modes_in_time(self) -> Condensation | None:
         """The system in modes for motions in time, with exact fast decay; None: no modes."""
         from viscovib.systems.polynomial_laws import condensation_of

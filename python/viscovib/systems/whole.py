@@ -51,41 +51,9 @@ def once_each(function: Callable[[Structure], _Note]) -> Callable[[Structure], _
     return note
 
 
-@once_each
-def switches(structure: Structure) -> bool:
-    """True if a law has kinks or jumps, or an element has hysteresis."""
-    return structure._has_kinks
-
-
 def usual_tolerance(system: System) -> float:
     """Return the default tolerance of steady motions, which is larger with kinks and jumps."""
     return CORNER_TOLERANCE if system._has_kinks else SMOOTH_TOLERANCE
-
-
-@once_each
-def shares_switches(structure: Structure) -> bool:
-    """True if a law that switches with a rate and a hysteresis element share a deflection.
-
-    Both switch where the deflection reverses, so errors are not a power of the step size.
-    """
-    own = [(e.direction, e.law) for e in structure._all_elements if e.law is not None]
-    with_states = [direction for direction, law in own if law.state]
-    of_rates = [
-        direction
-        for direction, law in own
-        if not law.state
-        and law.branches
-        and max(law.places, default=-1) >= len(law.arguments) - law.n_rates
-    ]
-    return any(
-        (a @ b) ** 2 >= (1 - 1e-12) * (a @ a) * (b @ b) for a in with_states for b in of_rates
-    )
-
-
-@once_each
-def has_text_laws(structure: Structure) -> bool:
-    """True if a law is not a hysteresis element; its layers may be thinner than a step."""
-    return any(not law.state for law in structure._all_laws)
 
 
 def lacks_wholeness(system: Structure) -> str | None:
