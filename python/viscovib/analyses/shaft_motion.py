@@ -75,7 +75,8 @@ def shaft_runs(
         return partial(_SystemRun, motion, solved), first
     check_outside(system.given, motion.state[:-2])
     places: Any = _places(system, coordinates, load)
-    return partial(_StructureRun, system, places, motion, solved), first
+    structure: Any = system
+    return partial(_StructureRun, structure, places, motion, solved), first
 
 
 def _places(

@@ -454,11 +454,11 @@ def runs_of(
         _native.choice("memory", given.memory, ("auto",))
         return *pendulum_runs(system, end, initial, method, solved), 1
     if isinstance(system, OnShaft):
-        made = shaft_runs(
+        turning = shaft_runs(
             system, end, initial, method, load, nu, force, solved, base, given.memory,
             given.coordinates,
         )  # fmt: skip
-        return *made, 1
+        return *turning, 1
     if system._is_condensed:
         made = whole_runs(
             system, end, initial, method, load, nu, force, solved, given.coordinates, base=base,
