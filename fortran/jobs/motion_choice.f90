@@ -3,9 +3,10 @@
 !!
 !! Systems whose laws switch (kinks, jumps, states of elements) have equations without memory: their
 !! steps end at the switches, and exponentials of kernels are further coordinates. Smooth systems
-!! that fit into a vector lane have the same equations. All other oscillators have equations with
-!! memory, whose accelerations are polynomials through the nodes of a step. Systems with strong
-!! dampers, and those of very many coordinates, have modes that are exact in each step.
+!! that fit into a vector lane, and rotors whose speed changes, have the same equations. All other
+!! oscillators have equations with memory, whose accelerations are polynomials through the nodes of
+!! a step. Systems with strong dampers, and those of very many coordinates, have modes that are
+!! exact in each step.
 module viscovib_motion_choice
   use viscovib_dense, only: factorize, solve
   use viscovib_fitted_memory, only: bound_hidden
@@ -70,6 +71,11 @@ contains
     lack = 'is for systems of constant matrices'
     select type (system)
     class is (polynomial_type)
+      if (is_on_shaft(system)) then
+        kind = without_memory
+        lack = ''
+        return
+      end if
       if (goes_by_modes(system, wish)) then
         kind = by_modes
         return

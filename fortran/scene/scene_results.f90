@@ -234,8 +234,9 @@ contains
         call reader%place(status)
         ! Systems that switch may begin at rest, and so may systems that a shock moves.
         if (.not. status%failed()) then
-          call read_transient(reader, system, motion, switches_in_time(subject%polynomial), &
-                              subject%load%has_table(), subject%shaft_start)
+          call read_transient(reader, system, motion, switches_in_time(subject%polynomial) &
+                              .or. allocated(subject%shaft_start), subject%load%has_table(), &
+                              subject%shaft_start)
         end if
       end if
       call move_alloc(motion, own%motion)

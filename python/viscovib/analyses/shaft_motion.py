@@ -16,7 +16,6 @@ from viscovib.analyses.forces_in_time import element_forces
 from viscovib.analyses.memoryless import MAX_DOF
 from viscovib.analyses.oscillator_motion import (
     METHODS,
-    WITHOUT_MEMORY,
     OscillatorMotion,
     OscillatorRun,
 )
@@ -69,7 +68,7 @@ def shaft_runs(
         }
     motion = OscillatorMotion.checked(
         system, end, initial, method, load, nu, base, force, None, memory
-    ).with_equations(WITHOUT_MEMORY)
+    ).with_equations()
     first: int = motion.chosen["first"]
     if not isinstance(system.given, Structure):
         return partial(_SystemRun, motion, solved), first
