@@ -76,7 +76,7 @@ def test_coordinates_that_nothing_moves_rest_however_they_are_reported() -> None
         ({"initial": (1e29, 1e29)}, None),
         ({"load": float("nan"), "nu": 1.0}, r"load = .*nan.*: must be a finite number"),
         ({"load": 0.5}, r"nu: must be given with a load"),
-        ({"load": {0: 1j, 1: 0.0}}, r"nu: must be given with a load"),
+        ({"load": {0: 1j, 1: 0.0}}, None),
         ({"load": 0.5, "nu": -1.0}, r"nu = -1: must be greater than 0"),
         ({"load": 0.0}, None),
         ({"load": {0: 1j}}, None),

@@ -103,5 +103,5 @@ def test_in_time_the_reason_is_reported():
             vv.Spring(on="x1", stiffness=0.5, kernel=kernel),
         ],
     )  # fmt: skip
-    with pytest.raises(vv.InputError, match=r"TabulatedKernel: use kernel\.sum_of_exponentials"):
+    with pytest.raises(vv.InputError, match=r"use kernel\.sum_of_exponentials"):
         vv.simulate(system, 10, load=[1.0], nu=0.9)
