@@ -625,16 +625,18 @@ contains
     real(wp), intent(in) :: q(n_lanes, self%n_dof), v(n_lanes, self%n_dof)
     real(wp), intent(in) :: drive(n_lanes, size(self%drives)), rest(n_lanes, self%n_dof)
     real(wp), intent(out) :: a(n_lanes, self%n_dof)
+    integer :: steep(size(self%steep))
     logical :: all_needed
 
+    steep = self%steep%law
     all_needed = self%laws%n_slides() > 0 .or. self%shaft%angle > 0
     a = 0.0_wp
     call self%add_pushes(q, v, drive, a)
     if (all_needed) a = a + rest
     if (self%shaft%angle == 0) then
-      call self%laws%add(q, v, a, but=self%steep%law)
+      call self%laws%add(q, v, a, but=steep)
     else
-      call self%shaft%add_laws(self%laws, self%n_dof, q, v, a, self%steep%law)
+      call self%shaft%add_laws(self%laws, self%n_dof, q, v, a, steep)
     end if
     if (all_needed) a = a - rest
   end subroutine push
