@@ -146,11 +146,11 @@ contains
           all%memory = own%memory
           cycle
         end if
-        all%deflection = beside(all%deflection, own%deflection)
-        all%rate = beside(all%rate, own%rate)
-        all%elastic = beside(all%elastic, own%elastic)
-        all%damping = beside(all%damping, own%damping)
-        all%memory = beside(all%memory, own%memory)
+        all%deflection = joined(all%deflection, own%deflection)
+        all%rate = joined(all%rate, own%rate)
+        all%elastic = joined(all%elastic, own%elastic)
+        all%damping = joined(all%damping, own%damping)
+        all%memory = joined(all%memory, own%memory)
       end do
     end associate
 
@@ -161,12 +161,12 @@ contains
       name_of = 'kernel'//show(k)//'_'//trim(subject%coordinates(i))
     end function name_of
 
-    function beside(left, right) result(both)
+    function joined(left, right) result(both)
       real(wp), intent(in) :: left(:, :), right(:, :)
       real(wp) :: both(size(left, 1), size(left, 2) + size(right, 2))
       both(:, :size(left, 2)) = left
       both(:, size(left, 2) + 1:) = right
-    end function beside
+    end function joined
 
   end subroutine find_on_coordinates
 
