@@ -1,7 +1,5 @@
 """Hysteresis and gaps in periodic motions: loops, steady motions, multipliers, published values."""
 
-import time
-
 import numpy as np
 import pytest
 import viscovib as vv
@@ -71,23 +69,6 @@ def test_squared_states_follow_tangents(beta, gamma):
     unloading = np.log1p(q**2) / (2 * q**2) if q > 0 else 0.5
     energy = 2 * (np.log(np.cosh(60 - back)) - unloading) * largest**2
     assert element.energy(largest * np.array([-30, 30])) == pytest.approx(energy, rel=1e-12)
-
-
-def test_exponents_cost_about_the_same():
-    """Closed-form paths for exponents 1 and 2, a few terms of a series otherwise."""
-    d = 1.5 * np.sin(np.linspace(0, 200, 20_000))
-
-    def least(exponent):
-        times = []
-        for _ in range(3):
-            begin = time.process_time()
-            joint(exponent).loop(d)
-            times.append(time.process_time() - begin)
-        return min(times)
-
-    one = least(1)
-    assert least(2) < 5 * one
-    assert least(3) < 25 * one
 
 
 def test_steady_motion_of_bouc_and_wen():

@@ -1,7 +1,5 @@
 """Decaying motions: no subnormal numbers, which are ten times slower on many processors."""
 
-import time
-
 import numpy as np
 import pytest
 import viscovib as vv
@@ -9,7 +7,6 @@ import viscovib as vv
 #: z is driven, phi and psi decay: below 1e-308 after about 14000 units of time.
 PENDULUM = dict(e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.1, c2=0.1, c3=0.1, f0=0.02, p1=0.93)
 FADING = (0, 0, 0.01, 0, -0.01, 0)
-SILENT = (0, 0, 0, 0, 0, 0)
 
 
 def subnormal(states):
@@ -54,23 +51,3 @@ def test_the_callers_arithmetic_is_left_alone():
         oscillators(vv.PronyKernel(weights=[0.1], rates=[1.0])), 10, dt=0.25, load=(1, 0), nu=1
     )
     assert np.float64(np.finfo(float).tiny) / np.array([4.0]) > 0
-
-
-@pytest.mark.parametrize("kind", ["one", "many"])
-def test_fading_costs_nothing(kind):
-    """With gradual underflow two thirds of these steps would take 10 to 40 times as long."""
-    body = vv.Pendulum(**PENDULUM)
-
-    def seconds(start):
-        begun = time.process_time()
-        if kind == "one":
-            vv.simulate(body, 50_000, dt=0.25, initial=start, keep="last")
-        else:
-            vv.simulate_ensemble(
-                body, initial=start, t_end=50_000, dt=0.25, method="rk4", n_threads=1
-            )
-        return time.process_time() - begun
-
-    # Processor time, the best of several runs.
-    fading, silent = (min(seconds(start) for _ in range(4)) for start in (FADING, SILENT))
-    assert fading < 2 * silent
