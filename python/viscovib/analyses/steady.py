@@ -234,9 +234,10 @@ class _Work:
         fast = options["method"] == "auto" and request.is_polynomial
         most = _LONG_POLYNOMIAL if fast else _LONG
         long = options["stability"] or n * unknowns**2 > most
+        if not (long or show):
+            return request.solve(self.frequencies, **more)
         with progress_bar(n, "nu", show) as bar:
-            solve = partial(request.solve, self.frequencies, **more)
-            found = _native.interruptible(solve) if long else solve()
+            found = _native.interruptible(partial(request.solve, self.frequencies, **more))
             bar.update(n)
         return found
 
