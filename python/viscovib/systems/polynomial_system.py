@@ -34,7 +34,6 @@ from viscovib.systems.spring_groups import (
     Forces,
     SpringGroup,
     Springs,
-    is_definite,
     spring_group,
     square_matrix,
     texts_of,
@@ -413,13 +412,6 @@ class PolynomialSystem(WithSpeed):
         for law in self._all_laws:
             n = len(law.arguments)
             yield law, arguments[..., :n], rates[..., :n]
-
-    @cached_property
-    def _has_frame(self) -> bool:
-        """True if the system has modes for motions in time, by the same test as in the core."""
-        mass = self._mass_matrix
-        skew = np.abs(mass - mass.T).max()
-        return bool(skew <= 1e-14 * np.abs(mass).max()) and is_definite(mass)
 
     @property
     def _mass_matrix(self) -> FloatArray:
