@@ -9,6 +9,7 @@ module viscovib_law_tasks
   use viscovib_law_program, only: law_program, wall
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
+  use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
   use viscovib_user_elements, only: n_user_elements, user_element, user_element_fault, &
@@ -22,6 +23,8 @@ module viscovib_law_tasks
   integer, parameter :: longest_name = 64
   !> Largest number of instructions.
   integer, parameter :: max_code = 2000
+  !> Comparisons of monomials in the expansion of a polynomial.
+  integer, parameter :: most_compared = 10000000
 
 contains
 
@@ -35,6 +38,8 @@ contains
       call find_frequency_values(task)
     case ('compile')
       call compile_once(task)
+    case ('expand')
+      call expand_text(task)
     case ('fault')
       call find_fault(task)
     case ('compile_many')
@@ -132,6 +137,27 @@ contains
     call task%found%put_integer('parity', int(parity, i8))
     call task%found%put_integer('degree', int(degree, i8))
   end subroutine compile_once
+
+  !> Expand a polynomial `text` in `names`: `coefficients` (m) and `powers` (n_names, m).
+  subroutine expand_text(task)
+    type(task_type), intent(inout) :: task
+    character(len=longest_name), allocatable :: names(:)
+    character(len=:), allocatable :: fault
+    type(terms_type) :: terms
+    integer :: effort
+
+    allocate (names, source=names_in(task%get_text('names')))
+    if (task%failed()) return
+    effort = most_compared
+    call expand(task%get_text('text'), names, terms, fault, effort)
+    if (task%failed()) return
+    if (fault /= '') then
+      call fail(task%status, status_input_error, 'law', fault)
+      return
+    end if
+    call task%found%put_reals('coefficients', terms%coefficients, shape(terms%coefficients))
+    call task%found%put_integers('powers', terms%powers, shape(terms%powers))
+  end subroutine expand_text
 
   !> The `fault` of a program near zero arguments, `n_arguments`, see `about_rest`; '': none.
   subroutine find_fault(task)

@@ -300,7 +300,7 @@ contains
     text = reader%read_text(key)
     if (reader%status%failed()) return
     effort = 100000
-    call expand(text, ['d'], terms, fault, effort)
+    call expand(lower(text), ['d'], terms, fault, effort)
     preloads = .false.
     if (fault == '') preloads = any(terms%powers(1, :) == 0 .and. abs(terms%coefficients) > 0.0_wp)
     if (fault /= '' .or. preloads) then

@@ -70,7 +70,7 @@ contains
     call add_hysteresis(reader, element)
     if (reader%status%failed()) return
     effort = max_effort
-    call expand(law, ['d'], terms, fault, effort)
+    call expand(lower(law), ['d'], terms, fault, effort)
     ! What is not 0 at rest, a static force, is taken as other laws are.
     if (fault /= '' .or. any(sum(terms%powers, 1) == 0)) then
       call read_function(element, law, fault)

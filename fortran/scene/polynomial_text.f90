@@ -7,7 +7,6 @@
 !!   primary := number | name | ( sum )
 module viscovib_polynomial_text
   use viscovib_kinds, only: wp
-  use viscovib_namelist, only: lower
   use viscovib_polynomial, only: max_degree
   use viscovib_status, only: clipped, show
   use viscovib_text_cursor, only: digits, text_cursor
@@ -16,9 +15,9 @@ module viscovib_polynomial_text
 
   public :: terms_type, expand
 
-  !> Bounds that keep a slip of the pen from filling the memory.
-  integer, parameter :: max_terms = 500, max_depth = 100
-  character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyz_'
+  !> Bounds that keep a slip of the pen from filling the memory, and the largest power of a number.
+  integer, parameter :: max_terms = 20000, max_depth = 100, max_power = 1000
+  character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
 
   !> A sum of monomials: coefficients, and powers, shape (n, size(coefficients)).
   type :: terms_type
@@ -43,7 +42,7 @@ contains
     integer, intent(inout) :: effort
     type(cursor_type) :: cursor
 
-    call cursor%begin(lower(text))
+    call cursor%begin(text)
     cursor%effort = effort
     call read_sum(cursor, names, terms)
     if (cursor%fault == '' .and. cursor%peek() /= ' ') call cursor%expect('+ - * / ^ or the end')
@@ -57,15 +56,16 @@ contains
     type(terms_type), intent(out) :: total
     type(terms_type) :: next
     real(wp) :: sign_of
-    integer :: i
+    integer :: i, used
 
     call read_term(cursor, names, total)
+    used = size(total%coefficients)
     do while (cursor%fault == '' .and. scan(cursor%peek(), '+-') > 0)
       sign_of = merge(1.0_wp, -1.0_wp, cursor%peek() == '+')
       cursor%at = cursor%at + 1
       call read_term(cursor, names, next)
       do i = 1, size(next%coefficients)
-        call add(cursor, total, sign_of*next%coefficients(i), next%powers(:, i))
+        call add(cursor, total, used, sign_of*next%coefficients(i), next%powers(:, i))
       end do
     end do
     call drop_zeros(total)
@@ -103,7 +103,7 @@ contains
     type(terms_type), intent(out) :: total
     type(terms_type) :: base
     real(wp) :: sign_of
-    integer :: k, n, first
+    integer :: k, n
 
     sign_of = 1.0_wp
     do while (scan(cursor%peek(), '+-') > 0)
@@ -113,15 +113,10 @@ contains
     call read_primary(cursor, names, base)
     n = 1
     if (cursor%fault == '' .and. (cursor%peek() == '^' .or. cursor%next_two() == '**')) then
-      cursor%at = cursor%at + merge(1, 2, cursor%peek() == '^')
-      if (scan(cursor%peek(), digits) == 0) call cursor%expect('a whole power')
-      first = cursor%at
-      cursor%at = first + verify(cursor%text(first:), digits) - 1
-      n = max_degree + 1
-      if (cursor%at - first == 1 .or. cursor%at - first == 2) read (cursor%text(first:cursor%at &
-                                                                                - 1), '(i2)') n
-      if (n > max_degree .and. cursor%fault == '') cursor%fault = 'powers must be at most ' &
-                                                                  //show(max_degree)
+      call read_power(cursor, names, n)
+      if (n > max_degree .and. any(base%powers > 0) .and. cursor%fault == '') then
+        cursor%fault = 'powers must be at most '//show(max_degree)
+      end if
     end if
     call constant(size(names), sign_of, total)
     if (cursor%fault /= '') return
@@ -130,6 +125,33 @@ contains
       if (cursor%fault /= '') return
     end do
   end subroutine read_factor
+
+  !> The power behind ^ or **, a whole number, which may itself have a power.
+  recursive subroutine read_power(cursor, names, n)
+    type(cursor_type), intent(inout) :: cursor
+    character(len=*), intent(in) :: names(:)
+    integer, intent(out) :: n
+    type(terms_type) :: exponent
+    real(wp) :: value
+    integer :: above
+
+    n = 1
+    cursor%at = cursor%at + merge(1, 2, cursor%peek() == '^')
+    if (scan(cursor%peek(), digits//'(') == 0) call cursor%expect('a whole power')
+    if (cursor%fault == '') call read_primary(cursor, names, exponent)
+    if (cursor%fault /= '') return
+    value = sum(exponent%coefficients)
+    if (any(exponent%powers > 0) .or. value < 0.0_wp .or. value > max_power &
+        .or. abs(value - anint(value)) > 0.0_wp) then
+      cursor%fault = 'powers must be whole numbers, 0 to '//show(max_degree)
+      return
+    end if
+    n = nint(value)
+    if (cursor%peek() /= '^' .and. cursor%next_two() /= '**') return
+    call read_power(cursor, names, above)
+    if (real(n, wp)**above > max_power) cursor%fault = 'powers must be at most '//show(max_degree)
+    if (cursor%fault == '') n = n**above
+  end subroutine read_power
 
   recursive subroutine read_primary(cursor, names, total)
     type(cursor_type), intent(inout) :: cursor
@@ -184,7 +206,7 @@ contains
 
     total%coefficients = [0.0_wp]
     total%powers = reshape(spread(0, 1, size(total%powers, 1)), [size(total%powers, 1), 1])
-    call cursor%read_digits('ed', total%coefficients(1))
+    call cursor%read_digits('edED', total%coefficients(1))
     call drop_zeros(total)
   end subroutine read_number
 
@@ -199,42 +221,61 @@ contains
     allocate (terms%powers(n, m), source=0)
   end subroutine constant
 
-  !> Add one monomial to those of the same powers.
-  subroutine add(cursor, total, coefficient, powers)
+  !> Add one monomial to those of the same powers, of which the first are used.
+  subroutine add(cursor, total, used, coefficient, powers)
     type(cursor_type), intent(inout) :: cursor
     type(terms_type), intent(inout) :: total
+    integer, intent(inout) :: used
     real(wp), intent(in) :: coefficient
     integer, intent(in) :: powers(:)
     integer :: i
 
-    cursor%effort = cursor%effort - size(total%coefficients) - 1
+    cursor%effort = cursor%effort - used - 1
     if (cursor%effort < 0) then
       if (cursor%fault == '') cursor%fault = 'it takes too long to expand: write it as fewer or ' &
                                              //'smaller products'
       return
     end if
-    do i = 1, size(total%coefficients)
+    do i = 1, used
       if (all(total%powers(:, i) == powers)) then
         total%coefficients(i) = total%coefficients(i) + coefficient
         return
       end if
     end do
-    if (size(total%coefficients) >= max_terms) then
+    if (used >= max_terms) then
       if (cursor%fault == '') cursor%fault = 'it must expand to at most '//show(max_terms) &
                                              //' monomials'
       return
     end if
-    total%powers = reshape([total%powers, powers], [size(powers), i])
-    total%coefficients = [total%coefficients, coefficient]
+    used = used + 1
+    if (used > size(total%coefficients)) call resize(total, 2*used)
+    total%powers(:, used) = powers
+    total%coefficients(used) = coefficient
   end subroutine add
+
+  !> Keep the first terms, or append terms of 0.
+  subroutine resize(terms, n)
+    type(terms_type), intent(inout) :: terms
+    integer, intent(in) :: n
+    type(terms_type) :: found
+    integer :: m
+
+    m = min(n, size(terms%coefficients))
+    allocate (found%coefficients(n), source=0.0_wp)
+    allocate (found%powers(size(terms%powers, 1), n), source=0)
+    found%coefficients(:m) = terms%coefficients(:m)
+    found%powers(:, :m) = terms%powers(:, :m)
+    terms = found
+  end subroutine resize
 
   subroutine multiply(cursor, total, by)
     type(cursor_type), intent(inout) :: cursor
     type(terms_type), intent(inout) :: total
     type(terms_type), intent(in) :: by
     type(terms_type) :: product
-    integer :: i, j
+    integer :: i, j, used
 
+    used = 0
     call constant(size(total%powers, 1), 0.0_wp, product)
     do i = 1, size(total%coefficients)
       do j = 1, size(by%coefficients)
@@ -244,7 +285,7 @@ contains
                  abs(by%coefficients(j)) > 1.0e150_wp) then
           cursor%fault = 'its coefficients must be below 1e150'
         else
-          call add(cursor, product, total%coefficients(i)*by%coefficients(j), &
+          call add(cursor, product, used, total%coefficients(i)*by%coefficients(j), &
                    total%powers(:, i) + by%powers(:, j))
         end if
         if (cursor%fault /= '') return

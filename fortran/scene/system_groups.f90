@@ -9,7 +9,7 @@ module viscovib_system_groups
   use viscovib_law_faults, only: compile_term, complain_of_law
   use viscovib_law_term, only: law_term
   use viscovib_matrix_groups, only: read_matrix
-  use viscovib_namelist, only: namelist_type
+  use viscovib_namelist, only: lower, namelist_type
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
@@ -146,7 +146,7 @@ contains
                          //'already; give either law, or coefficient and powers')
       law = reader%read_text('law')
       if (reader%status%failed()) return
-      call expand(law, coordinates, terms, fault, effort)
+      call expand(lower(law), coordinates, terms, fault, effort)
       ! What is not 0 at rest, a static force, is taken as other laws are.
       if (fault /= '' .or. any(sum(terms%powers, 1) == 0)) then
         call read_function(reader, p, law, coordinates, on, kernel, fault)

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 import viscovib as vv
 from hypothesis import given, reject, strategies as st
-from viscovib.common.expression import expand, spell
+from viscovib.systems.laws import expand, spell
 
 NAMES = ("x", "phi", "x_2")
 
@@ -53,24 +53,6 @@ def test_value_is_that_of_the_text(text, at):
     assert all(polynomial.values())
 
 
-@given(text=texts(3))
-def test_scenes_read_the_same(text, tmp_path_factory):
-    """The compiled reader of scenes and Python expand a text in the same way."""
-    law = f"({text})*x^2"
-    try:
-        expected = {p: c for p, c in expand("f", law, NAMES).items() if sum(p) <= 15}
-    except vv.InputError:
-        reject()
-    path = tmp_path_factory.getbasetemp() / "law.nml"
-    path.write_text(
-        "&system coordinates='x', 'phi', 'x_2', mass=1, 1, 1, stiffness=1, 1, 1 /\n"
-        f"&force on='phi', law='{law}' /\n&load amplitude=1 /\n&response nu=1 /\n"
-    )
-    groups = vv.Scene.read(path).polynomial_system().groups
-    found = {powers: c for group in groups for (_, powers), c in group.forces.items()}
-    assert found == pytest.approx(expected)
-
-
 def test_spelling():
     assert expand("f", "2*(x - phi)^2/4", NAMES) == {
         (2, 0, 0): 0.5,
@@ -83,7 +65,7 @@ def test_spelling():
 
 def test_no_expression_grows_without_bound():
     names = [f"q{i}" for i in range(60)]
-    with pytest.raises(vv.InputError, match="at most 20000 monomials"):
+    with pytest.raises(vv.InputError, match="takes too long to expand"):
         expand("f", f"({' + '.join(names)})^8", names)
 
 
@@ -91,5 +73,5 @@ def test_a_sum_of_thousands_of_terms():
     """Laws of reduced models have this many terms, without nesting."""
     text = "+".join(f"{i}*x^3-x^2" for i in range(1200))
     assert expand("forces", text, ["x"]) == {(3,): 1200 * 1199 / 2, (2,): -1200.0}
-    with pytest.raises(vv.InputError, match=r"must be|nested in each other"):
+    with pytest.raises(vv.InputError, match="must not be deeper than 100"):
         expand("forces", "(" * 5000 + "x^3" + ")" * 5000, ["x"])

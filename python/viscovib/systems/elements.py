@@ -8,14 +8,13 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.expression import MAX_DEGREE
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, check_kernel
 from viscovib.systems.contacts import Contact
 from viscovib.systems.dampers import RateElement
 from viscovib.systems.friction import Hysteresis
-from viscovib.systems.laws import Law, parameter_values, read_law
+from viscovib.systems.laws import MAX_DEGREE, Law, parameter_values, read_law
 from viscovib.systems.load import one_of
 from viscovib.systems.python_law import PythonLaw, callable_law, python_law, python_laws
 from viscovib.systems.series_dampers import Maxwell

@@ -13,11 +13,15 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.expression import Polynomial, expand
 from viscovib.errors import InputError
 from viscovib.systems.python_law import CalledLaw, PythonLaw
 from viscovib.systems.traced_law import text_of
 
+#: Powers of every coordinate, and the coefficient.
+Polynomial = dict[tuple[int, ...], float]
+
+#: Highest degree in the core.
+MAX_DEGREE = 15
 _FIELD, _MAX_LENGTH = 64, 20_000
 #: Instruction codes of the core.
 _NUMBER, _ARGUMENT, _SUBTRACT, _MULTIPLY = 1, 2, 4, 5
@@ -185,6 +189,38 @@ class Law:
         return [*head, *rows[0], *rows[1], *pairs, *steps]
 
 
+def expand(where: str, text: str, names: Sequence[str]) -> Polynomial:
+    """Expand a polynomial of +, -, *, /, ^ (or **), parentheses, numbers and coordinates.
+
+    ``where``: its name in errors. Terms that cancel are dropped.
+    """
+    _check_length(where, text)
+    letters = _native.letters(where, text)
+    try:
+        found = _native.run("law expand", text=letters, names=_fields(names))
+    except InputError as error:
+        raise InputError(f"{where} = {_short(text)}: {error}") from None
+    powers = map(tuple, found["powers"].T.tolist())
+    return dict(zip(powers, found["coefficients"].tolist(), strict=True))
+
+
+def spell(powers: Sequence[int], names: Sequence[str]) -> str:
+    """Write a monomial: ``x1^2*x2``."""
+    factors = [
+        name if p == 1 else f"{name}^{p}" for name, p in zip(names, powers, strict=True) if p
+    ]
+    return "*".join(factors) or "1"
+
+
+def _check_length(where: str, text: str) -> None:
+    if len(text) > _MAX_LENGTH:
+        raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
 def compile_law(
     where: str,
     text: str,
@@ -198,10 +234,8 @@ def compile_law(
 
     ``named``: True if the caller accepts parameters.
     """
-    if len(text) > _MAX_LENGTH:
-        raise InputError(f"{where}: {len(text)} characters, must be at most {_MAX_LENGTH}")
+    _check_length(where, text)
     names = list(parameters)
-    shown = repr(text if len(text) <= 60 else text[:57] + "...")
     letters = _native.letters(where, text)
     try:
         found = _native.run(
@@ -210,7 +244,7 @@ def compile_law(
         )  # fmt: skip
     except InputError as error:
         note = _name_text(str(error), arguments, named=named)
-        raise InputError(f"{where} = {shown}: {note}") from None
+        raise InputError(f"{where} = {_short(text)}: {note}") from None
     steps = tuple(found["code"].tolist()), tuple(found["number"].tolist())
     return Law(text, tuple(arguments), *steps, found["parity"], found["degree"], n_rates)
 

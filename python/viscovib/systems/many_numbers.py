@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import FloatArray
-from viscovib.common.expression import expand
 from viscovib.errors import InputError
-from viscovib.systems.laws import _NUMBER, ManyLaws, compile_many
+from viscovib.systems.laws import _NUMBER, ManyLaws, compile_many, expand
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Forces, by_equation
 

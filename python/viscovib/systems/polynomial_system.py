@@ -13,13 +13,12 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.common.expression import spell
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
-from viscovib.systems.laws import Law, named_in, parameter_values
+from viscovib.systems.laws import Law, named_in, parameter_values, spell
 from viscovib.systems.load import (
     LoadLike,
     for_recent_loads,

@@ -12,11 +12,10 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.expression import MAX_DEGREE, Polynomial
 from viscovib.common.values import own, own_fields
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel, check_kernel
-from viscovib.systems.laws import Law, read_law
+from viscovib.systems.laws import MAX_DEGREE, Law, Polynomial, read_law
 from viscovib.systems.python_law import PythonLaw, callable_law, python_laws
 
 #: Types of forces: a law (one coordinate), laws by equation, one law per coordinate, monomials.

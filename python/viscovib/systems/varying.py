@@ -9,9 +9,9 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.expression import expand, spell
 from viscovib.common.parameters import NEARLY_NOTHING
 from viscovib.errors import InputError
+from viscovib.systems.laws import expand, spell
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.polynomial_system import PolynomialSystem
