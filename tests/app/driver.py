@@ -8,6 +8,8 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
+import pytest
+import viscovib as vv
 from viscovib.__main__ import main
 
 SCENES = Path(__file__).parents[2] / "data" / "scenes"
@@ -58,6 +60,31 @@ def check_failure(done, status, text, folder):
     assert len(lines) == 1, done.stderr
     assert text in lines[0]
     assert not list(folder.iterdir())
+
+
+def changed(text, changes):
+    """Replace texts that must occur."""
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def check_refused(solve, folder, text, message, line=None, *, same=True):
+    """The driver refuses a scene with one line, with its place, and Python in the same words.
+
+    ``same=False``: Python names the call, not the place in the scene.
+    """
+    scene, out = folder / "bad.nml", folder / "out"
+    scene.write_bytes(text if isinstance(text, bytes) else text.encode())
+    out.mkdir(exist_ok=True)
+    done = solve(scene, "--out", out)
+    check_failure(done, 2, message, out)
+    assert f"bad.nml:{line}: " in done.stderr or line is None
+    with silence(), pytest.raises(vv.ViscovibError) as error:
+        vv.run(scene)
+    said = str(error.value)
+    assert done.stderr == f"viscovib-solve: {said}\n" if same else message in said
 
 
 def command(*arguments):

@@ -1,6 +1,5 @@
 """The standalone driver: its tables against Python, exit statuses, files, command lines."""
 
-import csv
 import os
 import shutil
 import subprocess
@@ -8,123 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import GOOD, SCENES, check_failure, command, read_csv, silence
-
-
-@pytest.mark.parametrize(
-    "name", ["mount_paper", "mount_two_kernels", "base_linear", "mount_resonance", "absorber"]
-)
-def test_driver_and_python_agree_to_the_last_bit(solve, tmp_path, name):
-    scene = SCENES / f"{name}.nml"
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    table = read_csv(tmp_path / f"{name}_response.csv")
-    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
-        with silence():
-            result = vv.run(scene)
-        r = result.response
-        assert (table["nu"] == r.nu).all()
-        assert (table["outcome"] == r.outcome).all()
-        for d, dof in enumerate(r.dof_names):
-            for j, k in enumerate(r.harmonics):
-                assert (table[f"{dof}_{k}_re"] == r.coefficients[:, d, j].real).all()
-                assert (table[f"{dof}_{k}_im"] == r.coefficients[:, d, j].imag).all()
-        r.to_csv(tmp_path / "python.csv")
-        assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
-
-
-@pytest.mark.parametrize("method", ["newton", "successive"])
-def test_orders_are_chosen_in_scenes(solve, tmp_path, method):
-    scene = tmp_path / "orders.nml"
-    scene.write_text(GOOD.replace("&response ", f"&response method='{method}', harmonics='auto', "))
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
-    table = read_csv(tmp_path / "orders_response.csv")
-    assert (table["truncation"] <= 1e-10).all()
-    if method == "newton":
-        assert table["highest"].min() < table["highest"].max()
-    r = vv.run(scene).response
-    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
-        assert (table["highest"] == r.highest).all()
-        assert (table["truncation"] == r.truncation).all()
-        assert (table["phi_3_re"] == r.coefficient("phi", 3).real).all()
-    r.to_csv(tmp_path / "python.csv")
-    assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
-    if method == "newton":
-        scene.write_text(
-            "&system coordinates='x', mass=1, stiffness=1, damping=0.05 /\n"
-            "&force law='x^3' /\n&load amplitude=30 /\n"
-            "&response method='newton', harmonics='auto', nu=0.002, tolerance=1e-12 /\n"
-        )
-        done = solve(scene, "--out", tmp_path)
-        assert done.returncode == 1
-        assert "1 of 1 frequency solved, 1 of them with too few harmonics" in done.stdout
-
-
-@pytest.mark.parametrize("harmonics", ["31", "'auto', tolerance = 1e-8"], ids=["31", "auto"])
-def test_branches_of_driver_and_python_agree(solve, tmp_path, harmonics):
-    scene = tmp_path / "mount_branch.nml"
-    text = (SCENES / "mount_branch.nml").read_text()
-    scene.write_text(text.replace("harmonics = 'auto'", f"harmonics = {harmonics}"))
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "completed, " in done.stdout
-    assert "2 folds" in done.stdout
-    table = read_csv(tmp_path / "mount_branch_branch.csv")
-    branch = vv.run(scene).branch
-    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
-    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
-        assert (table["nu"] == branch.nu).all()
-        if "auto" in harmonics:
-            assert (table["highest"] == branch.highest).all()
-            assert (table["truncation"] == branch.truncation).all()
-            assert (table["error"] == branch.error).all()
-        for d, dof in enumerate(branch.dof_names):
-            for j, k in enumerate(branch.harmonics):
-                assert (table[f"{dof}_{k}_re"] == branch.coefficients[:, d, j].real).all()
-                assert (table[f"{dof}_{k}_im"] == branch.coefficients[:, d, j].imag).all()
-        assert (table["stable"] == branch.stable).all()
-        lines = (tmp_path / "mount_branch_branch.csv").read_text().splitlines()
-        reported = [line.split() for line in lines if line.startswith("# stability changes")]
-        assert [int(words[5].rstrip(":")) - 1 for words in reported] == [
-            c.before for c in branch.crossings
-        ]
-        assert [float(words[-1]) for words in reported] == [c.parameter for c in branch.crossings]
-    silent = tmp_path / "silent.nml"
-    silent.write_text(scene.read_text().replace("nu_from", "stability='no', nu_from"))
-    assert solve(silent, "--out", tmp_path).returncode == 0
-    assert "stable" not in read_csv(tmp_path / "silent_branch.csv").dtype.names
-    assert vv.run(silent).branch.stable is None
-    assert str(vv.plan(silent)).splitlines() == solve(silent, "--plan").stdout.splitlines()
-
-
-@pytest.mark.parametrize("memory", [False, True])
-def test_stability_of_a_response_in_driver_and_python(solve, tmp_path, memory):
-    kernel = "&kernel kind='prony', weights=0.02 0.3, rates=0.15 3 /\n" if memory else ""
-    load = f"&load on='x', amplitude={2.5 if memory else 1.5} /\n"
-    scene = tmp_path / "judged.nml"
-    scene.write_text(
-        "&mount mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2,\n"
-        f"  damping=0.2 -0.1 -0.1 0.09 /\n{kernel}{load}"
-        "&response method='newton', stability='yes', nu_from=2, nu_to=3.4, nu_count=20 /\n"
-    )
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    table = read_csv(tmp_path / "judged_response.csv")
-    r = vv.run(scene).response
-    assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
-    assert "computes: stability of each motion" in str(vv.plan(scene))
-    if "debug" not in os.environ.get("VISCOVIB_SOLVE", ""):
-        assert (table["stable"] == r.stable).all()
-        assert {0, 1} <= set(table["stable"].tolist())
-        r.to_csv(tmp_path / "python.csv")
-        assert read_csv(tmp_path / "python.csv").dtype.names == table.dtype.names
-    wrong = tmp_path / "wrong.nml"
-    wrong.write_text(scene.read_text().replace("'newton'", "'successive'"))
-    done = solve(wrong, "--out", tmp_path)
-    assert done.returncode != 0
-    assert "stability: needs method = newton" in done.stderr
+from driver import GOOD, SCENES, check_failure, command, read_csv
 
 
 def test_plan_prints_and_computes_nothing(solve, tmp_path):
@@ -250,41 +133,6 @@ def test_python_command_runs_plans_and_draws(tmp_path):
     done = command("run", tmp_path / "none.nml")
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1
-
-
-def test_driver_reproduces_the_tabulated_curves(solve, tmp_path):
-    """Every curve of data/mount_response_h9.csv through a scene file, to 1e-10."""
-    lines = (SCENES.parent / "mount_response_h9.csv").read_text().splitlines()
-    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    curves = {}
-    for row in rows:
-        curves.setdefault((row["geometry"], row["A"], row["P"]), []).append(row)
-    assert len(curves) == 21
-    for (geometry, a, load), points in curves.items():
-        scene = tmp_path / "curve.nml"
-        scene.write_text(
-            GOOD.replace("0.048", a)
-            .replace("amplitude=0.1 ", f"amplitude={load} ")
-            .replace("mass=1", f"geometry='{geometry}', mass=1")
-            .replace(
-                "nu_from=0.5, nu_to=4, nu_count=8",
-                f"tolerance=1e-13, harmonics=9, nu={' '.join(p['nu'] for p in points)}",
-            )
-        )
-        done = solve(scene, "--out", tmp_path)
-        # The tables have nine harmonics, a fixed number.
-        assert done.returncode in (0, 1), done.stderr
-        assert f"{len(points)} of {len(points)} frequencies solved" in done.stdout
-        table = read_csv(tmp_path / "curve_response.csv")
-        for dof in ("x", "phi"):
-            largest = np.array(
-                [abs(complex(float(p[f"{dof}_1_re"]), float(p[f"{dof}_1_im"]))) for p in points]
-            )
-            for k in (1, 3, 5, 7, 9):
-                for part in ("re", "im"):
-                    expected = np.array([float(p[f"{dof}_{k}_{part}"]) for p in points])
-                    error = np.abs(table[f"{dof}_{k}_{part}"] - expected)
-                    assert (error <= 1e-10 * largest).all()
 
 
 def test_several_scenes_and_the_largest_status(solve, tmp_path):

@@ -1,12 +1,11 @@
 """Backbones in scenes, by the driver and by Python."""
 
-import os
 import re
 
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import GOOD, MOTION, SCENES, check_failure, command, read_csv, silence
+from driver import GOOD, MOTION, SCENES, check_refused, command, silence
 
 BODY = GOOD.splitlines()[0] + "\n"
 FREE = BODY + "&backbone from=0.001, to=0.3 /\n"
@@ -79,96 +78,6 @@ BAD_BACKBONES = {
 }
 
 
-def same_tables(solve, tmp_path, scene):
-    """Compare both tables; the release driver agrees bitwise."""
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    result = vv.run(scene)
-    assert result.kind == "backbone"
-    assert str(result.plan).splitlines() == solve(scene, "--plan").stdout.splitlines()
-    for i in range(len(result.switched) + 1):
-        path = tmp_path / f"{scene.stem}_backbone{f'_{i}' if i else ''}.csv"
-        result.to_csv(tmp_path / "python.csv", i)
-        ours, theirs = read_csv(path), read_csv(tmp_path / "python.csv")
-        assert ours.dtype.names == theirs.dtype.names
-        if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
-            assert ours["nu"][[0, -1]] == pytest.approx(theirs["nu"][[0, -1]], rel=1e-12)
-            continue
-        for name in ours.dtype.names:
-            np.testing.assert_array_equal(ours[name], theirs[name])
-        lines = path.read_text()
-        assert all(f"# {line}\n" in lines for line in str(result.plan).splitlines())
-    return result, done
-
-
-@pytest.mark.parametrize("name", ["mount_backbone", "pendulum_backbone"])
-def test_driver_and_python_agree(solve, tmp_path, name):
-    result, done = same_tables(solve, tmp_path, SCENES / f"{name}.nml")
-    curve = result.backbone
-    assert curve.outcome == "completed"
-    if name == "mount_backbone":
-        assert "completed, " in done.stdout
-        assert "0 folds" in done.stdout
-        expected = vv.backbone(result.scene.mount(), 0, (0.001, 0.7))
-        assert np.array_equal(curve.coefficients, expected.coefficients)
-        return
-    assert "2 branch points; tables of 1 more" in done.stdout
-    table = read_csv(tmp_path / "pendulum_backbone_backbone.csv")
-    text = (tmp_path / "pendulum_backbone_backbone.csv").read_text()
-    points = [float(x) for x in re.search("# branch points at amplitude =(.*)", text)[1].split()]
-    assert points == pytest.approx([p.parameter for p in curve.branch_points], rel=1e-9)
-    # At the branch point of the swinging motions, the motion along the spring becomes unstable.
-    size = table["z_2"]
-    assert (table["stable"] == (size < points[0])).all()
-    assert ((table["growing"] > 0) == (size > points[0])).all()
-    assert table["multiplier"][table["stable"] == 0].min() > 1 + 1e-6
-    assert result.switched[0].amplitude("phi", 1).max() > 0.5
-    assert curve.amplitude("phi", 1).max() == 0
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        GOOD[: GOOD.index("&response")] + "&backbone mode=1, from=0.001, to=0.2, dof='phi' /\n",
-        PAIR.replace("law='a^3'", "law='a^3 + a^2'").replace("from", "coordinates='a', from"),
-        """&system coordinates='a', 'b', mass=1 1, damping=0.1 0.2, stiffness=3 -1 -1 3, kernel=0 /
-&kernel kind='rzhanitsyn', amplitude=0.05, alpha=0.1, beta=0.05 /
-&kernel kind='prony', weights=0.1, rates=0.7 /
-&spring stiffness=1 0 0 0, kernel=1 /
-&force on='a', law='a^3', kernel=2 /
-&force on='b', law='0.5*b^3', kernel=1 /
-&backbone mode=1, from=0.01, to=0.5 /
-""",
-        FREE.replace("mass=1", "mass=1, cubic_scale=0"),
-        SWING,
-        MOTION.splitlines()[0]
-        + """
-&backbone mode=2, parameter='energy', from=1e-6, to=1e-3, symmetry='kept', stability='no',
-  coordinates='psi' /
-""",
-    ],
-    ids=["memory and load", "mean", "two kernels", "linear", "swing", "energy"],
-)  # fmt: skip
-def test_all_kinds_agree(solve, tmp_path, text):
-    """Damping, memory and loads have no effect; the table shows the columns requested."""
-    scene = tmp_path / "free.nml"
-    scene.write_text(text)
-    with silence():
-        result, _ = same_tables(solve, tmp_path, scene)
-    assert result.backbone.outcome == "completed"
-    names = read_csv(tmp_path / "free_backbone.csv").dtype.names
-    if "coordinates=" in text.partition("&backbone")[2]:
-        wanted = result.scene.groups["backbone"]["coordinates"]
-        shown = [n for n in names if n[-1].isdigit()]
-        assert shown
-        assert all(n.startswith(wanted) for n in shown)
-    # The canonical scene reads back to the same numbers.
-    (tmp_path / "again.nml").write_text(result.scene.canonical)
-    with silence():
-        again = vv.run(tmp_path / "again.nml").backbone
-    assert np.array_equal(again.coefficients, result.backbone.coefficients)
-
-
 def test_loads_are_reported_and_do_nothing(tmp_path):
     scene = tmp_path / "s.nml"
     scene.write_text(FREE)
@@ -186,16 +95,7 @@ def test_loads_are_reported_and_do_nothing(tmp_path):
 @pytest.mark.parametrize("name", BAD_BACKBONES)
 def test_bad_backbone_is_one_line_with_its_place(solve, tmp_path, name):
     text, line, message = BAD_BACKBONES[name]
-    scene = tmp_path / "bad.nml"
-    scene.write_text(text)
-    out = tmp_path / "out"
-    out.mkdir()
-    done = solve(scene, "--out", out)
-    check_failure(done, 2, message, out)
-    assert (f"bad.nml:{line}: " if line else "bad.nml: ") in done.stderr
-    with pytest.raises(vv.ViscovibError) as error:
-        vv.run(scene)
-    assert str(error.value) in done.stderr
+    check_refused(solve, tmp_path, text, message, line)
 
 
 def test_no_such_branch_point(solve, tmp_path):

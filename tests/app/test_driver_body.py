@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import SCENES
+from driver import check_refused
 from viscovib.bodies.varying_body import _changed, rebuilt
 
 MASSES = (
@@ -48,8 +48,7 @@ def run_both(solve, folder, text, kind):
     return result
 
 
-@pytest.mark.parametrize("gravity", ["", "gravity=2 1 -9.81"])
-@pytest.mark.parametrize("geometry", ["small", "exact"])
+@pytest.mark.parametrize(("geometry", "gravity"), [("small", ""), ("exact", "gravity=2 1 -9.81")])
 def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
     """Kernels, laws, dampers, rotational springs, a track and gravity, built by two programs."""
     what = "&response nu=30 80 method='newton' harmonics=5 tolerance=5e-2 /\n"
@@ -75,9 +74,8 @@ def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
     np.testing.assert_allclose(modes.value.columns["frequency"], undamped.hz, rtol=1e-10)
 
 
-@pytest.mark.parametrize("geometry", ["small", "exact"])
-def test_in_time_on_a_moving_floor(solve, tmp_path, geometry):
-    options = f"geometry='{geometry}' load_axes='space' base_direction=0 0 1 0 0 0"
+def test_in_time_on_a_moving_floor(solve, tmp_path):
+    options = "geometry='exact' load_axes='space' base_direction=0 0 1 0 0 0"
     loads = LOADS + "&load kind='base' amplitude=0.001 /\n"
     what = "&transient t_end=0.2 nu=80 tolerance=1e-8 /\n"
     result = run_both(solve, tmp_path, body(options, loads) + what, "transient")
@@ -117,12 +115,6 @@ def test_parts_that_spin(solve, tmp_path):
             for name in body_here.dof_names
         ]
         np.testing.assert_allclose(table, expected, atol=1e-12 * np.abs(expected).max())
-    for more, reported in (("&modes /", "must be 0 for &modes"),):
-        path = tmp_path / "no.nml"
-        path.write_text(scene + more)
-        done = solve(path, "--out", tmp_path / "none")
-        assert done.returncode == 2
-        assert reported in done.stderr
 
 
 FLOOR = """&load kind='base' on='x' amplitude=3e-4 phase=0.5 /
@@ -131,40 +123,26 @@ FLOOR = """&load kind='base' on='x' amplitude=3e-4 phase=0.5 /
 """
 
 
-@pytest.mark.parametrize("what", ["response", "branch", "transient"])
-def test_a_floor_that_moves_in_components(solve, tmp_path, what):
+def test_a_floor_that_moves_in_components(solve, tmp_path):
     """Components with different phases, a weight and a rotor: against a Python body."""
-    group = {
-        "response": "&response nu=40 80 method='newton' harmonics=7 tolerance=0.1 /",
-        "branch": "&branch nu_from=40 nu_to=50 harmonics=7 tolerance=0.1 stability='no' /",
-        "transient": "&transient t_end=0.2 nu=40 dt=0.001 /",
-    }[what]
     options = "gravity=0 0 -9.81 spin=3 -20 7 base_direction=0 0 3e-4 0 0 0"
-    text = body(options, FLOOR + "&load kind='base' amplitude=1 /\n") + group + "\n"
-    result = run_both(solve, tmp_path, text, what)
+    text = body(options, FLOOR + "&load kind='base' amplitude=1 /\n")
+    text += "&response nu=40 80 method='newton' harmonics=7 tolerance=0.1 /\n"
+    result = run_both(solve, tmp_path, text, "response")
     columns, scene = result.value.columns, result.scene
     system, loads = scene.body(), scene.loads()
     assert sorted(loads["base"]) == [1, 2]
-    if what == "transient":
-        run = vv.simulate(system, 0.2, nu=40.0, **loads, dt=0.001)
-        for d, name in enumerate(run.dof_names):
-            np.testing.assert_allclose(columns[name], run.state[:, 2 * d], atol=1e-12)
-        return
-    given = {"method": "newton"} if what == "response" else {"stability": False}
-    call = vv.forced_response if what == "response" else vv.trace_response
-    nus = [40.0, 80.0] if what == "response" else (40.0, 50.0)
-    found = call(system, nus, **loads, harmonics=7, tolerance=0.1, **given)
+    found = vv.forced_response(
+        system, [40.0, 80.0], **loads, harmonics=7, tolerance=0.1, method="newton"
+    )
     for d, name in enumerate(found.dof_names):
         for j, k in enumerate(found.harmonics):
             table = columns[f"{name}_{k}_re"] + 1j * columns[f"{name}_{k}_im"]
-            own = found.coefficients[:, d, j]
             far = 1e-9 * np.abs(found.coefficients[:, d]).max()
-            assert abs(table[0] - own[0]) < far
-            assert abs(table[-1] - own[-1]) < far
+            np.testing.assert_allclose(table, found.coefficients[:, d, j], atol=far)
 
 
-@pytest.mark.parametrize("geometry", ["small", "exact"])
-def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
+def test_a_force_in_any_direction_at_a_point(solve, tmp_path):
     """And a torque, about a position rotated by the weight: the same as Body.load."""
     loads = (
         "&load force=30 -20 50 at=0.2 0.1 -0.3 phase=0.4 /\n"
@@ -172,7 +150,7 @@ def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
     )
     what = "&response nu=30 80 method='newton' harmonics=5 tolerance=5e-2 /\n"
     result = run_both(
-        solve, tmp_path, body(f"geometry='{geometry}' gravity=2 1 -9.81", loads) + what, "response"
+        solve, tmp_path, body("geometry='exact' gravity=2 1 -9.81", loads) + what, "response"
     )
     system = result.scene.body()
     given = result.scene.loads()
@@ -193,11 +171,8 @@ def test_a_force_in_any_direction_at_a_point(solve, tmp_path, geometry):
 @pytest.mark.parametrize(
     ("name", "ends"),
     [
-        ("mass", (150, 200)),
         ("inertia_scale", (0.9, 1.1)),
-        ("center[z]", (-0.05, 0.02)),
         ("mounts[rear].stiffness[z]", (2e5, 3e5)),
-        ("mounts[left].damping_scale", (0.5, 2)),
         ("mounts[right].position[x]", (-0.1, 0.1)),
     ],
 )
@@ -224,78 +199,6 @@ def test_a_number_that_varies(solve, tmp_path, name, ends):
             assert abs(reported - x.coefficients[0, d, j]) < 1e-6 * np.abs(x.coefficients).max()
 
 
-def test_stability_along_a_number_that_varies(solve, tmp_path):
-    """Without memory: the same as Python bodies at some of the points."""
-    plain = MOUNTS.replace("kernel=2", "").replace("kernels=0 1 2", "").replace("rear", "back")
-    text = (
-        f"&body {MASSES} /\n{plain}&load on='ry' amplitude=30 /\n"
-        "&branch vary='mounts[back].stiffness[z]' from=2e5 to=2.3e5 nu=70 harmonics=3\n"
-        "  tolerance=0.1 stability='yes' /\n"
-    )
-    result = run_both(solve, tmp_path, text, "branch")
-    columns, system = result.value.columns, result.scene.body()
-    name = "mounts[back].stiffness[z]"
-    for row in (0, columns[name].size // 2, columns[name].size - 1):
-        changed = rebuilt(system, **_changed(system, name)(float(columns[name][row])))
-        loads = result.scene.loads()
-        orders = [k for k in range(4) if f"x_{k}_re" in columns]
-        start = {
-            k: {
-                dof: columns[f"{dof}_{k}_re"][row] + 1j * columns[f"{dof}_{k}_im"][row]
-                for dof in system.dof_names
-            }
-            for k in orders
-        }
-        found = vv.forced_response(
-            changed, [70.0], **loads, harmonics=3, method="newton", tolerance=0.1, stability=True,
-            start=start,
-        )  # fmt: skip
-        assert bool(columns["stable"][row]) == found.stable[0]
-
-
-def test_a_rotor_in_a_body_that_turns_far(solve, tmp_path):
-    """About a position rotated by the weight: the motion of a Python body."""
-    text = (
-        "&body mass=3 inertia=1 2 2.6 geometry='exact' gravity=2 1 -9 spin=3 -5 4\n"
-        "  load_axes='space' /\n"
-        "&mount_point name='a' position=0.2 0.1 0.3 stiffness=90 80 70 damping=1 2 3 /\n"
-        "&mount_point name='b' position=-0.3 0.2 -0.1 stiffness=60 70 99 damping=1 1 2 /\n"
-        "&mount_point name='c' position=0.1 -0.3 0 stiffness=60 50 40 damping=2 1 3 /\n"
-        "&transient t_end=2 initial=0 0.3 0 0 0 0 0 2 0 1.2 0 -3 tolerance=1e-9 /\n"
-    )
-    result = run_both(solve, tmp_path, text, "transient")
-    initial = [0, 0.3, 0, 0, 0, 0, 0, 2, 0, 1.2, 0, -3]
-    run = vv.simulate(result.scene.body(), 2, initial=initial, dt="auto", tolerance=1e-9)
-    for d, name in enumerate(run.dof_names):
-        assert abs(run.state[-1, 2 * d] - result.value.columns[name][-1]) < 1e-8, name
-
-
-def test_a_tumble_by_the_driver(solve, tmp_path):
-    """Angles beyond 2 pi, automatic step size: equivalent rotation vectors cause no error."""
-    text = (
-        "&body mass=3 inertia=1 2 2.6 geometry='exact' /\n"
-        "&mount_point name='foot' position=0 0 0 stiffness=1e-12 0 0 /\n"
-        "&transient t_end=20 initial=0 0.3 0 0 0 0 0 0.02 0 1.2 0 0.03 tolerance=1e-9 /\n"
-    )
-    result = run_both(solve, tmp_path, text, "transient")
-    columns = result.value.columns
-    state = np.array([[columns[name], columns[f"{name}_dot"]] for name in ("rx", "ry", "rz")])
-    whole = np.zeros((state.shape[2], 12))
-    whole[:, 6:] = state.transpose(2, 0, 1).reshape(-1, 6)
-    momentum = result.scene.body().angular_momentum(whole)
-    np.testing.assert_allclose(momentum, momentum[:1].repeat(len(momentum), 0), atol=1e-8)
-    assert np.linalg.norm(whole[:, 6::2], axis=1).max() < 2 * np.pi - 1
-
-
-def test_the_engine_of_the_samples(solve, tmp_path):
-    """Amplitudes at 24 Hz, against reference values."""
-    scene = vv.Scene.read(SCENES / "engine.nml")
-    assert [m.name for m in scene.body().mounts] == ["left", "right", "rear"]
-    done = solve(SCENES / "engine.nml", "--out", tmp_path)
-    assert done.returncode == 0
-    assert "completed" in done.stdout
-
-
 def test_sweep_over_a_mount(tmp_path):
     path = tmp_path / "swept.nml"
     path.write_text(
@@ -317,6 +220,7 @@ WANTED = "&modes /\n"
     ("text", "reported"),
     [
         (f"&body {MASSES} / {WANTED}", "needs &mount_point"),
+        (f"&body {MASSES} spin=3 -20 7 / {KERNELS} {MOUNTS} {WANTED}", "must be 0 for &modes"),
         (f"&body mass=1 inertia=1 1 3 / {MOUNTS} {WANTED}", "larger than the sum of the other two"),
         (f"&body mass=1 inertia=1 1 -1 / {MOUNTS} {WANTED}", "principal moments -1"),
         (f"&body mass=0 inertia=1 1 1 / {MOUNTS} {WANTED}", "mass = 0: must be greater than 0"),
@@ -401,15 +305,7 @@ WANTED = "&modes /\n"
 )
 def test_refused(solve, tmp_path, text, reported):
     """One line with the name and its location."""
-    path = tmp_path / "bad.nml"
-    path.write_text(text)
-    done = solve(path, "--out", tmp_path / "out")
-    assert done.returncode == 2, done
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1
-    assert reported in lines[0]
-    with pytest.raises(vv.InputError, match=r"bad\.nml"):
-        vv.Scene.read(path)
+    check_refused(solve, tmp_path, text, reported)
 
 
 def test_millimetres_are_reported(solve, tmp_path):

@@ -1,21 +1,10 @@
 """Optional columns of responses and branches: sampling errors, energy loss."""
 
-import os
-
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import check_failure, read_csv, silence
+from driver import check_refused, read_csv, silence
 
-SYSTEM = """&system coordinates='x' 'y' mass=1 2 stiffness=2 -1 -1 2 damping=0.06 -0.01 -0.01 0.05
-  base_direction=1 1 /
-&kernel kind='prony' weights=0.3 rates=0.8 /
-&force on='x' law='0.2*x^3 + 0.1*y_dot*abs(y_dot)' kernel=0 /
-&force on='y' law='0.3*y^3 + 0.1*sin(x)' kernel=1 /
-&load on='x' amplitude=0.5 /
-&load on='y' amplitude=0.1 order=3 phase=0.2 /
-&load kind='base' amplitude=0.1 phase=1 /
-"""
 STRUCTURE = """&structure mass=1 2 stiffness=2 -1 -1 2 damping=0.06 -0.01 -0.01 0.05
   base_direction=1 1 /
 &kernel kind='prony' weights=0.3 rates=0.8 /
@@ -33,33 +22,6 @@ def _table(solve, folder, text):
     done = solve(folder / "scene.nml", "--out", folder)
     assert done.returncode in (0, 1), done
     return read_csv(next(folder.glob("scene_*.csv")))
-
-
-def _same(ours, theirs):
-    """Bitwise equal in the release build; in the debug build rounding error estimates differ."""
-    if "debug" in os.environ.get("VISCOVIB_SOLVE", ""):
-        assert ours == pytest.approx(theirs, rel=0.1, abs=1e-14)
-    else:
-        np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.parametrize("method", ["newton", "linear"])
-def test_a_system_loses_what_its_parts_take(solve, tmp_path, method):
-    """The sum over parts, which Python integrates independently."""
-    rows = _table(solve, tmp_path, SYSTEM + RESPONSE.format(method, "harmonics=15"))
-    with silence():
-        r = vv.run(tmp_path / "scene.nml").response
-    assert rows["dissipation"] == pytest.approx(r.dissipation().sum(axis=1), rel=2e-5)
-    _same(rows["sampling"], r.sampling)
-
-
-def test_along_a_branch(solve, tmp_path):
-    asked = "sampling='yes' dissipation='yes'"
-    rows = _table(solve, tmp_path, SYSTEM + BRANCH.format(asked))
-    with silence():
-        b = vv.run(tmp_path / "scene.nml").branch
-    assert rows["dissipation"] == pytest.approx(b.dissipation().sum(axis=1), rel=2e-5)
-    _same(rows["sampling"], b.sampling)
 
 
 def _own(x, k, nu):
@@ -97,11 +59,6 @@ def test_a_structure_loses_what_it_is_fed(solve, tmp_path, branch):
         assert rows["sampling"][i] == pytest.approx(r.sampling[i], rel=0.1, abs=1e-13)
 
 
-def test_tables_without_them_stay_as_they_were(solve, tmp_path):
-    rows = _table(solve, tmp_path, SYSTEM + BRANCH.format(""))
-    assert not {"sampling", "dissipation"} & set(rows.dtype.names)
-
-
 MOUNT = "&mount mass=1 inertia=0.1 offset=0.5 stiffness_x=10 stiffness_phi=2 /\n&load amplitude=1 /"
 BODY = (
     "&body mass=10 inertia=0.3 0.2 0.4 geometry='exact' /\n"
@@ -120,24 +77,4 @@ REFUSED = {
 
 @pytest.mark.parametrize("message", REFUSED)
 def test_refused(solve, tmp_path, message):
-    scene = tmp_path / "scene.nml"
-    scene.write_text(REFUSED[message] + "\n")
-    out = tmp_path / "out"
-    out.mkdir()
-    check_failure(solve(scene, "--out", out), 2, message, out)
-    with pytest.raises(vv.InputError, match="must be"):
-        vv.Scene.read(scene)
-
-
-@pytest.mark.parametrize("load", ["amplitude=0", "order=0 amplitude=0.5"])
-def test_errors_of_rest_and_of_a_mean_alone(solve, tmp_path, load):
-    """The highest harmonic is 0, as for a point without a motion."""
-    scene = tmp_path / "scene.nml"
-    scene.write_text(
-        f"&system coordinates='x' mass=1 stiffness=1 damping=0.1 /\n&load {load} /\n"
-        "&response nu_from=0.5 nu_to=1 nu_count=3 method='linear' /\n"
-    )
-    assert solve(scene, "--out", tmp_path).returncode == 0
-    table = read_csv(tmp_path / "scene_response.csv")
-    assert list(table["error"]) == list(vv.run(scene).response.error)
-    assert (table["error"] < 1e-15).all()
+    check_refused(solve, tmp_path, REFUSED[message] + "\n", message)

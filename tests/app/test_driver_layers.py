@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import check_failure, read_csv, silence
+from driver import check_failure, check_refused, read_csv, silence
 
 BODY = (
     "&structure mass=1 2 1 stiffness=2 -1 0 -1 2 -1 0 -1 2 damping=0.1 0 0 0 0.05 0 0 0 0.1 {}/\n"
@@ -56,19 +56,6 @@ def test_response(solve, tmp_path, method):
     _close(rows, r.coefficients, r.harmonics)
 
 
-def test_branch_with_stability(solve, tmp_path):
-    more = "&branch nu_from=0.8 nu_to=1.2 harmonics=5 /\n"
-    # Status 1: some points have too few harmonics, so their stability is unknown.
-    rows, scene = _table(solve, tmp_path, SCENE + more, status=1)
-    with silence():
-        r = vv.forced_response(
-            scene.structure(), rows["nu"], method="newton", harmonics=5, **scene.loads()
-        )
-    _close(rows, r.coefficients, r.harmonics)
-    assert (rows["stable"] != 0).all()
-    assert (rows["stable"] == 1).any()
-
-
 def test_motion(solve, tmp_path):
     """Python: exponentials as states of complex modes; driver: memory of springs."""
     text = SCENE.replace(" kernel=2 /", " /")
@@ -98,13 +85,7 @@ REFUSED = {
 @pytest.mark.parametrize("message", REFUSED)
 def test_refused(solve, tmp_path, message):
     body, layer = REFUSED[message]
-    scene = tmp_path / "scene.nml"
-    scene.write_text(body + KERNELS + layer + "\n&modes /\n")
-    out = tmp_path / "out"
-    out.mkdir()
-    check_failure(solve(scene, "--out", out), 2, message, out)
-    with pytest.raises(vv.InputError):
-        vv.Scene.read(scene)
+    check_refused(solve, tmp_path, f"{body}{KERNELS}{layer}\n&modes /\n", message)
 
 
 def test_a_layer_in_many_directions_is_pythons(solve, tmp_path):

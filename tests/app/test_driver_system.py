@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from driver import SCENES, read_csv
+from driver import read_csv
 
 
 def test_a_table_of_points_runs_directly(solve, tmp_path):
@@ -105,17 +105,6 @@ def test_motion_of_a_system_of_ones_own(solve, tmp_path):
     assert str(vv.plan(scene)).splitlines() == solve(scene, "--plan").stdout.splitlines()
 
 
-def test_branch_of_a_system_of_ones_own(solve, tmp_path):
-    done = solve(SCENES / "duffing_branch.nml", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    branch = vv.run(SCENES / "duffing_branch.nml").branch
-    table = read_csv(tmp_path / "duffing_branch_branch.csv")
-    assert branch.folds.size == 2
-    assert table["nu"] == pytest.approx(branch.nu, abs=1e-9)
-    assert table["x_0_im"] == pytest.approx(branch.coefficients[:, 0, 0].imag, abs=1e-8)
-    assert "16 harmonics" in str(vv.plan(SCENES / "duffing_branch.nml"))
-
-
 def test_a_tab_in_a_law_is_a_blank(solve, tmp_path):
     tables = []
     for name, blank in (("plain", " "), ("tabs", "\t")):
@@ -128,48 +117,6 @@ def test_a_tab_in_a_law_is_a_blank(solve, tmp_path):
         assert solve(scene, "--out", tmp_path).returncode == 0
         tables.append(read_csv(tmp_path / f"{name}_transient.csv"))
     np.testing.assert_array_equal(tables[0], tables[1])
-
-
-def test_laws_of_rates(solve, tmp_path):
-    """Friction and quadratic damping, read by the driver and by Python to the same numbers."""
-    scene = tmp_path / "friction.nml"
-    scene.write_text(
-        "&system coordinates='a', 'b', mass=1, 0.5, stiffness=2, -1, -1, 1.5, damping=0.1, 0.05,\n"
-        "  kernel=0 /\n"
-        "&kernel kind='prony', weights=0.1, rates=0.4 /\n"
-        "&force on='a', law='0.2*tanh(A_dot/0.3) + 0.1*a_dot', kernel=0 /\n"
-        "&force on='b', law='0.1*(b_dot - a_dot)*(b - a)^2 + 0.1*tanh(b_dot)', kernel=1 /\n"
-        "&load on='b', amplitude=0.3 /\n"
-        "&response method='newton', nu_from=0.5, nu_to=1.5, nu_count=3 /\n"
-    )
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    table = read_csv(tmp_path / "friction_response.csv")
-    read = vv.run(scene).response
-    system = vv.PolynomialSystem(
-        mass=[1, 0.5],
-        stiffness=[[2, -1], [-1, 1.5]],
-        damping=[0.1, 0.05],
-        forces={"a": "0.2*tanh(a_dot/0.3) + 0.1*a_dot"},
-        springs=[
-            vv.Springs(
-                forces={"b": "0.1*(b_dot - a_dot)*(b - a)^2 + 0.1*tanh(b_dot)"},
-                kernel=vv.PronyKernel(weights=[0.1], rates=[0.4]),
-            )
-        ],
-        names=("a", "b"),
-    )
-    found = vv.forced_response(system, table["nu"], load=[0, 0.3], method="newton")
-    assert found.converged.all()
-    assert read.coefficients == pytest.approx(found.coefficients, abs=1e-15)
-    for d, dof in enumerate("ab"):
-        for j, k in enumerate(found.harmonics):
-            value = table[f"{dof}_{k}_re"] + 1j * table[f"{dof}_{k}_im"]
-            assert value == pytest.approx(read.coefficients[:, d, j], abs=1e-15)
-    scene.write_text(scene.read_text().replace("A_dot", "c_dot"))
-    done = solve(scene, "--out", tmp_path)
-    assert done.returncode == 2
-    assert "'c_dot' is neither a variable nor a parameter" in done.stderr
 
 
 def test_a_law_that_ends_is_reported_with_its_place(solve, tmp_path):

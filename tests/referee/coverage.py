@@ -153,8 +153,8 @@ NOTHING_TO_JUDGE = {
     "Result.panels": "what pictures draw",
     "Result.plot": _PICTURE,
     "Result.numbers": "what sweeps keep, which sweeps judges",
-    "TableResult": "columns as the core wrote them, which test_tables compares",
-    "TableResult.stable": "a column as the core wrote it, which test_tables compares",
+    "TableResult": "columns as the core wrote them, which test_driver_tables compares",
+    "TableResult.stable": "a column as the core wrote it, which test_driver_tables compares",
     "TableResult.to_dataset": "columns as the core wrote them, which test_modes compares",
     "MasterCurve.to_dataset": _ARRAYS,
     "KramersKronig.to_dataset": _ARRAYS,
@@ -164,13 +164,13 @@ NOTHING_TO_JUDGE = {
     "Modulation.to_dataset": _ARRAYS,
     "Result.to_netcdf": "to_dataset in a file, which test_results compares",
     "Scene.events": "what &event groups say; test_driver_events compares their passages",
-    "SceneResult.decay_to_csv": "the table of decaying oscillations, which test_tables compares",
+    "SceneResult.decay_to_csv": "the table of decaying oscillations, which test_driver_tables compares",
     "SceneResult.events_to_csv": "the table of events, which test_driver_events compares",
     "SceneResult.forces_to_csv": "the table of forces, which test_driver_forces compares",
     "SceneResult.reactions_to_csv": "the table of reactions, which test_driver_forces compares",
     "SceneResult.peaks_to_csv": "the table of peaks, which test_driver_forces compares",
-    "SceneResult.shock_spectrum_to_csv": "the table of a spectrum, which test_tables compares",
-    "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_tables compares",
+    "SceneResult.shock_spectrum_to_csv": "the table of a spectrum, which test_driver_tables compares",
+    "SceneResult.spectrum_to_csv": "the table of a spectrum, which test_driver_tables compares",
 }
 
 
