@@ -16,7 +16,7 @@ module viscovib_gauss
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
   use viscovib_node_kernels, only: exchange, lane_product_sum, lane_sum, node_states, predict
-  use viscovib_node_newton, only: newton_nodes
+  use viscovib_node_newton, only: newton_nodes, step_start
   use viscovib_phases, only: new_phases, phases_type, turn_phase
   use viscovib_step_path, only: new_path, step_path
   use viscovib_stepper, only: stepper_type
@@ -270,7 +270,7 @@ contains
     class(driven_system_type), intent(in) :: system
     real(wp), intent(inout) :: work(n_lanes, self%plan%n_columns)
     logical, intent(out) :: converged
-    real(wp) :: q_0(max_dof), v_0(max_dof), total, lost
+    type(step_start) :: start
     integer :: n, blocks
 
     if (.not. system%sloped) then
@@ -279,16 +279,15 @@ contains
     end if
     n = size(self%q)
     blocks = self%table%n_blocks
-    q_0 = 0.0_wp
-    v_0 = 0.0_wp
-    q_0(:n) = self%q
-    v_0(:n) = self%v
-    lost = blocks*n_lanes*rounding*(sum(abs(q_0)) + abs(self%h)*sum(abs(v_0)))
+    start%q(:n) = self%q
+    start%v(:n) = self%v
+    start%h_2 = self%h**2
+    start%lost = blocks*n_lanes*rounding*(sum(abs(start%q)) + abs(self%h)*sum(abs(start%v)))
     associate (p => self%plan)
-      total = size_of(n, blocks, work(1, p%f))
+      start%total = size_of(n, blocks, work(1, p%f))
+      start%wanted = max(self%tolerance*start%total, negligible)
       call newton_nodes(system, n, blocks, work(1, p%times), work(1, p%sums), work(1, p%drive), &
-                        q_0, v_0, total, max(self%tolerance*total, negligible), lost, &
-                        self%h**2, work(1, p%f), work(1, p%f_new), work(1, p%q), work(1, p%v), &
+                        start, work(1, p%f), work(1, p%f_new), work(1, p%q), work(1, p%v), &
                         self%n_evaluations, converged)
       if (.not. converged) return
       converged = all(abs(work(1, p%q:p%q + n - 1)) <= system%range%coordinate)

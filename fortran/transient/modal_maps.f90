@@ -38,11 +38,12 @@ module viscovib_modal_maps
   end type sections_type
 
   type :: modal_map_type
-    !> Gains of a section by its state (q, q') at the nodes and the end, shape (n, s+1), and of
-    !! its velocity at the end, shape (n).
-    real(wp), allocatable :: by_q(:, :), by_v(:, :), rate_by_q(:), rate_by_v(:)
-    !> Gains at the end by a unit push at a node, shape (mode_block, s, n/mode_block).
-    real(wp), allocatable :: gain(:, :, :), rate_gain(:, :, :)
+    !> Gains of a section by its state (q, q') at the nodes and the end, shape (n, s+1), and of the
+    !! section and its velocity at the end, shape (n, 4).
+    real(wp), allocatable :: by_q(:, :), by_v(:, :), by_state(:, :)
+    !> Gains of a section and its velocity at the end by a unit push at a node, shape (mode_block,
+    !! s, n/mode_block, 2).
+    real(wp), allocatable :: gain(:, :, :, :)
     !> Deflections at the nodes and the end by forces at the nodes, point p of deflection j at
     !! (j-1)(s+1)+p and node k of force l at (l-1)s+k.
     real(wp), allocatable :: answer(:, :)
@@ -90,9 +91,8 @@ contains
     s = table%s
     n = size(sections%squares)
     n_rows = (s + 1)*size(sections%seen, 2)
-    allocate (map%by_q(n, s + 1), map%by_v(n, s + 1), map%rate_by_q(n), map%rate_by_v(n))
-    allocate (map%gain(mode_block, s, n/mode_block), gain(n, s))
-    allocate (map%rate_gain(mode_block, s, n/mode_block))
+    allocate (map%by_q(n, s + 1), map%by_v(n, s + 1), map%by_state(n, 4))
+    allocate (map%gain(mode_block, s, n/mode_block, 2), gain(n, s))
     allocate (map%answer(n_rows, s*size(sections%pushed, 2)))
     allocate (map%swing(n_rows + 2*(n + size(sections%others%poles)) + sections%others%n_at_once, &
                         size(sections%frequencies)))
@@ -120,11 +120,10 @@ contains
           end do
         end associate
         if (p <= s) cycle
-        map%rate_by_q(m) = by_q(2)/now
-        map%rate_by_v(m) = by_v(2)
+        map%by_state(m, :) = [map%by_q(m, p), map%by_v(m, p), by_q(2)/now, by_v(2)]
         i = modulo(m - 1, mode_block) + 1
-        map%gain(i, :, (m - 1)/mode_block + 1) = gain(m, :)
-        map%rate_gain(i, :, (m - 1)/mode_block + 1) = now*matmul(rates, coefficients(:, :, p))
+        map%gain(i, :, (m - 1)/mode_block + 1, 1) = gain(m, :)
+        map%gain(i, :, (m - 1)/mode_block + 1, 2) = now*matmul(rates, coefficients(:, :, p))
       end do
       do j = 1, size(sections%seen, 2)
         do l = 1, size(sections%pushed, 2)

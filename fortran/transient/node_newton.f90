@@ -17,7 +17,7 @@ module viscovib_node_newton
   implicit none
   private
 
-  public :: newton_nodes
+  public :: newton_nodes, step_start
 
   !> Largest number of Newton steps, and of terms of the series of one step.
   integer, parameter :: max_steps = 8, max_terms = 30
@@ -29,19 +29,25 @@ module viscovib_node_newton
   !> Safety factor of the error estimate from the squares.
   real(wp), parameter :: margin = 10.0_wp
 
+  !> State at the start of a step, coordinates that are not used being 0; sum of the sizes of
+  !! accelerations, tolerance of the change of that sum; rounding error of displacements, and the
+  !! square of the step.
+  type :: step_start
+    real(wp) :: q(max_dof) = 0.0_wp, v(max_dof) = 0.0_wp
+    real(wp) :: total = 0.0_wp, wanted = 0.0_wp, lost = 0.0_wp, h_2 = 0.0_wp
+  end type step_start
+
 contains
 
-  subroutine newton_nodes(system, n, blocks, times, sums, drive, q_0, v_0, total, wanted, lost, &
-                          h_2, f, f_new, q, v, n_evaluations, converged)
+  subroutine newton_nodes(system, n, blocks, times, sums, drive, start, f, f_new, q, v, &
+                          n_evaluations, converged)
     class(driven_system_type), intent(in) :: system
     integer, intent(in) :: n, blocks
     !> As in `node_states`, for each block; loads.
     real(wp), intent(in) :: times(n_lanes, blocks)
     real(wp), intent(in) :: sums(n_lanes, 2, n_lanes*blocks, blocks)
-    real(wp), intent(in) :: drive(n_lanes, max_dof, blocks), q_0(max_dof), v_0(max_dof)
-    !> Sum of the sizes of accelerations, tolerance of the change of that sum; rounding error of
-    !! displacements, and the square of the step.
-    real(wp), intent(in) :: total, wanted, lost, h_2
+    real(wp), intent(in) :: drive(n_lanes, max_dof, blocks)
+    type(step_start), intent(in) :: start
     real(wp), intent(inout) :: f(n_lanes, max_dof, blocks), f_new(n_lanes, max_dof, blocks)
     real(wp), intent(inout) :: q(n_lanes, max_dof, blocks), v(n_lanes, max_dof, blocks)
     integer(i8), intent(inout) :: n_evaluations
@@ -57,8 +63,8 @@ contains
     do k = 1, max_steps
       change = 0.0_wp
       do b = 1, blocks
-        call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
-                         v(1, 1, b))
+        call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, start%q, start%v, &
+                         q(1, 1, b), v(1, 1, b))
         call system%linearise(q(1, 1, b), v(1, 1, b), drive(1, 1, b), f_new(1, 1, b), &
                               by_q(1, 1, b), by_v(1, 1, b))
       end do
@@ -70,11 +76,11 @@ contains
       if (k > 2 .and. change > before) then
         ! If accelerations are small differences of large terms, only rounding still changes them.
         ! Stiff forces amplify the rounding of displacements by this factor.
-        stiff = max(1.0_wp, h_2*maxval(abs(by_q(:, :n**2, :blocks))))
-        converged = h_2*change <= lost*stiff
+        stiff = max(1.0_wp, start%h_2*maxval(abs(by_q(:, :n**2, :blocks))))
+        converged = start%h_2*change <= start%lost*stiff
         return
       end if
-      left = max(fine*wanted, fine*change*(change/max(total, change, wanted)))
+      left = max(fine*start%wanted, fine*change*(change/max(start%total, change, start%wanted)))
       if (one) then
         call make_columns(sums, by_q(1, 1, 1), by_v(1, 1, 1), columns)
         call add_one_series(columns, left, system%range%push, f, f_new, summed)
@@ -83,17 +89,17 @@ contains
                         q, v, summed)
       end if
       if (.not. summed) return
-      if (change <= wanted) exit
-      if (k > 1 .and. left <= wanted .and. change <= before) then
-        if (margin*change*(change/before)**2 <= wanted) exit
+      if (change <= start%wanted) exit
+      if (k > 1 .and. left <= start%wanted .and. change <= before) then
+        if (margin*change*(change/before)**2 <= start%wanted) exit
       end if
       before = change
     end do
     converged = k <= max_steps
     ! The states at the nodes are needed for interpolation.
     do b = 1, blocks
-      call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, q_0, v_0, q(1, 1, b), &
-                       v(1, 1, b))
+      call node_states(blocks, n, times(1, b), sums(1, 1, 1, b), f, start%q, start%v, &
+                       q(1, 1, b), v(1, 1, b))
     end do
   end subroutine newton_nodes
 

@@ -86,14 +86,16 @@ contains
 
   !> Advance the modes to the end of the step, with compensated sums: due to their state, forces at
   !! the nodes, and harmonic loads.
-  pure subroutine move_modes(n_blocks, s, n_pushed, by_q, by_v, rate_by_q, rate_by_v, gain, &
-                             rate_gain, pushed, forces, n_swings, swing, q, v, q_rest, v_rest, &
-                             largest, finite)
-    integer, intent(in) :: n_blocks, s, n_pushed, n_swings
-    real(wp), intent(in), dimension(mode_block, n_blocks) :: by_q, by_v, rate_by_q, rate_by_v
-    !> Node by node within a block, in the order of use.
-    real(wp), intent(in), dimension(mode_block, s, n_blocks) :: gain, rate_gain
-    real(wp), intent(in) :: pushed(mode_block, n_blocks, n_pushed), forces(s, n_pushed)
+  pure subroutine move_modes(n_blocks, by_state, gain, pushed, forces, n_swings, swing, q, v, &
+                             q_rest, v_rest, largest, finite)
+    integer, intent(in) :: n_blocks, n_swings
+    !> Forces at the nodes, shape (s, n_pushed).
+    real(wp), intent(in), contiguous :: forces(:, :)
+    !> Gains of modes by q and v, then of their velocities.
+    real(wp), intent(in) :: by_state(mode_block, n_blocks, 4)
+    !> Node by node within a block, in the order of use; of modes, then of their velocities.
+    real(wp), intent(in) :: gain(mode_block, size(forces, 1), n_blocks, 2)
+    real(wp), intent(in) :: pushed(mode_block, n_blocks, size(forces, 2))
     !> For the modes, then for their velocities, 2 blocks or none.
     real(wp), intent(in) :: swing(mode_block, n_blocks, n_swings)
     real(wp), intent(inout), dimension(mode_block, n_blocks) :: q, v, q_rest, v_rest
@@ -104,9 +106,7 @@ contains
     integer :: b
 
     do b = 1, n_blocks
-      call move_block(b, n_blocks, s, n_pushed, by_q, by_v, rate_by_q, rate_by_v, gain(:, :, b), &
-                      rate_gain(:, :, b), pushed, forces, n_swings, swing, q(:, b), v(:, b), &
-                      q_rest(:, b), v_rest(:, b), moved(:, b), there(:, b))
+      call move_block(b, q(:, b), v(:, b), q_rest(:, b), v_rest(:, b), moved(:, b), there(:, b))
     end do
     !GCC$ novector
     do b = 2, n_blocks
@@ -118,59 +118,56 @@ contains
     ! A NaN would be lost in a comparison, but not in a sum.
     finite = sum(moved(:, 1)) <= huge(1.0_wp)
     if (finite) largest = max(largest, sum(there(:, 1)))
-  end subroutine move_modes
 
-  pure subroutine move_block(b, n_blocks, s, n_pushed, by_q, by_v, rate_by_q, rate_by_v, gain, &
-                             rate_gain, pushed, forces, n_swings, swing, q, v, q_rest, v_rest, &
-                             moved, there)
-    integer, intent(in) :: b, n_blocks, s, n_pushed, n_swings
-    real(wp), intent(in), dimension(mode_block, n_blocks) :: by_q, by_v, rate_by_q, rate_by_v
-    real(wp), intent(in), dimension(mode_block, s) :: gain, rate_gain
-    real(wp), intent(in) :: pushed(mode_block, n_blocks, n_pushed), forces(s, n_pushed)
-    real(wp), intent(in) :: swing(mode_block, n_blocks, n_swings)
-    real(wp), intent(inout), dimension(mode_block) :: q, v, q_rest, v_rest
-    real(wp), intent(out), dimension(mode_block) :: moved, there
-    real(wp), dimension(mode_block) :: push, dq, dv, sum_of, back
-    integer :: k, l
+  contains
 
-    dq = 0.0_wp
-    dv = 0.0_wp
-    if (n_pushed == 1) then
-      !GCC$ novector
-      do k = 1, s
-        dq = dq + gain(:, k)*forces(k, 1)
-        dv = dv + rate_gain(:, k)*forces(k, 1)
-      end do
-      dq = pushed(:, b, 1)*dq
-      dv = pushed(:, b, 1)*dv
-    else if (n_pushed > 1) then
-      !GCC$ novector
-      do k = 1, s
-        push = 0.0_wp
+    pure subroutine move_block(b, q, v, q_rest, v_rest, moved, there)
+      integer, intent(in) :: b
+      real(wp), intent(inout), dimension(mode_block) :: q, v, q_rest, v_rest
+      real(wp), intent(out), dimension(mode_block) :: moved, there
+      real(wp), dimension(mode_block) :: push, dq, dv, sum_of, back
+      integer :: k, l
+
+      dq = 0.0_wp
+      dv = 0.0_wp
+      if (size(forces, 2) == 1) then
         !GCC$ novector
-        do l = 1, n_pushed
-          push = push + pushed(:, b, l)*forces(k, l)
+        do k = 1, size(forces, 1)
+          dq = dq + gain(:, k, b, 1)*forces(k, 1)
+          dv = dv + gain(:, k, b, 2)*forces(k, 1)
         end do
-        dq = dq + gain(:, k)*push
-        dv = dv + rate_gain(:, k)*push
-      end do
-    end if
-    dq = q_rest + (by_q(:, b)*q + by_v(:, b)*v) + dq
-    dv = v_rest + (rate_by_q(:, b)*q + rate_by_v(:, b)*v) + dv
-    if (n_swings > 0) then
-      dq = dq + swing(:, b, 1)
-      dv = dv + swing(:, b, 2)
-    end if
-    moved = abs(dq) + abs(dv)
-    sum_of = q + dq
-    back = sum_of - q
-    q_rest = (q - (sum_of - back)) + (dq - back)
-    q = sum_of
-    there = abs(sum_of)
-    sum_of = v + dv
-    back = sum_of - v
-    v_rest = (v - (sum_of - back)) + (dv - back)
-    v = sum_of
-  end subroutine move_block
+        dq = pushed(:, b, 1)*dq
+        dv = pushed(:, b, 1)*dv
+      else if (size(forces, 2) > 1) then
+        !GCC$ novector
+        do k = 1, size(forces, 1)
+          push = 0.0_wp
+          !GCC$ novector
+          do l = 1, size(forces, 2)
+            push = push + pushed(:, b, l)*forces(k, l)
+          end do
+          dq = dq + gain(:, k, b, 1)*push
+          dv = dv + gain(:, k, b, 2)*push
+        end do
+      end if
+      dq = q_rest + (by_state(:, b, 1)*q + by_state(:, b, 2)*v) + dq
+      dv = v_rest + (by_state(:, b, 3)*q + by_state(:, b, 4)*v) + dv
+      if (n_swings > 0) then
+        dq = dq + swing(:, b, 1)
+        dv = dv + swing(:, b, 2)
+      end if
+      moved = abs(dq) + abs(dv)
+      sum_of = q + dq
+      back = sum_of - q
+      q_rest = (q - (sum_of - back)) + (dq - back)
+      q = sum_of
+      there = abs(sum_of)
+      sum_of = v + dv
+      back = sum_of - v
+      v_rest = (v - (sum_of - back)) + (dv - back)
+      v = sum_of
+    end subroutine move_block
+
+  end subroutine move_modes
 
 end module viscovib_structure_kernels

@@ -26,7 +26,7 @@ module viscovib_structure_march
   use viscovib_structure_state, only: padded_rows, padded_sections, set_state, show_state, &
     start_state, state_type
   use viscovib_structure_step, only: bends_of, lengthen, make_step, maps_holder, new_maps, &
-    part_type, structure_panels
+    part_type, step_begin, structure_panels
   use viscovib_time_load, only: load_clock, new_swing, time_load_type
   implicit none
   private
@@ -237,8 +237,8 @@ contains
     associate (part => self%parts(self%n_parts), maps => self%maps(self%now)%maps)
       part%start = self%swing%t
       call make_step(self%state, self%system, self%sections, self%table, maps, self%equations, &
-                     self%rolling, self%trusted, self%bound, self%values, self%columns, &
-                     self%recalled, part, self%points, made, self%doubtful)
+                     step_begin(self%rolling, self%trusted, self%bound), self%values, &
+                     self%columns, self%recalled, part, self%points, made, self%doubtful)
       if (.not. made) return
       self%trusted = .false.
     end associate

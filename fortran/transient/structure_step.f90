@@ -18,7 +18,7 @@ module viscovib_structure_step
   implicit none
   private
 
-  public :: bends_of, lengthen, make_step, maps_holder, maps_type, new_maps, part_type
+  public :: bends_of, lengthen, make_step, maps_holder, new_maps, part_type, step_begin
   public :: structure_panels
 
   !> Share of nonlinear forces in the displacements above which a motion may escape in a step.
@@ -44,6 +44,13 @@ module viscovib_structure_step
     real(wp), allocatable :: q(:), v(:), forces(:, :)
     complex(wp), allocatable :: z(:)
   end type part_type
+
+  !> True if the step follows one of its own kind, and if a doubtful step is made; largest
+  !! deflection in the range of laws.
+  type :: step_begin
+    logical :: rolling = .false., trusted = .false.
+    real(wp) :: bound = huge(1.0_wp)
+  end type step_begin
 
   !> Panels of a singular start.
   type, extends(panel_maker) :: structure_panels
@@ -102,18 +109,16 @@ contains
   end subroutine bends_of
 
   !> Make a step. `made` is false, and the state is unchanged, if its equations do not converge, or
-  !! if it may have passed an escape to infinity (`doubtful`) and is not `trusted`.
-  subroutine make_step(state, system, sections, table, maps, equations, rolling, trusted, bound, &
-                       swing, columns, remembered, part, points, made, doubtful)
+  !! if it may have passed an escape to infinity (`doubtful`) and `begin` does not trust it.
+  subroutine make_step(state, system, sections, table, maps, equations, begin, swing, columns, &
+                       remembered, part, points, made, doubtful)
     type(state_type), intent(inout) :: state
     class(oscillator_type), intent(in) :: system
     type(sections_type), intent(in) :: sections
     type(collocation_type), intent(in) :: table
     type(maps_type), intent(in) :: maps
     type(step_equations_type), intent(inout) :: equations
-    !> True if the step follows one of its own kind; largest deflection in the range of laws.
-    logical, intent(in) :: rolling, trusted
-    real(wp), intent(in) :: bound
+    type(step_begin), intent(in) :: begin
     !> Contributions of harmonic loads, rows as in `swing` of the modal map; columns of tables at
     !! the nodes; memory at the nodes.
     real(wp), intent(in), contiguous :: swing(:), columns(:), remembered(:)
@@ -144,16 +149,16 @@ contains
       z(:r) = state%w
       z(map%at_memory + 1:map%at_bend) = remembered
       call add_held(s*map%n_channels, map%held, z(map%at_memory + 1:map%at_bend))
-      call equations%predict(map, rolling)
+      call equations%predict(map, begin%rolling)
       z(map%at_bend + 1:) = equations%y_start
       call equations%iterate(system, map, state%w, made)
       if (.not. made) return
       do j = 1, r
         points(0, j) = state%w(j)
         points(1:, j) = state%w(j) + equations%x((j - 1)*(s + 1) + 1:j*(s + 1))
-        made = made .and. abs(points(s + 1, j)) <= bound
+        made = made .and. abs(points(s + 1, j)) <= begin%bound
       end do
-      if (made .and. size(equations%y) > 0 .and. .not. trusted) then
+      if (made .and. size(equations%y) > 0 .and. .not. begin%trusted) then
         doubtful = runs_away(s, maps%h, state%w, state%w_rate, state%largest, equations%x, &
                              table%last_coefficient)
         ! A linear motion cannot escape, however steep it is.
@@ -173,10 +178,9 @@ contains
       part%z = state%z
       part%forces(:, :r) = -reshape(forces(:s*r), [s, r])
       part%forces(:, r + 1:) = reshape(columns, [s, size(columns)/s])
-      call move_modes(n, s, size(sections%pushed, 2), modal%by_q(:, s + 1), modal%by_v(:, s + 1), &
-                      modal%rate_by_q, modal%rate_by_v, modal%gain, modal%rate_gain, &
-                      sections%pushed, part%forces, n_swings, swing(n_rows + 1:), &
-                      state%q, state%v, state%q_rest, state%v_rest, state%furthest, made)
+      call move_modes(n, modal%by_state, modal%gain, sections%pushed, part%forces, n_swings, &
+                      swing(n_rows + 1:), state%q, state%v, state%q_rest, state%v_rest, &
+                      state%furthest, made)
       if (made) call move_poles(modal%poles, sections%others, part%forces, &
                                 swing(at_poles + 1:), state%z, &
                                 state%z_rest, state%z_rate, made)
@@ -249,9 +253,9 @@ contains
     self%n_made = self%n_made + 1
     associate (part => self%parts(self%n_made))
       part%start = now
-      call make_step(self%state, system, self%sections, table, maps, equations, .false., .true., &
-                     self%bound, swing, columns, reshape(remembered, [size(remembered)]), &
-                     part, points, made, doubtful)
+      call make_step(self%state, system, self%sections, table, maps, equations, &
+                     step_begin(.false., .true., self%bound), swing, columns, &
+                     reshape(remembered, [size(remembered)]), part, points, made, doubtful)
     end associate
     if (.not. made) return
     call gather_channels(s + 2, size(points, 2), size(equations%y_start), size(g, 2), points, &
