@@ -52,7 +52,6 @@ module viscovib_crossing_errors
     real(wp) :: reference = 0.0_wp
   contains
     procedure :: look
-    procedure :: follow
   end type determinant_type
 
 contains
@@ -313,20 +312,5 @@ contains
     self%referred = .true.
     eta(1) = sign_of*exp(max(-300.0_wp, min(300.0_wp, logarithm - self%reference)))
   end subroutine look
-
-  subroutine follow(self, curve, p, x, near, eta, made)
-    class(determinant_type), intent(inout) :: self
-    class(curve_type), intent(inout) :: curve
-    real(wp), intent(in) :: p, x(:)
-    complex(wp), intent(in) :: near
-    complex(wp), intent(out) :: eta
-    logical, intent(out) :: made
-    complex(wp) :: all(1)
-    integer :: n
-
-    call self%look(curve, p, x, [near], all, n)
-    made = n >= 0
-    eta = all(1)
-  end subroutine follow
 
 end module viscovib_crossing_errors

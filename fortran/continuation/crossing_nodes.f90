@@ -7,7 +7,7 @@ module viscovib_crossing_nodes
   implicit none
   private
 
-  public :: node_type, spectrum_type, look_at, put_between
+  public :: node_type, spectrum_type, look_at, look_between, put_between
 
   !> Exponents of the solutions of a curve: logarithms of multipliers, growing ones first, imaginary
   !! parts within pi.
@@ -23,7 +23,7 @@ module viscovib_crossing_nodes
     logical :: complete = .true.
   contains
     procedure(look_interface), deferred :: look
-    procedure(follow_interface), deferred :: follow
+    procedure :: follow
   end type spectrum_type
 
   abstract interface
@@ -40,17 +40,6 @@ module viscovib_crossing_nodes
       integer, intent(out) :: n_growing
     end subroutine look_interface
 
-    !> The exponent near a given one.
-    subroutine follow_interface(self, curve, p, x, near, eta, made)
-      import :: curve_type, spectrum_type, wp
-      class(spectrum_type), intent(inout) :: self
-      class(curve_type), intent(inout) :: curve
-      real(wp), intent(in) :: p, x(:)
-      complex(wp), intent(in) :: near
-      complex(wp), intent(out) :: eta
-      logical, intent(out) :: made
-    end subroutine follow_interface
-
   end interface
 
   !> A point of a chord with its exponents.
@@ -61,6 +50,23 @@ module viscovib_crossing_nodes
   end type node_type
 
 contains
+
+  !> The exponent near a given one. By default all exponents are computed.
+  subroutine follow(self, curve, p, x, near, eta, made)
+    class(spectrum_type), intent(inout) :: self
+    class(curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: p, x(:)
+    complex(wp), intent(in) :: near
+    complex(wp), intent(out) :: eta
+    logical, intent(out) :: made
+    complex(wp) :: all(self%n)
+    integer :: n
+
+    call self%look(curve, p, x, [near], all, n)
+    made = n >= 0
+    eta = near
+    if (made) eta = all(minloc(abs(all - near), 1))
+  end subroutine follow
 
   !> The point on the plane sigma between nodes a and b, with its exponents.
   subroutine look_at(curve, spectrum, chord, sigma, a, b, node)
@@ -93,6 +99,22 @@ contains
     call spectrum%look(curve, node%at%p, node%at%x, near, node%eta, &
                        node%n_growing)
   end subroutine look_at
+
+  !> The point amid two nodes, or one near it if the exponents there are not known.
+  subroutine look_between(curve, spectrum, chord, a, b, node)
+    class(curve_type), intent(inout) :: curve
+    class(spectrum_type), intent(inout) :: spectrum
+    type(chord_type), intent(in) :: chord
+    type(node_type), intent(in) :: a, b
+    type(node_type), intent(out) :: node
+    real(wp), parameter :: parts(2) = [0.5_wp, 0.37_wp]
+    integer :: k
+    do k = 1, size(parts)
+      call look_at(curve, spectrum, chord, a%at%sigma + parts(k)*(b%at%sigma - a%at%sigma), a, b, &
+                   node)
+      if (node%n_growing >= 0) return
+    end do
+  end subroutine look_between
 
   !> Exponents near those of one node, along straight lines to those of another if there is no doubt
   !! which of these is which.

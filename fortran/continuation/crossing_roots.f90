@@ -3,7 +3,7 @@
 module viscovib_crossing_roots
   use viscovib_chord, only: chord_type
   use viscovib_constants, only: pi
-  use viscovib_crossing_nodes, only: look_at, node_type, put_between, spectrum_type
+  use viscovib_crossing_nodes, only: look_at, look_between, node_type, put_between, spectrum_type
   use viscovib_curve, only: curve_type
   use viscovib_kinds, only: wp
   use viscovib_stopping, only: given_up
@@ -72,11 +72,7 @@ contains
     do k = 1, max_evaluations
       if (given_up(cancel)) return
       if (hi%at%sigma - lo%at%sigma <= near) exit
-      call look_at(curve, spectrum, chord, 0.5_wp*(lo%at%sigma + hi%at%sigma), lo, hi, middle)
-      if (middle%n_growing < 0) then
-        call look_at(curve, spectrum, chord, lo%at%sigma + 0.37_wp*(hi%at%sigma - lo%at%sigma), &
-                     lo, hi, middle)
-      end if
+      call look_between(curve, spectrum, chord, lo, hi, middle)
       if (middle%n_growing < 0) return
       if (middle%n_growing == lo%n_growing) then
         lo = middle
@@ -218,12 +214,7 @@ contains
       if (made) made = real(there) < 0.0_wp .and. real(here) > 0.0_wp &
                        .and. line_of(here) == line_of(there)
       if (made) exit
-      call look_at(curve, spectrum, chord, lo%at%sigma + 0.5_wp*(hi%at%sigma &
-                   - lo%at%sigma), lo, hi, middle)
-      if (middle%n_growing < 0) then
-        call look_at(curve, spectrum, chord, lo%at%sigma + 0.37_wp*(hi%at%sigma &
-                     - lo%at%sigma), lo, hi, middle)
-      end if
+      call look_between(curve, spectrum, chord, lo, hi, middle)
       if (middle%n_growing < 0) return
       if ((middle%n_growing >= place) .eqv. upward) then
         hi = middle

@@ -1,9 +1,8 @@
 ! Optimize: -O2 -fvect-cost-model=dynamic
 !> Hill's determinant of a condensed structure: as large as its elements, not as its linear rest.
 !!
-!! A small disturbance exp(lambda t) sum_k Y_k exp(i k nu t) of the deflections of the elements
-!! obeys, with s_k = lambda + i k nu, the compliance H(s) of the linear rest and the local
-!! stiffness of the elements along the motion,
+!! A small disturbance of the deflections of the elements (`viscovib_hill_determinant`) obeys, with
+!! the compliance H(s) of the linear rest and the local stiffness of the elements along the motion,
 !!
 !!   Delta(lambda) = det(I + diag[H(s_k)] J) = 0,
 !!   J_kl = sum_j b_j [f_j(s_k) (w_j,(k-l) + W_j delta_kl) - W_j delta_kl],
@@ -16,8 +15,7 @@
 !!   F(lambda) = Delta(lambda) prod_p [1 - exp(2 pi (p - lambda)/d)],
 !!
 !! where |b| |J| |c|/|2 p + rate|, by how much elements move a pole, is no small part of its
-!! distance from the axis. d is nu; under half-wave symmetry slopes have half the period, orders
-!! are odd, and d is 2 nu.
+!! distance from the axis.
 module viscovib_condensed_hill
   use viscovib_band_elimination, only: band_determinant
   use viscovib_compliance_band, only: compliance_band, new_band

@@ -1,8 +1,7 @@
 ! Optimize: -O3
 !> Hill's determinant of a periodic solution, memory included.
 !!
-!! A small disturbance y = exp(lambda t) sum_k Y_k exp(i k nu t) of a periodic
-!! solution obeys, with s_k = lambda + i k nu, f_j(s) = 1 - epsilon_1 R_j(s) and
+!! A small disturbance (`viscovib_hill_determinant`) obeys, with f_j(s) = 1 - epsilon_1 R_j(s) and
 !! Laplace transforms R_j of the kernels,
 !!
 !!   (s_k^2 M + s_k C) Y_k + sum_l A_(k-l) Y_l
@@ -14,9 +13,8 @@
 !! C, since it alone decides how the determinant converges. Derivatives of F by rates are added to
 !! A, times s_l. Everything is multiplied by M^(-1) and divided by (s_k + a)^2, so that the
 !! determinant tends to a periodic function of lambda with period i d that has no poles where Re
-!! lambda >= 0 and no winding at large Re lambda. d is nu; under half-wave symmetry slopes have half
-!! the period, odd orders k stand for themselves, and d is 2 nu. exp(2 pi lambda/d) are the
-!! multipliers of `viscovib_floquet`, h of half a period under half-wave symmetry.
+!! lambda >= 0 and no winding at large Re lambda. exp(2 pi lambda/d) are the multipliers of
+!! `viscovib_floquet`, h of half a period under half-wave symmetry.
 module viscovib_hill
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_band_elimination, only: band_determinant

@@ -1,6 +1,11 @@
 ! Optimize: -O3
 !> What all forms of Hill's determinant of a periodic solution have in common, and factors of zeros.
 !!
+!! A small disturbance exp(lambda t) sum_k Y_k exp(i k nu t) of the solution obeys linear equations
+!! for the Y_k, with s_k = lambda + i k nu. Their determinant has the period i d in lambda. d is nu;
+!! under half-wave symmetry slopes have half the period, odd orders k stand for themselves, and d is
+!! 2 nu.
+!!
 !! Exponents of memory itself are near a rate -r at which memory fades: there what a kernel R leaves
 !! of a spring, 1 - R(s), vanishes, or somewhat left of it if other springs remember less. They are
 !! real, or at i d/2 where orders are odd.

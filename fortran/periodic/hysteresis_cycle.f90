@@ -15,8 +15,7 @@ module viscovib_hysteresis_cycle
   use viscovib_hysteresis_loop, only: find_start
   use viscovib_kinds, only: wp
   use viscovib_phase_panels, only: add_moments, add_parts, is_resolved, longest_panel, motion_at, &
-                                   new_panel, nodes, panel_type, wave_sum, waves_at, &
-                                   weigh
+                                   nodes, panel_type, panel_walk, wave_sum, waves_at, weigh
   use viscovib_phase_roots, only: along_motion, find_phases, phase_list, root
   implicit none
   private
@@ -159,63 +158,55 @@ contains
     real(wp), intent(in) :: state_by_y(:, :)
     real(wp), intent(inout) :: parts(:)
     type(cycle_sums), intent(inout), optional :: sums
-    type(phase_list) :: ends
+    type(panel_walk) :: walk
     type(panel_type) :: panel
     real(wp), dimension(size(z)) :: at_start, by_z, by_change, kept, kept_here
     real(wp) :: of_states(size(y), size(z)), of_start(size(y))
     real(wp) :: d(nodes), f(nodes), tangent(nodes), left(nodes, size(z))
-    real(wp) :: at, until, length, longest, last, size_of, work, last_panel
-    integer :: i, j, k
+    real(wp) :: last, size_of, work, last_panel
+    integer :: j, k
 
-    call find_kinks(element, set, y, from, to, d_from, z, ends)
-    longest = longest_panel(set)
+    walk%from = from
+    walk%ending = to
+    walk%longest = longest_panel(set)
+    walk%shortest = shortest
+    walk%tries = huge(1)
+    call find_kinks(element, set, y, from, to, d_from, z, walk%ends)
     of_states = 0.0_wp
     of_start = 0.0_wp
-    at = from
     last = d_from
     kept = 1.0_wp
     size_of = maxval(abs(element%weight*z))
-    do i = 1, ends%n + 1
-      until = to
-      if (i <= ends%n) until = min(ends%theta(i), to)
-      length = (until - at)/max(1, ceiling((until - at)/longest))
-      do while (until - at > 4.0_wp*epsilon(1.0_wp)*until)
-        length = min(length, until - at)
-        call new_panel(panel, set, at, at + length)
-        d = motion_at(panel, y)
-        at_start = z
-        kept_here = kept
-        last_panel = last
-        do j = 1, nodes
-          call element%advance(d(j) - last, z, by_z, by_change, work)
-          last = d(j)
-          kept = kept*by_z
-          f(j) = sum(element%weight*z)
-          tangent(j) = sum(element%weight*by_change)
-          left(j, :) = element%weight*kept
-        end do
-        if (length > shortest*longest) then
-          if (.not. is_resolved(f, size_of)) then
-            z = at_start
-            kept = kept_here
-            last = last_panel
-            length = 0.5_wp*length
-            cycle
-          end if
-        end if
-        size_of = max(size_of, maxval(abs(f)))
-        call add_parts(panel, f, parts)
-        if (present(sums)) then
-          call add_moments(panel, set, tangent, sums%c(0:), sums%s(0:))
-          call add_parts(panel, tangent, of_start)
-          do k = 1, size(z)
-            if (any(abs(left(:, k)) > 0.0_wp)) call add_parts(panel, left(:, k), of_states(:, k))
-          end do
-        end if
-        at = at + length
-        length = (until - at)/max(1, ceiling((until - at)/min(longest, 2.0_wp*length)))
+    do while (walk%next(set, panel))
+      d = motion_at(panel, y)
+      at_start = z
+      kept_here = kept
+      last_panel = last
+      do j = 1, nodes
+        call element%advance(d(j) - last, z, by_z, by_change, work)
+        last = d(j)
+        kept = kept*by_z
+        f(j) = sum(element%weight*z)
+        tangent(j) = sum(element%weight*by_change)
+        left(j, :) = element%weight*kept
       end do
-      at = until
+      walk%accepted = walk%is_last_try()
+      if (.not. walk%accepted) walk%accepted = is_resolved(f, size_of)
+      if (.not. walk%accepted) then
+        z = at_start
+        kept = kept_here
+        last = last_panel
+        cycle
+      end if
+      size_of = max(size_of, maxval(abs(f)))
+      call add_parts(panel, f, parts)
+      if (present(sums)) then
+        call add_moments(panel, set, tangent, sums%c(0:), sums%s(0:))
+        call add_parts(panel, tangent, of_start)
+        do k = 1, size(z)
+          if (any(abs(left(:, k)) > 0.0_wp)) call add_parts(panel, left(:, k), of_states(:, k))
+        end do
+      end if
     end do
     if (.not. present(sums)) return
     sums%past = sums%past + matmul(of_states, state_by_y)

@@ -12,18 +12,15 @@ module viscovib_law_cycle
   use viscovib_law_functions, only: jumps
   use viscovib_law_program, only: law_program
   use viscovib_phase_panels, only: add_moments, add_parts, is_resolved, longest_panel, motion_at, &
-                                   new_panel, nodes, panel_type, wave_sum, waves_at, &
-                                   weigh
+                                   nodes, panel_type, panel_walk, wave_sum, waves_at, weigh
   use viscovib_phase_roots, only: along_motion, find_phases, phase_list
   implicit none
   private
 
   public :: find_switches, law_parts, law_slopes, law_sums
 
-  !> Shortest piece, in units of the longest one, and distance of evaluations from a jump.
-  real(wp), parameter :: shortest = 1.0e-5_wp, nearby = 1.0e-8_wp
-  !> Number of pieces after which all are accepted: points do not resolve rounding errors.
-  integer, parameter :: most_pieces = 400
+  !> Distance of evaluations from a jump.
+  real(wp), parameter :: nearby = 1.0e-8_wp
 
   !> Sums that give the derivatives of a law along a motion.
   type :: law_sums
@@ -142,55 +139,40 @@ contains
     !> If present, derivatives are computed instead of `parts`.
     real(wp), intent(in), optional :: along(:, :)
     type(panel_type) :: panel
+    type(panel_walk) :: walk
     real(wp) :: arguments(nodes, size(y, 2)), f(nodes), slopes(nodes, size(y, 2)), moved(nodes)
-    real(wp) :: from, to, ending, length, size_of, longest, samples(size(scan, 1))
-    integer :: i, m, reach, pieces
+    real(wp) :: size_of, samples(size(scan, 1))
+    integer :: m, reach
 
-    longest = longest_panel(set)
-    ending = merge(pi, 2.0_wp*pi, set%half_wave)
     call program%evaluate(scan, samples)
     size_of = maxval(abs(samples))
-    from = 0.0_wp
     reach = 0
-    pieces = 0
     if (present(along)) reach = ubound(sums%c, 1)
-    do i = 1, found%n + 1
-      to = ending
-      if (i <= found%n) to = min(found%theta(i), ending)
-      length = (to - from)/max(1, ceiling((to - from)/longest))
-      do while (to - from > 4.0_wp*epsilon(1.0_wp)*ending)
-        length = min(length, to - from)
-        call new_panel(panel, set, from, from + length)
-        do m = 1, size(y, 2)
-          arguments(:, m) = motion_at(panel, y(:, m))
-        end do
-        if (present(along)) then
-          call program%differentiate(arguments, f, slopes)
-        else
-          call program%evaluate(arguments, f)
-        end if
-        pieces = pieces + 1
-        if (length > shortest*longest .and. pieces <= most_pieces) then
-          if (.not. is_resolved(f, size_of)) then
-            length = 0.5_wp*length
-            cycle
-          end if
-        end if
-        size_of = max(size_of, maxval(abs(f)))
-        if (.not. present(along)) then
-          call add_parts(panel, f, parts)
-        else
-          moved = 0.0_wp
-          do m = 1, size(y, 2)
-            call add_moments(panel, set, slopes(:, m), sums%c(0:reach, m), sums%s(0:reach, m))
-            moved = moved + slopes(:, m)*motion_at(panel, along(:, m))
-          end do
-          call add_parts(panel, moved, sums%along)
-        end if
-        from = from + length
-        length = (to - from)/max(1, ceiling((to - from)/min(longest, 2.0_wp*length)))
+    walk = panel_walk(ending=merge(pi, 2.0_wp*pi, set%half_wave), longest=longest_panel(set), &
+                      ends=found)
+    do while (walk%next(set, panel))
+      do m = 1, size(y, 2)
+        arguments(:, m) = motion_at(panel, y(:, m))
       end do
-      from = to
+      if (present(along)) then
+        call program%differentiate(arguments, f, slopes)
+      else
+        call program%evaluate(arguments, f)
+      end if
+      walk%accepted = walk%is_last_try()
+      if (.not. walk%accepted) walk%accepted = is_resolved(f, size_of)
+      if (.not. walk%accepted) cycle
+      size_of = max(size_of, maxval(abs(f)))
+      if (.not. present(along)) then
+        call add_parts(panel, f, parts)
+        cycle
+      end if
+      moved = 0.0_wp
+      do m = 1, size(y, 2)
+        call add_moments(panel, set, slopes(:, m), sums%c(0:reach, m), sums%s(0:reach, m))
+        moved = moved + slopes(:, m)*motion_at(panel, along(:, m))
+      end do
+      call add_parts(panel, moved, sums%along)
     end do
   end subroutine over_pieces
 

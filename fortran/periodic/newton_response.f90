@@ -43,7 +43,6 @@ module viscovib_newton_response
     procedure :: take
     procedure :: find
     procedure :: attempt
-    procedure :: raise_load
     procedure :: add_orders
     procedure :: advance
   end type walk_type
@@ -180,12 +179,12 @@ contains
                before => self%before(:self%rows, :))
       if (self%known >= 2) then
         x = last + (last - before)*((nu - self%last_nu)/(self%last_nu - self%before_nu))
-        call self%attempt(system, load, nu, ladder, tolerance, iterations)
+        call self%attempt(system, load, nu, ladder, tolerance, iterations, .false.)
       end if
     end associate
     if (self%outcome /= outcome_converged .and. self%known >= 1) then
       self%x(:self%rows, :) = self%last(:self%rows, :)
-      call self%attempt(system, load, nu, ladder, tolerance, iterations)
+      call self%attempt(system, load, nu, ladder, tolerance, iterations, .false.)
     end if
     if (self%outcome == outcome_converged .or. self%begins) then
       self%begins = self%begins .and. self%outcome /= outcome_converged
@@ -193,51 +192,41 @@ contains
     end if
     self%known = 0
     self%choice%rung = self%rest
-    call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)
+    call self%attempt(system, load, nu, ladder, tolerance, iterations, .true., cancel)
     ! Try more orders if adding them failed.
     if (self%outcome /= outcome_converged .and. self%choice%rung > self%rest) then
-      call self%raise_load(system, load, nu, ladder, tolerance, iterations, cancel)
+      call self%attempt(system, load, nu, ladder, tolerance, iterations, .true., cancel)
     end if
   end subroutine find
 
-  !> Newton's method from x; orders above those of the rung are dropped.
-  subroutine attempt(self, system, load, nu, ladder, tolerance, iterations)
+  !> Newton's method from x, where orders above those of the rung are dropped, or from rest under
+  !! an increasing load.
+  subroutine attempt(self, system, load, nu, ladder, tolerance, iterations, from_rest, cancel)
     class(walk_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu, tolerance
     type(balance_ladder_type), intent(inout) :: ladder
     integer, intent(inout) :: iterations
-    integer :: m
-
-    call ladder%prepare(self%choice%rung, system, load, nu)
-    m = 2*ladder%n_orders(self%choice%rung)
-    self%x(m + 1:self%rows, :) = 0.0_wp
-    self%m = m
-    call newton_point(ladder%rungs(self%choice%rung)%balance, system, tolerance, self%x(:m, :), &
-                      self%outcome, iterations, self%factors, least=ladder%least)
-    call self%add_orders(system, load, nu, ladder, tolerance, iterations)
-  end subroutine attempt
-
-  subroutine raise_load(self, system, load, nu, ladder, tolerance, iterations, cancel)
-    class(walk_type), intent(inout) :: self
-    class(oscillator_type), intent(in) :: system
-    type(load_type), intent(in) :: load
-    real(wp), intent(in) :: nu, tolerance
-    type(balance_ladder_type), intent(inout) :: ladder
-    integer, intent(inout) :: iterations
+    logical, intent(in) :: from_rest
     integer, intent(inout), optional :: cancel
     integer :: m
 
     call ladder%prepare(self%choice%rung, system, load, nu)
     m = 2*ladder%n_orders(self%choice%rung)
     self%m = m
-    self%x = 0.0_wp
-    call point_from_rest(ladder%rungs(self%choice%rung)%balance, system, load, tolerance, &
-                         self%x(:m, :), self%outcome, iterations, cancel, self%factors, &
-                         least=ladder%least)
+    self%x(merge(0, m, from_rest) + 1:self%rows, :) = 0.0_wp
+    associate (balance => ladder%rungs(self%choice%rung)%balance)
+      if (from_rest) then
+        call point_from_rest(balance, system, load, tolerance, self%x(:m, :), self%outcome, &
+                             iterations, cancel, self%factors, least=ladder%least)
+      else
+        call newton_point(balance, system, tolerance, self%x(:m, :), self%outcome, iterations, &
+                          self%factors, least=ladder%least)
+      end if
+    end associate
     call self%add_orders(system, load, nu, ladder, tolerance, iterations)
-  end subroutine raise_load
+  end subroutine attempt
 
   subroutine add_orders(self, system, load, nu, ladder, tolerance, iterations)
     class(walk_type), intent(inout) :: self

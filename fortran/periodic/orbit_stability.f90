@@ -22,7 +22,6 @@ module viscovib_orbit_stability
     type(orbit_floquet_type), pointer :: floquet => null()
   contains
     procedure :: look
-    procedure :: follow
   end type orbit_spectrum
 
 contains
@@ -89,22 +88,5 @@ contains
       n_growing = count_larger(multipliers(:, 1), orbit_circle)
     end select
   end subroutine look
-
-  !> Needed only if not all exponents are known.
-  subroutine follow(self, curve, p, x, near, eta, made)
-    class(orbit_spectrum), intent(inout) :: self
-    class(curve_type), intent(inout) :: curve
-    real(wp), intent(in) :: p, x(:)
-    complex(wp), intent(in) :: near
-    complex(wp), intent(out) :: eta
-    logical, intent(out) :: made
-    complex(wp) :: all(self%n)
-    integer :: n
-
-    call self%look(curve, p, x, [near], all, n)
-    made = n >= 0
-    eta = near
-    if (made) eta = all(minloc(abs(all - near), 1))
-  end subroutine follow
 
 end module viscovib_orbit_stability

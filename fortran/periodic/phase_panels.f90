@@ -8,12 +8,12 @@ module viscovib_phase_panels
   use viscovib_gauss_points, only: points_16, weights_16
   use viscovib_harmonic_set, only: harmonic_set_type
   use viscovib_kinds, only: wp
+  use viscovib_phase_roots, only: phase_list
   implicit none
   private
 
   public :: add_moments, add_parts, is_resolved, longest_panel, motion_at, new_panel, panel_type, &
-            wave_sum, waves_at, &
-            weigh
+            panel_walk, wave_sum, waves_at, weigh
 
   integer, parameter, public :: nodes = 16
   !> Largest length of a piece times the highest order: for products of two such harmonics sixteen
@@ -45,7 +45,67 @@ module viscovib_phase_panels
     real(wp), allocatable :: c(:, :), s(:, :)
   end type panel_type
 
+  !> The pieces of a stretch from each of some phases to the next. Each piece is halved until it is
+  !! accepted.
+  type :: panel_walk
+    !> End of the last piece, and of the stretch; longest piece, and the shortest in units of it.
+    real(wp) :: from = 0.0_wp, ending = 0.0_wp, longest = 0.0_wp, shortest = 1.0e-5_wp
+    type(phase_list) :: ends
+    !> Number of pieces after which all are accepted, since points do not resolve rounding errors.
+    integer :: tries = 400
+    !> True if the last piece was accepted.
+    logical :: accepted = .true.
+    real(wp), private :: to = 0.0_wp, length = 0.0_wp
+    integer, private :: i = 0
+  contains
+    procedure :: next
+    procedure :: is_last_try
+  end type panel_walk
+
 contains
+
+  !> Make the next piece; false: there is none.
+  logical function next(self, set, panel)
+    class(panel_walk), intent(inout) :: self
+    type(harmonic_set_type), intent(in) :: set
+    type(panel_type), intent(inout) :: panel
+
+    if (self%i == 0) self%to = self%from
+    if (.not. self%accepted) then
+      self%length = 0.5_wp*self%length
+    else if (self%i > 0) then
+      self%from = self%from + self%length
+      call divide(min(self%longest, 2.0_wp*self%length))
+    end if
+    do while (.not. self%to - self%from > 4.0_wp*epsilon(1.0_wp)*self%ending)
+      next = self%i <= self%ends%n
+      if (.not. next) return
+      self%i = self%i + 1
+      self%from = self%to
+      self%to = self%ending
+      if (self%i <= self%ends%n) self%to = min(self%ends%theta(self%i), self%ending)
+      call divide(self%longest)
+    end do
+    next = .true.
+    self%length = min(self%length, self%to - self%from)
+    call new_panel(panel, set, self%from, self%from + self%length)
+    self%tries = self%tries - 1
+
+  contains
+
+    !> Pieces of equal length up to the next phase.
+    subroutine divide(most)
+      real(wp), intent(in) :: most
+      self%length = (self%to - self%from)/max(1, ceiling((self%to - self%from)/most))
+    end subroutine divide
+
+  end function next
+
+  !> True if the present piece must be accepted.
+  pure logical function is_last_try(self)
+    class(panel_walk), intent(in) :: self
+    is_last_try = self%tries < 0 .or. self%length <= self%shortest*self%longest
+  end function is_last_try
 
   pure real(wp) function longest_panel(set)
     type(harmonic_set_type), intent(in) :: set

@@ -13,8 +13,8 @@ module viscovib_slope_waves
   use viscovib_law_program, only: law_program
   use viscovib_law_term, only: law_term
   use viscovib_oscillator, only: oscillator_type
-  use viscovib_phase_panels, only: add_moments, is_resolved, longest_panel, motion_at, new_panel, &
-                                   nodes, panel_type
+  use viscovib_phase_panels, only: add_moments, is_resolved, longest_panel, motion_at, nodes, &
+                                   panel_type, panel_walk
   use viscovib_phase_roots, only: phase_list
   use viscovib_polynomial, only: polynomial_type
   implicit none
@@ -22,9 +22,9 @@ module viscovib_slope_waves
 
   public :: hold_waves
 
-  !> Largest relative size of the highest harmonics of the samples; shortest piece, in units of the
-  !! longest; largest number of pieces, relative to the number of longest pieces.
-  real(wp), parameter :: silent = 1.0e-10_wp, shortest = 1.0e-5_wp
+  !> Largest relative size of the highest harmonics of the samples; largest number of pieces,
+  !! relative to the number of longest pieces.
+  real(wp), parameter :: silent = 1.0e-10_wp
   integer, parameter :: most_tries = 8
 
 contains
@@ -137,48 +137,30 @@ contains
     !> Shape (0:most, n_arguments).
     real(wp), intent(inout) :: c(0:, :), s(0:, :)
     type(panel_type) :: panel
-    real(wp) :: arguments(nodes, size(y, 2)), f(nodes), by(nodes, size(y, 2)), one(nodes)
-    real(wp) :: from, to, ending, length, longest, largest
-    integer :: i, m, tries, top
-    logical :: description
+    type(panel_walk) :: walk
+    real(wp) :: arguments(nodes, size(y, 2)), f(nodes), by(nodes, size(y, 2)), largest
+    integer :: m, top
 
     top = max(1, maxval(set%orders))
-    longest = longest_panel(set)*top/(top + merge(2, 1, set%half_wave)*ubound(c, 1))
-    ending = merge(pi, 2.0_wp*pi, set%half_wave)
+    walk = panel_walk(ending=merge(pi, 2.0_wp*pi, set%half_wave), ends=breaks, &
+                      longest=longest_panel(set)*top &
+                      /(top + merge(2, 1, set%half_wave)*ubound(c, 1)))
+    walk%tries = walk%tries - 1 + most_tries*(ceiling(walk%ending/walk%longest) + breaks%n)
     largest = size_of
-    tries = most_tries*(ceiling(ending/longest) + breaks%n) + 400
-    from = 0.0_wp
-    do i = 1, breaks%n + 1
-      to = ending
-      if (i <= breaks%n) to = min(breaks%theta(i), ending)
-      length = (to - from)/max(1, ceiling((to - from)/longest))
-      do while (to - from > 4.0_wp*epsilon(1.0_wp)*ending)
-        length = min(length, to - from)
-        call new_panel(panel, set, from, from + length)
-        do m = 1, size(y, 2)
-          arguments(:, m) = motion_at(panel, y(:, m))
-        end do
-        call program%differentiate(arguments, f, by)
-        tries = tries - 1
-        if (length > shortest*longest .and. tries > 0) then
-          description = .true.
-          do m = 1, size(y, 2)
-            one = by(:, m)
-            description = description .and. is_resolved(one, largest)
-          end do
-          if (.not. description) then
-            length = 0.5_wp*length
-            cycle
-          end if
-        end if
-        largest = max(largest, maxval(abs(by)))
-        do m = 1, size(y, 2)
-          call add_moments(panel, set, by(:, m), c(:, m), s(:, m))
-        end do
-        from = from + length
-        length = (to - from)/max(1, ceiling((to - from)/min(longest, 2.0_wp*length)))
+    do while (walk%next(set, panel))
+      do m = 1, size(y, 2)
+        arguments(:, m) = motion_at(panel, y(:, m))
       end do
-      from = to
+      call program%differentiate(arguments, f, by)
+      walk%accepted = walk%is_last_try()
+      if (.not. walk%accepted) then
+        walk%accepted = all([(is_resolved(by(:, m), largest), m=1, size(y, 2))])
+        if (.not. walk%accepted) cycle
+      end if
+      largest = max(largest, maxval(abs(by)))
+      do m = 1, size(y, 2)
+        call add_moments(panel, set, by(:, m), c(:, m), s(:, m))
+      end do
     end do
   end subroutine integrate
 

@@ -68,11 +68,7 @@ contains
     x = variables(size(x))
     e = constant_jet(pendulum%parameters%e, size(x))
     if (weak) e = pendulum%parameters%e*x(10)
-    if (pendulum%parameters%equations == equations_printed) then
-      equations(:3) = printed(pendulum, e, x(1:3), x(4:6), x(7:9))
-    else
-      equations(:3) = exact(pendulum, e, x(1:3), x(4:6), x(7:9))
-    end if
+    equations(:3) = sides_of(pendulum, e, x(1:3), x(4:6), x(7:9))
     if (weak) equations(4) = x(10)
     form%n = size(equations)
     form%n_dof = 3
@@ -167,10 +163,11 @@ contains
     end do
   end subroutine uncoupled
 
-  function exact(pendulum, e, q, v, a) result(equations)
+  !> The exact equations, or the printed ones.
+  function sides_of(pendulum, e, q, v, a) result(equations)
     type(pendulum_type), intent(in) :: pendulum
     type(jet_type), intent(in) :: e, q(3), v(3), a(3)
-    type(jet_type) :: equations(3), s, c, length
+    type(jet_type) :: equations(3), s, c, length, swing
 
     s = sine(q(2) - q(3))
     c = cosine(q(2) - q(3))
@@ -178,32 +175,19 @@ contains
     associate (p => pendulum%parameters, r => pendulum%r)
       equations(1) = a(1) + e*(s*a(3) - c*(v(3)*v(3))) + spring(pendulum, q(1), v(1)) &
                      - length*(v(2)*v(2)) - p%w2**2*(cosine(q(2)) - 1.0_wp)
-      equations(2) = length*(length*a(2) + e*(c*a(3) + s*(v(3)*v(3))) + p%w2**2*sine(q(2)) &
-                             + 2.0_wp*(v(1)*v(2))) + p%damping(2)*v(2)
-      equations(3) = a(3) + r*(s*a(1) + length*(c*a(2) - s*(v(2)*v(2))) &
-                               + 2.0_wp*(c*(v(1)*v(2)))) &
-                     + p%w3**2*sine(q(3)) + p%damping(3)*v(3)
+      if (p%equations == equations_printed) then
+        equations(2) = length*(length*a(2) + e*(s*(v(3)*v(3)) + c*v(3)) + p%w2**2*sine(q(2))) &
+                       + 2.0_wp*(q(1)*(v(1)*v(2))) + p%damping(2)*v(2)
+        swing = c*a(2) - length*(s*(v(2)*v(2)))
+      else
+        equations(2) = length*(length*a(2) + e*(c*a(3) + s*(v(3)*v(3))) + p%w2**2*sine(q(2)) &
+                               + 2.0_wp*(v(1)*v(2))) + p%damping(2)*v(2)
+        swing = length*(c*a(2) - s*(v(2)*v(2)))
+      end if
+      equations(3) = a(3) + r*(s*a(1) + swing + 2.0_wp*(c*(v(1)*v(2)))) + p%w3**2*sine(q(3)) &
+                     + p%damping(3)*v(3)
     end associate
-  end function exact
-
-  function printed(pendulum, e, q, v, a) result(equations)
-    type(pendulum_type), intent(in) :: pendulum
-    type(jet_type), intent(in) :: e, q(3), v(3), a(3)
-    type(jet_type) :: equations(3), s, c, length
-
-    s = sine(q(2) - q(3))
-    c = cosine(q(2) - q(3))
-    length = 1.0_wp + q(1)
-    associate (p => pendulum%parameters, r => pendulum%r)
-      equations(1) = a(1) + e*(s*a(3) - c*(v(3)*v(3))) + spring(pendulum, q(1), v(1)) &
-                     - length*(v(2)*v(2)) - p%w2**2*(cosine(q(2)) - 1.0_wp)
-      equations(2) = length*(length*a(2) + e*(s*(v(3)*v(3)) + c*v(3)) + p%w2**2*sine(q(2))) &
-                     + 2.0_wp*(q(1)*(v(1)*v(2))) + p%damping(2)*v(2)
-      equations(3) = a(3) + r*(s*a(1) + c*a(2) - length*(s*(v(2)*v(2))) &
-                               + 2.0_wp*(c*(v(1)*v(2)))) &
-                     + p%w3**2*sine(q(3)) + p%damping(3)*v(3)
-    end associate
-  end function printed
+  end function sides_of
 
   !> Spring and damper: c1 z' + (1 + 3 al z_r^2) z + 3 al z_r z^2 + al z^3.
   function spring(pendulum, z, v) result(force)
