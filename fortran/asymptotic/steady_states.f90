@@ -12,7 +12,7 @@ module viscovib_steady_states
   use viscovib_homotopy, only: family_type, max_unknowns, new_family
   use viscovib_kinds, only: wp
   use viscovib_parametric_modes, only: find_parametric, max_pairs, pair_type, parametric_type
-  use viscovib_real_cubic, only: cubic_roots
+  use viscovib_polynomial_zeros, only: cubic_roots
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
   use viscovib_solution_paths, only: infinite, size_of
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type

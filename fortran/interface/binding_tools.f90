@@ -10,6 +10,7 @@ module viscovib_binding_tools
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
+  use viscovib_number_reader, only: number_reader
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
@@ -20,7 +21,7 @@ module viscovib_binding_tools
   implicit none
   private
 
-  public :: make_load, make_mount, make_pendulum, make_system, read_formulas, report, to_complex
+  public :: make_load, make_pendulum, make_system, read_formulas, report, to_complex
 
   character, parameter :: nl = new_line('a')
 
@@ -233,83 +234,61 @@ contains
     type(structure_type), intent(out) :: system
     real(wp), intent(in) :: vector(:)
     type(status_type), intent(out) :: status
-    integer :: at, i, j, m, n, p, q
+    type(number_reader) :: next
+    integer :: i, j, m, n, p, q
 
-    if (size(vector) < 4) then
-      call fail(status, status_input_error, 'system', 'system: not a structure')
-      return
-    end if
-    q = nint(vector(1))
-    m = nint(vector(2))
-    p = nint(vector(3))
-    allocate (system%loads(nint(vector(4))))
-    at = 4
+    call next%start(vector, 4, 'structure', status)
+    if (status%failed()) return
+    q = next%whole()
+    m = next%whole()
+    p = next%whole()
+    allocate (system%loads(next%whole()))
     associate (rest => system%rest)
-      rest%squares = next(m)
-      rest%rates = next(m)
-      rest%losses = next(m)
-      rest%seen = reshape(next(m*q), [m, q])
-      rest%pushed = reshape(next(m*q), [m, q])
-      rest%poles = next_pairs(p)
-      rest%left = reshape(next_pairs(p*q), [p, q])
-      rest%right = reshape(next_pairs(p*q), [p, q])
-      rest%flexibility = reshape(next(q*q), [q, q])
-      rest%flexibility_rate = reshape(next(q*q), [q, q])
-      rest%stiffness_at_rest = reshape(next(q*q), [q, q])
+      rest%squares = next%row(m)
+      rest%rates = next%row(m)
+      rest%losses = next%row(m)
+      rest%seen = next%matrix(m, q)
+      rest%pushed = next%matrix(m, q)
+      rest%poles = next%pairs(p)
+      rest%left = next%pair_matrix(p, q)
+      rest%right = next%pair_matrix(p, q)
+      rest%flexibility = next%matrix(q, q)
+      rest%flexibility_rate = next%matrix(q, q)
+      rest%stiffness_at_rest = next%matrix(q, q)
       call rest%complete()
     end associate
-    n = nint(vector(at + 1))
-    at = at + 1
+    n = next%whole()
     if (n > 0) then
-      system%few%damping = reshape(next(n*n), [n, n])
-      system%few%stiffness = reshape(next(n*n), [n, n])
-      system%few%pushed = reshape(next(n*q), [n, q])
-      system%few%seen = reshape(next(n*q), [n, q])
+      system%few%damping = next%matrix(n, n)
+      system%few%stiffness = next%matrix(n, n)
+      system%few%pushed = next%matrix(n, q)
+      system%few%seen = next%matrix(n, q)
     end if
     do j = 1, size(system%loads)
       associate (load => system%loads(j))
-        load%order = nint(vector(at + 1))
-        at = at + 1
+        load%order = next%whole()
         call next_push(load%force)
         call next_push(load%base)
-        load%at_rest = next_pairs(q)
+        load%at_rest = next%pairs(q)
         load%has_force = is_set(load%force)
         load%moves_base = is_set(load%base)
-        allocate (load%varying(nint(vector(at + 1))))
-        at = at + 1
+        allocate (load%varying(next%whole()))
         do i = 1, size(load%varying)
           call next_push(load%varying(i)%push)
           associate (law => load%varying(i)%law%program)
-            n = nint(vector(at + 1))
-            at = at + 1
+            n = next%whole()
             law%n_arguments = 1
-            law%code = nint(next(n))
-            law%number = next(n)
+            law%code = nint(next%row(n))
+            law%number = next%row(n)
             call law%measure()
           end associate
         end do
       end associate
     end do
-    call polynomial_from_vector(system%polynomial_type, vector(at + 1:), status)
+    call polynomial_from_vector(system%polynomial_type, next%row(next%count_left()), status)
     system%condensed = .true.
 
   contains
-
-    function next(count) result(values)
-      integer, intent(in) :: count
-      real(wp) :: values(count)
-      values = vector(at + 1:at + count)
-      at = at + count
-    end function next
-
-    !> Complex numbers, with alternating real and imaginary parts.
-    function next_pairs(count) result(values)
-      integer, intent(in) :: count
-      complex(wp) :: values(count)
-      real(wp) :: parts(2*count)
-      parts = next(2*count)
-      values = cmplx(parts(1::2), parts(2::2), wp)
-    end function next_pairs
 
     pure logical function is_set(push)
       type(push_type), intent(in) :: push
@@ -319,10 +298,10 @@ contains
 
     subroutine next_push(push)
       type(push_type), intent(out) :: push
-      push%modes = next_pairs(m)
-      push%poles = next_pairs(p)
-      push%flexible = next_pairs(q)
-      push%flexible_rate = next_pairs(q)
+      push%modes = next%pairs(m)
+      push%poles = next%pairs(p)
+      push%flexible = next%pairs(q)
+      push%flexible_rate = next%pairs(q)
       call system%rest%complete_push(push)
     end subroutine next_push
 

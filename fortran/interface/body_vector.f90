@@ -1,20 +1,17 @@
 !> Conversion of a vector of numbers to a body with finite rotations:
 !!
-!!   number of coordinates n, of springs, of kernels; loads in body axes (1); h (3); M (n^2); C
-!!   (n^2); base direction (n); for each spring: kernel (0: none), rotational (1), direction (3),
-!!   arm (3), stiffness, damping, static load, coordinate of its track (0: none), number of
-!!   coefficients of d^2, d^3, ... and these, number of nonpolynomial laws, and each law
-!!   (`new_law_term`, for one coordinate); for each kernel: kind, number of data, data.
-!!
-!! Matrices are in column-major order.
+!!   number of coordinates n, of springs, of kernels; loads in body axes (1); h (3); M and C, base
+!!   direction (n); for each spring: kernel (0: none), rotational (1), direction (3), arm (3),
+!!   stiffness, damping, static load, coordinate of its track (0: none), number of coefficients of
+!!   d^2, d^3, ... and these, laws of one coordinate; kernels (`viscovib_number_reader`).
 module viscovib_body_vector
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_law_program, only: put_argument
-  use viscovib_law_term, only: law_term, new_law_term
+  use viscovib_law_term, only: law_term
   use viscovib_mounted_body, only: mounted_body
-  use viscovib_status, only: fail, set_ok, status_input_error, status_type
-  use viscovib_system_vector, only: kernels_from_vector
+  use viscovib_number_reader, only: number_reader
+  use viscovib_status, only: status_type
   use viscovib_turning_body, only: body_spring, new_turning_body, turning_body
   implicit none
   private
@@ -81,56 +78,35 @@ contains
     type(body_spring), allocatable, intent(out) :: springs(:)
     type(kernel_holder), allocatable, intent(out) :: kernels(:)
     type(status_type), intent(out) :: status
-    integer :: at, i, n
+    type(number_reader) :: next
+    real(wp) :: head(13)
+    integer :: i, n, n_kernels
 
-    call set_ok(status)
-    if (size(vector) < 7) then
-      call fail(status, status_input_error, 'system', 'system: not a body')
-      return
-    end if
-    n = nint(vector(1))
-    allocate (springs(nint(vector(2))))
-    at = 7
-    mass = reshape(next(n*n), [n, n])
-    damping = reshape(next(n*n), [n, n])
-    direction = next(n)
+    call next%start(vector, 7, 'body', status)
+    if (status%failed()) return
+    n = next%whole()
+    allocate (springs(next%whole()))
+    n_kernels = next%whole()
+    next%at = 7
+    mass = next%matrix(n, n)
+    damping = next%matrix(n, n)
+    direction = next%row(n)
     do i = 1, size(springs)
-      call next_spring(springs(i))
+      associate (spring => springs(i))
+        head = next%row(13)
+        spring%kernel = nint(head(1))
+        spring%turning = nint(head(2)) == 1
+        spring%direction = head(3:5)
+        spring%arm = head(6:8)
+        spring%stiffness = head(9)
+        spring%damping = head(10)
+        spring%preload = head(11)
+        spring%track = nint(head(12))
+        spring%coefficient = next%row(nint(head(13)))
+        call next%laws(1, spring%laws)
+      end associate
     end do
-    call kernels_from_vector(kernels, nint(vector(3)), vector, at, status)
-
-  contains
-
-    function next(count) result(values)
-      integer, intent(in) :: count
-      real(wp) :: values(count)
-      values = vector(at + 1:at + count)
-      at = at + count
-    end function next
-
-    subroutine next_spring(spring)
-      type(body_spring), intent(out) :: spring
-      real(wp) :: head(13)
-      integer :: j, used
-
-      head = next(13)
-      spring%kernel = nint(head(1))
-      spring%turning = nint(head(2)) == 1
-      spring%direction = head(3:5)
-      spring%arm = head(6:8)
-      spring%stiffness = head(9)
-      spring%damping = head(10)
-      spring%preload = head(11)
-      spring%track = nint(head(12))
-      spring%coefficient = next(nint(head(13)))
-      head(:1) = next(1)
-      allocate (spring%laws(nint(head(1))))
-      do j = 1, size(spring%laws)
-        call new_law_term(spring%laws(j), vector(at + 1:), 1, used)
-        at = at + used
-      end do
-    end subroutine next_spring
-
+    call next%kernels(n_kernels, kernels, status)
   end subroutine read_body
 
 end module viscovib_body_vector

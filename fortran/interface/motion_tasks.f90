@@ -4,7 +4,7 @@ module viscovib_motion_tasks
   use viscovib_body_vector, only: mounted_from_vector
   use viscovib_element_forces, only: element_forces_type, find_element_forces, &
     find_forces_by_kernel, find_mount_springs, sampled_motion
-  use viscovib_element_vector, only: elements_from_vector
+  use viscovib_system_vector, only: elements_from_vector
   use viscovib_constants, only: pi
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
   use viscovib_fitted_motion, only: new_fitted_motion

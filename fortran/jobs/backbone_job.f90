@@ -12,7 +12,7 @@ module viscovib_backbone_job
   use viscovib_free_orders, only: first_chosen
   use viscovib_free_pendulum, only: begin_free, free_text
   use viscovib_free_structure, only: free_structure
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_oscillator, only: oscillator_type
   use viscovib_orbit_multipliers, only: count_larger
@@ -41,17 +41,11 @@ module viscovib_backbone_job
     type(free_options) :: free
     integer, allocatable :: switch(:)
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_backbone
     procedure :: run
   end type backbone_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'backbone'
-  end function this_kind
 
   subroutine plan_backbone(self, subject, text, status)
     class(backbone_job), intent(in) :: self
@@ -81,14 +75,11 @@ contains
   function plan_free(job) result(text)
     type(backbone_job), intent(in) :: job
     character(len=:), allocatable :: text
-    character(len=*), parameter :: nl = new_line('a')
-    text = free_text(job%free)
-    if (size(job%switch) > 0) then
-      text = text//'computes: '//things(size(job%switch), 'branch that bifurcates from it', &
-                                        'branches that bifurcate from it')//nl
-    else
-      text = text//'skips: branches that bifurcate from it (no switch)'//nl
-    end if
+    text = free_text(job%free)//plan_line(size(job%switch) > 0, &
+                                          things(size(job%switch), &
+                                                 'branch that bifurcates from it', &
+                                                 'branches that bifurcate from it'), &
+                                          'branches that bifurcate from it (no switch)')
   end function plan_free
 
   !> A table for the backbone and one for each bifurcating family.
@@ -115,7 +106,7 @@ contains
     end if
     if (status%failed()) return
     do i = 1, size(families)
-      name = this_kind()
+      name = self%kind
       if (i > 1) name = name//'_'//show(i - 1)
       call tabulate(self, free, families(i), table)
       call sink%put(name, table, status)

@@ -5,7 +5,7 @@ module viscovib_basins_job
   use viscovib_basin_rules, only: disturbances, find_orbits, has_left, check_orbit, n_disturbed, &
     unsettled
   use viscovib_constants, only: pi
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   use viscovib_many_motions, only: many_motions
@@ -48,7 +48,6 @@ module viscovib_basins_job
     !> Step size; 0: determined from some of the motions.
     real(wp) :: dt = 0.0_wp
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_basins
     procedure :: run
     procedure, private :: starts
@@ -70,11 +69,6 @@ module viscovib_basins_job
 
 contains
 
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'basins'
-  end function this_kind
-
   subroutine plan_basins(self, subject, text, status)
     class(basins_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -91,19 +85,12 @@ contains
     else
       text = text//'one after another'//new_line('a')
     end if
-    if (self%dt > 0.0_wp) then
-      text = text//'skips: search for the step (it is given)'//new_line('a')
-    else
-      text = text//'computes: the step, by which some of the motions are exact to '//show(probed) &
-             //' over '//show(probed_periods)//' periods'//new_line('a')
-    end if
-    if (self%sections > 0) then
-      text = text//'computes: motions of up to '//things(self%max_period, 'period') &
-             //' of the load'//new_line('a')
-    else
-      text = text//'skips: periodic motions (there is no load: equilibria)'//new_line('a')
-    end if
-    text = text//'computes: stability of each attractor, by perturbed motions'//new_line('a') &
+    text = text//plan_line(.not. self%dt > 0.0_wp, 'the step, by which some of the motions are ' &
+                           //'exact to '//show(probed)//' over '//show(probed_periods) &
+                           //' periods', 'search for the step (it is given)') &
+           //plan_line(self%sections > 0, 'motions of up to '//things(self%max_period, 'period') &
+                       //' of the load', 'periodic motions (there is no load: equilibria)') &
+           //'computes: stability of each attractor, by perturbed motions'//new_line('a') &
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_basins
 
@@ -401,7 +388,7 @@ contains
     call table%add_integers('attractor', found%labels)
     call table%add_words('outcome', found%ended, run_names)
     call table%add_reals('moved', found%moved)
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     if (status%failed()) return
     n = 0
     do i = 1, size(share)
@@ -424,7 +411,7 @@ contains
       call attractors%hold_reals(name, found%points(2*j - 1, :))
       call attractors%hold_reals(name//'_dot', found%points(2*j, :))
     end do
-    call sink%put(this_kind()//'_1', attractors, status)
+    call sink%put(self%kind//'_1', attractors, status)
   end subroutine put_tables
 
   !> The shortest of the steps that integrate each of some motions to a relative error.

@@ -9,7 +9,7 @@ module viscovib_branch_job
   use viscovib_extra_columns, only: extra_columns
   use viscovib_family_curve, only: check_systems, new_family_curve, new_plain_curve, system_builder
   use viscovib_harmonic_set, only: harmonic_set_type
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
   use viscovib_motion_stability, only: stability_checker, new_stability_checker, stability_type
@@ -46,7 +46,6 @@ module viscovib_branch_job
     !> Additional columns, for a branch over the frequency or the load.
     type(extra_columns) :: extra
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_branch
     procedure :: run
     procedure :: may_condense
@@ -62,11 +61,6 @@ contains
     may = self%number == 0 .and. .not. (self%extra%sampling .or. self%extra%dissipation)
     stability = self%stability
   end subroutine may_condense
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'branch'
-  end function this_kind
 
   !> Plan of each point, as for a single response.
   subroutine response_plan(self, subject, plan, status)
@@ -118,9 +112,8 @@ contains
                               //'tolerance, at most '//show(most)
     text = 'computes: the branch from '//varies//' = '//show(from)//' to '//show(to)//', ' &
            //text//new_line('a') &
-           //trim(merge('computes: stability of each point, and where it changes', &
-                        'skips: stability (not requested)                       ', stability)) &
-           //new_line('a')
+           //plan_line(stability, 'stability of each point, and where it changes', &
+                       'stability (not requested)')
   end function plan_along
 
   subroutine run(self, subject, sink, report, status)
@@ -154,7 +147,7 @@ contains
     end if
     call tabulate(self%varies, orders, highest, branch, stability, crossings, &
                   subject%coordinates(self%wanted), subject%units(self%wanted), extra, table)
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     associate (off => branch%off(:branch%n_points))
       short = count(branch%missed(:branch%n_points) > max(branch%allowed, off))
       blurred = count(off > branch%allowed)

@@ -19,17 +19,11 @@ module viscovib_campbell_job
     !> Two coordinates whose direction of whirl is wanted, 0: none.
     integer :: plane(2) = 0
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_campbell
     procedure :: run
   end type campbell_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'campbell'
-  end function this_kind
 
   subroutine plan_campbell(self, subject, text, status)
     class(campbell_job), intent(in) :: self
@@ -83,7 +77,7 @@ contains
       if (self%plane(1) == 0) cycle
       call table%hold_reals('whirl_'//show(i - 1), whirl(i, :))
     end do
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     report%summary = things(size(found%roots, 1), 'mode')//', ' &
                      //things(size(found%critical), 'critical speed')
     if (.not. ieee_is_nan(found%threshold)) then

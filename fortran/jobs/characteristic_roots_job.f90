@@ -15,17 +15,11 @@ module viscovib_characteristic_roots_job
 
   type, extends(job_type) :: characteristic_roots_job
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_roots
     procedure :: run
   end type characteristic_roots_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'characteristic_roots'
-  end function this_kind
 
   subroutine plan_roots(self, subject, text, status)
     class(characteristic_roots_job), intent(in) :: self
@@ -82,7 +76,7 @@ contains
     call table%hold_integers('root', [(i - 1, i=1, size(s))])
     call table%add_complex('s', s)
     call table%hold_reals('damping_ratio', -real(s)/max(abs(s), tiny(1.0_wp)))
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     associate (no_columns => self%wanted)
     end associate
     report%complete = roots%complete

@@ -9,7 +9,7 @@ module viscovib_driven_job
   use viscovib_curve_columns, only: add_stability, note_crossings, note_folds
   use viscovib_drive_torus, only: checking_shells, drive_torus_type, kept_by_symmetry, &
     largest_bound, lattice, max_unknowns, n_drives, varied_names, varies_nu
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_number_text, only: exact
   use viscovib_orbit_floquet, only: orbit_floquet_type
@@ -51,7 +51,6 @@ module viscovib_driven_job
     integer, allocatable :: switch(:)
     type(drive_torus_type) :: torus
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_driven
     procedure :: run
     procedure :: kept_of
@@ -110,11 +109,6 @@ module viscovib_driven_job
 
 contains
 
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'branch'
-  end function this_kind
-
   subroutine plan_driven(self, subject, text, status)
     class(driven_job), intent(in) :: self
     type(subject_type), intent(in), target :: subject
@@ -135,20 +129,17 @@ contains
       text = text//', '//things(size(lattice(self%torus%n_axes, self%harmonics), 2), 'harmonic') &
              //' per coordinate'
     end if
-    text = text//new_line('a')
-    if (size(self%switch) > 0) then
-      text = text//'computes: '//things(size(self%switch), 'branch that bifurcates', &
-                                        'bifurcating branches')//new_line('a')
+    text = text//new_line('a') &
+           //plan_line(size(self%switch) > 0, things(size(self%switch), 'branch that bifurcates', &
+                                                     'bifurcating branches'), &
+                       'branches that bifurcate from it (no switch)')
+    if (self%stability) then
+      text = text//plan_line(self%torus%n_axes == 1, &
+                             'stability of each motion, and where it changes', &
+                             'stability (of quasi-periodic motions: only in Python, over a ' &
+                             //'duration)')
     else
-      text = text//'skips: branches that bifurcate from it (no switch)'//new_line('a')
-    end if
-    if (.not. self%stability) then
       text = text//'skips: stability (not requested)'//new_line('a')
-    else if (self%torus%n_axes == 1) then
-      text = text//'computes: stability of each motion, and where it changes'//new_line('a')
-    else
-      text = text//'skips: stability (of quasi-periodic motions: only in Python, over a ' &
-             //'duration)'//new_line('a')
     end if
     if (self%symmetric) text = text//'skips: orders that the symmetry of system and loads rules ' &
                               //'out'//new_line('a')
@@ -170,7 +161,7 @@ contains
     call trace(self, subject%pendulum, branches, status)
     if (status%failed()) return
     do i = 1, size(branches)
-      name = this_kind()
+      name = self%kind
       if (i > 1) name = name//'_'//show(i - 1)
       call tabulate(self, subject, branches(i), table)
       call sink%put(name, table, status)
@@ -396,15 +387,13 @@ contains
     type(curve_branch_type), intent(inout) :: branch
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
-    type(torus_ladder) :: ladder
 
     call set_ok(status)
-    if (branch%branch_points%n == 0) return
-    call self%new_checking_ladder(job, shells_of_places(self%bound, job%torus), ladder)
-    associate (n => branch%n_points, points => branch%branch_points)
-      call find_branch_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
-                              points%p(:points%n), self%in_full(points%x(:, :points%n)), &
-                              points%before(:points%n), points%error(:points%n), status, cancel)
+    associate (n => branch%branch_points%n, points => branch%branch_points)
+      points%error(:n) = 0.0_wp
+      if (n == 0 .or. branch%n_points < 2) return
+      call find_errors(self, job, branch, points%p(:n), self%in_full(points%x(:, :n)), &
+                       points%before(:n), points%error(:n), status, cancel)
     end associate
   end subroutine check_branch_points
 
@@ -438,7 +427,6 @@ contains
     type(crossing_type), intent(inout) :: crossings(:)
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
-    type(torus_ladder) :: ladder
     real(wp) :: x(self%torus%n*3, size(crossings)), errors(size(crossings))
     integer :: i
 
@@ -449,12 +437,10 @@ contains
       x(:, i:i) = self%in_full(reshape(crossings(i)%x, [size(crossings(i)%x), 1]))
       errors(i) = crossings(i)%error
     end do
-    call self%new_checking_ladder(job, shells_of_places(self%bound, job%torus), ladder)
-    associate (n => branch%n_points)
-      call find_crossing_errors(ladder, branch%parameter(:n), self%in_full(branch%x(:, :n)), &
-                                [crossings%p], x, [crossings%before], aimag(crossings%eta), &
-                                errors, status, cancel)
-    end associate
+    call set_ok(status)
+    if (any(errors < 0.0_wp)) call find_errors(self, job, branch, [crossings%p], x, &
+                                               [crossings%before], errors, status, cancel, &
+                                               aimag(crossings%eta))
     crossings%error = errors
   end subroutine check_crossings
 
@@ -588,77 +574,49 @@ contains
     if (n_axes == 1) step = max(shells, min(bound, most - bound)/shells*shells)
   end function checking_twice
 
-  !> Errors of branch points.
-  subroutine find_branch_errors(ladder, p, x, at_p, at_x, before, error, status, cancel)
-    !> The branch is one of its last rung.
-    type(torus_ladder), intent(inout) :: ladder
-    !> Points of the branch, and locations, with all unknowns: shapes (n), (torus%n n_dof, n).
-    real(wp), intent(in) :: p(:), x(:, :), at_p(:), at_x(:, :)
+  !> Errors of branch points, or of locations where multipliers cross the unit circle, for one axis.
+  subroutine find_errors(self, job, branch, at_p, at_x, before, error, status, cancel, turn)
+    class(tracing_type), intent(in) :: self
+    type(driven_job), intent(in) :: job
+    type(curve_branch_type), intent(in) :: branch
+    !> Locations, with all unknowns: shapes (n), (torus%n n_dof, n).
+    real(wp), intent(in) :: at_p(:), at_x(:, :)
     !> Index of the point before each location, from 1.
     integer, intent(in) :: before(:)
-    !> Errors in the unit of p, shape (size(at_p)).
-    real(wp), intent(out) :: error(:)
-    type(status_type), intent(out) :: status
-    integer, intent(inout), optional :: cancel
-    real(wp), allocatable :: ends(:, :)
-    integer :: first, i
-
-    error = 0.0_wp
-    call set_ok(status)
-    if (size(at_p) == 0 .or. size(p) < 2) return
-    call make_ready(ladder, status)
-    if (status%failed()) return
-    associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
-      do i = 1, size(at_p)
-        if (given_up(cancel)) return
-        call neighbours(ladder, x, before(i), first, ends)
-        call branch_point_error(balance, p(first:first + 1), ends, at_p(i), &
-                                ladder%lifted(at_x(:, i)), error(i), cancel)
-      end do
-    end associate
-  end subroutine find_branch_errors
-
-  !> Errors of locations where multipliers cross the unit circle, for one axis.
-  subroutine find_crossing_errors(ladder, p, x, at_p, at_x, before, turn, error, status, cancel)
-    type(torus_ladder), intent(inout) :: ladder
-    !> As above.
-    real(wp), intent(in) :: p(:), x(:, :), at_p(:), at_x(:, :)
-    integer, intent(in) :: before(:)
-    !> Argument of the multiplier that crosses.
-    real(wp), intent(in) :: turn(:)
-    !> In the unit of p; computed where it is < 0.
+    !> Errors in the unit of p, shape (size(at_p)); of crossings computed where it is < 0.
     real(wp), intent(inout) :: error(:)
     type(status_type), intent(out) :: status
     integer, intent(inout), optional :: cancel
+    !> Argument of the multiplier that crosses; absent: branch points.
+    real(wp), intent(in), optional :: turn(:)
+    type(torus_ladder) :: ladder
     type(orbit_floquet_type), target :: floquet
     type(orbit_spectrum) :: spectrum
     real(wp), allocatable :: ends(:, :)
     integer :: first, i
 
-    call set_ok(status)
-    if (.not. any(error < 0.0_wp)) return
-    call make_ready(ladder, status)
+    call self%new_checking_ladder(job, shells_of_places(self%bound, job%torus), ladder)
+    call ladder%prepare(ladder%last, status)
+    if (.not. status%failed()) call ladder%prepare(ladder%last + ladder%step, status)
     if (status%failed()) return
     associate (balance => ladder%rungs(ladder%last + ladder%step)%balance)
       spectrum%floquet => floquet
       spectrum%n = 2*balance%system%n_dof
       do i = 1, size(at_p)
         if (given_up(cancel)) return
-        if (.not. error(i) < 0.0_wp) cycle
-        call neighbours(ladder, x, before(i), first, ends)
-        call exponent_error(balance, spectrum, p(first:first + 1), ends, at_p(i), &
-                            ladder%lifted(at_x(:, i)), cmplx(0.0_wp, turn(i), wp), error(i), &
-                            cancel)
+        if (present(turn) .and. .not. error(i) < 0.0_wp) cycle
+        call neighbours(ladder, self%in_full(branch%x(:, :branch%n_points)), before(i), first, ends)
+        associate (p => branch%parameter(first:first + 1), x => ladder%lifted(at_x(:, i)))
+          if (present(turn)) then
+            call exponent_error(balance, spectrum, p, ends, at_p(i), x, &
+                                cmplx(0.0_wp, turn(i), wp), error(i), cancel)
+          else
+            call branch_point_error(balance, p, ends, at_p(i), x, error(i), cancel)
+          end if
+        end associate
       end do
     end associate
-  end subroutine find_crossing_errors
-
-  subroutine make_ready(ladder, status)
-    type(torus_ladder), intent(inout) :: ladder
-    type(status_type), intent(out) :: status
-    call ladder%prepare(ladder%last, status)
-    if (.not. status%failed()) call ladder%prepare(ladder%last + ladder%step, status)
-  end subroutine make_ready
+  end subroutine find_errors
 
   !> The points of the branch near a location, in the unknowns of more shells.
   subroutine neighbours(ladder, x, before, first, ends)

@@ -23,17 +23,11 @@ module viscovib_equilibrium_job
 
   type, extends(job_type) :: equilibrium_job
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_equilibrium
     procedure :: run
   end type equilibrium_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'equilibrium'
-  end function this_kind
 
   subroutine plan_equilibrium(self, subject, text, status)
     class(equilibrium_job), intent(in) :: self
@@ -83,7 +77,7 @@ contains
       call table%hold_reals(trim(subject%coordinates(self%wanted(i))), &
                             aimag(response%coefficients(mean, i, :)))
     end do
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     report%complete = response%outcome(1) == outcome_converged
     report%summary = trim(outcome_names(response%outcome(1)))//', ' &
                      //things(size(self%wanted), 'coordinate')

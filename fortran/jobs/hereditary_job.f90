@@ -5,6 +5,7 @@ module viscovib_hereditary_job
   use viscovib_constants, only: pi
   use viscovib_counters, only: count_up, counted_idle, counting
   use viscovib_histories, only: error_of_sums, past_direct, past_exponentials
+  use viscovib_job, only: plan_line
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: memory_equations, oscillator_equations
@@ -139,11 +140,8 @@ contains
     real(wp) :: least
     integer :: k, first
 
-    if (system%is_linear()) then
-      text = 'skips: iteration in each step (nothing is nonlinear)'//nl
-    else
-      text = 'computes: nonlinear forces, by iteration in each step'//nl
-    end if
+    text = plan_line(.not. system%is_linear(), 'nonlinear forces, by iteration in each step', &
+                     'iteration in each step (nothing is nonlinear)')
     call new_channels(channels, system, 0.0_wp*system%mass(:, 1))
     call new_collocation(table, nodes(job%method))
     if (size(channels%kernel_of) == 0) then

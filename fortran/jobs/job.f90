@@ -11,15 +11,16 @@ module viscovib_job
   implicit none
   private
 
-  public :: job_type, job_report, table_sink, plan_unwanted, error_text
+  public :: job_type, job_report, table_sink, plan_line, plan_unwanted, error_text
 
   type, abstract :: job_type
+    !> The name of the group that requests it, and of its first table.
+    character(len=:), allocatable :: kind
     !> Coordinates that the tables show.
     integer, allocatable :: wanted(:)
   contains
     procedure(plan_interface), deferred :: plan
     procedure(run_interface), deferred :: run
-    procedure(kind_interface), deferred, nopass :: kind
     procedure :: may_condense
   end type job_type
 
@@ -36,11 +37,6 @@ module viscovib_job
   end type table_sink
 
   abstract interface
-
-    !> The name of the group that requests it, and of its first table.
-    pure function kind_interface() result(kind)
-      character(len=:), allocatable :: kind
-    end function kind_interface
 
     !> Text of the plan: computed and skipped parts, with reasons, one per line.
     subroutine plan_interface(self, subject, text, status)
@@ -80,6 +76,15 @@ contains
     may = .false. .and. same_type_as(self, self)
     stability = .false.
   end subroutine may_condense
+
+  !> One line of a plan: what is done, or what is skipped.
+  function plan_line(is_done, done, skipped) result(text)
+    logical, intent(in) :: is_done
+    character(len=*), intent(in) :: done, skipped
+    character(len=:), allocatable :: text
+    text = 'skips: '//skipped//new_line('a')
+    if (is_done) text = 'computes: '//done//new_line('a')
+  end function plan_line
 
   !> The line about columns or other results of coordinates that are not requested, if any.
   function plan_unwanted(what, subject, wanted) result(text)

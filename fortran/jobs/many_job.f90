@@ -3,7 +3,7 @@
 module viscovib_many_job
   use viscovib_column_notes, only: step_given_note, step_halved_note
   use viscovib_constants, only: pi
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink, error_text
+  use viscovib_job, only: error_text, job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
   use viscovib_known_motion, only: repeat_motion
   use viscovib_lanes, only: n_lanes
@@ -53,17 +53,11 @@ module viscovib_many_job
     !> Whether peaks are wanted, also of accelerations and of mount forces.
     logical :: wants_peaks = .false., wants_accelerations = .false., wants_forces = .false.
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_many
     procedure :: run
   end type many_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'ensemble'
-  end function this_kind
 
   subroutine plan_many(self, subject, text, status)
     class(many_job), intent(in) :: self
@@ -91,19 +85,12 @@ contains
     else
       text = text//'skips: amplitudes (not requested)'//new_line('a')
     end if
-    if (self%sections > 0) then
-      text = text//'computes: sections'//new_line('a')
-    else
-      text = text//'skips: sections (not requested)'//new_line('a')
-    end if
+    text = text//plan_line(self%sections > 0, 'sections', 'sections (not requested)')
     if (self%wants_peaks) text = text//'computes: peaks between steps, each motion once more' &
                                  //new_line('a')
-    if (self%lyapunov) then
-      text = text//'computes: Lyapunov exponents'//new_line('a')
-    else
-      text = text//'skips: Lyapunov exponents (not requested)'//new_line('a')
-    end if
-    text = text//plan_unwanted('columns', subject, self%wanted)
+    text = text//plan_line(self%lyapunov, 'Lyapunov exponents', &
+                           'Lyapunov exponents (not requested)') &
+           //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_many
 
   subroutine run(self, subject, sink, report, status)
@@ -255,7 +242,7 @@ contains
       call table%add_reals('lyapunov', many%lyapunov(1, :))
       call table%add_reals('lyapunov_error', many%lyapunov_error(1, :))
     end if
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     if (status%failed() .or. self%sections == 0) return
     whole = pack([(i, i=1, size(self%values))], many%ended == run_completed)
     n = size(many%sections, 2)
@@ -269,7 +256,7 @@ contains
       call points%hold_reals(name, pack(many%sections(2*j - 1, :, whole), .true.))
       call points%hold_reals(name//'_dot', pack(many%sections(2*j, :, whole), .true.))
     end do
-    call sink%put(this_kind()//'_1', points, status)
+    call sink%put(self%kind//'_1', points, status)
   end subroutine put_tables
 
   !> Located peaks of all motions that were completed; each is made once more.

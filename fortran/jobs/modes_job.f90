@@ -15,17 +15,11 @@ module viscovib_modes_job
 
   type, extends(job_type) :: modes_job
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_modes
     procedure :: run
   end type modes_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'modes'
-  end function this_kind
 
   subroutine plan_modes(self, subject, text, status)
     class(modes_job), intent(in) :: self
@@ -76,7 +70,7 @@ contains
     do i = 1, size(self%wanted)
       call table%add_reals(trim(subject%coordinates(self%wanted(i))), shapes(self%wanted(i), :))
     end do
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     report%summary = things(n, 'mode')//', omega = '//show(omega(1))//' to '//show(omega(n))
   end subroutine run
 

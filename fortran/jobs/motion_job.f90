@@ -75,17 +75,11 @@ module viscovib_motion_job
     !> Events as given, one per line; not allocated: none.
     type(event_text), allocatable :: events(:)
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_motion
     procedure :: run
   end type motion_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'transient'
-  end function this_kind
 
   subroutine plan_motion(self, subject, text, status)
     class(motion_job), intent(in) :: self
@@ -386,7 +380,7 @@ contains
         call table%add_reals(trim(of_point(i)), quantities%point(:, i))
       end do
     end if
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
   end subroutine put_motion
 
   !> One row per event, ordered by the event functions.

@@ -27,7 +27,6 @@ module viscovib_response_job
     !> Additional columns.
     type(extra_columns) :: extra
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_response
     procedure :: run
     procedure :: may_condense
@@ -42,11 +41,6 @@ contains
     may = self%method /= method_linear .and. .not. (self%extra%sampling .or. self%extra%dissipation)
     stability = .false.
   end subroutine may_condense
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'response'
-  end function this_kind
 
   subroutine plan_response(self, subject, text, status)
     class(response_job), intent(in) :: self
@@ -95,7 +89,7 @@ contains
                               self%wanted, .true., response%coefficients)
     call tabulate_response(response, subject%coordinates(self%wanted), &
                            subject%units(self%wanted), table, errors, extra)
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     short = count(pack(response%truncation, response%outcome == outcome_converged) &
                   > pack(response%allowed, response%outcome == outcome_converged))
     report%complete = found == size(self%nu) .and. short == 0

@@ -29,17 +29,11 @@ module viscovib_scales_job
     real(wp), allocatable :: force(:)
     real(wp) :: nu = 1.0_wp
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_scales
     procedure :: run
   end type scales_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'multiple_scales'
-  end function this_kind
 
   subroutine plan_scales(self, subject, text, status)
     class(scales_job), intent(in) :: self
@@ -81,7 +75,7 @@ contains
                         status, cancel)
     if (status%failed()) return
     call tabulate(self, subject, points, table)
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
     report%complete = all([(any(points%value(:points%n) == i), i=1, size(self%values))]) &
                       .and. .not. any(points%may_lack)
     report%summary = things(points%n, 'steady motion')//' at ' &

@@ -1,7 +1,7 @@
 !> A periodic motion of a polynomial system, or of a structure by its complete equations, by
 !! shooting: the motion over its period, and its Floquet multipliers.
 module viscovib_steady_motion_job
-  use viscovib_job, only: job_report, job_type, plan_unwanted, table_sink
+  use viscovib_job, only: job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: wp
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_number_text, only: exact
@@ -27,17 +27,11 @@ module viscovib_steady_motion_job
     !> A state nearby (2 n_dof); not allocated: the motion from rest settles first.
     real(wp), allocatable :: initial(:)
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_steady_motion
     procedure :: run
   end type steady_motion_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'steady_motion'
-  end function this_kind
 
   !> Reject systems without a period map.
   subroutine check_repeats(subject, kind, status)
@@ -67,7 +61,7 @@ contains
     type(period_map) :: map
 
     text = ''
-    call check_repeats(subject, this_kind(), status)
+    call check_repeats(subject, self%kind, status)
     if (status%failed()) return
     call new_period_map(map, subject%polynomial, subject%load, self%nu, self%n_periods, &
                         self%method, status)
@@ -76,12 +70,10 @@ contains
            //things(self%n_periods, 'period')//' of the load, by shooting with ' &
            //trim(transient_methods(self%method))//' in '//show(real(map%first_steps(), wp)) &
            //' steps and more'//new_line('a')
-    if (allocated(self%initial)) then
-      text = text//'skips: the motion from rest (initial is given)'//new_line('a')
-    else
-      text = text//'computes: the motion from rest, from which the search begins'//new_line('a')
-    end if
-    text = text//'computes: Floquet multipliers, '//show(map%n_state())//new_line('a') &
+    text = text//plan_line(.not. allocated(self%initial), &
+                           'the motion from rest, from which the search begins', &
+                           'the motion from rest (initial is given)') &
+           //'computes: Floquet multipliers, '//show(map%n_state())//new_line('a') &
            //plan_unwanted('columns', subject, self%wanted)
   end subroutine plan_steady_motion
 
@@ -97,7 +89,7 @@ contains
     character(len=:), allocatable :: doubt
     integer :: shortest
 
-    call check_repeats(subject, this_kind(), status)
+    call check_repeats(subject, self%kind, status)
     if (status%failed()) return
     call new_period_map(map, subject%polynomial, subject%load, self%nu, self%n_periods, &
                         self%method, status)
@@ -111,7 +103,7 @@ contains
     end if
     shortest = find_shortest_period(map, steady)
     call put_motion(self, subject, map, steady, shortest, sink, status)
-    if (.not. status%failed()) call put_multipliers(steady, sink, status)
+    if (.not. status%failed()) call put_multipliers(self%kind//'_1', steady, sink, status)
     report%complete = steady%found%outcome == outcome_converged
     report%summary = trim(outcome_names(steady%found%outcome))//', ' &
                      //stability_words(steady)//', repeats after '//things(shortest, 'period') &
@@ -166,11 +158,12 @@ contains
         call table%hold_reals(name//'_dot', states(2*d, :))
       end associate
     end do
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
   end subroutine put_motion
 
   !> One row per multiplier, the largest first.
-  subroutine put_multipliers(steady, sink, status)
+  subroutine put_multipliers(name, steady, sink, status)
+    character(len=*), intent(in) :: name
     type(steady_type), intent(in) :: steady
     class(table_sink), intent(inout) :: sink
     type(status_type), intent(out) :: status
@@ -181,7 +174,7 @@ contains
     call table%hold_reals('real', real(steady%multipliers))
     call table%hold_reals('imaginary', aimag(steady%multipliers))
     call table%hold_reals('size', abs(steady%multipliers))
-    call sink%put(this_kind()//'_1', table, status)
+    call sink%put(name, table, status)
   end subroutine put_multipliers
 
 end module viscovib_steady_motion_job

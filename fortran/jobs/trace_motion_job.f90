@@ -28,7 +28,6 @@ module viscovib_trace_motion_job
     integer :: method = 1
     type(branch_options) :: options
   contains
-    procedure, nopass :: kind => this_kind
     procedure :: plan => plan_branch
     procedure :: run
     procedure, private :: varies
@@ -36,11 +35,6 @@ module viscovib_trace_motion_job
   end type trace_motion_job
 
 contains
-
-  pure function this_kind() result(kind)
-    character(len=:), allocatable :: kind
-    kind = 'trace_motion'
-  end function this_kind
 
   pure function varies(self)
     class(trace_motion_job), intent(in) :: self
@@ -53,7 +47,7 @@ contains
     type(subject_type), intent(in), target :: subject
     type(plain_family), intent(out) :: family
     type(status_type), intent(out) :: status
-    call check_repeats(subject, this_kind(), status)
+    call check_repeats(subject, self%kind, status)
     if (status%failed()) return
     family%is_frequency = self%is_frequency
     call new_period_map(family%map, subject%polynomial, subject%load, self%nu, self%n_periods, &
@@ -142,7 +136,7 @@ contains
         call table%hold_reals(name//'_max', branch%high(d, :n))
       end do
     end associate
-    call sink%put(this_kind(), table, status)
+    call sink%put(self%kind, table, status)
   end subroutine put_branch
 
   !> The line about an event.

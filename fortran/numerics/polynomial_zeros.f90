@@ -1,11 +1,18 @@
-!> Zeros of a real polynomial.
+!> Zeros of a real polynomial: all of them, the real ones of a cubic, and those of a polynomial
+!! through a few points from 0 to 1.
 module viscovib_polynomial_zeros
+  use viscovib_dense, only: factorize, solve
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   implicit none
   private
 
-  public :: polynomial_zeros
+  public :: polynomial_zeros, cubic_roots, interpolated, interpolated_roots
+
+  !> Largest imaginary part of a zero that counts as real.
+  real(wp), parameter :: real_enough = 1.0e-7_wp
+  !> Iterations of Newton's method.
+  integer, parameter :: max_turns = 3
 
 contains
 
@@ -28,5 +35,127 @@ contains
     end do
     call eigenvalues(companion, zeros, found)
   end subroutine polynomial_zeros
+
+  !> Real solutions of c1 x^3 + c2 x^2 + c3 x + c4 = 0, polished by Newton's method.
+  pure subroutine cubic_roots(c, x, n)
+    real(wp), intent(in) :: c(4)
+    real(wp), intent(out) :: x(3)
+    integer, intent(out) :: n
+    real(wp) :: unit, p(4), a, q, r, angle, root, value, slope, step, work
+    real(wp), parameter :: third_turn = 2.0943951023931953_wp
+    integer :: i, k, round
+
+    x = 0.0_wp
+    n = 1
+    ! Scale x so that the outer coefficients have equal size.
+    if (.not. c(1) > 0.0_wp) then
+      n = merge(1, 0, c(3) > 0.0_wp)
+      if (n == 1) x(1) = -c(4)/c(3)
+      return
+    end if
+    unit = max((abs(c(4))/c(1))**(1.0_wp/3.0_wp), sqrt(c(3)/c(1)))
+    if (.not. unit > 0.0_wp) return
+    p = [1.0_wp, c(2)/c(1)/unit, c(3)/c(1)/unit**2, c(4)/c(1)/unit**3]
+    a = p(2)/3.0_wp
+    q = (p(2)**2 - 3.0_wp*p(3))/9.0_wp
+    r = (2.0_wp*p(2)**3 - 9.0_wp*p(2)*p(3) + 27.0_wp*p(4))/54.0_wp
+    if (r**2 < q**3) then
+      n = 3
+      angle = acos(max(-1.0_wp, min(1.0_wp, r/sqrt(q**3))))
+      do i = 1, 3
+        x(i) = -2.0_wp*sqrt(q)*cos(angle/3.0_wp + third_turn*(i - 2)) - a
+      end do
+    else
+      root = -sign((abs(r) + sqrt(max(r**2 - q**3, 0.0_wp)))**(1.0_wp/3.0_wp), r)
+      x(1) = root - a
+      if (abs(root) > 0.0_wp) x(1) = x(1) + q/root
+    end if
+    ! Small roots have the absolute error of large ones: Newton's method improves them while
+    ! its steps decrease, and never beyond half the distance to another root.
+    do i = 1, n
+      work = 1.0_wp
+      do k = 1, n
+        if (k /= i) work = min(work, 0.5_wp*abs(x(i) - x(k)))
+      end do
+      do round = 1, 8
+        value = p(4) + x(i)*(p(3) + x(i)*(p(2) + x(i)))
+        slope = p(3) + x(i)*(2.0_wp*p(2) + 3.0_wp*x(i))
+        if (.not. abs(slope) > 0.0_wp) exit
+        step = value/slope
+        if (.not. abs(step) <= work) exit
+        work = 0.5_wp*work
+        x(i) = x(i) - step
+        if (abs(step) <= epsilon(step)*abs(x(i))) exit
+      end do
+    end do
+    x = x*unit
+  end subroutine cubic_roots
+
+  !> The value at a position of the polynomial through values at x.
+  pure real(wp) function interpolated(x, values, place)
+    real(wp), intent(in) :: x(:), values(:), place
+    real(wp) :: weight
+    integer :: i, k
+    interpolated = 0.0_wp
+    do i = 1, size(x)
+      weight = 1.0_wp
+      do k = 1, size(x)
+        if (k /= i) weight = weight*(place - x(k))/(x(i) - x(k))
+      end do
+      interpolated = interpolated + weight*values(i)
+    end do
+  end function interpolated
+
+  pure subroutine interpolated_roots(x, values, roots)
+    !> Ascending.
+    real(wp), intent(in) :: x(:), values(:)
+    real(wp), allocatable, intent(out) :: roots(:)
+    real(wp) :: powers(size(x), size(x)), c(size(x)), middle, half
+    complex(wp) :: zeros(size(x) - 1)
+    integer :: i, k, n, pivots(size(x))
+    logical :: found, singular
+
+    n = size(x)
+    middle = 0.5_wp*(x(1) + x(n))
+    half = 0.5_wp*(x(n) - x(1))
+    do i = 1, n
+      powers(:, i) = ((x - middle)/half)**(n - i)
+    end do
+    c = values
+    call factorize(n, powers, pivots, singular)
+    if (.not. singular) call solve(n, powers, pivots, c)
+    ! Leading coefficients of 0 have no zeros.
+    i = findloc(abs(c) > 0.0_wp, .true., 1)
+    allocate (roots(0))
+    if (singular .or. i == 0 .or. i == n) return
+    call polynomial_zeros(c(i:), zeros(i:), found)
+    if (.not. found) return
+    ! Small leading coefficients enlarge the rounding errors of zeros.
+    do k = i, n - 1
+      call polish(c, zeros(k))
+    end do
+    zeros(i:) = middle + half*zeros(i:)
+    roots = pack(real(zeros(i:)), abs(aimag(zeros(i:))) < real_enough &
+                 .and. real(zeros(i:)) >= 0.0_wp .and. real(zeros(i:)) <= 1.0_wp)
+  end subroutine interpolated_roots
+
+  !> Newton's method for a zero.
+  pure subroutine polish(c, zero)
+    !> Coefficients, that of the highest power first.
+    real(wp), intent(in) :: c(:)
+    complex(wp), intent(inout) :: zero
+    complex(wp) :: slope, value
+    integer :: i, turn
+    do turn = 1, max_turns
+      value = (0.0_wp, 0.0_wp)
+      slope = (0.0_wp, 0.0_wp)
+      do i = 1, size(c)
+        slope = slope*zero + value
+        value = value*zero + c(i)
+      end do
+      if (.not. abs(value) <= abs(slope)*abs(zero)) return
+      zero = zero - value/slope
+    end do
+  end subroutine polish
 
 end module viscovib_polynomial_zeros

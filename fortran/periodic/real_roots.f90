@@ -7,7 +7,7 @@ module viscovib_real_roots
   use viscovib_kinds, only: wp
   use viscovib_sorting, only: sort_reals
   use viscovib_stopping, only: given_up
-  use viscovib_symmetric_values, only: symmetric_values
+  use viscovib_symmetric_modes, only: symmetric_values
   implicit none
   private
 

@@ -5,13 +5,13 @@ module viscovib_element_groups
   use viscovib_hysteresis, only: hysteresis_type
   use viscovib_hysteresis_catalogue, only: new_hysteresis, order_numbers
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: compile_term, complain_of_law
+  use viscovib_law_faults, only: compile_term, complain_of_law, read_law
   use viscovib_law_program, only: multiply, put_argument, put_number, subtract
   use viscovib_law_term, only: law_term
   use viscovib_matrix_groups, only: read_matrix
   use viscovib_namelist, only: lower
   use viscovib_polynomial, only: max_coordinates, max_degree
-  use viscovib_polynomial_text, only: expand, terms_type
+  use viscovib_polynomial_text, only: terms_type
   use viscovib_status, only: show
   use viscovib_structure_elements, only: element_type
   use viscovib_structure_model, only: structure_model
@@ -39,8 +39,10 @@ contains
     character(len=name_length), intent(in) :: coordinates(:)
     integer, intent(in) :: n_kernels
     character(len=name_length), allocatable :: on(:)
-    character(len=:), allocatable :: law, fault
+    character(len=:), allocatable :: law
     real(wp), allocatable :: weights(:)
+    real(wp) :: slopes(2)
+    type(law_term), allocatable :: other
     type(terms_type) :: terms
     integer :: effort, i, place
 
@@ -70,11 +72,11 @@ contains
     call add_hysteresis(reader, element)
     if (reader%status%failed()) return
     effort = max_effort
-    call expand(lower(law), ['d'], terms, fault, effort)
-    ! What is not 0 at rest, a static force, is taken as other laws are.
-    if (fault /= '' .or. any(sum(terms%powers, 1) == 0)) then
-      call read_function(element, law, fault)
-      if (fault /= '') call complain_of_law(reader, 'law', law, fault, ['d', 'v'])
+    call read_law(reader, law, ['d', 'v'], element%kernel, effort, terms, other, slopes)
+    if (allocated(other)) then
+      element%laws = [other, element%laws]
+      element%stiffness = element%stiffness + slopes(1)
+      element%damping = element%damping + slopes(2)
       return
     end if
     do i = 1, size(terms%coefficients)
@@ -170,19 +172,6 @@ contains
     element%laws = [law]
   end subroutine add_hysteresis
 
-  !> A law that is no polynomial, if it is one; else the fault stays, or is said better.
-  subroutine read_function(element, text, fault)
-    type(element_type), intent(inout) :: element
-    character(len=*), intent(in) :: text
-    character(len=:), allocatable, intent(inout) :: fault
-    real(wp) :: slopes(2)
-
-    element%laws = [law_term(), element%laws]
-    call compile_term(element%laws(1), text, ['d', 'v'], element%kernel, slopes, fault)
-    element%stiffness = element%stiffness + slopes(1)
-    element%damping = element%damping + slopes(2)
-  end subroutine read_function
-
   !> A layer (1 - R*) K u as springs along the eigenvectors of K, which is the same.
   subroutine read_layer(reader, model, n_kernels)
     type(group_reader), intent(inout) :: reader
@@ -243,7 +232,7 @@ contains
     type(group_reader), intent(inout) :: reader
     type(structure_model), intent(inout) :: model
     character(len=name_length), allocatable, intent(inout) :: coordinates(:), units(:)
-    real(wp) :: e(size(model%mass, 1)), rate, softness
+    real(wp) :: e(size(model%mass, 1)), rate, softness, slopes(2)
     character(len=:), allocatable :: fault, q
     integer :: i, j, m, n
 
@@ -304,7 +293,8 @@ contains
           if (a < 1.0_wp) then
             q = '(v + '//show(rate)//'*d)'
             q = show(k)//'*sign'//q//'*abs('//show(k)//'*'//q//'/'//show(c)//')^'//show(1.0_wp/a)
-            call read_function(one, q, fault)
+            one%laws = [law_term()]
+            call compile_term(one%laws(1), q, ['d', 'v'], one%kernel, slopes, fault)
             one%damping = least_slope*rate*k
             associate (law => one%laws(1)%program)
               law%code = [law%code, put_argument, put_number, multiply, subtract, put_argument, &

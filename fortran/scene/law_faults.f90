@@ -7,11 +7,12 @@ module viscovib_law_faults
   use viscovib_law_term, only: about_rest, law_term
   use viscovib_law_text, only: compile_law
   use viscovib_namelist, only: lower
+  use viscovib_polynomial_text, only: expand, terms_type
   use viscovib_status, only: clipped
   implicit none
   private
 
-  public :: complain_of_law, compile_term
+  public :: complain_of_law, compile_term, read_law
 
 contains
 
@@ -38,6 +39,32 @@ contains
     if (present(must)) description = must//': '//description
     call reader%complain(key, key//" = '"//clipped(written)//"': "//description)
   end subroutine complain_of_law
+
+  !> The law of a key: monomials of the coordinates, or any function of coordinates and rates. Its
+  !! derivatives at equilibrium are 0 if it has monomials.
+  subroutine read_law(reader, text, arguments, kernel, effort, terms, law, slopes)
+    type(group_reader), intent(inout) :: reader
+    character(len=*), intent(in) :: text
+    !> Names of n coordinates, then of their rates.
+    character(len=*), intent(in) :: arguments(:)
+    integer, intent(in) :: kernel
+    !> Remaining steps of expansion.
+    integer, intent(inout) :: effort
+    type(terms_type), intent(out) :: terms
+    !> Allocated if the law has no monomials.
+    type(law_term), allocatable, intent(out) :: law
+    !> Shape (2 n).
+    real(wp), intent(out) :: slopes(:)
+    character(len=:), allocatable :: fault
+
+    slopes = 0.0_wp
+    call expand(lower(text), arguments(:size(arguments)/2), terms, fault, effort)
+    ! What is not 0 at rest, a static force, is taken as other laws are.
+    if (fault == '' .and. .not. any(sum(terms%powers, 1) == 0)) return
+    allocate (law)
+    call compile_term(law, text, arguments, kernel, slopes, fault)
+    if (fault /= '') call complain_of_law(reader, 'law', text, fault, arguments)
+  end subroutine read_law
 
   !> A law that is no polynomial, of coordinates and their rates. If its text cannot be compiled,
   !! the fault stays, or becomes a clearer one.

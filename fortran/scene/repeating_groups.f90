@@ -20,9 +20,9 @@ contains
     type(steady_motion_job), intent(out) :: job
     type(status_type) :: status
 
-    call check_repeats(subject, job%kind(), status)
+    call check_repeats(subject, reader%group%name, status)
     if (status%failed()) then
-      call reader%complain(job%kind(), status%message)
+      call reader%complain(reader%group%name, status%message)
       return
     end if
     job%nu = reader%read_real('nu')
@@ -36,9 +36,9 @@ contains
     type(status_type) :: status
     character(len=:), allocatable :: before
 
-    call check_repeats(subject, job%kind(), status)
+    call check_repeats(subject, reader%group%name, status)
     if (status%failed()) then
-      call reader%complain(job%kind(), status%message)
+      call reader%complain(reader%group%name, status%message)
       return
     end if
     job%is_frequency = reader%read_text('vary') == 'nu'

@@ -83,7 +83,7 @@ contains
     sink%header = 'viscovib '//version//', scene '//scene%path//new_line('a')//scene%title &
                   //new_line('a')//plan
     call compute_scene(scene, sink, report%job_report, status)
-    report%path = folder//'/'//sink%stem//'_'//scene%job%kind()//'.csv'
+    report%path = folder//'/'//sink%stem//'_'//scene%job%kind//'.csv'
   end subroutine run_scene
 
   !> Compute what is wanted and give its tables to a sink.

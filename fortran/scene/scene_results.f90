@@ -6,19 +6,18 @@ module viscovib_scene_results
   use viscovib_backbone_job, only: backbone_job
   use viscovib_basins_groups, only: read_basins
   use viscovib_basins_job, only: basins_job
-  use viscovib_branch_groups, only: begin_body, begin_mount, read_branch
   use viscovib_branch_job, only: branch_job
   use viscovib_campbell_job, only: campbell_job
   use viscovib_characteristic_roots_job, only: characteristic_roots_job
   use viscovib_checks, only: check_positive
   use viscovib_condensed_subject, only: condense_subject
-  use viscovib_curve_groups, only: check_between, read_curve, read_switch
+  use viscovib_curve_groups, only: begin_body, begin_mount, check_between, read_branch, &
+    read_curve, read_switch
   use viscovib_drive_torus, only: default_bound, largest_bound, lowest_bound, max_unknowns, &
     n_drives, sort_drives, varies_nu
   use viscovib_driven_job, only: driven_job
   use viscovib_ensemble_groups, only: read_ensemble
   use viscovib_equilibrium_job, only: equilibrium_job
-  use viscovib_event_groups, only: read_events
   use viscovib_extra_groups, only: read_extra
   use viscovib_fitted_motion, only: new_fitted_motion
   use viscovib_group_reader, only: group_reader
@@ -30,17 +29,17 @@ module viscovib_scene_results
   use viscovib_many_job, only: many_job
   use viscovib_modes_job, only: modes_job
   use viscovib_motion_choice, only: switches_in_time
-  use viscovib_motion_groups, only: read_decay, read_forces, read_hereditary, read_point, &
-    read_shock_spectrum, read_spectrum, read_transient
+  use viscovib_motion_groups, only: read_decay, read_events, read_forces, read_hereditary, &
+    read_point, read_shock_spectrum, read_spectrum, read_transient
   use viscovib_motion_job, only: motion_job
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_repeating_groups, only: read_steady_motion, read_trace_motion
-  use viscovib_response_groups, only: read_campbell, read_response
+  use viscovib_response_groups, only: read_campbell, read_oscillator_scales, read_pendulum_scales, &
+    read_response
   use viscovib_response_job, only: response_job
-  use viscovib_scales_groups, only: read_oscillator_scales, read_pendulum_scales
   use viscovib_scales_job, only: scales_job
   use viscovib_scene_groups, only: find_result, place_of
   use viscovib_status, only: show, status_type
@@ -67,18 +66,19 @@ contains
     type(growing_text), intent(inout) :: canonical
     type(status_type), intent(out) :: status
     type(group_reader) :: reader
-    character(len=:), allocatable :: plan
+    character(len=:), allocatable :: kind, plan
     logical :: may_condense, stability
     integer :: n
 
     n = find_result(file)
     call reader%start(file%path, file%groups(n))
+    kind = file%groups(n)%name
     if (subject%is_turning .and. any(['backbone       ', 'multiple_scales', 'campbell       '] &
-                                     == job_name(n))) then
-      call reader%complain(trim(job_name(n)), '&'//trim(job_name(n))//": of a &body with " &
-                           //"geometry = 'exact' it is not computed, must be 'small'")
+                                     == kind)) then
+      call reader%complain(kind, '&'//kind//": of a &body with geometry = 'exact' it is not " &
+                           //"computed, must be 'small'")
     end if
-    select case (file%groups(n)%name)
+    select case (kind)
     case ('response')
       allocate (response_job :: job)
     case ('branch')
@@ -125,7 +125,8 @@ contains
     type is (basins_job)
       call read_basins(reader, subject, job)
     end select
-    if (any(['characteristic_roots', 'campbell            '] == job_name(n))) then
+    job%kind = kind
+    if (any(['characteristic_roots', 'campbell            '] == kind)) then
       ! Its table has no columns of coordinates.
       allocate (job%wanted(0))
     else
@@ -140,22 +141,14 @@ contains
       call read_events(file, subject%coordinates, job, canonical, status)
       return
     end select
-    if (any(job%kind() == ['response     ', 'branch       ', 'equilibrium  ', &
-                           'steady_motion', 'trace_motion ', 'campbell     '])) then
+    if (any(kind == ['response     ', 'branch       ', 'equilibrium  ', &
+                     'steady_motion', 'trace_motion ', 'campbell     '])) then
       ! What only the whole job shows to be wrong.
       call job%plan(subject, plan, status)
-      if (status%failed()) call place_failure(file, subject, job%kind(), status)
+      if (status%failed()) call place_failure(file, subject, kind, status)
     end if
     call job%may_condense(may_condense, stability)
     if (may_condense) call condense_subject(subject, stability)
-
-  contains
-
-    character(len=20) function job_name(i)
-      integer, intent(in) :: i
-      job_name = file%groups(i)%name
-    end function job_name
-
   end subroutine read_result
 
   subroutine read_branch_job(reader, subject, job)

@@ -6,14 +6,14 @@ module viscovib_system_groups
   use viscovib_kernel_groups, only: read_system_kernels
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
-  use viscovib_law_faults, only: compile_term, complain_of_law
+  use viscovib_law_faults, only: read_law
   use viscovib_law_term, only: law_term
   use viscovib_matrix_groups, only: read_matrix
-  use viscovib_namelist, only: lower, namelist_type
+  use viscovib_namelist, only: namelist_type
   use viscovib_polynomial, only: max_coordinates, max_degree, new_polynomial, &
     polynomial_parameters, polynomial_type
   use viscovib_number_text, only: exact
-  use viscovib_polynomial_text, only: expand, terms_type
+  use viscovib_polynomial_text, only: terms_type
   use viscovib_speed_groups, only: find_speed, read_speed_matrices
   use viscovib_status, only: fail, show, status_input_error, status_type
   use viscovib_subject, only: name_length
@@ -131,7 +131,9 @@ contains
     integer, intent(inout) :: effort
     character(len=name_length), intent(in) :: coordinates(:)
     type(terms_type) :: terms
-    character(len=:), allocatable :: word, fault, law
+    type(law_term), allocatable :: other
+    character(len=:), allocatable :: word, law
+    real(wp) :: slopes(2*size(coordinates))
     integer :: i, on, kernel, powers(size(coordinates))
 
     on = 1
@@ -146,14 +148,10 @@ contains
                          //'already; give either law, or coefficient and powers')
       law = reader%read_text('law')
       if (reader%status%failed()) return
-      call expand(lower(law), coordinates, terms, fault, effort)
-      ! What is not 0 at rest, a static force, is taken as other laws are.
-      if (fault /= '' .or. any(sum(terms%powers, 1) == 0)) then
-        call read_function(reader, p, law, coordinates, on, kernel, fault)
-        if (fault /= '') then
-          call complain_of_law(reader, 'law', law, fault, [character(len=name_length + 4) :: &
-                                                           coordinates, rates_of(coordinates)])
-        end if
+      call read_law(reader, law, [character(len=name_length + 4) :: coordinates, &
+                                  rates_of(coordinates)], kernel, effort, terms, other, slopes)
+      if (allocated(other)) then
+        if (.not. reader%status%failed()) call add_function(reader, p, other, on, slopes)
         return
       end if
     else
@@ -217,23 +215,18 @@ contains
 
   end subroutine read_force
 
-  !> A law that is no polynomial, if it is one; else the fault stays, or is said better.
-  subroutine read_function(reader, p, text, coordinates, on, kernel, fault)
+  !> Add a law that has no monomials.
+  subroutine add_function(reader, p, law, on, slopes)
     type(group_reader), intent(inout) :: reader
     type(polynomial_parameters), intent(inout) :: p
-    character(len=*), intent(in) :: text
-    character(len=name_length), intent(in) :: coordinates(:)
-    integer, intent(in) :: on, kernel
-    character(len=:), allocatable, intent(inout) :: fault
-    type(law_term) :: law
+    type(law_term), intent(inout) :: law
+    integer, intent(in) :: on
+    real(wp), intent(in) :: slopes(:)
     type(law_term), allocatable :: laws(:)
-    real(wp) :: slopes(2*size(coordinates)), zero(size(coordinates), size(coordinates))
+    real(wp) :: zero(size(p%mass, 1), size(p%mass, 1))
     integer :: i, n
 
-    n = size(coordinates)
-    call compile_term(law, text, [character(len=name_length + 4) :: coordinates, &
-                                  rates_of(coordinates)], kernel, slopes, fault)
-    if (fault /= '') return
+    n = size(p%mass, 1)
     law%equations = [on]
     law%weights = [1.0_wp]
     law%variables = [0]
@@ -252,9 +245,9 @@ contains
     zero = 0.0_wp
     zero(on, :) = slopes(:n)
     p%stiffness = reshape([p%stiffness, zero], [shape(zero), size(p%stiffness, 3) + 1])
-    p%spring_kernel = [p%spring_kernel, kernel]
+    p%spring_kernel = [p%spring_kernel, law%kernel]
     p%damping(on, :) = p%damping(on, :) + slopes(n + 1:)
-  end subroutine read_function
+  end subroutine add_function
 
   !> Names of velocities.
   pure function rates_of(coordinates) result(names)

@@ -6,7 +6,7 @@
 !! product of m_i m_j - 1 over the multipliers, for grazing the number of switches.
 module viscovib_motion_events
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use viscovib_interpolated_root, only: interpolated, interpolated_roots
+  use viscovib_polynomial_zeros, only: interpolated, interpolated_roots
   use viscovib_kinds, only: wp
   use viscovib_motion_path, only: motion_path, motion_point
   use viscovib_pseudo_inverse, only: determinant

@@ -6,7 +6,7 @@ module test_dense
   use viscovib_dense, only: factorize, factorize_padded, invert, solve
   use viscovib_eigenvalue_conditions, only: eigenvalue_conditions
   use viscovib_eigenvalues, only: eigenvalues
-  use viscovib_interpolated_root, only: interpolated, interpolated_roots
+  use viscovib_polynomial_zeros, only: interpolated, interpolated_roots
   use viscovib_kinds, only: wp
   use viscovib_pseudo_inverse, only: determinant, null_vector, pseudo_inverse
   implicit none

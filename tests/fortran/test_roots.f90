@@ -10,7 +10,7 @@ module test_roots
   use viscovib_orthogonal, only: add_rows, right_vectors
   use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
   use viscovib_status, only: status_type
-  use viscovib_symmetric_values, only: symmetric_values
+  use viscovib_symmetric_modes, only: symmetric_values
   implicit none
   private
 
