@@ -17,9 +17,7 @@ from viscovib.systems.load import (
     name_places,
     parts_of,
 )
-from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.speed_matrices import OF_SPEED
-from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import linear_model
 
 #: Fewer coordinates are as fast in the core.
@@ -112,10 +110,10 @@ def _dense(matrix: Any) -> Any:
     return matrix.toarray() if hasattr(matrix, "toarray") else np.asarray(matrix)
 
 
-def _model_of(system: Structure | PolynomialSystem) -> LinearModel:
+def _model_of(system: Any) -> LinearModel:
     """The linear part with memory, at rest."""
-    if isinstance(system, Structure):
-        layers: Any = system._layers  # type: ignore[attr-defined]
+    if system._is_condensed:
+        layers: Any = system._layers
         found = linear_model(
             system.mass, system._damping_at_rest, system.stiffness, None, system._all_elements,
             remembering=True,

@@ -58,11 +58,11 @@ def remembered_by_body(system: object, motion: KnownMotion) -> FloatArray | None
     return np.asarray(_of_mounts(system, motion)["remembered"])
 
 
-def element_forces(system: object, motion: KnownMotion) -> ElementForces:
+def element_forces(system: Any, motion: KnownMotion) -> ElementForces:
     """Forces of the elements of a structure, or of the springs of another system."""
     if isinstance(system, Body):
         raise InputError("element_forces: a Body has mounts: use mount_forces()")
-    if isinstance(system, Structure):
+    if system._is_condensed:
         chosen = [
             i
             for i, element in enumerate(system._all_elements)

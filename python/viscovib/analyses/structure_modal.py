@@ -36,9 +36,7 @@ def modal_arrays(motion: Any) -> dict[str, Any]:
             inertia, motion.frequencies**2 * motion.loaded.base
         )
     given = {
-        "elements": np.concatenate(
-            [np.asarray(part, dtype=float) for part in c.law_vector(np.zeros(c.q))]
-        ),
+        "elements": c.law_vector(np.zeros(c.q)),
         "squares": rest.squares, "rates": rest.rates, "seen": c.seen, "pushed": c.seen,
         "patterns": rest.shapes.T @ motion.patterns,
         "frequencies": motion.frequencies if motion.frequencies.size else np.zeros(1),

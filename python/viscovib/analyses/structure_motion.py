@@ -37,7 +37,6 @@ from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.piecewise import derivative, values_at
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.structure import Structure
 from viscovib.systems.structure_loads import (
     Condensed,
     check_forces,
@@ -102,8 +101,9 @@ class StructureTrajectory(Trajectory):
         """Coordinates and velocities over t, and ``deflections`` and ``rates`` of the elements."""
         data = super().to_dataset(physical=physical)
         names = [f"y{i + 1}" for i in range(self.deflections.shape[1])]
-        if isinstance(self.system, Structure):
-            names = list(self.system.deflections)
+        system: Any = self.system
+        if system._is_condensed:
+            names = list(system.deflections)
         return data.assign(
             deflections=(("t", "element"), self.deflections), rates=(("t", "element"), self.rates)
         ).assign_coords(element=names)
@@ -410,9 +410,9 @@ class StructureMotion:
     @property
     def whole(self) -> PolynomialSystem:
         """The system in all its coordinates."""
-        system = self.mount
-        if isinstance(system, PolynomialSystem):
-            return system
+        system: Any = self.mount
+        if not system._is_condensed:
+            return system  # type: ignore[no-any-return]
         note = lacks_wholeness(system)
         if note is not None:
             raise InputError(f"acceleration: {note}")

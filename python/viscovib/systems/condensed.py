@@ -138,44 +138,17 @@ class Condensation:
         parts = left @ damping @ right, left @ stiffness @ right, left @ q, right @ q
         return [[unit.size], *(part.ravel(order="F") for part in parts)]
 
-    def law_vector(self, direction: FloatArray) -> list[Any]:
+    def law_vector(self, direction: FloatArray) -> FloatArray:
         """The laws as numbers of a polynomial system in the condensed coordinates.
 
         ``direction``: motion of these coordinates per unit motion of the base, shape (q,).
         """
-        laws, q = self.laws, self.q
-        if any(place.law.text == "restitution" for place in laws.programs):
+        if any(place.law.text == "restitution" for place in self.laws.programs):
             raise InputError(
                 "elements: a stop with restitution is for motions in time (simulate), must have "
                 "a stiffness instead here"
             )
-        kernels = [kernel for kernel in laws.kernels if kernel is not None]
-        springs: list[Any] = []
-        monomials: list[Any] = []
-        for kernel, stiffness, forces in zip(
-            laws.kernels, laws.stiffness, laws.forces, strict=True
-        ):
-            place = 0 if kernel is None else kernels.index(kernel) + 1
-            springs += [[place], stiffness.ravel(order="F")]
-            for (on, powers), c in forces.items():
-                monomials.append([c, on + 1, place, *powers])
-        data: list[Any] = []
-        for kernel in kernels:
-            data += [[kernel._kind, kernel._data.size], kernel._data]
-        return [
-            [q, len(laws.kernels), len(monomials), len(kernels), 1.0],
-            np.diag(self.weights).ravel(), np.zeros(q * q), direction, *springs, *monomials, *data,
-            *self._program_vector,
-        ]  # fmt: skip
-
-    @property
-    def _program_vector(self) -> list[Any]:
-        """Laws that are not polynomials; empty if there are none."""
-        programs = self.laws.programs
-        parts: list[Any] = [[len(programs)]] if programs else []
-        for kernel, reads, targets, law in programs:
-            parts.append(law.numbers(reads, targets, kernel))
-        return parts
+        return self.laws.vector(np.diag(self.weights), np.zeros((self.q, self.q)), direction)
 
 
 def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
@@ -347,7 +320,7 @@ class LoadedStructure:
             for i in own:
                 law = law_of(self.varying[i].formula)
                 parts += [*self.varying_pushes[i].numbers, [len(law.code)], law.code, law.number]
-        parts += c.law_vector(self._base_deflections)
+        parts.append(c.law_vector(self._base_deflections))
         flat = np.concatenate([np.asarray(part, dtype=float) for part in parts])
         # The core reads the loads from the vector. These arrays contain only the harmonic orders
         # and the motion of the base.

@@ -1,8 +1,8 @@
 """Laws of elements in the smallest number of coordinates."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations_with_replacement
-from math import factorial
+from math import comb, factorial, inf, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.elements import CouplingTerms, ElementTerms
-from viscovib.systems.laws import Law
+from viscovib.systems.laws import Law, compile_law, spell
 
 #: A direction is linearly dependent if its independent part is below this fraction.
 _DEPENDENT = 1e-9
@@ -41,6 +41,35 @@ class Laws(NamedTuple):
     forces: tuple[Monomials, ...]
     #: Laws that are not polynomials.
     programs: tuple[LawPlace, ...] = ()
+
+    def vector(
+        self, mass: FloatArray, damping: FloatArray, direction: FloatArray, more: Sequence[Any] = ()
+    ) -> FloatArray:
+        """Return a polynomial system with these laws as numbers for the core.
+
+        ``mass``, ``damping``: shape (q, q); ``direction``: motion of the coordinates with the base,
+        shape (q,). ``more``: further matrices of the system.
+        """
+        kernels = different(self.kernels)
+        springs: list[Any] = []
+        monomials: list[Any] = []
+        for kernel, stiffness, forces in zip(
+            self.kernels, self.stiffness, self.forces, strict=True
+        ):
+            place = 0 if kernel is None else kernels.index(kernel) + 1
+            springs += [[place], stiffness.ravel(order="F")]
+            monomials += [[c, on + 1, place, *powers] for (on, powers), c in forces.items()]
+        laws = [one.law.numbers(one.reads, one.targets, one.kernel) for one in self.programs]
+        parts: list[Any] = [
+            [mass.shape[0], len(self.kernels), len(monomials), len(kernels), 1.0],
+            mass.ravel(order="F"), damping.ravel(order="F"), direction, *springs, *monomials,
+        ]  # fmt: skip
+        for kernel in kernels:
+            parts += [[kernel._kind, kernel._data.size], kernel._data]
+        if laws or more:
+            parts += [[len(laws)], *laws]
+        parts += [matrix.ravel(order="F") for matrix in more]
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
     def watching(self, direction: FloatArray) -> tuple["Laws", int]:
         """Add a direction to those of the coordinates; also return the index of its coordinate.
@@ -110,10 +139,30 @@ def element_laws(
     if not chosen:
         # Without such elements one coordinate represents the linear response.
         chosen.append(np.eye(1, n)[0])
-    q = len(chosen)
+    return laws_along(np.array(chosen).T, active, weights, couplings, mixes)
+
+
+def laws_along(
+    directions: FloatArray,
+    elements: Sequence[ElementTerms],
+    weights: Sequence[dict[int, float]],
+    couplings: Sequence[CouplingTerms] = (),
+    mixes: Sequence[Sequence[dict[int, float]]] = (),
+    matrices: Sequence[tuple[FloatArray, Kernel | None]] = (),
+    *,
+    most: float = inf,
+) -> Laws:
+    """Return the laws of elements in few coordinates.
+
+    ``weights``: the deflection of each element, {coordinate: weight}; ``mixes``: those of each
+    coupling. ``matrices``: further stiffness, shape (q, q), with kernels. ``most``: a power of
+    deflections that becomes more monomials remains a law of the deflections.
+    """
+    q = directions.shape[1]
     kernels: list[Kernel | None] = []
     stiffness: list[FloatArray] = []
     forces: list[Monomials] = []
+    programs: list[LawPlace] = []
 
     def group_of(kernel: Kernel | None) -> int:
         if kernel not in kernels:
@@ -122,42 +171,96 @@ def element_laws(
             forces.append({})
         return kernels.index(kernel)
 
-    for element, mix in zip(active, weights, strict=True):
-        i = group_of(element.kernel)
-        column = np.zeros(q)
-        column[list(mix)] = list(mix.values())
+    def put(kernel: Kernel | None, on: dict[int, float], own: Any, terms: Any, laws: Any) -> None:
+        group = group_of(kernel)
+        kept: dict[tuple[int, ...], float] = {}
+        for powers, c in terms.items():
+            factors = [(own[j], power) for j, power in enumerate(powers) if power]
+            if n_products(on, factors) > most:
+                kept[powers] = c
+            else:
+                add_force(forces[group], c, on, factors, q)
+        if kept:
+            laws = [_power_law(kept, len(own)), *laws]
+        place = kernel_place(kernels, kernel)
+        programs.extend(LawPlace(place, _rows(own, q), on, law) for law in laws)
+
+    for matrix, kernel in matrices:
+        stiffness[group_of(kernel)] += matrix
+    for element, mix in zip(elements, weights, strict=True):
+        if not element.powers and element.law is None:
+            continue
         # An elastic stiffness without memory is already part of the linear subsystem.
         if element.kernel is not None:
-            stiffness[i] += element.powers.get(1, 0.0) * np.outer(column, column)
-        for power, c in element.powers.items():
-            if power > 1:
-                add_force(forces[group_of(element.kernel)], c, mix, [(mix, power)], q)
+            column = _rows([mix], q)[0]
+            k = element.powers.get(1, 0.0)
+            stiffness[group_of(element.kernel)] += k * np.outer(column, column)
+        terms: Any = {(power,): c for power, c in element.powers.items() if power > 1}
+        put(element.kernel, mix, [mix], terms, [] if element.law is None else [element.law])
     for coupling, own in zip(couplings, mixes, strict=True):
-        i = group_of(coupling.kernel)
-        for (on, powers), c in coupling.forces.items():
-            factors = [(own[j], power) for j, power in enumerate(powers) if power]
-            add_force(forces[i], c, own[on], factors, q)
-    programs = [
-        LawPlace(kernel_place(kernels, element.kernel), _rows([mix], q), mix, element.law)
-        for element, mix in zip(active, weights, strict=True)
-        if element.law is not None
-    ]
-    programs += [
-        LawPlace(kernel_place(kernels, coupling.kernel), _rows(own, q), own[on], law)
-        for coupling, own in zip(couplings, mixes, strict=True)
-        for on, law in coupling.programs
-    ]
-    found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
-    return Laws(np.array(chosen).T, *found)
+        for on, mix in enumerate(own):
+            terms = {powers: c for (at, powers), c in coupling.forces.items() if at == on}
+            laws = [law for at, law in coupling.programs if at == on]
+            put(coupling.kernel, mix, own, terms, laws)
+    return Laws(directions, tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs))
+
+
+def laws_of_groups(groups: Sequence[Any], places: Any = None) -> Laws:
+    """Return the forces of groups of springs, all of which act on some coordinates, ``places``."""
+    kernels = tuple(group.kernel for group in groups)
+    stiffness = tuple(group.stiffness for group in groups)
+    forces: tuple[Monomials, ...] = tuple(group.forces for group in groups)
+    directions = np.zeros((stiffness[0].shape[0], 0))
+    index: Any = range(stiffness[0].shape[0])
+    if places is not None or any(group.laws for group in groups):
+        directions = np.eye(stiffness[0].shape[0])
+    if places is not None:
+        directions = directions[:, places]
+        index = {int(place): i for i, place in enumerate(places)}
+        stiffness = tuple(one[np.ix_(places, places)] for one in stiffness)
+        forces = tuple(
+            {
+                (index[on], tuple(powers[place] for place in places)): c
+                for (on, powers), c in one.items()
+            }
+            for one in forces
+        )
+    programs = tuple(
+        LawPlace(kernel_place(kernels, group.kernel), directions, {index[on]: 1.0}, law)
+        for group in groups
+        for on, law in group.laws
+    )
+    return Laws(directions, kernels, stiffness, forces, programs)
+
+
+def n_products(on: Mapping[int, float], factors: list[tuple[dict[int, float], int]]) -> int:
+    """Number of monomials of a product of powers of linear combinations."""
+    return len(on) * prod(comb(len(mix) + power - 1, power) for mix, power in factors)
+
+
+def _power_law(terms: Mapping[tuple[int, ...], float], n: int) -> Law:
+    """Return a polynomial in n deflections, {powers: coefficient}, as a program."""
+    names = [f"d{j}" for j in range(n)]
+    texts = [f"{float(c)!r}*{spell(powers, names)}" for powers, c in terms.items()]
+    return compile_law("law", " + ".join(f"({text})" for text in texts), names, {})
 
 
 def _is_linear(element: ElementTerms) -> bool:
     return element.law is None and max(element.powers, default=1) < 2
 
 
+def different(kernels: Sequence[Kernel | None]) -> list[Kernel]:
+    """Return the kernels that are not None, each once."""
+    found: list[Kernel] = []
+    for kernel in kernels:
+        if kernel is not None and kernel not in found:
+            found.append(kernel)
+    return found
+
+
 def kernel_place(kernels: Sequence[Kernel | None], kernel: Kernel | None) -> int:
     """Return the index of a kernel among the kernels that are not None, from 1; 0: no kernel."""
-    return 0 if kernel is None else [k for k in kernels if k is not None].index(kernel) + 1
+    return 0 if kernel is None else different(kernels).index(kernel) + 1
 
 
 def _rows(mixes: Sequence[dict[int, float]], q: int) -> FloatArray:

@@ -17,8 +17,7 @@ import numpy as np
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
-from viscovib.kernels.relaxation import Kernel
-from viscovib.systems.element_laws import Monomials, add_force
+from viscovib.systems.element_laws import laws_along
 from viscovib.systems.load import load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.spring_groups import Monomial, Springs
@@ -148,50 +147,34 @@ def _system(
     stiffness: FloatArray,
 ) -> PolynomialSystem:
     """The polynomial system in the chosen coordinates."""
-    m = mass.shape[0]
-    kernels: dict[Kernel | None, tuple[FloatArray, Monomials]] = {None: (np.zeros((m, m)), {})}
-
-    def group(kernel: Kernel | None) -> tuple[FloatArray, Monomials]:
-        return kernels.setdefault(kernel, (np.zeros((m, m)), {}))
-
-    for element in structure._all_elements:
-        if element.law is not None:
-            raise InputError("elements: must have polynomial laws for an expansion in modes")
-        seen = turned.T @ element.direction
-        linear, forces = group(element.kernel)
-        mix = _mix(seen)
-        for power, c in element.powers.items():
-            if power == 1:
-                linear += c * np.outer(seen, seen) * (element.kernel is not None)
-            else:
-                add_force(forces, c, mix, [(mix, power)], m)
-    for coupling in structure._couplings:
-        if coupling.programs:
-            raise InputError("elements: must have polynomial laws for an expansion in modes")
-        own = [_mix(turned.T @ e) for e in coupling.directions]
-        forces = group(coupling.kernel)[1]
-        for (on, powers), c in coupling.forces.items():
-            add_force(forces, c, own[on], [(own[j], p) for j, p in enumerate(powers) if p], m)
-    for matrix, kernel in structure._layers.whole:  # type: ignore[attr-defined]
-        group(kernel)[0][:] += turned.T @ (matrix @ turned)
-    if sum(len(forces) for _, forces in kernels.values()) > _MOST_FORCES:
+    elements, couplings = structure._all_elements, structure._couplings
+    if any(one.law is not None for one in elements) or any(one.programs for one in couplings):
+        raise InputError("elements: must have polynomial laws for an expansion in modes")
+    layers = structure._layers.whole  # type: ignore[attr-defined]
+    laws = laws_along(
+        np.eye(mass.shape[0]), elements, [_mix(turned.T @ one.direction) for one in elements],
+        couplings, [[_mix(turned.T @ e) for e in one.directions] for one in couplings],
+        [(np.zeros_like(mass), None)]
+        + [(turned.T @ (matrix @ turned), kernel) for matrix, kernel in layers],
+    )  # fmt: skip
+    if sum(map(len, laws.forces)) > _MOST_FORCES:
         raise InputError(
             "modes: the laws of the elements have more than "
             f"{_MOST_FORCES} terms in them, must be fewer modes, or laws of lower degree"
         )
-    # The modes are those of the unrelaxed springs.
-    kernels[None][0][:] += stiffness - sum(k for kernel, (k, _) in kernels.items() if kernel)
+    # The modes are those of the unrelaxed springs; the first group has no kernel.
+    laws.stiffness[0][:] = stiffness - sum(laws.stiffness[1:])
     springs = [
         Springs(
             stiffness=0.5 * (linear + linear.T), kernel=kernel,
             forces=[Monomial(coefficient=c, powers=powers, on=on)
                     for (on, powers), c in forces.items() if c],
         )
-        for kernel, (linear, forces) in kernels.items()
+        for kernel, linear, forces in zip(laws.kernels, laws.stiffness, laws.forces, strict=True)
     ]  # fmt: skip
     return PolynomialSystem(
         mass=0.5 * (mass + mass.T), damping=damping, springs=springs,
-        names=[f"q{j + 1}" for j in range(m)],
+        names=[f"q{j + 1}" for j in range(len(mass))],
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.condensed import Condensation
-from viscovib.systems.element_laws import LawPlace, Laws, kernel_place
+from viscovib.systems.element_laws import Laws, laws_of_groups
 from viscovib.systems.structure_rest import dense_rest
 
 #: Smallest number of coordinates for condensation, if at most half of them have forces or memory.
@@ -42,25 +42,13 @@ def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> La
     few = n >= _SMALLEST and 2 * places.size <= n
     if not places.size or not (few or always):
         return None
-    kernels, stiffness, forces, programs = [], [], [], []
-    index = {int(place): i for i, place in enumerate(places)}
-    for group in groups:
-        own = group.stiffness[np.ix_(places, places)]
-        # Elastic stiffness belongs to the linear subsystem.
-        kernels.append(group.kernel)
-        stiffness.append(own if group.kernel is not None else np.zeros_like(own))
-        forces.append(
-            {
-                (index[on], tuple(powers[place] for place in places)): c
-                for (on, powers), c in group.forces.items()
-            }
-        )
-        reads = np.eye(n)[:, places]
-        for on, law in group.laws:
-            place = kernel_place(kernels, group.kernel)
-            programs.append(LawPlace(place, reads, {index[on]: 1.0}, law))
-    found = tuple(kernels), tuple(stiffness), tuple(forces), tuple(programs)
-    return Laws(np.eye(n)[:, places], *found)
+    found = laws_of_groups(groups, places)
+    # Elastic stiffness belongs to the linear subsystem.
+    stiffness = (
+        one if kernel is not None else 0 * one
+        for kernel, one in zip(found.kernels, found.stiffness, strict=True)
+    )
+    return found._replace(stiffness=tuple(stiffness))
 
 
 def checked_condensed(n: int, q: int, remembers: bool) -> bool:

@@ -18,6 +18,7 @@ from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots, characteristic_roots
 from viscovib.systems.condensed import Condensation, LoadedStructure
+from viscovib.systems.element_laws import different, laws_of_groups
 from viscovib.systems.laws import Law, named_in, parameter_values, spell
 from viscovib.systems.load import (
     LoadLike,
@@ -266,10 +267,7 @@ class PolynomialSystem(WithSpeed):
                 f"mass: {n} coordinates, must be 1 to {_MAX_WHOLE} unless forces or memory act in "
                 f"half of them or fewer, and in at most {_MAX_WHOLE}"
             )
-        laws = np.concatenate(
-            [np.ravel(part) for part in condensed.law_vector(np.zeros(condensed.q))]
-        )
-        _native.polynomial_object(laws)
+        _native.polynomial_object(condensed.law_vector(np.zeros(condensed.q)))
 
     @cached_property
     def _condensation(self) -> Condensation | None:
@@ -490,34 +488,14 @@ class PolynomialSystem(WithSpeed):
         The damping matrix belongs to the first group.
         """
         n = len(self.dof_names)
-        kernels = list(self._active_kernels)
         groups = self.groups if only is None else self.groups[only : only + 1]
-        springs: list[Any] = []
-        monomials: list[Any] = []
-        laws: list[Any] = []
-        for group in groups:
-            place = 0 if group.kernel is None else kernels.index(group.kernel) + 1
-            springs += [[place], group.stiffness.ravel(order="F")]
-            for (on, powers), c in group.forces.items():
-                monomials.append([c, on + 1, place, *powers])
-            laws += [law.numbers(np.eye(n), {on: 1.0}, place) for on, law in group.laws]
         direction = np.zeros(n) if self.base_direction is None else self.base_direction
-        data: list[Any] = []
-        for kernel in kernels:
-            data += [[kernel._kind, kernel._data.size], kernel._data]
-        parts: list[Any] = [
-            [n, len(groups), len(monomials), len(kernels), 1.0],
-            self._mass_matrix.ravel(order="F"), ((only or 0) == 0) * self._damping.ravel(order="F"),
-            direction, *springs, *monomials, *data,
-        ]  # fmt: skip
-        turning = self._speed_matrices if self._depends_on_speed and only is None else ()
-        space = self._space if only is None else None
-        if laws or space is not None or turning:
-            parts += [[len(laws)], *laws]
-        if space is not None:
-            parts += [matrix.ravel(order="F") for matrix in space]
-        parts += [matrix.ravel(order="F") for matrix in turning]
-        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+        damping = self._damping if (only or 0) == 0 else np.zeros((n, n))
+        more: list[FloatArray] = []
+        if only is None:
+            more = [*(self._space or ()), *(self._speed_matrices if self._depends_on_speed else ())]
+        laws = laws_of_groups(groups)
+        return laws.vector(self._mass_matrix, damping, np.asarray(direction), more)
 
     @property
     def _kernels(self) -> tuple[int, FloatArray, int, FloatArray]:
@@ -531,11 +509,7 @@ class PolynomialSystem(WithSpeed):
 
     @cached_property
     def _active_kernels(self) -> tuple[Kernel, ...]:
-        kernels: list[Kernel] = []
-        for group in self.groups:
-            if group.kernel is not None and group.kernel not in kernels:
-                kernels.append(group.kernel)
-        return tuple(kernels)
+        return tuple(different([group.kernel for group in self.groups]))
 
     @property
     def _space(self) -> tuple[FloatArray, FloatArray] | None:

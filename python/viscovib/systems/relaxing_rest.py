@@ -26,7 +26,6 @@ from viscovib.systems.refined_modes import (
     RelaxingPart,
     bits_for,
     elastic_part,
-    refined_modes,
     refined_poles,
 )
 from viscovib.systems.structure_rest import (
@@ -35,6 +34,7 @@ from viscovib.systems.structure_rest import (
     Rest,
     dense_rest,
     exactly_by,
+    matrix_of_modal,
     scaled_condition,
 )
 
@@ -99,7 +99,7 @@ def relaxing_rest(
             rest = _mode_by_mode(mass, stiff, seen, layers)
             return rest._replace(springs=springs, relaxing=relaxing)
     if modal is not None:
-        damping = damping + _modal_matrix(mass, stiffness, modal)
+        damping = damping + matrix_of_modal(modal, mass, stiffness)
     found = relaxing_modes(mass, damping, stiffness, layers, alone)
     zero = np.zeros(found.bodies.shape[1])
     flexible = found.flexibility
@@ -182,31 +182,6 @@ def _flexed(flexible: FloatArray, forces: FloatArray) -> tuple[FloatArray, Float
 def _resisting_modes(inertia: FloatArray, rates: FloatArray, u: FloatArray) -> FloatArray:
     """C u of modal damping, with M Phi."""
     return np.asarray(inertia @ (rates * (inertia.T @ u)))
-
-
-def _modal_matrix(mass: FloatArray, stiffness: FloatArray, modal: ModalDamping) -> FloatArray:
-    """C = a M + b K + M Phi diag(2 zeta omega) Phi^T M, in the coordinates that have mass."""
-    from scipy.linalg import eigh
-
-    total = modal.by_mass * mass + modal.by_stiffness * stiffness
-    if not np.any(modal.ratio):
-        return np.asarray(total)
-    if np.abs(stiffness - stiffness.T).max() > _OFF_DIAGONAL * np.abs(stiffness).max():
-        raise InputError("modal_damping: needs a symmetric stiffness, whose modes it damps")
-    kept = mass.any(axis=1)
-    inner = stiffness[np.ix_(kept, kept)]
-    if not kept.all():
-        idle = ~kept
-        inner = inner - stiffness[np.ix_(kept, idle)] @ np.linalg.solve(
-            stiffness[np.ix_(idle, idle)], stiffness[np.ix_(idle, kept)]
-        )
-    m = mass[np.ix_(kept, kept)]
-    squares, shapes = eigh(inner, m)
-    squares, shapes = refined_modes(squares, shapes, m, inner)
-    pushed = m @ shapes
-    ratios = ModalDamping(modal.ratio).rates(squares)
-    total[np.ix_(kept, kept)] += (pushed * ratios) @ pushed.T
-    return np.asarray(total)
 
 
 def relaxing_modes(

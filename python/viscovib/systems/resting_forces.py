@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.systems.element_laws import Laws
+from viscovib.systems.element_laws import Laws, different
 
 #: Cancellation in H from which on rounding errors are estimated; relative size of a harmonic below
 #: which they are not.
@@ -163,7 +163,7 @@ def _forces_on_rest(
     phase = 2 * np.pi * np.arange(count) / count
     waves = np.exp(1j * np.outer(orders, phase))
     back = 2j / count * np.exp(-1j * order * phase)
-    kernels = [kernel for kernel in laws.kernels if kernel is not None]
+    kernels = different(laws.kernels)
     found = np.empty(y.shape[:2], dtype=complex)
     step = max(1, _AT_ONCE // (count * y.shape[1]))
     for first in range(0, nu.size, step):

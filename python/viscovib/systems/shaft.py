@@ -17,7 +17,7 @@ from viscovib.systems.laws import compile_law
 from viscovib.systems.load import name_places
 from viscovib.systems.load_table import LoadTable, PiecewiseTable, RunUp, added
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.structure import Structure
+from viscovib.systems.speed_matrices import WithSpeed
 from viscovib.systems.system import System
 from viscovib.systems.whole import lacks_wholeness, whole_system
 
@@ -118,7 +118,7 @@ class OnShaft(PolynomialSystem):
         cls, system: Any, torque: str, inertia: float, unbalance: npt.NDArray[np.complex128]
     ) -> OnShaft:
         """Put a system on a shaft; no torque: the speed is given by a load on the angle."""
-        whole = whole_system(system) if isinstance(system, Structure) else system
+        whole = whole_system(system) if system._is_condensed else system
         direction = whole._base_direction
         found = cls(
             mass=_padded(whole._mass_matrix, inertia), damping=_padded(whole._damping),
@@ -190,11 +190,12 @@ def _check(system: Any, what: str) -> None:
     """Refuse systems without the equations of a shaft."""
     if isinstance(system, OnShaft) or ANGLE in system.dof_names:
         raise InputError(f"names: must not contain {ANGLE!r}, the name of the angle of the shaft")
-    if not isinstance(system, (PolynomialSystem, Structure)) or system._turns:
+    if not isinstance(system, WithSpeed) or system._turns:
         raise InputError(
             f"force: {what} is for a PolynomialSystem, a Structure, or a Body of small rotations"
         )
-    if isinstance(system, Structure) and (note := lacks_wholeness(system)) is not None:
+    own: Any = system
+    if own._is_condensed and (note := lacks_wholeness(own)) is not None:
         raise InputError(f"force: {what} {note}")
     if any(law.calls for law in system._all_laws):
         raise InputError(f"forces: must not be Python functions with {what}")
@@ -203,7 +204,7 @@ def _check(system: Any, what: str) -> None:
 def _given_speed(system: Any, load: RunUp) -> tuple[FloatArray, LoadTable]:
     """Initial angle and speed of a run-up, and its load with the acceleration of the angle."""
     n = len(system.dof_names)
-    if load.on is not None and isinstance(system, Structure):
+    if load.on is not None and system._is_condensed:
         direction = direction_of("on", load.on, n, name_places(system.dof_names))
         own = np.multiply.outer(direction, load._polynomials(np.zeros((1, 1)))[0])
     else:

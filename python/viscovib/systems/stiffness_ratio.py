@@ -23,7 +23,8 @@ _STIFF = 1e8
 
 def without_rounding(squares: FloatArray, shapes: FloatArray, stiffness: FloatArray) -> FloatArray:
     """Set squared frequencies that are rounding errors to 0: motions without springs."""
-    pulled = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(stiffness), np.abs(shapes))
+    size = np.abs(shapes)
+    pulled = (size * (np.abs(stiffness) @ size)).sum(axis=0)
     result = squares.copy()
     result[np.abs(squares) <= _RIGID * pulled] = 0.0
     return result

@@ -157,7 +157,7 @@ def dense_rest(
 def matrix_of_modal(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
     """Modal and Rayleigh damping with dampers that couple the modes, C = M Phi diag(rates) Phi^T M.
 
-    Phi are the modes without damping, Phi^T M Phi = 1.
+    Phi are the modes without damping, Phi^T M Phi = 1, of the coordinates that have mass.
     """
     from scipy.linalg import eigh
 
@@ -171,11 +171,18 @@ def matrix_of_modal(modal: ModalDamping, mass: FloatArray, stiffness: FloatArray
         return np.asarray(extra)
     if not _symmetric(stiffness):
         raise InputError("modal_damping: needs a symmetric stiffness, whose modes it damps")
-    squares, shapes = eigh(stiffness, mass)
-    squares, shapes = refined_modes(squares, shapes, mass, stiffness)
-    pushed = mass @ shapes
-    rates = 2 * modal.ratio * np.sqrt(np.maximum(without_rounding(squares, shapes, stiffness), 0))
-    return np.asarray(extra + (pushed * rates) @ pushed.T)
+    kept = mass.any(axis=1)
+    inner, m = stiffness, mass
+    if not kept.all():
+        inner, m = stiffness[np.ix_(kept, kept)], mass[np.ix_(kept, kept)]
+        sides = stiffness[np.ix_(~kept, kept)]
+        inner = inner - sides.T @ np.linalg.solve(stiffness[np.ix_(~kept, ~kept)], sides)
+    squares, shapes = eigh(inner, m)
+    squares, shapes = refined_modes(squares, shapes, m, inner)
+    pushed = m @ shapes
+    rates = 2 * modal.ratio * np.sqrt(np.maximum(without_rounding(squares, shapes, inner), 0))
+    extra[np.ix_(kept, kept)] += (pushed * rates) @ pushed.T
+    return np.asarray(extra)
 
 
 def _condensed_rest(

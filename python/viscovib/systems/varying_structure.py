@@ -66,7 +66,7 @@ def varied_structure(
         flat = loaded.job[0]
         direction = np.zeros(flat.size)
         laws = loaded.condensation.law_vector(loaded._base_deflections)
-        direction[flat.size - sum(np.size(part) for part in laws) + _MEMORY] = 1.0
+        direction[flat.size - laws.size + _MEMORY] = 1.0
         return VariedStructure(
             Varied("memory_scale", flat - direction * flat, direction), structure
         )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import wraps
-from math import comb, prod
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -14,19 +13,17 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import CORNER_TOLERANCE, SMOOTH_TOLERANCE
 from viscovib.errors import InputError
-from viscovib.systems.element_laws import Monomials, add_force
-from viscovib.systems.laws import Law, compile_law
+from viscovib.systems.element_laws import laws_along, n_products
 from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.refined_modes import refined_modes
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import is_definite
 from viscovib.systems.structure import Structure
 from viscovib.systems.structure_matrices import dense_of, with_elements
+from viscovib.systems.structure_rest import matrix_of_modal
 from viscovib.systems.system import System
 
 _Note = TypeVar("_Note")
-_Any = TypeVar("_Any")
 #: Largest number of coordinates in modal coordinates, as of `modal_frame`.
 MOST_IN_FRAME = 512
 #: The same together with the coordinates of the core for exponentials of memory.
@@ -100,56 +97,21 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     )
     elastic = [one for one in elements if one.kernel is None]
     at_once, _ = with_elements(structure.stiffness, structure.damping, elastic)
-    kernels = tuple(dict.fromkeys(structure._all_kernels))
-    relaxing = np.zeros((len(kernels), n, n))
-    for element in elements:
-        if element.kernel in kernels:
-            k, e = element.powers.get(1, 0.0), element.direction
-            relaxing[kernels.index(element.kernel)] += np.outer(e, k * e)
-    for matrix, kernel in layers.whole:
-        relaxing[kernels.index(kernel)] += dense_of(matrix)
     modal = structure._uncoupled
     if modal is not None:
-        from scipy.linalg import eigh
-
         if np.any(modal.loss):
             raise InputError(
                 "loss_factor: has no meaning in time, must be 0 for a motion in time (use a "
                 "kernel, or modal_damping)"
             )
-        squares, shapes = eigh(stiffness, mass)
-        squares, shapes = refined_modes(squares, shapes, mass, stiffness)
-        pushed = mass @ shapes
-        damping = damping + (pushed * modal.rates(squares)) @ pushed.T
-    place = {None: 0} | {kernel: i for i, kernel in enumerate(kernels, 1)}
-    forces: list[Monomials] = [{} for _ in place]
-    laws: list[list[float]] = []
-    for element in elements:
-        mix = _mix(element.direction)
-        behind = place.get(element.kernel, 0)
-        powers = {power: c for power, c in element.powers.items() if power > 1}
-        if powers and _n_products(mix, [(mix, max(powers))]) > _MOST_PRODUCTS:
-            law = _power_law({(power,): c for power, c in powers.items()}, 1)
-            laws.append(law.numbers(element.direction[np.newaxis], mix, behind))
-            powers = {}
-        for power, c in powers.items():
-            add_force(forces[behind], c, mix, [(mix, power)], n)
-        if element.law is not None:
-            laws.append(element.law.numbers(element.direction[np.newaxis], mix, behind))
-    for coupling in structure._couplings:
-        own = [_mix(e) for e in coupling.directions]
-        behind = place.get(coupling.kernel, 0)
-        reads = np.array(coupling.directions)
-        many: dict[int, dict[tuple[int, ...], float]] = {}
-        for (on, orders), c in coupling.forces.items():
-            factors = [(own[j], p) for j, p in enumerate(orders) if p]
-            if _n_products(own[on], factors) > _MOST_PRODUCTS:
-                many.setdefault(on, {})[orders] = c
-            else:
-                add_force(forces[behind], c, own[on], factors, n)
-        for on, terms in many.items():
-            laws.append(_power_law(terms, len(own)).numbers(reads, own[on], behind))
-        laws += [law.numbers(reads, own[on], behind) for on, law in coupling.programs]
+        damping = damping + matrix_of_modal(modal, mass, stiffness)
+    couplings = structure._couplings
+    laws = laws_along(
+        np.eye(n), elements, [_mix(one.direction) for one in elements], couplings,
+        [[_mix(e) for e in one.directions] for one in couplings],
+        [(at_once, None), *((dense_of(matrix), kernel) for matrix, kernel in layers.whole)],
+        most=_MOST_PRODUCTS,
+    )  # fmt: skip
     turning: dict[str, Any] = {
         name: dense_of(matrix)
         for name in OF_SPEED
@@ -160,33 +122,20 @@ def whole_system(structure: Structure) -> PolynomialSystem:
         **turning,
     )  # fmt: skip
     direction = np.zeros(n) if whole._base_direction is None else whole._base_direction
-    monomials = [
-        [c, on + 1, behind, *powers]
-        for behind, group in enumerate(forces)
-        for (on, powers), c in group.items()
-    ]
-    springs = [part for i, k in enumerate([at_once, *relaxing]) for part in ([i], k.ravel("F"))]
-    data = [part for one in kernels for part in ([one._kind, one._data.size], one._data)]
-    parts: list[Any] = [
-        [n, 1 + len(kernels), len(monomials), len(kernels), 1.0], mass.ravel(order="F"),
-        damping.ravel(order="F"), direction, *springs, *monomials, *data,
-        *([[len(laws)]] if laws or turning else []), *laws,
-        *(part.ravel(order="F") for part in (whole._speed_matrices if turning else ())),
-    ]  # fmt: skip
-    vector = np.concatenate([np.asarray(part, dtype=float) for part in parts])
+    vector = laws.vector(mass, damping, direction, whole._speed_matrices if turning else ())
     whole.__dict__.update(
         _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units
     )
     return whole
 
 
-def in_all_coordinates(system: _Any, base: object = None, *, always: bool = False) -> Any:
+def in_all_coordinates(system: Any, base: object = None, *, always: bool = False) -> Any:
     """Return a structure whose matrices depend on the speed as a system in all its coordinates.
 
     ``base``: motion of the base; ``always``: return every structure so. Other systems are returned
     as they are.
     """
-    if not isinstance(system, Structure):
+    if not system._is_condensed:
         return system
     if not system._depends_on_speed:
         return whole_system(system) if always else system
@@ -206,7 +155,7 @@ def law_places(structure: Structure) -> list[int | None]:
     for element in structure._all_elements:
         mix = _mix(element.direction)
         most = max((power for power in element.powers if power > 1), default=0)
-        count += int(most > 0 and _n_products(mix, [(mix, most)]) > _MOST_PRODUCTS)
+        count += int(most > 0 and n_products(mix, [(mix, most)]) > _MOST_PRODUCTS)
         found.append(None if element.law is None else count)
         count += int(element.law is not None)
     return found
@@ -223,21 +172,6 @@ def n_hidden(system: PolynomialSystem, h: float = 0.0, reach: float = 0.0) -> tu
         return 0, False
     found = _native.run("motion hidden coordinates", system._handle, h=float(h), reach=float(reach))
     return found["n_hidden"], bool(found["fitted"])
-
-
-def _n_products(on: Mapping[int, float], factors: list[tuple[dict[int, float], int]]) -> int:
-    """Number of monomials of a product of powers of linear combinations."""
-    return len(on) * prod(comb(len(mix) + power - 1, power) for mix, power in factors)
-
-
-def _power_law(terms: Mapping[tuple[int, ...], float], n: int) -> Law:
-    """Return a polynomial in n deflections, {powers: coefficient}, as a program."""
-    names = [f"d{j}" for j in range(n)]
-    texts = [
-        "*".join([repr(float(c)), *(f"{names[j]}^{p}" for j, p in enumerate(powers) if p)])
-        for powers, c in terms.items()
-    ]
-    return compile_law("law", " + ".join(f"({text})" for text in texts), names, {})
 
 
 def _mix(direction: FloatArray) -> dict[int, float]:
