@@ -7,8 +7,8 @@ module viscovib_task
   use, intrinsic :: iso_c_binding, only: c_int
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
-  use viscovib_named_values, only: complex_value, integer_value, named_values, real_value, &
-    text_value
+  use viscovib_named_values, only: complex_value, integer_value, most_dimensions, named_values, &
+    real_value, text_value
   use viscovib_oscillator, only: oscillator_type, speed_needed
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
@@ -76,8 +76,8 @@ module viscovib_task
                                               'a kernel']
 
   ! Targets for arrays that were not given.
-  real(wp), target :: no_row(0), no_matrix(0, 0), no_cube(0, 0, 0)
-  complex(wp), target :: no_complexes(0), no_complex_matrix(0, 0), no_complex_cube(0, 0, 0)
+  real(wp), target :: no_reals(0)
+  complex(wp), target :: no_complexes(0)
 
 contains
 
@@ -223,101 +223,91 @@ contains
     call self%take_text(name, text, default)
   end function get_text
 
-  !> Elements of an array, valid as long as the task exists; empty if not given.
+  !> Elements and extents of an array, valid as long as the task exists; empty if not
+  !! given.
+  subroutine find_reals(self, name, rank, row, n)
+    class(task_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: rank
+    real(wp), pointer, contiguous, intent(out) :: row(:)
+    integer, intent(out) :: n(most_dimensions)
+    type(task_type), pointer :: holder
+    integer :: place
+    row => no_reals
+    n = 0
+    call self%place_of(name, real_value, rank, holder, place, .false.)
+    if (place == 0) return
+    row => holder%given%reals_at(place)
+    n = holder%given%places(place)%extents
+  end subroutine find_reals
+
   function get_reals(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     real(wp), pointer, contiguous :: values(:)
-    type(task_type), pointer :: holder
-    integer :: place
-    call self%place_of(name, real_value, 1, holder, place, .false.)
-    if (place > 0) then
-      values => holder%given%reals_at(place)
-    else
-      values => no_row
-    end if
+    integer :: n(most_dimensions)
+    call find_reals(self, name, 1, values, n)
   end function get_reals
 
   function get_matrix(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     real(wp), pointer, contiguous :: values(:, :), row(:)
-    type(task_type), pointer :: holder
-    integer :: place
-    call self%place_of(name, real_value, 2, holder, place, .false.)
-    if (place > 0) then
-      row => holder%given%reals_at(place)
-      associate (n => holder%given%places(place)%extents)
-        values(1:n(1), 1:n(2)) => row
-      end associate
-    else
-      values => no_matrix
-    end if
+    integer :: n(most_dimensions)
+    call find_reals(self, name, 2, row, n)
+    values(1:n(1), 1:n(2)) => row
   end function get_matrix
 
   function get_cube(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     real(wp), pointer, contiguous :: values(:, :, :), row(:)
+    integer :: n(most_dimensions)
+    call find_reals(self, name, 3, row, n)
+    values(1:n(1), 1:n(2), 1:n(3)) => row
+  end function get_cube
+
+  !> Elements and extents of an array of complex numbers, as in `find_reals`.
+  subroutine find_complexes(self, name, rank, row, n)
+    class(task_type), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: rank
+    complex(wp), pointer, contiguous, intent(out) :: row(:)
+    integer, intent(out) :: n(most_dimensions)
     type(task_type), pointer :: holder
     integer :: place
-    call self%place_of(name, real_value, 3, holder, place, .false.)
-    if (place > 0) then
-      row => holder%given%reals_at(place)
-      associate (n => holder%given%places(place)%extents)
-        values(1:n(1), 1:n(2), 1:n(3)) => row
-      end associate
-    else
-      values => no_cube
-    end if
-  end function get_cube
+    row => no_complexes
+    n = 0
+    call self%place_of(name, complex_value, rank, holder, place, .false.)
+    if (place == 0) return
+    row => holder%given%complexes_at(place)
+    n = holder%given%places(place)%extents
+  end subroutine find_complexes
 
   function get_complexes(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     complex(wp), pointer, contiguous :: values(:)
-    type(task_type), pointer :: holder
-    integer :: place
-    call self%place_of(name, complex_value, 1, holder, place, .false.)
-    if (place > 0) then
-      values => holder%given%complexes_at(place)
-    else
-      values => no_complexes
-    end if
+    integer :: n(most_dimensions)
+    call find_complexes(self, name, 1, values, n)
   end function get_complexes
 
   function get_complex_matrix(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     complex(wp), pointer, contiguous :: values(:, :), row(:)
-    type(task_type), pointer :: holder
-    integer :: place
-    call self%place_of(name, complex_value, 2, holder, place, .false.)
-    if (place > 0) then
-      row => holder%given%complexes_at(place)
-      associate (n => holder%given%places(place)%extents)
-        values(1:n(1), 1:n(2)) => row
-      end associate
-    else
-      values => no_complex_matrix
-    end if
+    integer :: n(most_dimensions)
+    call find_complexes(self, name, 2, row, n)
+    values(1:n(1), 1:n(2)) => row
   end function get_complex_matrix
 
   function get_complex_cube(self, name) result(values)
     class(task_type), intent(inout) :: self
     character(len=*), intent(in) :: name
     complex(wp), pointer, contiguous :: values(:, :, :), row(:)
-    type(task_type), pointer :: holder
-    integer :: place
-    call self%place_of(name, complex_value, 3, holder, place, .false.)
-    if (place > 0) then
-      row => holder%given%complexes_at(place)
-      associate (n => holder%given%places(place)%extents)
-        values(1:n(1), 1:n(2), 1:n(3)) => row
-      end associate
-    else
-      values => no_complex_cube
-    end if
+    integer :: n(most_dimensions)
+    call find_complexes(self, name, 3, row, n)
+    values(1:n(1), 1:n(2), 1:n(3)) => row
   end function get_complex_cube
 
   function get_longs(self, name) result(values)

@@ -9,7 +9,7 @@
 !! the eigenvalues h of minus the matrix of half a period: h = 1 at folds, h = -1 where the
 !! symmetry breaks.
 module viscovib_floquet
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_constants, only: pi
   use viscovib_dense, only: outer
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -114,12 +114,14 @@ contains
   end subroutine monodromies
 
   !> As many solutions as there are lanes, or fewer.
-  subroutine block_of(self, system, nu, x, matrices, cancel)
+  subroutine block_of(self, system, nu, x, matrices, cancel, product)
     class(floquet_type), intent(inout) :: self
     class(oscillator_type), intent(in) :: system
     real(wp), intent(in) :: nu(:), x(:, :, :)
     real(wp), intent(inout) :: matrices(:, :, :)
     integer, intent(inout), optional :: cancel
+    !> Factors of the matrix of one solution, of which `matrices` is then the last.
+    type(product_type), intent(inout), optional :: product
     real(wp) :: turn, needed, h(n_lanes), error(n_lanes), worst
     logical :: pending(n_lanes)
     integer :: attempt, l
@@ -129,7 +131,7 @@ contains
       self%x(l, :, :) = x(:, :, min(l, size(nu)))
       h(l) = turn/nu(min(l, size(nu)))
     end do
-    pending = h*self%along%fastest/phase_a_step <= max_steps
+    pending = h*self%along%fastest/phase_a_step <= max_steps .or. present(product)
     pending(size(nu) + 1:) = .false.
     if (.not. any(pending)) return
     where (.not. pending) h = 0.0_wp
@@ -137,13 +139,15 @@ contains
     do attempt = 1, max_attempts
       if (.not. self%density*needed <= max_steps) exit
       call self%prepare(ceiling(self%density*needed))
-      call self%integrate(system, h/self%n_steps, error, pending, cancel)
+      if (present(product)) product%n_factors = 0
+      call self%integrate(system, h/self%n_steps, error, pending, cancel, product)
       if (is_set(cancel)) return
       worst = maxval(error, pending)
       do l = 1, size(nu)
         if (.not. (pending(l) .and. error(l) <= accepted*wanted_error)) cycle
         call to_matrix(self, l, h(l)/self%n_steps, matrices(:, :, l))
         pending(l) = .false.
+        if (present(product)) return
       end do
       self%density = self%n_steps/needed*max(0.5_wp, min(2.0_wp, (worst/wanted_error) &
                                                          **(0.5_wp/n_nodes)))
@@ -166,29 +170,11 @@ contains
     !> Not if it would take too many steps.
     logical, intent(out) :: found
     integer, intent(inout), optional :: cancel
-    real(wp) :: needed, h(n_lanes), error(n_lanes)
-    logical :: pending(n_lanes)
-    integer :: attempt, l
+    real(wp) :: last(2*self%n_dof, 2*self%n_dof, 1)
 
-    do l = 1, n_lanes
-      self%x(l, :, :) = x
-    end do
-    h = merge(pi, 2.0_wp*pi, self%half_wave)/nu
-    needed = self%least_steps(h(1))
-    found = .false.
-    do attempt = 1, max_attempts
-      if (.not. self%density*needed <= max_steps) exit
-      call self%prepare(ceiling(self%density*needed))
-      product%n_factors = 0
-      pending = .true.
-      call self%integrate(system, h/self%n_steps, error, pending, cancel, product)
-      if (is_set(cancel)) return
-      found = error(1) <= accepted*wanted_error
-      if (found) return
-      self%density = self%n_steps/needed*max(0.5_wp, min(2.0_wp, (error(1)/wanted_error) &
-                                                         **(0.5_wp/n_nodes)))
-    end do
-    self%density = 1.0_wp
+    last = ieee_value(0.0_wp, ieee_quiet_nan)
+    call block_of(self, system, [nu], reshape(x, [shape(x), 1]), last, cancel, product)
+    found = .not. ieee_is_nan(last(1, 1, 1))
   end subroutine factors
 
   !> So many steps of a period, or half of one, of length h that samples resolve the highest order

@@ -62,13 +62,9 @@ contains
     start = 0.0_wp
     start(1::2) = job%held
     job%initial = reader%read_reals('initial', 2*n_dof, start)
-    call check_start(reader, job%initial)
-    job%t_end = reader%read_real('t_end')
-    job%dt = reader%read_real('dt')
-    call read_accuracy(reader, job)
+    call read_steps(reader, job)
     word = reader%read_text('method', allowed=hereditary_methods, choice=job%method)
     word = reader%read_text('memory', allowed=past_names, choice=job%past)
-    job%save_every = reader%read_integer('save_every')
     call read_keep(reader, job)
     if (reader%status%failed()) return
     call check_times(job, status)
@@ -114,10 +110,7 @@ contains
       deallocate (job%held)
       job%initial = [job%initial, shaft_start]
     end if
-    call check_start(reader, job%initial)
-    job%t_end = reader%read_real('t_end')
-    job%dt = reader%read_real('dt')
-    call read_accuracy(reader, job)
+    call read_steps(reader, job)
     ! Angles are large.
     if (has_shaft .and. .not. (job%dt > 0.0_wp .or. job%tolerance > 0.0_wp)) then
       job%relative = max(job%relative, of_angles*merge(0.0_wp, 1.0_wp, job%relative > 0.0_wp))
@@ -125,19 +118,22 @@ contains
     word = reader%read_text('method', allowed=transient_methods, choice=job%method)
     ! What remembers does so by exponentials.
     if (may_lack) word = reader%read_text('memory', allowed=past_names(:2))
-    job%save_every = reader%read_integer('save_every')
     call read_keep(reader, job)
     if (reader%status%failed()) return
     call check_transient(job, system, checked)
     call reader%place(checked)
   end subroutine read_transient
 
-  !> `tolerance`, or in its place `rtol` and `atol`.
-  subroutine read_accuracy(reader, job)
+  !> The length of a motion, its step, and its accuracy: `tolerance`, or in its place `rtol` and
+  !! `atol`. Its start is checked.
+  subroutine read_steps(reader, job)
     type(group_reader), intent(inout) :: reader
     class(transient_job), intent(inout) :: job
     real(wp) :: absolute
 
+    call check_start(reader, job%initial)
+    job%t_end = reader%read_real('t_end')
+    job%dt = reader%read_real('dt')
     job%relative = reader%read_real('rtol')
     absolute = reader%read_real('atol')
     job%tolerance = reader%read_real('tolerance', absolute)
@@ -147,7 +143,7 @@ contains
                              //'alone, must not be given with rtol or atol')
       end if
     end if
-  end subroutine read_accuracy
+  end subroutine read_steps
 
   !> Whether states are kept all along, at the end only, of the last time, or at given times.
   subroutine read_keep(reader, job)
@@ -157,6 +153,7 @@ contains
     character(len=:), allocatable :: word
     integer :: place
 
+    job%save_every = reader%read_integer('save_every')
     job%wants_accelerations = reader%read_yes('acceleration')
     word = reader%read_text('keep', choice=place)
     job%last_only = place == 2
