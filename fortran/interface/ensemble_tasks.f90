@@ -2,12 +2,11 @@
 module viscovib_ensemble_tasks
   use viscovib_basin_rules, only: check_orbit, disturbances, find_orbits, n_disturbed
   use viscovib_binding_tools, only: make_pendulum
-  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
-    run_together
+  use viscovib_ensemble, only: ensemble_job
   use viscovib_gathered, only: gathered_type, single_request
   use viscovib_kinds, only: i8, wp
-  use viscovib_lane_motion, only: lane_motion_type, new_lane_motion
-  use viscovib_lanes, only: n_lanes
+  use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
+  use viscovib_lane_runs, only: lane_runs
   use viscovib_load, only: load_type
   use viscovib_many_motions, only: compare, many_motions
   use viscovib_motion_inputs, only: load_of, read_equations, read_piece
@@ -16,7 +15,7 @@ module viscovib_ensemble_tasks
   use viscovib_pendulum, only: pendulum_type
   use viscovib_piece_runs, only: piece_runs, shared_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_status, only: fail, status_input_error, status_type
+  use viscovib_status, only: status_type
   use viscovib_stopping, only: is_set
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_task, only: task_type
@@ -34,10 +33,19 @@ module viscovib_ensemble_tasks
     type(many_motions) :: found
   contains
     procedure :: read => read_runs
-    procedure :: fill
-    procedure :: empty
     procedure :: put => put_runs
   end type runs_type
+
+  !> Systems from numbers of a task.
+  type, extends(lane_runs) :: array_runs
+    !> Numbers of the systems, a column each, and the count of them; scaled parts of stiffness and
+    !! damping, shape (d, d, 2 m).
+    real(wp), pointer, contiguous :: flat(:, :) => null(), own(:, :, :) => null()
+    integer, allocatable :: lengths(:)
+  contains
+    procedure :: pendulum_of
+    procedure :: motion_of
+  end type array_runs
 
 contains
 
@@ -45,10 +53,10 @@ contains
     type(task_type), intent(inout) :: task
     character(len=*), intent(in) :: name
     select case (name)
-    case ('of pendulums')
-      call run_pendulums(task)
-    case ('of oscillators')
-      call run_oscillators(task)
+    case ('of pendulums', 'of oscillators')
+      call run_lanes(task)
+    case ('rates of pendulums', 'rates of oscillators')
+      call find_rates(task)
     case ('of members')
       call run_members(task)
     case ('comparison')
@@ -92,27 +100,6 @@ contains
     call self%found%begin(self%job, 2*d, n, self%points)
   end subroutine read_runs
 
-  !> Fill a block with the runs from `first` on. Lanes past the last run repeat it.
-  subroutine fill(self, block, first, n_drives)
-    class(runs_type), intent(in) :: self
-    type(ensemble_block), intent(inout) :: block
-    integer, intent(in) :: first, n_drives
-    integer :: l
-    call block%set_starts([(min(first + l, size(self%h)), l=0, n_lanes - 1)], self%initial, &
-                          self%h, n_drives, self%points)
-  end subroutine fill
-
-  !> Copy the results of a block to the runs from `first` on.
-  subroutine empty(self, block, first)
-    class(runs_type), intent(inout) :: self
-    type(ensemble_block), intent(in) :: block
-    integer, intent(in) :: first
-    integer :: l
-    do l = 1, min(n_lanes, size(self%h) - first + 1)
-      call self%found%take_lane(block, l, first + l - 1)
-    end do
-  end subroutine empty
-
   subroutine put_runs(self, task)
     class(runs_type), intent(in) :: self
     type(task_type), intent(inout) :: task
@@ -131,127 +118,93 @@ contains
     end associate
   end subroutine put_runs
 
-  !> Runs from time 0 with the pendulum `flat`(:, i) (14, n) in run i.
-  subroutine run_pendulums(task)
+  !> Runs from time 0 of the systems of `read_systems`. Additional result: `missed`(i) /= 0: steps
+  !! of run i may have skipped a thin layer of a force.
+  subroutine run_lanes(task)
     type(task_type), intent(inout) :: task
     type(runs_type) :: runs
-    type(pendulum_type) :: system, other
-    type(ensemble_block) :: block
-    real(wp), pointer, contiguous :: flat(:, :)
-    integer :: first, i, l, n
+    type(array_runs) :: systems
+    type(load_type), target :: load
 
     call runs%read(task)
-    flat => task%get_matrix('flat')
-    n = size(runs%h)
-    call task%check_extents('flat', shape(flat), [14, n])
-    call task%check_extents('initial', shape(runs%initial), [6, n])
+    call read_systems(systems, task, load)
     if (task%failed()) return
-    do first = 1, n, n_lanes
-      call runs%fill(block, first, 3)
-      call make_pendulum(system, flat(:, first), task%status)
-      if (task%failed()) return
-      do l = 1, n_lanes
-        i = min(first + l - 1, n)
-        call make_pendulum(other, flat(:, i), task%status)
-        if (task%failed()) return
-        call system%set_lane(l, other)
-        block%frequencies(l, :) = other%drives
-      end do
-      call check_method(runs%job, system, task%status)
-      if (task%failed()) return
-      call run_block(runs%job, system, block, task%cancel)
-      call runs%empty(block, first)
-      if (is_set(task%cancel)) exit
-    end do
+    call systems%run_in_lanes(runs%job, runs%h, runs%points, runs%found, task%cancel, task%status)
     call runs%put(task)
-  end subroutine run_pendulums
+    call task%found%put_integers('missed', merge(1, 0, runs%found%missed), shape(runs%h))
+  end subroutine run_lanes
 
-  !> Runs from time 0 with the load frequency `nu`(i) and the `scales`(:, i) (4, n) of
-  !! `viscovib_lane_motion` in run i; `own` (d, d, 2 m): scaled parts of stiffness and damping. The
-  !! systems are `flat` (k, m): one for all runs (m = 1), or one per run (m = n), which may only
-  !! differ in parameters. The load is as for a run without memory. Additional result:
-  !! `missed`(i) /= 0: steps of run i may have skipped a thin layer of a force.
-  subroutine run_oscillators(task)
+  !> Upper bounds `rates` (n) of the rates of linear subsystems and loads, as of `find_fastest`.
+  subroutine find_rates(task)
     type(task_type), intent(inout) :: task
-    type(runs_type) :: runs
-    type(polynomial_type) :: system
-    type(lane_motion_type) :: motion
-    type(lane_motion_type), allocatable :: motions(:)
-    type(load_type) :: load
-    type(ensemble_block), allocatable :: blocks(:)
-    real(wp), pointer, contiguous :: flat(:, :), own(:, :, :), nu(:), scales(:, :)
-    integer :: b, begin, d, first, i, l, many, n
+    type(array_runs) :: systems
+    type(load_type), target :: load
+    real(wp), allocatable :: rates(:)
 
-    call runs%read(task)
-    flat => task%get_matrix('flat')
-    own => task%get_cube('own')
-    nu => task%get_reals('nu')
-    scales => task%get_matrix('scales')
+    call read_systems(systems, task, load)
+    if (.not. task%failed()) call systems%find_fastest(rates, task%status)
+    if (.not. task%failed()) call task%found%put_reals('rates', rates, shape(rates))
+  end subroutine find_rates
+
+  !> The systems of runs with starts `initial` (2 d, n). Pendulums: `flat` (14, n). Oscillators: the
+  !! load as for a run without memory, its frequency `nu` (n), the `scales` (4, n) of
+  !! `viscovib_lane_motion`, the scaled parts `own` (d, d, 2 m) of stiffness and damping, and the
+  !! first `lengths` (m) of the numbers `flat` (k, m): one system for all runs (m = 1), or one per
+  !! run (m = n).
+  subroutine read_systems(self, task, load)
+    type(array_runs), intent(inout) :: self
+    type(task_type), intent(inout) :: task
+    type(load_type), intent(inout), target :: load
+    integer :: d, m, n
+
+    allocate (self%starts, source=task%get_matrix('initial'))
+    self%flat => task%get_matrix('flat')
+    self%of_pendulums = .not. task%has('own')
+    d = size(self%starts, 1)/2
+    n = size(self%starts, 2)
     if (task%failed()) return
-    d = size(runs%initial, 1)/2
-    n = size(runs%h)
-    call task%check_extents('flat', shape(flat), [size(flat, 1), merge(1, n, size(flat, 2) == 1)])
-    call task%check_extents('own', shape(own), [d, d, 2*size(flat, 2)])
-    call task%check_extents('nu', shape(nu), [n])
-    call task%check_extents('scales', shape(scales), [4, n])
+    if (self%of_pendulums) then
+      call task%check_extents('flat', shape(self%flat), [14, n])
+      call task%check_extents('initial', shape(self%starts), [6, n])
+      return
+    end if
+    self%own => task%get_cube('own')
+    allocate (self%lengths, source=task%get_integers('lengths'))
+    allocate (self%frequencies, source=task%get_reals('nu'))
+    allocate (self%scales, source=task%get_matrix('scales'))
+    self%one_system = size(self%flat, 2) == 1
+    m = merge(1, n, self%one_system)
+    call task%check_extents('flat', shape(self%flat), [size(self%flat, 1), m])
+    call task%check_extents('lengths', shape(self%lengths), [m])
+    call task%check_extents('own', shape(self%own), [d, d, 2*m])
+    call task%check_extents('nu', shape(self%frequencies), [n])
+    call task%check_extents('scales', shape(self%scales), [n_scales, n])
     call load_of(task, d, load)
-    if (.not. task%failed()) call load%check_at(nu, task%status)
-    if (.not. task%failed()) call polynomial_from_vector(system, flat(:, 1), task%status)
-    if (task%failed()) return
-    call new_lane_motion(motion, system, load, own(:, :, :2))
-    call check_method(runs%job, motion, task%status)
-    if (task%failed()) return
-    allocate (motions(blocks_of(runs%job)), source=motion)
-    allocate (blocks(size(motions)))
-    do begin = 1, n, n_lanes*size(blocks)
-      many = min(size(blocks), (n - begin)/n_lanes + 1)
-      do b = 1, many
-        first = begin + n_lanes*(b - 1)
-        call runs%fill(blocks(b), first, 2)
-        do l = 1, n_lanes
-          i = min(first + l - 1, n)
-          if (size(flat, 2) == 1) then
-            call motions(b)%set_scales(l, scales(:, i), nu(i))
-          else
-            call take_system(motions(b))
-            if (task%failed()) return
-          end if
-          blocks(b)%frequencies(l, :) = nu(i)
-        end do
-      end do
-      if (size(blocks) > 1) then
-        call run_together(runs%job, motions(:many), blocks(:many), task%cancel)
-      else
-        call run_block(runs%job, motions(1), blocks(1), task%cancel)
-      end if
-      do b = 1, many
-        call runs%empty(blocks(b), begin + n_lanes*(b - 1))
-      end do
-      if (is_set(task%cancel)) exit
-    end do
-    call runs%put(task)
-    call task%found%put_integers('missed', merge(1, 0, runs%found%missed), [n])
+    if (.not. task%failed()) call load%check_at(self%frequencies, task%status)
+    self%load => load
+  end subroutine read_systems
 
-  contains
+  subroutine pendulum_of(self, i, pendulum, status)
+    class(array_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(pendulum_type), intent(out) :: pendulum
+    type(status_type), intent(out) :: status
+    call make_pendulum(pendulum, self%flat(:, i), status)
+  end subroutine pendulum_of
 
-    !> Copy the parameters of run i to lane l.
-    subroutine take_system(block_motion)
-      type(lane_motion_type), intent(inout) :: block_motion
-      type(lane_motion_type) :: other
+  subroutine motion_of(self, i, motion, status)
+    class(array_runs), intent(in) :: self
+    integer, intent(in) :: i
+    type(lane_motion_type), intent(out) :: motion
+    type(status_type), intent(out) :: status
+    type(polynomial_type) :: system
+    integer :: j
 
-      call polynomial_from_vector(system, flat(:, i), task%status)
-      if (task%failed()) return
-      call new_lane_motion(other, system, load, own(:, :, 2*i - 1:2*i))
-      if (.not. motion%differs_in_numbers(other)) then
-        call fail(task%status, status_input_error, 'system', 'system: runs side by side must ' &
-                  //'differ in their numbers only')
-        return
-      end if
-      call other%set_scales(1, scales(:, i), nu(i))
-      call block_motion%take_lane(l, other)
-    end subroutine take_system
-
-  end subroutine run_oscillators
+    j = min(i, size(self%flat, 2))
+    call polynomial_from_vector(system, self%flat(:self%lengths(j), j), status)
+    if (status%failed()) return
+    call new_lane_motion(motion, system, self%load, self%own(:, :, 2*j - 1:2*j))
+  end subroutine motion_of
 
   !> Runs that are computed one by one. Each is an object with its start and its equations, as of
   !! a motion in time; `longest`: step size of its first run with another step; `rows` (2 d): rows

@@ -63,8 +63,6 @@ contains
       call find_lines(task)
     case ('pendulum_modes')
       call find_pendulum_modes(task)
-    case ('pendulum_frequencies')
-      call find_frequencies(task)
     case ('pendulum_motion')
       call evaluate_pendulum(task)
     case ('pendulum_jacobian')
@@ -376,27 +374,6 @@ contains
     call task%found%put_real('r', system%r)
     call task%found%put_real('z_r', system%z_r)
   end subroutine find_pendulum_modes
-
-  !> Natural frequencies `omega` (3, n) of pendulums `flat` (14, n).
-  subroutine find_frequencies(task)
-    type(task_type), intent(inout) :: task
-    type(pendulum_type) :: pendulum
-    real(wp), pointer, contiguous :: flat(:, :)
-    real(wp), allocatable :: omega(:, :)
-    real(wp) :: shapes(3, 3)
-    integer :: i
-
-    flat => task%get_matrix('flat')
-    call task%check_extents('flat', shape(flat), [14, size(flat, 2)])
-    if (task%failed()) return
-    allocate (omega(3, size(flat, 2)))
-    do i = 1, size(flat, 2)
-      call make_pendulum(pendulum, flat(:, i), task%status)
-      if (task%failed()) return
-      call pendulum%natural_modes(omega(:, i), shapes)
-    end do
-    call task%found%put_reals('omega', omega, shape(omega))
-  end subroutine find_frequencies
 
   !> Read `state` (6, n), (z, z', phi, phi', psi, psi'), and `drive` (3, n), cos(p_j t).
   subroutine read_states(task, system, drive, state)

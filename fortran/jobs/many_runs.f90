@@ -1,19 +1,17 @@
 !> Many motions, with a step given or found: of a pendulum or a polynomial system without memory
-!! eight at a time in lanes, of other systems one after another. A motion in a lane whose steps may
-!! have missed a thin layer is repeated by itself, in parts of steps.
+!! in lanes, of other systems one after another. A motion in a lane whose steps may have missed a
+!! thin layer is repeated by itself, in parts of steps.
 module viscovib_many_runs
   use viscovib_constants, only: pi
-  use viscovib_ensemble, only: blocks_of, check_method, ensemble_block, ensemble_job, run_block, &
-    run_together
+  use viscovib_ensemble, only: ensemble_job
   use viscovib_explicit_tables, only: lane_methods
   use viscovib_kinds, only: i8, wp
   use viscovib_lane_motion, only: lane_motion_type, n_scales, new_lane_motion
-  use viscovib_lanes, only: n_lanes
+  use viscovib_lane_runs, only: lane_runs
   use viscovib_many_motions, only: compare, many_motions
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_stopping, only: stop_wanted
   use viscovib_subject, only: subject_type
@@ -29,7 +27,7 @@ module viscovib_many_runs
   !> Varied numbers of a polynomial system (the scales in the order of the lanes).
   character(len=*), parameter, public :: system_numbers(5) = &
     [character(len=15) :: 'nu', 'load_scale', 'stiffness_scale', 'damping_scale', 'forces_scale']
-  integer, parameter :: of_nu = 1, of_stiffness = 3, of_damping = 4
+  integer, parameter :: of_nu = 1
   integer, parameter, public :: of_load = 2
   !> Index of a parameter of laws, after all of these.
   integer, parameter, public :: of_parameter = size(system_numbers) + 1
@@ -42,7 +40,7 @@ module viscovib_many_runs
   real(wp), parameter :: most_steps = 1.0e10_wp
 
   !> The motions to compute.
-  type :: many_runs
+  type, extends(lane_runs) :: many_runs
     type(subject_type), pointer :: subject => null()
     !> The varied number: its index (0: none), and its values.
     integer :: place = 0
@@ -51,8 +49,8 @@ module viscovib_many_runs
     class(varied_system), allocatable :: varied
     type(polynomial_type), allocatable :: systems(:)
     integer :: n_built = 0
-    !> Starts, one column per motion, and duration of each motion.
-    real(wp), allocatable :: starts(:, :), spans(:)
+    !> Duration of each motion.
+    real(wp), allocatable :: spans(:)
     !> Frequency of the load of a polynomial system, unless it varies.
     real(wp) :: nu = 0.0_wp
     !> Index in `lane_methods`; false if all motions are computed by themselves, with an index in
@@ -73,19 +71,17 @@ module viscovib_many_runs
     !> Steps of the first runs (0: none yet), and motions that are computed separately since.
     integer(i8) :: n_first = 0
     logical, allocatable :: alone(:), in_parts(:)
-    !> Motions of each block, with the last one repeated in idle lanes, and the kind of its systems.
-    integer, allocatable, private :: members(:, :), kinds(:)
   contains
     procedure :: lay_out
     procedure :: steps_of
     procedure :: make
     procedure :: refine
     procedure :: frequency
-    procedure, private :: pendulum_of
+    procedure :: pendulum_of
+    procedure :: motion_of
     procedure, private :: system_of
     procedure :: subject_of
     procedure, private :: run_single
-    procedure, private :: motion_of
   end type many_runs
 
 contains
@@ -98,9 +94,7 @@ contains
     real(wp), intent(out) :: fastest
     type(status_type), intent(out) :: status
     type(pendulum_type) :: pendulum
-    type(polynomial_motion_type) :: motion
-    type(polynomial_type) :: system
-    real(wp) :: omega(3), shapes(3, 3), frequency
+    real(wp), allocatable :: rates(:)
     integer :: i, n
 
     call set_ok(status)
@@ -117,50 +111,32 @@ contains
     end if
     if (allocated(self%varied)) call build_systems(self, status)
     if (status%failed()) return
-    do i = 1, n
-      if (i == 1 .or. self%place > 0) then
-        if (self%subject%is_pendulum) then
-          call self%pendulum_of(i, pendulum, status)
-          if (status%failed()) return
-          call pendulum%natural_modes(omega, shapes)
-          fastest = max(fastest, maxval(omega), maxval(pendulum%drives))
-          frequency = pendulum%parameters%frequency(max(self%sections, 1))
-        else
-          frequency = self%frequency(i)
-          call self%subject%load%check_at([frequency], status)
-          if (status%failed()) return
-          if (i == 1 .or. allocated(self%varied)) then
-            call self%system_of(i, system, status)
-            if (.not. status%failed()) call new_polynomial_motion(motion, system, &
-                                                                  self%subject%load, 0.0_wp, status)
-            if (status%failed()) return
-            fastest = max(fastest, motion%fastest()*sqrt(max(1.0_wp, largest(of_stiffness))) &
-                          *max(1.0_wp, largest(of_damping)))
-          end if
-          fastest = max(fastest, frequency*maxval([self%subject%load%orders, 1]))
-        end if
+    self%of_pendulums = self%subject%is_pendulum
+    self%one_system = .not. allocated(self%varied)
+    self%load => self%subject%load
+    self%frequencies = [(self%frequency(i), i=1, n)]
+    allocate (self%scales(n_scales, n), source=1.0_wp)
+    if (self%place > of_nu .and. self%place < of_parameter) then
+      if (.not. self%of_pendulums) self%scales(self%place - 1, :) = self%values
+    end if
+    if (.not. self%of_pendulums) call self%load%check_at(self%frequencies, status)
+    if (.not. status%failed()) call self%find_fastest(rates, status)
+    if (status%failed()) return
+    fastest = maxval(rates)
+    do i = 1, merge(n, 0, self%n_periods > 0)
+      if (self%of_pendulums) then
+        call self%pendulum_of(i, pendulum, status)
+        self%frequencies(i) = pendulum%parameters%frequency(max(self%sections, 1))
       end if
-      if (self%n_periods == 0) cycle
-      if (.not. frequency > 0.0_wp) then
+      if (.not. self%frequencies(i) > 0.0_wp) then
         call fail(status, status_input_error, 'sections', 'sections = '//show(self%sections) &
                   //': the frequency of that load must be greater than 0')
         return
       end if
-      self%spans(i) = self%n_periods*2.0_wp*pi/frequency
+      self%spans(i) = self%n_periods*2.0_wp*pi/self%frequencies(i)
     end do
     ! A method that exists only for lanes is replaced by the first method.
     self%own_method = max(1, findloc(transient_methods, lane_methods(self%method), 1))
-    call arrange(self, status)
-
-  contains
-
-    !> The largest value of a scale that varies, else 1.
-    pure real(wp) function largest(place)
-      integer, intent(in) :: place
-      largest = 1.0_wp
-      if (self%place == place) largest = maxval(abs(self%values))
-    end function largest
-
   end subroutine lay_out
 
   !> Build the first systems once for all runs.
@@ -312,26 +288,6 @@ contains
     call new_lane_motion(motion, system, self%subject%load, own)
   end subroutine motion_of
 
-  !> Assign motions to blocks. A parameter may change the form of a system, as a factor of 0
-  !! that removes a term: systems of different form are in different blocks.
-  subroutine arrange(self, status)
-    type(many_runs), intent(inout) :: self
-    type(status_type), intent(out) :: status
-    type(lane_motion_type), allocatable :: known(:)
-    type(lane_motion_type) :: motion
-    integer :: kind_of(size(self%starts, 2)), i
-
-    call set_ok(status)
-    kind_of = 1
-    allocate (known(0))
-    do i = 1, merge(size(kind_of), 0, allocated(self%varied))
-      call self%motion_of(i, motion, status)
-      if (status%failed()) return
-      kind_of(i) = place_of_form(known, motion)
-    end do
-    call fill_blocks(kind_of, self%members, self%kinds)
-  end subroutine arrange
-
   !> Compute all motions in n steps each.
   subroutine make(self, n, many, status)
     class(many_runs), intent(inout) :: self
@@ -339,17 +295,12 @@ contains
     type(many_motions), intent(out) :: many
     type(status_type), intent(out) :: status
     type(ensemble_job) :: job
-    type(ensemble_block), allocatable :: blocks(:)
-    type(lane_motion_type) :: motion
-    type(lane_motion_type), allocatable :: motions(:)
-    type(pendulum_type) :: pendulum
     real(wp) :: discarded
-    integer :: b, begin, cancel, d, l, last, m, points
+    integer :: cancel, m, points
 
     call set_ok(status)
     if (self%n_first == 0) self%n_first = n
     m = size(self%starts, 2)
-    d = size(self%starts, 1)/2
     cancel = 0
     points = 0
     job%method = self%method
@@ -367,50 +318,14 @@ contains
       job%n_discard = ceiling(discarded*(1.0_wp - 1.0e-12_wp), i8)
       job%ahead = max(0.0_wp, job%n_discard - discarded)
     end if
-    call many%begin(job, 2*d, m, points)
+    call many%begin(job, size(self%starts, 1), m, points)
     if (.not. self%side_by_side) then
       many%missed = .true.
       call make_missed(self, job, many, status)
       return
     end if
-    if (self%subject%is_pendulum) then
-      call self%pendulum_of(1, pendulum, status)
-      if (.not. status%failed()) call check_method(job, pendulum, status)
-    else
-      call self%motion_of(1, motion, status)
-      if (.not. status%failed()) call check_method(job, motion, status)
-    end if
-    if (status%failed()) return
-    allocate (blocks(blocks_of(job)), motions(blocks_of(job)))
-    begin = 1
-    do while (begin <= size(self%kinds))
-      last = min(size(blocks), count(self%kinds(begin:) == self%kinds(begin)))
-      if (self%kinds(begin) > self%kinds(max(begin - 1, 1))) then
-        call self%motion_of(self%members(1, begin), motion, status)
-        if (.not. status%failed()) call check_method(job, motion, status)
-        if (status%failed()) return
-      end if
-      do b = 1, last
-        motions(b) = motion
-        call fill_block(self, n, self%members(:, begin + b - 1), points, motions(b), pendulum, &
-                        blocks(b), status)
-        if (status%failed()) return
-      end do
-      if (self%subject%is_pendulum) then
-        call run_block(job, pendulum, blocks(1), cancel)
-      else if (size(blocks) > 1) then
-        call run_together(job, motions(:last), blocks(:last), cancel)
-      else
-        call run_block(job, motions(1), blocks(1), cancel)
-      end if
-      do b = 1, last
-        do l = 1, n_lanes
-          call many%take_lane(blocks(b), l, self%members(l, begin + b - 1))
-        end do
-      end do
-      begin = begin + last
-    end do
-    call make_missed(self, job, many, status)
+    call self%run_in_lanes(job, self%spans/n, points, many, cancel, status)
+    if (.not. status%failed()) call make_missed(self, job, many, status)
   end subroutine make
 
   !> Compute by themselves the motions that need it, or needed it in an earlier run.
@@ -434,61 +349,6 @@ contains
       if (status%failed()) return
     end do
   end subroutine make_missed
-
-  !> Fill a block with some motions.
-  subroutine fill_block(self, n, runs, points, motion, pendulum, block, status)
-    type(many_runs), intent(in) :: self
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: runs(n_lanes), points
-    type(lane_motion_type), intent(inout) :: motion
-    type(pendulum_type), intent(inout) :: pendulum
-    type(ensemble_block), intent(out) :: block
-    type(status_type), intent(out) :: status
-    integer :: l, n_drives
-
-    call set_ok(status)
-    n_drives = 2
-    if (self%subject%is_pendulum) n_drives = size(self%subject%pendulum%drives)
-    call block%set_starts(runs, self%starts, self%spans/n, n_drives, points)
-    do l = 1, n_lanes
-      call set_lane(self, runs(l), l, motion, pendulum, block%frequencies(l, :), status)
-      if (status%failed()) return
-    end do
-  end subroutine fill_block
-
-  !> Set the numbers of motion i in a lane, and the frequencies of its loads.
-  subroutine set_lane(self, i, l, motion, pendulum, frequencies, status)
-    type(many_runs), intent(in) :: self
-    integer, intent(in) :: i, l
-    type(lane_motion_type), intent(inout) :: motion
-    type(pendulum_type), intent(inout) :: pendulum
-    real(wp), intent(out) :: frequencies(:)
-    type(status_type), intent(out) :: status
-    type(pendulum_type) :: other
-    type(lane_motion_type) :: its
-    real(wp) :: scales(n_scales)
-
-    call set_ok(status)
-    if (self%subject%is_pendulum) then
-      call self%pendulum_of(i, other, status)
-      if (status%failed()) return
-      if (l == 1) pendulum = other
-      call pendulum%set_lane(l, other)
-      frequencies = other%drives
-    else
-      scales = 1.0_wp
-      if (allocated(self%varied)) then
-        call self%motion_of(i, its, status)
-        if (status%failed()) return
-        call its%set_scales(1, scales, self%frequency(i))
-        call motion%take_lane(l, its)
-      else
-        if (self%place > of_nu) scales(self%place - 1) = self%values(i)
-        call motion%set_scales(l, scales, self%frequency(i))
-      end if
-      frequencies = self%frequency(i)
-    end if
-  end subroutine set_lane
 
   !> Compute motion i by itself.
   subroutine make_alone(self, i, job, many, status)
@@ -609,44 +469,5 @@ contains
       p%frequency(place - 10) = value
     end select
   end subroutine set_number
-
-  ! Grouping of motions in lanes: their systems must have the same form.
-
-  !> Index of a motion's form among the known ones; a new form is appended.
-  integer function place_of_form(known, motion) result(place)
-    type(lane_motion_type), allocatable, intent(inout) :: known(:)
-    type(lane_motion_type), intent(in) :: motion
-    type(lane_motion_type), allocatable :: more(:)
-    integer :: i
-
-    do place = 1, size(known)
-      if (known(place)%differs_in_numbers(motion)) return
-    end do
-    allocate (more(place))
-    do i = 1, size(known)
-      more(i) = known(i)
-    end do
-    more(place) = motion
-    call move_alloc(more, known)
-  end function place_of_form
-
-  !> Blocks of motions of one kind; the last motion is repeated in idle lanes.
-  pure subroutine fill_blocks(kind_of, members, kinds)
-    !> The kind of each motion, from 1.
-    integer, intent(in) :: kind_of(:)
-    !> The motions of each block, and its kind.
-    integer, allocatable, intent(out) :: members(:, :), kinds(:)
-    integer, allocatable :: all_of_them(:), runs(:)
-    integer :: i, k
-
-    allocate (all_of_them(0), kinds(0))
-    do k = 1, maxval(kind_of)
-      runs = pack([(i, i=1, size(kind_of))], kind_of == k)
-      runs = [runs, (runs(size(runs)), i=1, modulo(-size(runs), n_lanes))]
-      all_of_them = [all_of_them, runs]
-      kinds = [kinds, (k, i=1, size(runs)/n_lanes)]
-    end do
-    members = reshape(all_of_them, [n_lanes, size(kinds)])
-  end subroutine fill_blocks
 
 end module viscovib_many_runs

@@ -41,6 +41,7 @@ module viscovib_lane_motion
     real(wp), allocatable, private :: inverse(:, :)
   contains
     procedure :: set_scales
+    procedure :: fastest
     procedure :: differs_in_numbers
     procedure :: take_lane
     procedure :: acceleration
@@ -128,6 +129,20 @@ contains
     self%real_load(lane, :, :) = scales(of_load)*real(self%plain_load)
     self%load(lane, :, :) = scales(of_load)*aimag(self%plain_load)
   end subroutine set_scales
+
+  !> Upper bound of the rates of the linear subsystem with these scales (rad/s).
+  pure real(wp) function fastest(self, scales)
+    class(lane_motion_type), intent(in) :: self
+    real(wp), intent(in) :: scales(n_scales)
+    fastest = sqrt(abs(scales(of_stiffness))*largest(self%own(:, :, 1)) &
+                   + largest(self%rest(:, :, 1))) &
+              + abs(scales(of_damping))*largest(self%own(:, :, 2)) + largest(self%rest(:, :, 2))
+  contains
+    pure real(wp) function largest(matrix)
+      real(wp), intent(in) :: matrix(:, :)
+      largest = maxval(sum(abs(matrix), 2))
+    end function largest
+  end function fastest
 
   !> True if another motion has the same form and differs only in the data that `take_lane` copies.
   pure logical function differs_in_numbers(self, other) result(does)

@@ -18,8 +18,9 @@ from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.many_numbers import (
     ManySystems,
+    joined,
+    scaled_parts,
     systems_of_parameters,
-    systems_one_by_one,
 )
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
@@ -82,13 +83,12 @@ def members_of(
         if type(system) is PolynomialSystem:
             return systems_of_parameters(system, values)
 
-        def made_with(i: int) -> PolynomialSystem:
-            numbers = {name: float(x[i]) for name, x in values.items()}
-            one = system._with_parameters(numbers)
-            found: PolynomialSystem = in_all_coordinates(one, always=True)
-            return found
-
-        return systems_one_by_one(made_with, next(iter(values.values())).size)
+        made = []
+        for numbers in zip(*(x.tolist() for x in values.values()), strict=True):
+            one: Any = system._with_parameters(dict(zip(values, numbers, strict=True)))
+            one = in_all_coordinates(one, always=True)
+            made.append((one._flat, scaled_parts(one)))
+        return joined(made)
 
     return PolynomialMembers(few, initial, given, load, nu, method, alone, with_parameters)
 

@@ -18,14 +18,12 @@ from viscovib.common.parameters import no_frequency
 from viscovib.errors import InputError
 from viscovib.results.trajectory import OUTCOMES
 from viscovib.systems.load import LoadLike, harmonics_of, oscillator_series
-from viscovib.systems.many_numbers import Kind, ManySystems, linear_parts
+from viscovib.systems.many_numbers import ManySystems, joined, scaled_parts
 from viscovib.systems.pendulum import PARAMETERS, Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 
 #: Scales of a polynomial system that may vary, in the order of the core.
 SCALES = ("load_scale", "stiffness_scale", "damping_scale", "forces_scale")
-#: Index of the number of moments in the arguments of runs after the step size.
-_MOMENTS = 6
 #: Index of the outcome "step too large".
 _COARSE = OUTCOMES.index("step too large")
 
@@ -86,7 +84,37 @@ class Members(ABC):
         """Add the findings of another process."""
 
 
-class PendulumMembers(Members):
+class LaneMembers(Members):
+    """Runs that are computed together in the vector unit."""
+
+    @abstractmethod
+    def _given(self, part: slice) -> tuple[str, dict[str, Any]]:
+        """Kind of the systems of some runs, and their numbers for the core."""
+
+    def first_steps(self, spans: FloatArray) -> int:
+        """Four steps per period of the fastest linear motion and of the highest load harmonic."""
+        kind, values = self._given(slice(0, self.n))
+        fastest = _native.run(f"ensemble rates of {kind}", **values)["rates"]
+        many = spans * fastest
+        if not np.isfinite(many).all():
+            raise InputError(
+                f"t_end = {spans.max():g}: contains more periods of the fastest motion (frequency "
+                f"{fastest.max():g}) than can be counted"
+            )
+        return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))
+
+    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
+        """Make some of the runs."""
+        kind, values = self._given(part)
+        *found, others = side_by_side(f"ensemble of {kind}", given, **values)
+        self._see_missed(part.start + np.flatnonzero(others["missed"]))
+        return tuple(found)
+
+    def _see_missed(self, runs: npt.NDArray[np.intp]) -> None:
+        """Note runs whose steps may have skipped a thin layer of a law."""
+
+
+class PendulumMembers(LaneMembers):
     """Pendulums with different parameters and starts."""
 
     def __init__(
@@ -110,27 +138,17 @@ class PendulumMembers(Members):
         for name, values in self.varied.items():
             self.flat[PARAMETERS.index(name)] = values
         self.flat = np.asfortranarray(self.flat)
-        self.natural = _native.run("system pendulum_frequencies", flat=self.flat)["omega"]
 
     def load_frequencies(self, sections: int) -> tuple[str, FloatArray]:
         """Return p1, p2 or p3."""
         name = f"p{_native.integer('sections', sections, 1, 3)}"
         return name, self.flat[PARAMETERS.index(name)]
 
-    def first_steps(self, spans: FloatArray) -> int:
-        """Four steps per period of the fastest linear motion."""
-        loads = self.flat[[PARAMETERS.index(name) for name in ("p1", "p2", "p3")]]
-        fastest = np.maximum(self.natural.max(axis=0), loads.max(axis=0))
-        return _steps(spans, fastest)
-
-    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
-        """Make some of the runs."""
-        return side_by_side(
-            "ensemble of pendulums", given, flat=self.flat[:, part], initial=self.states[part].T
-        )[:-1]
+    def _given(self, part: slice) -> tuple[str, dict[str, Any]]:
+        return "pendulums", {"flat": self.flat[:, part], "initial": self.states[part].T}
 
 
-class PolynomialMembers(Members):
+class PolynomialMembers(LaneMembers):
     """Polynomial systems without memory, with any laws; ``alone``: creates single runs.
 
     ``with_parameters``: creates systems with different parameters of laws or elements.
@@ -168,13 +186,11 @@ class PolynomialMembers(Members):
         for i, name in enumerate(SCALES):
             if name in self.varied:
                 self.scales[i] = self.varied[name]
-        own, of_laws = linear_parts(system)
-        self.kinds = [Kind(np.arange(self.n), system._flat[np.newaxis])]
-        self.own, self.of_laws = own[np.newaxis], of_laws[np.newaxis]
+        self.systems = joined([(system._flat, scaled_parts(system))])
         numbers = {name: self.varied[name] for name in given if name not in ("nu", *SCALES)}
         if numbers:
             assert with_parameters is not None
-            self.kinds, self.own, self.of_laws = with_parameters(numbers)
+            self.systems = with_parameters(numbers)
         self._alone = alone
         self._made_alone: set[int] = set()
 
@@ -183,44 +199,17 @@ class PolynomialMembers(Members):
         _native.integer("sections", sections, 1, 1)
         return "nu", self.nu
 
-    def first_steps(self, spans: FloatArray) -> int:
-        """Four steps per period of the fastest linear motion and of the highest load harmonic."""
-        inverse = np.linalg.inv(self.system._mass_matrix)
-        own, dampers, fixed, lost = (
-            np.abs(inverse @ part[..., i]).sum(axis=2).max(axis=1)
-            for part in (self.own, self.of_laws)
-            for i in (0, 1)
-        )
-        scales = np.abs(self.scales)
-        fastest = np.sqrt(own * scales[1] + fixed) + dampers * scales[2] + lost
-        return _steps(spans, np.maximum(fastest, self._highest * self.nu))
-
-    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
-        """Compute a part of the runs; runs of the same kind are computed together."""
-        if len(self.kinds) == 1:
-            return self._make(np.arange(part.start, part.stop), self.kinds[0], *given)
-        h, *settings, sections = given
-        whole: list[Any] = []
-        for kind in self.kinds:
-            runs = kind.runs[(kind.runs >= part.start) & (kind.runs < part.stop)]
-            if not runs.size:
-                continue
-            here = runs - part.start
-            own = np.asfortranarray(sections[:, :, here]) if sections.shape[2] else sections
-            if settings[_MOMENTS]:
-                settings[_MOMENTS] = runs.size
-            found = self._make(runs, kind, h[here], *settings, own)
-            if sections.shape[2]:
-                sections[:, :, here] = own
-            if not whole:
-                whole = [
-                    np.empty((*one.shape[:-1], h.size if one.shape[-1] else 0), one.dtype, "F")
-                    for one in found
-                ]
-            for all_of_it, its in zip(whole, found, strict=True):
-                if its.shape[-1]:
-                    all_of_it[..., here] = its
-        return tuple(whole)
+    def _given(self, part: slice) -> tuple[str, dict[str, Any]]:
+        flat, lengths, own = self.systems
+        if len(flat) > 1:
+            flat, lengths, own = flat[part], lengths[part], own[part]
+        d = own.shape[1]
+        return "oscillators", {
+            "flat": flat.T, "lengths": lengths, "orders": self.orders, "series": self.series,
+            "formulas": self.formulas,
+            "own": own.transpose(1, 2, 3, 0).reshape((d, d, -1), order="F"), "nu": self.nu[part],
+            "scales": self.scales[:, part], "initial": self.states[part].T,
+        }  # fmt: skip
 
     def found_so_far(self, part: slice, results: bool) -> Any:
         """Runs that need partial steps, and the findings about them."""
@@ -240,29 +229,19 @@ class PolynomialMembers(Members):
         members.discarded, members.gathered_since = self.discarded, self.gathered_since
         return members
 
-    def _make(self, runs: npt.NDArray[np.intp], kind: Kind, *given: Any) -> tuple[Any, ...]:
-        """Compute runs of one kind."""
-        flat, own = kind.flat, self.own
-        if flat.shape[0] > 1:
-            flat, own = flat[np.searchsorted(kind.runs, runs)], own[runs]
-        elif own.shape[0] > 1:
-            own = own[kind.runs]
-        d = own.shape[1]
-        *found, others = side_by_side(
-            "ensemble of oscillators", given, flat=flat.T, orders=self.orders, series=self.series,
-            formulas=self.formulas,
-            own=own.transpose(1, 2, 3, 0).reshape((d, d, -1), order="F"), nu=self.nu[runs],
-            scales=self.scales[:, runs], initial=self.states[runs].T,
-        )  # fmt: skip
+    def _see_missed(self, runs: npt.NDArray[np.intp]) -> None:
+        self._made_alone.update(runs.tolist())
+
+    def call(self, part: slice, *given: Any) -> tuple[Any, ...]:
+        """Compute a part of the runs."""
+        found = super().call(part, *given)
         h, *settings, sections = given
         # A run that needs partial steps once uses them for all step sizes: they are more accurate
         # than full steps and would disturb the comparison of step sizes.
-        self._made_alone.update(runs[others["missed"] != 0].tolist())
-        if not self._made_alone:
-            return tuple(found)
-        for k in np.flatnonzero([i in self._made_alone for i in runs.tolist()]):
+        for i in [i for i in range(part.start, part.stop) if i in self._made_alone]:
             # Common steps may have jumped over thin layers of laws; a single run detects them.
-            i, here = int(runs[k]), slice(k, k + 1)
+            k = i - part.start
+            here = slice(k, k + 1)
             its_own = sections[:, :, here] if sections.shape[2] else sections
             one = self._single().call(slice(i, i + 1), h[here], *settings, its_own)
             if self.step_is_sought and one[1][0] == _COARSE:
@@ -270,7 +249,7 @@ class PolynomialMembers(Members):
             for all_of_it, its in zip(found, one, strict=True):
                 if all_of_it.shape[-1]:
                     all_of_it[..., here] = its
-        return tuple(found)
+        return found
 
     def _refuse_outrun(self, i: int, h: float, reached: float, settings: list[Any]) -> None:
         """Refuse a diverging run whose laws change too fast, if shorter steps end there too."""
@@ -315,16 +294,6 @@ def side_by_side(
 def _side_by_side(method: str) -> str:
     name = _native.choice("method", method, ("auto", *SIDE_BY_SIDE))
     return "verner9" if name == "auto" else name
-
-
-def _steps(spans: FloatArray, fastest: FloatArray) -> int:
-    many = spans * fastest
-    if not np.isfinite(many).all():
-        raise InputError(
-            f"t_end = {spans.max():g}: contains more periods of the fastest motion (frequency "
-            f"{fastest.max():g}) than can be counted"
-        )
-    return max(1, math.ceil(min(float(many.max()) / (0.5 * math.pi), 2.0 * MAX_STEPS)))
 
 
 #: Largest size of the states of all runs; matrices, peaks and sums need further memory.

@@ -1,13 +1,12 @@
 """Vectors of numbers of polynomial systems with different parameters of their laws, for many runs.
 
-The core computes runs together if their systems have the same form: the same monomials and the same
-instructions of laws, with different numbers. A parameter may change the form: a factor of 0 removes
-a term, a power of 2 becomes a square. Such runs form a separate kind.
+A parameter may change the form of a system: a factor of 0 removes a term, a power of 2 becomes a
+square. The core finds the runs of the same form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,20 +22,14 @@ from viscovib.systems.spring_groups import Forces, by_equation
 _HEAD, _LAW_HEAD = 5, 7
 
 
-class Kind(NamedTuple):
-    """Runs of one form: their indices, and the vector of each, shape (m, n_flat)."""
-
-    runs: npt.NDArray[np.intp]
-    flat: FloatArray
-
-
 class ManySystems(NamedTuple):
-    """Systems of n runs: kinds, stiffness and damping."""
+    """Systems of n runs; n = 1: of all runs."""
 
-    kinds: list[Kind]
-    #: Stiffness and damping matrices, and the linear parts of laws at rest, shape (n, d, d, 2).
+    #: Vector of each, shape (n, most numbers), and how many numbers of it are used, shape (n,).
+    flat: FloatArray
+    lengths: npt.NDArray[np.int32]
+    #: Stiffness and damping matrices without the linear parts of laws, shape (n, d, d, 2).
     own: FloatArray
-    of_laws: FloatArray
 
 
 class _OneByOneError(Exception):
@@ -72,38 +65,21 @@ def _places(flat: FloatArray) -> _Places:
     return _Places(_HEAD + n * n, stiffness, monomials, laws)
 
 
-def systems_one_by_one(make: Callable[[int], PolynomialSystem], n: int) -> ManySystems:
-    """Create the systems one after another."""
-    own, of_laws, flats = [], [], []
-    kinds: dict[bytes, list[int]] = {}
-    for i in range(n):
-        system = make(i)
-        flat, d = system._flat, len(system.dof_names)
-        parts = linear_parts(system)
-        own.append(parts[0])
-        of_laws.append(parts[1])
-        flats.append(flat)
-        form, places = flat.copy(), _places(flat)
-        for first in (places.damping, *places.stiffness):
-            form[first : first + d * d] = 0.0
-        form[[*places.monomials, *(k for law in places.laws for k in law)]] = 0.0
-        kinds.setdefault(form.tobytes(), []).append(i)
-    return ManySystems(
-        [Kind(np.array(runs), np.stack([flats[i] for i in runs])) for runs in kinds.values()],
-        np.stack(own),
-        np.stack(of_laws),
-    )
+def joined(systems: Sequence[tuple[FloatArray, FloatArray]]) -> ManySystems:
+    """Systems from the vector and the `scaled_parts` of each."""
+    lengths = np.array([flat.size for flat, _ in systems], dtype=np.int32)
+    flat = np.zeros((len(systems), lengths.max()))
+    for row, (numbers, _) in zip(flat, systems, strict=True):
+        row[: numbers.size] = numbers
+    return ManySystems(flat, lengths, np.stack([own for _, own in systems]))
 
 
-def linear_parts(system: PolynomialSystem) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and damping matrices, and the linear parts of laws at rest, shape (d, d, 2)."""
+def scaled_parts(system: PolynomialSystem) -> FloatArray:
+    """Stiffness and damping matrices without the linear parts of laws, shape (d, d, 2)."""
     d = len(system.dof_names)
     slopes = [group.law_slopes for group in system.groups if group.law_slopes is not None]
     stiffness = system._stiffness_at_rest - sum(slopes, np.zeros((d, d)))
-    damping = np.asarray(system.damping)
-    own = np.stack([stiffness, damping], axis=2)
-    rest = [system._stiffness_at_rest - stiffness, system._damping - damping]
-    return own, np.stack(rest, axis=2)
+    return np.stack([stiffness, np.asarray(system.damping)], axis=2)
 
 
 def systems_of_parameters(
@@ -121,7 +97,7 @@ def systems_of_parameters(
     try:
         return _together(system, parameters, n, make)
     except _OneByOneError:
-        return systems_one_by_one(make, n)
+        return joined([(one._flat, scaled_parts(one)) for one in map(make, range(n))])
 
 
 class _ManyGroups(NamedTuple):
@@ -154,7 +130,6 @@ def _together(
             matrix = np.diag(np.atleast_1d(plain)) if plain.ndim < 2 else plain
         groups.append(_group(matrix, forces, system.dof_names, values, n))
     own = np.empty((n, d, d, 2))
-    of_laws = np.empty_like(own)
     at_rest = sum((g.stiffness for g in groups[1:]), groups[0].stiffness)
     with_laws = [g.slopes for g in groups if g.laws]
     own[..., 0] = at_rest - sum(with_laws, np.zeros((d, d)))
@@ -162,10 +137,9 @@ def _together(
     damping = own[..., 1]
     for group in groups:
         damping = damping + group.damping
-    of_laws[..., 0], of_laws[..., 1] = at_rest - own[..., 0], damping - own[..., 1]
     forms = [there for g in groups for _, there in g.forces.values()]
     forms += [column for g in groups for law in g.laws for column in law.form]
-    kinds = []
+    whole, lengths = np.zeros((n, 0)), np.empty(n, dtype=np.int32)
     for runs in _alike(forms, n):
         first_one = make(int(runs[0]))
         flat = np.tile(first_one._flat, (runs.size, 1))
@@ -183,8 +157,10 @@ def _together(
         laws = [law for g in groups for law in g.laws]
         for its, law in zip(places.laws, laws, strict=True):
             flat[:, its] = law.numbers(runs)
-        kinds.append(Kind(runs, flat))
-    return ManySystems(kinds, own, of_laws)
+        lengths[runs] = flat.shape[1]
+        whole = np.pad(whole, ((0, 0), (0, max(0, flat.shape[1] - whole.shape[1]))))
+        whole[runs, : flat.shape[1]] = flat
+    return ManySystems(whole, lengths, own)
 
 
 def _columns(matrices: FloatArray) -> FloatArray:
