@@ -1,6 +1,6 @@
 !> Tasks about ensembles of trajectories and basins of attraction.
 module viscovib_ensemble_tasks
-  use viscovib_basin_rules, only: check_orbit, disturbances, find_orbits, n_disturbed
+  use viscovib_basin_rules, only: check_orbit, comes_to_rest, disturbances, find_orbits, n_disturbed
   use viscovib_binding_tools, only: make_pendulum
   use viscovib_ensemble, only: ensemble_job
   use viscovib_gathered, only: gathered_type, single_request
@@ -67,6 +67,8 @@ contains
       call find_disturbances(task)
     case ('judgement')
       call check_one_orbit(task)
+    case ('rest')
+      call check_rest(task)
     case default
       call task%refuse_kind()
     end select
@@ -406,5 +408,21 @@ contains
     call task%found%put_integer('attracts', merge(1_i8, 0_i8, good))
     call task%found%put_real('rest', rest)
   end subroutine check_one_orbit
+
+  !> Whether a motion `comes` to rest, from the last `points` and `later` ones (w, k) of two runs.
+  subroutine check_rest(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: points(:, :), later(:, :), scale(:)
+    logical :: comes
+
+    points => task%get_matrix('points')
+    later => task%get_matrix('later')
+    scale => task%get_reals('scale')
+    call task%check_extents('later', shape(later), shape(points))
+    call task%check_extents('scale', shape(scale), [size(points, 1)])
+    if (task%failed()) return
+    comes = comes_to_rest(points, later, task%get_integer('period'), scale)
+    call task%found%put_integer('comes', merge(1_i8, 0_i8, comes))
+  end subroutine check_rest
 
 end module viscovib_ensemble_tasks

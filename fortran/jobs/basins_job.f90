@@ -2,8 +2,8 @@
 !! at t = 0 after rest. With memory it is not the whole state, so starts are perturbed, not
 !! states on orbits.
 module viscovib_basins_job
-  use viscovib_basin_rules, only: disturbances, find_orbits, has_left, check_orbit, n_disturbed, &
-    unsettled
+  use viscovib_basin_rules, only: check_orbit, comes_to_rest, disturbances, find_orbits, has_left, &
+    n_disturbed, unsettled
   use viscovib_constants, only: pi
   use viscovib_job, only: job_report, job_type, plan_line, plan_unwanted, table_sink
   use viscovib_kinds, only: i8, wp
@@ -222,7 +222,7 @@ contains
       call move_alloc(many%sections, points)
       return
     end if
-    if (subject%has_kernels()) then
+    if (subject%has_hidden_state()) then
       ! Its memory is not part of its state.
       call make_some(self, subject, states, (1.0_wp + again)*self%t_end, dt, 0, more, n_more, &
                      status)
@@ -318,8 +318,8 @@ contains
     type(status_type), intent(out) :: status
     type(many_motions) :: many
     real(wp) :: pushes(size(scale), n_disturbed), rest(size(shown)), place(size(scale))
-    real(wp), allocatable :: nearby(:, :)
-    logical :: by_starts
+    real(wp), allocatable :: nearby(:, :), later(:, :, :)
+    logical :: by_starts, has_kernels
     integer :: new(has_left:size(shown) - 1), i, j, n
     integer(i8) :: n_steps
 
@@ -327,7 +327,7 @@ contains
     allocate (good(size(shown)), nearby(size(scale), n_disturbed*size(shown)))
     n = size(points, 2)
     call disturbances(self%tolerance, pushes)
-    by_starts = subject%has_kernels()
+    by_starts = subject%has_hidden_state()
     do i = 1, size(shown)
       place = points(:, n, shown(i))
       if (by_starts) place = states(:, shown(i))
@@ -339,6 +339,11 @@ contains
       call make_some(self, subject, nearby, self%t_end, dt, 1, many, n_steps, status)
       if (status%failed()) return
     end if
+    has_kernels = subject%has_kernels()
+    if (by_starts .and. .not. has_kernels .and. size(shown) > 0) then
+      call find_later(self, subject, states(:, shown), dt, n, later, status)
+      if (status%failed()) return
+    end if
     new = unsettled
     new(has_left) = has_left
     n = 0
@@ -347,7 +352,11 @@ contains
       call check_orbit(many%state(:, j + 1:j + n_disturbed), &
                        many%ended(j + 1:j + n_disturbed) == run_completed, &
                        points(:, size(points, 2) - periods(shown(i)) + 1:, shown(i)), scale, &
-                       self%tolerance, by_starts, by_starts, good(i), rest(i))
+                       self%tolerance, by_starts, has_kernels, good(i), rest(i))
+      if (allocated(later)) then
+        good(i) = good(i) .and. comes_to_rest(points(:, :, shown(i)), later(:, :, i), &
+                                              periods(shown(i)), scale)
+      end if
       if (.not. good(i)) cycle
       new(i - 1) = n
       n = n + 1
@@ -364,6 +373,34 @@ contains
       n = n + j
     end do
   end subroutine check_all
+
+  !> The last points of some motions in runs twice as long.
+  subroutine find_later(self, subject, starts, dt, n_points, later, status)
+    class(basins_job), intent(in) :: self
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: starts(:, :), dt
+    integer, intent(in) :: n_points
+    real(wp), allocatable, intent(out) :: later(:, :, :)
+    type(status_type), intent(out) :: status
+    type(basins_job) :: longer
+    type(many_motions) :: many
+    integer(i8) :: n
+    integer :: i
+
+    longer = self
+    longer%n_periods = 2*self%n_periods
+    allocate (later(size(starts, 1), n_points, size(starts, 2)))
+    do i = 1, merge(1, n_points, self%sections > 0)
+      call make_some(longer, subject, starts, (2.0_wp + again*(i - 1))*self%t_end, dt, n_points, &
+                     many, n, status)
+      if (status%failed()) return
+      if (self%sections > 0) then
+        later = many%sections
+      else
+        later(:, i, :) = many%state
+      end if
+    end do
+  end subroutine find_later
 
   !> A row for each start; and one for each point of the attractors.
   subroutine put_tables(self, subject, states, found, sink, status)

@@ -62,6 +62,7 @@ module viscovib_subject
     procedure :: usual_tolerance
     procedure :: remembers
     procedure :: has_kernels
+    procedure :: has_hidden_state
     procedure :: goes_side_by_side
     procedure :: warnings
     procedure :: description
@@ -124,6 +125,18 @@ contains
     has_kernels = any(system%kernel_of > 0)
   end function has_kernels
 
+  !> True if coordinates and velocities are not the whole state: kernels, or laws with states.
+  logical function has_hidden_state(self) result(has)
+    class(subject_type), intent(in) :: self
+    integer :: i
+    has = self%has_kernels()
+    if (self%is_polynomial) has = has .or. any(self%polynomial%laws%state > 0)
+    if (.not. self%is_structure) return
+    do i = 1, size(self%model%elements)
+      has = has .or. any(self%model%elements(i)%laws%state > 0)
+    end do
+  end function has_hidden_state
+
   !> True if its motions can be computed in lanes.
   pure logical function goes_side_by_side(self, disturbed) result(goes)
     class(subject_type), intent(in) :: self
@@ -138,7 +151,9 @@ contains
            .and. .not. (any(self%polynomial%kernel_of > 0) .or. self%load%moves_base())
     if (.not. goes) return
     do i = 1, size(self%polynomial%laws)
-      if (self%polynomial%laws(i)%program%n_surfaces() > 0) goes = .false.
+      associate (law => self%polynomial%laws(i))
+        if (law%state > 0 .or. law%program%n_surfaces() > 0) goes = .false.
+      end associate
     end do
   end function goes_side_by_side
 

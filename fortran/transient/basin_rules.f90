@@ -13,7 +13,7 @@ module viscovib_basin_rules
   implicit none
   private
 
-  public :: find_orbits, disturbances, check_orbit
+  public :: find_orbits, disturbances, check_orbit, comes_to_rest
 
   !> Labels of motions that have not settled, and of motions that did not reach their end.
   integer, parameter, public :: unsettled = -1, has_left = -2
@@ -218,5 +218,29 @@ contains
       attracts = all(back) .and. away(1) <= 2.0_wp*near .and. (all(come) .or. away(1) <= stands)
     end if
   end subroutine check_orbit
+
+  !> True if a motion moves less from period to period at the end of a run twice as long, or is at
+  !! rest. With sticking friction, neighbours stay where they are and do not show creeping.
+  pure logical function comes_to_rest(points, later, period, scale) result(comes)
+    !> Last points of both runs, shape (width, n_points); those of a run that ended early are NaN.
+    real(wp), intent(in) :: points(:, :), later(:, :), scale(:)
+    integer, intent(in) :: period
+    comes = moved(later) <= max(nearer*moved(points), stands)
+
+  contains
+
+    !> The last period less the one before.
+    pure real(wp) function moved(seen)
+      real(wp), intent(in) :: seen(:, :)
+      real(wp) :: changes(size(seen, 1), period)
+      integer :: n
+      n = size(seen, 2)
+      changes = abs(seen(:, n - period + 1:) - seen(:, n - 2*period + 1:n - period)) &
+                /spread(scale, 2, period)
+      moved = maxval(changes)
+      if (any(changes /= changes)) moved = huge(1.0_wp)
+    end function moved
+
+  end function comes_to_rest
 
 end module viscovib_basin_rules

@@ -34,12 +34,30 @@ BEAM = """&structure coordinates='x1' 'x2' mass=1 1 stiffness=0.4 -1.1 -1.1 1.1 
 &element on='x1' law='d^3' /
 &basins vary='x1' 'x1_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 t_end=150 /
 """
+#: The sticking slider is part of the state.
+FRICTION = """&structure coordinates='x1' mass=1 stiffness=-1 damping=0.3 /
+&element on='x1' law='d^3' /
+&element on='x1' hysteresis='jenkins' hysteresis_numbers=2 0.05 /
+&basins vary='x1' 'x1_dot' from=-1.5 -1.2 to=1.4 1.3 count=3 3 t_end=60 /
+"""
+SHAKEN = FRICTION.replace("t_end=60", "nu=1.3 n_periods=40 max_period=4").replace(
+    "&basins", "&load amplitude=0.2 /\n&basins"
+)
 MOUNT = """&mount mass=1 inertia=0.5 offset=0.2 stiffness_x=1 stiffness_phi=0.6
   damping=0.3 0 0 0.2 /
 &kernel acts_on='x' kind='prony' weights=0.2 rates=0.7 /
 &load amplitude=0.1 /
 &basins vary='phi' 'x' from=-0.4 -0.2 to=0.3 0.3 count=2 2 nu=0.8 n_periods=20 max_period=2 /
 """
+
+
+def _with_friction():
+    return vv.Structure(
+        mass=np.eye(1), stiffness=-np.eye(1), damping=0.3 * np.eye(1),
+        elements=[
+            vv.Spring(on="x1", law="d^3"), vv.Jenkins(on="x1", stiffness=2, limit=0.05)
+        ],
+    )  # fmt: skip
 
 
 def _gap(t, y):
@@ -111,7 +129,9 @@ def test_kinks_kernels_and_structures(solve, tmp_path, name):
         assert np.abs(there[x] - run.y[0, -1]).min() < 1e-3
 
 
-@pytest.mark.parametrize("text", [WELLS, DUFFING, PENDULUM, GAP, MEMORY, BEAM, MOUNT])
+@pytest.mark.parametrize(
+    "text", [WELLS, DUFFING, PENDULUM, GAP, MEMORY, BEAM, MOUNT, FRICTION, SHAKEN]
+)
 def test_python_tells_the_same(solve, tmp_path, text):
     """The same labels, attractors and certainties."""
     rows, ends = _run(solve, tmp_path, text)
@@ -125,11 +145,15 @@ def test_python_tells_the_same(solve, tmp_path, text):
         call = {"n_periods": 40, "max_period": 4, "load": 0.15, "nu": 1.3}
     elif text is MOUNT:
         call = {"n_periods": 20, "max_period": 2, "load": 0.1, "nu": 0.8}
-    elif text in (MEMORY, BEAM):
-        call = {"t_end": 90.0 if text is MEMORY else 150.0}
+    elif text is SHAKEN:
+        call = {"n_periods": 40, "max_period": 4, "load": 0.2, "nu": 1.3}
+    elif text in (MEMORY, BEAM, FRICTION):
+        call = {"t_end": {MEMORY: 90.0, BEAM: 150.0, FRICTION: 60.0}[text]}
     scene = vv.Scene.read(tmp_path / "scene.nml")
-    kind = {PENDULUM: "pendulum", BEAM: "structure", MOUNT: "mount"}.get(text, "polynomial_system")
-    system = getattr(scene, kind)()
+    kind = {PENDULUM: "pendulum", MOUNT: "mount"}.get(text, "polynomial_system")
+    if text is BEAM:
+        kind = "structure"
+    system = getattr(scene, kind)() if text not in (FRICTION, SHAKEN) else _with_friction()
     found = vv.basins(system, {x: np.unique(rows[x]), y: np.unique(rows[y])}, **call)
     np.testing.assert_array_equal(found.labels.ravel(), rows["attractor"])
     np.testing.assert_allclose(found.moved.ravel(), rows["moved"], rtol=1e-2, atol=1e-9)

@@ -275,3 +275,24 @@ def test_what_is_wrong_one_after_another(solve, tmp_path, which, changes, text):
         f"count=3 initial={start} t_end=20 lyapunov='no' /\n"
     )
     check_refused(solve, tmp_path, changed(scene, changes), text)
+
+
+def test_a_slider_is_part_of_the_state(solve, tmp_path):
+    """Hysteresis elements are computed one after another, with their states."""
+    table = _run(
+        solve, tmp_path,
+        "&structure coordinates='x1' mass=1 stiffness=1 /\n"
+        "&element on='x1' hysteresis='jenkins' hysteresis_numbers=2 0.05 /\n"
+        "&load amplitude=0.2 /\n"
+        "&ensemble vary='nu' from=1 to=1.2 count=3 initial=1 0 t_end=20 /\n",
+    )  # fmt: skip
+    for nu, x in zip(table["nu"], table["x1"], strict=True):
+
+        def rates(t, y, nu=nu):
+            slips = abs(y[2]) >= 0.05 and y[1] * y[2] > 0
+            force = np.clip(y[2], -0.05, 0.05)
+            return [y[1], 0.2 * np.sin(nu * t) - y[0] - force, 0.0 if slips else 2 * y[1]]
+
+        # Steps are short, because the slider switches inside them.
+        run = solve_ivp(rates, (0, 20), [1, 0, 0.05], max_step=2e-3)
+        assert x == pytest.approx(run.y[0, -1], abs=2e-3)

@@ -36,8 +36,6 @@ _MOST_COORDINATES = 64
 _FEW, _LONG = 6, 1e4
 #: Number of motions for step size and scale; their tolerance for the step size.
 _PROBES, _PROBED = 16, 1e-6
-#: Largest remaining part of a perturbation of an attractor; largest relative motion of a rest.
-_NEARER, _STANDS = 0.5, 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -286,10 +284,11 @@ def _fastest(system: Any, call: Mapping[str, Any]) -> float:
     if not isinstance(few, Structure | Mount):
         own: float = few._fastest()
     else:
-        # The initial step size corresponds to two steps per period.
+        # The initial step size corresponds to two steps per period, to four without memory.
         start = np.zeros(2 * len(system.dof_names))
-        _, steps, _ = runs_of(system, _LONG, start, "auto", Acting(), None, False)
-        own = np.pi * steps / _LONG
+        make, steps, _ = runs_of(system, _LONG, start, "auto", Acting(), None, False)
+        run: Any = make(1.0)
+        own = (1.0 if run.by_nodes else 0.5) * np.pi * steps / _LONG
     return max(own, 0.0 if nu is None else _native.number("nu", nu))
 
 
@@ -343,10 +342,7 @@ def _come_to_rest(
     scale: FloatArray,
     call: Mapping[str, Any],
 ) -> npt.NDArray[np.bool_]:
-    """Mask of motions, one of each orbit, that move less in a run twice as long, or are at rest.
-
-    With sticking friction, neighbours stay where they are and do not show creeping.
-    """
+    """Mask of motions, one of each orbit, that come to rest in a run twice as long."""
     longer = dict(call)
     if "t_end" in call:
         ends = []
@@ -360,13 +356,13 @@ def _come_to_rest(
         found = simulate_ensemble(system, initial=starts, **longer).sections
         assert found is not None
         later = found
-    moved = []
-    for seen in (points, later):
-        pairs = [(one[-len(orbit) :], one[-2 * len(orbit) : -len(orbit)])
-                 for one, orbit in zip(seen, orbits, strict=True)]  # fmt: skip
-        moved.append(np.array([np.abs((new - old) / scale).max() for new, old in pairs]))
-    # Runs that did not reach their end are NaN, which is not smaller.
-    return np.asarray(moved[1] <= np.maximum(_NEARER * moved[0], _STANDS))
+    comes = [
+        _native.run("ensemble rest", points=one.T, later=other.T, period=len(orbit), scale=scale)[
+            "comes"
+        ]
+        for one, other, orbit in zip(points, later, orbits, strict=True)
+    ]
+    return np.array(comes, dtype=bool)
 
 
 def _only(
