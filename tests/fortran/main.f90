@@ -4,26 +4,20 @@ program tester
   use testing, only: report, select_test
   use test_balance, only: run_balance
   use test_base, only: run_base
-  use test_condensed, only: run_condensed
   use test_dense, only: run_dense
   use test_floquet, only: run_floquet
   use test_fourier, only: run_fourier
   use test_harmonics, only: run_harmonics
   use test_hereditary, only: run_hereditary_suite
-  use test_hill, only: run_hill
   use test_kernels, only: run_kernels
   use test_law_bounds, only: run_law_bounds
   use test_namelist, only: run_namelist
   use test_polynomial, only: run_polynomial
-  use test_response, only: run_response
   use test_roots, only: run_roots
-  use test_scales, only: run_scales
-  use test_scene, only: run_scene
   use test_skips, only: run_skips
   use test_structure_march, only: run_structure_march
   use test_table, only: run_table
   use test_torus, only: run_torus
-  use test_torus_orders, only: run_torus_orders
   use test_transient, only: run_transient
   implicit none
 
@@ -37,26 +31,20 @@ program tester
 
   if (wants('balance')) call run_balance()
   if (wants('base')) call run_base()
-  if (wants('condensed')) call run_condensed()
   if (wants('dense')) call run_dense()
   if (wants('floquet')) call run_floquet()
   if (wants('fourier')) call run_fourier()
   if (wants('harmonics')) call run_harmonics()
   if (wants('hereditary')) call run_hereditary_suite()
-  if (wants('hill')) call run_hill()
   if (wants('kernels')) call run_kernels()
   if (wants('law_bounds')) call run_law_bounds()
   if (wants('namelist')) call run_namelist()
   if (wants('polynomial')) call run_polynomial()
-  if (wants('response')) call run_response()
   if (wants('roots')) call run_roots()
-  if (wants('scales')) call run_scales()
-  if (wants('scene')) call run_scene()
   if (wants('skips')) call run_skips()
   if (wants('structure_march')) call run_structure_march()
   if (wants('table')) call run_table()
   if (wants('torus')) call run_torus()
-  if (wants('torus_orders')) call run_torus_orders()
   if (wants('transient')) call run_transient()
 
   if (.not. known) then

@@ -1,9 +1,8 @@
-!> Harmonic balance: derivatives against differences, and a branch through folds.
+!> Harmonic balance: derivatives against differences, and choice of orders.
 module test_balance
   use testing, only: begin, check, check_close, check_ok
   use viscovib_balance_ladder, only: balance_ladder_type, new_ladder
   use viscovib_catalogue, only: kernel_rzhanitsyn, new_kernel
-  use viscovib_curve_branch, only: curve_branch_type, curve_completed, curve_options, follow_curve
   use viscovib_harmonic_balance, only: balance_type, new_balance
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kernel_holder, only: kernel_holder
@@ -13,7 +12,6 @@ module test_balance
     mount_type, new_mount
   use viscovib_motion_norm, only: newton_factors
   use viscovib_newton_point, only: newton_point, point_from_rest
-  use viscovib_oscillator_curve, only: new_oscillator_curve, oscillator_curve_type, vary_frequency
   use viscovib_outcomes, only: outcome_converged
   use viscovib_point_orders, only: choose_orders, order_choice
   use viscovib_status, only: status_type
@@ -32,7 +30,6 @@ contains
         call compare_derivatives(geometry, .false.)
       end do
     end if
-    if (begin('a branch turns back twice')) call follow()
     if (begin('rungs hold the orders that a load moves')) then
       call climb([1], .true., [1, 3, 5, 7])
       call climb([3], .true., [3, 9, 15, 21])
@@ -192,51 +189,5 @@ contains
     call check(choice%rung <= choice%solved, 'the next point begins here or below')
     call check(size(ladder%rungs) == ladder%n_rungs + 1, 'one to judge the highest')
   end subroutine add_orders
-
-  subroutine follow()
-    type(mount_type), target :: mount
-    type(load_type), target :: load
-    type(harmonic_set_type) :: set
-    type(oscillator_curve_type) :: curve
-    type(curve_branch_type) :: branch
-    type(curve_options) :: options
-    type(status_type) :: status
-    real(wp) :: x(10, 2)
-    integer :: outcome, iterations, i
-
-    call example(geometry_cubic, .false., 0.5_wp, mount, load)
-    call new_load(load, 2, [1], reshape([(0.5_wp, 0.0_wp), (0.0_wp, 0.0_wp)], [2, 1]), &
-                  [(0.0_wp, 0.0_wp)], status)
-    call check_ok(status)
-    call new_harmonic_set(set, 9, .true., mount%degree)
-    call new_oscillator_curve(curve, mount, load, set, vary_frequency)
-    call curve%balance%set_frequency(mount, load, 0.5_wp)
-    iterations = 0
-    call point_from_rest(curve%balance, mount, load, 1.0e-10_wp, x, outcome, iterations)
-    call check(outcome == outcome_converged .and. iterations > 0, 'a first point')
-    options = curve_options(start=0.5_wp, finish=10.0_wp, max_points=500, &
-                            stops=[2.4_wp, 7.0_wp, 11.0_wp])
-    call follow_curve(curve, options, reshape(x, [20]), branch)
-    call check(branch%outcome == curve_completed .and. branch%folds%n == 2, 'two folds')
-    ! Harmonics up to 9 have an error of 5e-7.
-    call check_close(branch%folds%p(1), 2.593184316412_wp, 1.0e-6_wp, 'upper fold')
-    call check_close(branch%folds%p(2), 2.268892724956_wp, 1.0e-6_wp, 'lower fold')
-    call check_close(branch%parameter(branch%n_points), 10.0_wp, 0.0_wp, 'the end')
-    ! A good prediction needs few corrections: 3.1 per point.
-    call check(branch%n_points <= 220, 'long steps')
-    call check(sum(branch%iterations(:branch%n_points)) <= 7*branch%n_points/2, 'few corrections')
-    ! At a load of 2.4, between the folds, three motions exist.
-    call check(size(branch%stops) == 4, 'stops')
-    call check(all(branch%parameter(branch%stops) == [2.4_wp, 2.4_wp, 2.4_wp, 7.0_wp]), &
-               'their places')
-    do i = 1, 2
-      associate (k => branch%folds%before(i))
-        call check((branch%parameter(k) - branch%folds%p(i)) &
-                   *(branch%parameter(k) - branch%parameter(k - 1)) < 0.0_wp &
-                   .and. (branch%parameter(k + 1) - branch%folds%p(i)) &
-                   *(branch%parameter(k + 1) - branch%parameter(k + 2)) < 0.0_wp, 'before a fold')
-      end associate
-    end do
-  end subroutine follow
 
 end module test_balance

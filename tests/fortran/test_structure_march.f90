@@ -1,22 +1,10 @@
-!> Structures in time: modal sections over a step against known motions, and runs with two
-!! step sizes.
+!> Structures in time: modal sections over a step against known motions.
 module test_structure_march
-  use testing, only: begin, check, check_close, check_ok
-  use viscovib_base_motion, only: base_motion_type
-  use viscovib_hereditary_run, only: run_hereditary
-  use viscovib_histories, only: past_request
+  use testing, only: begin, check, check_close
   use viscovib_kinds, only: wp
-  use viscovib_march, only: begun
-  use viscovib_modal_maps, only: sections_type
-  use viscovib_polynomial, only: polynomial_type
   use viscovib_quadrature, only: gauss_nodes, legendre
   use viscovib_section_step, only: driven_section, free_section, legendre_moments, &
     relaxing_section, section_wave
-  use viscovib_status, only: status_type
-  use viscovib_structure_march, only: new_structure_march, structure_march_type
-  use viscovib_system_vector, only: polynomial_from_vector
-  use viscovib_time_load, only: time_load_type
-  use viscovib_time_run, only: run_completed, time_run
   implicit none
   private
 
@@ -36,7 +24,6 @@ contains
     if (begin('waves of sections')) call waves()
     if (begin('free sections in two halves')) call halves()
     if (begin('moments of exponentials')) call moments()
-    if (begin('steps of two lengths')) call two_lengths()
   end subroutine run_structure_march
 
   !> q = 1 + 2 t - t^2 + t^5/2 is the response to the load q'' + rate q' + square q.
@@ -165,68 +152,5 @@ contains
       call check(abs(m(2)/6.0_wp + m(1)/2.0_wp + m(0)/3.0_wp - exact) < 3.0e-14_wp, 'x^2')
     end do
   end subroutine moments
-
-  !> Stiff modes, a decaying pole, a cubic spring with memory, a load table, two harmonics.
-  subroutine two_lengths()
-    real(wp) :: ends(4, 2)
-    call run_in(40, ends(:, 1))
-    call run_in(80, ends(:, 2))
-    call check(maxval(abs(ends(:, 1) - ends(:, 2))) < 1.0e-11_wp, 'steps of two lengths agree')
-    call check(maxval(abs(ends(:, 1))) > 1.0e-3_wp, 'something moves')
-  end subroutine two_lengths
-
-  subroutine run_in(n, last)
-    integer, intent(in) :: n
-    real(wp), intent(out) :: last(4)
-    type(polynomial_type), target :: elements
-    type(sections_type) :: sections
-    type(past_request) :: request
-    type(structure_march_type) :: run
-    type(time_load_type) :: load
-    type(base_motion_type) :: base
-    type(status_type) :: status
-    type(time_run) :: steps
-    real(wp) :: thinnest
-    integer :: reason
-
-    ! One coordinate; a spring 0.3 with kernel 1, whose elastic part is linear; 0.5 d^3.
-    call polynomial_from_vector(elements, [1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 1.0_wp, 0.0_wp, &
-                                           0.0_wp, 1.0_wp, 0.3_wp, 0.5_wp, 1.0_wp, 1.0_wp, 3.0_wp, &
-                                           2.0_wp, 2.0_wp, 0.4_wp, 1.5_wp], status)
-    call check_ok(status)
-    sections%squares = [1.0_wp, 0.0_wp, 1.0e6_wp]
-    sections%rates = [0.1_wp, 0.0_wp, 1.0_wp]
-    sections%seen = reshape([0.7_wp, 0.5_wp, 0.1_wp], [3, 1])
-    sections%pushed = reshape([0.7_wp, 0.5_wp, 0.1_wp, 1.0_wp, 0.2_wp, -0.3_wp], [3, 2])
-    sections%frequencies = [0.9_wp, 1.8_wp]
-    sections%waves = reshape([cmplx(0.3_wp, 0.1_wp, wp), (0.0_wp, 0.0_wp), (0.2_wp, 0.0_wp), &
-                              (0.0_wp, 0.1_wp), (0.0_wp, 0.0_wp), (0.0_wp, 0.0_wp)], [3, 2])
-    sections%inner = [0.0_wp, 0.0_wp, 0.0_wp]
-    allocate (sections%others%poles(1), source=cmplx(-0.3_wp, 2.0_wp, wp))
-    allocate (sections%others%left(1, 1), source=cmplx(0.2_wp, 0.1_wp, wp))
-    allocate (sections%others%right(1, 2), source=cmplx(0.1_wp, -0.4_wp, wp))
-    allocate (sections%others%sine(1, 2), source=cmplx(0.1_wp, 0.3_wp, wp))
-    allocate (sections%others%cosine(1, 2), source=cmplx(0.2_wp, 0.0_wp, wp))
-    allocate (sections%others%by_base(1), sections%others%by_base_rate(1), source=(0.0_wp, 0.0_wp))
-    allocate (load%frequencies(0), load%amplitudes(1, 0))
-    load%breaks = [0.0_wp, 20.0_wp]
-    load%pieces = reshape([1.0e-3_wp, -0.01_wp, 0.1_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp], &
-                          [1, 4, 2])
-    request%held = [0.0_wp]
-    request%h = 10.0_wp/n
-    request%t_end = 100.0_wp
-    request%tolerance = 1.0e-13_wp
-    call new_structure_march(run, elements, sections, sections%seen, sections%others%left, load, &
-                             request, [0.1_wp, 0.0_wp, 0.0_wp, 0.2_wp], &
-                             [0.0_wp, 0.1_wp, 0.0_wp, 0.0_wp], reason)
-    call check(reason == begun, 'a run begins')
-    steps%n_steps = n
-    steps%times = [0.1_wp, 1.234_wp, 7.7_wp]
-    call steps%allocate_states(2, 0, 10.0_wp/n)
-    call run_hereditary(run, base, steps, .false., thinnest)
-    call check(steps%ended == run_completed .and. steps%n_reached == 3, 'a run ends')
-    call run%observe(last(1:1), last(2:2))
-    last(3:4) = steps%at_times(:, 2)
-  end subroutine run_in
 
 end module test_structure_march

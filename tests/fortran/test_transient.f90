@@ -7,21 +7,13 @@ module test_transient
   use viscovib_kinds, only: i8, wp
   use viscovib_lanes, only: n_lanes
   use viscovib_law_lanes, only: evaluate_lanes
-  use viscovib_law_program, only: law_program, put_argument, put_number
-  use viscovib_law_term, only: law_term
+  use viscovib_law_program, only: law_program
   use viscovib_law_text, only: compile_law
-  use viscovib_load, only: load_type, new_load
-  use viscovib_method_catalogue, only: new_stepper
-  use viscovib_moving_element, only: state_stop
-  use viscovib_kernel_holder, only: kernel_holder
   use viscovib_pendulum, only: equations_exact, equations_printed, new_pendulum, &
     pendulum_parameters, pendulum_type
   use viscovib_phases, only: new_phases, phases_type
-  use viscovib_polynomial, only: new_polynomial, polynomial_parameters, polynomial_type
-  use viscovib_polynomial_motion, only: new_polynomial_motion, polynomial_motion_type
   use viscovib_simulate, only: simulate
   use viscovib_status, only: status_type
-  use viscovib_stepper, only: stepper_type
   use viscovib_time_run, only: run_coarse, run_completed, run_unphysical, time_run
   use viscovib_vector_math, only: exponential_lanes, largest_angle, logarithm_lanes, &
     sine_cosine_array, tangent_lanes
@@ -50,7 +42,6 @@ contains
     if (begin('sine and cosine to an ulp')) call compare_sines()
     if (begin('exp, tanh and log to two ulps')) call compare_exponentials()
     if (begin('laws over lanes are the laws')) call compare_laws()
-    if (begin('friction, hysteresis and stops switch')) call switch_on()
     if (begin('collocation integrates polynomials')) call integrate_powers()
     if (begin('phases after a million steps')) call long_phases()
     if (begin('every equation runs and keeps to its start at rest')) call rest()
@@ -123,81 +114,6 @@ contains
       end do
     end do
   end subroutine compare_laws
-
-  !> A mass on a spring under sin(0.8 t)/2 with dry friction, a Jenkins element and a rigid stop, by
-  !! two methods; with one of them the mass is in contact at the end.
-  subroutine switch_on()
-    real(wp) :: one(2), other(2)
-    type(law_term) :: law
-    character(len=:), allocatable :: fault
-    integer :: degree, parity
-
-    call compile_law('0.3*sign(v)', ['v'], [character(len=1) ::], [real(wp) ::], law%program, &
-                     parity, degree, fault)
-    call check(fault == '', 'compiles: '//fault)
-    law%arguments = reshape([0.0_wp], [1, 1])
-    law%rates = reshape([1.0_wp], [1, 1])
-    law%parity = -1
-    call run_with(law, 1, one)
-    call run_with(law, 8, other)
-    call check_close(one(1), 0.62441508_wp, 1.0e-8_wp, 'sticks, by gauss8')
-    call check_close(other(1), one(1), 1.0e-9_wp, 'sticks, by verner9')
-    law%arguments = reshape([1.0_wp], [1, 1])
-    law%rates = reshape([0.0_wp], [1, 1])
-    law%program%code = [put_argument, put_number, put_number]
-    law%program%number = [1.0_wp, 5.0_wp, 0.3_wp]
-    law%state = 1
-    call run_with(law, 1, one)
-    call run_with(law, 8, other)
-    call check_close(other(1), one(1), 1.0e-9_wp, 'a slider', floor=1.0_wp)
-    law%program%code = [put_argument, put_number, put_number, put_number]
-    law%program%number = [1.0_wp, 0.2_wp, 0.0_wp, 1.0_wp]
-    law%state = state_stop
-    call run_with(law, 1, one)
-    call run_with(law, 8, other)
-    call check_close(other(1), one(1), 1.0e-9_wp, 'a stop', floor=1.0_wp)
-    call check(abs(one(1)) <= 0.2_wp + 1.0e-12_wp, 'within the stops')
-  end subroutine switch_on
-
-  subroutine run_with(law, method, state)
-    type(law_term), intent(in) :: law
-    integer, intent(in) :: method
-    real(wp), intent(out) :: state(2)
-    type(polynomial_parameters) :: p
-    type(polynomial_type) :: system
-    type(polynomial_motion_type) :: motion
-    type(kernel_holder) :: none(0)
-    type(load_type) :: load
-    class(stepper_type), allocatable :: stepper
-    type(status_type) :: status
-    type(time_run) :: run
-
-    p%mass = reshape([1.0_wp], [1, 1])
-    p%damping = reshape([0.05_wp], [1, 1])
-    ! The stiffness contains the spring of a sticking slider.
-    p%stiffness = reshape([merge(6.0_wp, 1.0_wp, law%state == 1)], [1, 1, 1])
-    p%spring_kernel = [0]
-    allocate (p%coefficient(0), p%on(0), p%monomial_kernel(0), p%powers(1, 0), p%laws(1))
-    p%base_direction = [0.0_wp]
-    p%laws(1) = law
-    p%laws(1)%equations = [1]
-    p%laws(1)%variables = [0]
-    p%laws(1)%weights = [1.0_wp]
-    p%laws(1)%program%n_arguments = 1
-    call p%laws(1)%program%measure()
-    call new_polynomial(system, p, none, status)
-    call check_ok(status)
-    call new_load(load, 1, [1], reshape([(0.5_wp, 0.0_wp)], [1, 1]), [(0.0_wp, 0.0_wp)], status)
-    call check_ok(status)
-    call new_polynomial_motion(motion, system, load, 0.8_wp, status)
-    call check_ok(status)
-    call new_stepper(stepper, motion, method, [0.0_wp], [0.0_wp], 0.0_wp, 0.1_wp, 1.0e-15_wp)
-    run%n_steps = 200
-    call run%allocate_states(2, 0, 0.1_wp)
-    call simulate(stepper, motion, run)
-    call check(run%ended == run_completed, 'completed')
-    state = [stepper%q(1), stepper%v(1)]
-  end subroutine run_with
 
   !> sum_j b_j c_j^k = 1/(k+1) up to k = 2s-1; sum_j a_ij c_j^k = c_i^(k+1)/(k+1)
   !! up to k = s-1; the same twice for the square of a.
