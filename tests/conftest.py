@@ -16,7 +16,6 @@ LONGEST = (
     "test_thin_layers",
     "test_structure_vary",
     "test_examples",
-    "test_scales_random",
     "test_fluid_dampers",
     "test_switches_with_memory",
     "test_steady_motion",

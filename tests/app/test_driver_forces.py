@@ -127,3 +127,13 @@ def test_requests_that_are_refused(solve, tmp_path):
         ("peaks='maybe'", "peaks = 'maybe': must be one of 'no', 'yes'"),
     ):
         check_refused(solve, tmp_path, PENDULUM.format(keys), reported)
+    plain = "&structure mass=1 2 stiffness=2 -1 -1 2 size=2"
+    slider = "hysteresis='jenkins' hysteresis_numbers=2 0.1"
+    for head, reported in (
+        (f"{plain} /\n", "forces = 'yes': needs an &element or supports"),
+        (f"{plain} loss_factor=0.1 /\n&element on='x1' {slider} /\n",
+         "hysteresis: a motion in time needs"),
+    ):  # fmt: skip
+        check_refused(
+            solve, tmp_path, f"{head}&transient t_end=1 dt=0.1 forces='yes' /\n", reported
+        )

@@ -31,7 +31,7 @@ def worst(found, stiffness, load):
     return max(errors)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("remembers", [False, True])
 def test_linear_motions_keep_their_digits_where_an_element_is_at_rest(seed, remembers):
     """Regression: up to 1e7 times the rounding error, 1e-7 of the motion for a damping of 1e-5."""
@@ -56,20 +56,6 @@ def test_linear_motions_keep_their_digits_where_an_element_is_at_rest(seed, reme
     assert worst(motion.coefficients[:, :, 0], stiffness, load) < 300
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_so_do_structures(seed):
-    k, c, places, nu, load = chain(seed)
-    n = load.size
-    elements = [vv.Spring(on=f"x{a + 1}", stiffness=0.2, law="d^3") for a in places]
-    body = vv.Structure(mass=np.ones(n), stiffness=k, damping=c, elements=elements)
-    wanted = [f"x{i + 1}" for i in range(n)]
-    motion = vv.forced_response(body, nu, load=load, method="linear", coordinates=wanted)
-    held = np.zeros((n, n))
-    held[places, places] = 0.2
-    stiffness = [k - w**2 * np.eye(n) + 1j * w * c + held for w in nu]
-    assert worst(motion.coefficients[:, :, 0], stiffness, load) < 300
-
-
 def left_over(found, orders, nu, stiffness, load, force):
     """Residual of the full equations, relative to their terms; ``force`` from samples."""
     phase = 2 * np.pi * np.arange(1024) / 1024
@@ -85,13 +71,18 @@ def left_over(found, orders, nu, stiffness, load, force):
     return left / size
 
 
-@pytest.mark.parametrize("kind", ["cubic", "remembers", "tanh", "dampers", "structure"])
-@pytest.mark.parametrize("method", ["newton", "successive"])
+@pytest.mark.parametrize(
+    ("kind", "method"),
+    [
+        ("cubic", "newton"), ("remembers", "successive"), ("tanh", "newton"),
+        ("dampers", "newton"), ("structure", "newton"),
+    ],
+)  # fmt: skip
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 def test_nonlinear_motions_keep_their_digits_where_an_element_is_at_rest(kind, method):
     """Regression: forces by H^-1 from deflections had errors of up to 7e-9 of the motion."""
     worst = 0.0
-    for seed in range(3):
+    for seed in range(2):
         k, c, places, nu, load = chain(seed)
         n = load.size
         load = 0.01 * load

@@ -97,7 +97,7 @@ def test_nonlinear_engine_with_memory():
         assert forces.lost_power[i].sum() == pytest.approx(power, rel=1e-11)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_mount_forces_move_the_body(seed):
     """Newton-Euler equations for each harmonic: loads minus mount forces are M u''."""
     rng = np.random.default_rng(seed)
@@ -117,24 +117,6 @@ def test_mount_forces_move_the_body(seed):
                 left[3:] += np.cross(np.asarray(mount.position), force)
             assert np.abs(left).max() < 1e-8 * np.abs(load).max()
     assert found.converged.any()
-
-
-def test_a_mount_in_the_plane():
-    """A plane mount equals a body with a mount that holds x and the rotation."""
-    kernel = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.3, beta=0.05)
-    plane = vv.Mount(
-        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel
-    )
-    foot = vv.MountPoint(
-        name="foot", position=(0, 0, -0.5), stiffness=(10, 3, 4), kernel=kernel,
-        rotational_stiffness=(1, 2, 1),
-    )  # fmt: skip
-    space = vv.Body(mass=1, inertia=(0.1, 0.1, 0.1), mounts=[foot])
-    nu = np.linspace(0.5, 9, 40)
-    flat = vv.forced_response(plane, nu, load=0.1, method="linear")
-    full = vv.forced_response(space, nu, load=space.load((0.1, 0, 0)), method="linear")
-    for name, other in (("x", "x"), ("phi", "ry")):
-        np.testing.assert_allclose(full.amplitude(other), flat.amplitude(name), rtol=1e-12)
 
 
 def test_transmissibility_is_a_response():
@@ -302,7 +284,7 @@ def states_of(body):
 def test_modes_of_rubber_are_damped_roots():
     """Random bodies on two rubbers: eigenvalues and eigenvectors of the ordinary equations."""
     rng = np.random.default_rng(71)
-    for _ in range(12):
+    for _ in range(5):
         kernels = []
         for _ in range(2):
             rates = np.exp(rng.uniform(0, 7, 3))
@@ -394,25 +376,6 @@ def test_scatter():
         modes = vv.Body(mass=body.body_mass, inertia=body.inertia, mounts=mounts).modes()
         np.testing.assert_allclose(frequencies[i], modes.hz, rtol=1e-10)
         np.testing.assert_allclose(decoupling[i], modes.decoupling, rtol=1e-8)
-
-
-def test_all_methods_take_a_body():
-    """Branches with stability, and motions in time that settle to steady motions."""
-    kernel = vv.PronyKernel(weights=[20.0], rates=[60.0])
-    body = engine(kernel, "1e10*d^3")
-    load = body.load(torque=(0, 400, 0))
-    branch = vv.trace_response(body, (8 * hz, 12 * hz), load=load, tolerance=1e-6)
-    assert branch.stable is not None
-    assert branch.nu.size > 5
-    run = vv.simulate(body, 0.2, load=load, nu=10 * hz, dt=1e-3)
-    assert run.outcome == "completed"
-    # Time integration and harmonic balance agree after the transient.
-    long = vv.simulate(body, 4.0, load=load, nu=10 * hz, dt=2e-3)
-    steady = vv.forced_response(body, [10 * hz], load=load, method="newton")
-    last = long.state[-50:, ::2]
-    waves = np.exp(1j * np.outer(long.t[-50:], steady.harmonics) * 10 * hz)
-    expected = np.einsum("dk,tk->td", steady.coefficients[0], waves).imag
-    np.testing.assert_allclose(last, expected, atol=1e-6 * np.abs(expected).max())
 
 
 GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
@@ -692,72 +655,6 @@ def test_a_mount_made_anew_is_the_same():
     np.testing.assert_array_equal(other.static_stiffness, mount.static_stiffness)
 
 
-def test_random_floor_and_engine_orders():
-    """White noise on a lightly damped oscillator: Miles' equation; engine orders are responses."""
-    omega, zeta, level = 2 * math.pi * 10, 0.01, 0.2
-    mass = 5.0
-    foot = vv.MountPoint(
-        name="foot", position=(0, 0, 0), stiffness=(mass * omega**2,) * 3,
-        damping=2 * zeta * omega * mass, rotational_stiffness=(1e4,) * 3,
-    )  # fmt: skip
-    body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[foot])
-    _, rms = body.random_floor([0, 400], [level, level], "z")
-    # With the damper term: f0 (1 + 4 zeta^2) pi/(4 zeta) S, minus the part above 400 Hz.
-    white = 10 * math.pi * (1 + 4 * zeta**2) / (4 * zeta) * level
-    assert rms[2] ** 2 == pytest.approx(white, rel=2e-3)
-    np.testing.assert_allclose(rms[:2], 0, atol=1e-12)
-    body = engine(vv.PronyKernel(weights=[20.0], rates=[60.0]))
-    loads = [body.load(torque=(0, 300, 0)), body.load(force=(0, 0, 50), at=(0.1, 0, 0))]
-    speeds = np.array([60.0, 90.0])
-    found = body.engine_orders(speeds, [0.5, 2], loads)
-    for i, speed in enumerate(speeds):
-        for j, order in enumerate((0.5, 2)):
-            one = vv.forced_response(body, [order * speed], load=loads[j], method="linear")
-            np.testing.assert_allclose(found[i, j], one.coefficients[0, :, 0], rtol=1e-9)
-    with pytest.raises(vv.InputError, match=r"loads: must have shape \(2, 6\)"):
-        body.engine_orders(speeds, [0.5, 2], loads[0])
-    with pytest.raises(vv.InputError, match="hz: must be ascending"):
-        body.random_floor([2, 1], [1, 1])
-
-
-@pytest.mark.parametrize(
-    ("laws", "order"), [((None, None, "1e10*d^3"), 1), ((None, "2e9*d^3 + 1e7*d^2", None), 2)]
-)
-def test_condensed_judge_agrees_with_the_whole(laws, order):
-    """Stability in the deflections with laws: the exponents are those of the full equations.
-
-    The kernels of the mounts differ, so the eliminated part also has memory.
-    """
-    soft = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20)
-    stiff = vv.RzhanitsynKernel(amplitude=3, alpha=0.7, beta=60)
-    mounts = [
-        vv.MountPoint(
-            name=mount.name, position=mount.position, stiffness=mount.stiffness,
-            angles=mount.angles, law=laws, kernel=(soft, stiff if i else None, soft), damping=20.0,
-        )
-        for i, mount in enumerate(engine().mounts)
-    ]  # fmt: skip
-    body = vv.Body(mass=DATA["mass"], inertia=DATA["inertia"], mounts=mounts)
-    whole = vv.PolynomialSystem(
-        mass=body.mass, damping=body.damping, springs=body.springs, names=body.dof_names,
-        stiffness=body.stiffness, forces=body.forces,
-    )  # fmt: skip
-    assert body._condensation is not None
-    assert whole._condensation is None
-    given = {"load": body.load(torque=(0, 300, 0)), "harmonics": 9, "method": "newton",
-             "tolerance": 1e-5}  # fmt: skip
-    nu = np.array([9, 10.4, 12, 24, 27.0]) * hz * order / 2
-    one, other = (vv.forced_response(s, nu, stability=True, **given) for s in (body, whole))
-    np.testing.assert_allclose(one.coefficients, other.coefficients, atol=1e-10)
-    np.testing.assert_array_equal(one.stable, other.stable)
-    assert all(verdict is not None for verdict in one.stable)
-    for mine, theirs, at in zip(one.exponents, other.exponents, nu, strict=True):
-        for s in mine[:2]:
-            # Modulo i nu.
-            lines = np.exp(2 * np.pi * theirs[np.isfinite(theirs)] / at)
-            assert np.abs(lines - np.exp(2 * np.pi * s / at)).min() < 1e-6
-
-
 def test_a_mode_moves(tmp_path):
     """The box of the animation moves with the mode shape; files are animations."""
     from PIL import Image
@@ -786,7 +683,7 @@ def test_a_mode_moves(tmp_path):
         body.animate_mode(1, tmp_path / "mode.png")
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_moments_of_mounts(seed):
     """Moment balance with mounts of rotational stiffness, and total dissipated power."""
     rng = np.random.default_rng(100 + seed)

@@ -618,7 +618,7 @@ def test_points_in_passing_are_good_to_rounding():
         assert np.abs(branch.coefficients[i] - single.coefficients[0]).max() < 1e-12 * size
 
 
-@pytest.mark.parametrize("max_step", [0.042, 0.058, 0.076, 0.092, 0.098])
+@pytest.mark.parametrize("max_step", [0.042, 0.092])
 def test_a_branch_point_is_found_from_the_side_branch_too(max_step):
     """Newton's method may converge to the main branch where both branches are close."""
     options = {"load_range": (0.1, 30), "nu": 1, "load": 1, "harmonics": 21, "symmetric": False}
@@ -634,7 +634,7 @@ def test_a_branch_point_is_found_from_the_side_branch_too(max_step):
 WEAK_MEMORY = vv.RzhanitsynKernel(amplitude=0.005, alpha=0.1, beta=0.05)
 
 
-@pytest.mark.parametrize("harmonics", [15, 25, 31])
+@pytest.mark.parametrize("harmonics", [15, 31])
 def test_no_sharp_fold_is_lost(harmonics):
     """With many corrections the predicted tangents are inaccurate; a fold may precede its step."""
     body = vv.Mount(**M0, kernel=WEAK_MEMORY)
@@ -683,7 +683,7 @@ def random_branches(seed, count):
 def test_folds_come_in_pairs_and_once_each():
     """Regression: 1 of 50 branches had a missing or doubled fold, 1 of 1000 met another branch."""
     n_completed = 0
-    for branch in random_branches(5, 200):
+    for branch in random_branches(5, 60):
         if branch.outcome != "completed":
             continue
         n_completed += 1
@@ -692,7 +692,7 @@ def test_folds_come_in_pairs_and_once_each():
         turns = np.count_nonzero(np.diff(np.sign(np.diff(branch.nu))))
         assert branch.folds.size >= turns
         assert (np.diff(np.sort(branch.folds)) > 1e-9).all()
-    assert n_completed > 190
+    assert n_completed > 56
 
 
 def nearest(branch, nu, motion):
@@ -705,9 +705,11 @@ def nearest(branch, nu, motion):
     return sizes.min() / np.linalg.norm(motion)
 
 
-@pytest.mark.parametrize("geometry", ["cubic", "exact"])
-@pytest.mark.parametrize("kernel", [None, WEAK_MEMORY], ids=["no memory", "memory"])
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-9])
+@pytest.mark.parametrize(
+    ("geometry", "kernel", "tolerance"),
+    [("cubic", None, 1e-6), ("exact", WEAK_MEMORY, 1e-9), ("exact", None, 1e-9)],
+    ids=["cubic", "exact with memory", "exact"],
+)
 def test_orders_chosen_point_by_point_keep_the_tolerance(geometry, kernel, tolerance):
     body = damped(geometry=geometry, kernel=kernel)
     branch = vv.trace_response(
@@ -783,7 +785,7 @@ def test_parameters_vary_to_the_ends_of_their_values(harmonics):
     assert away.coefficients[-1, :, :3] == pytest.approx(up.coefficients[-1, :, :3], rel=1e-8)
 
 
-@pytest.mark.parametrize("f0", [0.0039, 0.00395, 0.004, 0.0041, 0.00405])
+@pytest.mark.parametrize("f0", [0.0039, 0.004])
 def test_an_ulp_moves_points_by_rounding_only(f0):
     """Step sizes from angles with all digits would give branches with other numbers of points.
 
@@ -824,21 +826,6 @@ def test_the_estimate_along_a_branch_is_the_error(tolerance):
     assert (ratio < 1.7).all()
 
 
-def test_a_long_step_does_not_meet_another_branch():
-    """Regression: without short steps at sign changes of the determinant 99 folds, not 8."""
-    body = vv.Mount(
-        mass=1, inertia=0.0429232519164011, offset=0.7055926861535239, stiffness_x=10,
-        stiffness_phi=1.895326326694771, damping=0.0018234194009583745 * STIFFNESS,
-    )  # fmt: skip
-    for step in (0.1, 0.05, 0.02):
-        branch = vv.trace_response(
-            body, (0.5, 10), load=0.2600742426487873, harmonics=9, max_step=step, stability=False
-        )
-        assert branch.outcome == "completed"
-        assert branch.folds.size == 8
-        assert branch.branch_points == ()
-
-
 def test_branch_points_do_not_depend_on_steps():
     options = dict(load_range=(0.1, 30), nu=1, load=1, harmonics=21, symmetric=False)
     places = np.array([
@@ -848,9 +835,9 @@ def test_branch_points_do_not_depend_on_steps():
                 _duffing(), **options, max_step=step, stability=False
             ).branch_points
         ]
-        for step in np.linspace(0.04, 0.1, 7)
+        for step in np.linspace(0.04, 0.1, 3)
     ])  # fmt: skip
-    assert places.shape == (7, 3)
+    assert places.shape == (3, 3)
     assert np.ptp(places, axis=0) == pytest.approx(0, abs=1e-11)
 
 
@@ -883,18 +870,6 @@ def test_a_smaller_angle_gives_a_finer_curve():
     np.testing.assert_array_equal(default.coefficients, usual.coefficients)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.31, np.nan])
-def test_a_wrong_angle_is_refused(angle):
-    with pytest.raises(vv.InputError, match="angle"):
-        vv.trace_response(damped(), (0.5, 1), load=0.5, angle=angle)
-
-
-@pytest.mark.parametrize("most", [0, 1.5, 10**6])
-def test_a_wrong_number_of_folds_is_refused(most):
-    with pytest.raises(vv.InputError, match=f"max_folds = {most}: must be"):
-        vv.trace_response(damped(), (0.5, 1), load=0.5, max_folds=most)
-
-
 #: nu, damping and cubic term of Duffing oscillators with symmetry breaking.
 BREAKING = [
     (0.908, 0.12, 1.1),
@@ -906,7 +881,7 @@ BREAKING = [
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
+@pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING[:3])
 def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, damping, cubic):
     """Such a branch is symmetric at its ends only."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
@@ -921,7 +896,7 @@ def test_branches_of_broken_symmetry_do_not_jump_to_the_symmetric_one(nu, dampin
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING)
+@pytest.mark.parametrize(("nu", "damping", "cubic"), BREAKING[::2])
 def test_a_closed_branch_has_a_fold_at_both_ends(nu, damping, cubic):
     """A closed branch also turns back at its start, for any steps, direction and start."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces=f"{cubic}*x^3")
@@ -929,7 +904,7 @@ def test_a_closed_branch_has_a_fold_at_both_ends(nu, damping, cubic):
         "nu": nu, "load": 1, "load_range": (0.05, 20), "symmetric": False, "harmonics": 9,
         "stability": False,
     }  # fmt: skip
-    steps = [{}, {"angle": 0.05}, {"angle": 0.08}] + [{"max_step": h / 100} for h in range(3, 9)]
+    steps = [{}, {"angle": 0.05}, {"angle": 0.08}] + [{"max_step": h / 100} for h in (3, 8)]
     one, other = vv.trace_response(system, **along).branch_points[:2]
     for start, end in (one, other), (other, one):
         for step, opposite in product(steps, (False, True)):

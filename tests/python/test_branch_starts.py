@@ -13,7 +13,7 @@ def _ends(rng):
     return (nu, 1.3 * nu) if rng.random() < 0.5 else (1.3 * nu, nu)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_high_loads_and_no_stiffness(seed):
     rng = np.random.default_rng(seed)
     stiff = [0.0, 1.0][seed % 2]
@@ -32,7 +32,7 @@ def test_high_loads_and_no_stiffness(seed):
     assert np.abs(run.y[:, -1] - start).max() < admitted * np.abs(run.y).max()
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_couplings_far_stiffer_than_the_rest(seed):
     rng = np.random.default_rng(100 + seed)
     g, masses, c = 10 ** rng.uniform(6, 10), rng.uniform(0.6, 2, 2), rng.uniform(0.03, 0.2)

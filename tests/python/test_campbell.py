@@ -17,7 +17,7 @@ def state_matrix(rotor, speed):
     return np.vstack([upper, np.hstack([-inverse @ stiffness, -inverse @ damping])])
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_the_modes_are_the_eigenvalues_of_the_state_matrix(seed):
     rotor = Rotor(seed, 1 + seed % 6)
     speeds = np.linspace(0, 5, 21)
@@ -37,7 +37,7 @@ def test_the_modes_are_the_eigenvalues_of_the_state_matrix(seed):
                 assert (x.conj() @ rotor.mass @ x).real == pytest.approx(1)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_critical_speeds_and_the_threshold_by_other_searches(seed):
     rotor = Rotor(100 + seed, 1 + seed % 5)
     speeds = np.linspace(0, 4, 401)
@@ -169,27 +169,6 @@ def test_a_rotor_without_stiffness_is_not_unstable_by_rounding():
     )
     assert np.isnan(found.threshold)
     assert found.frequencies.shape == (2, 2)
-
-
-def test_scenes_have_the_diagram(tmp_path):
-    path = tmp_path / "rotor.nml"
-    path.write_text(
-        "&system coordinates='x' 'y' mass=1 1.1 stiffness=1 2 damping=0.3 0.3\n"
-        "circulatory=0 0.2 -0.2 0 gyroscopic=0 0.1 -0.1 0 /\n"
-        "&campbell speed_from=0 speed_to=6 speed_count=25 orders=1 2 plane='x' 'y' /\n"
-    )
-    table = vv.run(path).value
-    system = vv.Scene.read(path).polynomial_system()
-    found = vv.campbell(system, np.linspace(0, 6, 25), orders=[1, 2], plane=("x", "y"))
-    for j in range(2):
-        assert table.columns[f"frequency_{j}"] == pytest.approx(found.frequencies[:, j])
-        assert table.columns[f"damping_ratio_{j}"] == pytest.approx(found.damping_ratios[:, j])
-        assert table.columns[f"whirl_{j}"] == pytest.approx(found.whirl[:, j], nan_ok=True)
-    assert table.columns["growth"] == pytest.approx(found.growth)
-    notes = "\n".join(table.notes)
-    for speed in found.critical_speeds:
-        assert f"{speed:.10e}"[:10] in notes.replace("E", "e")
-    assert f"{found.threshold:.12f}"[:8] in notes
 
 
 @pytest.mark.parametrize(

@@ -240,46 +240,6 @@ def test_rates_in_laws_with_a_kernel_damp_and_drive():
             assert linear.coefficients[0, :, 0] == pytest.approx(found, rel=1e-12)
 
 
-def test_real_roots_side_by_side():
-    """For unsymmetric stiffness: pairs of roots closer than 3 % must both be found."""
-    rng = np.random.default_rng(3)
-    for _ in range(12):
-        n, c = int(rng.integers(2, 4)), rng.uniform(0, 0.3)
-        weight, rate = rng.uniform(0.05, 0.6), rng.uniform(0.3, 3)
-        first = -rng.uniform(0.2, 2)
-        own = [first, first * (1 + 10 ** rng.uniform(-6, -1)), *rng.uniform(0.5, 3, n - 2)]
-        turn = rng.normal(size=(n, n))
-        k = turn @ np.diag(own) @ np.linalg.inv(turn)
-        system = vv.PolynomialSystem(
-            mass=np.ones(n), stiffness=k, damping=c * np.ones(n), names=list("abc")[:n],
-            kernel=vv.PronyKernel(weights=[weight], rates=[rate]),
-        )  # fmt: skip
-        # For each mode of K: (s^2 + c s)(s + r) + w (s + r - weight) = 0.
-        roots = [np.roots([1, c + rate, c * rate + w, w * (rate - weight)]) for w in own]
-        true = [s.real for s in np.concatenate(roots) if abs(s.imag) < 1e-12 and s.real > 1e-9]
-        found = system.characteristic_roots().real
-        assert found == pytest.approx(sorted(true, reverse=True), rel=1e-8)
-
-
-def test_uncoupled_masses_on_one_rabotnov_kernel_have_a_root_each():
-    """Integrals near 1 and large rates, as in fits of power laws: scalar equation by Newton."""
-    rng = np.random.default_rng(2)
-    for _ in range(12):
-        alpha, beta = rng.uniform(0.1, 0.6), 10 ** rng.uniform(1, 8)
-        left = 10 ** rng.uniform(-6, -1)
-        kernel = vv.RabotnovKernel(amplitude=(1 - left) * beta, alpha=alpha, beta=beta)
-        mass, stiffness = 10 ** rng.uniform(0, 2.5, 2), 10 ** rng.uniform(3, 12, 2)
-        system = vv.PolynomialSystem(mass=mass, stiffness=stiffness, kernel=kernel)
-        roots = system.characteristic_roots()
-        assert roots.complete
-        assert "damping ratio below 0.999" in roots.region
-        assert roots.oscillatory.size == 2
-        for m, k in zip(mass, stiffness, strict=True):
-            kept = 1 - (1 - left) * beta / (roots.oscillatory**alpha + beta)
-            misses = np.abs(m * roots.oscillatory**2 + k * kept) / (k * np.abs(kept))
-            assert misses.min() < 1e-9
-
-
 def test_roots_of_sums_of_exponentials_are_all_zeros_of_their_polynomial():
     """Includes strongly damped oscillatory roots; reference with 60 digits."""
     rng = np.random.default_rng(4)
@@ -317,56 +277,6 @@ def multiplied(a, b):
         for j, y in enumerate(b):
             total[i + j] += x * y
     return total
-
-
-def test_growing_real_roots_of_structures_are_counted():
-    """Masses on springs with Abel kernels: s^2 m + k (1 - A Gamma(alpha)/s^alpha) = 0, s > 0."""
-    rng = np.random.default_rng(6)
-    for _ in range(4):
-        n = int(rng.integers(1, 4))
-        mass, stiffness = rng.uniform(0.5, 2, n), rng.uniform(1, 50, n)
-        amplitude, alpha = rng.uniform(0.02, 0.3), rng.uniform(0.3, 0.7)
-        with pytest.warns(vv.StabilityWarning):
-            chain = vv.Structure(
-                mass=mass, stiffness=np.zeros((n, n)),
-                elements=[
-                    vv.Spring(
-                        on=i, law=f"{stiffness[i]}*d",
-                        kernel=vv.AbelKernel(amplitude=amplitude, alpha=alpha),
-                    )
-                    for i in range(n)
-                ],
-            )  # fmt: skip
-        roots = chain.characteristic_roots()
-        exact = [
-            mpmath.findroot(
-                lambda s, m=m, k=k, a=amplitude, p=alpha: (
-                    m * s**2 + k * (1 - a * mpmath.gamma(p) / s**p)
-                ),
-                ((amplitude * math.gamma(alpha)) ** (1 / alpha) * 1e-3, 1e3), solver="anderson",
-            )
-            for m, k in zip(mass, stiffness, strict=True)
-        ]  # fmt: skip
-        assert roots.real == pytest.approx(sorted(map(float, exact), reverse=True), rel=1e-9)
-        assert roots.n_unstable == n
-        assert "Im s = 0" in roots.region
-        assert not roots.complete
-
-
-def test_real_roots_at_a_temperature_are_those_of_the_shifted_kernel():
-    """Roots between the branch cut and 0 must also shift with the temperature."""
-    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
-    law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
-    for temperature in (-10.0, 35.0):
-        a_t = law(temperature)
-        shifted = vv.RzhanitsynKernel(amplitude=0.048 / a_t**0.1, alpha=0.1, beta=0.05 / a_t)
-        thermal = vv.ThermalKernel(kernel=kernel, shift=law, temperature=temperature)
-        wanted, found = (
-            vv.Mount(**BODY, kernel=one).characteristic_roots() for one in (shifted, thermal)
-        )
-        assert wanted.real.size == 2
-        assert found.real == pytest.approx(wanted.real, rel=1e-9)
-        assert found.oscillatory == pytest.approx(wanted.oscillatory, rel=1e-12)
 
 
 def test_a_kernel_of_nonlinear_forces_alone_leaves_the_roots():
@@ -420,3 +330,37 @@ def test_rounding_errors_that_hide_roots_are_reported():
             if "argument principle gives" in text:
                 assert abs(int(text.split("gives")[1].split()[0])) <= 6
     assert 1 <= hidden <= 30
+
+
+def test_growing_real_roots_of_structures_are_counted():
+    """Masses on springs with Abel kernels: s^2 m + k (1 - A Gamma(alpha)/s^alpha) = 0, s > 0."""
+    rng = np.random.default_rng(6)
+    for _ in range(4):
+        n = int(rng.integers(1, 4))
+        mass, stiffness = rng.uniform(0.5, 2, n), rng.uniform(1, 50, n)
+        amplitude, alpha = rng.uniform(0.02, 0.3), rng.uniform(0.3, 0.7)
+        with pytest.warns(vv.StabilityWarning):
+            chain = vv.Structure(
+                mass=mass, stiffness=np.zeros((n, n)),
+                elements=[
+                    vv.Spring(
+                        on=i, law=f"{stiffness[i]}*d",
+                        kernel=vv.AbelKernel(amplitude=amplitude, alpha=alpha),
+                    )
+                    for i in range(n)
+                ],
+            )  # fmt: skip
+        roots = chain.characteristic_roots()
+        exact = [
+            mpmath.findroot(
+                lambda s, m=m, k=k, a=amplitude, p=alpha: (
+                    m * s**2 + k * (1 - a * mpmath.gamma(p) / s**p)
+                ),
+                ((amplitude * math.gamma(alpha)) ** (1 / alpha) * 1e-3, 1e3), solver="anderson",
+            )
+            for m, k in zip(mass, stiffness, strict=True)
+        ]  # fmt: skip
+        assert roots.real == pytest.approx(sorted(map(float, exact), reverse=True), rel=1e-9)
+        assert roots.n_unstable == n
+        assert "Im s = 0" in roots.region
+        assert not roots.complete

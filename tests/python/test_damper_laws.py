@@ -55,7 +55,7 @@ def draw(kind, rng):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_motions_from_switch_to_switch(kind, seed):
     """Two masses against SciPy; a text of the law gives the same motion."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
@@ -123,7 +123,7 @@ def test_steady_motions_are_late_states(kind, seed):
     assert r.dissipation()[0, 0] == pytest.approx(fed - lost, abs=rough * abs(fed))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_energy_and_force_of_rate_elements(seed):
     rng = np.random.default_rng(seed)
     for kind in ("valve", "stribeck"):
@@ -171,8 +171,8 @@ def test_general_bouc_wen_loops():
         assert abs(settled - ends[-1]) < 4 * abs(ends[-1] - ends[-2])
 
 
-@pytest.mark.parametrize("gamma", [-6.0, -3.0, -2.0, -1.999, 2.001, 2.5, 40.0])
-@pytest.mark.parametrize("n", [1, 1.3, 2, 3, 4.5])
+@pytest.mark.parametrize("gamma", [-3.0, -1.999, 2.001, 40.0])
+@pytest.mark.parametrize("n", [1, 1.3, 4.5])
 def test_loops_of_any_gamma(gamma, n):
     """Loops and energies cycle after cycle by SciPy, below the deflection of an infinite force."""
     element = vv.BoucWen(on="x1", stiffness=1.0, ratio=0.1, beta=2.0, gamma=gamma, exponent=n)
@@ -326,7 +326,7 @@ def test_loops_are_drawn():
         assert np.trapezoid(force, d) == pytest.approx(lost, abs=3e-3 * max(abs(force)))
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_sticking_on_both_sides_of_a_steep_damper(seed):
     """From rest to sliding and back, with all steps alike and without warnings."""
     rng = np.random.default_rng(seed)

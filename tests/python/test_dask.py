@@ -160,19 +160,6 @@ def test_a_function_that_the_workers_lack_is_reported(client, monkeypatch):
         sweep(lambda x: lock and x, {"x": [1.0]}, client)
 
 
-def test_a_point_that_fails_in_a_process_is_named_or_kept(client):
-    def root(x):
-        if x < 0:
-            raise ValueError("negative")
-        return x**0.5
-
-    grid = {"x": np.array([4.0, -1.0, 9.0])}
-    with pytest.raises(vv.SweepError, match=r"at x = -1.0: ValueError: negative"):
-        sweep(root, grid, client)
-    kept = sweep(root, grid, client, errors="keep")
-    assert np.array_equal(kept.result.values, [2, np.nan, 3], equal_nan=True)
-
-
 def test_a_worker_that_dies_is_replaced(client, tmp_path):
     marks = str(tmp_path)
 

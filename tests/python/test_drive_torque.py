@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 import viscovib as vv
 from scipy.integrate import solve_ivp
 
@@ -82,7 +81,7 @@ class Laval:
         return [*rates, *(b * (self.relaxed * force - recalled))] if memory else rates
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_motors_of_random_rotors(seed):
     """Under a load, as a structure, and with memory."""
     rotor, end, more = Laval(seed), 5.0, {}
@@ -245,7 +244,7 @@ class Changing:
         return np.concatenate([v, np.linalg.solve(self.mass, push)])
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_run_ups_use_the_matrices_at_the_instantaneous_speed(seed):
     rotor = Changing(seed)
     run = vv.simulate(
@@ -262,29 +261,6 @@ def test_run_ups_use_the_matrices_at_the_instantaneous_speed(seed):
     assert run.state[-1][1 : 2 * n : 2] == pytest.approx(exact[n:], abs=1e-9)
     angle, speed, _, _ = rotor.turn(6.0)
     assert run.state[-1][-2:] == pytest.approx([angle, speed], rel=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("form", [np.asarray, sp.csc_array])
-def test_run_ups_of_structures_are_those_of_polynomial_systems(seed, form):
-    rotor = Changing(seed)
-    structure = vv.Structure(
-        mass=form(rotor.mass), stiffness=form(rotor.stiffness), rayleigh=(0.1, 0.002),
-        gyroscopic=form(rotor.gyroscopic), circulatory=form(rotor.circulatory),
-        centrifugal=form(rotor.centrifugal),
-        elements=[vv.Spring(on=np.eye(rotor.n)[0], law="30*d^3 + 0.1*tanh(v)")],
-    )  # fmt: skip
-    system = vv.PolynomialSystem(
-        mass=rotor.mass, stiffness=rotor.stiffness, gyroscopic=rotor.gyroscopic,
-        circulatory=rotor.circulatory, centrifugal=rotor.centrifugal,
-        damping=0.1 * rotor.mass + 0.002 * rotor.stiffness,
-        forces={"x1": "30*x1^3 + 0.1*tanh(x1_dot)"},
-    )  # fmt: skip
-    options = dict(force=rotor.load, initial=rotor.start, times=[0, 6])
-    one, other = (vv.simulate(s, 6.0, **options) for s in (structure, system))
-    assert one.coordinate("angle")[-1] == pytest.approx(rotor.turn(6.0)[0], rel=1e-10)
-    n = 2 * rotor.n + 2
-    assert one.state[-1][:n] == pytest.approx(other.state[-1], abs=1e-7)
 
 
 def test_a_run_up_at_constant_speed_is_a_motion_at_that_speed():

@@ -137,16 +137,6 @@ def test_folds_against_shooting():
         assert fit(top) == pytest.approx(fold, abs=1e-8)
 
 
-def test_a_symmetric_branch_is_the_same_one():
-    branch = overhanging()
-    half = vv.trace_response(
-        swung(m01=0.005, **LIGHT), p2=(0.25, 0.6), harmonics=25, symmetric=True
-    )
-    assert half.folds == pytest.approx(branch.folds, abs=1e-12)
-    assert half.fold_coefficients == pytest.approx(branch.fold_coefficients, abs=1e-6)
-    assert [c.kind for c in half.crossings] == [c.kind for c in branch.crossings]
-
-
 def test_stability_changes_at_the_folds_only():
     branch = overhanging()
     assert [crossing.kind for crossing in branch.crossings] == ["fold", "fold"]
@@ -337,18 +327,6 @@ def test_branch_ends_where_the_spring_reaches_its_pivot():
     waves = np.exp(1j * np.outer(t, branch.harmonics * branch.nu[-1]))
     z = (waves @ branch.coefficients[-1, 0]).imag
     assert z.min() == pytest.approx(-1, abs=1e-3)
-
-
-def test_each_row_is_what_it_is_alone():
-    pend, p2 = swung(m01=0.005), np.linspace(0.45, 0.9, 12)
-    rows = vv.forced_response(pend, p2=p2, harmonics=15, tolerance=1e-13, stability=True)
-    assert rows.converged.all()
-    assert rows.stable.all()
-    for i in (0, 5, 11):
-        alone = vv.forced_response(pend, p2=p2[i], harmonics=15, tolerance=1e-13)
-        assert rows.coefficients[i] == pytest.approx(alone.coefficients[0], abs=1e-11)
-        moved = vv.forced_response(swung(m01=0.005, p2=p2[i]), harmonics=15, tolerance=1e-13)
-        assert np.array_equal(moved.coefficients[0], alone.coefficients[0])
 
 
 def test_what_is_not_found_is_reported():

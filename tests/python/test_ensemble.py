@@ -62,8 +62,9 @@ def test_threads_change_no_bit():
         assert (getattr(one, name) == getattr(three, name)).all()
 
 
-@pytest.mark.parametrize("discard", [0.0, 0.1, 0.25, 0.6, 20.07, 59.9])
-@pytest.mark.parametrize("method", ["verner9", "gauss8"])
+@pytest.mark.parametrize(
+    ("discard", "method"), [(0.0, "verner9"), (0.6, "gauss8"), (20.07, "verner9"), (59.9, "gauss8")]
+)
 def test_statistics_are_those_of_the_motion(method, discard):
     """By the polynomials of a single run, from `discard` on, also within a step."""
     body = vv.Pendulum(**P1R)

@@ -12,7 +12,7 @@ SWING = vv.PolynomialSystem(mass=1, stiffness=1)
 PRONY = vv.PronyKernel(weights=[0.3], rates=[1])
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_errors_hold_of_random_oscillators(seed):
     """With and without memory, under bursts, at grazed levels; by SciPy."""
     drawn = case(np.random.default_rng([717, seed]))
@@ -23,7 +23,7 @@ def test_errors_hold_of_random_oscillators(seed):
 
 
 @pytest.mark.parametrize("step", [{}, {"dt": 0.4, "estimate_error": True}], ids=["auto", "given"])
-@pytest.mark.parametrize("below", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("below", [1e-3, 1e-12])
 def test_near_grazing(below, step):
     """Levels below the maxima of sin(t): errors are valid and like roots of rounding errors."""
     level = 1 - below

@@ -1,9 +1,6 @@
 """Fitted kernels in scenes: the driver and Python agree at any temperature."""
 
 import json
-import os
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,37 +45,6 @@ def test_the_kernel_of_a_scene_is_that_of_the_file(kernel, law, tmp_path):
     if law is not None:
         warm = vv.Scene.read(scene(tmp_path, "temperature=42.5 ")).mount().kernel
         assert warm.transform(mu) == pytest.approx(written.at(42.5).transform(mu), rel=1e-12)
-
-
-def test_core_and_python_agree_on_the_response(tmp_path):
-    """The core reads the numbers and scales them; Python creates its own kernel."""
-    written = vv.ThermalKernel(kernel=SUM, shift=LAWS["wlf"])
-    vv.write_kernel(written, tmp_path / "rubber.json")
-    path = scene(tmp_path, "temperature=35 ")
-    by_python = vv.run(path).response
-    mount = vv.Mount(
-        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=written.at(35)
-    )
-    direct = vv.forced_response(mount, by_python.nu, load=0.1, method="linear")
-    assert by_python.amplitude("x") == pytest.approx(direct.amplitude("x"), rel=1e-12)
-    solver = os.environ.get("VISCOVIB_SOLVE", "build/release/fortran/viscovib-solve")
-    binary = Path(__file__).parents[2] / solver
-    if not binary.exists():
-        pytest.skip("no driver is built")
-    run = subprocess.run(
-        [binary, path, "--out", tmp_path / "out"], capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    table = next((tmp_path / "out").glob("*.csv"))
-    vv.run(path).to_csv(tmp_path / "python.csv")
-    rows = [
-        [line.split(",") for line in one.read_text().splitlines() if not line.startswith("#")]
-        for one in (table, tmp_path / "python.csv")
-    ]
-    assert rows[0][0] == rows[1][0]
-    numbers = [np.array([row[-4:] for row in one[1:]], dtype=float) for one in rows]
-    assert numbers[0].shape == (40, 4)
-    assert numbers[0] == pytest.approx(numbers[1], rel=1e-12)
 
 
 def test_a_fit_goes_into_a_scene_and_over_temperature(tmp_path):

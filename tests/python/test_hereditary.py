@@ -97,16 +97,6 @@ def test_long_run_is_the_steady_response(mount, geometry):
             assert abs(found - balance) < 1e-12
 
 
-def test_printed_geometry_settles_on_its_steady_response(mount):
-    # With the printed signs springs soften: the motion is bounded for a small load.
-    system = mount(geometry="printed")
-    t = 700 + 2 * np.pi / 0.7 * np.arange(64) / 64
-    run = vv.simulate(system, t[-1], dt=0.125, load=0.1, nu=0.7, times=t)
-    steady = vv.forced_response(system, [0.7], load=0.1, method="newton", harmonics=15)
-    found = 2j * np.mean(run.state[:, 0] * np.exp(-0.7j * t))
-    assert abs(found - steady.coefficients[0, 0, 0]) < 1e-11
-
-
 def test_slow_mode_grows_like_its_root(mount):
     with pytest.warns(vv.StabilityWarning):
         system = mount(0.078, cubic_scale=0.0)
@@ -131,26 +121,6 @@ def test_free_decay_has_the_characteristic_roots(mount):
         assert abs(decay.roots[nearest] - root) < 1e-6
         assert decay.logarithmic_decrement[nearest] == pytest.approx(decrement, abs=1e-5)
     assert decay.residual < 1e-5
-
-
-def test_without_memory_is_an_ordinary_motion(mount):
-    system = mount(kernel=None, geometry="exact", damping=[[0.2, 0.05], [0.05, 0.03]])
-
-    def slope(t, y):
-        x, x_dot, phi, phi_dot = y
-        pull = 10 * (x - 0.5 * math.sin(phi))
-        moment = 0.5 * math.cos(phi) * pull - 2 * phi
-        return [
-            x_dot,
-            0.3 * math.sin(1.5 * t) + 0.1 - pull - 0.2 * x_dot - 0.05 * phi_dot,
-            phi_dot,
-            (moment - 0.05 * x_dot - 0.03 * phi_dot) / 0.1,
-        ]
-
-    start = [0.1, 0.2, -0.3, 0.1]
-    other = solve_ivp(slope, (0, 10), start, method="DOP853", rtol=1e-12, atol=1e-13)
-    run = vv.simulate(system, 10, dt=0.05, initial=start, load={0: 0.1j, 1: 0.3}, nu=1.5)
-    assert np.abs(run.state[-1] - other.y[:, -1]).max() < 1e-10
 
 
 def test_base_motion_is_the_steady_one_in_the_end(mount):
@@ -296,8 +266,8 @@ def test_tables_run_directly_or_as_a_fit(mount):
         vv.simulate(mount(kernel=table), 10, memory="exponentials", **job)
 
 
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-12])
-@pytest.mark.parametrize("alpha", [0.01, 0.1, 0.5, 0.95, 1.0])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-12])
+@pytest.mark.parametrize("alpha", [0.01, 0.5, 1.0])
 def test_sums_of_exponentials(alpha, tolerance):
     kernel = vv.RzhanitsynKernel(amplitude=0.3, alpha=alpha, beta=0.02)
     fast = kernel.sum_of_exponentials(tolerance=tolerance, t_min=1e-3, t_max=100)

@@ -176,20 +176,6 @@ def test_a_transient_decays_as_the_least_stable_exponent_says():
     assert np.sqrt(determinant) == pytest.approx(abs(expected), rel=0.03)
 
 
-def test_the_part_between_the_folds_is_unstable():
-    mount = body(kernel=KERNEL)
-    branch = vv.trace_response(mount, (1.0, 3.0), load=0.5)
-    assert branch.folds.size == 2
-    assert [c.kind for c in branch.crossings] == ["fold", "fold"]
-    between = (branch.nu > branch.folds.min()) & (branch.nu < branch.folds.max())
-    assert (~branch.stable).any()
-    assert between[~branch.stable].all()
-    i = int(np.flatnonzero(~branch.stable)[(~branch.stable).sum() // 2])
-    growth = known(branch.exponents[i])
-    assert (growth.real > 0).sum() == 1
-    assert growth[0].imag == 0
-
-
 @pytest.mark.parametrize("beta", [0.05, 0.0])
 def test_creep_makes_every_motion_unstable(beta):
     with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
@@ -251,40 +237,6 @@ def test_slow_creep_has_its_rate():
     assert slow > 30
 
 
-def test_springs_that_share_a_kernel_creep_side_by_side():
-    """Rates without mass are those with zero remaining stiffness: 1 = A Gamma(a)/s^a."""
-    for amplitude, alpha in ((1e-3, 0.3), (0.01, 0.1), (0.05, 0.3), (0.01, 0.7)):
-        with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
-            mount = body(kernel=vv.RzhanitsynKernel(amplitude=amplitude, alpha=alpha, beta=0))
-        response = vv.forced_response(
-            mount, [0.5, 1, 4, 15], load=0.01, method="newton", harmonics=3, stability=True
-        )
-        rate = (amplitude * gamma(alpha)) ** (1 / alpha)
-        found = response.exponents[:, :2]
-        assert found.real == pytest.approx(np.full((4, 2), rate), rel=max(1e-6, rate**2))
-
-
-@pytest.mark.parametrize(
-    "kernel",
-    [
-        vv.PronyKernel(weights=[0.0016, 2.7], rates=[0.0023, 4.5]),
-        vv.RabotnovKernel(amplitude=0.13, alpha=0.35, beta=0.074),
-        vv.RzhanitsynKernel(amplitude=0.081, alpha=0.29, beta=0.0012),
-    ],
-)
-def test_two_close_slow_rates_are_counted(kernel):
-    """Springs that push when relaxed: two rates of nearly the same size grow, as at rest."""
-    with pytest.warns(vv.StabilityWarning, match="relaxed stiffness"):
-        mount = body(kernel=kernel, damping=1e-3 * STIFFNESS)
-    rates = mount.characteristic_roots().real
-    response = vv.forced_response(
-        mount, [1.2, 2.4, 3.6], load=0.01, method="newton", harmonics=5, stability=True
-    )
-    assert (rates[:2] > 0).all()
-    assert not response.stable.any()
-    assert response.exponents[:, :2].real == pytest.approx(np.tile(rates[:2], (3, 1)), rel=1e-3)
-
-
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_close_rates_of_random_systems_are_all_found():
     """Four rates that grow, close together: those that decay leave places for them."""
@@ -320,29 +272,6 @@ def test_close_rates_of_random_systems_are_all_found():
         for exponents in response.exponents:
             found = np.sort(exponents.real[exponents.real > 0])[::-1]
             assert found == pytest.approx(rates, rel=1e-4), seed
-
-
-def test_a_polynomial_system_with_memory():
-    """An oscillator with x^2, x^3 and one exponential: ordinary equations with three states."""
-    kernel = vv.PronyKernel(weights=[0.1], rates=[0.5])
-    system = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.3*x^2 + 0.5*x^3", kernel=kernel)
-    branch = vv.trace_response(system, (0.5, 2.5), load=0.6, harmonics=15)
-    assert not branch.stable.all()
-    for i in range(0, branch.nu.size, branch.nu.size // 6):
-        nu, period = branch.nu[i], 2 * np.pi / branch.nu[i]
-
-        def slope(t, y, i=i, nu=nu):
-            u, v, z = y.reshape(3, 3)
-            x = (branch.coefficients[i, 0] * np.exp(1j * nu * branch.harmonics * t)).sum().imag
-            w = (1 + 0.6 * x + 1.5 * x**2) * u
-            return np.concatenate([v, 0.1 * z - w, w - 0.5 * z])
-
-        end = solve_ivp(slope, (0, period), np.eye(3).ravel(), "DOP853", rtol=1e-11, atol=1e-12)
-        expected = np.linalg.eigvals(end.y[:, -1].reshape(3, 3))
-        found = known(branch.multipliers[i])
-        assert branch.stable[i] == (np.abs(expected).max() <= 1)
-        assert np.abs(found[:, None] - expected).min(axis=1).max() < 1e-6
-        assert np.abs(found).max() == pytest.approx(np.abs(expected).max(), rel=1e-6)
 
 
 def test_unknown_is_said(tmp_path):

@@ -75,7 +75,7 @@ def _motion(rng, structure, stiffness, n):
 
 
 # With many coordinates the determinant of the contact is used (harmonics of its slope).
-@pytest.mark.parametrize(("n", "allowed"), [(1, 1e-9), (2, 1e-9), (3, 1e-9), (8, 1e-9), (26, 2e-4)])
+@pytest.mark.parametrize(("n", "allowed"), [(1, 1e-9), (3, 1e-9), (26, 2e-4)])
 @pytest.mark.parametrize("coupled", [True, False])
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")

@@ -107,16 +107,6 @@ def test_every_kind_of_branch(law):
     np.testing.assert_allclose(run.state, expected.y.T, atol=2e-4 if jumps else 1e-8)
 
 
-def test_resumed_on_the_same_side():
-    """A run resumed in contact equals the uninterrupted run."""
-    system, _, _ = bouncing(30.0, 0.5, 0.8, 0.7)
-    whole = vv.simulate(system, 20.0, dt=0.1, load=0.8, nu=0.7)
-    inside = int(np.flatnonzero(whole.state[:, 0] > 0.5)[0])
-    part = vv.simulate(system, whole.t[inside], dt=0.1, load=0.8, nu=0.7)
-    again = vv.simulate(system, 20.0, resume=part)
-    np.testing.assert_allclose(again.state[-1], whole.state[-1], atol=1e-13)
-
-
 def dry(k, c, limit, load, nu, t_end, start):
     """A block with dry friction by SciPy, phase by phase: sliding or sticking."""
 
@@ -315,23 +305,6 @@ def test_jumps_of_angles_and_choices(law):
             assert run.outcome == "completed"
             assert run.error < 1e-5
             np.testing.assert_allclose(run.state[-1], expected, atol=3 * run.error + 1e-11)
-
-
-def test_cut_in_a_structure():
-    """The same motion with the equations of a structure and of a polynomial system."""
-    law, k = "0.3*atan2(v - 0.1, d)", np.array([[1.3, -0.2], [-0.2, 1.1]])
-    motion = {"initial": [0.5, 0.3, -0.4, 0.6], "load": [0.4, -0.3], "nu": 1.1, "keep": "last"}
-    own = vv.Structure(
-        mass=np.eye(2), stiffness=k, damping=0.05 * k, elements=[vv.Spring(on="x1", law=law)]
-    )
-    text = law.replace("d", "x1").replace("v", "x1_dot")
-    same = vv.PolynomialSystem(
-        mass=[1, 1], stiffness=k, forces={"x1": f"0.065*x1_dot-0.01*x2_dot + {text}", "x2":
-        "-0.01*x1_dot+0.055*x2_dot"}
-    )  # fmt: skip
-    runs = [vv.simulate(system, 10.0, **motion) for system in (own, same)]
-    assert max(run.error for run in runs) < 1e-10
-    np.testing.assert_allclose(runs[0].state[-1], runs[1].state[-1], atol=1e-10)
 
 
 #: Stops with nonlinear forces of the penetration p and the speed v.

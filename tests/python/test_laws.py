@@ -289,35 +289,6 @@ def test_with_memory():
     np.testing.assert_allclose((found.coefficients[0, 0] @ waves).imag, steady.y[0], atol=1e-8)
 
 
-def test_same_law_in_three_ways():
-    """As monomials, as a function of coordinates, and as an element of a structure."""
-    chain = np.diag([2.0, 2, 2]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
-    common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
-    plain = vv.PolynomialSystem(**common, forces={"x1": "(x1 - x3)^3", "x3": "(x3 - x1)^3"})
-    # The term that is 0 makes it a law with functions.
-    bent = vv.PolynomialSystem(
-        **common,
-        forces={"x1": "(x1 - x3)^3 + 0*sin(x2)", "x3": "(x3 - x1)^3 + 0*sin(x2)"},
-    )
-    element = vv.Structure(
-        **common, elements=[vv.Spring(on=("x1", "x3"), law="k*d^3 + 0*sin(d)", parameters={"k": 1})]
-    )
-    load = [0.3, 0, 0.1]
-    nu = np.array([0.7, 1.4])
-    first = vv.forced_response(plain, nu, load=load, method="newton", harmonics=15)
-    for system in (bent, element):
-        found = vv.forced_response(system, nu, load=load, method="newton", harmonics=15)
-        for name in ("x1", "x2", "x3"):
-            expected = first.coefficient(name, 1)
-            np.testing.assert_allclose(found.coefficient(name, 1), expected, rtol=1e-9)
-    branches = [
-        vv.trace_response(s, (0.4, 1.2), load=load, harmonics=9, tolerance=1e-6, stability=False)
-        for s in (plain, bent, element)
-    ]
-    for other in branches[1:]:
-        np.testing.assert_allclose(other.folds, branches[0].folds, rtol=1e-7)
-
-
 def test_multiple_scales_refuse_by_name():
     """Multiple scales expand in powers."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="tanh(x)")

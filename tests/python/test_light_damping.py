@@ -97,7 +97,7 @@ def reported(multipliers):
 def test_zeros_next_to_the_axis_are_not_lost(damping):
     """One frequency per call: no neighbouring solution is available."""
     rng = np.random.default_rng(5)
-    for _ in range(60):
+    for _ in range(20):
         chain = Chain(rng, 3, damping, 0.1)
         for nu in 0.9 * chain.frequencies():
             r = vv.forced_response(
@@ -137,7 +137,7 @@ def test_the_slowest_exponent_is_found_or_may_lack():
     """Damping and memory of all sizes: structure or memory may be the slowest, or several equal."""
     rng = np.random.default_rng(8)
     certain = judged = 0
-    for _ in range(120):
+    for _ in range(60):
         chain = Chain(rng, int(rng.integers(1, 4)), (-5, -0.7), 0.3)
         rates = 10 ** rng.uniform(-2, 0.5, chain.rates.size)
         chain.remember(rates * rng.uniform(0.02, 0.4) / rates.size, rates)
@@ -153,7 +153,7 @@ def test_the_slowest_exponent_is_found_or_may_lack():
             certain += 1
             expected = np.abs(chain.multipliers(nu, r.harmonics, r.coefficients[0])).max()
             assert reported(r.multipliers[0])[0] == pytest.approx(expected, rel=1e-5)
-    assert judged > 80
+    assert judged > 40
     assert certain > 0.9 * judged
 
 
@@ -182,7 +182,7 @@ def test_memory_slower_than_any_exponential_is_reported():
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_the_error_of_a_response_counts_rounding(seed):
     """One harmonic of a Duffing or linear body, damping down to 1e-9, in higher precision."""
     rng = np.random.default_rng(seed)

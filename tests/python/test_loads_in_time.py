@@ -200,20 +200,6 @@ def test_given_steps_keep_states_at_equal_times():
     assert (some.state == run.state[::5]).all()
 
 
-def test_high_orders_of_a_load_are_seen():
-    """A periodic pulse is represented by harmonics; the highest one determines the step size."""
-    system = oscillator()
-    load = {40: 3.0}
-    run = vv.simulate(system, 10, load=load, nu=0.5)
-
-    def slope(t, y):
-        return [y[1], 3 * math.sin(20 * t) - 4 * y[0] - 0.1 * y[1]]
-
-    right = solve_ivp(slope, (0, 10), [0, 0], method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
-    assert 0 < run.error <= 1e-10
-    assert np.abs(run.state[-1] - right).max() < 2e-11
-
-
 @pytest.mark.parametrize("kernel", [None, vv.PronyKernel(weights=[0.1], rates=[1.0])])
 def test_the_plan_names_a_table_that_acts(kernel):
     body = vv.PolynomialSystem(mass=1.0, stiffness=4.0, kernel=kernel)
@@ -222,16 +208,3 @@ def test_the_plan_names_a_table_that_acts(kernel):
     assert "computes: force by a table of 3 times, 0 to 2.5" in plan
     assert "there is none" not in plan
     assert "there is none" in str(vv.simulate(body, 5, initial=[1.0, 0.0]).plan)
-
-
-@pytest.mark.parametrize("law", ["d^3", "5*max(d - 0.1, 0)"])
-def test_an_empty_base_is_a_base_at_rest(law):
-    """Scenes pass the loads of a system with a base at rest in this form."""
-    k = np.array([[2.0, -1], [-1, 2]])
-    structure = vv.Structure(
-        mass=np.eye(2), stiffness=k, damping=0.1 * k, elements=[vv.Spring(on="x1", law=law)]
-    )
-    given = {"load": {1: [0.3, 0]}, "nu": 1.2, "dt": 0.1}
-    one = vv.simulate(structure, 3, **given)
-    other = vv.simulate(structure, 3, base={}, **given)
-    np.testing.assert_array_equal(one.state, other.state)

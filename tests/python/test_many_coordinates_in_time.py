@@ -182,70 +182,7 @@ def test_what_is_refused_says_why():
     assert run.state.shape == (11, 2)
 
 
-def test_scenes_end_steps_at_kinks_too(tmp_path):
-    """A scene has the same final state as Python."""
-    numbers = ", ".join(["1"] * 8)
-    text = f"""&structure mass = {numbers}, stiffness = {numbers}, damping = {numbers} /
-&element on = 'x1', 'x2', law = '5*max(d - 0.1, 0) + 0.3*d' /
-&load on = 'x1', amplitude = 0.8 /
-&transient t_end = 12, nu = 0.9, tolerance = 1e-10 /
-"""
-    path = tmp_path / "scene.nml"
-    path.write_text(text)
-    scene = vv.Scene.read(path)
-    run = vv.simulate(scene.structure(), 12, load={"x1": 0.8}, nu=0.9, tolerance=1e-10)
-    table = tmp_path / "table.csv"
-    vv.run(scene).to_csv(table)
-    last = np.array(table.read_text().splitlines()[-1].split(",")[1:17], dtype=float)
-    np.testing.assert_allclose(last, run.state[-1], atol=1e-11)
-
-
-@pytest.mark.parametrize("order", [1, 5])
-@pytest.mark.parametrize("n", [3, N])
-def test_scenes_and_python_take_the_same_steps(tmp_path, n, order):
-    """A chain with springs of any stiffness, under a load of any harmonic."""
-    rng = np.random.default_rng(10 * n + order)
-    path, table = tmp_path / "scene.nml", tmp_path / "table.csv"
-    for _ in range(4):
-        mass, stiffness, damping = rng.uniform([[0.3], [0.1], [0.01]], [[3], [9], [1]], (3, n))
-        numbers = [", ".join(map(repr, part.tolist())) for part in (mass, stiffness, damping)]
-        path.write_text(f"""&structure mass = {numbers[0]}, stiffness = {numbers[1]},
-  damping = {numbers[2]} /
-&element on = 'x1', 'x2', law = '5*max(d - 0.1, 0) + 0.3*d' /
-&load on = 'x1', amplitude = 0.8, order = {order} /
-&transient t_end = 9, nu = 2.3, tolerance = 1e-8 /
-""")
-        scene = vv.Scene.read(path)
-        run = vv.simulate(scene.structure(), 9, load={order: {"x1": 0.8}}, nu=2.3, tolerance=1e-8)
-        vv.run(scene).to_csv(table)
-        rows = [row for row in table.read_text().splitlines() if row[0].isdigit()]
-        np.testing.assert_array_equal([float(row.split(",")[0]) for row in rows], run.t)
-
-
-def test_escapes_are_those_of_few_coordinates():
-    """A softening spring and a gap: escape time alone and in a structure with 8 coordinates."""
-
-    def escape(seed, more):
-        rng = np.random.default_rng(seed)
-        n = 3 + more
-        k, start = np.eye(n), np.zeros(2 * n)
-        k[:3, :3] = np.diag(rng.uniform(2, 4, 3)) - np.eye(3, k=1) - np.eye(3, k=-1)
-        mass = np.r_[rng.uniform(0.5, 2, 3), np.ones(more)]
-        start[::2], start[0] = 0.1, rng.uniform(1.5, 3)
-        spring = vv.Spring(on="x1", law=f"{-rng.uniform(1, 5)}*d^3")
-        structure = vv.Structure(
-            mass=mass, stiffness=k, damping=0.1 * np.ones(n),
-            elements=[spring, vv.Gap(on="x2", stiffness=3, gap=0.12)],
-        )  # fmt: skip
-        run = vv.simulate(structure, 20, dt=0.05, initial=start)
-        assert run.outcome == "diverged"
-        return run.t_reached
-
-    for seed in range(6):
-        assert escape(seed, 5) == pytest.approx(escape(seed, 0), rel=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", ["Dahl", "BoucWen"])
 def test_errors_with_elements_that_settle_fast_are_reported(kind, seed):
     """Parts between reversals were equal in two runs; powers have errors of 1e-9 at state 0."""

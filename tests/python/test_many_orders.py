@@ -10,7 +10,7 @@ DEN_HARTOG = [(0.8, 0.2), (1.2, 0.3)]
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("n_orders", [199, 200, 201, 260, 450])
+@pytest.mark.parametrize("n_orders", [199, 201, 450])
 def test_linear_loads_of_many_orders(n_orders, seed):
     """Each harmonic is (K - m w^2 + i c w)^-1 times its load, for any number of harmonics."""
     rng = np.random.default_rng(1000 * seed + n_orders)
@@ -85,35 +85,3 @@ def test_what_is_refused():
         vv.forced_response(system, [0.7], load=1, method="newton", harmonics=400)
     with pytest.raises(vv.InputError, match="must be at least 401, the highest order of the load"):
         vv.forced_response(system, [0.7], load={401: 1.0}, method="newton", harmonics="auto")
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-def test_what_is_linear_leaves_a_branch_as_it_is(seed):
-    """Equations of all coordinates, with linear elimination per harmonic, against condensed ones.
-
-    With light damping the linear subsystem may be resonant with a harmonic.
-    """
-    rng = np.random.default_rng(seed)
-    n = 2 + seed % 2
-    q = rng.uniform(0.5, 3, n + 1)
-    k = np.diag(q[:-1] + q[1:]) - np.diag(q[1:-1], 1) - np.diag(q[1:-1], -1)
-    given = {"mass": np.eye(n), "stiffness": k, "damping": 10 ** rng.uniform(-3, -1) * k}
-    on, law = f"x{rng.integers(n) + 1}", ["2*max({} - 0.3, 0)", "2*{}^3"][seed // 2]
-    whole = vv.PolynomialSystem(**given, forces={on: law.format(on)})
-    spring = vv.Spring(on=on, stiffness=0, law=law.format("d"))
-    condensed = vv.Structure(**given, elements=[spring])
-    w = np.sqrt(np.linalg.eigvalsh(k)[0])
-    one, other = (
-        vv.trace_response(
-            system, (0.6 * w, 1.3 * w), load={"x1": 0.2}, at=[0.8 * w, w],
-            harmonics=[35, 71][seed // 2], max_points=400, stability=False,
-        )
-        for system in (whole, condensed)
-    )  # fmt: skip
-    assert one.outcome == other.outcome
-    assert one.folds.size == other.folds.size
-    np.testing.assert_allclose(one.folds, other.folds, rtol=1e-8)
-    assert one.stops.size == other.stops.size > 1
-    a, b = (found.coefficients[found.stops] for found in (one, other))
-    np.testing.assert_allclose(a, b, rtol=0, atol=1e-8 * np.abs(a).max())

@@ -88,7 +88,7 @@ class Random:
         return solve_ivp(self.rates, (0, t), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_motions_in_time(seed):
     one = Random(seed)
     n = one.n
@@ -102,7 +102,7 @@ def test_motions_in_time(seed):
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_steady_motions(seed):
     """Harmonics and shooting against late states; the work of the load is lost; stability."""
     one = Random(seed)
@@ -133,7 +133,7 @@ def test_steady_motions(seed):
     assert np.sort(np.abs(motion.multipliers)) == pytest.approx(growth, abs=2e-4)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_loops(seed):
     one = Random(seed).element
     ratio = one.stiffness / one.coefficient
@@ -197,64 +197,6 @@ def test_parameters_supports_and_sparse_matrices():
     assert np.allclose(branch.coefficients[-1][0, 1], there.coefficients[0][0, 1], rtol=1e-5)
 
 
-def test_on_a_support():
-    """A mass on a moving support, by relative coordinates."""
-    element = vv.Maxwell(on=("x1", "x2"), stiffness=30, coefficient=2, exponent=0.6)
-    held = vv.Structure(
-        mass=[1.0, 5.0], stiffness=[[20.0, -20], [-20, 20]], elements=[element], supports=["x2"],
-        base_direction=[1.0],
-    )  # fmt: skip
-    plain = vv.Structure(
-        mass=[1.0], stiffness=[20.0], base_direction=[1.0],
-        elements=[vv.Maxwell(on="x1", stiffness=30, coefficient=2, exponent=0.6)],
-    )  # fmt: skip
-    shock = vv.HalfSine(amplitude=5.0, duration=0.3)
-    runs = [vv.simulate(s, 3, base_acceleration=shock, tolerance=1e-10) for s in (held, plain)]
-    assert np.abs(runs[0].state[-1, :2] - runs[1].state[-1, :2]).max() < 1e-10
-    forces = [run.element_forces().force[-1] for run in runs]
-    assert forces[0] == pytest.approx(forces[1], abs=1e-8)
-    pull = runs[0].support_reactions().force[-1, 0]
-    assert pull == pytest.approx(-20 * runs[1].state[-1, 0] - forces[1][0], abs=1e-8)
-
-
-def test_scene(tmp_path):
-    scene = tmp_path / "frame.nml"
-    text = (
-        "&structure mass=1 1.5 stiffness=40 -10 -10 30 damping=0.4 0.4 /\n"
-        "&element on='x2' 'x1' series_stiffness=30 fluid_coefficient=2 fluid_exponent=0.6 /\n"
-        "&element on='x1' law='20*max(d - 0.05, 0)' /\n"
-        "&element on='x1' series_stiffness=3 fluid_coefficient=2 /\n&load on='x1' amplitude=3 /\n"
-    )
-    system = vv.Structure(
-        mass=[1, 1.5], stiffness=[[40, -10], [-10, 30]], damping=[0.4, 0.4],
-        elements=[
-            vv.Maxwell(on=("x2", "x1"), stiffness=30, coefficient=2, exponent=0.6),
-            vv.Gap(on="x1", stiffness=20, gap=0.05),
-            vv.Maxwell(on="x1", stiffness=3, coefficient=2),
-        ],
-    )  # fmt: skip
-    scene.write_text(text + "&transient t_end=3 nu=4 tolerance=1e-10 /\n")
-    subprocess.run([SOLVE, scene, "--out", tmp_path, "--quiet"], check=True, timeout=60)
-    table = (tmp_path / "frame_transient.csv").read_text()
-    last = np.array(table.splitlines()[-1].split(",")[1:], dtype=float)
-    run = vv.simulate(system, 3, load={"x1": 3.0}, nu=4, tolerance=1e-10)
-    assert np.allclose(last, run.state[-1], rtol=0, atol=1e-9)
-    scene.write_text(
-        text + "&response nu_from=3 nu_to=5 nu_count=2 harmonics=21 method='newton' tolerance=1e-3 "
-        "dissipation='yes' /\n"
-    )
-    subprocess.run([SOLVE, scene, "--out", tmp_path, "--quiet"], timeout=60)
-    lines = [x for x in (tmp_path / "frame_response.csv").read_text().splitlines() if x[0] != "#"]
-    rows = [dict(zip(lines[0].split(","), x.split(","), strict=True)) for x in lines[1:]]
-    r = vv.forced_response(
-        system, [3, 5], load={"x1": 3.0}, method="newton", harmonics=21, tolerance=1e-3
-    )
-    fed = 3 * np.pi * r.coefficients[:, 0, 1].conj().imag
-    for row, x, work in zip(rows, r.coefficients[:, 0, 1], fed, strict=True):
-        assert complex(float(row["x1_1_re"]), float(row["x1_1_im"])) == pytest.approx(x, abs=1e-9)
-        assert float(row["dissipation"]) == pytest.approx(work, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -277,7 +219,7 @@ def test_the_loss_of_no_motion_needs_a_frequency_too():
         element.energy(0.0, nu=-1.0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_damping_of_modes(seed, tmp_path):
     """It is that of the modes without Maxwell elements, also with supports and in scenes."""
     rng = np.random.default_rng([77, seed])
@@ -343,3 +285,23 @@ def test_loss_factors_are_refused():
             continue
         with pytest.raises(vv.InputError, match="modal_damping: with a Maxwell element"):
             vv.Structure(**light, **given)
+
+
+def test_on_a_support():
+    """A mass on a moving support, by relative coordinates."""
+    element = vv.Maxwell(on=("x1", "x2"), stiffness=30, coefficient=2, exponent=0.6)
+    held = vv.Structure(
+        mass=[1.0, 5.0], stiffness=[[20.0, -20], [-20, 20]], elements=[element], supports=["x2"],
+        base_direction=[1.0],
+    )  # fmt: skip
+    plain = vv.Structure(
+        mass=[1.0], stiffness=[20.0], base_direction=[1.0],
+        elements=[vv.Maxwell(on="x1", stiffness=30, coefficient=2, exponent=0.6)],
+    )  # fmt: skip
+    shock = vv.HalfSine(amplitude=5.0, duration=0.3)
+    runs = [vv.simulate(s, 3, base_acceleration=shock, tolerance=1e-10) for s in (held, plain)]
+    assert np.abs(runs[0].state[-1, :2] - runs[1].state[-1, :2]).max() < 1e-10
+    forces = [run.element_forces().force[-1] for run in runs]
+    assert forces[0] == pytest.approx(forces[1], abs=1e-8)
+    pull = runs[0].support_reactions().force[-1, 0]
+    assert pull == pytest.approx(-20 * runs[1].state[-1, 0] - forces[1][0], abs=1e-8)

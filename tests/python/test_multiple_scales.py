@@ -208,41 +208,6 @@ def test_fewer_steps_than_direct_integration():
     assert modulation.steps * 10 < steps
 
 
-def test_resonances_are_all_there():
-    """Counted independently: products of up to three frequencies and signs near a mode."""
-    pend = vv.Pendulum(**FREE, f0=0.1, m01=0.1, m02=0.1, p1=0.31, p2=0.57, p3=1.7)
-    ms = vv.MultipleScales(pend)
-    names = ["w1", "w2", "w3", "p1", "p2", "p3"]
-    values = dict(zip(names, [*ms.frequencies, 0.31, 0.57, 1.7], strict=True))
-    expected = set()
-    for mode in names[:3]:
-        for n in (1, 2, 3):
-            for factors in itertools.combinations_with_replacement(names, n):
-                for signs in itertools.product((1, -1), repeat=n):
-                    total = dict.fromkeys(names, 0)
-                    total[mode] -= 1
-                    for name, sign in zip(factors, signs, strict=True):
-                        total[name] += sign
-                    kept = [(k, c) for k, c in total.items() if c]
-                    if not kept or all(c % 2 == 0 for _, c in kept):
-                        continue
-                    if len({c > 0 for _, c in kept}) == 1 or sum(abs(c) for _, c in kept) != n + 1:
-                        continue
-                    if kept[0][1] < 0:
-                        kept = [(k, -c) for k, c in kept]
-                    expected.add(tuple(kept))
-    found = ms.resonances()
-    assert {tuple(r.coefficients.items()) for r in found} == expected
-    assert len(found) == len(expected)
-    for r in found:
-        assert r.order == sum(map(abs, r.coefficients.values())) - 1
-        divisor = abs(sum(c * values[k] for k, c in r.coefficients.items()))
-        np.testing.assert_allclose(
-            r.divisor, divisor / max(values[k] for k in r.coefficients), atol=1e-14
-        )
-    assert [r.near for r in found] == [r.divisor <= 0.05 for r in found]
-
-
 def test_resonances_of_many_frequencies_are_counted():
     """Six modes and six loads: the number given by combinatorics."""
 

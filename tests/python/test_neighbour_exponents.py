@@ -120,29 +120,6 @@ def test_sums_with_memory_and_strong_damping(c, k):
     assert many.spectrum.sum() * end == pytest.approx(area, abs=1e-5)
 
 
-@pytest.mark.parametrize("kinked", [False, True])
-def test_sums_of_structures_that_keep_more_than_their_state(kinked):
-    """Deflections are stored in addition to modes: an error there does not decay."""
-    rng = np.random.default_rng(8)
-    for i in range(2):
-        n = 4 + i
-        joints = np.eye(n) - np.eye(n, k=-1)
-        stiffness = joints.T @ np.diag(10 ** rng.uniform(-0.5, 1, n)) @ joints
-        damping = joints.T @ np.diag(10 ** rng.uniform(-2.5, 0.7, n)) @ joints
-        damping[0, 0] += 15.0
-        mass = 10 ** rng.uniform(-0.5, 0.3, n)
-        law = "2*max(d - 0.2, 0)" if kinked else "2*d^3"
-        long = vv.Structure(
-            mass=mass, stiffness=stiffness, damping=damping,
-            elements=[vv.Spring(on={f"x{n}": 1}, law=law)],
-        )  # fmt: skip
-        many = vv.simulate_ensemble(
-            long, initial=rng.uniform(-1, 1, 2 * n), load={"x1": 1.0}, nu=1.3, t_end=15,
-            discard=4, dt=0.05, lyapunov="all",
-        )  # fmt: skip
-        assert many.spectrum.sum() == pytest.approx(-(np.diag(damping) / mass).sum(), rel=1e-6)
-
-
 def area_rate(rates, tangent, hidden, before, end):
     """Mean growth of areas of coordinates and velocities from a time on, starting at rest.
 

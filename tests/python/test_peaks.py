@@ -18,7 +18,7 @@ def highest_of(branch, dof):
     return branch.amplitude(dof).max()
 
 
-@pytest.mark.parametrize("count", [7, 12, 40, 200])
+@pytest.mark.parametrize("count", [7, 40])
 @pytest.mark.parametrize("downwards", [False, True])
 def test_a_jump_is_no_summit(count, downwards):
     """A parabola across the jump of a light mount would be 11 percent too large."""
@@ -107,73 +107,6 @@ def test_coarse_grids_find_the_peak_of_random_systems(method):
         assert peak.nu == pytest.approx(best.x, rel=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["linear", "newton", "structure"])
-def test_close_modes_between_two_frequencies_hide_no_peak(kind):
-    """Lightly damped modes closer than the grid spacing, against sums over neighbouring modes."""
-    rng = np.random.default_rng(11)
-    for _ in range(60):
-        n = int(rng.integers(2, 5))
-        modes, shapes = rng.uniform(0.8, 1.4, n), np.linalg.qr(rng.normal(size=(n, n)))[0]
-        ratio = 10 ** rng.uniform(-3, -1.7)
-        stiffness = shapes @ np.diag(modes**2) @ shapes.T
-        damping = shapes @ np.diag(2 * ratio * modes) @ shapes.T
-        load = 1e-4 * rng.normal(size=n)
-
-        def size(nu, q=shapes, w=modes, z=ratio, p=load):
-            nu = np.asarray(nu)[..., np.newaxis]
-            return np.abs(((q[0] * (p @ q)) / (w**2 - nu**2 + 2j * z * w * nu)).sum(axis=-1))
-
-        near = modes[:, np.newaxis] * (1 + ratio * np.linspace(-8, 8, 4001))
-        top = size(near).max()
-        arrays = {
-            "mass": np.ones(n),
-            "stiffness": (stiffness + stiffness.T) / 2,
-            "damping": (damping + damping.T) / 2,
-        }
-        if kind == "structure":
-            system = vv.Structure(**arrays, elements=[vv.Spring(on="x1", law="1e-9*d^3")])
-        else:
-            system = vv.PolynomialSystem(**arrays, forces={"x1": "1e-9*x1^3"})
-        nu = np.linspace(0.3, 2, int(rng.integers(8, 60)))
-        method = "linear" if kind == "linear" else "newton"
-        peak = vv.forced_response(system, nu, load=load, method=method).peak("x1")
-        assert peak.enclosed
-        assert peak.amplitude == pytest.approx(top, rel=1e-4)
-
-
-@pytest.mark.parametrize("kind", ["response", "branch", "branch of a structure"])
-def test_resonances_of_coordinates_that_hardly_move_are_peaks(kind):
-    """Oscillators in a row, each weakly driven by the previous one: steps follow the first."""
-    rng = np.random.default_rng(3)
-    for _ in range(12):
-        n = int(rng.integers(2, 5))
-        modes, ratios = rng.uniform(0.6, 1.6, n), 10 ** rng.uniform(-4, -1.5, n)
-        weak = 10 ** rng.uniform(-3, -1)
-        stiffness = np.diag(modes**2) - weak * (np.eye(n, k=1) + np.eye(n, k=-1))
-        damping = np.diag(2 * ratios * modes)
-        load = 1e-4 * np.eye(n)[0]
-        arrays = {"mass": np.ones(n), "stiffness": stiffness, "damping": damping}
-        if kind == "branch of a structure":
-            system = vv.Structure(**arrays, elements=[vv.Spring(on="x1", law="1e-9*d^3")])
-        else:
-            system = vv.PolynomialSystem(**arrays, forces={"x1": "1e-9*x1^3"})
-        if kind == "response":
-            nu = np.linspace(0.3, 2, 40)
-            found = vv.forced_response(system, nu, load=load, method="newton")
-        else:
-            found = vv.trace_response(system, (0.3, 2), load=load, stability=False)
-        first_order = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
-        roots = np.linalg.eigvals(first_order)
-        near = abs(roots.imag)[:, np.newaxis] + roots.real[:, np.newaxis] * np.linspace(-8, 8, 1001)
-        near = np.append(near[(near >= 0.3) & (near <= 2)], [0.3, 2])
-        dynamic = (
-            stiffness - near[:, None, None] ** 2 * np.eye(n) + 1j * near[:, None, None] * damping
-        )
-        sizes = np.abs(np.linalg.inv(dynamic) @ load)
-        for d, name in enumerate(found.dof_names):
-            assert found.peak(name).amplitude == pytest.approx(sizes[:, d].max(), rel=1e-3)
-
-
 def test_a_base_that_moves_counts():
     """The absolute motion has its maximum at another frequency than the relative motion."""
     system = vv.PolynomialSystem(
@@ -259,7 +192,7 @@ def test_what_is_0_but_for_rounding_has_no_peak(method):
         assert found.peak("a", 1).enclosed
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(12))
 def test_peaks_of_what_a_symmetry_all_but_silences(seed):
     """Regression: peaks reported as inf, or lower peaks, because of rounding errors."""
     rng = np.random.default_rng(seed)

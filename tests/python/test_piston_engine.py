@@ -2,7 +2,6 @@
 
 import pickle
 
-import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
@@ -75,49 +74,6 @@ def drawn(rng, n, **more):
         "rotating_mass": rng.normal(size=n), "axis": rng.normal(size=3),
         "up": rng.normal(size=3), "highest": 40,
     } | more  # fmt: skip
-
-
-def piston(given, theta):
-    """Speed and acceleration of a piston by its angle, from its position in many digits."""
-    radius, rod = given["crank_radius"], given["rod_length"]
-
-    def height(t):
-        return radius * mpmath.cos(t) + mpmath.sqrt(rod**2 - (radius * mpmath.sin(t)) ** 2)
-
-    with mpmath.workdps(30):
-        return float(mpmath.diff(height, theta)), float(mpmath.diff(height, theta, 2))
-
-
-def test_random_engines_have_the_loads_of_their_moving_masses():
-    """Minus the rates of momentum and of angular momentum, and the power of the kinetic energy."""
-    rng = np.random.default_rng(0)
-    for index in range(8):
-        n = index % 4 + 1
-        given = drawn(rng, n)
-        engine = vv.PistonEngine(**given)
-        radius, m = given["crank_radius"], given["reciprocating_mass"]
-        along = given["axis"] / np.linalg.norm(given["axis"])
-        up = given["up"] - along * (along @ given["up"])
-        up /= np.linalg.norm(up)
-        across = np.cross(along, up)
-        for angle in rng.uniform(0, 7, 3):
-            force, moment = np.zeros(3), np.zeros(3)
-            for i in range(n):
-                bank, throw = given["bank_angles"][i], given["crank_angles"][i]
-                speed, acceleration = piston(given, angle + throw - bank)
-                cylinder = np.cos(bank) * up + np.sin(bank) * across
-                push = -m * acceleration * cylinder
-                pin = np.cos(throw + angle) * up + np.sin(throw + angle) * across
-                push = push + given["rotating_mass"][i] * radius * pin
-                force += push
-                moment += given["positions"][i] * np.cross(along, push)
-                # The shaft receives -d/dtheta (m x'^2/2), and the engine the reaction.
-                moment += m * speed * acceleration * along
-            turns = np.exp(1j * engine.orders * angle)
-            size = n * (m + 3) * radius
-            assert np.abs((turns @ engine.forces).imag - force).max() < 1e-11 * size
-            assert np.abs((turns @ engine.moments).imag - moment).max() < 1e-11 * size
-        assert engine.neglected < 1e-12
 
 
 def test_gas_torque_is_the_work_of_the_pressure():

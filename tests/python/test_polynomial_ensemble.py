@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from referee.integration import solve_ivp
 
 DUFFING = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.3, forces="x^3")
 TWO = vv.PolynomialSystem(
@@ -12,35 +11,6 @@ TWO = vv.PolynomialSystem(
     damping=[0.1, 0.2],
     forces={"x1": "x1^3 + 2*x1*x2^2", "x2": "tanh(3*x2) + 0.3*sin(x1 - x2_dot)"},
 )
-
-
-def test_members_are_single_runs():
-    """Every member is the motion with its own parameters."""
-    rng = np.random.default_rng(1)
-    start = rng.uniform(-1, 1, (11, 4))
-    given = {
-        "nu": rng.uniform(0.5, 1.5, 11),
-        "load_scale": rng.uniform(0.5, 2, 11),
-        "damping_scale": rng.uniform(0.5, 2, 11),
-        "stiffness_scale": rng.uniform(0.8, 1.2, 11),
-    }
-    many = vv.simulate_ensemble(
-        TWO, initial=start, t_end=20.0, load=[0.5, 0.2j], parameters=given, tolerance=1e-10
-    )
-    assert many.error < 1e-10
-    for i in (0, 7, 10):
-        nu, load, c, k = (values[i] for values in given.values())
-
-        def rates(t, y, nu=nu, load=load, c=c, k=k):
-            x, v = y[::2], y[1::2]
-            force = load * np.array([0.5 * np.sin(nu * t), 0.2 * np.cos(nu * t)])
-            law = [x[0] ** 3 + 2 * x[0] * x[1] ** 2, np.tanh(3 * x[1]) + 0.3 * np.sin(x[0] - v[1])]
-            springs = k * np.array([[3, -1], [-1, 2]]) @ x + law
-            a = (force - c * np.array([0.1, 0.2]) * v - springs) / [1, 2]
-            return [v[0], a[0], v[1], a[1]]
-
-        run = solve_ivp(rates, (0, 20), start[i], "DOP853", rtol=1e-12, atol=1e-13)
-        np.testing.assert_allclose(many.state[i], run.y[:, -1], atol=2e-10)
 
 
 def test_forces_scale_and_statistics():

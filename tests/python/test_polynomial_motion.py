@@ -4,7 +4,7 @@ import matplotlib
 import numpy as np
 import pytest
 import viscovib as vv
-from polynomial_examples import KERNEL, chain, state_at_zero
+from polynomial_examples import KERNEL, chain
 from referee.integration import solve_ivp
 
 matplotlib.use("Agg")
@@ -74,52 +74,6 @@ def test_motion_with_memory_in_time():
     assert run.state[-1] == pytest.approx(end + moved, abs=1e-10)
     with pytest.raises(vv.InputError, match="the balance of energy is for pendulums only"):
         run.energy_defect()
-
-
-def test_both_ways_in_time_agree():
-    """Without memory, by the methods of a pendulum and by those with memory."""
-    start = 0.3 * np.sin(np.arange(10.0))
-    load = {1: [0.2, 0, 0, 0, 0.1j]}
-    one = vv.simulate(chain(5), 15, initial=start, load=load, nu=0.7, tolerance=1e-11)
-    # The method "gauss6" belongs to the equations with memory.
-    other = vv.simulate(
-        chain(5), 15, initial=start, load=load, nu=0.7, method="gauss6", tolerance=1e-11
-    )
-    assert "evaluations" in one.stats
-    assert "iterations" in other.stats
-    assert one.state[-1] == pytest.approx(other.state[-1], abs=1e-10)
-    many = vv.simulate(chain(12), 5, initial=np.zeros(24), load=0.1, nu=0.5, tolerance=1e-9)
-    assert many.state.shape[1] == 24
-    assert many.outcome == "completed"
-
-
-def test_steps_are_found_and_tables_written(tmp_path):
-    system = vv.PolynomialSystem(
-        mass=1, stiffness=1, damping=0.1, forces="x_1^3", names=["x_1"], units=["mm"]
-    )
-    run = vv.simulate(system, 50, initial=[1, 0], load=0.3, nu=1.1, tolerance=1e-9)
-    r = vv.forced_response(system, 1.1, load=0.3, method="newton", harmonics=25)
-    long = vv.simulate(system, 600, initial=state_at_zero(r), load=0.3, nu=1.1, keep="last")
-    u, v = (np.exp(1j * r.nu[0] * 600 * r.harmonics) * x for x in (1, 1j * 1.1 * r.harmonics))
-    expected = [(r.coefficients[0, 0] * part).sum().imag for part in (u, v)]
-    assert long.state[-1] == pytest.approx(expected, abs=1e-9)
-    run.to_csv(tmp_path / "run.csv")
-    assert "# units: t in s, x_1 in mm" in (tmp_path / "run.csv").read_text()
-    data = run.to_dataset()
-    assert data["x_1_dot"].attrs["units"] == "mm/s"
-    assert len(vv.plot_trajectory(run)) == 2
-    r.to_csv(tmp_path / "r.csv")
-    assert "x_1_1_re" in (tmp_path / "r.csv").read_text()
-    assert r.to_dataset().unit.values.tolist() == ["mm"]
-    branch = vv.trace_response(system, (0.5, 2), load=0.3)
-    branch.to_csv(tmp_path / "b.csv")
-    vv.plot_branch(branch)
-    figure = vv.plot_response(vv.forced_response(system, [0.5, 0.6], load=0.3))[0].figure
-    figure.savefig(tmp_path / "r.png")
-    vv.plot_trajectory(vv.simulate(chain(2), 1, initial=np.zeros(4)))[0].figure.savefig(
-        tmp_path / "t.png"
-    )
-    matplotlib.pyplot.close("all")
 
 
 def test_energy_needs_a_potential():

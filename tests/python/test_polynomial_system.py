@@ -5,53 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 import viscovib as vv
-from polynomial_examples import KERNEL, chain, periodic, state_at_zero
+from polynomial_examples import chain, periodic, state_at_zero
 from referee.integration import solve_ivp
 from scipy.optimize import brentq
-
-STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
-
-
-BODY = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("memory", [False, True])
-def test_the_mount_is_one_of_them(memory):
-    kernel = KERNEL if memory else None
-    damping = 0.02 * STIFFNESS
-    mount = vv.Mount(**BODY, kernel=kernel, damping=damping)
-    same = vv.PolynomialSystem(
-        mass=[1, 0.1],
-        stiffness=STIFFNESS,
-        damping=damping,
-        kernel=kernel,
-        forces={"x": "5/6*phi^3", "phi": "2.5*phi^2*x - 5/3*phi^3"},
-        names=("x", "phi"),
-        units=("m", "rad"),
-    )
-    nu = np.linspace(0.5, 10, 80)
-    for method in ("linear", "successive", "newton"):
-        a = vv.forced_response(mount, nu, load=0.2, method=method, tolerance=1e-13)
-        b = vv.forced_response(same, nu, load=0.2, method=method, tolerance=1e-13)
-        assert (a.outcome == b.outcome).all()
-        assert a.coefficients == pytest.approx(b.coefficients, abs=1e-13, nan_ok=True)
-    at = np.linspace(0.6, 9.9, 40)
-    a = vv.trace_response(mount, (0.5, 10), load=0.5, tolerance=1e-13, at=at)
-    b = vv.trace_response(same, (0.5, 10), load=0.5, tolerance=1e-13, at=at)
-    assert a.folds == pytest.approx(b.folds, abs=1e-13)
-    assert (a.nu[a.stops] == b.nu[b.stops]).all()
-    assert a.coefficients[a.stops] == pytest.approx(b.coefficients[b.stops], abs=1e-12)
-    if not memory:
-        assert np.abs(a.multipliers) == pytest.approx(np.abs(b.multipliers), abs=1e-9)
-    assert same.natural_frequencies() == pytest.approx(mount.natural_frequencies(), rel=1e-14)
-    shapes = mount.mode_shapes()
-    assert same.mode_shapes()[1] / same.mode_shapes()[0] == pytest.approx(shapes[1], rel=1e-12)
-    assert same.dynamic_stiffness(nu) == pytest.approx(mount.dynamic_stiffness(nu), abs=1e-12)
-    one, other = mount.characteristic_roots(), same.characteristic_roots()
-    assert one.oscillatory == pytest.approx(other.oscillatory, abs=1e-13)
-    assert one.real == pytest.approx(other.real, rel=1e-12)
-    assert (one.n_unstable, one.complete) == (other.n_unstable, other.complete)
 
 
 @pytest.mark.parametrize("nu", [0.7, 1.0, 1.6])
@@ -241,7 +197,7 @@ def residual(system, load, nu, orders, x, oversampling):
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(8))
 def test_solutions_of_random_systems_satisfy_their_equations(seed):
     rng = np.random.default_rng(seed)
     n, degree = int(rng.integers(1, 5)), int(rng.choice([3, 5, 8]))

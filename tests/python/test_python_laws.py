@@ -152,7 +152,7 @@ def test_functions_that_cannot_be_laws_are_refused(law, reported):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_laws_whose_parts_cancel_at_rest_are_taken(seed):
     """Rounding errors of the parts exceed the differences used for checking derivatives."""
     a, b = np.random.default_rng(seed).uniform(0.1, 2, 2)
@@ -283,7 +283,7 @@ def random_law(rng, names):
     return f"({names[0]})*({text})"  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(10))
 def test_functions_of_numpy_words_become_texts_of_the_same_values(seed):
     """They then cost as much as texts; values and slopes are those of the function."""
     rng = np.random.default_rng(seed)
@@ -326,7 +326,7 @@ def compiled(function, m):
     return ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * m)(function)
 
 
-@pytest.mark.parametrize("m", range(1, 9))
+@pytest.mark.parametrize("m", [1, 2, 5, 8])
 def test_compiled_functions_are_called_with_their_operands_in_order(m):
     rng = np.random.default_rng(m)
     w = rng.uniform(0.2, 1, m)

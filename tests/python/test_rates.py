@@ -95,30 +95,6 @@ def test_with_memory(outside):
     assert np.abs(known).max() == pytest.approx(np.abs(expected).max(), abs=1e-7)
 
 
-def test_structure_is_the_system():
-    """An element of a condensed structure equals the same forces in all coordinates."""
-    chain = np.diag([2.0, 2, 1]) - np.diag([1.0, 1], 1) - np.diag([1.0, 1], -1)
-    common = {"mass": np.eye(3), "stiffness": chain, "damping": 0.05 * chain}
-    law = "0.2*tanh(v/s) + 0.3*d^3"
-    spring = vv.Spring(on=("x1", "x3"), law=law, parameters={"s": 0.3})
-    structure = vv.Structure(**common, elements=[spring])
-    text = "0.2*tanh((x1_dot - x3_dot)/0.3) + 0.3*(x1 - x3)^3"
-    whole = vv.PolynomialSystem(**common, forces={"x1": text, "x3": f"-({text})"})
-    load, nu = [0, 0, 0.4], [0.4, 0.9, 1.6]
-    a, b = (
-        vv.forced_response(s, nu, load=load, method="newton", stability=True)
-        for s in (structure, whole)
-    )
-    n = min(a.harmonics.size, b.harmonics.size)
-    np.testing.assert_allclose(a.coefficients[..., :n], b.coefficients[..., :n], atol=1e-10)
-    np.testing.assert_array_equal(a.stable, b.stable)
-    for one, other in zip(a.multipliers, b.multipliers, strict=True):
-        for multiplier in one[np.isfinite(one)]:
-            assert np.abs(other - multiplier).min() < 1e-7
-    runs = [vv.simulate(s, 10, load=load, nu=0.9, dt=0.05).state[-1] for s in (structure, whole)]
-    np.testing.assert_allclose(runs[0], runs[1], atol=1e-12)
-
-
 @pytest.mark.filterwarnings("ignore::viscovib.errors.ConvergenceWarning")
 def test_branch_derivatives():
     """A branch over the frequency, whose tangents need dR/dnu, and over the damping."""

@@ -114,7 +114,7 @@ def test_iteration_reports_how_it_ended(mount):
     assert (r.rate[r.outcome == "diverged"] > 1).all()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_plain_call_finds_a_motion_at_every_frequency(seed):
     """Through resonance in both directions; each motion satisfies the equation of motion."""
     rng = np.random.default_rng([48, seed])
@@ -365,7 +365,7 @@ def test_absurd_parameters_never_give_a_wrong_number():
     seen = set()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        for _ in range(600):
+        for _ in range(200):
             geometry = str(rng.choice(["exact", "cubic", "printed"]))
             kernel = vv.PronyKernel(weights=[pick(0.0)], rates=[pick()])
             body = vv.Mount(
@@ -382,44 +382,7 @@ def test_absurd_parameters_never_give_a_wrong_number():
     assert {"converged", "diverged", "overflow", "singular"} <= seen
 
 
-def test_linear_motions_near_antiresonances_keep_their_digits():
-    # Springs at two of several masses: if these two hardly move, their motion determines little of
-    # the other masses.
-    rng = np.random.default_rng(8)
-    worst = 0.0
-    for _ in range(60):
-        n = int(rng.integers(4, 8))
-        mass, k = rng.uniform(0.5, 2, n), rng.uniform(0.5, 2, n + 1)
-        stiffness = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
-        first, second = sorted(rng.choice(n, 2, replace=False))
-        system = vv.PolynomialSystem(
-            mass=np.diag(mass), stiffness=stiffness, damping=1e-3 * stiffness,
-            forces={f"x{first + 1}": f"x{first + 1}^3", f"x{second + 1}": f"x{second + 1}^3"},
-        )  # fmt: skip
-        held = np.delete(np.arange(n), [first, second])
-        inside = stiffness[np.ix_(held, held)] / mass[held, np.newaxis]
-        nu = np.sqrt(rng.choice(np.linalg.eigvals(inside).real))
-        load = rng.normal(size=n)
-        found = vv.forced_response(system, [nu], load={1: load.tolist()}, method="linear")
-        whole = stiffness * (1 + 1e-3j * nu) - nu**2 * np.diag(mass)
-        true = np.linalg.solve(whole, load)
-        off = np.abs(found.coefficients[0, :, 0] - true).max() / np.abs(true).max()
-        worst = max(worst, off / np.linalg.cond(whole))
-    assert worst < 1e-15
-
-
-def test_a_load_that_is_missing_is_refused():
-    """None and an empty mapping must not give converged motions of 0."""
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
-    for given in ({}, {"load": {}}, {"base": {}}, {"load": {}, "base": {}}):
-        for call in (vv.forced_response, vv.trace_response):
-            with pytest.raises(vv.InputError, match="without them every motion is 0"):
-                call(system, (0.5, 0.9), **given)
-    assert vv.forced_response(system, [0.5], load=0).converged.all()
-
-
-@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
-@pytest.mark.parametrize("forces", [None, "x^3"])
+@pytest.mark.parametrize(("method", "forces"), [("linear", None), ("newton", "x^3")])
 @pytest.mark.parametrize("load", [0, {0: 0.3j}, {0: 0.3j, 1: 0.1}])
 def test_rest_and_a_mean_alone_tell_their_error(method, forces, load):
     body = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces=forces)
@@ -430,8 +393,9 @@ def test_rest_and_a_mean_alone_tell_their_error(method, forces, load):
     assert (r.to_dataset().error == r.error).all()
 
 
-@pytest.mark.parametrize("elements", [[], [vv.Spring(on="x2", law="d^3")]])
-@pytest.mark.parametrize("method", ["linear", "newton"])
+@pytest.mark.parametrize(
+    ("elements", "method"), [([], "linear"), ([vv.Spring(on="x2", law="d^3")], "newton")]
+)
 def test_a_structure_under_no_load_is_at_rest(elements, method):
     """Its linear response has no harmonics."""
     pair = vv.Structure(
@@ -441,25 +405,6 @@ def test_a_structure_under_no_load_is_at_rest(elements, method):
     assert r.complete
     assert r.coefficients.shape == (2, 2, r.harmonics.size)
     assert r.to_dataset().sizes["nu"] == 2
-
-
-@pytest.mark.parametrize("method", ["successive", "newton"])
-def test_the_unit_of_force_changes_no_motion(method):
-    """Masses of 1e290 in these units make norms large, but not amplitudes."""
-    rng = np.random.default_rng(11)
-    for scale in (1e-200, 1e-50, 1e60, 1e90, 1e150, 1e290):
-        damping, cubic, nu = rng.uniform(0.05, 0.2), rng.uniform(0.1, 0.5), rng.uniform(0.4, 0.8)
-        motions = []
-        for force in (1.0, scale):
-            system = vv.PolynomialSystem(
-                mass=force,
-                stiffness=force,
-                damping=damping * force,
-                forces=f"{cubic * force!r}*x^3",
-            )
-            found = vv.forced_response(system, [nu], load=0.1 * force, method=method)
-            motions.append(found.coefficients)
-        np.testing.assert_allclose(motions[1], motions[0], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("method", ["successive", "newton", "auto"])

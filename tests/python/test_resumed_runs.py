@@ -136,33 +136,6 @@ def test_a_singular_kernel_sees_the_jump_to_another_load(loads):
     assert np.abs(np.array(ends) - ends[-1]).max() < 1e-13
 
 
-@pytest.mark.parametrize(
-    "kernel",
-    [
-        vv.RzhanitsynKernel(amplitude=0.0115, alpha=0.693, beta=0.02),
-        vv.RabotnovKernel(amplitude=0.05, alpha=0.5, beta=0.1),
-    ],
-)
-def test_slow_exponentials_of_a_structure_stay_under_other_loads(kernel):
-    """A resumed run uses the kernel sum of the first run, however long it is."""
-    force = {"stiffness": 0.3, "kernel": kernel}
-    lone = vv.Structure(
-        mass=[2.0], stiffness=[[9.8]], damping=[[0.03]],
-        elements=[vv.Spring(on="x1", law="2*d^3", **force)],
-    )  # fmt: skip
-    same = vv.PolynomialSystem(
-        mass=2, stiffness=9.8, damping=0.03, springs=[vv.Springs(forces="2*x^3", **force)]
-    )
-    ends = []
-    for system in (lone, same):
-        run = vv.simulate(system, 3, dt=0.1, load={0: 0.1j})
-        for end in (6, 9):
-            run = vv.simulate(system, end, resume=run, load={0: 1j * end}, estimate_error=True)
-            assert run.error < 1e-9
-            ends.append(run.state[-1])
-    np.testing.assert_allclose(ends[:2], ends[2:], rtol=1e-10)
-
-
 def test_times_may_be_chosen_where_steps_hold_several_states():
     body = chain(np.random.default_rng(3), PRONY)
     run = vv.simulate(body, 3, load=0.3, nu=1.0)
@@ -289,7 +262,7 @@ def test_a_kernel_fitted_for_a_short_run_serves_one_a_hundred_times_as_long(kern
         vv.simulate(body, 101, resume=first)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_other_loads_leave_no_coordinate_behind(seed):
     """Two uncoupled masses move as separate masses, whichever is loaded."""
     rng = np.random.default_rng(seed)
@@ -398,7 +371,7 @@ def test_any_end_may_be_gone_on_from():
         mass=[2.0, 0.7], stiffness=[[1.99, -0.79], [-0.79, 2.19]], rayleigh=(0.01, 0.01),
         elements=[vv.Spring(on="x2", law="0.3*d^3")],
     )  # fmt: skip
-    for end in np.random.default_rng(5).uniform(3, 9, 60).round(2):
+    for end in np.random.default_rng(5).uniform(3, 9, 20).round(2):
         run = vv.simulate(system, end, load={"x1": 0.1}, nu=0.7, tolerance=1e-7, method="gauss4")
         more = vv.simulate(system, 2 * end, resume=run)
         assert more.t[0] == pytest.approx(end, rel=1e-15)

@@ -203,7 +203,7 @@ def test_a_laval_rotor_loses_stability_at_the_speed_of_jeffcott(external, intern
     assert np.array_equal(branch.stable, branch.nu < limit)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_stability_along_branches_of_linear_rotors_is_that_of_the_state_matrix(seed):
     rotor = Rotor(40 + seed, 2 + seed % 4, nonlinear=False)
     rotor.circulatory *= 12
@@ -219,13 +219,6 @@ def test_stability_along_branches_of_linear_rotors_is_that_of_the_state_matrix(s
     assert np.array_equal(branch.stable, np.array(largest) < 0)
     growth = branch.exponents.real.max(axis=1)
     assert growth == pytest.approx(np.array(largest), abs=1e-8)
-
-
-def test_some_of_these_rotors_lose_stability():
-    rotor = Rotor(40, 2, nonlinear=False)
-    rotor.circulatory *= 12
-    branch = vv.trace_response(rotor.system(), (0.3, 3), load=rotor.load)
-    assert 0 < branch.stable.sum() < branch.nu.size
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -343,62 +336,6 @@ def test_more_than_512_coordinates_are_refused():
         vv.PolynomialSystem(mass=np.ones(n), stiffness=np.ones(n), gyroscopic=np.zeros((n, n)))
 
 
-SCENE = """&system
-  coordinates = 'x' 'y'
-  mass = 1 1.3
-  stiffness = 1 2
-  damping = 0.25 0.25
-  gyroscopic = 0 0.1 -0.1 0
-  circulatory = 0 0.2 -0.2 0
-  centrifugal = 0.1 0.2{speed}
-/
-&force on='x' law='0.1*x^3' /
-&load on='x' amplitude=0.1 /
-{result}
-"""
-
-
-def in_scene(tmp_path, result, speed=""):
-    path = tmp_path / "rotor.nml"
-    path.write_text(SCENE.format(result=result, speed=f"\n  speed = {speed}" if speed else ""))
-    return path
-
-
-def test_scenes_have_these_matrices(tmp_path):
-    path = in_scene(tmp_path, "&branch nu_from=0.5 nu_to=2 /")
-    system = vv.Scene.read(path).polynomial_system()
-    found = vv.run(path).branch
-    branch = vv.trace_response(system, (0.5, 2), load={"x": 0.1})
-    assert found.nu == pytest.approx(branch.nu, rel=1e-12)
-    assert found.coefficients == pytest.approx(branch.coefficients, abs=1e-9)
-    assert np.array_equal(found.stable, branch.stable)
-    path = in_scene(tmp_path, "&transient t_end=8 nu=0.7 initial=0.1 0 0 0.2 /")
-    run = vv.simulate(system, 8, load={"x": 0.1}, nu=0.7, initial=[0.1, 0, 0, 0.2])
-    assert vv.run(path).trajectory.state[-1] == pytest.approx(run.state[-1], abs=1e-8)
-    path = in_scene(tmp_path, "&characteristic_roots /", speed="1.4")
-    roots = system.at_speed(1.4).characteristic_roots().oscillatory
-    assert vv.run(path).value.columns["s_im"] == pytest.approx(roots.imag, rel=1e-9)
-    assert vv.Scene.read(path).polynomial_system().speed == 1.4
-
-
-UNDAMPED = "gyroscopic: undamped modes omit it; use campbell or characteristic_roots"
-
-
-@pytest.mark.parametrize(
-    ("result", "speed", "message"),
-    [
-        ("&characteristic_roots /", "", SPEED),
-        ("&trace_motion nu_from=0.5 nu_to=1 /", "", SPEED),
-        ("&modes /", "", UNDAMPED),
-        ("&modes /", "2", UNDAMPED),
-        ("&backbone from=0.1 to=1 /", "2", "gyroscopic: must be 0 for a backbone"),
-    ],
-)
-def test_a_scene_that_cannot_be_computed_says_why(tmp_path, result, speed, message):
-    with pytest.raises(vv.InputError, match=message):
-        vv.run(in_scene(tmp_path, result, speed))
-
-
 @pytest.mark.parametrize(
     "system",
     [
@@ -429,7 +366,7 @@ def body_with_rotor(rng, **given):
     return vv.Body(mass=20.0, inertia=rng.uniform(0.5, 1.0, 3), mounts=mounts, **given)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_rotor_of_a_body_turns_with_the_load(seed):
     """Reference: the steady rotor with the angular momentum of the speed, given as spin."""
     rng = np.random.default_rng(seed)

@@ -79,25 +79,6 @@ def test_shocks_have_the_values_of_their_formula(name):
     assert "amplitude=" in repr(shock)
 
 
-def test_shocks_act_alike_on_every_system():
-    """The same oscillator as a mount-like system, with memory, and as a structure."""
-    rubber = vv.PronyKernel(weights=[0.1], rates=[2.0])
-    shock = vv.HalfSine(amplitude=3.0, duration=0.3, start=0.1)
-    by_system = vv.PolynomialSystem(mass=1, stiffness=100, damping=0.5)
-    by_structure = vv.Structure(mass=[[1.0]], stiffness=[[100.0]], damping=[[0.5]])
-    runs = [vv.simulate(one, 2, dt=0.01, force=shock) for one in (by_system, by_structure)]
-    assert np.abs(runs[0].state - runs[1].state).max() < 1e-12
-    remembers = [
-        vv.PolynomialSystem(mass=1, stiffness=100, damping=0.5, kernel=rubber),
-        vv.Structure(
-            mass=[[1.0]], stiffness=[[0.0]], damping=[[0.5]],
-            elements=[vv.Spring(on={"x1": 1}, stiffness=100, kernel=rubber)],
-        ),
-    ]  # fmt: skip
-    runs = [vv.simulate(one, 2, dt=0.01, force=shock) for one in remembers]
-    assert np.abs(runs[0].state - runs[1].state).max() < 1e-11
-
-
 def test_shocks_on_one_coordinate_and_what_is_refused():
     shock = vv.LoadTable.sawtooth(3.0, 0.5, start=1.0)
     np.testing.assert_allclose(shock([0.9, 1.25, 1.5, 1.6]), [0, 1.5, 3, 0])

@@ -37,7 +37,7 @@ def test_few_functions_are_called_for_one_run() -> None:
     assert len(calls) <= MOST_CALLS
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_same_load_and_start_written_in_other_ways_are_the_same_run(seed: int) -> None:
     rng = np.random.default_rng(seed)
     system = _oscillator()

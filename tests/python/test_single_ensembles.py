@@ -77,20 +77,6 @@ def test_statistics_sections_and_lines_of_a_structure_with_friction():
         assert many.amplitudes[i, 0, 0] == pytest.approx(2 * wave @ moved / window.sum(), rel=1e-10)
 
 
-def test_sections_by_a_surface_begin_where_discard_says():
-    """All events from that time on, wherever it lies in a step."""
-    rng = np.random.default_rng(4)
-    for dt in ("auto", 0.4):
-        given = {"load": 0.8, "nu": 0.7, "initial": [0.4, 0], "dt": dt}
-        run = vv.simulate(GAP, 30, **given, events="x - 0.1*x_dot")
-        for since in [*rng.uniform(0, 25, 4), *(run.events[0].t[4:7] - 1e-6)]:
-            many = vv.simulate_ensemble(
-                GAP, **given, t_end=30, discard=since, sections="x - 0.1*x_dot", tolerance=1e-10
-            )
-            t = run.events[0].t[run.events[0].t >= since]
-            assert many.section_times[0] == pytest.approx(t, abs=1e-6)
-
-
 def test_sections_by_a_surface():
     """Sections equal the events of the single run; also for a pendulum."""
     many = vv.simulate_ensemble(
@@ -259,8 +245,7 @@ def test_bad_calls(changes, text):
         vv.simulate_ensemble(GAP, **call)
 
 
-@pytest.mark.parametrize("way", ["plain", "kink", "memory"])
-@pytest.mark.parametrize("dt", [0.05, "auto"])
+@pytest.mark.parametrize(("way", "dt"), [("plain", "auto"), ("kink", 0.05), ("memory", "auto")])
 def test_nothing_is_left_in_a_lane_that_escapes(way, dt):
     """Statistics of incomplete runs are NaN in all parts."""
     law = "-0.4*x^3" + {"kink": " + 0.1*max(x - 0.3, 0)"}.get(way, "")
@@ -287,8 +272,7 @@ def test_a_wrong_surface_is_reported_by_the_name_given():
         vv.simulate_ensemble(system, initial=[0, 0], t_end=5, dt=0.1, sections="xdot")
 
 
-@pytest.mark.parametrize("every", [3, 7, 60])
-@pytest.mark.parametrize("steps", [50, 127_001])
+@pytest.mark.parametrize(("every", "steps"), [(3, 50), (60, 50), (7, 127_001)])
 def test_last_states_are_those_at_the_end(every, steps):
     """For any sampling: steps are not an integer multiple of the samples, or of those in memory."""
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="3*max(x - 0.2, 0)")

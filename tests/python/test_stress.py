@@ -14,7 +14,7 @@ STRESS = Path(__file__).parents[2] / "benchmarks" / "stress" / "run.py"
 
 
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "gauss8"])
-@pytest.mark.parametrize("h", [0.02, 0.05, 0.08, 0.12])
+@pytest.mark.parametrize("h", [0.02, 0.12])
 def test_small_steps_do_not_drift(method, h):
     """Collocation keeps the energy of an oscillator; steps are solved beyond 5e-14."""
     run = vv.simulate(

@@ -43,8 +43,7 @@ def difference(a: vv.Response, b: vv.Response) -> float:
     return float(np.abs(one - other).max() / np.abs(one).max())
 
 
-@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
-@pytest.mark.parametrize("n", [2, 8, 16])
+@pytest.mark.parametrize(("n", "method"), [(2, "linear"), (8, "successive"), (16, "newton")])
 def test_condensed_chain_is_the_whole_one(n: int, method: str) -> None:
     whole, structure = both(n, "0.5*d^3", damping=0.02 * chain(n))
     nu = np.linspace(0.5, 1.4, 20) * whole.natural_frequencies()[0]
@@ -53,27 +52,6 @@ def test_condensed_chain_is_the_whole_one(n: int, method: str) -> None:
     given = {"load": load, "method": method, "harmonics": 9}
     found = [vv.forced_response(system, nu, **given) for system in (whole, structure)]
     assert difference(*found) < 1e-12
-
-
-def test_even_laws_have_a_mean() -> None:
-    whole, structure = both(6, "0.3*d^2 + 0.5*d^3", damping=0.05 * chain(6))
-    load = {0: np.array([0, 0.01j, 0, 0, 0, 0]), 1: {"x1": 0.02, "x3": 0.01j}, 3: {"x2": 0.01}}
-    vector = {
-        0: load[0], 1: np.array([0.02, 0, 0.01j, 0, 0, 0]), 3: np.array([0, 0.01, 0, 0, 0, 0])
-    }  # fmt: skip
-    nu = np.linspace(0.2, 0.6, 15)
-    a = vv.forced_response(whole, nu, load=vector, method="newton", harmonics=10)
-    b = vv.forced_response(structure, nu, load=load, method="newton", harmonics=10)
-    assert difference(a, b) < 1e-12
-
-
-def test_base_moves_the_whole_structure() -> None:
-    n = 7
-    whole, structure = both(n, "0.5*d^3", damping=0.03 * chain(n), base_direction=np.ones(n))
-    nu = np.linspace(0.2, 0.6, 15)
-    base = {1: 0.02, 2: 0.005j}
-    given = {"base": base, "method": "newton", "harmonics": 8}
-    assert difference(*(vv.forced_response(s, nu, **given) for s in (whole, structure))) < 1e-12
 
 
 def test_non_symmetric_matrices_have_complex_modes() -> None:
@@ -190,34 +168,6 @@ def test_a_rigid_body_that_nothing_holds_has_no_mean() -> None:
     assert r.complete
 
 
-def test_a_rigid_body_that_dampers_hold() -> None:
-    """A pole at 0 among complex modes: a negligible spring makes the full system regular."""
-    n = 8
-    free = chain(n)
-    free[0, 0] = free[-1, -1] = 1
-    damping = 0.05 * free
-    damping[0, 0] += 0.2
-    law = "0.5*d^3 + 0.3*d^2"
-    held = free.copy()
-    held[2, 2] += 1e-9
-    forces = {}
-    for a, b in (("x1", "x2"), ("x5", "x8")):
-        f = f"(0.5*({a}-{b})^3 + 0.3*({a}-{b})^2)"
-        forces |= {a: f, b: f"-{f}"}
-    whole = vv.PolynomialSystem(mass=np.ones(n), stiffness=held, damping=damping, forces=forces)
-    whole.__dict__["_condensation"] = None
-    structure = vv.Structure(
-        mass=np.ones(n), stiffness=free, damping=damping,
-        elements=[vv.Spring(on=("x1", "x2"), law=law), vv.Spring(on=("x5", "x8"), law=law)],
-    )  # fmt: skip
-    given = {"load": np.eye(1, n, 2)[0] * 0.05, "method": "newton", "harmonics": 8}
-    a, b = (vv.forced_response(s, [0.5, 0.8], **given) for s in (whole, structure))
-    for one, other in ((0, 1), (4, 7)):
-        x, y = (r.coefficients[:, one] - r.coefficients[:, other] for r in (a, b))
-        assert np.abs(x - y).max() < 1e-7 * np.abs(x).max()
-        assert np.abs(y[:, 0]).min() > 1e-5
-
-
 @pytest.mark.parametrize("given", [{"modal_damping": 0.02}, {"rayleigh": (0.01, 0.03)}])
 def test_modal_damping_is_a_matrix(given: dict) -> None:
     n = 6
@@ -295,49 +245,6 @@ def test_branch_is_that_of_the_whole_chain() -> None:
         one, other = a.peak(name, order), b.peak(name, order)
         assert other.enclosed
         assert abs(one.amplitude / other.amplitude - 1) < 1e-9
-
-
-def test_branch_over_the_load() -> None:
-    n = 5
-    whole, structure = both(n, "0.3*d^2 + 0.5*d^3", damping=0.05 * chain(n))
-    load = {0: np.full(n, 0.01j), 1: np.eye(1, n)[0] * 0.02}
-    nu = 1.1 * whole.natural_frequencies()[0]
-    given = {"nu": nu, "load_range": (0.1, 4), "load": load, "harmonics": 8, "stability": False}
-    a, b = (vv.trace_response(s, at=[1.5], **given) for s in (whole, structure))
-    one, other = (x.coefficients[x.stops] for x in (a, b))
-    assert one.shape == other.shape
-    assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
-
-
-def test_response_peaks_between_its_frequencies() -> None:
-    n = 4
-    whole, structure = both(n, "0.5*d^3", damping=0.05 * chain(n), base_direction=np.ones(n))
-    nu = np.linspace(0.4, 0.8, 21)
-    for method in ("newton", "linear"):
-        given = {"base": 0.01, "method": method}
-        a, b = (vv.forced_response(s, nu, **given) for s in (whole, structure))
-        for name in ("x1", "x4"):
-            one, other = a.peak(name), b.peak(name)
-            assert one.enclosed
-            assert other.enclosed
-            assert abs(one.amplitude / other.amplitude - 1) < 1e-9
-    shown = b.at(["x3", "x1"])
-    assert np.array_equal(shown.coefficients[:, 1], b.coefficients[:, 0])
-    assert pickle.loads(pickle.dumps(shown)).amplitude("x3").shape == (21,)
-
-
-@pytest.mark.parametrize("dof", [None, "x2"])
-def test_backbone_is_that_of_the_whole_chain(dof: str | None) -> None:
-    n = 6
-    whole, structure = both(n, "0.3*d^2 + 0.5*d^3", damping=0.1 * np.diag(np.arange(6.0)))
-    for mode in (0, 2):
-        given = {"dof": dof, "harmonics": 10}
-        a, b = (vv.backbone(s, mode, (0.001, 0.4), **given) for s in (whole, structure))
-        assert a.outcome == b.outcome == "completed"
-        one, other = a.coefficients[-1], b.coefficients[-1]
-        assert abs(a.nu[-1] / b.nu[-1] - 1) < 1e-10
-        assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
-        assert abs(b.nu[0] / whole.natural_frequencies()[mode] - 1) < 1e-4
 
 
 @pytest.mark.parametrize("dof", ["x1", "x4", "x6"])
@@ -518,7 +425,7 @@ def test_a_rigid_connection_by_huge_numbers_is_refused():
         vv.Structure(mass=np.ones(3), stiffness=1e32 * link + np.eye(3))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_an_indefinite_sparse_mass_is_refused(seed):
     from scipy.sparse import csr_array
 

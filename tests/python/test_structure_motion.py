@@ -65,9 +65,14 @@ def cases(n):
     }
 
 
-@pytest.mark.parametrize("kernel", [None, PRONY, SINGULAR], ids=["none", "prony", "singular"])
-@pytest.mark.parametrize("damping", ["modal", "not modal"])
-@pytest.mark.parametrize("case", list(cases(8)))
+@pytest.mark.parametrize(
+    ("case", "kernel", "damping"),
+    [
+        (case, (None, PRONY, SINGULAR)[i % 3], ("modal", "not modal")[i // 3 % 2])
+        for i, case in enumerate(cases(8))
+    ],
+    ids=list(cases(8)),
+)
 def test_as_the_whole_system(kernel, damping, case):
     n = 8
     matrix = 0.03 * np.eye(n) if damping == "modal" else 0.02 * chain(n)

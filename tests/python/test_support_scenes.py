@@ -65,9 +65,8 @@ BASES = {
         ("together", [LINEAR, CUBIC, BENT]),
     ],
 )
-@pytest.mark.parametrize("seed", range(6))
-def test_responses_are_those_of_python(tmp_path, seed, base, elements):
-    matrices = random_matrices(seed)
+def test_responses_are_those_of_python(tmp_path, base, elements):
+    matrices = random_matrices(0)
     loads, moved, direction = BASES[base]
     structure = vv.Structure(
         **matrices, supports=["x5", "x2"], base_direction=direction, elements=elements
@@ -95,8 +94,7 @@ def test_responses_are_those_of_python(tmp_path, seed, base, elements):
     assert np.abs(own.coefficients - expected.coefficients).max() <= 1e-12 * largest
 
 
-@pytest.mark.parametrize("law", [CUBIC, GAP])
-@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize(("base", "law"), [("alone", CUBIC), ("together", GAP)])
 def test_motions_in_time_are_those_of_python(tmp_path, base, law):
     matrices = random_matrices(11)
     loads, moved, direction = BASES[base]

@@ -36,7 +36,7 @@ def _e(i, j):
     return e
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_linear_response_and_reactions_solve_the_full_equations(seed):
     rng = np.random.default_rng(seed)
     given, kernel = _matrices(rng), vv.PronyKernel(weights=[0.2], rates=[1.5])
@@ -71,7 +71,7 @@ def test_linear_response_and_reactions_solve_the_full_equations(seed):
             assert np.allclose(reactions[i][:, j], (full @ u)[HELD], rtol=0, atol=2e-12)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_nonlinear_elements_on_a_moving_support(seed):
     # The balance of harmonics, with forces sampled in time, on all coordinates.
     rng = np.random.default_rng(seed)
@@ -125,7 +125,7 @@ def _full(given, base, gap):
     return forces
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_motions_in_time_and_reactions_follow_the_full_equations(seed):
     rng = np.random.default_rng(100 + seed)
     given, table = _matrices(rng), seed % 2 == 1
@@ -310,32 +310,6 @@ def _scene(tmp_path, analysis, **changes):
     return path
 
 
-def test_scenes_take_supports(tmp_path):
-    k = np.array([[4.0, -4, 0, 0], [-4, 7, -3, 0], [0, -3, 5, -2], [0, 0, -2, 2]])
-    m = np.array([[2, 0.5, 0, 0], [0.5, 1, 0.2, 0], [0, 0.2, 1.5, 0.3], [0, 0, 0.3, 1]])
-    structure = vv.Structure(
-        names=["u0", "u1", "u2", "u3"], mass=m, stiffness=k, damping=0.02 * k, supports=["u0"],
-        base_direction=[1.0], elements=[vv.Spring(on=("u2", "u0"), stiffness=0.5, law="0.8*d^3")],
-    )  # fmt: skip
-    r = vv.forced_response(structure, [0.5, 1.4], base=0.1, method="newton", harmonics=9)
-    path = _scene(tmp_path, "&response method = 'newton', nu = 0.5 1.4, harmonics = 9 /")
-    table = vv.run(path).value.columns
-    for name in ("u1", "u3"):
-        own = table[f"{name}_1_re"] + 1j * table[f"{name}_1_im"]
-        assert np.allclose(own, r.coefficient(name, 1), rtol=0, atol=1e-13)
-    run = vv.simulate(structure, 10, base=0.1, nu=1.1)
-    last = vv.run(_scene(tmp_path, "&transient t_end = 10, nu = 1.1 /")).value.columns
-    assert np.allclose(last["u3"][-1], run.state[-1, 4], rtol=0, atol=1e-11)
-    pushed = _scene(tmp_path, "&transient t_end = 10 /")
-    pushed.write_text(
-        pushed.read_text().replace("kind = 'base', amplitude = 0.1", "shape = 'half_sine', "
-                                   "kind = 'acceleration', amplitude = 0.1, duration = 2")
-    )  # fmt: skip
-    shock = vv.HalfSine(amplitude=0.1, duration=2)
-    run = vv.simulate(structure, 10, base_acceleration=shock)
-    assert np.allclose(vv.run(pushed).value.columns["u3"][-1], run.state[-1, 4], atol=1e-11)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -366,41 +340,6 @@ def _each_on_its_own(rng, given, n_elements, **more):
     return _structure(given, **more), k, c
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_supports_that_move_each_on_its_own_in_steady_motions(seed):
-    rng = np.random.default_rng([8, seed])
-    given = _matrices(rng)
-    direction = MOVED if seed % 2 else None
-    structure, k, c = _each_on_its_own(rng, given, seed % 3, base_direction=direction)
-    base = {"u1": {0: 0.05j, 1: 0.2 - 0.1j}, "u3": {1: 0.1j, 3: 0.03}}
-    if seed % 2:
-        base["u3"] = 0.1j
-    nu = rng.uniform(0.3, 4, 3)
-    r = vv.forced_response(structure, nu, load={"u0": 0.3}, base=base, method="linear")
-    reactions = r.support_reactions()
-    losses = r.dissipation()
-    for i, w in enumerate(nu):
-        lost = np.zeros(seed % 3)
-        for j, order in enumerate(r.harmonics):
-            s = 1j * order * w
-            full = given["mass"] * s**2 + c * s + k
-            u = np.zeros(5, complex)
-            for at, name in ((1, "u1"), (3, "u3")):
-                each = base[name] if isinstance(base[name], dict) else {1: base[name]}
-                u[at] = each.get(int(order), 0)
-            p = np.zeros(5, complex)
-            p[0] = 0.3 * (order == 1)
-            u[FREE] = np.linalg.solve(
-                full[np.ix_(FREE, FREE)], p[FREE] - full[np.ix_(FREE, HELD)] @ u[HELD]
-            )
-            assert np.allclose(r.coefficients[i][:, j], u[FREE], rtol=0, atol=1e-13)
-            assert np.allclose(reactions[i][:, j], (full @ u)[HELD], rtol=0, atol=2e-12)
-            for e, (a, b) in enumerate(((2, 1), (4, 3))[: seed % 3]):
-                stretch = abs(u[a] - u[b])
-                lost[e] += np.pi * order**2 * w * structure.elements[e].damping * stretch**2
-        assert np.allclose(losses[i], lost, rtol=1e-10)
-
-
 def test_branches_over_motions_of_supports_and_of_structures_that_are_reduced():
     rng = np.random.default_rng(12)
     law = vv.Spring(on=("u0", "u2"), law="2*d^3")
@@ -420,7 +359,7 @@ def test_branches_over_motions_of_supports_and_of_structures_that_are_reduced():
         assert np.allclose(run.state[-1, ::2], late.imag.sum(axis=1), rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_supports_that_move_each_on_its_own_in_time(seed):
     rng = np.random.default_rng([9, seed])
     given, w = _matrices(rng), 1.3

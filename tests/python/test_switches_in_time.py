@@ -143,35 +143,6 @@ def test_order_through_stick_and_slip(method, order, steps):
     np.testing.assert_allclose(run.state[-1], expected, atol=2e-11)
 
 
-def test_iwan_is_its_sliders():
-    """Elements in parallel equal one element with as many sliders."""
-    given = {"load": [1.0], "nu": 1.3, "dt": 0.1}
-    one = vv.simulate(body(vv.Iwan(on="x1", stiffness=[3, 2], limit=[0.2, 0.3])), 20.0, **given)
-    other = vv.simulate(
-        body(
-            vv.Jenkins(on="x1", stiffness=3, limit=0.2),
-            vv.Jenkins(on="x1", stiffness=2, limit=0.3),
-        ),
-        20.0, **given,
-    )  # fmt: skip
-    np.testing.assert_allclose(one.state, other.state, atol=1e-13)
-
-
-def test_bouc_wen():
-    """Against its differential equation."""
-    joint = vv.BoucWen(on="x1", stiffness=5, ratio=0.1, beta=5, gamma=3, exponent=1)
-    run = vv.simulate(body(joint), 15.0, load=[1.0], nu=1.3, tolerance=1e-10)
-    found = solve_ivp(
-        lambda t, y: [
-            y[1],
-            np.sin(1.3 * t) - 0.05 * y[1] - y[0] - 0.5 * y[0] - 4.5 * y[2],
-            (1 - (3 + 5 * np.sign(y[2] * y[1])) * abs(y[2])) * y[1],
-        ],
-        (0, 15), [0, 0, 0], "DOP853", rtol=1e-11, atol=1e-13, max_step=0.01,
-    )  # fmt: skip
-    np.testing.assert_allclose(run.state[-1], found.y[:2, -1], atol=1e-8)
-
-
 def test_three_masses_of_nlvib():
     """First harmonics of example 07 of NLvib by integration (two independent programs)."""
     chain = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
@@ -306,24 +277,6 @@ def test_friction_before_a_rigid_stop(load, nu, friction, stop, start):
     )
     assert both.outcome == "completed"
     np.testing.assert_allclose(both.state, np.tile(found, 2), atol=1e-8)
-
-
-def test_spring_and_rigid_stop_at_the_same_place():
-    """While the mass rests on the rigid stop, rounding must not cross the kink of the spring."""
-    both = body(
-        vv.Stop(on={"x1": 1}, stiffness=20.0, gap=0.3),
-        vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.7),
-        c=0.1,
-    )
-    hard = body(
-        vv.Gap(on={"x1": 1}, gap=0.3, restitution=0.7),
-        vv.Gap(on={"x1": -1}, stiffness=20.0, gap=0.3),
-        c=0.1,
-    )
-    call = {"load": 1.3, "nu": 0.6, "initial": [0, 0], "times": np.linspace(0, 30, 31)}
-    one, other = (vv.simulate(system, 30, tolerance=1e-9, **call) for system in (both, hard))
-    assert one.outcome == "completed"
-    np.testing.assert_allclose(one.state, other.state, atol=1e-9)
 
 
 @pytest.mark.parametrize(("n", "kernel"), [(3, False), (3, True), (9, False)])

@@ -56,18 +56,6 @@ def test_against_scipy_from_switch_to_switch(law, gap):
         np.testing.assert_allclose(found.state, true, atol=2e-10)
 
 
-@pytest.mark.parametrize("kernel", [KERNEL, vv.RabotnovKernel(amplitude=0.1, alpha=0.4, beta=1)])
-def test_memory_by_its_name(kernel):
-    """The option "exponentials" is the default of such motions: bitwise equal."""
-    system = vv.PolynomialSystem(
-        mass=1, stiffness=1, damping=0.1, forces="20*max(x - 0.1, 0)", kernel=kernel
-    )
-    for one in (rubber(kernel=kernel), system):
-        given = {"load": [0.9, 0][: len(one.dof_names)], "nu": 1.3, "dt": 0.1}
-        runs = [vv.simulate(one, 4, memory=name, **given) for name in ("auto", "exponentials")]
-        np.testing.assert_array_equal(runs[0].state, runs[1].state)
-
-
 def test_rates_much_faster_than_steps():
     """A start away from rest and switches cause layers of 1e-4 s, followed by divided steps."""
     stiff = vv.PronyKernel(weights=[0.3, 3e3], rates=[1.0, 1e4])
@@ -118,7 +106,7 @@ def test_error_counts_the_sum():
     assert run(rubber(law, kernel), tolerance=1e-8).error > 1e-12
 
 
-@pytest.mark.parametrize("alpha", [0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("alpha", [0.05, 0.4])
 @pytest.mark.parametrize("name", ["rzhanitsyn", "rabotnov"])
 def test_what_is_over_before_the_shortest_lag(name, alpha):
     """Half of the kernel at small alpha: its impulse is exact, more accurate with short steps.
@@ -198,7 +186,7 @@ def test_parts_behind_a_switch_go_on():
     """A run may be divided anywhere after a switch: step sizes double from there, bitwise equal."""
     stiff = rubber(kernel=vv.PronyKernel(weights=[0.2, 1e3], rates=[1.0, 2e3]))
     whole = run(stiff, dt=1 / 16, initial=[0.3, 0, 0, 0])
-    for k in range(1, 128, 2):
+    for k in range(1, 128, 14):
         before = run(stiff, k / 16, dt=1 / 16, initial=[0.3, 0, 0, 0])
         rest = vv.simulate(stiff, 8, resume=before)
         np.testing.assert_array_equal(whole.state[-1], rest.state[-1])
@@ -319,7 +307,7 @@ def test_what_is_refused_says_why():
 
 
 @pytest.mark.filterwarnings("ignore:kernel integral:viscovib.StabilityWarning")
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_parts_behind_switches_are_shorter_in_shorter_steps(seed):
     """Otherwise two runs near a fast element have equal errors, which differences do not show."""
     rng = np.random.default_rng(seed)

@@ -49,7 +49,7 @@ def drawn(seed):
 def test_exponents_with_tables_are_zeros(structure):
     """In the left half plane the determinant is unbounded, so its slope is no criterion."""
     looked = 0
-    for seed in range(60):
+    for seed in range(30):
         nu, load, damping, cubic, table = drawn(seed)
         kernel = vv.TabulatedKernel(times=table[0], values=table[1])
         if structure:
@@ -72,4 +72,4 @@ def test_exponents_with_tables_are_zeros(structure):
             off = distance_to_zero(exponent, nu, waves, 1.0, damping, 1.0, table)
             looked += 1
             assert off < 1e-7 * nu, (seed, exponent, off)
-    assert looked > 70
+    assert looked > 35

@@ -185,7 +185,7 @@ def test_escapes_and_ends_of_domains_are_those_of_other_methods():
     assert np.abs(mine.t_reached - other.t_reached).max() < 1e-6
 
 
-@pytest.mark.parametrize("width", [1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-5])
+@pytest.mark.parametrize("width", [1.0, 0.1, 0.01, 1e-5])
 @pytest.mark.parametrize("method", ["taylor8", "taylor20"])
 def test_layers_that_steps_may_miss_are_seen(width, method):
     # A motion next to a run with divided steps; unresolved motions are not returned.

@@ -145,17 +145,6 @@ def test_touching_is_no_passage():
     assert [e.t.size for e in run.events] == [0] * len(events)
 
 
-def test_edges_of_functions_are_no_passages():
-    """A function without values at first begins on its side; later zeros count."""
-    run = vv.simulate(FREE, 6.0, initial=[0, 1], dt=0.3, events="sqrt(x - 0.5) - 0.1")
-    np.testing.assert_allclose(run.events[0].t, passes(0.51, 6.0), atol=1e-11)
-    thin = "log(1e-8 - (x - 0.3)^2) + 20"
-    run = vv.simulate(FREE, 3.0, initial=[0, 1], dt=0.3, events=thin)
-    half = math.sqrt(1e-8 - math.exp(-20))
-    expected = np.sort(np.concatenate([passes(0.3 + s * half, 3.0) for s in (-1, 1)]))
-    np.testing.assert_allclose(run.events[0].t, expected, atol=1e-11)
-
-
 def test_what_cannot_be_resolved_is_reported():
     """Below the rounding error of the motion: a warning with the event and the count."""
     with pytest.warns(vv.RangeWarning, match=r"events\[1\].* changes too fast in [34] steps"):

@@ -29,7 +29,7 @@ def motion(mass, damping, stiffness, load, nu, start, t):
 def test_soft_motions_with_a_stiff_spring(kind):
     """The matrix entries contain the soft springs; an eigensolver loses 1e-16 of the stiff one."""
     rng = np.random.default_rng(5)
-    for i in range(6):
+    for i in range(3):
         n = int(rng.integers(2, 5))
         mass, high = rng.uniform(0.5, 2, n), 10 ** rng.uniform(5, 8)
         soft, weak = rng.normal(size=(2, n, n))
@@ -56,8 +56,7 @@ def test_soft_motions_with_a_stiff_spring(kind):
         assert np.abs(run.state[0] - right.reshape(2, n).T.ravel()).max() < 3e-12 + 1e-18 * high
 
 
-@pytest.mark.parametrize("strong", [1e3, 1e11, 1e13, 1e15])
-@pytest.mark.parametrize("turn", [1, -1])
+@pytest.mark.parametrize(("strong", "turn"), [(1e3, 1), (1e11, -1), (1e15, 1)])
 def test_weak_dampers_with_a_strong_one(strong, turn):
     """They couple or rotate modes and dissipate, also if loads act elsewhere."""
     for between in (0.15, 0.0):
@@ -115,80 +114,6 @@ def test_soft_motions_with_stiff_springs_that_relax(kind):
         assert np.abs(run.state[0].reshape(n, 2).T - true).max() < 2e-13
 
 
-@pytest.mark.parametrize("kind", ["none", "dampers", "layer"])
-def test_soft_motions_with_stiff_elements(kind):
-    """Sums of springs and elements are exact: rounding of a stiff one is as large as soft ones."""
-    rng = np.random.default_rng(9)
-    for _ in range(5):
-        n = int(rng.integers(2, 5))
-        soft, weak = rng.normal(size=(2, n, n))
-        stiffness = soft @ soft.T + 0.2 * np.eye(n)
-        stiffness, mass = (stiffness + stiffness.T) / 2, rng.uniform(0.5, 2, n)
-        damping = 0.02 * weak @ weak.T * (kind == "dampers")
-        damping = (damping + damping.T) / 2
-        high, on = float(10 ** rng.uniform(5, 8)), rng.normal(size=n)
-        start = np.linalg.solve(stiffness + high * np.outer(on, on), rng.normal(size=n))
-        layers, given = [], stiffness
-        if kind == "layer":
-            # A layer with little relaxation: a spring, except for rounding of the sum.
-            given = stiffness - np.diag(np.diag(stiffness)) / 2
-            slow = vv.PronyKernel(weights=[1e-30], rates=[1.0])
-            layers = [(np.diag(np.diag(stiffness)) / 2, slow)]
-        structure = vv.Structure(
-            mass=np.diag(mass), stiffness=given, damping=damping, layers=layers,
-            elements=[vv.Spring(on=on, stiffness=high)],
-        )  # fmt: skip
-        run = vv.simulate(
-            structure, 8, initial=np.column_stack([start, 0 * start]).ravel(), times=[8]
-        )
-        with mpmath.workdps(50):
-            a = mpmath.zeros(2 * n)
-            for j in range(n):
-                a[j, n + j] = 1
-                for k in range(n):
-                    spring = mpmath.mpf(high) * mpmath.mpf(on[j]) * mpmath.mpf(on[k])
-                    a[n + j, k] = -(mpmath.mpf(stiffness[j, k]) + spring) / mpmath.mpf(mass[j])
-                    a[n + j, n + k] = -mpmath.mpf(damping[j, k]) / mpmath.mpf(mass[j])
-            found = mpmath.expm(8 * a) * mpmath.matrix([*start, *np.zeros(n)])
-            true = np.array([float(x) for x in found]).reshape(2, n)
-        # Regression: errors of up to 1e-8.
-        assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= max(run.error, 1e-13)
-
-
-@pytest.mark.parametrize("kind", ["of modes", "of its own"])
-def test_pasts_that_hardly_bend_stiff_layers(kind):
-    """The memory of the past acts with all digits of the layer matrices, as in the run."""
-    rng = np.random.default_rng(12)
-    for _ in range(5):
-        n, rate = int(rng.integers(2, 4)), float(10 ** rng.uniform(-1, 1))
-        # Numbers with an exact quotient.
-        weight = rate / 2 ** rng.integers(1, 4)
-        joints = np.eye(n + 1, n) - np.eye(n + 1, n, k=-1)
-        springs, held = rng.uniform(0.5, 2, n + 1), rng.uniform(0.2, 0.8, n + 1)
-        springs[1:n] *= 10 ** rng.uniform(5, 8)
-        stiffness = joints.T @ (springs[:, np.newaxis] * joints)
-        layer = joints.T @ ((springs * held)[:, np.newaxis] * joints)
-        layer = stiffness / 2 if kind == "of modes" else (layer + layer.T) / 2
-        mass = rng.uniform(0.5, 2, n)
-        start = np.linalg.solve(stiffness, rng.normal(size=n))
-        kernel = vv.PronyKernel(weights=[weight], rates=[rate])
-        structure = vv.Structure(mass=np.diag(mass), stiffness=stiffness, layers=[(layer, kernel)])
-        run = vv.simulate(structure, 5, held=start, times=[5])
-        with mpmath.workdps(60):
-            a = mpmath.zeros(3 * n)
-            for j in range(n):
-                a[j, n + j], a[2 * n + j, j], a[2 * n + j, 2 * n + j] = 1, weight, -rate
-                for k in range(n):
-                    m, own = mpmath.mpf(mass[j]), mpmath.mpf(layer[j, k])
-                    a[n + j, k] = -(mpmath.mpf(stiffness[j, k]) + own) / m
-                    a[n + j, 2 * n + k] = own / m
-            past = start * (weight / rate)
-            found = mpmath.expm(5 * a) * mpmath.matrix([*start, *np.zeros(n), *past])
-            true = np.array([float(x) for x in found][: 2 * n]).reshape(2, n)
-        # Regression: errors of up to 5e-10.
-        assert np.abs(run.state[0].reshape(n, 2).T - true).max() <= run.error
-
-
 def test_soft_natural_frequencies_with_a_stiff_spring():
     rng = np.random.default_rng(2)
     for _ in range(20):
@@ -232,8 +157,9 @@ def test_modes_of_many_coordinates_are_those_of_a_chain(stiff):
     assert np.abs(mixed) == pytest.approx(np.eye(n), abs=1e-13)
 
 
-@pytest.mark.parametrize("kind", ["none", "dampers", "follower forces"])
-@pytest.mark.parametrize("stiff", [2.0**8, 2.0**20, 2.0**26])
+@pytest.mark.parametrize(
+    ("kind", "stiff"), [("none", 2.0**26), ("dampers", 2.0**20), ("follower forces", 2.0**8)]
+)
 def test_many_coordinates_with_stiff_springs_move_as_one_chain(kind, stiff):
     rng = np.random.default_rng(3)
     n = 55
@@ -264,23 +190,6 @@ def test_many_coordinates_with_stiff_springs_move_as_one_chain(kind, stiff):
     off = np.abs(run.state[0].reshape(2, n, 2) - right.T).max(axis=(0, 1))
     # Velocities too: a start with small deflections of stiff springs does not excite them.
     assert off.max() < 2e-13
-
-
-def test_motions_that_do_not_swing_have_real_shapes():
-    """Also refined shapes: rounding errors in a shape are another motion with another decay."""
-    rng = np.random.default_rng(8)
-    for _ in range(20):
-        n = int(rng.integers(3, 8))
-        joints = np.eye(n) - np.eye(n, k=-1)
-        stiffness, damping = (
-            joints.T @ np.diag(10 ** rng.uniform(-2, 1, n)) @ joints for _ in range(2)
-        )
-        damping[0, 0] += 15.0
-        rest = vv.Structure(mass=np.ones(n), stiffness=stiffness, damping=damping)._rest
-        still = rest.poles.imag == 0
-        assert still.any()
-        assert not rest.left[:, still].imag.any()
-        assert not rest.right[:, still].imag.any()
 
 
 def test_strong_dampers_that_hardly_move_resist_a_start_by_all_digits():
