@@ -51,15 +51,6 @@ MOUNT = """&mount mass=1 inertia=0.5 offset=0.2 stiffness_x=1 stiffness_phi=0.6
 """
 
 
-def _with_friction():
-    return vv.Structure(
-        mass=np.eye(1), stiffness=-np.eye(1), damping=0.3 * np.eye(1),
-        elements=[
-            vv.Spring(on="x1", law="d^3"), vv.Jenkins(on="x1", stiffness=2, limit=0.05)
-        ],
-    )  # fmt: skip
-
-
 def _gap(t, y):
     return [
         y[1],
@@ -151,9 +142,9 @@ def test_python_tells_the_same(solve, tmp_path, text):
         call = {"t_end": {MEMORY: 90.0, BEAM: 150.0, FRICTION: 60.0}[text]}
     scene = vv.Scene.read(tmp_path / "scene.nml")
     kind = {PENDULUM: "pendulum", MOUNT: "mount"}.get(text, "polynomial_system")
-    if text is BEAM:
+    if text in (BEAM, FRICTION, SHAKEN):
         kind = "structure"
-    system = getattr(scene, kind)() if text not in (FRICTION, SHAKEN) else _with_friction()
+    system = getattr(scene, kind)()
     found = vv.basins(system, {x: np.unique(rows[x]), y: np.unique(rows[y])}, **call)
     np.testing.assert_array_equal(found.labels.ravel(), rows["attractor"])
     np.testing.assert_allclose(found.moved.ravel(), rows["moved"], rtol=1e-2, atol=1e-9)

@@ -114,3 +114,30 @@ REFUSED = {
 @pytest.mark.parametrize("text", REFUSED)
 def test_refused(solve, tmp_path, text):
     check_refused(solve, tmp_path, text, REFUSED[text])
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        "hysteresis='jenkins' hysteresis_numbers=2 0.05 1 0.2",
+        "hysteresis='dahl' hysteresis_numbers=2 0.1 1 law='0.2*d^3' stiffness=0.3 damping=0.1",
+        "hysteresis='bouc_wen' hysteresis_numbers=2 0.1 1 0.5",
+        "fluid_coefficient=0.4 fluid_exponent=0.5 fluid_limit=0.1 fluid_relief=0.2",
+        "fluid_coefficient=0.4 fluid_exponent=1.5 law='0.1*d^3'",
+        "fluid_coefficient=0.4 fluid_exponent=0.5 series_stiffness=3",
+    ],
+)
+def test_python_reads_every_part_of_an_element(solve, tmp_path, element):
+    start = [0.5, 0, -0.2, 0] + [0, 0] * ("series" in element)
+    (tmp_path / "scene.nml").write_text(
+        "&structure coordinates='x1' 'x2' mass=1 1.5 stiffness=3 -1 -1 2 damping=0.1 0.1 /\n"
+        f"&element on='x1' 'x2' {element} /\n&load amplitude=0.2 /\n"
+        f"&transient nu=1.1 t_end=15 initial={' '.join(map(str, start))} tolerance=1e-8 /\n"
+    )
+    done = solve(tmp_path / "scene.nml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "scene_transient.csv")
+    structure = vv.Scene.read(tmp_path / "scene.nml").structure()
+    run = vv.simulate(structure, 15, initial=start, load=0.2, nu=1.1, tolerance=1e-8, keep="last")
+    for place, name in enumerate(("x1", "x1_dot", "x2", "x2_dot")):
+        assert table[name][-1] == pytest.approx(run.state[-1, place], abs=1e-8)

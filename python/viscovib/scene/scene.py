@@ -43,10 +43,12 @@ from viscovib.scene.keys import groups_of, named_in, namelist_text, with_key, wi
 from viscovib.scene.shocks import loads_in_time
 from viscovib.systems.elements import Spring
 from viscovib.systems.frequency_formulas import ONE, KnownTerms
+from viscovib.systems.friction import BoucWen, Dahl, Iwan
 from viscovib.systems.mount import Mount
 from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.series_dampers import Maxwell
 from viscovib.systems.shaft import DriveTorque, turns_shaft
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import Monomial, Springs
@@ -213,29 +215,14 @@ class Scene:
         names, shapes = texts(given["coordinates"]), self._shapes()
         n = len(names) if shapes is None else shapes.shape[1]
         kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
-        elements = []
+        elements: list[Any] = []
         for group in self.groups["element"]:
             e = np.zeros(len(names))
             weights = np.atleast_1d(group["weights"])
             for name, weight in zip(texts(group["on"]), weights, strict=True):
                 e[names.index(name.lower())] += weight
-            law, damping = group["law"].lower(), group["damping"]
-            c, a = group["fluid_coefficient"], group["fluid_exponent"]
-            if c and a == 1:
-                damping += c
-            elif c:
-                damper = f"{c!r}*sign(v)*abs(v)^{a!r}"
-                law = damper if law == "0" else f"({law}) + {damper}"
-            elements.append(
-                Spring(
-                    on=e if shapes is None else shapes.T @ e,
-                    stiffness=group["stiffness"],
-                    damping=damping,
-                    law=None if law == "0" else law,
-                    parameters=named_in(group["law"], self._parameters) or None,
-                    kernel=kernels[group["kernel"]],
-                )
-            )
+            along = e if shapes is None else shapes.T @ e
+            elements += _elements(group, along, kernels[group["kernel"]], self._parameters)
         ratios = np.asarray(given["modal_damping"])
         more: dict[str, Any] = {"names": names, "units": texts(given["units"])}
         if shapes is not None:
@@ -625,3 +612,39 @@ def _kernel(group: Mapping[str, Any]) -> Kernel:
         fitted: Kernel = import_module("viscovib.rubber.scene_kernel").fitted_kernel(given)
         return fitted
     return _KERNELS[group["kind"]](**given)
+
+
+def _elements(
+    group: Mapping[str, Any], on: Any, kernel: Kernel | None, parameters: Mapping[str, float]
+) -> list[Any]:
+    """Build an element of a structure, and the hysteresis in parallel with it."""
+    law, damping = group["law"].lower(), group["damping"]
+    c, a, limit = (group[f"fluid_{name}"] for name in ("coefficient", "exponent", "limit"))
+    if group["series_stiffness"]:
+        return [Maxwell(on=on, stiffness=group["series_stiffness"], coefficient=c, exponent=a)]
+    damper = ""
+    if c and limit:
+        damper = f"relief(v, {c!r}, {a!r}, {limit!r}, {group['fluid_relief']!r})"
+    elif c and a != 1:
+        damper = f"{c!r}*sign(v)*abs(v)^{a!r}"
+    elif c:
+        damping += c
+    if damper:
+        law = damper if law == "0" else f"({law}) + {damper}"
+    spring = Spring(
+        on=on,
+        stiffness=group["stiffness"],
+        damping=damping,
+        law=None if law == "0" else law,
+        parameters=named_in(group["law"], parameters) or None,
+        kernel=kernel,
+    )
+    if group["hysteresis"] == "none":
+        return [spring]
+    numbers = np.atleast_1d(group["hysteresis_numbers"]).tolist()
+    if group["hysteresis"] == "jenkins":
+        return [spring, Iwan(on=on, stiffness=numbers[::2], limit=numbers[1::2])]
+    kind: type[Any] = Dahl if group["hysteresis"] == "dahl" else BoucWen
+    names = "limit" if kind is Dahl else "ratio beta gamma"
+    own = zip(f"stiffness {names} exponent".split(), numbers, strict=False)
+    return [spring, kind(on=on, **dict(own))]
