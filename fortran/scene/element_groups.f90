@@ -110,9 +110,6 @@ contains
         call reader%complain('series_stiffness', 'series_stiffness = '//show(series)//': needs a ' &
                              //'fluid_coefficient, and kernel = 0; other parts belong to ' &
                              //'another &element')
-      else if (a > 1.0_wp) then
-        call reader%complain('fluid_exponent', 'fluid_exponent = '//show(a)//': must be 0.1 to 1 ' &
-                             //'with series_stiffness')
       end if
       element%series = [series, c, a, 0.0_wp]
       return
@@ -226,8 +223,8 @@ contains
   !!
   !!   k s'' + k r s' + k h(s' + r s) = k d', force k (s' + r s).
   !!
-  !! At rest h has no slope for exponents below 1. A small one is added to the linear subsystem and
-  !! taken from the law.
+  !! At rest h has no slope for exponents below 1, an infinite one above. A small one is added to
+  !! the linear subsystem and taken from the law.
   subroutine add_inner_coordinates(reader, model, coordinates, units)
     type(group_reader), intent(inout) :: reader
     type(structure_model), intent(inout) :: model
@@ -290,7 +287,7 @@ contains
         one%direction = 0.0_wp
         one%direction(j) = 1.0_wp
         associate (c => one%series(2), a => one%series(3))
-          if (a < 1.0_wp) then
+          if (abs(a - 1.0_wp) > 0.0_wp) then
             q = '(v + '//show(rate)//'*d)'
             q = show(k)//'*sign'//q//'*abs('//show(k)//'*'//q//'/'//show(c)//')^'//show(1.0_wp/a)
             one%laws = [law_term()]

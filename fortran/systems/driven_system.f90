@@ -74,11 +74,11 @@ module viscovib_driven_system
     type(base_motion_type) :: base_motion
     !> Modal coordinates of the linear subsystem, if steps integrate them exactly.
     type(modal_frame), allocatable :: frame
-    !> Laws that steps solve for (not allocated: none), their rates by velocities, shape (n_steep,
-    !! n_dof), and the accelerations by unit forces, shape (n_dof, n_steep), also of a motion that
-    !! stays on its surfaces; then they are 0 if the rate of the law stays 0.
+    !> Laws that steps solve for (not allocated: none), their rates by velocities and displacements,
+    !! shape (n_steep, n_dof), and the accelerations by unit forces, shape (n_dof, n_steep), also of
+    !! a motion that stays on its surfaces; then they are 0 if the rate of the law stays 0.
     type(steep_law), allocatable :: steep(:)
-    real(wp), allocatable :: steep_rates(:, :), steep_pushes(:, :), steep_held(:, :)
+    real(wp), allocatable, dimension(:, :) :: steep_rates, steep_places, steep_pushes, steep_held
     !> Largest acceleration by a law that jumps at rest.
     real(wp) :: jump_at_rest = 0.0_wp
     !> The steep law of each surface, 0: none.

@@ -25,7 +25,7 @@ module viscovib_polynomial_motion
   use viscovib_polynomial, only: highest_degree, monomial_type, polynomial_type
   use viscovib_shaft_motion, only: new_shaft_motion, shaft_motion
   use viscovib_status, only: fail, show, status_input_error, status_type
-  use viscovib_steep_laws, only: find_steep, steep_force
+  use viscovib_steep_laws, only: find_steep, join_arguments, steep_force
   use viscovib_switched_laws, only: new_switched_laws, switched_laws
   implicit none
   private
@@ -154,6 +154,13 @@ contains
     motion%linear_rate = sqrt(maxval(sum(abs(motion%stiffness(:n, :)), 2))) &
                          + maxval(sum(abs(motion%damping(:n, :n)), 2))
     laws = system%laws
+    do i = 1, size(laws)
+      if (laws(i)%state == 0 .and. .not. allocated(laws(i)%program%of_lanes)) then
+        call join_arguments(laws(i))
+      end if
+    end do
+    allocate (motion%parted(2*motion%n_dof, size(laws)))
+    call part_linear(laws, motion%inverse, motion%stiffness, motion%damping, motion%parted)
     call find_steep(pack(laws, laws%state == 0 .and. has_frame(system%mass)), motion%steep)
     if (motion%n_dof > max_dof .or. motion%n_hidden > 0 .or. size(motion%steep) > 0) then
       allocate (motion%frame)
@@ -167,8 +174,6 @@ contains
     if (allocated(system%shaft)) then
       call new_shaft_motion(motion%shaft, system%shaft, system%mass, motion%inverse)
     end if
-    allocate (motion%parted(2*motion%n_dof, size(laws)))
-    call part_linear(laws, motion%inverse, motion%stiffness, motion%damping, motion%parted)
     do i = 1, size(laws)
       if (size(laws(i)%arguments, 1) > most_arguments) motion%sloped = .false.
     end do
@@ -203,11 +208,13 @@ contains
 
     allocate (self%steep_of(size(self%laws%holds)), source=0)
     allocate (self%steep_rates(size(self%steep), self%n_dof))
+    allocate (self%steep_places, mold=self%steep_rates)
     allocate (self%steep_pushes(self%n_dof, size(self%steep)))
     of_steep = [(any(self%steep%law == self%laws%law_of(k)), k=1, size(of_steep))]
     do j = 1, size(self%steep)
       i = self%steep(j)%law
       self%steep_rates(j, :) = self%laws%laws(i)%rates(self%steep(j)%argument, :)
+      self%steep_places(j, :) = self%laws%laws(i)%arguments(self%steep(j)%argument, :)
       self%steep_pushes(:, j) = -self%laws%weights(:, i)
       do k = 1, size(self%steep_of)
         if (self%laws%law_of(k) /= i .or. .not. self%laws%signals(k)%rough > 0.0_wp) cycle
@@ -234,6 +241,9 @@ contains
         associate (own => self%steep_rates(j, :), other => self%steep_rates(k, :))
           place = maxloc(abs(other), 1)
           factor = own(place)/other(place)
+          if (any(abs(own - factor*other) > rounding*maxval(abs(own)))) cycle
+        end associate
+        associate (own => self%steep_places(j, :), other => self%steep_places(k, :))
           if (any(abs(own - factor*other) > rounding*maxval(abs(own)))) cycle
         end associate
         ! The first of those with the smallest exponent.

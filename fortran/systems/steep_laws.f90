@@ -10,15 +10,16 @@
 module viscovib_steep_laws
   use viscovib_kinds, only: wp
   use viscovib_law_branches, only: find_signals
-  use viscovib_law_program, only: law_program, put_argument, wall
+  use viscovib_law_program, only: add, divide, law_program, multiply, put_argument, put_number, wall
   use viscovib_law_roots, only: find_roots
   use viscovib_law_term, only: law_term
   implicit none
   private
 
-  public :: steep_law, find_steep, rate_of_root, root_of_rate, steep_force
+  public :: steep_law, find_steep, join_arguments, rate_of_root, root_of_rate, steep_force
 
-  !> A steep law: its index, the argument that is the rate, and the exponent a; the steep law with a
+  !> A steep law: its index, the argument that is the rate (a velocity, maybe with a part of a
+  !! displacement, as of a spring in series), and the exponent a; the steep law with a
   !! proportional rate and the smallest exponent, maybe itself, and the factor to its rate.
   type :: steep_law
     integer :: law = 0, argument = 0
@@ -41,7 +42,7 @@ contains
     type(steep_law), allocatable, intent(out) :: found(:)
     type(law_program), allocatable :: signals(:)
     type(steep_law) :: one
-    integer :: i, j
+    integer :: i, j, k
     integer :: none(0)
 
     allocate (found(0))
@@ -57,9 +58,9 @@ contains
           do j = 1, size(rough)
             if (.not. (rough(j) > 0.0_wp .and. rough(j) < 1.0_wp)) cycle
             ! A second root, or one of a function of several arguments, is treated as other laws.
-            if (one%law > 0 .or. size(signals(j)%code) > 1) exit
-            if (signals(j)%code(1) /= put_argument) exit
-            one = steep_law(i, nint(signals(j)%number(1)), rough(j))
+            if (one%law > 0 .or. .not. is_multiple(signals(j))) exit
+            k = findloc(signals(j)%code, put_argument, 1)
+            one = steep_law(i, nint(signals(j)%number(k)), rough(j))
           end do
           if (j > size(rough) .and. one%law > 0) then
             if (is_steep(laws(i), one)) found = [found, one]
@@ -78,7 +79,7 @@ contains
     integer :: k
 
     is_steep = .false.
-    if (any(abs(law%arguments(steep%argument, :)) > 0.0_wp)) return
+    if (.not. any(abs(law%rates(steep%argument, :)) > 0.0_wp)) return
     do k = 1, size(at, 2)
       at(:, k) = 0.1_wp + 0.2_wp*k
     end do
@@ -91,6 +92,49 @@ contains
                .and. abs(f(1) + f(5) - 2.0_wp*f(3)) <= odd*(f(5) - f(1)) &
                .and. abs(f(2) + f(4) - 2.0_wp*f(3)) <= odd*(f(4) - f(2))
   end function is_steep
+
+  !> True for a single argument with factors.
+  pure logical function is_multiple(signal)
+    type(law_program), intent(in) :: signal
+    integer :: i
+    is_multiple = count(signal%code == put_argument) == 1
+    do i = 1, size(signal%code)
+      if (all(signal%code(i) /= [put_argument, put_number, multiply, divide])) is_multiple = .false.
+    end do
+  end function is_multiple
+
+  !> Replace the first sum v + r*d of two arguments that a law reads by an argument of its own.
+  pure subroutine join_arguments(law)
+    type(law_term), intent(inout) :: law
+    integer, parameter :: sum_of_two(5) = [put_argument, put_argument, put_number, multiply, add]
+    real(wp) :: of_sum(3)
+    integer :: i, n
+
+    n = size(law%arguments, 1) + 1
+    i = 0
+    do
+      i = i + 1
+      if (i + 4 > size(law%program%code)) exit
+      if (any(law%program%code(i:i + 4) /= sum_of_two)) cycle
+      if (size(law%arguments, 1) < n) then
+        of_sum = law%program%number(i:i + 2)
+        law%arguments = with_sum(law%arguments, of_sum)
+        law%rates = with_sum(law%rates, of_sum)
+        law%program%n_arguments = n
+      end if
+      if (any(abs(law%program%number(i:i + 2) - of_sum) > 0.0_wp)) cycle
+      law%program%code = [law%program%code(:i), law%program%code(i + 5:)]
+      law%program%number = [law%program%number(:i - 1), real(n, wp), law%program%number(i + 5:)]
+    end do
+  end subroutine join_arguments
+
+  !> The rows and the sum of two of them: their indices, and the factor of the second.
+  pure function with_sum(rows, of_sum) result(more)
+    real(wp), intent(in) :: rows(:, :), of_sum(3)
+    real(wp) :: more(size(rows, 1) + 1, size(rows, 2))
+    more(:size(rows, 1), :) = rows
+    more(size(more, 1), :) = rows(nint(of_sum(1)), :) + of_sum(3)*rows(nint(of_sum(2)), :)
+  end function with_sum
 
   !> v of w.
   pure elemental real(wp) function rate_of_root(root, exponent) result(rate)

@@ -75,10 +75,11 @@ module viscovib_modal_gauss
     real(wp), allocatable, private :: coefficients(:, :, :)
     !> Pushes, sections and coordinates at the nodes, shape (n_lanes, n).
     real(wp), allocatable, dimension(:, :), private :: push, x_at, rate_at, q_at, v_at
-    !> Rates of steep laws by sections, shape (n, n_steep), and pushes by their forces, also on the
-    !! present surfaces, shape (n_steep, n); accelerations by steep laws at the nodes, shape
-    !! (n_lanes, n); the forces of the last iteration, shape (s, n_steep).
-    real(wp), allocatable, dimension(:, :), private :: steep_rates, steep_pushes, steep_held
+    !> Rates of steep laws by rates and places of sections, shape (n, n_steep), and pushes by their
+    !! forces, also on the present surfaces, shape (n_steep, n); accelerations by steep laws at the
+    !! nodes, shape (n_lanes, n); the forces of the last iteration, shape (s, n_steep).
+    real(wp), allocatable, dimension(:, :), private :: steep_rates, steep_places, steep_pushes
+    real(wp), allocatable, dimension(:, :), private :: steep_held
     real(wp), allocatable, dimension(:, :), private :: steep_at, steep_forces
     !> As `steep_held` of the system.
     real(wp), allocatable, private :: held(:, :)
@@ -96,7 +97,7 @@ module viscovib_modal_gauss
     procedure :: trace
     procedure, private :: pushes
     procedure, private :: follow
-    procedure, private :: add_steep
+    procedure, private :: add_steep, make_steep_gains
     procedure, private :: move
     procedure, private :: solve
   end type modal_gauss_type
@@ -133,10 +134,12 @@ contains
     if (allocated(system%steep)) then
       method%steep_rates = matmul(system%frame%to_coordinates%values, &
                                   transpose(system%steep_rates))
+      method%steep_places = matmul(system%frame%to_coordinates%values, &
+                                   transpose(system%steep_places))
       method%steep_pushes = matmul(transpose(system%steep_pushes), &
                                    system%frame%to_sections%values)
     else
-      allocate (method%steep_rates(n, 0), method%steep_pushes(0, n))
+      allocate (method%steep_rates(n, 0), method%steep_places(n, 0), method%steep_pushes(0, n))
     end if
     method%steep_held = method%steep_pushes
     allocate (method%held(n, size(method%steep_pushes, 1)), source=0.0_wp)
@@ -183,7 +186,7 @@ contains
     end do
     self%now = merge(1, 2, abs(h - system%step_length) <= 0.0_wp)
     call make_maps(self%maps(self%now), system%frame, self%table, self%coefficients, h)
-    call make_steep_gains(self%maps(self%now), self%steep_rates, self%steep_held)
+    call self%make_steep_gains(self%maps(self%now))
   end subroutine change_step
 
   !> Take the accelerations by steep laws on the present surfaces.
@@ -197,26 +200,27 @@ contains
     self%steep_held = matmul(transpose(self%held), system%frame%to_sections%values)
     do i = 1, size(self%maps)
       if (allocated(self%maps(i)%steep_gains)) then
-        call make_steep_gains(self%maps(i), self%steep_rates, self%steep_held)
+        call self%make_steep_gains(self%maps(i))
       end if
     end do
   end subroutine hold_steep
 
   !> The rates of steep laws by their own forces.
-  subroutine make_steep_gains(maps, rates, pushes)
+  subroutine make_steep_gains(self, maps)
+    class(modal_gauss_type), intent(in) :: self
     type(section_maps), intent(inout) :: maps
-    real(wp), intent(in) :: rates(:, :), pushes(:, :)
     integer :: j, k, l, m, s
 
     s = size(maps%end_v, 1)
-    l = size(rates, 2)
+    l = size(self%steep_rates, 2)
     if (.not. allocated(maps%steep_gains)) allocate (maps%steep_gains(s, l, s, l))
     maps%steep_gains = 0.0_wp
-    do m = 1, size(rates, 1)
-      do k = 1, size(rates, 2)
-        do j = 1, size(rates, 2)
-          maps%steep_gains(:, j, :, k) = maps%steep_gains(:, j, :, k) &
-                                         + rates(m, j)*pushes(k, m)*maps%v_by_push(:s, :, m)
+    do m = 1, size(self%steep_rates, 1)
+      do k = 1, l
+        do j = 1, l
+          maps%steep_gains(:, j, :, k) = maps%steep_gains(:, j, :, k) + self%steep_held(k, m) &
+                                         *(self%steep_rates(m, j)*maps%v_by_push(:s, :, m) &
+                                           + self%steep_places(m, j)*maps%x_by_push(:s, :, m))
         end do
       end do
     end do
@@ -418,7 +422,7 @@ contains
     real(wp), intent(inout) :: roots(:, :), push(:, :)
     logical, intent(out) :: made
     real(wp), dimension(self%table%n_nodes, size(roots, 2)) :: rates, forces
-    real(wp) :: rate(n_lanes), lost(size(roots, 2)), push_of_one, blurred
+    real(wp) :: rate(n_lanes), place(n_lanes), lost(size(roots, 2)), push_of_one, blurred
     integer :: j, m, s
 
     s = self%table%n_nodes
@@ -427,16 +431,21 @@ contains
     push(:s, :) = push(:s, :) + matmul(self%steep_forces, self%steep_pushes - self%steep_held)
     associate (maps => self%maps(self%now))
       do m = 1, size(self%x)
-        if (.not. any(abs(self%steep_rates(m, :)) > 0.0_wp)) cycle
+        if (.not. any(abs([self%steep_rates(m, :), self%steep_places(m, :)]) > 0.0_wp)) cycle
+        place = maps%x_by_x(:, m)*self%x(m) + maps%x_by_v(:, m)*self%x_rate(m)
         rate = maps%v_by_x(:, m)*self%x(m) + maps%v_by_v(:, m)*self%x_rate(m)
         do j = 1, s
+          place = place + maps%x_by_push(:, j, m)*push(j, m)
           rate = rate + maps%v_by_push(:, j, m)*push(j, m)
         end do
+        place = self%x(m) + place
         rate = self%x_rate(m) + rate
         do j = 1, size(rates, 2)
-          rates(:, j) = rates(:, j) + self%steep_rates(m, j)*rate(:s)
-          lost(j) = lost(j) + rounding*abs(self%steep_rates(m, j)) &
-                    *(abs(self%x_rate(m)) + maxval(abs(rate)))
+          rates(:, j) = rates(:, j) + self%steep_rates(m, j)*rate(:s) &
+                        + self%steep_places(m, j)*place(:s)
+          lost(j) = lost(j) + rounding*(abs(self%steep_rates(m, j)) &
+                                        *(abs(self%x_rate(m)) + maxval(abs(rate))) &
+                                        + abs(self%steep_places(m, j))*maxval(abs(place)))
         end do
       end do
       call solve_steep(system, maps%steep_gains, rates, self%q_at(:s, :), self%v_at(:s, :), roots, &
@@ -476,7 +485,8 @@ contains
     self%steep_forces = 0.0_wp
     if (size(roots) > 0) call hold_steep(self, system)
     do m = 1, size(roots, 2)
-      roots(:, m) = root_of_rate(dot_product(self%steep_rates(:, m), self%x_rate), &
+      roots(:, m) = root_of_rate(dot_product(self%steep_rates(:, m), self%x_rate) &
+                                 + dot_product(self%steep_places(:, m), self%x), &
                                  system%steep(m)%exponent)
     end do
     associate (weight => self%maps(self%now)%size_of_push, s => self%table%n_nodes)

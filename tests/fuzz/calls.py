@@ -208,7 +208,7 @@ SOUND = (
     "vv.StribeckFriction(on='x1', coulomb=1, static=2, velocity=0.1, exponent=2, width=0.01)",
     "vv.StribeckFriction(on='x1', coulomb=1, static=2, velocity=0.1).energy([0.1, 0.2], nu=3.0)",
     "vv.plot_loop(vv.BoucWen(on='x1', stiffness=20, beta=5, gamma=-7), 0.3, nu=2.0)",
-    "vv.Maxwell(on='x1', stiffness=20, coefficient=2, exponent=0.5)",
+    "vv.Maxwell(on='x1', stiffness=20, coefficient=2, exponent=2.0)",
     "vv.Maxwell(on='x1', stiffness=20, coefficient=2, exponent=0.5).energy([0.1, 0.2], nu=3.0)",
     "vv.Maxwell(on='x1', stiffness=20, coefficient=2, exponent=0.5).loop(0.1, nu=3.0)",
     "vv.Jenkins(on='x1', stiffness=20, limit=1)",

@@ -261,10 +261,6 @@ def test_every_interface(tmp_path):
         ("series_stiffness=3", "series_stiffness = 3: needs a fluid_coefficient"),
         ("series_stiffness=3 fluid_coefficient=1 stiffness=2", "other parts belong to another"),
         (
-            "series_stiffness=3 fluid_coefficient=1 fluid_exponent=1.5",
-            "fluid_exponent = 1.5: must be 0.1 to 1 with series_stiffness",
-        ),
-        (
             "series_stiffness=3 fluid_coefficient=1 hysteresis='dahl' hysteresis_numbers=1 1",
             "belongs to another &element",
         ),

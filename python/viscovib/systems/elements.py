@@ -260,7 +260,7 @@ def element_terms(
             whole, series = element._whole, Series(e, element.stiffness, element._rate)
             damping = element._linear_damping
             slopes = (damping * element._rate, damping)
-            bent = whole.without(slopes) if element.exponent < 1 else None
+            bent = whole.without(slopes) if element.exponent != 1 else None
             found.append(ElementTerms(own, {1: slopes[0]}, damping, None, bent, series))
             continue
         if not isinstance(element, Spring):

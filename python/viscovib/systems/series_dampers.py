@@ -26,8 +26,8 @@ from viscovib.systems.dampers import LosesInCycles, _positive, _take, _within
 from viscovib.systems.laws import Law, compile_law
 
 #: Bounds of the exponent.
-_EXPONENTS = (0.1, 1.0)
-#: Slope of the damper in the linear subsystem for a < 1, relative to the rate r.
+_EXPONENTS = (0.1, 2.0)
+#: Slope of the damper in the linear subsystem for a other than 1, relative to the rate r.
 _SLOPE = 1e-4
 #: Samples of a cycle (odd), their phases, and most steps of Newton's method.
 _SAMPLES, _MOST = 301, 100
@@ -51,7 +51,8 @@ class Maxwell(LosesInCycles):
     coefficient : float
         c of the damper, greater than 0 (N (s/m)^a).
     exponent : float
-        a, 0.1 to 1.
+        a, 0.1 to 2. Above 1 the element has no linear part at rest (with method="linear" it acts
+        there as its spring alone), and where harmonics do not converge, `steady_motion` does.
 
     Examples
     --------
@@ -80,7 +81,7 @@ class Maxwell(LosesInCycles):
         _positive(self, "stiffness", "coefficient")
         if self.exponent == 0:
             raise InputError(
-                "exponent = 0: is dry friction, must be 0.1 to 1: use a Jenkins element"
+                "exponent = 0: is dry friction, must be 0.1 to 2: use a Jenkins element"
             )
         _within(self, "exponent", *_EXPONENTS)
 
@@ -90,7 +91,7 @@ class Maxwell(LosesInCycles):
         q, k = f"(v + {self._rate!r}*d)", self.stiffness
         c, power = self.coefficient, 1 / self.exponent
         text = f"{k * k!r}*{q}/{c!r}"
-        if self.exponent < 1:
+        if self.exponent != 1:
             text = f"{k!r}*sign{q}*abs({k!r}*{q}/{c!r})^{power!r}"
         return compile_law("law", text, ("d", "v"), {}, 1)
 
@@ -98,8 +99,8 @@ class Maxwell(LosesInCycles):
     def _linear_damping(self) -> float:
         """The slope of k h in the linear subsystem.
 
-        At rest it is 0 for a < 1. A small number, which the law subtracts, keeps the stiffness of
-        the internal coordinate above 0.
+        At rest it is 0 for a < 1, infinite for a > 1. A small number, which the law subtracts,
+        keeps the stiffness of the internal coordinate above 0.
         """
         slope = self.stiffness / self.coefficient if self.exponent == 1 else _SLOPE * self._rate
         return self.stiffness * slope
@@ -140,32 +141,37 @@ class Maxwell(LosesInCycles):
         return q
 
     def _periodic(self, size: float, nu: float) -> FloatArray:
-        power, ratio = 1 / self.exponent, np.float64(self.stiffness) / self.coefficient
+        ratio = np.float64(self.stiffness) / self.coefficient
+        # In y, k q/c = sign(y) abs(y)^p and the rate h = sign(y) abs(y)^r are both smooth.
+        p, r = (self.exponent, 1.0) if self.exponent > 1 else (1.0, 1 / self.exponent)
         orders = np.fft.fftfreq(_SAMPLES, 1 / _SAMPLES)
         waves = np.fft.fft(np.eye(_SAMPLES), axis=0)
-        change = np.fft.ifft(1j * nu * orders[:, np.newaxis] * waves, axis=0).real
+        change = np.fft.ifft(1j * nu * orders[:, np.newaxis] * waves, axis=0).real / ratio
         speed = size * nu * np.cos(_PHASES)
         # The damper is at most as fast as the deflection.
-        largest = float(np.float64(size * nu) ** self.exponent / ratio)
-        q = np.clip(size * np.sin(_PHASES), -largest, largest)
+        largest = float(np.float64(size * nu) ** self.exponent)
+        y = _power(np.clip(ratio * size * np.sin(_PHASES), -largest, largest), 1 / p)
 
-        def residual(q: FloatArray) -> FloatArray:
-            flow = np.sign(q) * np.abs(ratio * q) ** power
-            return np.asarray(change @ q + flow - speed)
+        def residual(y: FloatArray) -> FloatArray:
+            return np.asarray(change @ _power(y, p) + _power(y, r) - speed)
 
         for _ in range(_MOST):
-            left = residual(q)
-            slope = power * ratio * np.abs(ratio * q) ** (power - 1)
-            matrix = change + np.diag(slope)
+            left, a = residual(y), np.abs(y)
+            matrix = change * (p * a ** (p - 1)) + np.diag(r * a ** (r - 1))
             if not (np.isfinite(matrix).all() and np.isfinite(left).all()):
                 return np.full(_SAMPLES, np.nan)
             try:
                 step, part = np.linalg.solve(matrix, -left), 1.0
             except np.linalg.LinAlgError:
                 return np.full(_SAMPLES, np.nan)
-            while part > 1e-6 and np.linalg.norm(residual(q + part * step)) > np.linalg.norm(left):
+            while part > 1e-6 and np.linalg.norm(residual(y + part * step)) > np.linalg.norm(left):
                 part /= 2
-            q = q + part * step
-            if np.abs(step).max() <= 1e-13 * np.abs(q).max():
+            y = y + part * step
+            if np.abs(step).max() <= 1e-13 * np.abs(y).max():
                 break
-        return q
+        return _power(y, p) / ratio
+
+
+def _power(y: FloatArray, p: float) -> FloatArray:
+    """Return sign(y) abs(y)^p."""
+    return np.asarray(np.sign(y) * np.abs(y) ** p)

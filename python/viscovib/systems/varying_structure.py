@@ -125,7 +125,7 @@ def _numbers_of(element: object) -> tuple[str, ...]:
     """Parameters of an element that is not a spring; a rigid stop has no steady motion."""
     if isinstance(element, Maxwell):
         # The stiffness is part of the matrices; no number of the law is linear in the exponent.
-        return ("coefficient",) if element.exponent < 1 else ()
+        return ("coefficient",) if element.exponent != 1 else ()
     rigid = isinstance(element, Contact) and element.stiffness is None
     if rigid or not isinstance(element, (Contact, Hysteresis, RateElement)):
         return ()
