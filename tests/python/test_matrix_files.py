@@ -5,8 +5,9 @@ import re
 import numpy as np
 import pytest
 import viscovib as vv
+from models_of_structures import write_matrix
 from scipy.sparse import csc_array, eye_array, random_array, save_npz
-from viscovib.systems.matrix_files import read_matrix, write_matrix
+from viscovib.systems.matrix_files import read_matrix
 
 HARWELL = """\
 A small stiffness                                                       KEY     

@@ -5,10 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 import viscovib as vv
-from models_of_structures import plate
+from models_of_structures import plate, write_matrix
 from scipy.io import mmread
 from scipy.sparse import csc_array, diags_array
-from viscovib.systems.matrix_files import write_matrix
 
 TOP = 2 * np.pi * 400
 CHAIN = csc_array(diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(6, 6)))

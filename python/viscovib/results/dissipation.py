@@ -10,6 +10,7 @@ import numpy as np
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import InputError
 from viscovib.results.structure_view import View
+from viscovib.systems.element_laws import laws_along, laws_of_groups
 from viscovib.systems.friction import cycles
 from viscovib.systems.laws import Law
 from viscovib.systems.load import base_shifts
@@ -86,11 +87,8 @@ def _of_group(group: SpringGroup, nu: float, orders: Any, y: ComplexArray, linea
     force = at @ stiffness.T
     if group.law_damping is not None:
         force += rate @ group.law_damping.T
-    for (on, powers), c in forces.items():
-        force[:, on] += c * np.prod(at ** np.array(powers), axis=1)
-    both = np.concatenate([at, rate], axis=1)
-    for on, law in laws:
-        force[:, on] += _values(law, both, False)
+    if laws or forces:
+        force += laws_of_groups([group]).forces_at(at.T, rate.T)[0].T
     return sum(
         _work(force[:, a], rate[:, a], theta, nu, orders, y[a], group.kernel) for a in range(n)
     )
@@ -213,14 +211,11 @@ def _values(law: Law, at: FloatArray, linear: bool) -> FloatArray:
 def _of_coupling(terms: Any, nu: float, orders: Any, d: ComplexArray) -> float:
     kinked = any(law.branches for _, law in terms.programs)
     theta, at, rate = _samples(orders, nu, d, kinked)
-    force = np.zeros_like(at)
-    for (on, powers), c in terms.forces.items():
-        force[:, on] += c * np.prod(at**powers, axis=1)
-    for on, law in terms.programs:
-        force[:, on] += _values(law, np.concatenate([at, rate], axis=1), False)
+    q = d.shape[0]
+    laws = laws_along(np.eye(q), [], [], [terms], [[{j: 1.0} for j in range(q)]])
+    force = laws.forces_at(at.T, rate.T)[0].T
     return sum(
-        _work(force[:, a], rate[:, a], theta, nu, orders, d[a], terms.kernel)
-        for a in range(d.shape[0])
+        _work(force[:, a], rate[:, a], theta, nu, orders, d[a], terms.kernel) for a in range(q)
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from viscovib import _native
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
+from viscovib.systems.dampers import _positive, _take, _within
 from viscovib.systems.laws import Law, compile_law
 
 #: Instruction codes of the core for numbers, and its code of a stop with restitution.
@@ -29,16 +30,13 @@ class Contact:
 
     def __post_init__(self) -> None:
         own_fields(self)
-        for name in ("gap", "exponent"):
-            object.__setattr__(self, name, _native.number(name, getattr(self, name)))
-        if not 1 <= self.exponent <= _MOST:
-            raise InputError(f"exponent = {self.exponent:g}: must be 1 to {_MOST}")
+        _take(self, "gap", "exponent")
+        _within(self, "exponent", 1, _MOST)
         if (self.stiffness is None) == (self.restitution is None):
             raise InputError("stiffness, restitution: give exactly one of them")
         if self.stiffness is not None:
-            object.__setattr__(self, "stiffness", _native.number("stiffness", self.stiffness))
-            if self.stiffness <= 0:
-                raise InputError(f"stiffness = {self.stiffness:g}: must be greater than 0")
+            _take(self, "stiffness")
+            _positive(self, "stiffness")
             return
         if self.exponent != 1:
             raise InputError(f"exponent = {self.exponent:g}: must be 1 with a restitution")

@@ -71,6 +71,24 @@ class Laws(NamedTuple):
         parts += [matrix.ravel(order="F") for matrix in more]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
+    def forces_at(self, at: FloatArray, rates: FloatArray) -> list[FloatArray]:
+        """Nonlinear forces of each kernel on the coordinates, shape (q, m), before relaxation.
+
+        ``at``, ``rates``: coordinates and their rates, shape (q, m).
+        """
+        found = [np.zeros_like(at) for _ in self.kernels]
+        for force, group in zip(found, self.forces, strict=True):
+            for (on, powers), c in group.items():
+                used = [i for i, power in enumerate(powers) if power]
+                force[on] += c * prod(at[i] ** powers[i] for i in used)
+        kernels = [None, *different(self.kernels)]
+        for one in self.programs:
+            both = np.concatenate([one.reads @ at, one.reads @ rates])[: len(one.law.arguments)]
+            values = one.law.values(np.asfortranarray(both.T))
+            for on, weight in one.targets.items():
+                found[self.kernels.index(kernels[one.kernel])][on] += weight * values
+        return found
+
     def watching(self, direction: FloatArray) -> tuple["Laws", int]:
         """Add a direction to those of the coordinates; also return the index of its coordinate.
 

@@ -20,6 +20,7 @@ from viscovib.errors import InputError
 from viscovib.systems.element_laws import laws_along
 from viscovib.systems.load import load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
+from viscovib.systems.reduction import damping_and_layers
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
 
@@ -113,9 +114,7 @@ def _modal(structure: Structure) -> tuple[FloatArray, FloatArray, FloatArray]:
         raise InputError("loss_factor: is for harmonic methods, must be 0 (use modal_damping)")
     if structure._reduced is not None:
         found = structure._reduced.reduction
-        damping = np.diag(found.rates)
-        if structure._reduced.model.damping is not None:
-            damping = damping + found.matrices[0]
+        damping, _ = damping_and_layers(structure._reduced.model, found)
         order = np.argsort(found.squares)
         return found.squares[order], found.shapes[:, order], damping[np.ix_(order, order)]
     rest = structure._free.condensation.rest

@@ -11,6 +11,7 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.values import own_fields
 from viscovib.errors import InputError
+from viscovib.systems.dampers import _positive, _take, _within
 from viscovib.systems.laws import Law
 
 #: Instruction codes of the core for numbers.
@@ -123,7 +124,8 @@ class Jenkins(Hysteresis):
 
     def __post_init__(self) -> None:
         own_fields(self)
-        _take(self, _positive, "stiffness", "limit")
+        _take(self, "stiffness", "limit")
+        _positive(self, "stiffness", "limit")
 
     @property
     def _numbers(self) -> tuple[float, ...]:
@@ -171,7 +173,8 @@ class Iwan(Hysteresis):
                 raise InputError(f"{name}: must have shape (n,), n = 1 to {_MOST}, "
                                  f"got {values.shape}")  # fmt: skip
             for i, value in enumerate(values.tolist()):
-                _positive(f"{name}[{i}]", value)
+                if value <= 0:
+                    raise InputError(f"{name}[{i}] = {value:g}: must be greater than 0")
             object.__setattr__(self, name, tuple(values.tolist()))
         if len(self.stiffness) != len(self.limit):  # type: ignore[arg-type]
             raise InputError(
@@ -231,11 +234,11 @@ class BoucWen(Hysteresis):
 
     def __post_init__(self) -> None:
         own_fields(self)
-        _take(self, _positive, "stiffness", "beta")
-        _take(self, _native.number, "ratio", "gamma", "exponent")
+        _take(self, "stiffness", "beta", "ratio", "gamma", "exponent")
+        _positive(self, "stiffness", "beta")
         if not 0 <= self.ratio < 1:
             raise InputError(f"ratio = {self.ratio:g}: must be in [0, 1)")
-        _exponent(self.exponent, *_EXPONENTS)
+        _within(self, "exponent", *_EXPONENTS)
 
     @property
     def _numbers(self) -> tuple[float, ...]:
@@ -281,9 +284,10 @@ class Dahl(Hysteresis):
 
     def __post_init__(self) -> None:
         own_fields(self)
-        _take(self, _positive, "stiffness", "limit")
-        _take(self, _native.number, "exponent")
-        _exponent(self.exponent, 0.0, _EXPONENTS[1])
+        _take(self, "stiffness", "limit")
+        _positive(self, "stiffness", "limit")
+        _take(self, "exponent")
+        _within(self, "exponent", 0.0, _EXPONENTS[1])
 
     @property
     def _numbers(self) -> tuple[float, ...]:
@@ -292,20 +296,3 @@ class Dahl(Hysteresis):
     @property
     def _stiffness_at_rest(self) -> float:
         return self.stiffness
-
-
-def _positive(name: str, value: Any) -> float:
-    number = _native.number(name, value)
-    if number <= 0:
-        raise InputError(f"{name} = {number:g}: must be greater than 0")
-    return number
-
-
-def _exponent(value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise InputError(f"exponent = {value:g}: must be {low:g} to {high:g}")
-
-
-def _take(element: Any, read: Any, *names: str) -> None:
-    for name in names:
-        object.__setattr__(element, name, read(name, getattr(element, name)))

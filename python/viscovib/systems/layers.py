@@ -45,22 +45,29 @@ class Layers(NamedTuple):
 
 def checked_layers(layers: Any, n: int, sparse: bool) -> Layers:
     """Check ``layers`` of a structure of n coordinates."""
-    if not isinstance(layers, (list, tuple)):
-        raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
     whole: list[tuple[Any, Kernel]] = []
     elements: list[ElementTerms] = []
+    for i, (matrix, kernel) in enumerate(matrices_of(layers, n, sparse)):
+        if not abs(matrix).max() > 0:
+            continue
+        if exponentials_of(kernel) is not None:
+            whole.append((matrix, kernel))
+        else:
+            elements += _directions(f"layers[{i}]", matrix, kernel)
+    return Layers(tuple(whole), tuple(elements))
+
+
+def matrices_of(layers: Any, n: int, sparse: bool) -> list[tuple[Any, Kernel]]:
+    """Return the matrices, in one form, and the kernels of layers."""
+    if not isinstance(layers, (list, tuple)):
+        raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
+    found = []
     for i, layer in enumerate(layers):
         if not (isinstance(layer, (list, tuple)) and len(layer) == 2):
             raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
         _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
-        matrix = matrix_of(f"layers[{i}][0]", layer[0], n, sparse)
-        if not abs(matrix).max() > 0:
-            continue
-        if exponentials_of(layer[1]) is not None:
-            whole.append((matrix, layer[1]))
-        else:
-            elements += _directions(f"layers[{i}]", matrix, layer[1])
-    return Layers(tuple(whole), tuple(elements))
+        found.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse), layer[1]))
+    return found
 
 
 def exponentials_of(kernel: Kernel) -> Any:

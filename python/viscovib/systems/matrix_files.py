@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from scipy.io import mminfo, mmread, mmwrite
-from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array, save_npz
+from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array
 
 from viscovib._native import shown
-from viscovib.common.files import bytes_of, whole_file
+from viscovib.common.files import bytes_of
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
 from viscovib.systems.sparse_pencil import MOST
@@ -86,22 +86,6 @@ def content_of(name: str, file: Path) -> bytes:
     if not content:
         raise FileError(f"{name}: {file} is empty")
     return content
-
-
-def write_matrix(path: str | os.PathLike[str], matrix: Any, comment: str = "") -> None:
-    """Write a matrix with all digits as Matrix Market (.mtx) or .npz, selected by the extension.
-
-    ``comment``: comment in a Matrix Market file.
-    """
-    file = Path(FilePath("path").check(path))
-    ending = file.suffix.lower()
-    if ending not in (*MATRIX_MARKET, ".npz"):
-        raise InputError(f"path = {str(path)!r}: must end in .mtx or .npz")
-    with whole_file(file, "wb") as target:
-        if ending == ".npz":
-            save_npz(target, csc_array(matrix))
-        else:
-            put_matrix_market(target, matrix, comment)
 
 
 def put_matrix_market(target: Any, matrix: Any, comment: str = "") -> None:

@@ -14,6 +14,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.elements import Coupling, Spring, direction_of
 from viscovib.systems.layers import Layers
+from viscovib.systems.reduction import damping_and_layers
 from viscovib.systems.speed_matrices import OF_SPEED
 
 if TYPE_CHECKING:
@@ -173,10 +174,8 @@ def modal_model(structure: Structure) -> ModalModel:
     if model.loss:
         raise InputError("in_modes: loss_factor has no meaning in time: use modal_damping")
     m, shapes = found.squares.size, found.shapes
-    stiffness, damping = np.diag(found.squares), np.diag(found.rates)
-    parts = list(found.matrices)
-    if model.damping is not None:
-        damping = damping + parts.pop(0)
+    stiffness = np.diag(found.squares)
+    damping, parts = damping_and_layers(model, found)
     for element in structure._all_elements:
         # The elements add their linear parts to the structure again.
         e = element.direction @ shapes

@@ -12,7 +12,7 @@ from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.layers import exponentials_of
 from viscovib.systems.linear_model import LinearModel
-from viscovib.systems.reduction import Reduction, reduce_model
+from viscovib.systems.reduction import Reduction, damping_and_layers, reduce_model
 from viscovib.systems.relaxing_rest import relaxing_rest
 from viscovib.systems.sparse_pencil import Modes, is_symmetric
 from viscovib.systems.stiffness_ratio import warn_of_lost_modes
@@ -141,7 +141,7 @@ def _rest(model: LinearModel, found: Reduction, top: float) -> Rest:
         shapes = shapes @ small.shapes
     elif model.damping is not None:
         modal = ModalDamping(loss=model.loss) if model.loss else None
-        damping = np.diag(rates) + found.matrices[0]
+        damping, _ = damping_and_layers(model, found)
         small = dense_rest(np.eye(squares.size), damping, np.diag(squares), modal)
         squares, rates, poles = small.squares, small.rates, small.poles
         left, right = shapes @ small.left, shapes @ small.right
@@ -180,10 +180,7 @@ def _relaxing(model: LinearModel, found: Reduction) -> Rest:
             "structure that is reduced"
         )
     modal = ModalDamping(loss=model.loss) if model.loss else None
-    damping = np.diag(found.rates)
-    parts = list(found.matrices)
-    if model.damping is not None:
-        damping = damping + parts.pop(0)
+    damping, parts = damping_and_layers(model, found)
     layers = [
         (0.5 * (part + part.T), *exponentials_of(kernel))
         for part, (_, kernel) in zip(parts, model.layers, strict=True)

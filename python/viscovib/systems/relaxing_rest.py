@@ -34,8 +34,8 @@ from viscovib.systems.structure_rest import (
     Rest,
     dense_rest,
     exactly_by,
+    idle_bend,
     matrix_of_modal,
-    scaled_condition,
 )
 
 #: Largest number of states for which all modes are computed.
@@ -299,15 +299,7 @@ class _States:
     ) -> None:
         n = mass.shape[0]
         kept = ~idle
-        if damping[idle].any() or damping[:, idle].any():
-            i = int(np.flatnonzero(idle & (damping.any(axis=0) | damping.any(axis=1)))[0])
-            raise InputError(
-                f"damping: coordinate {i} has no mass, and must not have damping either"
-            )
-        inner = stiffness[np.ix_(idle, idle)]
-        if idle.any() and scaled_condition(inner) > 1 / _RANK:
-            raise InputError("mass: a coordinate has neither mass nor stiffness")
-        self.bend = np.linalg.inv(inner)
+        self.bend = idle_bend(damping, stiffness, idle)
         # u = whole v + idle part, p acts on v by carry^T.
         follow, carry = np.zeros((n, int(kept.sum()))), np.zeros((n, int(kept.sum())))
         follow[kept] = carry[kept] = np.eye(int(kept.sum()))

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.systems.element_laws import Laws, different
+from viscovib.systems.element_laws import Laws
 
 #: Cancellation in H from which on rounding errors are estimated; relative size of a harmonic below
 #: which they are not.
@@ -163,47 +163,31 @@ def _forces_on_rest(
     phase = 2 * np.pi * np.arange(count) / count
     waves = np.exp(1j * np.outer(orders, phase))
     back = 2j / count * np.exp(-1j * order * phase)
-    kernels = different(laws.kernels)
     found = np.empty(y.shape[:2], dtype=complex)
     step = max(1, _AT_ONCE // (count * y.shape[1]))
     for first in range(0, nu.size, step):
         part = slice(first, first + step)
-        found[part] = _of_some(laws, kernels, nu[part], orders, y[part], order, waves, back)
+        found[part] = _of_some(laws, nu[part], orders, y[part], order, waves, back)
     return found
 
 
 def _of_some(
-    laws: Laws, kernels: list[Any], nu: FloatArray, orders: Any, y: ComplexArray, order: int,
-    waves: ComplexArray, back: ComplexArray,
+    laws: Laws, nu: FloatArray, orders: Any, y: ComplexArray, order: int, waves: ComplexArray,
+    back: ComplexArray,
 ) -> ComplexArray:  # fmt: skip
-    at = (y @ waves).imag
+    (n, q, _), count = y.shape, waves.shape[1]
+
+    def samples(harmonics: ComplexArray) -> FloatArray:
+        return np.asarray((harmonics @ waves).imag.transpose(1, 0, 2).reshape(q, -1))
+
+    at = samples(y)
+    rates = samples(1j * nu[:, np.newaxis, np.newaxis] * orders * y) if laws.programs else at
     own = y[:, :, np.flatnonzero(orders == order)[0]]
     total = np.zeros_like(own)
-    for kernel, stiffness, forces in zip(laws.kernels, laws.stiffness, laws.forces, strict=True):
+    parts = zip(laws.kernels, laws.stiffness, laws.forces_at(at, rates), strict=True)
+    for kernel, stiffness, force in parts:
         retained = 0.0 if kernel is None else kernel.transform(order * nu)[:, np.newaxis]
-        if kernel is not None:
-            total += retained * (own @ stiffness.T)
-        elif stiffness.any():
-            total -= own @ stiffness.T
-        if not forces:
-            continue
-        force = np.zeros_like(at)
-        for (on, powers), c in forces.items():
-            product: Any = c
-            for b, power in enumerate(powers):
-                if power:
-                    product = product * at[:, b] ** power
-            force[:, on] += product
-        total -= (1 - retained) * (force @ back)
-    if laws.programs:
-        rate = ((1j * nu[:, np.newaxis, np.newaxis] * orders * y) @ waves).imag
-    for place, reads, targets, law in laws.programs:
-        positions, rates = reads @ at, reads @ rate
-        arguments = np.concatenate([positions, rates], axis=1)[:, : len(law.arguments)]
-        flat = np.asfortranarray(arguments.transpose(0, 2, 1).reshape(-1, arguments.shape[1]))
-        parts = law(flat)[0].reshape(nu.size, -1) @ back
-        if place:
-            parts = parts * (1 - kernels[place - 1].transform(order * nu))
-        for on, weight in targets.items():
-            total[:, on] -= weight * parts
+        # Linear forces without a kernel are not relaxed.
+        total += (-1.0 if kernel is None else retained) * (own @ stiffness.T)
+        total -= (1 - retained) * (force.reshape(q, n, count) @ back).T
     return total

@@ -307,11 +307,8 @@ def is_symmetric(matrix: Any) -> bool:
 
 
 def check_mass(mass: Any) -> None:
-    """Refuse a mass that is negative, or that couples a coordinate without mass to others."""
+    """Refuse a mass that is not symmetric, or couples a coordinate without mass to others."""
     diagonal = mass.diagonal()
-    if (diagonal < 0).any():
-        i = int(np.argmin(diagonal))
-        raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
     if not is_symmetric(mass):
         raise InputError("mass: must be symmetric")
     if not diagonal.any():

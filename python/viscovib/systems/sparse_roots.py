@@ -26,9 +26,11 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots
+from viscovib.systems.layers import matrices_of
 from viscovib.systems.linear_model import LinearModel, modal_rates
+from viscovib.systems.reduction import damping_and_layers
 from viscovib.systems.sparse_pencil import Modes, Pencil, check_memory, factored
-from viscovib.systems.structure_matrices import linear_model, matrix_of
+from viscovib.systems.structure_matrices import linear_model
 
 #: Largest number of steps of Newton's method, and of the search for a starting frequency.
 _NEWTON, _BEGINNING = 30, 40
@@ -116,19 +118,12 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
     # Coordinates without mass have no roots of their own.
     most = max(1, min(200, int(np.count_nonzero(structure.mass.diagonal()))))
     wanted = _native.integer("count", min(6, most) if count is None else count, 1, most)
-    if not isinstance(layers, (list, tuple)):
-        raise InputError(f"layers = {_native.shown(layers)}: must be a list of (matrix, kernel)")
     model = linear_model(
         structure.mass, structure.damping, structure.stiffness, structure._uncoupled,
         structure._all_elements, remembering=True,
     )  # fmt: skip
-    own = [(matrix_of("layers", m, n, sparse=True), k) for m, k in structure._layers.whole]
-    more = []
-    for i, layer in enumerate(layers):
-        if not (isinstance(layer, (list, tuple)) and len(layer) == 2):
-            raise InputError(f"layers[{i}] = {_native.shown(layer)}: must be (matrix, kernel)")
-        _native.check_instance(f"layers[{i}][1]", layer[1], Kernel)
-        more.append((matrix_of(f"layers[{i}][0]", layer[0], n, sparse=True), layer[1]))
+    own = matrices_of(structure._layers.whole, n, sparse=True)
+    more = matrices_of(layers, n, sparse=True)
     relaxing = [*model.layers, *own, *more]
     if structure._reduced is not None and np.any(model.ratio):
         model = _in_modes(structure, relaxing, len(more), model.dampers)
@@ -206,9 +201,7 @@ def _in_modes(
     The last ``n_more`` layers do not belong to the structure.
     """
     found = structure._reduced.reduction
-    damping = np.diag(found.rates)
-    if structure._reduced.model.damping is not None:
-        damping = damping + found.matrices[0]
+    damping, _ = damping_and_layers(structure._reduced.model, found)
     layers, dampers = (
         [(csc_array(found.shapes.T @ (matrix @ found.shapes)), kernel) for matrix, kernel in parts]
         for parts in (relaxing, dampers)

@@ -21,6 +21,7 @@ from viscovib.systems.matrix_files import (
     read_matrix,
     sparse_of,
 )
+from viscovib.systems.reduction import damping_and_layers
 from viscovib.systems.structure_matrices import is_sparse, is_triangular
 
 #: Format mark of a file.
@@ -161,9 +162,7 @@ def _reduced_parts(structure: Any, coordinates: Sequence[str] | None) -> dict[st
         raise InputError("path: loads on coordinates without mass have no modes: must end in .npz")
     shapes = found.shapes
     stiffness = np.diag(found.squares)
-    damping = np.diag(found.rates)
-    if reduced.model.damping is not None:
-        damping = damping + found.matrices[0]
+    damping, _ = damping_and_layers(reduced.model, found)
     touched = np.zeros(structure.n_coordinates, dtype=bool)
     for element in structure._all_elements:
         e = shapes.T @ element.direction

@@ -110,14 +110,14 @@ def check_mass(mass: Any) -> None:
             f"mass[{i}, {i}] = {diagonal[i]:g}: must be 0 or at least {_LEAST_MASS:g}: choose "
             "other units"
         )
+    if (diagonal < 0).any():
+        i = int(np.argmin(diagonal))
+        raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
     if is_sparse(mass):
         from viscovib.systems.sparse_pencil import check_mass as check_sparse_mass
 
         check_sparse_mass(mass)
         return
-    if (diagonal < 0).any():
-        i = int(np.argmin(diagonal))
-        raise InputError(f"mass[{i}, {i}] = {diagonal[i]:g}: must not be negative")
     asymmetry = np.abs(mass - mass.T).max()
     massive = mass.any(axis=1)
     if not massive.any():

@@ -194,13 +194,8 @@ def _condensed_rest(
     """
     idle = ~mass.any(axis=1)
     kept = ~idle
-    if damping[idle].any() or damping[:, idle].any():
-        i = int(np.flatnonzero(idle & (damping.any(axis=0) | damping.any(axis=1)))[0])
-        raise InputError(f"damping: coordinate {i} has no mass, and must not have damping either")
     inner = stiffness[np.ix_(idle, idle)]
-    if scaled_condition(inner) > 1 / _OFF_DIAGONAL:
-        raise InputError("mass: a coordinate has neither mass nor stiffness")
-    inverse = np.linalg.inv(inner)
+    inverse = idle_bend(damping, stiffness, idle)
     follow = -inverse @ stiffness[np.ix_(idle, kept)]
     carry = -inverse.T @ stiffness[np.ix_(kept, idle)].T
     left = stiffness[np.ix_(kept, kept)] + stiffness[np.ix_(kept, idle)] @ follow
@@ -235,6 +230,17 @@ def _condensed_rest(
     )  # fmt: skip
 
 
+def idle_bend(damping: FloatArray, stiffness: FloatArray, idle: Any) -> FloatArray:
+    """Return K_00^-1 of the coordinates without mass, which must have stiffness and no damping."""
+    if damping[idle].any() or damping[:, idle].any():
+        i = int(np.flatnonzero(idle & (damping.any(axis=0) | damping.any(axis=1)))[0])
+        raise InputError(f"damping: coordinate {i} has no mass, and must not have damping either")
+    inner = stiffness[np.ix_(idle, idle)]
+    if idle.any() and _scaled_condition(inner) > 1 / _OFF_DIAGONAL:
+        raise InputError("mass: a coordinate has neither mass nor stiffness")
+    return np.asarray(np.linalg.inv(inner))
+
+
 def _moved_idle(idle: Any, inverse: Any, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Deflections of the coordinates without mass by forces, and their part times s."""
     moved = np.zeros_like(forces)
@@ -250,7 +256,7 @@ def _resisting_kept(kept: Any, resisting: Any, u: FloatArray) -> FloatArray:
     return forces
 
 
-def scaled_condition(matrix: FloatArray) -> float:
+def _scaled_condition(matrix: FloatArray) -> float:
     """Condition number in units that make the diagonal 1."""
     size = np.abs(np.diag(matrix))
     unit = np.sqrt(np.where(size > 0, size, 1.0))
