@@ -28,7 +28,7 @@ module viscovib_hereditary_maps
   private
 
   public :: step_map_type, new_step_map, local_weights
-  public :: place_of, padded, remaining_weights, remember_held
+  public :: lay_out, place_of, padded, remaining_weights, remember_held
 
   !> Number of step lengths whose maps are kept.
   integer, parameter :: most_lengths = 64
@@ -100,22 +100,13 @@ contains
     real(wp) :: e(table%s, 0:table%s + 1, 0:size(system%kernels))
     real(wp), allocatable :: equations(:, :), answers(:, :)
     integer, allocatable :: pivots(:)
-    integer :: j, k, n_a, n_in, n_bends, n_rows
+    integer :: k, n_a, n_in, n_bends, n_rows
 
-    map%s = table%s
-    map%n_dof = system%n_dof()
-    map%n_rates = system%n_rates()
+    call lay_out(map, system, channels, table%s, 2*system%n_dof(), table%s)
     map%h = h
-    map%n_memory = system%n_memory()
-    map%n_channels = size(channels%kernel_of)
-    map%bent = pack([(j, j=1, map%n_memory)], system%bent)
     map%separable = system%separable
     map%at_v = map%n_dof
-    map%at_load = 2*map%n_dof
-    map%at_memory = map%at_load + map%s*map%n_dof
-    map%at_bend = map%at_memory + map%s*map%n_channels
     n_in = map%at_bend + size(map%bent)
-    map%at_remainder = (map%s + 1)*size(map%bent)
     n_bends = map%at_remainder
     map%velocity_row = (map%s + 1)*map%n_dof + 1
     map%n_core = padded(map%velocity_row + map%n_dof - 1)
@@ -143,6 +134,27 @@ contains
     call set_core_rows(map, system, channels, table, h, e, answers)
     if (.not. map%separable) call set_variable_rows(map, system, channels, e)
   end subroutine new_step_map
+
+  !> Offsets of the parts of z, y and X.
+  subroutine lay_out(map, system, channels, s, at_load, n_loads)
+    type(step_map_type), intent(inout) :: map
+    class(oscillator_type), intent(in) :: system
+    type(channels_type), intent(in) :: channels
+    !> Number of nodes; offset of the loads in z, and how many z contains for each coordinate.
+    integer, intent(in) :: s, at_load, n_loads
+    integer :: j
+
+    map%s = s
+    map%n_dof = system%n_dof()
+    map%n_rates = system%n_rates()
+    map%n_memory = system%n_memory()
+    map%n_channels = size(channels%kernel_of)
+    map%bent = pack([(j, j=1, map%n_memory)], system%bent)
+    map%at_load = at_load
+    map%at_memory = at_load + n_loads*map%n_dof
+    map%at_bend = map%at_memory + s*map%n_channels
+    map%at_remainder = (s + 1)*size(map%bent)
+  end subroutine lay_out
 
   !> u' = v + h A1 a with a from u - u0 = c h v + h^2 A2 a.
   subroutine set_rates(map, table, h)

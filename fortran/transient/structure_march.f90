@@ -4,7 +4,7 @@
 !! `viscovib_hereditary`.
 !!
 !! The state consists of the modes of the linear subsystem; the unknowns of a step are the
-!! deflections of the elements at its nodes and its end (`viscovib_condensed_maps`). The cost of a
+!! deflections of the elements at its nodes and its end (`viscovib_structure_step`). The cost of a
 !! step is proportional to the number of modes times the number of nodes.
 module viscovib_structure_march
   use viscovib_base_motion, only: base_motion_type
