@@ -53,6 +53,12 @@ def test_value_is_that_of_the_text(text, at):
     assert all(polynomial.values())
 
 
+@pytest.mark.parametrize("text", ["1e300*x^3", "x^3*1e200", "1e100*1e100*x^3"])
+def test_large_coefficients_are_named(text):
+    with pytest.raises(vv.InputError, match="its coefficients must be below 1e150"):
+        vv.PolynomialSystem(mass=1, stiffness=1, forces=text)
+
+
 def test_spelling():
     assert expand("f", "2*(x - phi)^2/4", NAMES) == {
         (2, 0, 0): 0.5,

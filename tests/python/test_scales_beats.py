@@ -119,6 +119,7 @@ def test_what_neighbours_grow_by_in_the_full_equations(name):
     assert motion.stable is True
     assert error < 0.2 * abs(growth)
     assert motion.growth_error <= abs(motion.growth)
+    assert abs(motion.growth - growth) <= error + motion.growth_error
     state = np.ravel(np.column_stack([x.sum(axis=0).real, ((1j * f) @ x).real]))
     t = np.linspace(0, round(5 / abs(growth)), 501)
     if name == "pendulum":

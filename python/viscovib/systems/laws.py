@@ -377,7 +377,9 @@ def read_law(
     names = [*arguments, *parameters]
     try:
         terms = expand(where, text, names)
-    except InputError:
+    except InputError as error:
+        if "its coefficients must" in str(error):
+            raise
         # It is not a polynomial; the reader of all laws reports possible errors.
         law = compile_law(where, text, [*arguments, *rates], parameters, len(rates), named=named)
         _refuse_edge(where, law)
