@@ -17,6 +17,9 @@ module viscovib_polynomial_text
 
   !> Bounds that keep a slip of the pen from filling the memory, and the largest power of a number.
   integer, parameter :: max_terms = 20000, max_depth = 100, max_power = 1000
+  !> Largest coefficient.
+  real(wp), parameter :: largest = 1.0e300_wp
+  character(len=*), parameter :: too_large = 'its coefficients must be at most 1e300'
   character(len=*), parameter :: letters = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_'
 
   !> A sum of monomials: coefficients, and powers, shape (n, size(coefficients)).
@@ -88,9 +91,9 @@ contains
         call multiply(cursor, total, next)
       else if (size(next%coefficients) /= 1 .or. any(next%powers /= 0)) then
         cursor%fault = 'it may be divided only by numbers other than 0'
-      else if (any(abs(total%coefficients) > 1.0e150_wp) &
-               .or. abs(next%coefficients(1)) < 1.0e-150_wp) then
-        cursor%fault = 'its coefficients must be below 1e150'
+      else if (any(abs(total%coefficients) &
+                   > largest*min(1.0_wp, abs(next%coefficients(1))))) then
+        cursor%fault = too_large
       else
         total%coefficients = total%coefficients/next%coefficients(1)
       end if
@@ -281,9 +284,9 @@ contains
       do j = 1, size(by%coefficients)
         if (sum(total%powers(:, i) + by%powers(:, j)) > max_degree) then
           cursor%fault = 'its degree must be at most '//show(max_degree)
-        else if (abs(total%coefficients(i)) > 1.0e150_wp .or. &
-                 abs(by%coefficients(j)) > 1.0e150_wp) then
-          cursor%fault = 'its coefficients must be below 1e150'
+        else if (abs(total%coefficients(i)) > largest/max(1.0_wp, abs(by%coefficients(j))) &
+                 .or. abs(by%coefficients(j)) > largest) then
+          cursor%fault = too_large
         else
           call add(cursor, product, used, total%coefficients(i)*by%coefficients(j), &
                    total%powers(:, i) + by%powers(:, j))

@@ -53,9 +53,9 @@ def test_value_is_that_of_the_text(text, at):
     assert all(polynomial.values())
 
 
-@pytest.mark.parametrize("text", ["1e300*x^3", "x^3*1e200", "1e100*1e100*x^3"])
+@pytest.mark.parametrize("text", ["1e305*x^3", "x^3*1e305", "1e200*1e200*x^3", "x^3/1e-305"])
 def test_large_coefficients_are_named(text):
-    with pytest.raises(vv.InputError, match="its coefficients must be below 1e150"):
+    with pytest.raises(vv.InputError, match="its coefficients must be at most 1e300"):
         vv.PolynomialSystem(mass=1, stiffness=1, forces=text)
 
 

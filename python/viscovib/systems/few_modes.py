@@ -18,9 +18,9 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import laws_along
+from viscovib.systems.linear_model import damping_and_layers
 from viscovib.systems.load import load_series
 from viscovib.systems.polynomial_system import PolynomialSystem
-from viscovib.systems.reduction import damping_and_layers
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
 

@@ -11,6 +11,7 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.kernels.relaxation import Kernel
 
 if TYPE_CHECKING:
+    from viscovib.systems.reduction import Reduction
     from viscovib.systems.sparse_pencil import Modes
 
 
@@ -109,6 +110,14 @@ def modal_rates(model: LinearModel, squares: FloatArray) -> tuple[FloatArray, fl
     """2 zeta omega of the modes, and b for all higher modes."""
     omega, ratios = np.sqrt(np.abs(squares)), model.ratios(squares.size)
     return 2 * ratios * omega, float(2 * ratios[-1] / omega.max())
+
+
+def damping_and_layers(model: LinearModel, found: Reduction) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the damping matrix in the coordinates of the reduction, and those of the layers."""
+    damping, layers = np.diag(found.rates), list(found.matrices)
+    if model.damping is not None:
+        damping = damping + layers.pop(0)
+    return damping, layers
 
 
 def with_ratios(model: LinearModel, modes: Modes) -> LinearModel:

@@ -14,7 +14,7 @@ from viscovib._native import FloatArray
 from viscovib.errors import InputError
 from viscovib.systems.elements import Coupling, Spring, direction_of
 from viscovib.systems.layers import Layers
-from viscovib.systems.reduction import damping_and_layers
+from viscovib.systems.linear_model import damping_and_layers
 from viscovib.systems.speed_matrices import OF_SPEED
 
 if TYPE_CHECKING:

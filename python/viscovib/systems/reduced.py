@@ -11,8 +11,8 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.layers import exponentials_of
-from viscovib.systems.linear_model import LinearModel
-from viscovib.systems.reduction import Reduction, damping_and_layers, reduce_model
+from viscovib.systems.linear_model import LinearModel, damping_and_layers
+from viscovib.systems.reduction import Reduction, reduce_model
 from viscovib.systems.relaxing_rest import relaxing_rest
 from viscovib.systems.sparse_pencil import Modes, is_symmetric
 from viscovib.systems.stiffness_ratio import warn_of_lost_modes

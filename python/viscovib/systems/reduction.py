@@ -95,14 +95,6 @@ class Reduction:
         return float(self.error.max())
 
 
-def damping_and_layers(model: LinearModel, found: Reduction) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the damping matrix in the coordinates of the reduction, and those of the layers."""
-    damping, layers = np.diag(found.rates), list(found.matrices)
-    if model.damping is not None:
-        damping = damping + layers.pop(0)
-    return damping, layers
-
-
 class _Basis:
     """V with A_i V and the reduced matrices V' A_i V, extended column by column."""
 

@@ -27,8 +27,7 @@ from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots
 from viscovib.systems.layers import matrices_of
-from viscovib.systems.linear_model import LinearModel, modal_rates
-from viscovib.systems.reduction import damping_and_layers
+from viscovib.systems.linear_model import LinearModel, damping_and_layers, modal_rates
 from viscovib.systems.sparse_pencil import Modes, Pencil, check_memory, factored
 from viscovib.systems.structure_matrices import linear_model
 

@@ -14,6 +14,7 @@ from viscovib._native import shown
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath
 from viscovib.errors import FileError, InputError
+from viscovib.systems.linear_model import damping_and_layers
 from viscovib.systems.matrix_files import (
     arrays_of,
     content_of,
@@ -21,7 +22,6 @@ from viscovib.systems.matrix_files import (
     read_matrix,
     sparse_of,
 )
-from viscovib.systems.reduction import damping_and_layers
 from viscovib.systems.structure_matrices import is_sparse, is_triangular
 
 #: Format mark of a file.
