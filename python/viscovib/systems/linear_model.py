@@ -11,7 +11,6 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.kernels.relaxation import Kernel
 
 if TYPE_CHECKING:
-    from viscovib.systems.reduction import Reduction
     from viscovib.systems.sparse_pencil import Modes
 
 
@@ -112,8 +111,8 @@ def modal_rates(model: LinearModel, squares: FloatArray) -> tuple[FloatArray, fl
     return 2 * ratios * omega, float(2 * ratios[-1] / omega.max())
 
 
-def damping_and_layers(model: LinearModel, found: Reduction) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the damping matrix in the coordinates of the reduction, and those of the layers."""
+def damping_and_layers(model: LinearModel, found: Any) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the damping matrix in the coordinates of a `Reduction`, and those of the layers."""
     damping, layers = np.diag(found.rates), list(found.matrices)
     if model.damping is not None:
         damping = damping + layers.pop(0)
