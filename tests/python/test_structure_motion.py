@@ -367,3 +367,22 @@ def test_a_start_is_resisted_by_all_damping(kind, reduced):
     rates[n : 2 * n] = np.concatenate(sides, axis=1) / mass[:, np.newaxis]
     true = expm(t * rates) @ [*start[::2], *start[1::2], *np.zeros(n)]
     assert run.state[0] == pytest.approx(list(true[: 2 * n].reshape(2, n).T.ravel()), abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rayleigh_damping_of_an_unsymmetric_stiffness(seed):
+    """In all coordinates, as a structure with a contact is computed, it is a M + b K."""
+    rng = np.random.default_rng([31, seed])
+    mass, stiffness = np.diag(rng.uniform(1, 2, 3)), np.diag(rng.uniform(5, 9, 3))
+    stiffness[0, 1], stiffness[1, 0] = rng.uniform(-2, 2, 2)
+    a, b = rng.uniform(0.02, 0.1, 2).tolist()
+    gap = vv.Gap(on="x1", stiffness=10, gap=0.05)
+    one, other = (
+        vv.simulate(
+            vv.Structure(mass=mass, stiffness=stiffness, elements=[gap], **damping),
+            5, load={"x1": 1.0}, nu=2.0, tolerance=1e-10,
+        ).state[-1]
+        for damping in ({"rayleigh": (a, b)}, {"damping": a * mass + b * stiffness})
+    )  # fmt: skip
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-10)
+    assert np.abs(one[2:4]).max() > 1e-3
