@@ -107,8 +107,10 @@ class OscillatorMotion:
             state = np.zeros(2 * n)
             if held is not None:
                 state[::2] = moved[:, -1]
-        _native.choice("method", method, EVERY_METHOD)
-        _native.choice("memory", memory, ("auto", *PASTS))
+        if type(method) is not str or method not in EVERY_METHOD:
+            _native.choice("method", method, EVERY_METHOD)
+        if type(memory) is not str or memory != "auto":
+            _native.choice("memory", memory, ("auto", *PASTS))
         table = base if isinstance(base, LoadTable) else None
         orders, series, frequency = _periodic(system, load, nu, base)
         breaks, pieces = table_of(force, n)
