@@ -98,6 +98,11 @@ class Plan(Mapping[str, Any]):
         return "".join(f"# {line}\n" for line in self._lines)
 
 
+def given_plan(plan: Plan) -> Plan:
+    """Return the plan; a function that can be pickled."""
+    return plan
+
+
 def wanted_places(coordinates: Sequence[str] | None, names: tuple[str, ...]) -> list[int]:
     """Return the indices of the requested coordinates in their order; None: all."""
     if coordinates is None:

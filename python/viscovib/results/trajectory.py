@@ -766,11 +766,6 @@ class Trajectory(Result):
         return table
 
 
-def given_plan(plan: Plan) -> Plan:
-    """Return the plan; a function that can be pickled."""
-    return plan
-
-
 def _rms(t: FloatArray, values: FloatArray) -> float:
     """Root mean square over time for any spacing of the states; NaN without states."""
     if t.size < 2:

@@ -13,28 +13,24 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from viscovib import _native
-from viscovib.analyses.backbones import Backbone
-from viscovib.analyses.driven_branch import DrivenBranch
-from viscovib.analyses.forced import forced_response
-from viscovib.analyses.periodic import trace_response
-from viscovib.analyses.shock_spectra import ShockResponseSpectrum
-from viscovib.analyses.signals import warn_of_aliases
-from viscovib.analyses.spectral import Spectrum, spectrum
-from viscovib.analyses.transient import simulate
 from viscovib.common.counts import things
-from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.plan import Plan, given_plan, wanted_places
 from viscovib.common.results import Result
 from viscovib.errors import ConvergenceWarning, InputError, caller
-from viscovib.results.branch import Branch
-from viscovib.results.response import Response
-from viscovib.results.scales import ScalesResponse
-from viscovib.results.trajectory import Trajectory, given_plan
 from viscovib.scene.scene import Scene, texts
-from viscovib.scene.shocks import shock_spectrum, spectrum_of_table
 from viscovib.scene.table import TableResult, run_tables
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from viscovib.analyses.backbones import Backbone
+    from viscovib.analyses.driven_branch import DrivenBranch
+    from viscovib.analyses.shock_spectra import ShockResponseSpectrum
+    from viscovib.analyses.spectral import Spectrum
+    from viscovib.results.branch import Branch
+    from viscovib.results.response import Response
+    from viscovib.results.scales import ScalesResponse
+    from viscovib.results.trajectory import Trajectory
 
 _R = TypeVar("_R", bound=Result)
 
@@ -230,15 +226,19 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     if "multiple_scales" in scene.groups:
         return SceneResult(scene, replace(scene._steady(), plan=planned))
     if "transient" in scene.groups:
+        from viscovib.analyses.transient import simulate
+
         found = simulate(**scene._motion(), progress=progress)
         run = replace(found, _planned=partial(given_plan, planned))
         accelerates = scene.groups["transient"]["acceleration"] == "yes"
         run = _with(run, _accelerates=accelerates)
-        shock = scene.groups.get("shock_spectrum")
         return SceneResult(
-            scene, run, _spectrum(scene, run), _events(scene, run),
-            shock_spectrum=None if shock is None else shock_spectrum(shock, scene._hz(), run),
-        )  # fmt: skip
+            scene,
+            run,
+            _spectrum(scene, run),
+            _events(scene, run),
+            shock_spectrum=_shock_spectrum(scene, run),
+        )
     if "backbone" in scene.groups:
         free, families = scene._backbones()
         note = tuple(replace(family, plan=planned) for family in families)
@@ -247,12 +247,16 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
         first, bifurcating = scene._driven()
         return SceneResult(scene, first, switched=bifurcating)
     if "branch" in scene.groups:
+        from viscovib.analyses.periodic import trace_response
+
         branch = trace_response(**scene._branch())
         return SceneResult(
             scene, _with(branch, plan=planned, _extra_columns=_extra_columns(scene, "branch"))
         )
     if "response" not in scene.groups:
         return _by_core(scene, planned)
+    from viscovib.analyses.forced import forced_response
+
     response = forced_response(**scene._job(), progress=progress)
     shown = _with(
         response,
@@ -302,6 +306,8 @@ def _by_core(scene: Scene, planned: Plan) -> SceneResult:
     spectra, located, decay, shock = map(further.get, _FURTHER)
     extremes = None
     if shock is not None:
+        from viscovib.scene.shocks import spectrum_of_table
+
         group = scene.groups["shock_spectrum"]
         extremes = spectrum_of_table(shock.notes, shock.columns, group)
     return SceneResult(
@@ -340,11 +346,24 @@ def _events(scene: Scene, run: Trajectory) -> TableResult | None:
     return TableResult("event", columns, tuple(notes), run.plan, run.complete, note)
 
 
+def _shock_spectrum(scene: Scene, run: Trajectory) -> ShockResponseSpectrum | None:
+    """The shock response spectrum, if the scene has &shock_spectrum."""
+    group = scene.groups.get("shock_spectrum")
+    if group is None:
+        return None
+    from viscovib.scene.shocks import shock_spectrum
+
+    return shock_spectrum(group, scene._hz(), run)
+
+
 def _spectrum(scene: Scene, run: Trajectory) -> Spectrum | None:
     """Spectra of the coordinates, if the scene has &spectrum."""
     group = scene.groups.get("spectrum")
     if group is None:
         return None
+    from viscovib.analyses.signals import warn_of_aliases
+    from viscovib.analyses.spectral import spectrum
+
     kept = run.t >= group["discard"] * (1 - 1e-12)
     if kept.sum() < 2:
         warnings.warn(

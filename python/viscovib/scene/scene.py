@@ -13,19 +13,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.backbones import Backbone
-from viscovib.analyses.driven_branch import DrivenBranch
-from viscovib.analyses.events import Event
-from viscovib.analyses.multiple_scales import MultipleScales
-from viscovib.analyses.periodic import backbone, trace_response
-from viscovib.bodies.body import Body
-from viscovib.bodies.checks import NAMES
 from viscovib.common.counts import things
 from viscovib.common.parameters import CURVE_DEFAULTS, FilePath
 from viscovib.errors import InputError
@@ -37,10 +30,7 @@ from viscovib.kernels.relaxation import (
     RzhanitsynKernel,
 )
 from viscovib.kernels.tabulated import TabulatedKernel
-from viscovib.results.scales import ScalesResponse
-from viscovib.scene.body import body_of, coordinates_of
 from viscovib.scene.keys import groups_of, named_in, namelist_text, with_key, with_numbers
-from viscovib.scene.shocks import loads_in_time
 from viscovib.systems.elements import Spring
 from viscovib.systems.frequency_formulas import ONE, KnownTerms
 from viscovib.systems.friction import BoucWen, Dahl, Iwan
@@ -49,10 +39,17 @@ from viscovib.systems.oscillators import Oscillator
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.series_dampers import Maxwell
-from viscovib.systems.shaft import DriveTorque, turns_shaft
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import Monomial, Springs
 from viscovib.systems.structure import Structure
+
+if TYPE_CHECKING:
+    from viscovib.analyses.backbones import Backbone
+    from viscovib.analyses.driven_branch import DrivenBranch
+    from viscovib.analyses.events import Event
+    from viscovib.bodies.body import Body
+    from viscovib.results.scales import ScalesResponse
+    from viscovib.systems.shaft import DriveTorque
 
 _KERNELS: dict[str, type[Kernel]] = {
     "rzhanitsyn": RzhanitsynKernel,
@@ -255,6 +252,8 @@ class Scene:
 
     def body(self) -> Body:
         """Build the body on its mounts."""
+        from viscovib.scene.body import body_of
+
         kernels: list[Kernel | None] = [None, *(_kernel(group) for group in self.groups["kernel"])]
         points = [with_numbers(group, self._parameters) for group in self.groups["mount_point"]]
         return body_of(self._group("body"), points, kernels)
@@ -327,7 +326,11 @@ class Scene:
         return {"load": force, "base": base}
 
     def _base_names(self) -> tuple[str, ...]:
-        return NAMES if "body" in self.groups else tuple(self._names())
+        if "body" in self.groups:
+            from viscovib.bodies.checks import NAMES
+
+            return NAMES
+        return self._names()
 
     def nu(self) -> FloatArray:
         """Circular frequencies of the response (rad/s)."""
@@ -365,6 +368,8 @@ class Scene:
                 names = texts(self.groups[name]["coordinates"])
                 return tuple(one for one in names if one not in map(str.lower, held))
         if "body" in self.groups:
+            from viscovib.scene.body import coordinates_of
+
             return coordinates_of(self.groups["mount_point"])
         return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
 
@@ -378,6 +383,9 @@ class Scene:
         return group
 
     def _motion(self) -> dict[str, Any]:
+        from viscovib.scene.shocks import loads_in_time
+        from viscovib.systems.shaft import turns_shaft
+
         group = self._group("transient")
         more: dict[str, Any] = {}
         if self._has_memory:
@@ -416,6 +424,8 @@ class Scene:
 
     def events(self) -> list[Event]:
         """Build the events of a motion in time."""
+        from viscovib.analyses.events import Event
+
         return [
             Event(
                 with_numbers(group, self._parameters)["function"].lower(),
@@ -431,6 +441,8 @@ class Scene:
         return "held" in self._group("transient")
 
     def _steady(self) -> ScalesResponse:
+        from viscovib.analyses.multiple_scales import MultipleScales
+
         group = self._group("multiple_scales")
         values = _grid(group["from"], group["to"], group["count"], False)
         if self.is_pendulum:
@@ -448,6 +460,8 @@ class Scene:
 
     def _driven(self) -> tuple[DrivenBranch, tuple[DrivenBranch, ...]]:
         """Compute the branch of a pendulum and the branches that leave it."""
+        from viscovib.analyses.periodic import trace_response
+
         group = self._group("branch")
         same = {
             "system": self.pendulum(),
@@ -464,6 +478,8 @@ class Scene:
 
     def _backbones(self) -> tuple[Backbone, tuple[Backbone, ...]]:
         """Compute the free motions of a mode and the families that leave them."""
+        from viscovib.analyses.periodic import backbone
+
         group = self._group("backbone")
         ends = (group["from"], group["to"])
         same = {
@@ -532,6 +548,8 @@ class Scene:
 
 def _motor(group: Mapping[str, Any]) -> DriveTorque:
     """The motor of a group &drive_torque."""
+    from viscovib.systems.shaft import DriveTorque
+
     given = {name: group[name] for name in ("inertia", "speed", "phase")}
     size, turned = (np.atleast_1d(group[name]) for name in ("unbalance", "unbalance_phase"))
     return DriveTorque(

@@ -7,7 +7,6 @@ import os
 from viscovib.common.parameters import Flag
 from viscovib.scene.job import SceneResult, run_one
 from viscovib.scene.scene import Scene
-from viscovib.sweeps.sweeping import sweep
 
 _PROGRESS = Flag("progress")
 
@@ -24,5 +23,7 @@ def run(scene: Scene | str | os.PathLike[str], *, progress: bool = False) -> Sce
     _PROGRESS.check(progress)
     read = scene if isinstance(scene, Scene) else Scene.read(scene)
     if read.groups["sweep"]:
+        from viscovib.sweeps.sweeping import sweep
+
         return SceneResult(read, sweep(read, progress=progress, extract="summary"))
     return run_one(read, progress=progress)
