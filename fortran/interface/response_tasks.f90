@@ -226,6 +226,7 @@ contains
         end if
       end if
       call found%put_text('method', trim(method_names(method)))
+      if (plan%lacks_forces) call found%put_integer('lacks_forces', 1_i8)
       call found%put_complexes('coefficients', response%coefficients, shape(response%coefficients))
       call found%put_integers('outcomes', response%outcome, shape(nu))
       call found%put_integers('iterations', response%iterations, shape(nu))

@@ -19,6 +19,9 @@ module viscovib_response_job
 
   public :: response_job, tabulate_response
 
+  character(len=*), parameter :: lacking = &
+    "; forces without a finite slope at rest are left out by method = 'linear', take 'auto'"
+
   type, extends(job_type) :: response_job
     !> Frequencies (rad/s); index in `method_names`.
     real(wp), allocatable :: nu(:)
@@ -98,6 +101,7 @@ contains
     if (short > 0) report%summary = report%summary//', '//show(short) &
                                     //' of them with too few harmonics'//worst_of(response)
     if (found < size(self%nu)) report%summary = report%summary//gaps_of(response)
+    if (plan%lacks_forces) report%summary = report%summary//lacking
   end subroutine run
 
   !> The motion with the largest truncation error, and this error.

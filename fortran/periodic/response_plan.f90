@@ -42,6 +42,8 @@ module viscovib_response_plan
     !> Harmonics are adapted, up to the order `most`, or `newton_most` by Newton's method.
     logical :: chosen = .false.
     integer :: most = 0, newton_most = 0
+    !> True if a linear response leaves out forces that have no finite slope at rest.
+    logical :: lacks_forces = .false.
     !> Computed coordinates, shape (n_dof); the remaining coordinates stay at rest.
     logical, allocatable :: moved(:)
     !> The requested method.
@@ -115,6 +117,7 @@ contains
                                           plan%options%stability)) plan%method = method_newton
     if (plan%method == method_linear) then
       plan%set%orders = load%orders
+      plan%lacks_forces = method == method_linear .and. lacks_slopes(system)
     else
       plan%chosen = plan%options%choose_harmonics
       highest = merge(lowest_order(load), plan%options%harmonics, plan%chosen)
@@ -150,6 +153,31 @@ contains
                 //show(system%n_dof())//' coordinates, must be at most '//show(max_unknowns))
     end if
   end subroutine choose
+
+  !> True if a force has no finite slope at rest, such as |v|^a with 0 < a < 1 or dry friction: as
+  !! motions decrease, the ratio of its nonlinear part to the motion grows without bound.
+  logical function lacks_slopes(system)
+    class(oscillator_type), intent(in) :: system
+    real(wp), parameter :: sizes(2) = [1.0e-10_wp, 1.0e-40_wp], growth = 10.0_wp, &
+                           rounding = 1.0e-10_wp
+    real(wp) :: u(4, system%n_dof() + system%n_rates()), w(4, system%n_memory())
+    real(wp) :: ratios(size(sizes))
+    integer :: b, k
+
+    lacks_slopes = .false.
+    if (system%is_linear()) return
+    do b = 1, size(u, 2)
+      do k = 1, size(sizes)
+        u = 0.0_wp
+        w = 0.0_wp
+        u(:, b) = sizes(k)*[0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp]
+        call system%deflection_remainder(u, w)
+        ratios(k) = maxval(abs(w))/sizes(k)
+      end do
+      lacks_slopes = ratios(2) > growth*ratios(1) + rounding*maxval(abs(system%gather))
+      if (lacks_slopes) return
+    end do
+  end function lacks_slopes
 
   !> Smallest root of a mass: a displacement d of any coordinate has a norm (`weighted_norm`) of at
   !! least d times this. The norm does not include coordinates without mass.
@@ -250,6 +278,8 @@ contains
                                                          //'nonlinear)')
       call plan%say('skips: harmonics that the load lacks (a linear system does not respond ' &
                     //'at them)')
+      if (plan%lacks_forces) call plan%say('skips: forces without a finite slope at rest ' &
+                                           //"(method 'linear')")
     else
       if (.not. plan%chosen) then
         call plan%say('computes: '//things(plan%set%n_samples, 'sample')//' of ' &

@@ -1,6 +1,7 @@
 """Fluid viscous dampers c sign(v) abs(v)^a, whose slope is infinite at rest for a < 1."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -233,6 +234,36 @@ def test_wrong_arguments(given, words):
     with pytest.raises(vv.InputError) as caught:
         vv.FluidDamper(**{"on": "x1", "coefficient": 1.0, "exponent": 0.5, **given})
     assert words in str(caught.value)
+
+
+_SMOOTH = (
+    "0.3*d^3",
+    "tanh(1000*d)",
+    "0.2*v*abs(v)",
+    "2*max(d - 0.2, 0)",
+    "0.1*abs(d)",
+    "0.3*sinh(v)",
+)
+_STEEP = (
+    "0.3*sign(v)*abs(v)^0.4",
+    "0.1*sign(v)",
+    "sqrt(abs(d))*sign(d)",
+    "0.2*sign(v + d)*abs(v + d)^0.9",
+)
+
+
+@pytest.mark.parametrize("law", _SMOOTH + _STEEP)
+def test_linear_responses_say_that_they_lack_a_force(law, tmp_path):
+    n = 3
+    spring = vv.Spring(on="x2", law=law)
+    system = vv.Structure(mass=np.ones(n), stiffness=np.diag([1.0, 2, 3]), damping=0.1 * np.eye(n),
+                          elements=[spring, vv.Spring(on="x1", law="0.1*d^3")])  # fmt: skip
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        response = vv.forced_response(system, [0.7, 0.9], load={1: np.ones(n)}, method="linear")
+    said = [one for one in seen if "finite slope at rest" in str(one.message)]
+    skips = [one for one in response.plan["skips"] if "finite slope at rest" in one]
+    assert (len(said), len(skips)) == ((1, 1) if law in _STEEP else (0, 0))
 
 
 @pytest.mark.parametrize("a", [0.2, 0.5, 0.9])

@@ -27,7 +27,7 @@ from viscovib.common.parameters import (
 from viscovib.common.periodic_motions import power_of_fall
 from viscovib.common.plan import Plan
 from viscovib.common.progress import progress_bar
-from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
 from viscovib.results.dissipation import Parts
 from viscovib.results.response import Response
 from viscovib.results.structure_results import StructureResponse
@@ -133,6 +133,12 @@ def mount_response(
         response = Response(**given)
     if np.count_nonzero(codes):
         _warn_of_gaps(response, system)
+    if "lacks_forces" in parts[0]:
+        warnings.warn(
+            "forces without a finite slope at rest are left out by method='linear', take 'auto'",
+            RangeWarning,
+            stacklevel=caller(),
+        )
     _warn_of_few_orders(response)
     return response
 
