@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import read_csv, silence
-from referee.integration import solve_ivp
 
 WELLS = """&system coordinates='x' mass=1 stiffness=-1 damping=0.3 /
 &force law='x^3' /
@@ -51,31 +50,6 @@ MOUNT = """&mount mass=1 inertia=0.5 offset=0.2 stiffness_x=1 stiffness_phi=0.6
 """
 
 
-def _gap(t, y):
-    return [
-        y[1],
-        0.15 * np.sin(1.3 * t) - 0.3 * y[1] + y[0] - y[0] ** 3 - 5 * max(y[0] - 0.6, 0),
-    ]
-
-
-def _memory(t, y):
-    spring = y[0] ** 3 - y[0]
-    return [y[1], -0.3 * y[1] - spring + y[2], 0.2 * spring - 0.7 * y[2]]
-
-
-def _beam(t, y):
-    x, v, z, w = y
-    return [v, -0.3 * v - 0.4 * x + 1.1 * z - x**3, w, -0.3 * w + 1.1 * (x - z)]
-
-
-#: Scenes whose motions are computed one by one: their equations with memory states.
-SINGLE = {
-    "gap": (GAP, _gap, 40 * 2 * np.pi / 1.3, 2),
-    "memory": (MEMORY, _memory, 90.0, 3),
-    "beam": (BEAM, _beam, 150.0, 4),
-}
-
-
 def _run(solve, folder, text, status=0):
     scene = folder / "scene.nml"
     scene.write_text(text)
@@ -84,40 +58,6 @@ def _run(solve, folder, text, status=0):
     return read_csv(folder / "scene_basins.csv"), np.atleast_1d(
         read_csv(folder / "scene_basins_1.csv")
     )
-
-
-def test_two_wells(solve, tmp_path):
-    """The attractor of each start by SciPy; the stated certainty is small."""
-    rows, ends = _run(solve, tmp_path, WELLS)
-    assert len(rows) == 42
-    np.testing.assert_allclose(rows["x"][:7], np.linspace(-1.6, 1.5, 7), atol=1e-15)
-    assert set(rows["x_dot"][:7]) == {-1.5}
-    assert sorted(ends["x"].round(6)) == [-1, 1]
-    assert (ends["rest"] < 1e-3).all()
-    assert ends["share"].sum() == pytest.approx(1)
-    assert (rows["moved"] <= 1e-4).all()
-    for x, v, attractor in zip(rows["x"], rows["x_dot"], rows["attractor"], strict=True):
-        run = solve_ivp(
-            lambda t, y: [y[1], -0.3 * y[1] + y[0] - y[0] ** 3], (0, 120), [x, v], rtol=1e-9
-        )
-        assert ends["x"][attractor] == pytest.approx(run.y[0, -1], abs=1e-5)
-
-
-@pytest.mark.parametrize("name", SINGLE)
-def test_kinks_kernels_and_structures(solve, tmp_path, name):
-    """A start is a state at t = 0 without history; attractors by SciPy."""
-    text, equations, end, width = SINGLE[name]
-    rows, ends = _run(solve, tmp_path, text)
-    assert "one after another" in (tmp_path / "scene_basins.csv").read_text()
-    x, y = rows.dtype.names[:2]
-    assert len(rows) == 9
-    for row in rows:
-        start = np.zeros(width)
-        start[:2] = row[x], row[y]
-        run = solve_ivp(equations, (0, end), start, rtol=1e-8, atol=1e-10)
-        there = ends[ends["attractor"] == row["attractor"]]
-        assert len(there)
-        assert np.abs(there[x] - run.y[0, -1]).min() < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -27,29 +27,6 @@ def _run(solve, folder, text):
     return read_csv(folder / "many_ensemble.csv")
 
 
-def _duffing(scale, start, times):
-    def rates(t, y):
-        return [y[1], scale * np.sin(1.2 * t) + y[0] - y[0] ** 3 - 0.3 * y[1]]
-
-    run = solve_ivp(rates, (0, times[-1]), start, "DOP853", rtol=1e-12, atol=1e-13, t_eval=times)
-    return run.y
-
-
-def test_motions_and_sections(solve, tmp_path):
-    """Final states and sections against single motions by SciPy."""
-    table = _run(solve, tmp_path, MANY)
-    points = read_csv(tmp_path / "many_ensemble_1.csv")
-    np.testing.assert_allclose(table["load_scale"], np.linspace(0.2, 0.3, 9), atol=1e-15)
-    period = 2 * np.pi / 1.2
-    for i in (0, 8):
-        x, v = _duffing(table["load_scale"][i], [0.1, 0.2], period * np.arange(1, 5))
-        assert table["x"][i] == pytest.approx(x[-1], abs=2e-9)
-        assert table["x_dot"][i] == pytest.approx(v[-1], abs=2e-9)
-        own = points["load_scale"] == table["load_scale"][i]
-        np.testing.assert_allclose(points["x"][own], x[2:], atol=2e-9)
-        assert points["point"][own].tolist() == [1, 2]
-
-
 def test_every_number_of_a_pendulum_varies(solve, tmp_path):
     """Rows for each number against the Python ensemble with the same name."""
     rng = np.random.default_rng(6)
@@ -102,26 +79,6 @@ def test_statistics_and_amplitudes(solve, tmp_path, law, accuracy):
         for k in range(2):
             found = table[f"{name}_{k + 1}_re"] + 1j * table[f"{name}_{k + 1}_im"]
             np.testing.assert_allclose(found, many.amplitudes[:, k, j], rtol=0, atol=1e-12)
-
-
-def test_amplitudes_of_a_linear_spring(solve, tmp_path):
-    """The steady amplitude in closed form; a motion that diverges has none."""
-    text = (
-        "&system coordinates='x' mass=1 stiffness=4 damping=0.8 /\n&load on='x' amplitude=1 /\n"
-        "&ensemble vary='nu' from=1 to=1.2 count=2 initial=0 0 t_end=250 discard=60\n"
-        "  amplitudes_at=1 /\n"
-    )
-    table = _run(solve, tmp_path, text)
-    assert np.hypot(table["x_1_re"][0], table["x_1_im"][0]) == pytest.approx(
-        1 / abs(3 + 0.8j), rel=1e-6
-    )
-    away = text.replace("&load", "&force on='x' law='-5*x^3' /\n&load").replace("0 0 t", "3 0 t")
-    scene = tmp_path / "many.nml"
-    scene.write_text(away)
-    assert solve(scene, "--out", tmp_path).returncode == 1
-    table = read_csv(tmp_path / "many_ensemble.csv")
-    assert set(table["outcome"]) == {"diverged"}
-    assert np.isnan([table[name][0] for name in ("peak_x", "mean_x", "x_1_re", "x_1_im")]).all()
 
 
 @pytest.mark.parametrize(
@@ -233,27 +190,6 @@ ALONE = {
 }
 
 
-def test_a_structure_with_memory_against_scipy(solve, tmp_path):
-    """A Prony kernel is one more equation, z' = -z + 0.2*force."""
-    text = (
-        "&structure mass=1 stiffness=1 damping=0.1 /\n"
-        f"&element on='x1' stiffness=0.5 law='k3*d^3' kernel=1 /\n{PRONY}"
-        "&load on='x1' amplitude=0.3 /\n&ensemble vary='nu' from=1 to=2 count=3 initial=0.2 0\n"
-        "  t_end=20 tolerance=1e-10 /\n"
-    )
-    table = _run(solve, tmp_path, text)
-    for i, nu in enumerate([1.0, 1.5, 2.0]):
-
-        def rates(t, y, nu=nu):
-            x, v, z = y
-            spring = 0.5 * x + 0.6 * x**3
-            return [v, 0.3 * np.sin(nu * t) - 0.1 * v - x - spring + z, 0.2 * spring - z]
-
-        run = solve_ivp(rates, (0, 20), [0.2, 0, 0], "DOP853", rtol=1e-12, atol=1e-13)
-        assert table["x1"][i] == pytest.approx(run.y[0, -1], abs=1e-9)
-        assert table["x1_dot"][i] == pytest.approx(run.y[1, -1], abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("which", "changes", "text"),
     [
@@ -296,3 +232,23 @@ def test_a_slider_is_part_of_the_state(solve, tmp_path):
         # Steps are short, because the slider switches inside them.
         run = solve_ivp(rates, (0, 20), [1, 0, 0.05], max_step=2e-3)
         assert x == pytest.approx(run.y[0, -1], abs=2e-3)
+
+
+def test_amplitudes_of_a_linear_spring(solve, tmp_path):
+    """The steady amplitude in closed form; a motion that diverges has none."""
+    text = (
+        "&system coordinates='x' mass=1 stiffness=4 damping=0.8 /\n&load on='x' amplitude=1 /\n"
+        "&ensemble vary='nu' from=1 to=1.2 count=2 initial=0 0 t_end=250 discard=60\n"
+        "  amplitudes_at=1 /\n"
+    )
+    table = _run(solve, tmp_path, text)
+    assert np.hypot(table["x_1_re"][0], table["x_1_im"][0]) == pytest.approx(
+        1 / abs(3 + 0.8j), rel=1e-6
+    )
+    away = text.replace("&load", "&force on='x' law='-5*x^3' /\n&load").replace("0 0 t", "3 0 t")
+    scene = tmp_path / "many.nml"
+    scene.write_text(away)
+    assert solve(scene, "--out", tmp_path).returncode == 1
+    table = read_csv(tmp_path / "many_ensemble.csv")
+    assert set(table["outcome"]) == {"diverged"}
+    assert np.isnan([table[name][0] for name in ("peak_x", "mean_x", "x_1_re", "x_1_im")]).all()

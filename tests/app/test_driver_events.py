@@ -1,10 +1,8 @@
 """The standalone driver: events of motions in time."""
 
-import numpy as np
 import pytest
 import viscovib as vv
 from driver import GOOD, check_refused, read_csv
-from referee.integration import solve_ivp
 
 MOUNT = GOOD[: GOOD.index("&load")] + "&load amplitude=0.5 /\n"
 PENDULUM = "&pendulum e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.01, f0=0.005, p1=0.93 /\n"
@@ -55,42 +53,6 @@ SCENES = {
     "structure that stops": CHAIN + "&transient nu=0.9, t_end=20, dt=0.1 /\n"
     "&event function='x1 - 0.1*x2 - 0.05*t', terminal='yes' /\n",
 }
-
-
-def test_events_are_those_of_the_equations(solve, tmp_path):
-    """Against DOP853 of SciPy and its event location."""
-    scene = tmp_path / "motion.nml"
-    scene.write_text(SCENES["system"].replace("t_end=30", "t_end=30, tolerance=1e-11"))
-    assert solve(scene, "--out", tmp_path).returncode == 0
-    table = read_csv(tmp_path / "motion_event.csv")
-    stiffness = np.array([[1, -0.2], [-0.2, 0.7]])
-
-    def rates(t, state):
-        u, v = state[:2], state[2:]
-        force = -stiffness @ u - [0.1, 0.05] * v
-        force[0] += 0.5 * np.sin(1.3 * t + 0.3) - u[0] ** 3 - 0.3 * np.sin(u[0])
-        return [*v, *(force / [1, 2])]
-
-    def passes(t, state):
-        return state[0] - 0.2
-
-    def turns(t, state):
-        return state[3]
-
-    passes.direction = 1
-    true = solve_ivp(
-        rates, (0, 30), [0.1, 0, 0, 0.3], "DOP853", events=[passes, turns], rtol=1e-12, atol=1e-13
-    )
-    assert true.t_events[0].size >= 3
-    assert table["event"].tolist() == [1] * true.t_events[0].size + [2] * true.t_events[1].size
-    assert table["t"] == pytest.approx(np.concatenate(true.t_events), abs=1e-9)
-    off = np.abs(table["t"] - np.concatenate(true.t_events))
-    assert (off <= 1.5 * table["t_error"] + 1e-11).all()
-    assert table["t_error"].max() < 1e-10
-    assert table["state_error"].max() < 1e-10
-    states = np.concatenate(true.y_events)
-    assert table["y"] == pytest.approx(states[:, 1], abs=1e-9)
-    assert table["y_dot"] == pytest.approx(states[:, 3], abs=1e-9)
 
 
 def test_states_end_before_an_event_that_ends_the_run(solve, tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import check_refused, read_csv
-from referee.integration import solve_ivp
 
 CHAIN = "&structure size=4 mass=1 2 1 1 stiffness={} {} /\n"
 FIXED = "2 -1 0 0 -1 2 -1 0 0 -1 2 -1 0 0 -1 2"
@@ -74,26 +73,6 @@ def test_motion(solve, tmp_path, name):
     assert seen >= 4
     assert str(vv.plan(path)).splitlines() == solve(path, "--plan").stdout.splitlines()
     assert scene.override({}).canonical == scene.canonical
-
-
-def test_motion_is_that_of_the_equations(solve, tmp_path):
-    """Gyroscopic forces and a follower force, against DOP853 on x and y."""
-    (tmp_path / "whirling.nml").write_text(MOTIONS["whirling"])
-    assert solve(tmp_path / "whirling.nml", "--out", tmp_path).returncode == 0
-    table = read_csv(tmp_path / "whirling_transient.csv")
-    k = np.array([[1, 0.3], [-0.3, 1]])
-    c = np.array([[0.1, 0.5], [-0.5, 0.1]])
-
-    def rates(t, state):
-        u, v = state[:2], state[2:]
-        force = -k @ u - c @ v - [u[0] ** 3, -0.2 * np.sin(0.9 * t)]
-        return [*v, *force]
-
-    true = solve_ivp(
-        rates, (0, 10), [0.3, -0.2, 0, 0.1], "DOP853", table["t"], rtol=1e-12, atol=1e-13
-    ).y
-    for name, row in zip(("x1", "x2", "x1_dot", "x2_dot"), true, strict=True):
-        assert table[name] == pytest.approx(row, abs=1e-9)
 
 
 SHAPES = "&structure mass=1 1 stiffness=1 3 modal_damping=0.01 shapes=1 1 1 -1 0.5 0.2 /\n"

@@ -86,30 +86,6 @@ def systems(name):
     return vv.PolynomialSystem(mass=np.ones(5), forces=texts)
 
 
-@pytest.mark.parametrize(
-    ("name", "mode", "largest"),
-    [
-        ("cubic", 0, 0.5), ("cubic", 1, 0.8), ("exact", 0, 0.5), ("exact", 1, 1.0),
-        ("asymmetric", 0, 0.6), ("chain", 0, 0.5), ("chain", 2, 0.3), ("chain", 4, 0.4),
-    ],
-)  # fmt: skip
-def test_period_of_direct_integration(name, mode, largest):
-    """A motion from rest at u(0) returns to rest at u(0) after 2 pi/nu."""
-    system, acceleration = systems(name), forces(name)
-    b = vv.backbone(system, mode, (1e-3, largest), harmonics=45, tolerance=1e-13)
-    assert b.outcome == "completed"
-    n = len(b.dof_names)
-    for i in (0, b.nu.size // 2, b.nu.size - 1):
-        start = np.concatenate([b.start[i], np.zeros(n)])
-        end = solve_ivp(
-            lambda t, y: np.concatenate([y[n:], acceleration(y[:n])]),
-            (0, 2 * np.pi / b.nu[i]), start, "DOP853", rtol=1e-13, atol=1e-15,
-        ).y[:, -1]  # fmt: skip
-        assert np.abs(end - start).max() < 1e-10
-    assert b.nu[0] == pytest.approx(system.natural_frequencies()[mode], rel=1e-5)
-    assert abs(b.nu[-1] / b.nu[0] - 1) > 1e-4
-
-
 @pytest.mark.parametrize("mode", [0, 1])
 @pytest.mark.parametrize("kind", ["mount", "system", "structure"])
 def test_the_frequency_of_a_linear_system_is_constant(kind, mode):
@@ -165,21 +141,6 @@ def test_alike_masses_move_by_the_first():
     for system in both.values():
         b = vv.backbone(system, 0, (1e-3, 0.5))
         assert b.amplitude("x1")[[0, -1]] == pytest.approx([1e-3, 0.5], rel=1e-15)
-
-
-def test_lightly_damped_peaks_lie_on_it():
-    """The distance of peaks from the backbone is of second order in the damping."""
-    away = []
-    for damping in (0.002, 0.001):
-        mount = vv.Mount(**BODY, damping=damping * STIFFNESS)
-        b = vv.backbone(mount, 1, (1e-3, 0.5), dof="phi", harmonics=15, max_step=0.01)
-        branch = vv.trace_response(mount, (5, 8), load=50 * damping, stability=False)
-        peak = branch.peak("phi")
-        at = np.interp(peak.amplitude, b.amplitude("phi"), b.nu)
-        assert peak.enclosed
-        away.append((at - peak.nu) / damping**2)
-    assert away[0] == pytest.approx(away[1], rel=0.05)
-    assert abs(at - b.nu[0]) > 60 * abs(at - peak.nu)
 
 
 def test_tables_and_picture(tmp_path):

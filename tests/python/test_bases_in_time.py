@@ -97,20 +97,6 @@ def test_random_bases(memory):
         assert np.abs(given.state[-1] - expected).max() < 5e-12 + 10 * given.error
 
 
-def test_a_base_and_a_force_by_tables_act_together():
-    rng = np.random.default_rng(12)
-    for _ in range(4):
-        body, table = Moved(rng, True), table_of(rng)
-        force = vv.LoadTable(times=table.times, values=rng.normal(size=np.size(table.times)))
-        start = np.zeros(4)
-
-        def load(t, force=force):
-            return float(force(t))
-
-        run = vv.simulate(body.system, 8, base=table, force=force, initial=start)
-        assert np.abs(run.state[-1] - body.motion(table, 8, start, load)).max() < 1e-10
-
-
 def test_states_are_those_of_the_body_at_corners_too():
     """The velocity of the body does not jump at a corner of the base motion."""
     body = vv.PolynomialSystem(mass=1, stiffness=4, damping=0.1, base_direction=[1])
@@ -123,29 +109,6 @@ def test_states_are_those_of_the_body_at_corners_too():
         assert np.abs(kept.state[near] - state).max() < 1e-14
     last = vv.simulate(body, 1, dt=0.25, base=table, keep="last")
     assert np.abs(last.state[0] - at[2]).max() < 1e-14
-
-
-@pytest.mark.parametrize(
-    "kernel",
-    [
-        None,
-        vv.PronyKernel(weights=WEIGHTS, rates=RATES),
-        vv.RabotnovKernel(amplitude=0.05, alpha=0.3, beta=0.5),
-    ],
-)
-def test_a_fine_table_is_the_harmonic_base(kernel):
-    mount = vv.Mount(
-        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=kernel
-    )
-    wave = vv.simulate(mount, 6, base=0.1, nu=1.3, initial=np.zeros(4)).state[-1]
-    errors = []
-    for n in (60, 120):
-        t = np.linspace(0, 6, n + 1)
-        table = vv.LoadTable(times=t, values=0.1 * np.sin(1.3 * t), interpolation="cubic")
-        run = vv.simulate(mount, 6, base=table, initial=np.zeros(4), tolerance=1e-9)
-        errors.append(np.abs(run.state[-1] - wave).max())
-    assert errors[1] < 1e-6
-    assert errors[0] > 12 * errors[1]  # the error of a spline is of fourth order in its spacing
 
 
 def test_order_is_kept_where_a_singular_kernel_remembers_a_corner():

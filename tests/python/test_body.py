@@ -97,85 +97,6 @@ def test_nonlinear_engine_with_memory():
         assert forces.lost_power[i].sum() == pytest.approx(power, rel=1e-11)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_mount_forces_move_the_body(seed):
-    """Newton-Euler equations for each harmonic: loads minus mount forces are M u''."""
-    rng = np.random.default_rng(seed)
-    kernel = vv.PronyKernel(weights=[1.0, 20.0], rates=[5.0, 300.0])
-    body = random_body(rng, kernel=kernel, law=("2e10*d^3 + 1e7*d^2", None, "-1e9*d^3"))
-    load = body.load(rng.normal(size=3) * 50, rng.normal(size=3) * 5, at=(0.1, -0.2, 0.3))
-    nu = body.modes().omega[:3] * 1.02
-    found = vv.forced_response(body, nu, load=load, method="newton")
-    reported = body.mount_forces(found)
-    for i in np.flatnonzero(found.converged):
-        for k, order in enumerate(found.harmonics):
-            left = -((order * nu[i]) ** 2) * body.mass @ found.coefficients[i, :, k]
-            left = left - load * (order == 1)
-            for j, mount in enumerate(body.mounts):
-                force = mount.rotation @ reported.force[i, j, :, k]
-                left[:3] += force
-                left[3:] += np.cross(np.asarray(mount.position), force)
-            assert np.abs(left).max() < 1e-8 * np.abs(load).max()
-    assert found.converged.any()
-
-
-def test_transmissibility_is_a_response():
-    """Floor motion as a base motion, and a force transmitted through the mounts."""
-    rng = np.random.default_rng(3)
-    kernel = vv.RabotnovKernel(amplitude=2.0, alpha=0.5, beta=20.0)
-    drawn = random_body(rng, kernel=kernel)
-    body = vv.Body(
-        mass=drawn.body_mass, inertia=drawn.inertia, mounts=drawn.mounts, base_direction="y"
-    )
-    nu = np.geomspace(5, 1000, 30)
-    found = vv.forced_response(body, nu, base=1e-3, method="linear")
-    point = (0.2, 0.1, -0.3)
-    moved = body.motion_of(found, point)[..., 0] / 1e-3
-    reported = body.base_transmissibility(nu, "y", point)
-    np.testing.assert_allclose(reported, moved, rtol=1e-10, atol=1e-14)
-    floor = reported - body.base_transmissibility(nu, "y", point, relative=True)
-    np.testing.assert_allclose(floor, np.broadcast_to([0, 1, 0], (30, 3)), atol=1e-12)
-    # Only the mounts accelerate the body.
-    each = body.mount_forces(found, base=1e-3).force[..., 0]
-    total = sum(each[:, j] @ mount.rotation.T for j, mount in enumerate(body.mounts))
-    inertia = -(nu[:, None] ** 2) * body.body_mass * found.coefficients[:, :3, 0]
-    np.testing.assert_allclose(total, -inertia, rtol=1e-8, atol=1e-8 * np.abs(inertia).max())
-    pushed = vv.forced_response(body, nu, load=body.load((0, 0, 1), at=point), method="linear")
-    with pytest.raises(vv.InputError, match=r"base = 0\.001: must be the motion of the floor"):
-        body.mount_forces(pushed, base=1e-3)
-    each = body.mount_forces(pushed).force[..., 0]
-    assert (each == body.mount_forces(pushed, base=0).force[..., 0]).all()
-    total = sum(each[:, j] @ mount.rotation.T for j, mount in enumerate(body.mounts))
-    np.testing.assert_allclose(body.force_transmissibility(nu, "z", point), total, rtol=1e-8)
-    # Reciprocity (Maxwell) of floor and centre of mass.
-    across = body.force_transmissibility(nu, "y")[:, 1]
-    np.testing.assert_allclose(across, body.base_transmissibility(nu, "y")[:, 1], rtol=1e-9)
-
-
-def test_sag_of_a_progressive_mount():
-    """(1 - I)(k d + k3 d^3) = m g below the centre of mass, and the tangent stiffness."""
-    kernel = vv.PronyKernel(weights=[0.6], rates=[2.0])
-    foot = vv.MountPoint(
-        name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 1e5), kernel=kernel,
-        law=(None, None, "3e9*d^3"), rotational_stiffness=(1e3, 1e3, 1e3),
-    )  # fmt: skip
-    body = vv.Body(mass=50, inertia=(1, 1, 1), mounts=[foot], gravity=9.81)
-    down = -body.sag().displacement[2]
-    (root,) = (r.real for r in np.roots([3e9, 0, 1e5, -50 * 9.81 / 0.7]) if abs(r.imag) < 1e-12)
-    assert down == pytest.approx(root, rel=1e-12)
-    tangent = 1e5 + 9e9 * root**2
-    expected = math.sqrt(tangent / 50)
-    undamped = body.modes(stiffness="instantaneous").omega
-    assert np.abs(undamped - expected).min() < 1e-9 * expected
-    relaxed = body.modes(stiffness="relaxed").omega
-    assert np.abs(relaxed - expected * math.sqrt(0.7)).min() < 1e-9 * expected
-    assert body.sag().forces[0, 2] == pytest.approx(50 * 9.81, rel=1e-12)
-    # About the loaded position the law has a quadratic term, so a load shifts the mean.
-    found = vv.forced_response(body, [0.9 * expected], load=body.load((0, 0, 100)), method="newton")
-    assert 0 in found.harmonics
-    assert abs(found.coefficient("z", 0)[0]) > 1e-6
-
-
 @pytest.mark.parametrize("above", [1.0, -1.0])
 def test_preload_makes_a_pendulum(above):
     """A body hung on one point swings like a pendulum; above the point it falls over."""
@@ -229,89 +150,6 @@ def test_fluid_mount():
     assert force.amplitude("fluid")[0, 2] == pytest.approx(abs(reported[0] * expected[0]))
 
 
-def test_unbalance_turns():
-    """A rotating force m e nu^2: after a quarter period y becomes z (about x)."""
-    body = engine()
-    load = body.unbalance(100.0, 2e-3, at=(0, 0, 0), axis="x")
-    for angle, direction in ((0.0, (0, 1, 0)), (math.pi / 2, (0, 0, 1))):
-        force = np.imag(load[:3] * np.exp(1j * angle))
-        np.testing.assert_allclose(force, 20.0 * np.array(direction), atol=1e-12)
-    np.testing.assert_allclose(load[3:], 0, atol=1e-12)
-
-
-def test_centers():
-    """Both centres of two equal mounts lie half way; in general the blocks are symmetric there."""
-    feet = [
-        vv.MountPoint(name=f"f{i}", position=(x, 0.1, 0.2), stiffness=(1e5, 2e5, 3e5))
-        for i, x in enumerate((0.3, -0.1))
-    ]
-    turning = vv.MountPoint(
-        name="bush", position=(0.1, 0.1, 0.2), stiffness=(1, 1, 1), rotational_stiffness=(9e3,) * 3
-    )
-    body = vv.Body(mass=10, inertia=(1, 1, 1), mounts=[*feet, turning], center=(0.05, 0, 0))
-    for center in body.centers():
-        np.testing.assert_allclose(center, [0.1, 0.1, 0.2], atol=1e-9)
-    body = random_body(np.random.default_rng(8))
-    for center, inverse in zip(body.centers(), (False, True), strict=True):
-        moved = vv.Body(
-            mass=body.body_mass, inertia=body.inertia, mounts=body.mounts, center=center
-        )
-        stiffness = np.real(moved.dynamic_stiffness(0.0))
-        block = (np.linalg.inv(stiffness) if inverse else stiffness)[:3, 3:]
-        np.testing.assert_allclose(block, block.T, atol=1e-9 * np.abs(block).max())
-
-
-def states_of(body):
-    """Ordinary differential equations of a body on Prony kernels, with memory states."""
-    springs, mass = body._mount_springs, body._mass_matrix
-    terms = [
-        (row, k, w, r)
-        for row, k, kernel in zip(springs.rows, springs.stiffness, springs.kernels, strict=True)
-        for w, r in zip(kernel.weights, kernel.rates, strict=True)
-    ]
-    n = 12 + len(terms)
-    states = np.zeros((n, n))
-    states[:6, 6:12] = np.eye(6)
-    stiffness = (springs.rows.T * springs.stiffness) @ springs.rows
-    damping = springs.damping_matrix
-    states[6:12, :12] = -np.linalg.solve(mass, np.hstack([stiffness, damping]))
-    for j, (row, k, w, r) in enumerate(terms):
-        states[6:12, 12 + j] = np.linalg.solve(mass, row) * k * w
-        states[12 + j, :6], states[12 + j, 12 + j] = row, -r
-    return states
-
-
-def test_modes_of_rubber_are_damped_roots():
-    """Random bodies on two rubbers: eigenvalues and eigenvectors of the ordinary equations."""
-    rng = np.random.default_rng(71)
-    for _ in range(5):
-        kernels = []
-        for _ in range(2):
-            rates = np.exp(rng.uniform(0, 7, 3))
-            weights = rates * rng.dirichlet(np.ones(3)) * rng.uniform(0.2, 0.7)
-            kernels.append(vv.PronyKernel(weights=weights, rates=rates))
-        body = random_body(rng)
-        body = vv.Body(
-            mass=body.body_mass, inertia=body.inertia,
-            mounts=[
-                dataclasses.replace(mount, kernel=kernels[i % 2])
-                for i, mount in enumerate(body.mounts)
-            ],
-        )  # fmt: skip
-        roots, vectors = np.linalg.eig(states_of(body))
-        there = roots.imag > 1e-6 * np.abs(roots)
-        order = np.argsort(roots.imag[there])
-        roots, vectors = roots[there][order], vectors[:6, there][:, order]
-        modes = body.modes()
-        np.testing.assert_allclose(modes.omega, roots.imag, rtol=1e-9)
-        np.testing.assert_allclose(modes.damping_ratio, -roots.real / np.abs(roots), atol=1e-9)
-        mass = body._mass_matrix
-        like = np.abs(np.einsum("ar,ab,br->r", modes.shapes.conj(), mass, vectors)) ** 2
-        like /= np.einsum("ar,ab,br->r", vectors.conj(), mass, vectors).real
-        np.testing.assert_allclose(like, 1.0, atol=1e-8)
-        np.testing.assert_allclose(modes.energy.sum(axis=0), 100, rtol=1e-12)
-
-
 def test_modes_on_soft_rubber_far_below_its_instantaneous_stiffness():
     """Each direction separately: m s^2 + k (1 - R(s)) = 0 with 30 digits, three double roots."""
     mp = pytest.importorskip("mpmath")
@@ -358,24 +196,6 @@ def test_scatter_on_rubber():
             ]
             own = vv.Body(mass=body.body_mass, inertia=body.inertia, mounts=mounts).modes()
             np.testing.assert_allclose(found, own.hz, rtol=most)
-
-
-def test_scatter():
-    """Individually built bodies have the modes that `scatter` returns."""
-    body = engine()
-    frequencies, decoupling = body.scatter(50, 0.15, seed=4)
-    factors = np.random.default_rng(4).uniform(0.85, 1.15, (50, 9))
-    for i in (0, 49):
-        mounts = [
-            vv.MountPoint(
-                name=mount.name, position=mount.position, axes=mount.rotation,
-                stiffness=np.asarray(mount.stiffness) * factors[i, 3 * j : 3 * j + 3],
-            )
-            for j, mount in enumerate(body.mounts)
-        ]  # fmt: skip
-        modes = vv.Body(mass=body.body_mass, inertia=body.inertia, mounts=mounts).modes()
-        np.testing.assert_allclose(frequencies[i], modes.hz, rtol=1e-10)
-        np.testing.assert_allclose(decoupling[i], modes.decoupling, rtol=1e-8)
 
 
 GOOD = {"name": "m", "position": (0.1, 0, 0), "stiffness": (1e5, 1e5, 1e5)}
@@ -783,19 +603,6 @@ def test_a_loss_factor_is_that_of_a_complex_stiffness(eta):
     found = vv.forced_response(body, [center], load=body.load((0, 0, 5)), method="linear")
     exact = 5 / abs(k * (1 + 1j * eta) - mass * center**2)
     assert found.amplitude("z")[0] == pytest.approx(exact, rel=0.01 * eta)
-
-
-def test_a_loss_factor_decays_in_time():
-    """A free vibration decays by exp(-pi eta) per period, to first order in eta."""
-    eta, k, mass = 0.02, 2e5, 20.0
-    omega = np.sqrt(k / mass)
-    mount = engineers_mount(
-        stiffness=(k, k, k), loss_factor=eta, loss_band=(0.1 * omega, 10 * omega)
-    )
-    body = vv.Body(mass=mass, inertia=(1, 1, 1), mounts=[mount])
-    modes = body.modes()
-    vertical = np.argmin(abs(modes.omega - omega))
-    assert modes.damping_ratio[vertical] == pytest.approx(eta / 2, rel=0.02)
 
 
 @pytest.mark.parametrize(

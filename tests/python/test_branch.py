@@ -72,47 +72,6 @@ def test_all_three_solutions_and_the_multiplier_of_the_middle_one():
     assert branch.stable[[upper, middle, lower]].tolist() == [True, False, True]
 
 
-@pytest.mark.parametrize("geometry", ["cubic", "exact"])
-@pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
-def test_multipliers_against_integration_of_the_motion(geometry, load):
-    """Monodromy matrix by differences of motions in time, an independent method."""
-    body = damped(geometry=geometry)
-    nu = 1.3
-    r = vv.forced_response(body, nu, load=load, method="newton", harmonics=17)
-    branch = vv.trace_response(body, (nu, 1.4), load=load, harmonics=17)
-    mean = load[0].imag if isinstance(load, dict) else 0.0
-
-    def motion(t, y):
-        x, phi = y[:2]
-        if geometry == "exact":
-            spring = 10 * (x - 0.5 * np.sin(phi))
-            force = np.array([spring, -0.5 * np.cos(phi) * spring + 2 * phi])
-        else:
-            force = STIFFNESS @ y[:2] + np.array(
-                [10 * 0.5 / 6 * phi**3, 2.5 * phi**2 * x - 2 / 3 * 2.5 * phi**3]
-            )
-        force = np.array([0.5 * np.sin(nu * t) + mean, 0]) - force - 0.02 * STIFFNESS @ y[2:]
-        return np.concatenate([y[2:], force / [1, 0.1]])
-
-    k, period = r.harmonics, 2 * np.pi / nu
-    start = np.concatenate(
-        [(r.coefficients[0] * factor).sum(axis=1).imag for factor in (np.ones(k.size), 1j * k * nu)]
-    )
-
-    def after_a_period(y):
-        return solve_ivp(motion, (0, period), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-
-    assert after_a_period(start) == pytest.approx(start, abs=1e-7)
-    h = 1e-4
-    columns = [
-        (after_a_period(start + h * e) - after_a_period(start - h * e)) / (2 * h) for e in np.eye(4)
-    ]
-    expected = np.linalg.eigvals(np.array(columns).T)
-    expected = expected[np.argsort(-np.abs(expected))]
-    assert np.abs(branch.multipliers[0]) == pytest.approx(np.abs(expected), abs=1e-6)
-    assert branch.multipliers[0].sum() == pytest.approx(expected.sum(), abs=1e-6)
-
-
 def variational(nu, k, x, geometry):
     """Monodromy matrix of the mount along Im sum x_k exp(i k nu t), by SciPy."""
 
@@ -208,13 +167,6 @@ def test_steady_motion_with_memory():
         assert r.amplitude(dof, k)[0] == pytest.approx(size, abs=2e-15)
 
 
-@pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
-def test_every_frequency_is_solved_through_the_resonance(geometry):
-    body = vv.Mount(**M0, kernel=KERNEL, geometry=geometry)
-    r = vv.forced_response(body, np.linspace(0.5, 10, 150), load=0.5, method="newton")
-    assert r.converged.all()
-
-
 def test_a_moving_base_is_a_load():
     body, nu, y = damped(), np.linspace(0.5, 4, 20), 0.004
     moved = vv.forced_response(body, nu, base=y, method="newton")
@@ -242,43 +194,11 @@ def test_branch_in_the_load_and_in_the_frequency_meet():
     assert in_load.amplitude("x")[-1] == pytest.approx(r.amplitude("x")[-1], rel=1e-8)
 
 
-def test_peak_of_an_overhanging_curve():
-    coarse = vv.trace_response(damped(), (0.5, 10), load=0.5)
-    fine = vv.trace_response(damped(), (0.5, 10), load=0.5, max_step=0.003, max_points=9999)
-    peak = coarse.peak("x")
-    assert peak.enclosed
-    assert peak.amplitude == pytest.approx(fine.amplitude("x").max(), rel=1e-4)
-    assert peak.nu == pytest.approx(fine.nu[fine.amplitude("x").argmax()], rel=1e-3)
-    second = coarse.peak("phi", band=(5, 9))
-    assert second.enclosed
-    assert second.nu == pytest.approx(7.1, abs=0.1)
-    assert not coarse.peak("x", band=(0.5, 1)).enclosed
-
-
 def test_no_load_no_motion():
     branch = vv.trace_response(damped(), (0.5, 3), load=0.0)
     assert branch.outcome == "completed"
     assert np.abs(branch.coefficients).max() == 0
     assert branch.stable.all()
-
-
-def test_few_points_give_what_there_is():
-    branch = vv.trace_response(damped(), (0.5, 10), load=0.5, max_points=20)
-    assert branch.outcome == "step limit"
-    assert branch.nu.size == 20
-
-
-def test_symmetry_breaks_in_a_strongly_driven_mount():
-    """The maps of half a period and of a whole period must agree."""
-    body = damped()
-    odd = vv.trace_response(body, (0.45, 2.7), load=2.5, harmonics=25, max_points=3000)
-    for crossing in odd.crossings:
-        i = crossing.before
-        inside = np.abs(odd.multipliers[i : i + 2, 0])
-        assert inside.min() <= 1 + 1e-9 <= inside.max()
-        assert crossing.kind in ("fold", "symmetry breaking", "Neimark-Sacker")
-    folds = sum(crossing.kind == "fold" for crossing in odd.crossings)
-    assert folds == odd.folds.size
 
 
 def test_table_dataset_and_picture(tmp_path):

@@ -8,7 +8,6 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.linalg import eigvals
 from tables import DATA
 
 BODY = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
@@ -40,39 +39,6 @@ def test_limit_of_the_integral():
         roots = vv.Mount(**BODY, kernel=kernel).characteristic_roots()
         assert roots.n_unstable == unstable
         assert roots.complete
-
-
-def test_without_memory_they_are_those_of_the_damped_system():
-    stiffness = np.array([[10, -5], [-5, 4.5]])
-    body = vv.Mount(**BODY, damping=0.05 * stiffness)
-    inverse = np.diag([1, 10.0])
-    companion = np.block(
-        [[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -0.05 * inverse @ stiffness]]
-    )
-    expected = eigvals(companion)
-    roots = body.characteristic_roots()
-    upper = expected[expected.imag > 0]
-    assert roots.oscillatory == pytest.approx(upper[np.argsort(upper.imag)], rel=1e-12)
-    assert roots.real.size == 0
-    zeta = -upper.real / np.abs(upper)
-    decrement = 2 * np.pi * zeta / np.sqrt(1 - zeta**2)
-    assert sorted(roots.logarithmic_decrement) == pytest.approx(sorted(decrement), rel=1e-10)
-
-
-def test_one_exponential_is_a_larger_linear_system():
-    """R(t) = w exp(-r t): v' = w K u - r v and M u'' + K u - v = 0."""
-    w, r = 0.3, 0.4
-    body = vv.Mount(**BODY, kernel=vv.PronyKernel(weights=[w], rates=[r]))
-    stiffness, inverse = np.array([[10, -5], [-5, 4.5]]), np.diag([1, 10.0])
-    zero, one = np.zeros((2, 2)), np.eye(2)
-    large = np.block(
-        [[zero, one, zero], [-inverse @ stiffness, zero, inverse], [w * stiffness, zero, -r * one]]
-    )
-    upper = np.array([s for s in eigvals(large) if s.imag > 1e-6])
-    roots = body.characteristic_roots()
-    assert roots.oscillatory == pytest.approx(upper[np.argsort(upper.imag)], rel=1e-11)
-    assert roots.n_unstable == 0
-    assert roots.complete
 
 
 @pytest.mark.parametrize(

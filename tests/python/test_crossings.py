@@ -37,20 +37,6 @@ def test_they_explain_every_change(seed):
         np.testing.assert_allclose(*places, rtol=1e-6)
 
 
-@pytest.mark.parametrize("width", [0.11, 0.15, 0.2])
-def test_two_within_a_step(width):
-    # A load of harmonic 2 excites at twice the natural frequency: a tongue narrower than a step.
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="0.8*x^2 + 0.8*x^3")
-    branch = vv.trace_response(system, (0.5, 1.7), load={2: width}, harmonics=9, symmetric=False)
-    fine = vv.trace_response(
-        system, (0.5, 1.7), load={2: width}, harmonics=9, symmetric=False, max_step=0.005,
-        max_points=9000,
-    )  # fmt: skip
-    kinds = [c.kind for c in fine.crossings]
-    assert kinds.count("branch point") >= 2
-    assert [c.kind for c in branch.crossings] == kinds
-
-
 def test_breaking_of_symmetry_with_memory():
     kernel = vv.PronyKernel(weights=[0.05], rates=[0.4])
     system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3", kernel=kernel)

@@ -59,25 +59,6 @@ def test_motion_returns_after_a_period(equations, loads):
     assert r.state(0, 0.37 * period) == pytest.approx(half, abs=2e-9)
 
 
-@pytest.mark.parametrize("equations", ["exact", "cubic", "printed"])
-def test_multipliers_against_integration(equations):
-    pend = swung(equations=equations, m01=0.005, f0=0.02, p1=1.0)
-    r = vv.forced_response(pend, tolerance=1e-12, stability=True)
-    assert r.axes == ("nu",)
-    start, period = r.state(0, 0.0), 2 * np.pi / r.nu[0]
-
-    def disturbed(t, y):
-        change = pend.jacobian(t, y[:6]) @ y[6:].reshape(6, 6)
-        return np.concatenate([pend.rhs(t, y[:6]), change.ravel()])
-
-    first = np.concatenate([start, np.eye(6).ravel()])
-    run = solve_ivp(disturbed, (0, period), first, "DOP853", rtol=1e-12, atol=1e-13)
-    expected = np.linalg.eigvals(run.y[6:, -1].reshape(6, 6))
-    expected = expected[np.argsort(-np.abs(expected))]
-    assert np.abs(r.multipliers[0]) == pytest.approx(np.abs(expected), abs=1e-8)
-    assert np.poly(r.multipliers[0]) == pytest.approx(np.poly(expected), rel=1e-8, abs=1e-8)
-
-
 def test_work_of_the_loads_is_dissipated():
     pend = swung(m01=0.02, f0=0.05, p1=1.0)
     r = vv.forced_response(pend, tolerance=1e-13, harmonics=40)
@@ -235,41 +216,6 @@ def test_period_doubling_is_reported_from_branch_points():
     assert where == pytest.approx([point.parameter for point in doubled], abs=1e-9)
 
 
-def test_neimark_sacker_against_integration():
-    point = parametric().branch_points[2]
-    swing = vv.trace_response(
-        vv.Pendulum(**PARAMETRIC), p1=(0.5, 1.0), subharmonic=2, harmonics=24, leave=point
-    )
-    crossing = next(c for c in swing.crossings if c.kind == "Neimark-Sacker")
-    near = swing.coefficients[crossing.before]
-    assert np.abs(crossing.coefficients - near).max() < 0.1 * np.abs(near).max()
-    pend = vv.Pendulum(**(PARAMETRIC | {"p1": crossing.parameter}))
-    i = crossing.before
-    waves = 1j * swing.harmonics * swing.nu[i]
-    start = np.empty(6)
-    start[::2] = swing.coefficients[i].sum(axis=1).imag
-    start[1::2] = (waves * swing.coefficients[i]).sum(axis=1).imag
-    period = 4 * np.pi / crossing.parameter
-
-    def disturbed(t, y):
-        change = pend.jacobian(t, y[:6]) @ y[6:].reshape(6, 6)
-        return np.concatenate([pend.rhs(t, y[:6]), change.ravel()])
-
-    for _ in range(6):
-        # Newton's method on the period map, from the previous point.
-        first = np.concatenate([start, np.eye(6).ravel()])
-        run = solve_ivp(disturbed, (0, period), first, "DOP853", rtol=1e-12, atol=1e-13)
-        period_map, defect = run.y[6:, -1].reshape(6, 6), run.y[:6, -1] - start
-        if np.abs(defect).max() < 1e-11:
-            break
-        start = start - np.linalg.solve(period_map - np.eye(6), defect)
-    assert np.abs(defect).max() < 1e-11
-    pair = np.linalg.eigvals(period_map)
-    pair = pair[np.argsort(np.abs(np.abs(pair) - 1))[:2]]
-    assert np.abs(pair) == pytest.approx(1, abs=1e-7)
-    assert np.abs(pair.imag).min() > 1e-3
-
-
 def test_broken_symmetry_is_a_motion():
     """Where the swinging under m01 alone loses its half-period mirror symmetry."""
     pend = swung(m01=0.02)
@@ -423,16 +369,3 @@ def test_bad_input_is_named(call, text):
     with pytest.raises(vv.InputError) as error:
         call()
     assert text in str(error.value)
-
-
-def test_a_branch_stops_where_reported():
-    options = {"f0": (0.001, 0.02), "harmonics": 9, "stability": False}
-    values = [0.005, 0.0123]
-    branch = vv.trace_response(swung(), **options, at=values)
-    # To rounding error in internal units.
-    assert branch.parameter[branch.stops] == pytest.approx(values, rel=1e-14)
-    for i in branch.stops:
-        single = vv.forced_response(
-            swung(), f0=branch.parameter[i], harmonics=9, tolerance=1e-13, stability=False
-        )
-        assert branch.coefficients[i] == pytest.approx(single.coefficients[0], abs=1e-10)

@@ -145,25 +145,6 @@ def test_bad_events():
         run(1.5)
 
 
-def test_events_of_a_mount_that_remembers():
-    """Events of a motion with memory: one per change of sign of run(t), where the function is 0."""
-    rubber = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
-    mount = vv.Mount(
-        mass=1, inertia=0.1, offset=0.5, stiffness_x=10, stiffness_phi=2, kernel=rubber
-    )
-    run = vv.simulate(
-        mount, 12.0, dt=0.05, load=0.3, nu=2.1,
-        events=["x - 0.01", vv.Event("phi_dot", direction="up")],
-    )  # fmt: skip
-    fine = run(np.linspace(0.001, 12, 4001))
-    for event, g in zip(run.events, (fine[:, 0] - 0.01, fine[:, 3]), strict=True):
-        ups = (g[:-1] < 0) & (g[1:] >= 0)
-        downs = (g[:-1] >= 0) & (g[1:] < 0)
-        assert event.t.size == (ups | downs if event is run.events[0] else ups).sum()
-    np.testing.assert_allclose(run(run.events[0].t)[:, 0], 0.01, atol=1e-13)
-    np.testing.assert_allclose(run(run.events[1].t)[:, 3], 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize("structure", [False, True])
 def test_the_first_step_with_memory(structure):
     """Velocities and events inside the singular first step, against small steps and SciPy.
@@ -211,17 +192,6 @@ def test_passages_with_a_singular_start(structure):
     ]
     assert found[0].events[0].t.size >= 1
     np.testing.assert_allclose(found[0].events[0].t, found[1].events[0].t, rtol=1e-10)
-
-
-@pytest.mark.parametrize("fast", [20.0, 200.0, 1000.0])
-def test_passages_of_a_structure_that_swings_many_times_in_a_step(fast):
-    """Modes are solved exactly in steps of many of their periods, and so are events."""
-    plate = vv.Structure(
-        mass=[1, 1], stiffness=[[fast**2, 0], [0, 1]], elements=[vv.Spring(on="x2", law="0.1*d^3")]
-    )
-    run = vv.simulate(plate, 2.0, initial=[1, 0, 1, 0], dt=0.5, events=["x1"])
-    exact = (np.arange(int(2 * fast / np.pi + 0.5)) + 0.5) * np.pi / fast
-    np.testing.assert_allclose(run.events[0].t, exact, rtol=0, atol=1e-14 * fast)
 
 
 def chain_of(n, rng, *, modal, kernel=None):

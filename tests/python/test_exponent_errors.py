@@ -44,19 +44,3 @@ def test_exponents_of_chaos():
     assert (np.abs(off) > short.lyapunov_error).sum() <= 7
     assert np.median(short.lyapunov_error) < 4 * off.std()
     assert long.lyapunov_error.mean() < 0.5 * short.lyapunov_error.mean()
-
-
-def test_exponents_of_motions_with_motions():
-    """Exponents of separate runs (switches, memory) against those of parallel runs."""
-    linear = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces={"x": "0*abs(x)"})
-    exact = -0.05
-    kinked = vv.PolynomialSystem(
-        mass=1, stiffness=4, damping=0.1, forces="max(x - 100, 0)"
-    )  # never reached
-    for system in (linear, kinked):
-        many = vv.simulate_ensemble(
-            system, initial=[[1.0, 0.3]], t_end=60.0, lyapunov="all", dt=0.05
-        )
-        off = np.abs(many.spectrum[0] - exact)
-        assert (off <= many.spectrum_error[0]).all()
-        assert (many.spectrum_error[0] < 0.1).all()

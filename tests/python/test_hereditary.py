@@ -123,35 +123,6 @@ def test_free_decay_has_the_characteristic_roots(mount):
     assert decay.residual < 1e-5
 
 
-def test_base_motion_is_the_steady_one_in_the_end(mount):
-    system = mount()
-    t = 400 + 2 * np.pi / 1.3 * np.arange(32) / 32
-    run = vv.simulate(system, t[-1], dt=0.1, base=0.05, nu=1.3, times=t)
-    steady = vv.forced_response(system, [1.3], base=0.05, method="newton")
-    found = 2j * np.mean(run.state[:, 0] * np.exp(-1.3j * t))
-    assert abs(found - steady.coefficients[0, 0, 0]) < 1e-11
-    # Initially the body rests while the base moves: x and x' are absolute.
-    start = vv.simulate(system, 0.01, dt=0.01, base=0.05, nu=1.3)
-    assert start.state[0].tolist() == [0, 0, 0, 0]
-    assert abs(start.state[1, 1]) < 1e-4 < 0.05 * 1.3
-
-
-def test_load_tables(mount):
-    system = mount()
-    t = np.linspace(0, 10, 2001)
-    sine = vv.LoadTable(times=t, values=0.5 * np.sin(1.5 * t), interpolation="cubic")
-    run = vv.simulate(system, 10, dt=0.1, force=sine)
-    exact = vv.simulate(system, 10, dt=0.1, load=0.5, nu=1.5)
-    assert np.abs(run.state - exact.state).max() < 1e-9
-    assert sine(0.3) == pytest.approx(0.5 * math.sin(0.45), abs=1e-10)
-    # A constant as a table and as a load of harmonic 0; also on the second coordinate.
-    flat = vv.LoadTable(times=[0, 10], values=[[0.1, 0.02], [0.1, 0.02]])
-    one = vv.simulate(system, 8, dt=0.1, force=flat)
-    two = vv.simulate(system, 8, dt=0.1, load={0: [0.1j, 0.02j]})
-    assert np.abs(one.state - two.state).max() < 1e-14
-    assert flat(11).tolist() == [0, 0]
-
-
 def test_creep_goes_to_the_relaxed_stiffness(mount):
     """Under a constant force the displacement approaches that of K (1 - integral of R)."""
     system = mount(0.02, cubic_scale=0.0, damping=[[2.0, 0], [0, 0.2]])
@@ -174,16 +145,6 @@ def test_what_was_held_is_remembered(mount, memory):
     assert np.abs(let_go.state[-1] - fresh.state[-1]).max() > 1e-3
 
 
-def test_relaxation_function():
-    kernel = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
-    # The integral of R to t by the incomplete gamma function.
-    from scipy.special import gammainc
-
-    t = np.array([1e-8, 0.3, 20.0, 5000.0])
-    expected = 1 - kernel.integral * gammainc(0.1, 0.05 * t)
-    assert np.abs(kernel.relaxation(t) - expected).max() < 1e-14
-
-
 @pytest.mark.parametrize("memory", ["exponentials", "direct"])
 def test_runs_go_on_bit_for_bit(mount, memory):
     job = {"dt": 0.1, "initial": [0.1, 0, 0.05, 0], "load": 0.5, "nu": 1.5, "memory": memory}
@@ -204,16 +165,6 @@ def test_runs_go_on_bit_for_bit(mount, memory):
         vv.simulate(mount(), 21, resume=short)
 
 
-def test_states_between_steps(mount):
-    t = [0.0, 1e-6, 0.03, 0.1, 0.333, 2.0]
-    at = vv.simulate(mount(), 2, dt=0.1, initial=[0.1, 0, 0.05, 0], times=t)
-    fine = vv.simulate(mount(), 2, dt=0.001, initial=[0.1, 0, 0.05, 0])
-    assert at.t.tolist() == t
-    for i, when in ((2, 30), (3, 100), (4, 333), (5, 2000)):
-        assert np.abs(at.state[i] - fine.state[when]).max() < 1e-10
-    assert at.state[1] == pytest.approx([0.1, 0, 0.05, 0], abs=1e-5)
-
-
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 def test_other_kernels_fast_and_direct(mount):
     kernels = {
@@ -229,23 +180,6 @@ def test_other_kernels_fast_and_direct(mount):
         fast = vv.simulate(system, 3, memory="exponentials", **job)
         direct = vv.simulate(system, 3, memory="direct", **job)
         assert np.abs(fast.state - direct.state).max() < 1e-11, name
-
-
-def test_one_exponential_is_an_ordinary_motion(mount):
-    """With R = w exp(-r t) the memory is one additional ordinary equation per spring."""
-    system = mount(kernel=vv.PronyKernel(weights=[0.4], rates=[1.3]), cubic_scale=0.0)
-    stiffness = np.array([[10, -5], [-5, 4.5]])
-
-    def slope(t, y):
-        force = stiffness @ y[:2]
-        pull = force - 0.4 * y[4:]
-        acceleration = ([0.5 * math.sin(1.5 * t), 0] - pull) / [1, 0.1]
-        return np.concatenate([y[2:4], acceleration, force - 1.3 * y[4:]])
-
-    start = [0.1, 0.05, 0.2, 0, 0, 0]
-    other = solve_ivp(slope, (0, 10), start, method="DOP853", rtol=1e-12, atol=1e-13)
-    run = vv.simulate(system, 10, dt=0.1, initial=[0.1, 0.2, 0.05, 0], load=0.5, nu=1.5)
-    assert np.abs(run.state[-1, ::2] - other.y[:2, -1]).max() < 1e-11
 
 
 def test_tables_run_directly_or_as_a_fit(mount):
@@ -422,64 +356,6 @@ def test_resolution_tells_steps_too_large(mount):
         assert np.abs(run.state[-1, ::2] - exact).max() < run.resolution < 1e-2
     with pytest.warns(vv.ConvergenceWarning, match="steps do not resolve the motion"):
         vv.simulate(mount(), 100, dt=1.0, load=0.5, nu=1.5, method="gauss2")
-
-
-def test_a_limit_cycle_is_not_refused_for_a_coarse_run_that_stops():
-    """The rounding error is estimated by a perturbed run; coarse runs may end otherwise."""
-    memory = vv.PronyKernel(weights=[0.2, 2.0], rates=[0.8, 30.0])
-    rng = np.random.default_rng(8)
-    starts = [[-0.6646972439034471, -0.2930872274864864, 2.03]]
-    starts += [[*rng.uniform(-1, 1, 2), rng.uniform(1.5, 2.5)] for _ in range(2)]
-    for x, v, nu in starts:
-        cycle = vv.PolynomialSystem(
-            mass=1, stiffness=1, damping=0.02, forces="(x^2-1)*x_dot*0.3", kernel=memory
-        )
-        run = vv.simulate(cycle, 80.0, initial=[x, v], load=0.92, nu=nu, times=[63.5])
-
-        def slope(t, y, nu=nu):
-            # All forces, including the damping of the law, are behind the kernel.
-            force = y[0] + 0.3 * (y[0] ** 2 - 1) * y[1]
-            pull = force - 0.2 * y[2] - 2.0 * y[3] + 0.02 * y[1]
-            return [y[1], 0.92 * np.sin(nu * t) - pull, force - 0.8 * y[2], force - 30.0 * y[3]]
-
-        exact = solve_ivp(slope, (0, 63.5), [x, v, 0, 0], method="DOP853", rtol=1e-13, atol=1e-14)
-        assert np.abs(run.state[0] - exact.y[:2, -1]).max() < 1e-9
-
-
-def volterra(times, values, start, end, steps):
-    """Final displacement: velocity Verlet, memory by the trapezoidal rule on its grid."""
-    h = end / steps
-    lags = round(times[-1] / h)
-    kernel = h * np.interp(h * np.arange(lags + 1), times, values)
-    x, g = np.zeros(steps + 1), np.zeros(steps + 1)
-    x[0], v, a = start, 0.0, 0.0
-    for n in range(steps + 1):
-        if n:
-            x[n] = x[n - 1] + h * v + h**2 / 2 * a
-        g[n] = 2 * x[n] + 0.5 * x[n] ** 3
-        m = min(n, lags)
-        memory = kernel[: m + 1] @ g[n - m : n + 1][::-1]
-        memory -= (kernel[0] * g[n] + kernel[m] * g[n - m]) / 2
-        pull = 0.3 * np.sin(1.1 * n * h) - g[n] + memory
-        if n:
-            v = (v + h / 2 * (a + pull)) / (1 + 0.05 * h)
-        a = pull - 0.1 * v
-    return x[-1]
-
-
-@pytest.mark.parametrize(
-    ("times", "values", "end"),
-    [([0, 0.5, 2, 6], [0.4, 0.2, 0.05, 0.02], 8.0), ([0, 0.5, 1], [0.4, 0.3, 0.2], 5.0)],
-)
-def test_steps_end_where_a_start_returns_through_the_end_of_a_table(times, values, end):
-    """Regression: slow or refused runs. Reference: the Volterra equation with extrapolation."""
-    kernel = vv.TabulatedKernel(times=times, values=values)
-    system = vv.PolynomialSystem(mass=1, stiffness=2, damping=0.1, forces="0.5*x^3", kernel=kernel)
-    run = vv.simulate(system, end, initial=[0.4, 0], load=0.3, nu=1.1, tolerance=1e-7)
-    coarse, fine = (volterra(times, values, 0.4, end, int(end * n)) for n in (200, 400))
-    assert run.state[-1, 0] == pytest.approx((4 * fine - coarse) / 3, abs=3e-7)
-    assert run.stats["steps"] < 1000
-    assert run.t[-1] == end
 
 
 def by_steps(times, values, stiffness, cubic, damping, load, nu, initial, t_end, length):

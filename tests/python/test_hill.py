@@ -83,28 +83,6 @@ def known(values):
     return values[~np.isnan(values)]
 
 
-@pytest.mark.parametrize(
-    ("load", "geometry"),
-    [(1.0, "cubic"), (1.0, "exact"), ({1: 0.7, 0: 0.2j}, "cubic"), ({1: 0.7, 0: 0.2j}, "exact")],
-)
-def test_multipliers_are_those_of_an_ordinary_system(load, geometry):
-    branch = vv.trace_response(body(geometry=geometry), (1.0, 2.9), load=load, harmonics=21)
-    assert branch.folds.size >= 4
-    assert {True, False} == set(branch.stable)
-    assert branch.slowest.all()
-    for i in range(5, branch.nu.size, branch.nu.size // 2):
-        all_of_them = multipliers(branch.nu[i], branch.harmonics, branch.coefficients[i], geometry)
-        found = known(branch.multipliers[i])
-        assert branch.stable[i] == (np.abs(all_of_them).max() <= 1)
-        assert found.size >= 4
-        assert np.abs(found[:, None] - all_of_them).min(axis=1).max() < 2e-6
-        # All multipliers on and outside the unit circle are found, and the least stable one.
-        # Omitted harmonics of the motion have different effects on both methods.
-        off = 1e-6 + branch.truncation[i]
-        assert np.abs(found).max() == pytest.approx(np.abs(all_of_them).max(), abs=off)
-        assert (np.abs(found) > 1).sum() == (np.abs(all_of_them) > 1).sum()
-
-
 @pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
 @pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
 def test_without_memory_they_are_floquet_multipliers(geometry, load):

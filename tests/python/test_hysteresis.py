@@ -155,19 +155,6 @@ def test_branch_with_a_gap():
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-def test_few_orders_pass_a_gap_too():
-    """The same with 21 harmonics: the location errors are those of `truncation`."""
-    stiffness = np.array([[1.0, -1], [-1, 2]])
-    system = vv.Structure(
-        mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
-        elements=[vv.Gap(on="x1", stiffness=100, gap=1)],
-    )  # fmt: skip
-    branch = vv.trace_response(system, (0.8, 0.5), load=[0, 0.1], harmonics=21, stability=False)
-    assert branch.outcome == "completed"
-    assert branch.folds == pytest.approx([0.653440, 0.755628], abs=1e-5)
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize("harmonics", [21, 31])
 def test_crossings_say_whether_they_are_sure(harmonics):
     """Certain ones are published locations; an unlocated one is None without a NumPy warning."""

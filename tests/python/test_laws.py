@@ -1,6 +1,5 @@
 """Force laws with functions: derivatives, and motions against SciPy and against polynomials."""
 
-import math
 import warnings
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
-from referee.integration import solve_ivp
 from viscovib.systems.laws import Law, compile_law, read_law
 
 SMOOTH = {
@@ -229,64 +227,6 @@ def test_what_where_leaves_aside_needs_no_value():
     assert law(at[:, np.newaxis])[0] == pytest.approx([-0.25, 0.375, 2 + 2**1.5], rel=1e-15)
     law = read_law("law", "d*(1 + d)^(9000 + d)", ("d",), {})
     assert law(np.array([[-0.5]]))[0] == 0
-
-
-def settled(force, nu, load, c, k, periods=40):
-    """A steady motion by SciPy, after a long time."""
-    period = 2 * np.pi / nu
-    times = period * (periods - 1 + np.arange(16) / 16)
-    run = solve_ivp(
-        lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0])],
-        (0, times[-1]), [0, 0], "DOP853", times, rtol=1e-11, atol=1e-13, max_step=period / 40,
-    )  # fmt: skip
-    return times, run.y[0]
-
-
-@pytest.mark.parametrize(
-    ("text", "force"),
-    [
-        ("2*tanh(x/0.3)", lambda x: 2 * math.tanh(x / 0.3)),
-        ("x/(1 + x^2)", lambda x: x / (1 + x**2)),
-        ("exp(-x)*x^2 + sin(x)", lambda x: math.exp(-x) * x**2 + math.sin(x)),
-    ],
-)
-def test_steady_and_in_time(text, force):
-    """Harmonic balance and time integration against SciPy."""
-    c, k, nu, load = 0.3, 1.5, 1.1, 0.4
-    system = vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces=text)
-    found = vv.forced_response(system, [nu], load=load, method="newton")
-    times, x = settled(force, nu, load, c, k)
-    waves = np.exp(1j * nu * np.outer(found.harmonics, times))
-    np.testing.assert_allclose((found.coefficients[0, 0] @ waves).imag, x, atol=1e-8)
-    run = vv.simulate(system, 10, load=load, nu=nu, dt=0.02)
-    exact = solve_ivp(
-        lambda t, y: [y[1], load * np.sin(nu * t) - c * y[1] - k * y[0] - force(y[0])],
-        (0, 10), [0, 0], "DOP853", rtol=1e-12, atol=1e-13, max_step=0.1,
-    )  # fmt: skip
-    np.testing.assert_allclose(run.state[-1], exact.y[:, -1], atol=1e-11)
-
-
-def test_with_memory():
-    """(1 - R*) [k x + f(x)] with an exponential kernel, as ordinary equations by SciPy."""
-    weight, rate, c, k, nu, load = 0.8, 2.0, 0.1, 2.0, 1.3, 0.5
-    kernel = vv.PronyKernel(weights=[weight], rates=[rate])
-    system = vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces="tanh(3*x)", kernel=kernel)
-
-    def rhs(t, y):
-        w = k * y[0] + np.tanh(3 * y[0])
-        return [y[1], load * np.sin(nu * t) - c * y[1] - (w - weight * y[2]), w - rate * y[2]]
-
-    run = vv.simulate(system, 10, load=load, nu=nu, dt=0.05)
-    exact = solve_ivp(rhs, (0, 10), [0, 0, 0], "DOP853", rtol=1e-12, atol=1e-13, max_step=0.1)
-    np.testing.assert_allclose(run.state[-1], exact.y[:2, -1], atol=1e-10)
-    found = vv.forced_response(system, [nu], load=load, method="newton", stability=True)
-    assert found.stable[0]
-    times = 2 * np.pi / nu * (60 + np.arange(8) / 8)
-    steady = solve_ivp(
-        rhs, (0, times[-1]), [0, 0, 0], "DOP853", times, rtol=1e-11, atol=1e-13, max_step=0.1
-    )
-    waves = np.exp(1j * nu * np.outer(found.harmonics, times))
-    np.testing.assert_allclose((found.coefficients[0, 0] @ waves).imag, steady.y[0], atol=1e-8)
 
 
 def test_multiple_scales_refuse_by_name():

@@ -4,10 +4,6 @@ import numpy as np
 import pytest
 import viscovib as vv
 
-#: Den Hartog (Trans. ASME 53, 1931): x'' + x + R sgn x' = cos(nu t) without sticking has the
-#: amplitude X = sqrt(1/(1-nu^2)^2 - (R sin(pi/nu)/(nu (1 + cos(pi/nu))))^2); pairs (nu, R).
-DEN_HARTOG = [(0.8, 0.2), (1.2, 0.3)]
-
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("n_orders", [199, 201, 450])
@@ -55,27 +51,6 @@ def test_branch_with_a_load_of_high_order():
     np.testing.assert_allclose(
         branch.coefficients[:2], at.coefficients[..., : branch.coefficients.shape[2]], atol=1e-8
     )
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-def test_friction_of_den_hartog():
-    """Errors of 1e-4 with 299 harmonics, decreasing as 1/K, and covered by the estimate."""
-    wanted = 0.0
-    highest = np.array([99, 199, 299, 399])
-    for nu, friction in DEN_HARTOG:
-        turn = np.pi / nu
-        damped = friction * np.sin(turn) / (nu * (1 + np.cos(turn)))
-        amplitude = np.sqrt(1 / (1 - nu**2) ** 2 - damped**2)
-        system = vv.PolynomialSystem(mass=1, stiffness=1, forces=f"{friction}*sign(x_dot)")
-        errors = []
-        for k in highest.tolist():
-            found = vv.forced_response(system, [nu], load=1, method="newton", harmonics=k)
-            errors.append(abs(found.peak_to_peak("x")[0] / 2 / amplitude - 1))
-            assert errors[-1] < found.truncation[0]
-        order = -np.polyfit(np.log(highest), np.log(errors), 1)[0]
-        assert order == pytest.approx(1, abs=0.01)
-        wanted = max(wanted, errors[2])
-    assert wanted < 1e-4
 
 
 def test_what_is_refused():

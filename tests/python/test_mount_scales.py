@@ -50,61 +50,6 @@ def test_interaction_without_memory_by_hand():
     np.testing.assert_allclose(ms.interaction, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("geometry", ["cubic", "exact"])
-@pytest.mark.parametrize("mode", [0, 1])
-def test_response_near_a_mode_against_harmonic_balance(geometry, mode):
-    system = mount(geometry=geometry)
-    omega = vv.MultipleScales(system).frequencies[mode]
-    nu = omega * np.linspace(0.97, 1.03, 7)
-    for load in (0.1, 0.02):
-        ms = vv.MultipleScales(system, load=load, nu=omega)
-        response = ms.response("nu", nu)
-        assert response.index.size == nu.size
-        assert response.stable.all()
-        assert response.in_range.all()
-        exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=7)
-        linear = vv.forced_response(system, nu, load=load, method="linear")
-        for dof in ("x", "phi"):
-            error = abs(response.amplitude(dof) - exact.amplitude(dof))
-            assert (error < 1.2 * response.error_estimate).all()
-            effect = abs(linear.amplitude(dof) - exact.amplitude(dof)).max()
-            assert error.max() < (0.05 if mode == 0 else 0.3) * effect
-
-
-def test_error_falls_as_load_memory_and_detuning_do():
-    """With load x^3 and memory and detuning x^2, the amplitude is x and the relative error x^2."""
-    errors = []
-    for k in range(4):
-        x = 2.0**-k
-        system = mount(memory_scale=0.1 * x**2)
-        omega = vv.MultipleScales(system).frequencies[0]
-        nu = np.array([omega * (1 + 0.01 * x**2)])
-        load = 0.02 * x**3
-        response = vv.MultipleScales(system, load=load, nu=nu[0]).response("nu", nu)
-        exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=7)
-        errors.append(abs(response.amplitude("phi") / exact.amplitude("phi") - 1).max())
-    assert errors[-1] < 1e-4
-    assert np.log2(errors[-2] / errors[-1]) > 1.8
-
-
-def test_branches_against_continuation():
-    """Three coexisting motions of a lightly damped mount; stability by Floquet multipliers."""
-    system = mount(kernel=None, damping=[[0.01, 0], [0, 0.001]])
-    omega = vv.MultipleScales(system).frequencies[0]
-    nu = 1.01 * omega
-    response = vv.MultipleScales(system, load=0.006, nu=nu).response("nu", [nu])
-    branch = vv.trace_response(
-        system, nu_range=(0.98 * omega, 1.04 * omega), load=0.006, harmonics=5, max_step=0.01
-    )
-    crossed = np.flatnonzero((branch.nu[:-1] - nu) * (branch.nu[1:] - nu) <= 0)
-    assert crossed.size == response.index.size == 3
-    exact = np.sort(branch.amplitude("phi")[crossed])
-    np.testing.assert_allclose(np.sort(response.amplitude("phi")), exact, rtol=0.05)
-    order = np.argsort(branch.amplitude("phi")[crossed])
-    assert list(branch.stable[crossed][order]) == [True, False, True]
-    assert list(response.stable[np.argsort(response.amplitude("phi"))]) == [True, False, True]
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -120,22 +65,3 @@ def test_branches_against_continuation():
 def test_bad_input(call, message):
     with pytest.raises(vv.InputError, match=message):
         call()
-
-
-def test_no_motion_is_lost_where_many_modes_may_move():
-    """With a wide tolerance 3 w1 ~ w2 counts as resonant: still one motion per detuning."""
-    kernel = vv.AbelKernel(amplitude=0.05, alpha=0.2)
-    with pytest.warns(vv.StabilityWarning):
-        system = mount(
-            kernel=kernel, inertia=2.2926, offset=-0.3, damping=[[0.062, 0], [0, 0.0432]]
-        )
-    omega = vv.MultipleScales(system).frequencies[0]
-    ms = vv.MultipleScales(system, load=[0.05, 0.01], nu=omega, tolerance=0.2)
-    assert len(ms.terms) == 6
-    nu = omega * np.linspace(0.9, 1.35, 19)
-    response = ms.response("nu", nu)
-    assert list(np.bincount(response.index, minlength=nu.size)) == [1] * nu.size
-    exact = vv.forced_response(system, nu, load=[0.05, 0.01], method="newton", harmonics=7)
-    error = abs(response.amplitude("phi") - exact.amplitude("phi"))
-    assert (error < 1.2 * response.error_estimate).all()
-    np.testing.assert_allclose(response.amplitude("phi"), exact.amplitude("phi"), rtol=1e-3)

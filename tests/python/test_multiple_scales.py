@@ -22,17 +22,6 @@ def one(**terms):
     return vv.CubicSystem(mass=[[1.0]], **terms)
 
 
-def test_duffing_frequency():
-    omega, alpha = 1.3, 0.7
-    ms = vv.MultipleScales(one(stiffness=[[omega**2]], cubic=[[[[alpha]]]]))
-    np.testing.assert_allclose(ms.frequencies, [omega], rtol=1e-15)
-    np.testing.assert_allclose(ms.interaction, [[3 * alpha / (8 * omega)]], rtol=1e-14)
-    assert abs(ms.nonlinear_decay).max() < 1e-16
-    np.testing.assert_allclose(
-        ms.backbone(0, [0.0, 0.2]), omega + ms.interaction[0, 0] * np.array([0, 0.04])
-    )
-
-
 def test_quadratic_and_cubic_together():
     # Nayfeh and Mook, Nonlinear oscillations, 1979, (2.3.31).
     omega, a2, a3 = 1.3, 0.4, 0.7
@@ -171,33 +160,6 @@ def test_motion_begins_at_the_state_given():
     pend = vv.Pendulum(**FREE, c1=0.02, f0=0.01, p1=0.4)
     motion = vv.MultipleScales(pend).motion([0.0], initial)
     np.testing.assert_allclose(motion.state[0], initial, atol=1e-15)
-
-
-def test_energy_exchange_at_two_to_one():
-    """Spring and swing exchange energy with the period of the direct integration."""
-    # 1 + 3 alpha z_r^2 = 4 w2^2 exactly with e = 0, alpha = 0.
-    pend = vv.Pendulum(e=0.0, w2=0.5, w3=0.83)
-    initial = np.array([0.04, 0, 0.02, 0, 0, 0])
-    t = np.linspace(0, 1600, 16001)
-    ms = vv.MultipleScales(pend)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", vv.RangeWarning)
-        motion = ms.motion(t, initial)
-    exact = vv.simulate(pend, 1600, times=t, initial=initial, tolerance=1e-12).state
-    energy = (exact[:, 0] ** 2 + exact[:, 1] ** 2) / 2
-    smooth = np.convolve(energy, np.ones(63) / 63, "same")
-    own = motion.modulation.amplitude[:, 0] ** 2 / 4
-
-    def dips(curve):
-        inside = slice(100, -100)
-        c = curve[inside]
-        low = np.flatnonzero((c[1:-1] < c[:-2]) & (c[1:-1] <= c[2:])) + 1
-        return t[inside][low[c[low] < 0.5 * c.max()]]
-
-    own_dips, true_dips = dips(np.convolve(own, np.ones(63) / 63, "same")), dips(smooth)
-    assert own_dips.size == true_dips.size >= 3
-    np.testing.assert_allclose(np.diff(own_dips), np.diff(true_dips), rtol=0.01)
-    assert own.min() < 0.3 * own.max()
 
 
 def test_fewer_steps_than_direct_integration():
@@ -371,52 +333,6 @@ def test_routh_table_of_a_known_polynomial():
     assert np.isnan(column[3])
 
 
-def test_response_against_direct_integration():
-    """Halving amplitude, detuning and damping reduces the relative error of a steady motion."""
-    errors = []
-    for k in range(4):
-        x = 2.0**-k
-        damping = 0.02 * x**2
-        base = vv.Pendulum(**FREE)
-        p1 = float(base.natural_frequencies()[0] + 0.01 * x**2)
-        pend = vv.Pendulum(**FREE, c1=damping, c2=damping, c3=damping, f0=0.003 * x**3, p1=p1)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", vv.RangeWarning)
-            response = vv.MultipleScales(pend).response("p1", [p1])
-        # The stable motion is computed from its own state, by Newton's method on the period.
-        a = response.amplitudes[response.stable][0]
-        state = vv.MultipleScales(pend).motion([0.0], amplitudes=a).state[0]
-        period = 2 * np.pi / p1
-        for _ in range(4):
-            states = [state] + [state + 1e-6 * x * d for d in np.eye(6)]
-            ends = [
-                vv.simulate(pend, period, initial=s, tolerance=1e-13, keep="last").state[-1]
-                for s in states
-            ]
-            matrix = np.array([(end - ends[0]) / (1e-6 * x) for end in ends[1:]]).T
-            state = state + np.linalg.solve(matrix - np.eye(6), state - ends[0])
-        t = np.arange(64) * period / 64
-        z = vv.simulate(pend, period, times=t, initial=state, tolerance=1e-13).state[:, 0]
-        exact = 2 * np.fft.fft(z)[1] / 64
-        errors.append(abs(response.harmonics[response.stable][0, 0] - exact) / abs(exact))
-    powers = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert powers[-1] > 1.8
-    assert errors[-1] < 1e-3
-
-
-def test_load_response_jumps():
-    pend = vv.Pendulum(**FREE, c1=0.004, c2=0.004, c3=0.004, f0=1.0, p1=1.05)
-    response = vv.MultipleScales(pend).response("f0", np.linspace(0, 0.002, 21))
-    counts = np.bincount(response.index[response.in_range])
-    assert counts[0] == 1
-    assert set(counts) == {1, 3}
-    middle = response.nearest(response.values[np.argmax(counts == 3)])
-    middle = middle[response.in_range[middle]]
-    # The largest motions in z make phi unstable: Floquet multipliers agree.
-    assert list(response.stable[middle]) == [True, False, False]
-    assert abs(response.amplitudes[0]).max() == 0
-
-
 def test_repeated_frequencies_exchange():
     """Two equal oscillators coupled by a cubic term: no division by their difference."""
     cubic = np.zeros((2, 2, 2, 2))
@@ -487,40 +403,6 @@ def test_bad_input(call, message):
     ms = vv.MultipleScales(vv.Pendulum(**FREE, f0=0.001, p1=1.0))
     with pytest.raises(vv.InputError, match=message):
         call(ms)
-
-
-def test_subharmonic_motions():
-    """Load near three times the frequency: one motion below the fold, seven above it."""
-    cubic = np.ones((1, 1, 1, 1))
-    system = vv.CubicSystem(
-        mass=[[1]], stiffness=[[1]], damping=[[0.002]], cubic=cubic, load=[[1.0]], drives=[3.1]
-    )
-    ms = vv.MultipleScales(system)
-    response = ms.response("p1", [3.02, 3.1, 3.2])
-    assert list(np.bincount(response.index)) == [1, 7, 7]
-    at = response.nearest(3.1)
-    assert list(response.stable[at]) == [True, False, False, False, True, True, True]
-    # A stable motion returns after ten of its periods.
-    state = ms.motion([0.0], amplitudes=response.amplitudes[at[-1]]).state[0]
-    period = 6 * np.pi / 3.1
-
-    def rhs(t, y):
-        return [y[1], -y[0] - 0.002 * y[1] - y[0] ** 3 + np.cos(3.1 * t)]
-
-    run = solve_ivp(rhs, (0, 10 * period), state, rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(run.y[:, -1], state, atol=0.03)
-
-
-def test_constant_load():
-    """A constant load shifts the equilibrium: products with it are resonant with the mode."""
-    pend = vv.Pendulum(**FREE, f0=0.01, p1=0.0)
-    t = np.linspace(0, 30, 61)
-    initial = np.array([0.01, 0, 0.02, 0, 0.01, 0])
-    motion = vv.MultipleScales(pend).motion(t, initial)
-    exact = vv.simulate(pend, 30, times=t, initial=initial, tolerance=1e-12).state
-    assert abs(motion.state - exact).max() < 1e-5
-    without = vv.MultipleScales(vv.Pendulum(**FREE)).motion(t, initial)
-    assert abs(without.state - exact).max() > 1e-2
 
 
 def test_pictures(tmp_path):

@@ -68,26 +68,6 @@ def test_sums_of_random_kinked_systems(which):
         ), (law, k, c, load, nu, start)
 
 
-def test_what_fades_and_what_grows_without_bound():
-    """The distance of neighbours scales with the size of the motion."""
-    for k, c, law, load, end in (
-        (1.88, 8.2113, "0.5*max(x_dot, 0)", 0.0, 91.65),
-        (21.644, 2.7083, "0.5*abs(x)", 0.0, 25.0),
-        (0.428, 1.0479, "0.5*abs(x)", 2.0, 190.0),
-        (0.304, 0.21, "0.5*abs(x)", 1.2, 56.0),
-    ):
-        system = vv.PolynomialSystem(mass=1, stiffness=k, damping=c, forces=law)
-        given = {"load": load, "nu": 0.6} if load else {}
-        many = vv.simulate_ensemble(
-            system, initial=[0.2, 0.1], t_end=end, dt=0.05, lyapunov="all", **given
-        )
-        true = -c
-        if "x_dot" in law:
-            # After the beginning it creeps back from above.
-            true = mean_trace(*LAWS[5][1:], k, c, 0.0, 1.0, [0.2, 0.1], 0.0, end)
-        assert many.spectrum.sum() == pytest.approx(true, abs=2e-6)
-
-
 def test_coordinates_that_rest_are_disturbed():
     """The second coordinate is at rest: its perturbations are those of a damped oscillator."""
     c1, c2 = 0.1, 60.0

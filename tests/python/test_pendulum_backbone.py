@@ -51,43 +51,6 @@ def test_motion_in_z_alone_by_quadrature():
         assert b.nu[i] == pytest.approx(2 * np.pi / period, rel=1e-12)
 
 
-@pytest.mark.parametrize("equations", ["exact", "cubic"])
-@pytest.mark.parametrize("mode", [0, 1, 2])
-def test_period_of_direct_integration(equations, mode):
-    """From rest at u(0) a motion returns after 2 pi/nu, with constant energy."""
-    pend = vv.Pendulum(**SET, c1=0.1, c2=0.2, c3=0.1, f0=0.3, p1=0.7, equations=equations)
-    free = vv.Pendulum(**SET, equations=equations)
-    b = vv.backbone(pend, mode, (1e-3, 0.35), harmonics=41, tolerance=1e-13)
-    assert b.outcome == "completed"
-    assert b.nu[0] == pytest.approx(free.natural_frequencies()[mode], rel=1e-5)
-    for i in (0, b.nu.size // 2, b.nu.size - 1):
-        assert b.truncation[i] < 1e-12
-        start = np.zeros(6)
-        start[::2] = b.start[i]
-        run = solve_ivp(
-            free.rhs, (0, 2 * np.pi / b.nu[i]), start, method="DOP853", rtol=1e-13, atol=1e-15
-        )
-        assert run.y[:, -1] == pytest.approx(start, abs=2e-11)
-        energy = free.energy(run.y.T)
-        assert np.ptp(energy) < 1e-11 * energy[0]
-        assert b.energy[i] == pytest.approx(energy[0], rel=1e-13)
-
-
-@pytest.mark.parametrize("mode", [0, 1, 2])
-def test_small_motions_by_multiple_scales(mode):
-    """The frequency shift divided by the squared amplitude tends to the interaction."""
-    pend = vv.Pendulum(**SET)
-    wanted = vv.MultipleScales(pend).interaction[mode, mode]
-    shape = pend.mode_shapes()[:, mode]
-    largest = ("z", "phi", "psi")[int(np.abs(shape).argmax())]
-    b = vv.backbone(pend, mode, (0.002, 0.004), dof=largest, max_step=0.02, tolerance=1e-14)
-    square = b.amplitude(largest) ** 2
-    ratio = (b.nu - pend.natural_frequencies()[mode]) / square
-    # The remaining error is of order amplitude^2: extrapolated to 0.
-    at_none = ratio[0] - square[0] * (ratio[-1] - ratio[0]) / (square[-1] - square[0])
-    assert at_none == pytest.approx(wanted, rel=1e-6)
-
-
 def swing(pend, top):
     """Period and monodromy matrix of small swinging about the motion in z from rest at `top`."""
     k, square = stiffness(pend)

@@ -113,20 +113,6 @@ def test_motion_with_a_sum_is_that_with_its_terms_joined():
     assert roots[0] == pytest.approx(roots[1], rel=1e-9)
 
 
-def test_a_kernel_at_a_temperature_is_as_fast_as_its_law_says():
-    law = vv.WLF(reference=20.0, c1=8.86, c2=101.6)
-    total = vv.SumKernel(parts=parts())
-    for kernel in (*parts(), total):
-        rubber = vv.ThermalKernel(kernel=kernel, shift=law)
-        assert rubber.transform(MU) == pytest.approx(kernel.transform(MU), rel=1e-15)
-        warm = rubber.at(45.0)
-        slow = 10 ** (-8.86 * 25 / (101.6 + 25))
-        assert warm.slowness == pytest.approx(slow, rel=1e-14)
-        assert warm.transform(MU) == pytest.approx(kernel.transform(slow * MU), rel=1e-13)
-        assert warm.relaxation(MU) == pytest.approx(kernel.relaxation(MU / slow), rel=1e-13)
-        assert warm.integral == pytest.approx(kernel.integral, rel=1e-14)
-
-
 def test_shift_laws():
     law = vv.Arrhenius(reference=20.0, activation_energy=80e3)
     assert law(20.0) == 1

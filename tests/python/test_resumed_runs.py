@@ -145,21 +145,6 @@ def test_times_may_be_chosen_where_steps_hold_several_states():
     np.testing.assert_allclose(some.state, all_kept.state[[3, 8]], atol=1e-13)
 
 
-def test_a_load_that_wakes_a_coordinate_left_out():
-    """A coordinate at rest was not computed; now it moves, with a past at rest."""
-    body = vv.PolynomialSystem(
-        mass=np.eye(2), stiffness=np.diag([3.0, 5.0]), damping=0.1 * np.eye(2), kernel=PRONY
-    )
-    alone = vv.PolynomialSystem(mass=1, stiffness=5, damping=0.1, kernel=PRONY)
-    run = vv.simulate(body, 4, dt=0.1, load=0.5, nu=1.0)
-    more = vv.simulate(body, 8, resume=run, load={1: [0, 0.4]}, nu=1.5)
-    rest = vv.simulate(alone, 4, dt=0.1, initial=[0, 0])
-    one = vv.simulate(alone, 8, resume=rest, load=0.4, nu=1.5)
-    assert np.abs(more.state[:, 2:] - one.state).max() < 1e-14
-    free = vv.simulate(body, 8, resume=run, load=0)
-    assert np.abs(more.state[:, :2] - free.state[:, :2]).max() < 1e-14
-
-
 def test_a_pendulum_goes_on_under_other_loads():
     rng = np.random.default_rng(23)
     for method in ("gauss8", "gauss3", "dop8", "verner9"):
@@ -286,35 +271,6 @@ def test_other_loads_leave_no_coordinate_behind(seed):
         return vv.simulate(system, 5, resume=before, load=then[places], nu=1.7).state[-1]
 
     np.testing.assert_allclose(run([0, 1]), np.concatenate([run([0]), run([1])]), atol=1e-12)
-
-
-@pytest.mark.parametrize("first", ["load", "force"])
-def test_loads_and_tables_take_turns_with_elements(first):
-    """A constant load as a number and as a table in turn: slider states are kept."""
-    rng = np.random.default_rng(5)
-    for n in (2, 8):
-        k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-        system = vv.Structure(
-            mass=np.ones(n), stiffness=k, damping=0.05 * k,
-            elements=[
-                vv.Jenkins(on=("x1", "x2"), stiffness=3, limit=0.1),
-                vv.Gap(on="x2", stiffness=10, gap=0.1),
-            ],
-        )  # fmt: skip
-        push = rng.uniform(0.3, 1, (2, n))
-
-        def acts(row, kind, begin, push=push, n=n):
-            if kind == "load":
-                return {"load": {0: 1j * push[row]}, "nu": 0.0}
-            table = vv.LoadTable(times=[begin, begin + 4], values=[push[row]] * 2)
-            return {"load": 0, "force": table}
-
-        def run(one, other, system=system, acts=acts):
-            before = vv.simulate(system, 4, dt=0.02, **acts(0, one, 0))
-            return vv.simulate(system, 8, resume=before, **acts(1, other, 4)).state[-1]
-
-        then = "force" if first == "load" else "load"
-        np.testing.assert_allclose(run(first, then), run(first, first), atol=1e-11)
 
 
 RUBBER = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)

@@ -135,18 +135,6 @@ def test_a_response_with_memory_is_that_of_constant_matrices_at_the_speed():
             assert own[0].real == pytest.approx(other[0].real, rel=1e-8)
 
 
-@pytest.mark.parametrize("method", ["linear", "successive", "newton"])
-def test_a_linear_rotor_has_the_solution_of_its_equations(method):
-    rotor = Rotor(3, 4, nonlinear=False)
-    nu = np.linspace(0.3, 4, 23)
-    found = vv.forced_response(rotor.system(), nu, load=rotor.load, method=method, harmonics=1)
-    for i, at in enumerate(nu):
-        damping, stiffness = rotor.matrices(at)
-        x = np.linalg.solve(stiffness + 1j * at * damping - at**2 * rotor.mass, rotor.load)
-        assert found.coefficients[i, :, 0] == pytest.approx(x, rel=1e-11, abs=1e-14)
-        assert rotor.system().dynamic_stiffness(at) @ x == pytest.approx(rotor.load, abs=1e-12)
-
-
 def test_the_unbalance_response_of_an_overhung_rotor():
     """Reference: closed form and a real 4 x 4 system, 15 digits."""
     reference = {one["name"]: one for one in json.loads(DATA.read_text())}

@@ -1,7 +1,5 @@
 """Motions by multiple scales with beating amplitudes, against integration."""
 
-import warnings
-
 import numpy as np
 import pytest
 import viscovib as vv
@@ -45,44 +43,6 @@ def integrate(system, state, t):
     found = solve_ivp(rates, (0, t[-1]), state, "DOP853", t, rtol=1e-10, atol=1e-12)
     assert n == found.y.shape[0] // 2
     return found.y.T
-
-
-@pytest.mark.parametrize("name", BEATS)
-def test_motions_that_beat_are_those_of_the_equations(name):
-    """From a state of the motion, integration over some beats agrees within the stated error."""
-    system, p1, n_beats = BEATS[name]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        response = vv.MultipleScales(system).response("p1", [p1])
-    assert response.in_range.all()
-    motion = response.beating(response.beating_points[0])
-    assert motion.n_beats == n_beats
-    rates = (1j * motion.frequencies) @ motion.harmonics
-    state = np.ravel(np.column_stack([motion.harmonics.sum(axis=0).real, rates.real]))
-    t = np.linspace(0, 400, 401)
-    true = integrate(system, state, t)[:, ::2]
-    # The error of the initial state decays: slightly more than the error of the motion.
-    assert (np.abs(true - motion.at(t)).max(axis=0) < 3 * motion.errors).all()
-    assert (np.abs(true).max(axis=0) < motion.largest + 3 * motion.errors).all()
-    # Spectral lines are at integer combinations of the load frequencies.
-    p = np.array(list(motion.loads.values()))
-    known = np.isfinite(motion.orders).all(axis=1)
-    np.testing.assert_allclose(motion.orders[known] @ p, motion.frequencies[known], atol=1e-8)
-    assert known[np.abs(motion.harmonics).max(axis=1) > 1e-3 * motion.rms.max()].all()
-    for d, dof in enumerate(response.dof_names):
-        assert motion.lines(dof)[0][1] == np.abs(motion.harmonics[:, d]).max()
-
-
-def test_the_rms_and_the_largest_value_of_beats_are_those_of_long_samples():
-    system, p1, _ = BEATS["cubic system"]
-    response = vv.MultipleScales(system).response("p1", [p1])
-    motion = response.beating(response.beating_points[0])
-    samples = motion.at(np.random.default_rng(3).uniform(0, 1e7, 20_000))
-    np.testing.assert_allclose(samples.mean(axis=0), motion.mean, atol=0.01 * motion.rms.max())
-    np.testing.assert_allclose(samples.std(axis=0), motion.rms, rtol=0.01)
-    largest = np.abs(samples).max(axis=0)
-    assert (largest <= motion.largest * (1 + 1e-9)).all()
-    np.testing.assert_allclose(largest, motion.largest, rtol=0.1)
 
 
 def test_a_steady_motion_has_no_beats():

@@ -19,26 +19,6 @@ def two_to_one(size, kernel):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("alpha", [0.3, 0.8])
-def test_steady_motion_at_two_to_one_against_harmonic_balance(alpha):
-    for size in (0.5, 0.125):
-        kernel = vv.RzhanitsynKernel(amplitude=0.05 * size, alpha=alpha, beta=0.2)
-        system = two_to_one(size, kernel)
-        omega = vv.MultipleScales(system).frequencies[0]
-        nu = omega * (1 + 0.01 * size * np.linspace(-2, 2, 5))
-        load = [0.02 * size**2, 0]
-        ms = vv.MultipleScales(system, load=load, nu=omega, tolerance=0.08)
-        assert {t.factors for t in ms.terms} >= {("a2", "a1*"), ("a1", "a1")}
-        steady = ms.response("nu", nu)
-        assert list(np.bincount(steady.index)) == [1] * nu.size
-        exact = vv.forced_response(system, nu, load=load, method="newton", harmonics=8)
-        wanted = exact.coefficients[:, :, list(exact.harmonics).index(1)]
-        error = abs(steady.harmonics - wanted).max(axis=1)
-        # The load harmonic outside its mode is omitted in products: first-order relative error.
-        assert (error < 0.003 * size * abs(wanted).max(axis=1)).all()
-        np.testing.assert_allclose(steady.error_estimate, error, rtol=0.2)
-
-
 def test_motion_at_two_to_one_with_memory_against_integration():
     """On the slow manifold, after the memory of the start has relaxed."""
     system = two_to_one(0.5, vv.PronyKernel(weights=[0.05], rates=[1.2]))

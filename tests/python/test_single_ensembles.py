@@ -16,38 +16,6 @@ def one_mass(*elements, c=0.05):
     return vv.Structure(mass=[1.0], stiffness=[1.0], damping=[c], elements=list(elements))
 
 
-def test_kinked_members_against_scipy():
-    """Every member is the motion with its parameters, integrated from contact to contact."""
-    given = {"k": [5.0, 30.0, 80.0], "nu": [0.7, 0.9, 1.1], "load_scale": [1.0, 0.8, 1.3]}
-    start = np.array([[0.0, 0.0], [0.3, 0.1], [0.7, -0.2]])
-    many = vv.simulate_ensemble(
-        GAP, initial=start, t_end=25.0, load=0.9, parameters=given, tolerance=1e-10
-    )
-    assert many.error < 1e-10
-    assert "one after another" in str(many.plan)
-    for i in range(3):
-        k, nu, f = (given[name][i] for name in ("k", "nu", "load_scale"))
-        t, y = 0.0, start[i]
-
-        def off(t, y):
-            return y[0] - 0.5
-
-        off.terminal = True
-        while t < 25.0:
-            push = k if (y[1] > 0 if abs(y[0] - 0.5) < 1e-9 else y[0] > 0.5) else 0.0
-
-            def rates(t, y, push=push, nu=nu, f=f):
-                force = 0.9 * f * np.sin(nu * t) - 0.05 * y[1] - y[0] - push * (y[0] - 0.5)
-                return [y[1], force]
-
-            # A start on the surface must first leave it.
-            leave = solve_ivp(rates, (t, min(t + 1e-4, 25.0)), y, "DOP853", rtol=1e-12, atol=1e-13)
-            t, y = leave.t[-1], leave.y[:, -1]
-            run = solve_ivp(rates, (t, 25.0), y, "DOP853", rtol=1e-12, atol=1e-13, events=off)
-            t, y = run.t[-1], run.y[:, -1]
-        np.testing.assert_allclose(many.state[i], y, atol=3e-9)
-
-
 def test_statistics_sections_and_lines_of_a_structure_with_friction():
     """The statistics, sections and spectra equal those of the single run."""
     nu = 1.1

@@ -39,28 +39,6 @@ def test_against_numpy(window, n):
     assert s.noise_bandwidth == pytest.approx(n * (w**2).sum() / w.sum() ** 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("n", [50, 51])
-def test_power_adds_up(n):
-    u = random_signal(n)
-    s = vv.spectrum(u, 0.3, window="rectangular")
-    weights = np.full(s.omega.size, 0.5)
-    weights[0] = 1
-    if n % 2 == 0:
-        weights[-1] = 1
-    assert (weights * s.amplitude**2).sum() == pytest.approx((u**2).mean(), rel=1e-13)
-
-
-@pytest.mark.parametrize("window", SCIPY_NAMES)
-def test_a_tone_at_a_bin_has_its_amplitude_and_phase(window):
-    n, k = 200, 23
-    t = 0.05 * np.arange(n)
-    s = vv.spectrum(7 + 3 * np.cos(2 * np.pi * k * np.arange(n) / n + 0.4), 0.05, window=window)
-    assert s.amplitude[k] == pytest.approx(3, rel=1e-13)
-    assert s.phase[k] == pytest.approx(0.4, abs=1e-13)
-    assert s.coefficients[0] == pytest.approx(7, rel=1e-13)
-    assert t.size == n
-
-
 def test_flat_top_reads_amplitudes_between_bins():
     n = 400
     for position in np.linspace(50, 51, 11):
@@ -99,21 +77,6 @@ def test_frequency_and_amplitude_of_any_tone(n):
         assert found.mean == pytest.approx(0.3 * a, rel=1e-11)
 
 
-def test_many_lines_of_very_different_size():
-    t = 0.1 * np.arange(20000)
-    omega = np.array([0.93, 0.37, 0.71, 1.66, 0.19])
-    a = np.array([1, 0.5, 0.2, 1e-2, 1e-6])
-    phase = np.array([0.1, 2, -1, 0.5, -2])
-    u = np.cos(np.multiply.outer(t, omega) + phase) @ a
-    found = vv.dominant_frequencies(u, 0.1, count=5)
-    assert found.omega == pytest.approx(omega, abs=1e-11)
-    assert found.amplitude == pytest.approx(a, abs=1e-13)
-    assert found.phase == pytest.approx(phase, abs=1e-7)
-    assert found.resolved.all()
-    assert found(t) == pytest.approx(u, abs=1e-11)
-    assert vv.dominant_frequencies(u, 0.1, count=20).omega.size < 8
-
-
 def test_two_close_lines_are_distinguished_and_flagged():
     n = 4000
     bin_width = 2 * np.pi / n
@@ -121,21 +84,6 @@ def test_two_close_lines_are_distinguished_and_flagged():
     found = vv.dominant_frequencies(u, 1.0, count=2)
     assert found.omega == pytest.approx([0.5, 0.5 + 1.7 * bin_width], abs=1e-9)
     assert not found.resolved.any()
-
-
-def test_lines_of_a_driven_motion_are_those_of_its_loads():
-    body = vv.Pendulum(
-        e=0.1, w2=0.4, w3=0.8, alpha=0.5, c1=0.05, c2=0.05, c3=0.05, f0=0.004, m01=0.001,
-        m02=0.004, p1=0.93, p2=0.37, p3=0.71,
-    )  # fmt: skip
-    run = vv.simulate(body, 3000, dt=0.5, initial=np.zeros(6), keep="tail", tail=2000)
-    found = vv.dominant_frequencies(run, coordinate="phi", count=6)
-    names = vv.name_frequencies(found.omega, {"p1": 0.93, "p2": 0.37, "p3": 0.71}, tolerance=1e-7)
-    assert {"p2", "p3", "p1 - p2"} <= set(names)
-    assert all(names)
-    same = vv.amplitudes_at(run, frequencies=found.omega, coordinate="phi")
-    assert same.omega == pytest.approx(found.omega, rel=1e-15)
-    assert same.amplitude == pytest.approx(found.amplitude, rel=1e-9)
 
 
 @pytest.mark.parametrize(("n", "colour"), [(64, 0.0), (1000, 0.0), (8192, 0.5)])
@@ -272,23 +220,6 @@ def test_tones_that_decay_are_found_with_their_rates(size):
         assert found(t) == pytest.approx(u, abs=1e-8 * a.max())
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_tones_that_fade_early_are_found_to_rounding(seed):
-    """Decays of up to 18 bins: the tone lasts for the first hundredth of the record."""
-    rng = np.random.default_rng(seed)
-    for _ in range(25):
-        n = int(10 ** rng.uniform(2.4, 3.8))
-        width = 2 * np.pi / n
-        decay = rng.uniform(5, 18) * width
-        omega = rng.uniform(max(8 * width, 1.2 * decay), np.pi - 8 * width)
-        a, phase, k = 10 ** rng.uniform(-1, 1), rng.uniform(-3, 3), np.arange(n)
-        u = a * np.exp(-decay * k) * np.cos(omega * k + phase) + rng.choice([0.0, 0.4])
-        found = vv.dominant_frequencies(u, 1.0, count=1)
-        assert found.omega == pytest.approx([omega], abs=1e-7 * width)
-        assert found.decay == pytest.approx([decay], abs=1e-7 * width)
-        assert found.resolved.all()
-
-
 def test_lines_near_what_they_do_not_explain_are_not_resolved():
     """One line for two tones; a chirp."""
     k = np.arange(2000)
@@ -339,14 +270,6 @@ def test_states_too_far_apart_are_reported():
                 ask(run)
             assert any("are too far for x" in str(one.message) for one in reported) == too_few
             assert all(one.filename == __file__ for one in reported)
-
-
-def test_a_free_vibration_gives_its_damping_ratio():
-    system = vv.PolynomialSystem(mass=1.0, stiffness=4.0, damping=0.08)
-    run = vv.simulate(system, 100, dt=0.1, initial=[1.0, 0.0])
-    found = vv.dominant_frequencies(run, coordinate=system.dof_names[0], count=1)
-    assert found.decay[0] == pytest.approx(0.04, rel=1e-9)
-    assert found.omega[0] == pytest.approx(np.sqrt(4 - 0.04**2), rel=1e-11)
 
 
 def test_lines_never_leave_more_than_fewer_of_them():

@@ -229,24 +229,6 @@ def test_distant_modes_are_one_polynomial() -> None:
     assert np.abs(r.deflections[:, :, 0] - 1j * seen.T @ rest).max() < 1e-11 * np.abs(rest).max()
 
 
-def test_branch_is_that_of_the_whole_chain() -> None:
-    """Folds, a branch with load and base, peaks of any coordinate."""
-    n = 6
-    whole, structure = both(n, "0.5*d^3", damping=0.02 * chain(n), base_direction=np.ones(n))
-    w = whole.natural_frequencies()[0]
-    given = {"load": np.eye(1, n)[0] * 0.02, "base": {3: 0.001}, "harmonics": 9, "stability": False}
-    a, b = (vv.trace_response(s, (0.6 * w, 1.4 * w), at=[w], **given) for s in (whole, structure))
-    assert a.folds.size == b.folds.size == 2
-    assert np.abs(a.folds / b.folds - 1).max() < 1e-11
-    assert np.abs(a.fold_coefficients - b.fold_coefficients).max() < 2e-6
-    one, other = (x.coefficients[x.stops[0]] for x in (a, b))
-    assert np.abs(one - other).max() < 1e-12 * np.abs(one).max() + 1e-10 * np.abs(one).max()
-    for name, order in (("x6", 1), ("x2", 3)):
-        one, other = a.peak(name, order), b.peak(name, order)
-        assert other.enclosed
-        assert abs(one.amplitude / other.amplitude - 1) < 1e-9
-
-
 @pytest.mark.parametrize("dof", ["x1", "x4", "x6"])
 def test_small_free_motions_are_those_of_perturbation(dof: str) -> None:
     """First-order perturbation nu^2 = w^2 + A^2 lambda, u = A (u0 + A^2 u1), near a resonance.
@@ -274,44 +256,6 @@ def test_small_free_motions_are_those_of_perturbation(dof: str) -> None:
     true = size[:, np.newaxis] * (u0 + np.outer(size**2, u1))
     assert (np.abs(free.coefficients[:, :, 0].imag - true).max(axis=1) < 1e-13 * size).all()
     assert np.abs(free.nu**2 - squares[0] - slope * size**2).max() < 1e-14
-
-
-def test_peaks_of_a_sum_of_deflections() -> None:
-    """Peaks of x1 with elements along x1 - x2 and x2, against elements along x1 and x2."""
-    n, law = 6, "0.5*d^3"
-    elements = [vv.Spring(on=("x1", "x2"), law=law), vv.Spring(on="x2", law="3*tanh(d) + d^4")]
-    given = {"mass": np.eye(n), "stiffness": chain(n), "damping": 0.03 * chain(n)}
-    more = [*elements, vv.Spring(on="x1", law="1e-40*d^3")]
-    peaks = [
-        vv.trace_response(
-            vv.Structure(**given, elements=own),
-            (0.4, 0.7),
-            load=np.full(n, 0.05),
-            harmonics=7,
-            stability=False,
-        ).peak("x1")[:2]
-        for own in (elements, more)
-    ]
-    assert peaks[0] == pytest.approx(peaks[1], rel=1e-9)
-
-
-def test_forced_in_a_resonance_without_damping() -> None:
-    """At the exact frequency of a mode; the full system is the reference."""
-    n = 6
-    k = chain(n) + np.diag(np.linspace(0, 1, n))
-    elements = [vv.Spring(on=f"x{i}", law="0.5*d^3") for i in (1, 2, 4)]
-    structure = vv.Structure(mass=np.eye(n), stiffness=k, elements=elements)
-    forces = [f"0.5*x{i}^3" if i in (1, 2, 4) else "0" for i in range(1, n + 1)]
-    # A negligible force on too many coordinates prevents condensation.
-    forces = [f"{law} + 1e-40*x{i + 1}^3" for i, law in enumerate(forces)]
-    whole = vv.PolynomialSystem(mass=np.eye(n), stiffness=k, forces=forces)
-    nu = np.sqrt(np.linalg.eigvalsh(k)[[1, 3]])
-    load = np.linspace(0.02, 0.1, n)
-    given = {"load": load, "method": "newton", "harmonics": 5, "start": {1: 0.3j * np.ones(n)}}
-    a, b = (vv.forced_response(s, nu, **given) for s in (whole, structure))
-    assert a.converged.all()
-    assert b.converged.all()
-    assert np.abs(a.coefficients - b.coefficients).max() < 1e-11 * np.abs(a.coefficients).max()
 
 
 def test_polynomial_systems_are_condensed_underneath() -> None:

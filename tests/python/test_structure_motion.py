@@ -93,14 +93,6 @@ def test_as_the_whole_system(kernel, damping, case):
     assert np.abs(inside.state - between.state).max() < allowed
 
 
-def test_thirty_two_coordinates_with_memory():
-    structure, whole = pair(32, SINGULAR, None)
-    options = cases(32)["two orders from rest"]
-    got = vv.simulate(structure, 30.0, dt=0.5, **options)
-    wanted = vv.simulate(whole, 30.0, dt=0.125, save_every=4, **options)
-    assert np.abs(got.state - wanted.state).max() < 1e-11
-
-
 @pytest.mark.parametrize(("method", "order"), [("gauss2", 4), ("gauss3", 6), ("gauss4", 8)])
 def test_order(method, order):
     structure, _ = pair(8, None, None)
@@ -173,51 +165,6 @@ def test_goes_on_bit_for_bit(kernel, damping):
     before = vv.simulate(whole, 5.0, dt=0.0625, **options)
     wanted = vv.simulate(whole, 10.0, resume=before, load=np.eye(8)[2], nu=1.3)
     assert np.abs(other.state[-1] - wanted.state[-1]).max() < 1e-10
-
-
-def test_two_hundred_coordinates_with_three_hereditary_elements():
-    """Against direct integration with separate memory states of each element."""
-    n = 200
-    rng = np.random.default_rng(4)
-    root = rng.normal(size=(n, n)) / np.sqrt(n)
-    stiffness = root @ root.T + 0.05 * np.eye(n)
-    damping = 0.05 * np.eye(n)
-    kernel = vv.PronyKernel(weights=[0.2, 0.4], rates=[0.6, 2.5])
-    weights, rates = np.array([0.2, 0.4]), np.array([0.6, 2.5])
-    directions = np.zeros((n, 3))
-    directions[[0, 50], 0] = 1, -1
-    directions[120, 1] = 1
-    directions[[3, 77, 199], 2] = 0.5, 1, -1
-    structure = vv.Structure(
-        mass=np.ones(n), stiffness=stiffness, damping=damping,
-        elements=[
-            vv.Spring(on=e, stiffness=0.4, law="0.8*d^3", kernel=kernel) for e in directions.T
-        ],
-    )  # fmt: skip
-    load = np.zeros(n)
-    load[10] = 1.0
-    start = np.zeros(2 * n)
-    start[0], start[240] = 1.0, -1.2
-
-    def rhs(t, y):
-        u, v, past = y[:n], y[n : 2 * n], y[2 * n :].reshape(3, 2)
-        d = directions.T @ u
-        full = 0.4 * d + 0.8 * d**3
-        force = full - past @ weights
-        acceleration = -stiffness @ u - damping @ v - directions @ force
-        acceleration = acceleration + load * np.sin(1.1 * t)
-        return np.concatenate([v, acceleration, (full[:, None] - past * rates).ravel()])
-
-    begin = np.concatenate([start[::2], start[1::2], np.zeros(6)])
-    wanted = solve_ivp(rhs, (0, 5), begin, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    names = [f"x{i + 1}" for i in range(n)]
-    got = vv.simulate(
-        structure, 5.0, load=load, nu=1.1, initial=start, keep="last", coordinates=names
-    )
-    assert got.error is not None
-    assert np.abs(got.state[0, ::2] - wanted[:n]).max() < 1e-9
-    assert np.abs(got.state[0, 1::2] - wanted[n : 2 * n]).max() < 1e-9
-    assert np.abs(got.deflections[0] - directions.T @ wanted[:n]).max() < 1e-9
 
 
 def test_the_first_trace_of_a_wave_is_no_escape():

@@ -126,53 +126,6 @@ def test_motions_and_exponents_are_those_of_an_integration(n):
     assert found.stable[0] == (largest[0] < 1)
 
 
-@pytest.mark.parametrize("n", [6, 34])
-def test_stability_along_branches_is_that_of_the_state_matrix(n):
-    rotor = Rotor(7, n, law="1e-9*d^3")
-    rotor.circulatory[:2, :2] += [[0, 2], [-2, 0]]
-    structure = vv.Structure(
-        mass=rotor.mass, stiffness=rotor.stiffness, damping=rotor.damping, rayleigh=rotor.rayleigh,
-        elements=rotor.structure.elements, **{name: getattr(rotor, name) for name in OF_SPEED},
-    )  # fmt: skip
-    branch = vv.trace_response(structure, (0.3, 2.0), load={"x1": 0.1})
-    growth = [np.linalg.eigvals(rotor.state_matrix(at)).real.max() for at in branch.nu]
-    assert np.array_equal(branch.stable, np.array(growth) < 0)
-    assert 0 < branch.stable.sum() < branch.nu.size
-    assert branch.exponents[:, 0].real == pytest.approx(np.array(growth), abs=1e-7)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_campbell_diagrams_are_those_of_the_state_matrix(form):
-    rotor = Rotor(11, 12, form=form)
-    speeds = np.linspace(0, 2, 5)
-    diagram = vv.campbell(rotor.structure, speeds)
-    for i, speed in enumerate(speeds):
-        values = np.linalg.eigvals(rotor.state_matrix(speed))
-        wanted = np.sort(values[values.imag > 1e-9].imag)
-        assert np.sort(diagram.frequencies[i]) == pytest.approx(wanted, rel=1e-9)
-
-
-@pytest.mark.parametrize(("form", "law"), [("dense", "0.4*d^3"), ("sparse", "max(d - 0.05, 0)")])
-def test_motions_in_time_are_those_of_an_integration(form, law):
-    n, nu, end = 8, 1.1, 12.0
-    rotor = Rotor(31, n, form=form, law=law)
-    run = vv.simulate(rotor.structure, end, load={"x1": 0.4}, nu=nu, times=[end])
-    damping, stiffness = rotor.matrices(nu)
-    inverse, e = np.linalg.inv(rotor.mass), np.eye(n)[rotor.place]
-
-    def flow(t, z):
-        u, v = z[:n], z[n:]
-        d = u[rotor.place]
-        force = 0.4 * d**3 if "^3" in law else max(d - 0.05, 0)
-        push = np.eye(n)[0] * 0.4 * np.sin(nu * t) - damping @ v - stiffness @ u - force * e
-        return np.concatenate([v, inverse @ push])
-
-    exact = solve_ivp(
-        flow, (0, end), np.zeros(2 * n), method="DOP853", rtol=1e-12, atol=1e-13, max_step=0.02
-    ).y[:, -1]
-    assert run.state[-1][: 2 * n : 2] == pytest.approx(exact[:n], abs=1e-8)
-
-
 def test_supports_are_removed_from_the_matrices():
     rotor = Rotor(5, 6)
     given = {name: getattr(rotor, name) for name in ("mass", "stiffness", "damping", *OF_SPEED)}

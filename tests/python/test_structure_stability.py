@@ -8,80 +8,6 @@ from scipy.linalg import expm
 pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
 
 
-def both(n: int, law: str, zeta: float = 0.01) -> tuple[vv.PolynomialSystem, vv.Structure]:
-    """A chain, one end fixed, with a law at the other."""
-    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    stiffness[-1, -1] = 1
-    squares, shapes = np.linalg.eigh(stiffness)
-    damping = shapes @ np.diag(2 * zeta * np.sqrt(squares)) @ shapes.T
-    end = f"x{n}"
-    whole = vv.PolynomialSystem(
-        mass=np.ones(n), stiffness=stiffness, damping=damping, forces={end: law.replace("d", end)}
-    )
-    elements = [vv.Spring(on=end, law=law)]
-    structure = vv.Structure(
-        mass=np.ones(n), stiffness=stiffness, damping=damping, elements=elements
-    )
-    return whole, structure
-
-
-@pytest.mark.parametrize(
-    ("law", "n", "zeta"), [("0.4*d^3", 3, 0.001), ("0.2*d^2 + 0.3*d^3", 6, 0.02)]
-)
-def test_growing_motions_are_those_of_the_whole(n: int, law: str, zeta: float) -> None:
-    whole, structure = both(n, law, zeta)
-    first = whole.natural_frequencies()[0]
-    load = np.zeros(n)
-    load[-1] = 0.4 * zeta
-    given = {"load": load, "harmonics": 9, "stability": True}
-    b = vv.trace_response(structure, (0.6 * first, 1.5 * first), **given)
-    assert (np.array(b.stable) == False).any()  # noqa: E712
-    for parameter in [c.parameter for c in b.crossings if c.kind == "fold"]:
-        assert np.abs(b.folds / parameter - 1).min() < 1e-6
-    nu = np.linspace(0.6, 1.5, 12) * first
-    a, c = (vv.forced_response(s, nu, method="newton", **given) for s in (whole, structure))
-    assert (a.converged & c.converged).sum() > 8
-    for i in np.flatnonzero(a.converged & c.converged):
-        if abs(a.coefficients[i] - c.coefficients[i]).max() > 1e-8:
-            continue
-        assert a.stable[i] == c.stable[i]
-        seen = c.multipliers[i][~np.isnan(c.multipliers[i])]
-        if seen.size:
-            assert np.abs(a.multipliers[i][:, None] - seen).min(axis=0).max() < 1e-7
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_judged_condensed_and_whole(seed, monkeypatch):
-    """Systems with few coordinates: growing perturbations as by the full equations."""
-    rng = np.random.default_rng(seed)
-    n, kernel = 4 + seed % 3, vv.PronyKernel(weights=[0.3], rates=[1.5])
-    k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    tip = np.zeros((n, n))
-    tip[-1, -1] = rng.uniform(0.2, 0.6)
-    system = vv.PolynomialSystem(
-        mass=rng.uniform(0.5, 2, n), damping=0.02 * k,
-        springs=[vv.Springs(stiffness=k),
-                 vv.Springs(stiffness=tip, forces={f"x{n}": f"0.6*x{n}^3"}, kernel=kernel)],
-    )  # fmt: skip
-    load = np.eye(n)[0] * rng.uniform(0.1, 0.3)
-    first = system.natural_frequencies()[0]
-
-    def motions():
-        return vv.forced_response(
-            system, np.linspace(0.6, 1.6, 16) * first, load=load, method="newton", harmonics=7,
-            stability=True,
-        )  # fmt: skip
-
-    assert system._condenses(True)
-    condensed = motions()
-    monkeypatch.setattr(vv.PolynomialSystem, "_condenses", lambda *_: False)
-    whole = motions()
-    same = np.abs(condensed.coefficients - whole.coefficients).max(axis=(1, 2)) < 1e-9
-    assert same.sum() > 8
-    assert (condensed.stable[same] == whole.stable[same]).all()
-    assert all(one is not None for one in condensed.stable[same])
-
-
 def test_cheaper_judge_is_taken():
     """Monodromy matrices without memory, unless there are many coordinates per force."""
 
@@ -135,32 +61,6 @@ def test_crossings_of_all_kinds_are_located(n, square, cubic, zeta, load, span, 
     assert names == [crossing.kind for crossing in other.crossings]
     places = [[crossing.parameter for crossing in branch.crossings] for branch in (one, other)]
     assert places[0] == pytest.approx(places[1], rel=1e-10)
-
-
-def test_many_orders_keep_the_digits_of_exponents():
-    """Two joints with a hundred harmonics: Hill's determinant needs as many."""
-    n = 6
-    cuts = np.diff(np.eye(n), axis=0)
-    k = 0.38 * cuts.T @ cuts
-    k[0, 0] += 0.57
-    c, e = 0.008 * np.eye(n), np.eye(n)
-    structure = vv.Structure(
-        mass=np.ones(n), stiffness=k, damping=c,
-        elements=[vv.Spring(on="x6", stiffness=0.09, law="0.02*d^2 + 1.4*d^3"),
-                  vv.Spring(on="x5", stiffness=0.11, law="0.02*d^2 + 2.7*d^3")],
-    )  # fmt: skip
-    whole = vv.PolynomialSystem(
-        mass=np.ones(n), stiffness=k + 0.09 * np.outer(e[5], e[5]) + 0.11 * np.outer(e[4], e[4]),
-        damping=c, forces={"x6": "0.02*x6^2 + 1.4*x6^3", "x5": "0.02*x5^2 + 2.7*x5^3"},
-    )  # fmt: skip
-    whole.__dict__["_condensation"] = None
-    nu = [0.1, 0.12, 0.19, 0.2]
-    given = {"load": 0.3 * e[4], "method": "newton", "stability": True}
-    a, b = (vv.forced_response(s, nu, **given) for s in (structure, whole))
-    assert a.highest.max() > 70
-    sizes = [np.nanmax(np.abs(r.multipliers), axis=1) for r in (a, b)]
-    assert (np.array(a.stable) == np.array(b.stable)).all()
-    assert np.abs(sizes[0] / sizes[1] - 1).max() < 2e-9
 
 
 @pytest.mark.parametrize("n", [5, 12])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import viscovib as vv
 from referee.integration import solve_ivp
-from referee.switched import Automaton
 
 GRAVITY = 9.81
 
@@ -102,68 +101,6 @@ def test_impact_between_two_masses():
         assert v[1] - v[0] == pytest.approx(e, abs=1e-14)
 
 
-def jenkins(k, limit, t_end):
-    """The oscillator of `body` with a Jenkins element, phase by phase."""
-    t, y, z, mode = 0.0, np.zeros(2), 0.0, 0
-    while t < t_end - 1e-14:
-        x0, z0 = y[0], z
-
-        def force(x, mode=mode, x0=x0, z0=z0):
-            return z0 + k * (x - x0) if mode == 0 else mode * limit
-
-        def switch(t, y, mode=mode, force=force):
-            return limit - abs(force(y[0])) if mode == 0 else mode * y[1]
-
-        switch.terminal, switch.direction = True, -1
-        run = solve_ivp(
-            lambda t, y, force=force: [
-                y[1], np.sin(1.3 * t) - 0.05 * y[1] - y[0] - force(y[0])
-            ],
-            (t, t_end), y, "DOP853", rtol=1e-13, atol=1e-15, events=switch, max_step=0.02,
-        )  # fmt: skip
-        t, y = run.t[-1], run.y[:, -1]
-        z = float(np.clip(force(y[0]), -limit, limit))
-        if run.status == 1:
-            mode = int(np.sign(z)) if mode == 0 else 0
-            z = z * (1 - 1e-15)
-    return y
-
-
-@pytest.mark.parametrize(("method", "order", "steps"), [("gauss2", 4, 200), ("verner9", 9, 32)])
-def test_order_through_stick_and_slip(method, order, steps):
-    """Halving the step of an oscillator with a Jenkins element gains the order of the method."""
-    system = body(vv.Jenkins(on="x1", stiffness=5, limit=0.3))
-    expected = jenkins(5.0, 0.3, 20.0)
-    errors = []
-    for n in (steps, 2 * steps):
-        run = vv.simulate(system, 20.0, dt=20 / n, load=[1.0], nu=1.3, method=method, keep="last")
-        errors.append(np.abs(run.state[-1] - expected).max())
-    assert np.log2(errors[0] / errors[1]) > order - 0.6
-    run = vv.simulate(system, 20.0, load=[1.0], nu=1.3, tolerance=1e-11)
-    np.testing.assert_allclose(run.state[-1], expected, atol=2e-11)
-
-
-def test_three_masses_of_nlvib():
-    """First harmonics of example 07 of NLvib by integration (two independent programs)."""
-    chain = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
-    masses = vv.Structure(
-        mass=np.eye(3), stiffness=chain, damping=0.02 * chain,
-        elements=[
-            vv.Jenkins(on="x1", stiffness=20, limit=1),
-            vv.Jenkins(on=("x2", "x1"), stiffness=20, limit=1),
-            vv.Spring(on="x2", law="d^3"), vv.Spring(on=("x3", "x2"), law="d^3"),
-            vv.Spring(on="x3", law="max(d - 0.25, 0)"),
-        ],
-    )  # fmt: skip
-    period = 2 * np.pi / 0.9
-    run = vv.simulate(
-        masses, 150 * period, dt=period / 64, load=[0, 1, 0], nu=0.9, keep="tail", tail=period
-    )
-    x = run.state[-64:, ::2]
-    first = np.abs(np.exp(-2j * np.pi * np.arange(64) / 64) @ x) / 32
-    np.testing.assert_allclose(first, [0.051207, 0.101376, 0.085174], atol=2e-6)
-
-
 @pytest.mark.parametrize(
     "element",
     [
@@ -235,48 +172,6 @@ def test_a_tolerance_that_is_not_met_is_reported(element):
     """A motion that grows by 1e14 has no correct digit; additional laws require one more run."""
     with pytest.raises(vv.InputError, match="tolerance = 1e-10: not met with"):
         vv.simulate(body(element, k=-1.0, c=0.0), 35, load=[0.3], nu=1.3, tolerance=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("load", "nu", "friction", "stop", "start"),
-    [
-        # An impact jumps over v = 0: the mass must not stick there with a velocity.
-        (0.7, 0.5, 0.2, (0.3, 0.7), (0.1, 0.0)),
-        # It rests against the stop and is held by friction when the contact force vanishes.
-        (1.2, 0.7, 0.2, (0.3, 0.7), (0.1, 0.0)),
-        (0.9, 1.1, 0.2, (0.3, 0.7), (0.1, 0.0)),
-        # A plastic stop, and a mass that sticks at the beginning of contact.
-        (0.8, 0.4, 0.3, (0.3, 0.0), (0.3, 0.0)),
-    ],
-)
-def test_friction_before_a_rigid_stop(load, nu, friction, stop, start):
-    """Against SciPy from switch to switch; two such masses as one, so that switches coincide."""
-    times = np.linspace(0, 25, 26)
-    found = Automaton(
-        np.ones(1), np.eye(1), 0.1 * np.eye(1), lambda t: np.array([load * np.sin(nu * t)]), [],
-        [friction], [stop],
-    ).run([start[0]], [start[1]], times)  # fmt: skip
-    one = (
-        vv.Gap(on={"x1": 1}, gap=stop[0], restitution=stop[1]),
-        vv.Spring(on={"x1": 1}, stiffness=0.0, law=f"{friction}*sign(v)"),
-    )
-    call = {"nu": nu, "times": times, "tolerance": 1e-9}
-    run = vv.simulate(body(*one, c=0.1), 25, initial=start, load=load, **call)
-    assert run.outcome == "completed"
-    np.testing.assert_allclose(run.state, found, atol=1e-9)
-    two = (
-        vv.Gap(on={"x2": 1}, gap=stop[0], restitution=stop[1]),
-        vv.Spring(on={"x2": 1}, stiffness=0.0, law=f"{3 * friction}*sign(v)"),
-    )
-    twins = vv.Structure(
-        mass=[1.0, 3.0], stiffness=[[1.5, -0.5], [-0.5, 3.5]], damping=[0.1, 0.3],
-        elements=[*one, *two],
-    )  # fmt: skip
-    both = vv.simulate(
-        twins, 25, initial=[*start, *start], load={"x1": load, "x2": 3 * load}, **call
-    )
-    assert both.outcome == "completed"
-    np.testing.assert_allclose(both.state, np.tile(found, 2), atol=1e-8)
 
 
 @pytest.mark.parametrize(("n", "kernel"), [(3, False), (3, True), (9, False)])

@@ -304,29 +304,3 @@ def test_what_is_refused_says_why():
     for method in ("rk4", "gauss6"):
         with pytest.raises(vv.InputError, match=f"got method = {method!r}$"):
             run(rubber(kernel=table), method=method)
-
-
-@pytest.mark.filterwarnings("ignore:kernel integral:viscovib.StabilityWarning")
-@pytest.mark.parametrize("seed", range(4))
-def test_parts_behind_switches_are_shorter_in_shorter_steps(seed):
-    """Otherwise two runs near a fast element have equal errors, which differences do not show."""
-    rng = np.random.default_rng(seed)
-    weights, rates = rng.uniform(0.02, 0.8, 2).round(3), rng.uniform(0.2, 6, 2).round(3)
-    kernel = vv.PronyKernel(weights=weights, rates=rates)
-    stiffness, limit = float(rng.uniform(2, 10)), float(rng.uniform(0.1, 0.4))
-    exponent, parts = int(rng.integers(1, 3)), int(rng.integers(8, 16))
-    structure = vv.Structure(
-        mass=[1.2, 2.5], stiffness=[[2.5, -1.2], [-1.2, 1.7]], damping=[0.03, 0.07],
-        elements=[
-            vv.Dahl(on="x2", stiffness=stiffness, limit=limit, exponent=exponent),
-            vv.Spring(on="x1", stiffness=0.7, law="0.8*max(d - 0.15, 0)", kernel=kernel),
-        ],
-    )  # fmt: skip
-    given = {
-        "load": {0: [0.5j, 0.9j], 1: [0.5, 0.5], 2: [0.2, 0.3]}, "nu": 1.2,
-        "initial": [0.09, 0.18, -0.13, 0.3], "times": np.linspace(0, 9, parts),
-    }  # fmt: skip
-    fine = vv.simulate(structure, 9.0, dt=0.005, **given)
-    for tolerance in (1e-6, 1e-9):
-        run = vv.simulate(structure, 9.0, tolerance=tolerance, **given)
-        assert np.abs(run.state - fine.state).max() <= 2 * max(run.error, 1e-14)

@@ -152,31 +152,6 @@ def test_ensembles_see_them(law: str) -> None:
         assert np.abs(run.state[-1] - many.state[i]).max() < max(3 * many.error, 1e-9)
 
 
-@pytest.mark.parametrize("n", [5])
-def test_structures_take_steps_that_see_them(n: int) -> None:
-    """Two runs that miss a layer agree; steps are halved until one resolves it."""
-    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    strength, place, width = -4.0, 0.13, 2e-3
-    bump = vv.Spring(
-        on="x1", law="F*exp(-((d - g)/e)^2)", parameters={"F": strength, "g": place, "e": width}
-    )
-    chain = vv.Structure(
-        mass=np.eye(n), stiffness=stiffness, damping=0.05 * stiffness, elements=[bump]
-    )
-    start = np.zeros(2 * n)
-    start[1] = 1.0
-    run = vv.simulate(chain, 4.0, initial=start)
-
-    def rates(t: float, y: np.ndarray) -> np.ndarray:
-        q, v = y[::2], y[1::2]
-        a = -stiffness @ q - 0.05 * stiffness @ v
-        a[0] -= strength * math.exp(-min(((q[0] - place) / width) ** 2, 700.0))
-        return np.stack([v, a], axis=1).ravel()
-
-    true = solve_ivp(rates, (0, 4), start, "DOP853", rtol=1e-11, atol=1e-13, max_step=1e-3)
-    assert np.abs(run.state[-1] - true.y[:, -1]).max() < max(3 * run.error, 1e-9)
-
-
 GRAZED: dict[str, Callable[[float], float]] = {
     "F*exp(-((d - g)/e)^2)": lambda z: math.exp(-min(z * z, 700.0)),
     "F*tanh((d - g)/e)": math.tanh,

@@ -23,28 +23,6 @@ TWO = vv.Pendulum(**BODY, f0=0.02, m01=0.005, p1=0.93, p2=0.37)
 THREE = vv.Pendulum(**BODY, f0=0.01, m01=0.001, m02=0.003, p1=0.93, p2=0.37, p3=0.71)
 
 
-@pytest.mark.parametrize(
-    ("pend", "harmonics", "within"), [(TWO, 18, 1e-11), (TWO, 10, 2e-8), (THREE, 8, 2e-9)]
-)
-def test_lines_of_a_long_run_from_rest(pend, harmonics, within):
-    """Transients have decayed at t = 1000 (exp(-0.05 t)); 40 lines per coordinate."""
-    r = vv.forced_response(pend, harmonics=harmonics, stability=True)
-    assert r.outcome[0] == "converged"
-    assert r.stable[0]
-    assert r.multipliers is None
-    run = vv.simulate(
-        pend, 3000, initial=np.zeros(6), dt=0.25, method="gauss16", keep="tail", tail=2000
-    )
-    assert r.state(0, run.t) == pytest.approx(run.state, abs=10 * within)
-    for d, dof in enumerate(r.dof_names):
-        sizes = np.abs(r.coefficients[0, d])
-        sizes[0] = 0
-        largest = np.argsort(-sizes)[:40]
-        lines = vv.amplitudes_at(run, frequencies=np.abs(r.frequencies()[largest]), coordinate=dof)
-        assert sizes[largest[0]] > 1e-2
-        assert lines.amplitude == pytest.approx(sizes[largest], abs=within)
-
-
 @pytest.mark.parametrize("equations", ["exact", "cubic", "printed"])
 def test_motion_solves_the_equations(equations):
     """The Fourier sum with its velocity and acceleration, at random times."""

@@ -71,21 +71,6 @@ def test_orders_come_and_go_along_a_row():
     assert table.highest.values.tolist() == r.highest.tolist()
 
 
-def test_two_levels_of_orders_and_a_run_in_time():
-    """Three resonances, 1249 unknowns, against integration: the motion repeats in it."""
-    light = replace(
-        THREE, c1=0.03, c2=0.03, c3=0.03, f0=0.003, m01=1.5e-4, m02=1.5e-4,
-        p1=1.05, p2=0.4103, p3=0.8701,
-    )  # fmt: skip
-    r = vv.forced_response(light, harmonics=8, stability=False)
-    assert r.converged[0]
-    assert r.truncation[0] < 1e-5
-    t = np.linspace(0, 200, 101)
-    run = vv.simulate(light, 200, initial=r.state(0, 0.0), dt=0.1, method="gauss16", times=t)
-    scale = np.abs(run.state).max()
-    assert np.abs(run.state - r.state(0, t)).max() < 20 * r.truncation[0] * scale
-
-
 def test_strong_motions_need_more_than_few_orders_inside():
     """The amplitude of z is up to 0.9 of the pivot distance: inner harmonics are added."""
     strong = replace(TWO, f0=0.2, m01=0.01, p1=1.02, p2=0.41)

@@ -1,7 +1,5 @@
 """Stability of motions with too few harmonics: unknown if the truncation may decide it."""
 
-import warnings
-
 import numpy as np
 import pytest
 import viscovib as vv
@@ -57,33 +55,6 @@ def test_verdicts_of_few_harmonics_are_those_of_many():
     assert unstable > 3
     assert caught > 2
     assert 0 < unknown < 0.35 * (judged + unknown)
-
-
-def test_a_branch_with_a_gap_with_few_harmonics():
-    """Example 03 of NLvib with 21 harmonics: unstable between two folds, or unknown."""
-    stiffness = np.array([[1.0, -1], [-1, 2]])
-    system = vv.Structure(
-        mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
-        elements=[vv.Gap(on="x1", stiffness=100, gap=1)],
-    )  # fmt: skip
-    with warnings.catch_warnings(record=True) as reported:
-        warnings.simplefilter("always")
-        branch = vv.trace_response(system, (0.8, 0.6), load=[0, 0.1], harmonics=21)
-    turns = np.sign(np.diff(branch.nu))
-    first, second = np.flatnonzero(turns[1:] != turns[:-1]) + 1
-    between = branch.stable[first + 1 : second]
-    assert not any(s is True for s in between)
-    lost = np.array([s is None for s in branch.stable])
-    assert lost.any()
-    assert np.all(branch.growing[lost] == -1)
-    assert np.all(branch.truncation[lost] > 1e-4)
-    assert any(f"stability of {lost.sum()} of these is unknown" in str(w.message) for w in reported)
-
-
-def test_stability_is_not_doubted_where_harmonics_are_enough():
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.05, forces="x^3")
-    branch = vv.trace_response(system, (0.4, 3), load=0.5)
-    assert branch.stable.dtype == bool
 
 
 def test_a_multiplier_that_jumps_from_one_side_of_the_circle_to_the_other():

@@ -80,41 +80,6 @@ def test_two_orders_that_vanish_tell_nothing():
         assert few.truncation == pytest.approx(lacking, rel=0.5)
 
 
-def test_orders_are_chosen_by_default():
-    """Folds of a motion with an error of half a percent for 9 harmonics, against 149."""
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
-    chosen = vv.trace_response(system, (0.25, 0.29), load=1, stability=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", vv.ConvergenceWarning)
-        many = vv.trace_response(system, (0.25, 0.29), load=1, stability=False, harmonics=99)
-    assert chosen.truncation.max() <= 1e-10
-    assert chosen.folds == pytest.approx(many.folds, rel=1e-10)
-    assert chosen.folds == pytest.approx([0.27009, 0.26884], abs=5e-6)
-    with pytest.warns(vv.ConvergenceWarning, match="do not reach the tolerance 1.0e-10"):
-        few = vv.trace_response(system, (0.25, 0.29), load=1, stability=False, harmonics=9)
-    assert few.truncation.max() > 1e-3
-    assert (few.highest == 9).all()
-
-
-def test_the_waveform_of_a_slow_load_holds_against_integration():
-    """Newton's method at 0.15 of the resonance, where 9 harmonics have an error of 11 percent."""
-    from referee.integration import solve_ivp
-
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.02, forces="x^3")
-    r = vv.forced_response(system, 0.15, load=1, method="newton")
-    state = np.array(
-        [
-            (r.coefficients[0, 0]).imag.sum(),
-            (1j * r.harmonics * 0.15 * r.coefficients[0, 0]).imag.sum(),
-        ]
-    )
-    after = solve_ivp(
-        lambda t, y: [y[1], np.sin(0.15 * t) - 0.02 * y[1] - y[0] - y[0] ** 3],
-        (0, 2 * np.pi / 0.15), state, method="DOP853", rtol=1e-12, atol=1e-13,
-    ).y[:, -1]  # fmt: skip
-    assert after == pytest.approx(state, abs=1e-8)
-
-
 @pytest.mark.parametrize("nu", [0.2, 0.05])
 def test_a_branch_that_begins_with_too_few_orders_begins_with_more(nu):
     """A solution with nine harmonics exists here, but none with more nearby."""
