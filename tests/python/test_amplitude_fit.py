@@ -53,19 +53,6 @@ def test_elements_come_back(kind, elements):
     assert said == pytest.approx(data.modulus, rel=1e-7)
 
 
-@pytest.mark.parametrize("slip", [1e-3, 1.8e-3])
-@pytest.mark.parametrize(
-    ("amplitude", "alpha", "beta"), [(0.54, 0.84, 1.7), (0.38, 0.2, 1.0), (0.9, 0.5, 1.1)]
-)
-def test_materials_far_from_the_first_guess_come_back(amplitude, alpha, beta, slip):
-    """The first guess attributes the slider force at the largest amplitude to the kernel."""
-    kernel = vv.RabotnovKernel(amplitude=amplitude, alpha=alpha, beta=beta)
-    fit = vv.fit_amplitude(stiffness(kernel, [(1.54e5, slip)]))
-    assert fit.stiffness == pytest.approx([1.54e5], rel=1e-6)
-    assert fit.modulus == pytest.approx(2e5, rel=1e-6)
-    assert fit.kernel.alpha == pytest.approx(alpha, rel=1e-6)
-
-
 def test_intervals_hold_the_truth():
     inside = 0
     for seed in range(30):

@@ -71,25 +71,6 @@ def test_what_creeps_with_hysteresis_has_not_settled(joint):
     assert found(0.3, 100.0, 0.05).complete
 
 
-def test_attractors_of_random_wells_are_the_roots():
-    """Damping over five decades, short and long runs: each well has one attractor."""
-    rng = np.random.default_rng(3)
-    settled = 0
-    for _ in range(12):
-        c, tilt = 10 ** rng.uniform(-3, 2), rng.uniform(-0.2, 0.2)
-        end = 10 ** rng.uniform(0, 3)
-        wells = vv.PolynomialSystem(mass=1, stiffness=-1, damping=c, forces=f"x^3 + {tilt}")
-        found = vv.basins(wells, {"x": [-1.2, -0.3, 0.4, 1.3], "x_dot": [0.0, 0.3]}, t_end=end)
-        roots = np.roots([1, 0, -1, tilt])
-        roots = roots.real[(abs(roots.imag) < 1e-9) & (3 * roots.real**2 > 1)]
-        near = [int(np.argmin(abs(roots - one[0, 0]))) for one in found.attractors]
-        assert len(set(near)) == len(near)
-        for one, i in zip(found.attractors, near, strict=True):
-            assert one[0, 0] == pytest.approx(roots[i], abs=1e-3)
-        settled += len(near)
-    assert settled >= 6
-
-
 def test_structures_have_basins():
     """A structure with few coordinates equals the polynomial system with the same equations."""
     beam = vv.Structure(

@@ -28,25 +28,6 @@ def value_of(formula, nu):
     return eval(formula.replace("^", "**"), {"nu": np.asarray(nu, dtype=float), "pi": np.pi}, NUMPY)
 
 
-def random_formula(rng):
-    """Return a formula, sometimes complex, that is finite for nu > 0."""
-    a, b, c = (float(x) for x in rng.uniform(0.01, 0.05, 3))
-    return str(
-        rng.choice(
-            [
-                f"{b}*nu^2",
-                f"{a} + {b}*nu^2",
-                f"{a} - ({b} + {c}j)*nu^2",
-                f"{b}*nu^2/(1 + {c}*nu^2)",
-                f"{b}*nu^2*exp(1j*(0.3 + {a}*nu))",
-                f"{a}*sqrt(nu)/(2 - {10 * b}j*nu)",
-                f"{a}*where(nu < 1, nu^2, 2*nu - 1) + {b}*(1 + 0.1j*nu)^2",
-                f"{a}*tanh(nu)*exp(-{b}*nu) - {c}*sin(2*nu)*1j",
-            ]
-        )
-    )
-
-
 def random_system(rng, kind):
     """Return a system, and the name of one of its coordinates."""
     n = {"mount": 2, "condensed": 8}.get(kind, int(rng.integers(1, 4)))
@@ -92,60 +73,6 @@ def random_system(rng, kind):
 KINDS = [
     "mount", "system", "condensed", "structure", "damped structure", "body", "turning body",
 ]  # fmt: skip
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(1))
-def test_a_formula_is_a_constant_load_of_its_value_at_each_frequency(kind, seed):
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
-    system, name = random_system(rng, kind)
-    scale = 0.02 if "body" in kind else 1.0
-    formulas = {int(order): random_formula(rng) for order in (1, rng.integers(2, 4))}
-    nu = np.sort(rng.uniform(0.3, 2.5, 4)) * (6 if "body" in kind else 1)
-
-    def load(at=None):
-        return {
-            k: {name: f"{scale}*({f})" if at is None else scale * complex(value_of(f, at))}
-            for k, f in formulas.items()
-        }
-
-    for method in ("newton", "linear"):
-        found = vv.forced_response(system, nu, load=load(), method=method, harmonics=7)
-        for i, one in enumerate(nu):
-            expected = vv.forced_response(
-                system, [one], load=load(one), method=method, harmonics=7
-            ).coefficients[0]
-            np.testing.assert_allclose(
-                found.coefficients[i], expected, rtol=0, atol=1e-9 * np.abs(expected).max()
-            )
-    runs = [
-        vv.simulate(system, 5, load=given, nu=nu[0], keep="last").state[-1]
-        for given in (load(), load(nu[0]))
-    ]
-    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-12)
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(1))
-def test_points_of_a_branch_are_responses_under_constant_loads(kind, seed):
-    rng = np.random.default_rng([seed, 10 + KINDS.index(kind)])
-    system, name = random_system(rng, kind)
-    scale, pace = (0.02, 6) if "body" in kind else (1, 1)
-    formula = f"{scale}*({random_formula(rng)})"
-    nus = (0.4 * pace, 1.6 * pace)
-    branch = vv.trace_response(system, nus, load={1: {name: formula}}, harmonics=5, stability=False)
-    assert branch.outcome == "completed"
-    for i in rng.integers(0, branch.nu.size, 3):
-        nu = float(branch.nu[i])
-        load = {1: {name: complex(value_of(formula, nu))}}
-        expected = vv.forced_response(
-            system, [nu], load=load, harmonics=5, method="newton", start=(branch, int(i))
-        ).coefficients[0]
-        np.testing.assert_allclose(
-            branch.coefficients[i], expected, rtol=0, atol=1e-8 * np.abs(expected).max()
-        )
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -20,9 +20,7 @@ pytestmark = pytest.mark.filterwarnings(
 
 matplotlib.use("Agg")
 
-STIFFNESS = np.array([[10.0, -5.0], [-5.0, 4.5]])
 M0 = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
-KERNEL = vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05)
 PRONY = vv.PronyKernel(weights=[0.02, 0.3], rates=[0.15, 3.0])
 
 
@@ -83,29 +81,6 @@ def known(values):
     return values[~np.isnan(values)]
 
 
-@pytest.mark.parametrize("geometry", ["cubic", "exact", "printed"])
-@pytest.mark.parametrize("load", [0.5, {1: 0.5, 0: 0.3j}])
-def test_without_memory_they_are_floquet_multipliers(geometry, load):
-    """A negligible kernel requires Hill's determinant."""
-    plain = body(kernel=None, damping=0.02 * STIFFNESS, geometry=geometry)
-    nothing = vv.PronyKernel(weights=[1e-14], rates=[1.0])
-    same = body(kernel=nothing, damping=0.02 * STIFFNESS, geometry=geometry)
-    at = np.linspace(0.9, 7.9, 17)
-    one, two = (
-        vv.trace_response(m, (0.8, 8), load=load, harmonics=17, at=at) for m in (plain, same)
-    )
-    assert (one.nu[one.stops] == two.nu[two.stops]).all()
-    assert [c.kind for c in one.crossings] == [c.kind for c in two.crossings]
-    for i, k in zip(one.stops, two.stops, strict=True):
-        assert one.stable[i] == two.stable[k]
-        # The kernel has the additional multiplier exp(-T).
-        found = known(two.multipliers[k])
-        own = np.abs(found - np.exp(-2 * np.pi / two.nu[k])) < 1e-9
-        error = np.abs(found[~own, None] - one.multipliers[i]).min(axis=1)
-        assert (error < 1e-6 * np.maximum(1, np.abs(found[~own]))).all()
-        assert np.abs(found).max() == pytest.approx(np.abs(one.multipliers[i, 0]), rel=1e-6)
-
-
 @pytest.mark.parametrize("geometry", ["cubic", "exact"])
 @pytest.mark.parametrize("amplitude", [0.048, 0.078])
 def test_at_rest_they_are_the_characteristic_roots(amplitude, geometry):
@@ -133,25 +108,6 @@ def test_at_rest_they_are_the_characteristic_roots(amplitude, geometry):
             turns - 2 * np.round(turns / 2)
         )
         assert error.min(axis=1).max() < 1e-7
-
-
-def test_a_transient_decays_as_the_least_stable_exponent_says():
-    """Sampled once per period, the perturbation satisfies a recurrence of second order."""
-    mount, nu, load = body(kernel=KERNEL), 1.5, 0.5
-    branch = vv.trace_response(mount, nu=nu, load_range=(0.9, 1.0), load=load, harmonics=15)
-    # The root of the motion: memory has a slower real root with a small amplitude.
-    found = known(branch.multipliers[-1])
-    assert abs(found[0].imag) < 1e-9
-    assert 0 < found[0].real < 1
-    expected = found[np.abs(found.imag) > 1e-9][0]
-    run = vv.simulate(mount, 12 * 2 * np.pi / nu, dt=2 * np.pi / nu / 40, load=load, nu=nu)
-    waves = np.exp(1j * nu * np.outer(run.t, branch.harmonics))
-    left = run.coordinate("x") - (waves @ branch.coefficients[-1, 0]).imag
-    first = 3 * 40
-    a, b, c = left[first : first + 160], left[first + 40 : first + 200], left[first + 80 :][:160]
-    trace, determinant = np.linalg.lstsq(np.stack([b, -a], 1), c, rcond=None)[0]
-    assert trace == pytest.approx(2 * expected.real, abs=0.03)
-    assert np.sqrt(determinant) == pytest.approx(abs(expected), rel=0.03)
 
 
 @pytest.mark.parametrize("beta", [0.05, 0.0])

@@ -5,7 +5,6 @@ import pickle
 import numpy as np
 import pytest
 import viscovib as vv
-from scipy.interpolate import CubicSpline
 
 PI = np.pi
 FOUR = {
@@ -74,54 +73,6 @@ def drawn(rng, n, **more):
         "rotating_mass": rng.normal(size=n), "axis": rng.normal(size=3),
         "up": rng.normal(size=3), "highest": 40,
     } | more  # fmt: skip
-
-
-def test_gas_torque_is_the_work_of_the_pressure():
-    """-p dV/dtheta of each cylinder from its dead centre on, of both kinds of cycle."""
-    rng = np.random.default_rng(3)
-    for strokes, throws, order in [
-        (4, [0, PI, PI, 0], (1, 3, 4, 2)), (4, np.radians([0, 240, 120]), (1, 3, 2)),
-        (2, [0.3, 2.0], None), (4, [0.7], None),
-    ]:  # fmt: skip
-        n, cycle = len(throws), strokes * PI
-        table = np.sort(rng.uniform(-1, cycle - 1, 60))
-        p = 1e5 * rng.uniform(0, 10, 60)
-        engine = vv.PistonEngine(
-            crank_radius=0.05, rod_length=0.16, reciprocating_mass=0.1, crank_angles=throws,
-            positions=np.zeros(n), pressure=(table, p), bore=0.08, firing_order=order,
-            strokes=strokes, highest=50,
-        )  # fmt: skip
-        # The order k of one cylinder by the rule of rectangles with very many points.
-        theta = (np.arange(100000) + 0.5) * cycle / 100000
-        volume = CubicSpline(
-            theta,
-            -0.25
-            * PI
-            * 0.08**2
-            * (0.05 * np.cos(theta) + np.sqrt(0.16**2 - (0.05 * np.sin(theta)) ** 2)),
-        )
-        torque = np.interp(theta, table, p, period=cycle) * volume(theta, 1)
-        fires = engine.firing_angles
-        for k, found in zip(engine.orders, engine.gas_moments[:, 0], strict=True):
-            one = 2j * (torque * np.exp(-1j * k * theta)).mean()
-            wanted = -one * np.exp(-1j * k * fires).sum()
-            assert abs(found - wanted) < 1e-6 * np.abs(torque).mean()
-        assert engine.mean_torque == pytest.approx(n * torque.mean(), rel=1e-6)
-        # Tabulated harmonics of the same torque.
-        harmonics = {
-            k: 2j * (torque * np.exp(-1j * k * theta)).mean() for k in (0.5, 1.0, 2.0)
-            if strokes == 4 or k >= 1
-        }  # fmt: skip
-        same = vv.PistonEngine(
-            crank_radius=0.05, rod_length=0.16, reciprocating_mass=0.1, crank_angles=throws,
-            positions=np.zeros(n), gas_torque=harmonics | {0: torque.mean()}, firing_order=order,
-            strokes=strokes,
-        )  # fmt: skip
-        assert same.mean_torque == pytest.approx(engine.mean_torque)
-        for k, one in zip(engine.orders, engine.gas_moments[:, 0], strict=True):
-            if k in harmonics and k in same.orders:
-                other = same.gas_moments[same.orders == k][0, 0]
-                assert abs(other - one) < 1e-6 * np.abs(torque).mean()
 
 
 def test_cylinders_fire_at_a_dead_centre_in_their_order():

@@ -41,35 +41,6 @@ def test_forces_scale_and_statistics():
         assert many.amplitudes[i, 0, 0] == pytest.approx(line, abs=1e-3 * abs(line))
 
 
-def test_exponents():
-    """For a linear system the real parts of its roots; their sum is the divergence."""
-    linear = vv.PolynomialSystem(
-        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[3.0, 0], [0, 0.2]]
-    )
-    many = vv.simulate_ensemble(
-        linear, initial=np.zeros(4), t_end=400.0, discard=50.0, dt=0.1, lyapunov="all"
-    )
-    matrix = np.zeros((4, 4))
-    matrix[:2, 2:] = np.eye(2)
-    matrix[2:] = [[-2, 1, -3, 0], [1, -2, 0, -0.2]]
-    roots = np.sort(np.linalg.eigvals(matrix).real)[::-1]
-    np.testing.assert_allclose(many.spectrum[0], roots, atol=4e-3)
-    assert many.lyapunov[0] == many.spectrum[0, 0]
-    assert many.lyapunov[0] == pytest.approx(roots[0], abs=4e-3)
-    chaos = vv.simulate_ensemble(
-        DUFFING, initial=[[0.1, 0.2], [0.4, -0.1]], t_end=2000.0, discard=100.0, dt=0.1,
-        load=0.5, nu=1.2, lyapunov="all",
-    )  # fmt: skip
-    np.testing.assert_allclose(chaos.spectrum.sum(axis=1), -0.3, atol=1e-9)
-    assert (chaos.spectrum[:, 0] > 0.05).all()
-    np.testing.assert_allclose(chaos.lyapunov, chaos.spectrum[:, 0], rtol=1e-12)
-    one = vv.simulate_ensemble(
-        DUFFING, initial=[0.1, 0.2], t_end=2000.0, discard=100.0, dt=0.1, load=0.5, nu=1.2,
-        lyapunov=True,
-    )  # fmt: skip
-    assert one.lyapunov[0] == chaos.lyapunov[0]
-
-
 def test_refused_by_name():
     """Arguments that an ensemble does not support."""
     for system, given, words in (

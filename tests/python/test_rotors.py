@@ -119,22 +119,6 @@ def test_motions_and_multipliers_are_those_of_an_integration_at_the_speed(seed, 
         assert found.stable[i] == (largest[0] < 1)
 
 
-def test_a_response_with_memory_is_that_of_constant_matrices_at_the_speed():
-    rotor = Rotor(7, 3, memory=True)
-    nu = np.array([0.5, 0.9, 1.7])
-    options = dict(load=rotor.load, method="newton", stability=True, harmonics=9)
-    found = vv.forced_response(rotor.system(), nu, **options)
-    for i, at in enumerate(nu):
-        damping, stiffness = rotor.matrices(at)
-        fixed = dict(gyroscopic=None, circulatory=None, centrifugal=None)
-        constant = rotor.system(damping=damping, stiffness=stiffness, **fixed)
-        for system in (constant, rotor.system(speed=at), rotor.system().at_speed(at)):
-            alone = vv.forced_response(system, [at], **options)
-            assert motion_of(found, i) == pytest.approx(motion_of(alone, 0), rel=1e-9, abs=1e-12)
-            own, other = found.exponents[i], alone.exponents[0]
-            assert own[0].real == pytest.approx(other[0].real, rel=1e-8)
-
-
 def test_the_unbalance_response_of_an_overhung_rotor():
     """Reference: closed form and a real 4 x 4 system, 15 digits."""
     reference = {one["name"]: one for one in json.loads(DATA.read_text())}
@@ -224,26 +208,6 @@ def test_a_branch_meets_the_motions_of_shooting_and_its_folds(seed):
         start = start_of(branch.harmonics, motion, fold)
         multipliers = np.linalg.eigvals(rotor.monodromy(fold, start)[1])
         assert np.abs(multipliers - 1).min() < 1e-6 * max(1, np.abs(multipliers).max())
-
-
-@pytest.mark.parametrize("n", [2, 5])
-def test_motions_in_time_are_those_of_an_integration_at_the_speed(n):
-    rotor = Rotor(80 + n, n)
-    nu, end = 0.9, 15.0
-    run = vv.simulate(rotor.system(), end, load=rotor.load, nu=nu, times=[end])
-    exact = solve_ivp(
-        rotor.flow(nu), (0, end), np.zeros(2 * n), method="DOP853", rtol=1e-12, atol=1e-13
-    )
-    last = exact.y[:, -1]
-    assert run.state[-1][::2] == pytest.approx(last[:n], abs=1e-9)
-    assert run.state[-1][1::2] == pytest.approx(last[n:], abs=1e-9)
-    longer = vv.simulate(rotor.system(), 20, resume=run)
-    again = vv.simulate(rotor.system(speed=nu), 20, load=rotor.load, nu=nu)
-    assert longer.state[-1] == pytest.approx(again.state[-1], abs=1e-8)
-    many = vv.simulate_ensemble(
-        rotor.system(), initial=np.zeros(2 * n), load=rotor.load, nu=nu, t_end=end
-    )
-    assert np.ravel(many.state)[::2] == pytest.approx(last[:n], abs=1e-7)
 
 
 def test_a_fixed_speed_may_differ_from_the_frequency_of_the_load():

@@ -188,38 +188,6 @@ def test_spectra_of_a_trajectory_know_the_spacing_of_its_states():
     assert lines.omega == pytest.approx(same.omega, rel=1e-12)
 
 
-def damped_tones(rng, n, size):
-    """Random tones at least 12 bins apart: a, decay over the record, omega, phase."""
-    places = 12 + np.cumsum(rng.uniform(12, n / 2 / (size + 2), size))
-    return (
-        10 ** rng.uniform(-2, 1, size), rng.uniform(0.3, 12, size) * rng.choice([0, 1, 1], size),
-        2 * np.pi * places / n, rng.uniform(-np.pi, np.pi, size),
-    )  # fmt: skip
-
-
-def sum_of_tones(k, a, decay, omega, phase):
-    envelope = np.exp(-np.multiply.outer(k / k.size, decay))
-    return (envelope * np.cos(np.multiply.outer(k, omega) + phase)) @ a
-
-
-@pytest.mark.parametrize("size", [1, 2, 3])
-def test_tones_that_decay_are_found_with_their_rates(size):
-    """Tones without noise, some steady: frequency, decay, amplitude finer than the bin width."""
-    rng = np.random.default_rng(size)
-    for _ in range(12):
-        n = int(rng.integers(400, 1500))
-        a, decay, omega, phase = damped_tones(rng, n, size)
-        u = 0.3 + sum_of_tones(np.arange(n), a, decay, omega, phase)
-        found = vv.dominant_frequencies(u, 0.1, count=size, start=2.0)
-        order = np.argsort(-a)
-        assert found.omega * 0.1 == pytest.approx(omega[order], abs=1e-9)
-        assert found.decay * 0.1 * n == pytest.approx(decay[order], abs=1e-6)
-        assert ((found.decay == 0) == (decay[order] == 0)).all()
-        assert found.amplitude == pytest.approx(a[order], rel=1e-6)
-        t = 2.0 + 0.1 * np.arange(n)
-        assert found(t) == pytest.approx(u, abs=1e-8 * a.max())
-
-
 def test_lines_near_what_they_do_not_explain_are_not_resolved():
     """One line for two tones; a chirp."""
     k = np.arange(2000)
