@@ -14,6 +14,7 @@ module viscovib_binding_tools
   use viscovib_oscillator, only: oscillator_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_static_form, only: new_static_form
   use viscovib_status, only: clipped, fail, one_line, set_ok, status_input_error, status_type
   use viscovib_structure, only: structure_type
   use viscovib_system_vector, only: polynomial_from_vector
@@ -219,12 +220,12 @@ contains
   ! Conversion of a vector of numbers to a condensed structure:
   !
   !   coordinates q, real modes m, complex modes p, load harmonics; squares (m); rates (m); losses
-  !   (m); seen (m q); pushed (m q); poles (p); left (p q); right (p q); flexibility,
-  !   flexibility_rate and static stiffness (q^2 each); number n of uncondensed coordinates (0:
-  !   none), their damping and stiffness (n^2 each), pushed and seen (n q each); for each harmonic:
-  !   order; for forces and base: push on real modes (m), on complex modes (p), flexible deflections
-  !   (q) and their rates (q); static load (q); number of forces that depend on the frequency, and
-  !   of each the push, and the length, instructions and numbers of its law; then laws, linear
+  !   (m); seen (m q); pushed (m q); poles (p); left (p q); right (p q); flexibility and
+  !   flexibility_rate (q^2 each); number n of uncondensed coordinates (0: none), their damping and
+  !   stiffness (n^2 each), pushed and seen (n q each); for each harmonic: order; for forces and
+  !   base: push on real modes (m), on complex modes (p), flexible deflections (q) and their rates
+  !   (q); number of forces that depend on the frequency, and of each the push, and the length,
+  !   instructions and numbers of its law; then laws, linear
   !   stiffness of elements with a kernel, and kernels as a polynomial system
   !   (`viscovib_system_vector`), whose mass is a weight.
   !
@@ -235,6 +236,7 @@ contains
     real(wp), intent(in) :: vector(:)
     type(status_type), intent(out) :: status
     type(number_reader) :: next
+    logical :: singular
     integer :: i, j, m, n, p, q
 
     call next%start(vector, 4, 'structure', status)
@@ -254,9 +256,15 @@ contains
       rest%right = next%pair_matrix(p, q)
       rest%flexibility = next%matrix(q, q)
       rest%flexibility_rate = next%matrix(q, q)
-      rest%stiffness_at_rest = next%matrix(q, q)
       call rest%complete()
     end associate
+    call new_static_form(system%static, system%rest, singular)
+    if (singular) then
+      call fail(status, status_input_error, 'elements', 'elements: the coordinates they act on ' &
+                //'see too few modes of the structure to be independent (more elements than ' &
+                //'modes?)')
+      return
+    end if
     n = next%whole()
     if (n > 0) then
       system%few%damping = next%matrix(n, n)
@@ -269,7 +277,15 @@ contains
         load%order = next%whole()
         call next_push(load%force)
         call next_push(load%base)
-        load%at_rest = next%pairs(q)
+        load%at_rest = 0.0_wp*load%force%flexible
+        if (load%order == 0) then
+          if (.not. system%static%is_held(load%force)) then
+            call fail(status, status_input_error, 'load', 'load[0]: its mean acts on a rigid ' &
+                      //'body without support: there is no static equilibrium')
+            return
+          end if
+          call load%find_at_rest(system%static, system%rest)
+        end if
         load%has_force = is_set(load%force)
         load%moves_base = is_set(load%base)
         allocate (load%varying(next%whole()))

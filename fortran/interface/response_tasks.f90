@@ -11,6 +11,7 @@ module viscovib_response_tasks
   use viscovib_harmonic_set, only: harmonic_set_type, new_harmonic_set
   use viscovib_kinds, only: i8, wp
   use viscovib_load, only: load_type
+  use viscovib_modal_motion, only: modal_finder
   use viscovib_motion_checks, only: errors_of, losses_of, sampling_of
   use viscovib_motion_stability, only: stability_type
   use viscovib_order_rules, only: most_along
@@ -23,6 +24,7 @@ module viscovib_response_tasks
     response_plan_type
   use viscovib_status, only: fail, status_input_error
   use viscovib_stopping, only: is_set
+  use viscovib_structure, only: structure_type
   use viscovib_task, only: task_type
   use viscovib_vector_builder, only: vector_builder
   implicit none
@@ -52,6 +54,8 @@ contains
       call find_rounding_errors(task)
     case ('losses')
       call find_losses(task)
+    case ('modes')
+      call find_modal_motions(task)
     case default
       call task%refuse_kind()
     end select
@@ -464,6 +468,48 @@ contains
     call errors_of(system, load, kept, nu, highest, linear, motions, errors, task%cancel)
     call task%found%put_reals('errors', errors, shape(errors))
   end subroutine find_rounding_errors
+
+  !> Amplitudes of the `modes` (n_modes, m, n) and `poles` (n_poles, m, n) of a structure, and
+  !! `forces` of its elements on the linear subsystem (n_dof, m, n), for solutions `motions` (m,
+  !! n_dof, n), relative to the base, with the harmonics `kept` (m) at frequencies `nu` (n) and load
+  !! factors `factor` (n); `linear`: solutions of the linearized equations.
+  subroutine find_modal_motions(task)
+    type(task_type), intent(inout) :: task
+    class(oscillator_type), pointer :: system
+    type(modal_finder) :: finder
+    real(wp), pointer, contiguous :: nu(:), factor(:)
+    complex(wp), pointer, contiguous :: motions(:, :, :)
+    complex(wp), allocatable :: modes(:, :, :), poles(:, :, :), forces(:, :, :)
+    integer, allocatable :: kept(:)
+    integer :: i
+
+    system => task%system(with_speed=.true.)
+    nu => task%get_reals('nu')
+    factor => task%get_reals('factor')
+    allocate (kept, source=task%get_integers('kept'))
+    motions => task%get_complex_cube('motions')
+    finder%linear = task%get_flag('linear')
+    call task%check_extents('factor', shape(factor), shape(nu))
+    if (task%failed()) return
+    call task%check_extents('motions', shape(motions), [size(kept), system%n_dof(), size(nu)])
+    if (task%failed()) return
+    select type (system)
+    class is (structure_type)
+      allocate (modes(system%rest%n_modes, size(kept), size(nu)), &
+                poles(size(system%rest%poles), size(kept), size(nu)), &
+                forces(system%n_dof(), size(kept), size(nu)))
+      do i = 1, size(nu)
+        if (is_set(task%cancel)) return
+        call finder%find(system, nu(i), factor(i), kept, motions(:, :, i), modes(:, :, i), &
+                         poles(:, :, i), forces(:, :, i))
+      end do
+      call task%found%put_complexes('modes', modes, shape(modes))
+      call task%found%put_complexes('poles', poles, shape(poles))
+      call task%found%put_complexes('forces', forces, shape(forces))
+    class default
+      call task%refuse_kind()
+    end select
+  end subroutine find_modal_motions
 
   !> Energy `lost` per period (J) by solutions at frequencies `nu` (n) and load factors `factor`
   !! (n); NaN if unknown.

@@ -75,7 +75,7 @@ contains
     if (.not. self%dissipation) return
     allocate (self%lost(size(nu)))
     if (subject%is_structure) then
-      call find_fed(subject, orders, nu, factor, highest, motions, self%lost)
+      call find_fed(subject, orders, nu, factor, highest, linear, motions, self%lost)
     else
       call losses_of(subject%oscillator(), subject%load, orders, nu, factor, highest, linear, &
                      motions, self%lost)
@@ -83,11 +83,13 @@ contains
   end subroutine find
 
   !> Work of load and base on all coordinates of a structure.
-  subroutine find_fed(subject, orders, nu, factor, highest, motions, lost)
+  subroutine find_fed(subject, orders, nu, factor, highest, linear, motions, lost)
     type(subject_type), intent(in) :: subject
     integer, intent(in) :: orders(:)
     real(wp), intent(in) :: nu(:), factor(:)
     integer, intent(in) :: highest(:)
+    !> True for motions of the forces linearized at zero.
+    logical, intent(in) :: linear
     !> Deflections relative to the base.
     complex(wp), intent(in) :: motions(:, :, :)
     real(wp), intent(out) :: lost(:)
@@ -97,7 +99,8 @@ contains
 
     associate (load => subject%model%load, n => size(subject%model%base_direction))
       allocate (whole, source=motions)
-      call subject%show_motions(nu, factor, orders, [(j, j=1, n)], .false., whole)
+      call subject%show_motions(nu, factor, orders, [(j, j=1, n)], .false., whole, &
+                                linear)
       allocate (push(size(orders), n), pulled(n))
       pulled = 0.0_wp
       if (load%moves_base()) pulled = subject%model%inertia()

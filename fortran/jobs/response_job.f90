@@ -89,7 +89,8 @@ contains
     call errors_of(subject%oscillator(), subject%load, response%orders, response%nu, &
                    response%highest, plan%method == method_linear, motions, errors)
     call subject%show_motions(response%nu, ones, response%orders, &
-                              self%wanted, .true., response%coefficients)
+                              self%wanted, .true., response%coefficients, &
+                              plan%method == method_linear)
     call tabulate_response(response, subject%coordinates(self%wanted), &
                            subject%units(self%wanted), table, errors, extra)
     call sink%put(self%kind, table, status)

@@ -7,6 +7,7 @@ module viscovib_subject
   use viscovib_lanes, only: max_dof
   use viscovib_limits, only: corner_tolerance, smooth_tolerance
   use viscovib_load, only: load_type
+  use viscovib_modal_motion, only: modal_finder
   use viscovib_motion_choice, only: with_memory, without_memory
   use viscovib_mount, only: mount_type
   use viscovib_mounted_body, only: mounted_body, rest_type
@@ -14,7 +15,7 @@ module viscovib_subject
   use viscovib_pendulum, only: pendulum_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_structure, only: structure_type
-  use viscovib_structure_model, only: expand, structure_model
+  use viscovib_structure_model, only: structure_model
   use viscovib_turning_body, only: turning_body
   implicit none
   private
@@ -167,7 +168,7 @@ contains
 
   !> Harmonics of the requested coordinates, shape (n_orders, n_wanted, n), from those of the
   !! unknowns, shape (n_orders, n_dof, n).
-  subroutine show_motions(self, nu, factor, orders, wanted, absolute, motions)
+  subroutine show_motions(self, nu, factor, orders, wanted, absolute, motions, linear)
     class(subject_type), intent(in) :: self
     !> Frequency, and factor of the load, of each motion.
     real(wp), intent(in) :: nu(:), factor(:)
@@ -175,28 +176,38 @@ contains
     !> True if the results are absolute, including the base motion.
     logical, intent(in) :: absolute
     complex(wp), allocatable, intent(inout) :: motions(:, :, :)
-    complex(wp) :: y(size(motions, 1), size(motions, 2))
-    complex(wp), allocatable :: shown(:, :, :)
-    integer :: d, i, j, k
+    !> True for motions of the forces linearized at zero (default: not).
+    logical, intent(in), optional :: linear
+    complex(wp) :: y(size(motions, 1), size(motions, 2)), base
+    complex(wp), allocatable :: shown(:, :, :), modes(:, :), poles(:, :), forces(:, :)
+    type(modal_finder) :: finder
+    integer :: i, j, k
 
     if (.not. self%is_structure) then
       if (size(wanted) < size(motions, 2)) motions = motions(:, wanted, :)
       return
     end if
-    allocate (shown(size(motions, 1), size(wanted), size(motions, 3)))
-    do i = 1, size(motions, 3)
-      y = motions(:, :, i)
-      if (absolute) then
-        do j = 1, size(self%load%orders)
-          k = findloc(orders, self%load%orders(j), 1)
-          if (k == 0) cycle
-          do d = 1, size(y, 2)
-            y(k, d) = y(k, d) - factor(i)*self%structure%base_direction(d)*self%load%base(j)
-          end do
+    if (present(linear)) finder%linear = linear
+    associate (rest => self%model%rest, load => self%load, n => size(orders))
+      allocate (shown(n, size(wanted), size(motions, 3)), modes(size(rest%squares), n), &
+                poles(size(rest%poles), n), forces(size(y, 2), n))
+      do i = 1, size(motions, 3)
+        y = motions(:, :, i)
+        do j = 1, size(load%orders)
+          k = findloc(orders, load%orders(j), 1)
+          base = factor(i)*load%base(j)
+          if (k > 0 .and. absolute) y(k, :) = y(k, :) - self%structure%base_direction*base
         end do
-      end if
-      call expand(self%model, self%structure, nu(i), factor(i), orders, y, wanted, shown(:, :, i))
-    end do
+        call finder%find(self%structure, nu(i), factor(i), orders, y, modes, poles, forces)
+        shown(:, :, i) = transpose(matmul(rest%shapes(wanted, :), modes) &
+                                   + matmul(rest%left(wanted, :), poles))
+        do j = 1, size(load%orders)
+          k = findloc(orders, load%orders(j), 1)
+          base = factor(i)*load%base(j)
+          if (k > 0) shown(k, :, i) = shown(k, :, i) + self%model%base_direction(wanted)*base
+        end do
+      end do
+    end associate
     call move_alloc(shown, motions)
   end subroutine show_motions
 

@@ -59,7 +59,6 @@ module viscovib_compliance
     procedure :: on_axis
     procedure :: answer
     procedure :: least_loss
-    procedure :: leave_out
     procedure, private :: level_for
   end type compliance_type
 
@@ -201,12 +200,14 @@ contains
   end function level_for
 
   !> H(s), and its derivative by s.
-  pure subroutine evaluate(self, s, h, slope)
+  pure subroutine evaluate(self, s, h, slope, without)
     class(compliance_type), intent(in) :: self
     complex(wp), intent(in) :: s
     !> Shape (n_seen, n_seen).
     complex(wp), intent(out) :: h(:, :)
     complex(wp), intent(out), optional :: slope(:, :)
+    !> Real modes near a resonance at s, which are left out.
+    integer, intent(in), optional :: without(:)
     real(wp), dimension(block) :: re, im, slope_re, slope_im
     complex(wp) :: t, bend, value, by_s
     integer :: a, b, i, first, n, last, level
@@ -223,6 +224,13 @@ contains
     do first = 1, last, block
       n = min(block, last - first + 1)
       call resonances(n, self%squares(first), self%rates(first), self%losses(first), s, re, im)
+      if (present(without)) then
+        do i = 1, size(without)
+          if (without(i) < first .or. without(i) >= first + n) cycle
+          re(without(i) - first + 1) = 0.0_wp
+          im(without(i) - first + 1) = 0.0_wp
+        end do
+      end if
       if (present(slope)) call slopes(n, self%rates(first), s, re, im, slope_re, slope_im)
       do b = 1, self%n_seen
         do a = merge(b, 1, self%symmetric), self%n_seen
@@ -399,15 +407,6 @@ contains
       end do
     end do
   end subroutine answer
-
-  !> Remove real modes from the sums. They must not be part of the polynomials.
-  pure subroutine leave_out(self, modes)
-    class(compliance_type), intent(inout) :: self
-    integer, intent(in) :: modes(:)
-    self%seen(modes, :) = 0.0_wp
-    self%pushed(modes, :) = 0.0_wp
-    self%products(modes, :, :) = 0.0_wp
-  end subroutine leave_out
 
   !> Smallest loss factor 2 zeta of all oscillating modes.
   pure real(wp) function least_loss(self) result(loss)

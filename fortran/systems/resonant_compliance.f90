@@ -15,7 +15,7 @@ module viscovib_resonant_compliance
   implicit none
   private
 
-  public :: near_modes, bordered, bordered_slope, without_modes
+  public :: near_modes, bordered, bordered_matrix, bordered_slope, without_modes
 
   !> A mode is near resonance if |t_m| is less than this fraction of |squares_m|.
   real(wp), parameter :: near = 1.0e-2_wp
@@ -38,22 +38,17 @@ contains
     end do
   end function near_modes
 
-  !> X at s = i mu, shape (n_seen + size(modes), n_seen + size(modes)).
-  pure subroutine bordered(rest, modes, mu, x)
+  !> The inverse of X at s = i mu, shape (n_seen + size(modes), n_seen + size(modes)).
+  pure subroutine bordered_matrix(rest, modes, mu, whole)
     class(compliance_type), intent(in) :: rest
     integer, intent(in) :: modes(:)
     real(wp), intent(in) :: mu
-    complex(wp), intent(out) :: x(:, :)
-    type(compliance_type) :: others
-    complex(wp), dimension(size(x, 1), size(x, 1)) :: whole
-    logical :: singular
+    complex(wp), intent(out) :: whole(:, :)
     integer :: i, q
 
     q = rest%n_seen
-    others = rest
-    call others%leave_out(modes)
     whole = (0.0_wp, 0.0_wp)
-    call others%evaluate(cmplx(0.0_wp, mu, wp), whole(:q, :q))
+    call rest%evaluate(cmplx(0.0_wp, mu, wp), whole(:q, :q), without=modes)
     whole(:q, q + 1:) = transpose(rest%seen(modes, :))
     whole(q + 1:, :q) = rest%pushed(modes, :)
     do i = 1, size(modes)
@@ -61,6 +56,18 @@ contains
         whole(q + i, q + i) = -cmplx(rest%squares(m) - mu**2, rest%losses(m) + rest%rates(m)*mu, wp)
       end associate
     end do
+  end subroutine bordered_matrix
+
+  !> X at s = i mu.
+  pure subroutine bordered(rest, modes, mu, x)
+    class(compliance_type), intent(in) :: rest
+    integer, intent(in) :: modes(:)
+    real(wp), intent(in) :: mu
+    complex(wp), intent(out) :: x(:, :)
+    complex(wp), dimension(size(x, 1), size(x, 1)) :: whole
+    logical :: singular
+
+    call bordered_matrix(rest, modes, mu, whole)
     call invert(whole, x, singular)
   end subroutine bordered
 
@@ -70,15 +77,12 @@ contains
     integer, intent(in) :: modes(:)
     real(wp), intent(in) :: mu
     complex(wp), intent(out) :: slope(:, :)
-    type(compliance_type) :: others
     complex(wp) :: h(rest%n_seen, rest%n_seen)
     integer :: i, q
 
     q = rest%n_seen
-    others = rest
-    call others%leave_out(modes)
     slope = (0.0_wp, 0.0_wp)
-    call others%evaluate(cmplx(0.0_wp, mu, wp), h, slope(:q, :q))
+    call rest%evaluate(cmplx(0.0_wp, mu, wp), h, slope(:q, :q), modes)
     slope(:q, :q) = (0.0_wp, 1.0_wp)*slope(:q, :q)
     do i = 1, size(modes)
       slope(q + i, q + i) = cmplx(2.0_wp*mu, -rest%rates(modes(i)), wp)

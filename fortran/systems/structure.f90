@@ -16,6 +16,7 @@ module viscovib_structure
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
   use viscovib_resonant_compliance, only: bordered, bordered_slope, near_modes, without_modes
+  use viscovib_static_form, only: static_form
   implicit none
   private
 
@@ -40,7 +41,8 @@ module viscovib_structure
     !> Order 0: the limit of H^-1 Y0, shape (n_dof).
     complex(wp), allocatable :: at_rest(:)
   contains
-    procedure :: modal_forces
+    procedure :: find_push
+    procedure :: find_at_rest
   end type structure_load
 
   !> Uncondensed linear subsystem with nonlinear forces, y'' + C y' + K y + P g(S^T y) = 0.
@@ -53,6 +55,7 @@ module viscovib_structure
   !> Mass and damping of the coordinates do not enter the equations; the mass is only a weight.
   type, extends(polynomial_type) :: structure_type
     type(compliance_type) :: rest
+    type(static_form) :: static
     type(few_coordinates) :: few
     type(structure_load), allocatable :: loads(:)
   contains
@@ -64,22 +67,48 @@ module viscovib_structure
 
 contains
 
-  !> Forces on real and on complex modes at mu = k nu.
-  pure subroutine modal_forces(self, mu, modes, poles)
+  !> The forces at mu = k nu. Its flexible motion contains the part with the rate.
+  pure subroutine find_push(self, mu, push)
     class(structure_load), intent(in) :: self
     real(wp), intent(in) :: mu
-    complex(wp), allocatable, intent(out) :: modes(:), poles(:)
-    real(wp) :: value
+    type(push_type), intent(out) :: push
     integer :: i
 
-    modes = self%force%modes + mu**2*self%base%modes
-    poles = self%force%poles + mu**2*self%base%poles
+    push%modes = 0.0_wp*self%force%modes
+    push%poles = 0.0_wp*self%force%poles
+    push%flexible = 0.0_wp*self%force%flexible
+    call add(1.0_wp, self%force, push)
+    call add(mu**2, self%base, push)
     do i = 1, size(self%varying)
-      value = self%varying(i)%law%at(mu/self%order)
-      modes = modes + value*self%varying(i)%push%modes
-      poles = poles + value*self%varying(i)%push%poles
+      call add(self%varying(i)%law%at(mu/self%order), self%varying(i)%push, push)
     end do
-  end subroutine modal_forces
+
+  contains
+
+    pure subroutine add(factor, one, total)
+      real(wp), intent(in) :: factor
+      type(push_type), intent(in) :: one
+      type(push_type), intent(inout) :: total
+      total%modes = total%modes + factor*one%modes
+      total%poles = total%poles + factor*one%poles
+      total%flexible = total%flexible + factor*(one%flexible &
+                                                + cmplx(0.0_wp, mu, wp)*one%flexible_rate)
+    end subroutine add
+
+  end subroutine find_push
+
+  !> The limit of H^-1 Y0 of the order 0.
+  pure subroutine find_at_rest(self, static, rest)
+    class(structure_load), intent(inout) :: self
+    type(static_form), intent(in) :: static
+    type(compliance_type), intent(in) :: rest
+    complex(wp), dimension(rest%n_seen) :: at_rest, forces
+    complex(wp) :: modes(rest%n_modes), poles(size(rest%poles))
+
+    at_rest = (0.0_wp, 0.0_wp)
+    call static%find(rest, at_rest, self%force, forces, modes, poles)
+    self%at_rest = -forces
+  end subroutine find_at_rest
 
   !> H(i mu)^-1, plus the hereditary parts sum_j B(:,j) W(j,:) (f_j - 1).
   pure subroutine dynamic_stiffness(self, mu, speed, fraction, stiffness)
@@ -199,24 +228,21 @@ contains
     complex(wp), dimension(size(y) + size(near), size(y) + size(near)) :: x, bend
     complex(wp), dimension(size(y) + size(near)) :: right, right_slope
     type(structure_load) :: others
-    type(structure_type) :: rest
-    complex(wp), allocatable :: modes(:), poles(:)
+    type(push_type) :: push
     real(wp) :: value, bent
     integer :: i, q
 
     q = size(y)
     call bordered(self%rest, near, mu, x)
-    rest%rest = self%rest
-    call rest%rest%leave_out(near)
     others = load
     others%force = without_modes(load%force, near)
     others%base = without_modes(load%base, near)
     do i = 1, size(load%varying)
       others%varying(i)%push = without_modes(load%varying(i)%push, near)
     end do
-    call deflections(rest, others, mu, right(:q), right_slope(:q))
-    call load%modal_forces(mu, modes, poles)
-    right(q + 1:) = modes(near)
+    call deflections(self, others, mu, right(:q), right_slope(:q))
+    call load%find_push(mu, push)
+    right(q + 1:) = push%modes(near)
     right_slope(q + 1:) = 2.0_wp*mu*load%base%modes(near)
     do i = 1, size(load%varying)
       call load%varying(i)%law%find(mu/load%order, value, bent)

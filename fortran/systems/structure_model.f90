@@ -1,14 +1,14 @@
 !> A structure as defined by the user: matrices, elements and loads. It is condensed to the
-!! deflections of its elements, and solutions are expanded to all coordinates.
+!! deflections of its elements.
 module viscovib_structure_model
   use viscovib_compliance, only: push_type
-  use viscovib_dense, only: factorize, invert, solve
+  use viscovib_dense, only: invert
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
   use viscovib_polynomial, only: max_coordinates, new_polynomial, polynomial_parameters
-  use viscovib_resonant_compliance, only: bordered, near_modes
   use viscovib_speed_matrices, only: speed_matrices
+  use viscovib_static_form, only: new_static_form
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
   use viscovib_structure, only: few_coordinates, structure_type, varying_push
   use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
@@ -19,12 +19,12 @@ module viscovib_structure_model
   implicit none
   private
 
-  public :: structure_model, condense, set_rest, put_load, expand, add_linear
+  public :: structure_model, condense, set_rest, put_load, add_linear
 
   !> Largest number of monomials of all elements.
   integer, parameter :: most_terms = 20000
-  !> Relative deflections by a rigid body, and unsupported loads, that are rounding errors.
-  real(wp), parameter :: unseen = 1.0e-10_wp, unheld = 1.0e-9_wp
+  !> Relative deflections by a rigid body that are rounding errors.
+  real(wp), parameter :: unseen = 1.0e-10_wp
   !> Largest number of coordinates for keeping the matrices if modes are complex.
   integer, parameter :: most_few = 24
   !> Largest entry of matrices, and of factors and elements.
@@ -49,9 +49,6 @@ module viscovib_structure_model
     real(wp), allocatable :: directions(:, :)
     type(rest_type) :: rest
     type(load_type) :: load
-    !> Order 0: inverse of the bordered matrix of deflections and rigid bodies, and the rigid bodies
-    !! in terms of the modes of zero frequency.
-    real(wp), allocatable, private :: held(:, :), turn(:, :)
   contains
     procedure :: description
     procedure :: all_damping
@@ -60,7 +57,6 @@ module viscovib_structure_model
     procedure :: hold
     procedure :: set_speed
     procedure :: check_sizes
-    procedure, private :: at_rest
   end type structure_model
 
 contains
@@ -245,11 +241,14 @@ contains
     real(wp), allocatable, intent(out) :: weights(:)
     type(status_type), intent(out) :: status
     real(wp), allocatable :: seen(:, :)
+    logical :: singular
     integer :: a, q
 
     q = size(model%directions, 2)
-    seen = matmul(transpose(model%rest%shapes), model%directions)
     associate (rest => system%rest, modes => model%rest)
+      seen = matmul(transpose(modes%shapes), model%directions)
+      where (spread(.not. abs(modes%squares) > 0.0_wp, 2, q) .and. abs(seen) <= unseen &
+             *matmul(transpose(abs(modes%shapes)), abs(model%directions))) seen = 0.0_wp
       rest%squares = modes%squares
       rest%rates = modes%rates
       rest%losses = modes%losses*modes%squares
@@ -269,10 +268,15 @@ contains
       else where
         weights = 1.0_wp
       end where
+      call rest%complete()
     end associate
-    call find_static(model, system, status)
-    if (status%failed()) return
-    call system%rest%complete()
+    call set_ok(status)
+    call new_static_form(system%static, system%rest, singular)
+    if (singular) then
+      call fail(status, status_input_error, 'element', '&element: the deflections see too few ' &
+                //'modes of the structure to be independent')
+      return
+    end if
     if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few &
         .and. .not. any(model%rest%idle)) then
       call keep_matrices(model, model%all_damping(), stiffness, system%few)
@@ -368,65 +372,6 @@ contains
     damping = damping + self%modal%rayleigh(1)*self%mass + self%modal%rayleigh(2)*stiffness
   end function all_damping
 
-  !> Static limit of H^-1: y = elastic h + seen eta, 0 = seen^T h + loads on rigid bodies, with
-  !! forces h and rigid-body displacements eta.
-  subroutine find_static(model, system, status)
-    type(structure_model), intent(inout) :: model
-    type(structure_type), intent(inout) :: system
-    type(status_type), intent(out) :: status
-    real(wp), allocatable :: border(:, :), bodies(:, :), gram(:, :), sizes(:), unit(:, :)
-    integer, allocatable :: pivots(:)
-    integer :: a, b, i, m, q
-    logical :: singular
-
-    call set_ok(status)
-    associate (rest => system%rest)
-      q = size(model%directions, 2)
-      bodies = model%rest%shapes(:, pack([(i, i=1, size(rest%squares))], .not. &
-                                         abs(rest%squares) > 0.0_wp))
-      m = size(bodies, 2)
-      gram = matmul(transpose(model%directions), bodies)
-      where (abs(gram) <= unseen*matmul(transpose(abs(model%directions)), abs(bodies)))
-        gram = 0.0_wp
-      end where
-      allocate (sizes(m), unit(m, m), model%turn(m, m))
-      unit = 0.0_wp
-      do i = 1, m
-        unit(i, i) = 1.0_wp
-      end do
-      bodies = gram
-      if (m > 0) call find_symmetric_modes(unit, matmul(transpose(gram), gram), sizes, model%turn)
-      ! Order rigid bodies without deflections last.
-      a = count(sizes <= 1.0e-13_wp*maxval([sizes, 0.0_wp]))
-      model%turn = cshift(model%turn, a, 2)
-      m = m - a
-      bodies = matmul(bodies, model%turn(:, :m))
-      allocate (border(q + m, q + m), pivots(q + m))
-      border = 0.0_wp
-      do b = 1, q
-        do a = 1, q
-          border(a, b) = sum(rest%seen(:, a)*rest%seen(:, b)/rest%squares, &
-                             abs(rest%squares) > 0.0_wp) &
-                         - real(sum(rest%left(:, a)*rest%right(:, b)/rest%poles))
-        end do
-      end do
-      border(:q, q + 1:) = bodies
-      border(q + 1:, :q) = transpose(bodies)
-      call factorize(q + m, border, pivots, singular)
-      allocate (model%held(q + m, q + m), source=0.0_wp)
-      if (singular) then
-        call fail(status, status_input_error, 'element', '&element: the deflections see too few ' &
-                  //'modes of the structure to be independent')
-        return
-      end if
-      do i = 1, q + m
-        model%held(i, i) = 1.0_wp
-        call solve(q + m, border, pivots, model%held(:, i))
-      end do
-      rest%stiffness_at_rest = model%held(:q, :q)
-    end associate
-  end subroutine find_static
-
   !> Set the loads on observed coordinates and the equivalent loads on the condensed coordinates.
   subroutine put_load(model, load, in_time, system, condensed, status)
     type(structure_model), intent(inout) :: model
@@ -437,7 +382,7 @@ contains
     !> It only defines the orders and the base motion.
     type(load_type), intent(out) :: condensed
     type(status_type), intent(out) :: status
-    complex(wp), allocatable :: force(:, :), push(:), pole(:), eta(:)
+    complex(wp), allocatable :: force(:, :)
     real(wp), allocatable :: inertia(:)
     complex(wp) :: nothing(size(model%directions, 2))
     integer :: j, n
@@ -458,20 +403,19 @@ contains
     do j = 1, n
       associate (own => system%loads(j))
         own%order = load%orders(j)
-        call set_push(load%force(:, j), push, pole)
-        own%force%modes = push
-        own%force%poles = pole
+        call set_push(load%force(:, j), own%force)
         own%at_rest = nothing
         if (own%order == 0 .and. .not. in_time) then
-          call model%at_rest(system, nothing, push, pole, own%at_rest, eta, status)
-          if (status%failed()) return
-          own%at_rest = -own%at_rest
+          if (.not. system%static%is_held(own%force)) then
+            call fail(status, status_input_error, 'load', '&load: its mean (order 0) acts on a ' &
+                      //'rigid body without support: there is no static equilibrium')
+            return
+          end if
+          call own%find_at_rest(system%static, system%rest)
         end if
         own%has_force = any(abs(load%force(:, j)) > 0.0_wp)
-        call set_push(inertia*load%base(j), own%base%modes, own%base%poles)
+        call set_push(inertia*load%base(j), own%base)
         own%moves_base = any(abs(own%base%modes) > 0.0_wp) .or. any(abs(own%base%poles) > 0.0_wp)
-        call complete(own%force)
-        call complete(own%base)
         own%varying = varying_pushes(j)
         force(:, j) = merge((0.0_wp, 1.0_wp), (1.0_wp, 0.0_wp), own%order == 0)
       end associate
@@ -497,163 +441,21 @@ contains
         if (load%varying(i)%place /= place) cycle
         k = k + 1
         pushes(k)%law = load%varying(i)%law
-        call set_push(load%varying(i)%force, pushes(k)%push%modes, pushes(k)%push%poles)
-        call complete(pushes(k)%push)
+        call set_push(load%varying(i)%force, pushes(k)%push)
       end do
     end function varying_pushes
 
-    subroutine complete(one)
-      type(push_type), intent(inout) :: one
-      one%flexible = nothing
-      one%flexible_rate = nothing
-      call system%rest%complete_push(one)
-    end subroutine complete
-
-    subroutine set_push(forces, modes, poles)
+    subroutine set_push(forces, push)
       complex(wp), intent(in) :: forces(:)
-      complex(wp), allocatable, intent(out) :: modes(:), poles(:)
-      modes = matmul(forces, model%rest%shapes)
-      poles = matmul(forces, model%rest%right)
+      type(push_type), intent(out) :: push
+      push%modes = matmul(forces, model%rest%shapes)
+      push%poles = matmul(forces, model%rest%right)
+      push%flexible = nothing
+      push%flexible_rate = nothing
+      call system%rest%complete_push(push)
     end subroutine set_push
 
   end subroutine put_load
-
-  !> Static forces h at given deflections, and rigid-body displacements. For zero deflections, h is
-  !! the negative effective load.
-  subroutine at_rest(self, system, y, push, pole, h, eta, status)
-    class(structure_model), intent(in) :: self
-    type(structure_type), intent(in) :: system
-    !> Deflections (q); the load on real and on complex modes.
-    complex(wp), intent(in) :: y(:), push(:), pole(:)
-    complex(wp), intent(out) :: h(:)
-    complex(wp), allocatable, intent(out) :: eta(:)
-    type(status_type), intent(out) :: status
-    complex(wp), allocatable :: right(:), bodies(:), found(:)
-    integer :: i, m, q
-
-    call set_ok(status)
-    q = size(y)
-    m = size(self%held, 1) - q
-    associate (rest => self%rest)
-      bodies = matmul(pack(push, .not. abs(rest%squares) > 0.0_wp), self%turn)
-      if (norm2(abs(bodies(m + 1:))) > unheld*norm2(abs(bodies))) then
-        call fail(status, status_input_error, 'load', '&load: its mean (order 0) acts on a rigid ' &
-                  //'body without support: there is no static equilibrium')
-        return
-      end if
-      allocate (right(q + m))
-      do i = 1, q
-        right(i) = y(i) - sum(system%rest%seen(:size(push), i)*push/rest%squares, &
-                              abs(rest%squares) > 0.0_wp) &
-                   + sum(system%rest%left(:, i)*pole/rest%poles)
-      end do
-      right(q + 1:) = -bodies(:m)
-    end associate
-    found = matmul(self%held, right)
-    h = found(:q)
-    eta = matmul(self%turn(:, :m), found(q + 1:))
-  end subroutine at_rest
-
-  !> Harmonics of observed coordinates from those of the deflections: U_k = D_k^-1 (P_k + E h), with
-  !! the element forces h for these deflections.
-  subroutine expand(model, system, nu, factor, orders, y, wanted, u)
-    type(structure_model), intent(in) :: model
-    type(structure_type), intent(in) :: system
-    !> Frequency, and load factor.
-    real(wp), intent(in) :: nu, factor
-    integer, intent(in) :: orders(:), wanted(:)
-    !> Relative to the base, shape (n_orders, q).
-    complex(wp), intent(in) :: y(:, :)
-    !> Absolute, shape (n_orders, n_wanted).
-    complex(wp), intent(out) :: u(:, :)
-    complex(wp), allocatable :: push(:), pole(:), h(:), eta(:), t(:), w(:), y0(:), amplitudes(:)
-    complex(wp), allocatable :: found(:)
-    integer, allocatable :: near(:)
-    complex(wp) :: c(size(y, 2), size(y, 2)), s, base
-    type(status_type) :: status
-    integer :: j, k, q
-
-    q = size(y, 2)
-    do k = 1, size(orders)
-      s = cmplx(0.0_wp, orders(k)*nu, wp)
-      j = findloc(model%load%orders, orders(k), 1)
-      push = 0.0_wp*model%rest%squares + (0.0_wp, 0.0_wp)
-      pole = 0.0_wp*model%rest%poles
-      base = (0.0_wp, 0.0_wp)
-      if (j > 0) then
-        call system%loads(j)%modal_forces(aimag(s), amplitudes, pole)
-        push = factor*amplitudes(:size(push))
-        pole = factor*pole
-        base = factor*model%load%base(j)
-      end if
-      associate (rest => model%rest, seen => system%rest%seen(:size(push), :))
-        if (orders(k) == 0) then
-          allocate (h(q))
-          call model%at_rest(system, y(k, :), push, pole, h, eta, status)
-          t = merge(1.0_wp, 0.0_wp, abs(rest%squares) > 0.0_wp) &
-              /merge(rest%squares, 1.0_wp, abs(rest%squares) > 0.0_wp)
-          w = -1.0_wp/rest%poles
-        else
-          t = rest%squares*cmplx(1.0_wp, rest%losses, wp) + rest%rates*s + s**2
-          ! Without damping and at resonance the difference is only rounding error.
-          where (.not. abs(t) > 0.0_wp) t = epsilon(1.0_wp)*abs(rest%squares) + tiny(1.0_wp)
-          t = 1.0_wp/t
-          w = 1.0_wp/(s - rest%poles)
-          near = near_modes(system%rest, aimag(s))
-          amplitudes = push(near)
-          ! Modes near resonance are separate unknowns.
-          t(near) = 0.0_wp
-          y0 = matmul(t*push, seen) + matmul(w*pole, system%rest%left)
-          if (size(near) > 0) then
-            found = near_answer(system, near, aimag(s), [y(k, :) - y0, -amplitudes])
-            h = found(:q)
-            amplitudes = found(q + 1:)
-          else
-            call system%rest%evaluate(s, c)
-            h = forces(c, y(k, :) - y0)
-          end if
-        end if
-        push = t*(push + matmul(seen, h))
-        if (orders(k) /= 0) push(near) = amplitudes
-        if (orders(k) == 0) push = unpack(eta, .not. abs(rest%squares) > 0.0_wp, push)
-        pole = w*(pole + matmul(system%rest%right, h))
-        u(k, :) = matmul(rest%shapes(wanted, :), push) + matmul(rest%left(wanted, :), pole) &
-                  + model%base_direction(wanted)*base
-      end associate
-      deallocate (h)
-    end do
-  end subroutine expand
-
-  !> Forces, and amplitudes of modes near resonance.
-  function near_answer(system, near, mu, right) result(x)
-    type(structure_type), intent(in) :: system
-    integer, intent(in) :: near(:)
-    real(wp), intent(in) :: mu
-    complex(wp), intent(in) :: right(:)
-    complex(wp) :: x(size(right)), inverse(size(right), size(right))
-    call bordered(system%rest, near, mu, inverse)
-    x = matmul(inverse, right)
-  end function near_answer
-
-  !> H^-1 y.
-  pure function forces(h, y) result(x)
-    complex(wp), intent(in) :: h(:, :), y(:)
-    complex(wp) :: x(size(y))
-    real(wp) :: matrix(2*size(y), 2*size(y)), right(2*size(y))
-    integer :: pivots(2*size(y)), n
-    logical :: singular
-    n = size(y)
-    matrix(:n, :n) = real(h)
-    matrix(n + 1:, n + 1:) = real(h)
-    matrix(:n, n + 1:) = -aimag(h)
-    matrix(n + 1:, :n) = aimag(h)
-    right = [real(y), aimag(y)]
-    x = (0.0_wp, 0.0_wp)
-    call factorize(2*n, matrix, pivots, singular)
-    if (singular) return
-    call solve(2*n, matrix, pivots, right)
-    x = cmplx(right(:n), right(n + 1:), wp)
-  end function forces
 
   !> Line of a plan: the condensation.
   function description(self) result(text)

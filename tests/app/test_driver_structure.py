@@ -101,6 +101,31 @@ def test_as_python_condenses_it(solve, tmp_path, name):
     assert scene.override({}).canonical == scene.canonical
 
 
+@pytest.mark.parametrize("law", ["d^3", "0.3*tanh(d)"])
+def test_linear_motion_with_an_element_at_rest(solve, tmp_path, law):
+    """Regression: the force of the element lost digits at antiresonances of its deflection."""
+    k = np.array(FIXED.split(), dtype=float).reshape(4, 4)
+    c = 1e-6 * k + np.diag([0.0, 0.0, 0.0, 1e-6])
+    nu = [float(np.sqrt(square)) for square in np.linalg.eigvalsh(k[:3, :3])]
+    path = tmp_path / "still.nml"
+    damping = " ".join(map(str, c.ravel()))
+    path.write_text(
+        f"&structure size=4 mass=4*1 stiffness={FIXED} damping={damping} /\n"
+        f"&element on='x4' law='{law}' /\n&load on='x2' amplitude=0.1 /\n"
+        f"&response nu={' '.join(map(repr, nu))} method='linear' /\n"
+    )
+    done = solve(path, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = read_csv(tmp_path / "still_response.csv")
+    if "tanh" in law:
+        k[3, 3] += 0.3
+    for w, row in zip(nu, table, strict=True):
+        stiffness = k - w**2 * np.eye(4) + 1j * w * c
+        true = np.linalg.solve(stiffness, [0, 0.1, 0, 0])
+        own = [row[f"x{i + 1}_1_re"] + 1j * row[f"x{i + 1}_1_im"] for i in range(4)]
+        assert np.abs(own - true).max() < 1e-13 * np.abs(true).max()
+
+
 def test_reduced_structure(solve, tmp_path):
     n = 1500
     k = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))

@@ -7,29 +7,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from viscovib._native import ComplexArray, FloatArray, Handle, oscillator_object
+from viscovib._native import ComplexArray, FloatArray, Handle, oscillator_object, run
 from viscovib.common.counts import things
 from viscovib.errors import InputError
 from viscovib.systems.element_laws import Laws
 from viscovib.systems.frequency_formulas import joined, law_of, values_of
 from viscovib.systems.load import FORMULA_CODE, Job, VaryingForce
 from viscovib.systems.penalty_supports import supports_text
-from viscovib.systems.resonant_forces import compliance, refine, with_modes
-from viscovib.systems.resting_forces import Motions, forces_of_laws, solved
-from viscovib.systems.structure_rest import Rest, Static, static_form
+from viscovib.systems.structure_rest import Rest
 
 #: Kernel kind in x that marks a vector of numbers as a condensed structure for the core.
 STRUCTURE_IN_VECTOR = -3
-#: Largest relative part of a mean load without support that counts as rounding error.
-_UNHELD = 1e-9
 #: Largest relative deflection of a rigid-body motion that counts as rounding error.
 _UNSEEN = 1e-10
 #: Size of the array of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
 #: Largest number of coordinates for which the core gets the matrices of the complex modes.
 _FEW = 24
-#: A mode is near a resonance if its dynamic stiffness is at most this part of its stiffness.
-_NEAR = 1e-6
 
 
 class Condensation:
@@ -49,9 +43,14 @@ class Condensation:
             )  # fmt: skip
         self.rest, self.laws, self.reduced = rest, laws, reduced
         q = laws.directions
-        self.seen = rest.shapes.T @ q
-        self.left = rest.left.T @ q
-        self.right = rest.right.T @ q
+        rigid, still = rest.squares == 0, rest.poles == 0
+        self.seen, self.left, self.right = rest.shapes.T @ q, rest.left.T @ q, rest.right.T @ q
+        for seen, shapes, bodies in (
+            (self.seen, rest.shapes, rigid), (self.left, rest.left, still),
+            (self.right, rest.right, still),
+        ):  # fmt: skip
+            lost = _UNSEEN * (np.abs(shapes[:, bodies]).T @ np.abs(q))
+            seen[bodies] = np.where(np.abs(seen[bodies]) <= lost, 0.0, seen[bodies])
         self.flexible, self.flexible_rate = np.zeros_like(q), np.zeros_like(q)
         if rest.flexibility is not None:
             self.flexible, self.flexible_rate = rest.flexibility(q)
@@ -70,59 +69,14 @@ class Condensation:
         return np.asarray(1 / np.where(inverse > 0, inverse, 1.0))
 
     @cached_property
-    def _elastic(self) -> FloatArray:
-        """H(0) without rigid bodies."""
-        rest, rigid = self.rest, self._rigid
-        bend = np.where(rigid, 0.0, 1 / np.where(rigid, 1.0, rest.squares))
-        total = (self.seen * bend[:, np.newaxis]).T @ self.seen
-        moving = ~self._still
-        total = (
-            total
-            - np.einsum(
-                "lq,lp,l->qp", self.left[moving], self.right[moving], 1 / rest.poles[moving]
-            ).real
-        )
-        return np.asarray(total + self.laws.directions.T @ self.flexible)
-
-    @property
-    def _rigid(self) -> Any:
-        return self.rest.squares == 0
-
-    def static(self, modes: ComplexArray, poles: ComplexArray, flexible: ComplexArray) -> Static:
-        """Harmonic 0 under loads on real modes (m,), complex modes (p,), flexible deflections."""
-        rest, rigid, still = self.rest, self._rigid, self._still
-        deflection = flexible + (self.seen[~rigid].T / rest.squares[~rigid]) @ modes[~rigid]
-        deflection = deflection - self.left[~still].T @ (poles[~still] / rest.poles[~still])
-        # The shapes of a pole at 0 are real except for a common complex factor.
-        q, bodies = self.laws.directions.T, rest.shapes[:, rigid]
-        seen = np.hstack([_seen(q, bodies), _seen(q, (rest.left[:, still] / self._turn).real)])
-        pushed = np.hstack([_seen(q, bodies), _seen(q, (rest.right[:, still] * self._turn).real)])
-        pushes = np.concatenate([modes[rigid], poles[still] * self._turn])
-        return static_form(self._elastic, deflection, seen, pushed, pushes)
-
-    @property
-    def _still(self) -> Any:
-        """Complex modes that are rigid-body motions with dampers."""
-        return self.rest.poles == 0
-
-    @property
-    def _turn(self) -> ComplexArray:
-        """Factors that make the shapes of the poles at 0 real."""
-        left = self.rest.left[:, self._still]
-        largest = np.take_along_axis(left, np.abs(left).argmax(axis=0)[np.newaxis], axis=0)[0]
-        return np.asarray(largest / np.abs(largest))
-
-    @cached_property
     def rest_vector(self) -> list[Any]:
         """The linear subsystem as numbers in the order of `viscovib_binding_tools`."""
-        rest, q = self.rest, self.q
-        nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
+        rest = self.rest
         return [
             rest.squares, rest.rates, rest.losses * rest.squares, self.seen.ravel(order="F"),
             self.seen.ravel(order="F"), _pairs(rest.poles), _pairs(self.left), _pairs(self.right),
             (self.laws.directions.T @ self.flexible).ravel(order="F"),
             (self.laws.directions.T @ self.flexible_rate).ravel(order="F"),
-            self.static(*nothing, np.zeros(q, complex)).stiffness.ravel(order="F"),
             *self._matrix_vector,
         ]  # fmt: skip
 
@@ -149,13 +103,6 @@ class Condensation:
                 "a stiffness instead here"
             )
         return self.laws.vector(np.diag(self.weights), np.zeros((self.q, self.q)), direction)
-
-
-def _seen(directions: FloatArray, bodies: FloatArray) -> FloatArray:
-    """Rigid-body motions in the coordinates; entries below the rounding error are set to 0."""
-    seen = directions @ bodies
-    seen[np.abs(seen) <= _UNSEEN * (np.abs(directions) @ np.abs(bodies))] = 0.0
-    return np.asarray(seen)
 
 
 def _pairs(values: ComplexArray) -> FloatArray:
@@ -202,26 +149,11 @@ class LoadedStructure:
         self.varying_pushes = [_push(condensation, one.force) for one in self.varying]
         #: Motions of supports that move each on its own, by order, shape (n_held,).
         self.apart: dict[int, ComplexArray] = {}
-        #: Whether motions are those of the linear part, whose forces need no division by H.
+        #: Whether motions are those of the linear part.
         self.linear = False
 
     def linear_part(self) -> "LoadedStructure":
-        """Return the structure without its nonlinear forces.
-
-        Forces g of the elements on the linear subsystem then follow from the motions: g = S R(s) y
-        with the stiffness S and transform R of each kernel, 0 without memory. From H g = y - free
-        they would lose digits if H is small, and all digits at an antiresonance of an element.
-        """
-        laws = self.condensation.laws
-        if any(sum(powers) < 2 for group in laws.forces for _, powers in group):
-            return self
-        alone = zip(laws.kernels, laws.stiffness, strict=True)
-        if laws.programs or any(kernel is None and own.any() for kernel, own in alone):
-            return self
-        return self._linear_part
-
-    @cached_property
-    def _linear_part(self) -> "LoadedStructure":
+        """Return the structure for motions without nonlinear forces."""
         same = copy(self)
         same.linear = True
         return same
@@ -303,18 +235,7 @@ class LoadedStructure:
             *c.rest_vector,
         ]
         for j, order in enumerate(self.orders):
-            push = self.pushes[j]
-            at_rest = np.zeros(c.q, complex)
-            if order == 0:
-                static = c.static(push.modes, push.poles, push.flexible)
-                at_rest = static.load
-                if static.unheld > _UNHELD:
-                    raise InputError(
-                        "load[0]: its mean acts on a rigid body without support: there is no "
-                        "static equilibrium"
-                    )
-            moved = self.inertial_pushes[j]
-            parts += [[order], *push.numbers, *moved.numbers, _pairs(at_rest)]
+            parts += [[order], *self.pushes[j].numbers, *self.inertial_pushes[j].numbers]
             own = [i for i, one in enumerate(self.varying) if one.order == order]
             parts.append([len(own)])
             for i in own:
@@ -397,116 +318,42 @@ class LoadedStructure:
             # No motions or no harmonics, for example for a linear structure without load.
             return np.empty((nu.size, len(places), orders.size), dtype=complex)
         c, rest = self.condensation, self.condensation.rest
-        u = np.full((nu.size, len(places), orders.size), np.nan, dtype=complex)
+        u = np.empty((nu.size, len(places), orders.size), dtype=complex)
         shapes, left = rest.shapes[places].T, rest.left[places].T
-        flexible, flexible_rate = c.flexible[places], c.flexible_rate[places]
-        size = max(1, _AT_ONCE // max(rest.squares.size + rest.poles.size, 1))
-        whole = np.abs(y).max(axis=(1, 2))
-        for k, order in enumerate(orders):
-            j = np.flatnonzero(self.orders == order)
-            if order == 0:
-                u[:, :, k] = self._at_rest(y[:, :, k], j, places, factors)
-            else:
-                for first in range(0, nu.size, size):
-                    # Skip motions that were not found; their frequency is undefined.
-                    part = np.flatnonzero(np.isfinite(y[first : first + size, :, k]).all(axis=1))
-                    part += first
-                    s = 1j * order * nu[part]
-                    modes, poles, g = self._forced(
-                        s, y[part, :, k], j, factors[part], Motions(nu, orders, y, k, part, whole)
-                    )
-                    u[part, :, k] = modes @ shapes + poles @ left
-                    if rest.flexibility is not None:
-                        u[part, :, k] += g @ flexible.T + (s[:, np.newaxis] * g) @ flexible_rate.T
-                        u[part, :, k] += self._flexible_load(s, j, places, factors[part])
-            if j.size and self.direction is not None:
-                u[:, :, k] += np.outer(factors, self.direction[places] * self.base[j[0]])
+        size = max(1, _AT_ONCE // (max(rest.squares.size + rest.poles.size, 1) * orders.size))
+        for first in range(0, nu.size, size):
+            part = slice(first, first + size)
+            found = self._in_modes(nu[part], orders, y[part], factors[part])
+            for k, order in enumerate(orders):
+                modes, poles, g = (one[:, k].T for one in found)
+                u[part, :, k] = modes @ shapes + poles @ left
+                j = np.flatnonzero(self.orders == order)
+                if rest.flexibility is not None:
+                    s = 1j * order * nu[part] if order else np.zeros(g.shape[0], dtype=complex)
+                    u[part, :, k] += g @ c.flexible[places].T
+                    u[part, :, k] += (s[:, np.newaxis] * g) @ c.flexible_rate[places].T
+                    u[part, :, k] += self._flexible_load(s, j, places, factors[part])
+                if j.size and self.direction is not None:
+                    base = self.direction[places] * self.base[j[0]]
+                    u[part, :, k] += np.outer(factors[part], base)
         return u
 
     def reaction(
-        self, nu: FloatArray, order: int, y: ComplexArray, factors: FloatArray
+        self, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
     ) -> ComplexArray:
-        """Forces of the elements on the linear subsystem in one harmonic, shape (n, q).
+        """Forces of elements on the linear subsystem, shape (n, q, m); arguments of `expand`."""
+        return np.asarray(self._in_modes(nu, orders, y, factors)[2].T.transpose(0, 2, 1))
 
-        ``y``: this harmonic of the condensed coordinates, shape (n, q).
-        """
-        j = np.flatnonzero(self.orders == order)
-        if order:
-            s = np.asarray(1j * order * nu)
-            return np.asarray(self._forced(s, y, j, factors)[2])
-        static = self._static(j)
-        return np.asarray(y @ static.stiffness.T - factors[:, np.newaxis] * static.load)
-
-    def _static(self, j: Any) -> Static:
-        c = self.condensation
-        nothing = np.zeros(c.rest.squares.size, complex), np.zeros(c.rest.poles.size, complex)
-        zero = np.zeros(c.q, complex)
-        push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
-        return c.static(push.modes, push.poles, push.flexible)
-
-    def _forced(
-        self,
-        s: ComplexArray,
-        y: ComplexArray,
-        j: Any,
-        factors: FloatArray,
-        motions: Motions | None = None,
-    ) -> tuple[Any, Any, Any]:
-        """Amplitudes of real and complex modes, and forces of the elements on the linear subsystem.
-
-        ``motions``: all harmonics; they give the forces where H g = y - free loses digits.
-        """
-        c, rest = self.condensation, self.condensation.rest
-        at = s[:, np.newaxis]
-        apart = rest.squares * (1 + 1j * rest.losses) + rest.rates * at + at**2
-        # At an undamped resonance the difference is a rounding error.
-        apart = np.where(apart == 0, np.finfo(float).eps * np.abs(rest.squares), apart)
-        # Motions that were not located, such as a crossing, have the frequency NaN.
-        with np.errstate(invalid="ignore"):
-            t, w = 1 / apart, 1 / (at - rest.poles)
-        modes = np.zeros((s.size, rest.squares.size), dtype=complex)
-        poles = np.zeros((s.size, rest.poles.size), dtype=complex)
-        free = np.zeros_like(y)
-        if j.size:
-            push, moved = self.pushes[j[0]], self.inertial_pushes[j[0]]
-            modes += push.modes - at**2 * moved.modes
-            poles += push.poles - at**2 * moved.poles
-            free += push.flexible + at * push.flexible_rate
-            free -= at**2 * (moved.flexible + at * moved.flexible_rate)
-            order = self.orders[j[0]]
-            for values, i in self.varying_at(order, s.imag / order):
-                value, varied = values[:, np.newaxis], self.varying_pushes[i]
-                modes += value * varied.modes
-                poles += value * varied.poles
-                free += value * (varied.flexible + at * varied.flexible_rate)
-            for part in (modes, poles, free):
-                part *= factors[:, np.newaxis]
-        # Modes near a resonance are separate unknowns: in H they would hide all other modes.
-        loud = np.flatnonzero((np.abs(apart) < _NEAR * np.abs(rest.squares)).any(axis=0))
-        quiet = np.delete(np.arange(rest.squares.size), loud)
-        if self.linear and not (loud.size and any(c.laws.kernels)):
-            g = np.zeros_like(y)
-            for kernel, own in zip(c.laws.kernels, c.laws.stiffness, strict=True):
-                if kernel is not None:
-                    g += kernel.transform(s.imag)[:, np.newaxis] * (y @ own.T)
-            return (modes + g @ c.seen.T) * t, (poles + g @ c.right.T) * w, g
-        rigid = free.copy()
-        pushed = modes[:, quiet] * t[:, quiet]
-        free += pushed @ c.seen[quiet] + (poles * w) @ c.left
-        h = compliance(c, s, t, w, quiet)
-        if loud.size:
-            forces, others = with_modes(h, c.seen[loud], apart[:, loud], y - free, modes[:, loud])
-            amplitudes = np.asarray((modes + forces @ c.seen.T) * t)
-            amplitudes[:, loud] = others
-            return amplitudes, (poles + forces @ c.right.T) * w, forces
-        by_compliance = g = solved(h, y - free)
-        if motions is not None:
-            g = forces_of_laws(c, g.copy(), h, t, w, pushed, poles * w, y, motions)
-        amplitudes = np.asarray((modes + g @ c.seen.T) * t)
-        of_laws = (g != by_compliance).any(axis=1)
-        loads = (modes, poles, rigid)
-        refine(c, s, (apart, t, w), loads, y, of_laws, (g, amplitudes))
-        return amplitudes, (poles + g @ c.right.T) * w, g
+    def _in_modes(
+        self, nu: FloatArray, orders: Any, y: ComplexArray, factors: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Amplitudes of real and complex modes, and forces of elements, shapes (n_modes, m, n)."""
+        found = run(
+            "response modes", self._handle, nu=np.asarray(nu, dtype=float),
+            factor=np.asarray(factors, dtype=float), kept=np.asarray(orders, dtype=np.int32),
+            motions=np.asfortranarray(y.T), linear=self.linear,
+        )  # fmt: skip
+        return found["modes"], found["poles"], found["forces"]
 
     def _flexible_load(
         self, s: ComplexArray, j: Any, places: Any, factors: FloatArray
@@ -531,29 +378,6 @@ class LoadedStructure:
         for column, (values, _) in enumerate(varying, start=2):
             force = force + values[:, np.newaxis] * (bend[:, column] + at * rate[:, column])
         return np.asarray((force - at**2 * base) * factors[:, np.newaxis])
-
-    def _at_rest(self, y: ComplexArray, j: Any, places: Any, factors: FloatArray) -> ComplexArray:
-        """Harmonic 0 of coordinates."""
-        c, rest, rigid = self.condensation, self.condensation.rest, self.condensation._rigid
-        nothing = np.zeros(rest.squares.size, complex), np.zeros(rest.poles.size, complex)
-        zero = np.zeros(c.q, complex)
-        push = self.pushes[j[0]] if j.size else _Push(*nothing, zero, zero)
-        static = self._static(j)
-        scale = factors[:, np.newaxis]
-        h = y @ static.stiffness.T - scale * static.load
-        modes = (scale * push.modes + h @ c.seen.T)[:, ~rigid] / rest.squares[~rigid]
-        u = modes @ rest.shapes[places][:, ~rigid].T
-        bodies = y @ static.rigid.T + scale * static.rigid_load
-        still = c._still
-        left = rest.left[places].T
-        bodily = np.vstack([rest.shapes[places][:, rigid].T, (left[still].T / c._turn).T])
-        u = u + bodies @ bodily
-        poles = (scale * push.poles + h @ c.right.T)[:, ~still] / rest.poles[~still]
-        u = u - poles @ left[~still]
-        if rest.flexibility is not None:
-            u = u + h @ c.flexible[places].T
-            u = u + self._flexible_load(np.zeros(factors.size, dtype=complex), j, places, factors)
-        return np.asarray(u)
 
 
 class _Push(NamedTuple):

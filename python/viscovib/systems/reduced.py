@@ -207,9 +207,10 @@ def direct_motion(
     modes = Modes(reduction.squares[true], reduction.shapes[:, true])
     n = loaded.forces.shape[0]
     found = np.zeros((n, orders.size), dtype=complex)
+    forces = c.laws.directions @ loaded.reaction(nu, orders, y, factor)[0]
     for k, order in enumerate(orders):
         j = np.flatnonzero(loaded.orders == order)
-        pushed = c.laws.directions @ loaded.reaction(nu, order, y[:, :, k], factor)[0]
+        pushed = forces[:, k]
         s = 1j * order * nu[0]
         if j.size:
             pushed = pushed + factor[0] * loaded.forces[:, j[0]]

@@ -23,9 +23,8 @@ from viscovib.systems.stiffness_ratio import (
     without_rounding,
 )
 
-#: Relative rounding errors: off-diagonal entries of modal damping, squared frequencies, remainders
-#: of linearly dependent directions.
-_OFF_DIAGONAL, _RIGID, _DEPENDENT = 1e-12, 1e-12, 1e-10
+#: Relative rounding errors: off-diagonal entries of modal damping, squared frequencies.
+_OFF_DIAGONAL, _RIGID = 1e-12, 1e-12
 _EPS = float(np.finfo(float).eps)
 #: Bits of a product with cancellation.
 _BITS = 106
@@ -336,71 +335,6 @@ def _fastest(poles: ComplexArray, springs: FloatArray) -> float:
     """Reference rate for poles that are rounding errors, from the springs M^-1 K."""
     fastest = float(np.abs(poles).max())
     return max(math.sqrt(np.abs(springs).max()), _RIGID * fastest)
-
-
-class Static(NamedTuple):
-    """Harmonic 0: g = stiffness y - load for the static forces, and rigid-body amplitudes."""
-
-    stiffness: FloatArray
-    #: Effective load, shape (q,), for the given modal forces.
-    load: ComplexArray
-    #: Rigid-body amplitudes: rows of the same inverse, shape (n_rigid, q), and part of the load.
-    rigid: FloatArray
-    rigid_load: ComplexArray
-    #: Relative load on rigid bodies without support; above rounding errors no solution exists.
-    unheld: float
-
-
-def static_form(
-    elastic: FloatArray,
-    deflection: ComplexArray,
-    rigid_seen: FloatArray,
-    rigid_pushed: FloatArray,
-    rigid_load: ComplexArray,
-) -> Static:
-    """Limit of H(s)^-1 and H(s)^-1 Y0(s) at s = 0.
-
-    With forces h = -g on the coordinates, y = elastic h + rigid_seen eta + deflection and
-    0 = rigid_pushed^T h + rigid_load: a bordered system for h and eta.
-    """
-    q, m = rigid_seen.shape
-    # Rigid-body motions without deflections stay at rest, or there is no solution.
-    if m:
-        _, sizes, vt = np.linalg.svd(rigid_seen, full_matrices=True)
-        rank = int((sizes > _DEPENDENT * max(sizes.max(initial=0.0), 1e-300)).sum())
-        turn = vt.T
-        unheld = turn[:, rank:].T @ rigid_load
-        seen, pushed = rigid_seen @ turn[:, :rank], rigid_pushed @ turn[:, :rank]
-        held = turn[:, :rank].T @ rigid_load
-    else:
-        turn, rank = np.zeros((0, 0)), 0
-        unheld, seen, pushed, held = rigid_load, rigid_seen, rigid_pushed, rigid_load
-    size = np.linalg.norm(rigid_load)
-    bordered = np.block([[elastic, seen], [pushed.T, np.zeros((rank, rank))]])
-    inverse = _inverse(bordered)
-    stiffness = inverse[:q, :q]
-    load = stiffness @ deflection + inverse[:q, q:] @ held
-    eta = inverse[q:, :q]
-    eta_load = -(eta @ deflection + inverse[q:, q:] @ held)
-    return Static(
-        stiffness, load, turn[:, :rank] @ eta, turn[:, :rank] @ eta_load,
-        float(np.linalg.norm(unheld) / size) if size else 0.0,
-    )  # fmt: skip
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a matrix with rows of very different size."""
-    rows = np.abs(matrix).max(axis=1)
-    columns = np.abs(matrix / np.where(rows > 0, rows, 1)[:, np.newaxis]).max(axis=0)
-    rows[rows == 0] = columns[columns == 0] = 1.0
-    scaled = matrix / rows[:, np.newaxis] / columns
-    try:
-        return np.asarray(np.linalg.inv(scaled) / columns[:, np.newaxis] / rows)
-    except np.linalg.LinAlgError:
-        raise InputError(
-            "elements: the coordinates they act on see too few modes of the structure to be "
-            "independent (more elements than modes?)"
-        ) from None
 
 
 def in_modes(
