@@ -249,20 +249,3 @@ def test_bad_input_is_named(changes, text):
     with pytest.raises(vv.InputError) as error:
         vv.simulate_ensemble(given.pop("system"), **given)
     assert text in str(error.value)
-
-
-@pytest.mark.parametrize("law", ["0.05*tanh(2000*x)", "0.02*atan(1000*x_dot)"])
-def test_statistics_of_runs_with_thin_layers(law):
-    """Runs that need partial steps have peaks, means and rms from `discard` on, as others have."""
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces=law)
-    states = 0.1 * np.random.default_rng(2).standard_normal((4, 2))
-    options = {"t_end": 4.0, "load": {1: 0.1}, "nu": 0.9, "tolerance": 1e-6}
-    many = vv.simulate_ensemble(system, initial=states, statistics=True, discard=0.5, **options)
-    for i, state in enumerate(states):
-        one = vv.simulate(system, initial=state, **{**options, "tolerance": 1e-9}, dt=1e-3)
-        x = one.state[one.t >= 0.5 - 1e-9]
-        assert np.abs(many.peak[i] - np.abs(x).max(axis=0))[0] < 1e-6
-        assert np.abs(many.mean[i] - np.trapezoid(x, dx=1e-3, axis=0) / 3.5)[0] < 1e-6
-        assert many.rms[i, 0] ** 2 == pytest.approx(
-            np.trapezoid(x[:, 0] ** 2, dx=1e-3) / 3.5, rel=1e-5
-        )

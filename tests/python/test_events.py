@@ -176,24 +176,6 @@ def test_the_first_step_with_memory(structure):
         np.testing.assert_allclose(event.t, expected, atol=2e-12)
 
 
-@pytest.mark.parametrize("structure", [False, True])
-def test_passages_with_a_singular_start(structure):
-    """A steep kernel: the same event in a first step of 0.4 and of 0.01."""
-    steep = vv.RzhanitsynKernel(amplitude=0.1, alpha=0.15, beta=0.5)
-    if structure:
-        spring = vv.Spring(on="x1", stiffness=1, law="0.5*d^3", kernel=steep)
-        block = vv.Structure(mass=[1.0], stiffness=[0.0], elements=[spring])
-    else:
-        block = vv.PolynomialSystem(mass=1, stiffness=1, forces="0.5*x^3", kernel=steep)
-    events = [f"{'x1' if structure else 'x'} - 1.001"]
-    found = [
-        vv.simulate(block, 0.4, initial=[1, 0.05], dt=dt, memory="direct", events=events)
-        for dt in (0.4, 0.01)
-    ]
-    assert found[0].events[0].t.size >= 1
-    np.testing.assert_allclose(found[0].events[0].t, found[1].events[0].t, rtol=1e-10)
-
-
 def chain_of(n, rng, *, modal, kernel=None):
     """Return a chain with a cubic spring at its first mass, and its damping."""
     stiffness = 40.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))

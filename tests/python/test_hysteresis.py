@@ -155,25 +155,6 @@ def test_branch_with_a_gap():
 
 
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("harmonics", [21, 31])
-def test_crossings_say_whether_they_are_sure(harmonics):
-    """Certain ones are published locations; an unlocated one is None without a NumPy warning."""
-    stiffness = np.array([[1.0, -1], [-1, 2]])
-    system = vv.Structure(
-        mass=np.eye(2), stiffness=stiffness, damping=0.03 * stiffness,
-        elements=[vv.Gap(on="x1", stiffness=100, gap=1)],
-    )  # fmt: skip
-    branch = vv.trace_response(system, (0.8, 0.5), load=[0, 0.1], harmonics=harmonics)
-    for one in branch.crossings:
-        known = [branch.stable[i] is not None for i in (one.before, one.before + 1)]
-        assert one.sure == all(known)
-        if one.sure:
-            true = {"fold": (0.653440, 0.755627), "Neimark-Sacker": (0.61861, 0.58190)}[one.kind]
-            assert min(abs(one.parameter - place) for place in true) < 1e-3
-    assert {one.sure for one in branch.crossings} == {False, True}
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.parametrize(
     ("force", "damping", "load", "orders"),
     [

@@ -12,7 +12,6 @@ import pytest
 import scipy.optimize
 import sympy as sp
 import viscovib as vv
-from referee.integration import solve_ivp
 from scales_reference import interaction, pendulum_equations, terms_to_third
 
 FREE = {"e": 0.1, "w2": 0.48, "w3": 0.8, "alpha": 0.5}
@@ -331,25 +330,6 @@ def test_routh_table_of_a_known_polynomial():
     column = ended.routh_hurwitz(0)
     np.testing.assert_allclose(column[:3], [1, 1, 0], atol=1e-14)
     assert np.isnan(column[3])
-
-
-def test_repeated_frequencies_exchange():
-    """Two equal oscillators coupled by a cubic term: no division by their difference."""
-    cubic = np.zeros((2, 2, 2, 2))
-    cubic[0, 0, 1, 1] = cubic[1, 1, 0, 0] = 0.3
-    system = vv.CubicSystem(mass=np.eye(2), stiffness=np.eye(2), cubic=cubic)
-    ms = vv.MultipleScales(system)
-    assert {"w1 ~ w2"} <= {r.label for r in ms.resonances() if r.near}
-    initial = np.array([0.1, 0, 0.03, 0.05])
-    t = np.linspace(0, 200, 401)
-    motion = ms.motion(t, initial)
-
-    def rhs(_, y):
-        return [y[1], -y[0] - 0.3 * y[0] * y[2] ** 2, y[3], -y[2] - 0.3 * y[2] * y[0] ** 2]
-
-    exact = solve_ivp(rhs, (0, 200), initial, t_eval=t, rtol=1e-11, atol=1e-13)
-    assert abs(motion.state.T - exact.y).max() < 2e-3 * 0.1
-    assert np.ptp(motion.modulation.amplitude[:, 0]) > 1e-3
 
 
 def test_unstable_mode_is_reported():

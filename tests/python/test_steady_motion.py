@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 import viscovib as vv
-from referee.integration import solve_ivp
 
 SPRINGS = np.array([[1.0, -1.0], [-1.0, 2.0]])
 #: Example 03 of NLvib (Krack and Gross).
@@ -398,42 +397,6 @@ def test_branch_turns_back_where_impacts_begin(span):
     assert np.sort(branch.folds)[0] == pytest.approx(grazed, abs=1e-10)
     assert np.sort(branch.folds)[1] == pytest.approx(1.502277916028, abs=1e-10)
     assert (branch.switches[branch.nu > 1.51] == 0).all()
-
-
-def test_grazing_of_a_stiff_spring():
-    """Within 1e-6 after grazing the tangent rotates by a right angle; the branch continues."""
-    spring = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="60*max(x - 0.1, 0)")
-    branch = vv.trace_motion(
-        spring, (0.37, 0.3695), load=1, initial=[-0.09957, -0.55700], max_step=0.1
-    )
-    assert branch.outcome == "completed"
-    assert branch.parameter.size < 100
-    assert branch.folds == pytest.approx(branch.grazings, abs=1e-8)
-    (i,) = np.flatnonzero(np.diff(branch.switches))
-    for place in (i, -1):
-        last, passed = from_contact_to_contact(branch.nu[place], branch.state[place])
-        assert last == pytest.approx(branch.state[place], abs=1e-11)
-        assert passed == branch.switches[place]
-
-
-def from_contact_to_contact(nu, state):
-    """Final state of a period with the spring above, by SciPy, and the number of switches."""
-    t, end, passed, touching = 0.0, 2 * np.pi / nu, 0, state[0] > 0.1
-    while t < end:
-
-        def rates(t, y, k=60 * touching):
-            return [y[1], np.sin(nu * t) - y[0] - 0.1 * y[1] - k * (y[0] - 0.1)]
-
-        def surface(t, y):
-            return y[0] - 0.1
-
-        surface.terminal, surface.direction = True, -1 if touching else 1
-        found = solve_ivp(
-            rates, (t, end), state, "DOP853", events=surface, rtol=1e-12, atol=1e-14, max_step=0.05
-        )
-        t, state = found.t[-1], found.y[:, -1]
-        touching, passed = touching != (found.status == 1), passed + (found.status == 1)
-    return state, passed
 
 
 def test_branch_as_by_harmonics():

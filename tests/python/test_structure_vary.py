@@ -180,23 +180,3 @@ def test_numbers_that_an_element_does_not_have():
             trace(name)
     with pytest.raises(vv.InputError, match=r"ratio = 1: must be in \[0, 1\)"):
         trace("elements[1].ratio", (0.1, 1.0))
-
-
-def test_a_response_before_does_not_change_variants_or_reductions():
-    n = 20
-    k = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-
-    def chain(k3):
-        spring = vv.Spring(on="x20", law="k3*d^3", parameters={"k3": k3})
-        return vv.Structure(mass=np.ones(n), stiffness=k, modal_damping=0.01, elements=[spring])
-
-    structure, call = chain(0.5), {"load": {"x1": 0.05}, "harmonics": 5}
-    first = vv.forced_response(structure, [0.1], method="newton", **call)
-    branch = vv.trace_response(
-        structure, vary="elements[0].k3", vary_range=(0.5, 50.0), nu=0.1, **call
-    )
-    last = vv.forced_response(chain(50.0), [0.1], method="newton", **call)
-    assert np.abs(last.coefficients - first.coefficients).max() > 1e-5
-    assert np.allclose(branch.coefficients[-1], last.coefficients[0], rtol=0, atol=1e-10)
-    reduced = structure.reduce(frequency=0.6, loads=["x1"])
-    assert reduced._loaded({"x1": 0.05}, None).condensation.reduced is not None

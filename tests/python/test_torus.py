@@ -233,41 +233,6 @@ def test_long_work_hears_an_interrupt(start):
     assert "KeyboardInterrupt" in errors
 
 
-@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize("duration", [1, 10, 100, 1000])
-def test_quasi_periodic_verdicts_are_those_of_multipliers_or_unknown(duration):
-    # The second load is negligible: a periodic motion, with means over a duration.
-    rng = np.random.default_rng(5)
-    found, decided = 0, 0
-    for index in range(10):
-        damping = 10 ** rng.uniform(-3.5, -1.3)
-        body = {
-            "e": rng.uniform(0.02, 0.1), "w2": rng.uniform(0.3, 0.6), "w3": rng.uniform(0.7, 1.1),
-            "c1": damping, "c2": damping, "c3": damping,
-        }  # fmt: skip
-        slowest = np.min(vv.Pendulum(**body).natural_frequencies())
-        parametric = {"f0": 0.05, "p1": 2 * slowest * rng.uniform(0.97, 1.03)}
-        body |= parametric if index % 2 else {"f0": 1e-6, "p1": rng.uniform(1.3, 1.6)}
-        one = vv.forced_response(vv.Pendulum(**body), stability=True)
-        two = vv.forced_response(
-            vv.Pendulum(**body, m01=1e-9, p2=0.1234567),
-            harmonics=6, stability=True, duration=duration,
-        )  # fmt: skip
-        assert one.growth_error is None
-        if not (one.converged[0] and two.converged[0]):
-            continue
-        found += 1
-        if two.stable[0] is None:
-            assert two.growth_error[0].max() > np.abs(two.growth[0]).min()
-            continue
-        decided += 1
-        assert bool(two.stable[0]) is bool(one.stable[0])
-    assert found >= 8
-    assert decided >= found - 1 if duration == 1000 else decided < found
-    assert (decided == 0) == (duration <= 10)
-
-
 def test_a_duration_that_decides_nothing_is_reported():
     with pytest.warns(vv.StabilityWarning, match="smaller than its error, take a longer duration"):
         rows = vv.forced_response(TWO, harmonics=6, stability=True, duration=3)
