@@ -328,5 +328,33 @@ def test_growing_real_roots_of_structures_are_counted():
         ]  # fmt: skip
         assert roots.real == pytest.approx(sorted(map(float, exact), reverse=True), rel=1e-9)
         assert roots.n_unstable == n
-        assert "Im s = 0" in roots.region
-        assert not roots.complete
+        assert roots.complete
+
+
+_KERNELS = {
+    "none": None,
+    "prony": vv.PronyKernel(weights=[0.2, 0.1], rates=[1, 5]),
+    "rzhanitsyn": vv.RzhanitsynKernel(amplitude=0.048, alpha=0.1, beta=0.05),
+}
+
+
+@pytest.mark.parametrize("name", _KERNELS)
+@pytest.mark.parametrize("n", [1, 3, 6])
+def test_all_roots_of_a_structure_contain_those_of_its_modes(name, n):
+    """Two engines: the argument principle, and Newton's method from each mode."""
+    rng = np.random.default_rng(n)
+    stiffness, mass = (a @ a.T / n + np.eye(n) for a in rng.standard_normal((2, n, n)))
+    kernel = _KERNELS[name]
+    elements = [
+        vv.Spring(on=rng.standard_normal(n), stiffness=1.5, law="0.5*d^3", kernel=kernel)
+        for _ in range(2)
+    ]
+    system = vv.Structure(
+        mass=mass, stiffness=stiffness, damping=0.03 * stiffness, elements=elements
+    )
+    roots = system.characteristic_roots()
+    assert roots.complete
+    assert roots.n_unstable == 0
+    some = system.characteristic_roots(n).oscillatory
+    off = np.abs(roots.oscillatory[:, None] - some).min(axis=0)
+    assert (off < 1e-11 * np.abs(some)).all()

@@ -785,26 +785,31 @@ class Structure(WithSpeed):
     def characteristic_roots(
         self, count: int | None = None, *, layers: Sequence[tuple[Any, Kernel]] = ()
     ) -> "CharacteristicRoots":
-        """The first roots of det[M s^2 + C s + K + sum_j (k_j + s c_j) e_j e_j' (1 - R_j(s))] = 0.
+        """Roots of det[M s^2 + C s + K + sum_j (k_j + s c_j) e_j e_j' (1 - R_j(s))] = 0.
 
-        c_j is the linear part of the law of an element with a kernel in the rate. Newton's method
-        works on the full matrices, dense or sparse. Each root starts from a mode of the stiffness
-        at its frequency. ``real`` lists the positive real roots (up to 500 coordinates, symmetric
-        matrices). ``n_unstable`` counts the growing roots in the list. ``complete`` is False, and
-        ``region`` states the searched part of the plane.
+        c_j is the linear part of the law of an element with a kernel in the rate. Up to 20
+        coordinates, all roots are found as those of `PolynomialSystem.characteristic_roots`. Beyond
+        20 coordinates, and with ``count`` or ``layers``, Newton's method works on the full
+        matrices, dense or sparse. Each root starts from a mode of the stiffness at its frequency.
+        ``real`` then lists the positive real roots (up to 500 coordinates, symmetric matrices),
+        ``n_unstable`` counts the growing roots in the list, ``complete`` is False, and ``region``
+        states the searched part of the plane.
 
         Parameters
         ----------
         count : int
-            Number of roots, by increasing frequency of their modes; None: 6, or all if there are
-            fewer.
+            Number of roots, by increasing frequency of their modes; None: all, or 6 beyond 20
+            coordinates.
         layers : sequence of (array, Kernel)
             Further stiffness matrices with memory, with any kernel, in addition to those of the
             structure.
         """
         from viscovib.systems.sparse_roots import structure_roots
+        from viscovib.systems.whole import all_roots
 
-        return structure_roots(self._turned(), count, layers)
+        here = self._turned()
+        found = None if count is not None or len(layers) else all_roots(here)
+        return structure_roots(here, count, layers) if found is None else found
 
     @property
     def _base_direction(self) -> FloatArray | None:
