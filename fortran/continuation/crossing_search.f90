@@ -11,7 +11,7 @@ module viscovib_crossing_search
   use viscovib_chord, only: chord_type, new_chord
   use viscovib_constants, only: pi
   use viscovib_crossing_dips, only: find_dip, lengths_of, n_tests, tests_of
-  use viscovib_crossing_nodes, only: look_at, node_type, spectrum_type
+  use viscovib_crossing_nodes, only: look_at, look_between, node_type, spectrum_type
   use viscovib_crossing_roots, only: bracket, on_line
   use viscovib_curve, only: curve_type
   use viscovib_curve_events, only: special_points
@@ -30,7 +30,7 @@ module viscovib_crossing_search
   integer, parameter, public :: crossing_fold = 1, crossing_branch_point = 2, &
                                 crossing_symmetry = 3, crossing_doubling = 4, crossing_pair = 5
 
-  integer, parameter :: max_depth = 12, max_looks = 8
+  integer, parameter :: max_depth = 12, max_looks = 8, max_halvings = 6
   !> Distances on both sides of a location at which exponents are counted, in sigma, in order.
   real(wp), parameter :: nearby(4) = [1.0e-3_wp, 1.0e-4_wp, 1.0e-2_wp, 5.0e-2_wp]
   !> Largest distance between a fold and its change: in points, otherwise relative to p and x.
@@ -113,7 +113,8 @@ contains
       if (minval(n_growing(i:i + 1)) < 0) cycle
       s%i = i
       call find_dip(s%tests, lengths, i, which, dip)
-      changes = something_changes(s)
+      changes = something_changes(s) .or. (spectrum%complete .and. turn_over(s%tests(:, i), &
+                                                                             s%tests(:, i + 1)))
       if (which == 0 .and. .not. changes) cycle
       call new_chord(s%chord, curve, p(i:i + 1), x(:, i:i + 1))
       call put_node(s, 0.0_wp, i, s%first)
@@ -330,7 +331,17 @@ contains
     integer :: kind, width
     logical :: located
 
-    if (a%n_growing == b%n_growing .or. given_up(cancel)) return
+    if (given_up(cancel)) return
+    if (a%n_growing == b%n_growing) then
+      ! A multiplier may cross 1 and another one -1, so that their number stays the same.
+      if (depth >= max_halvings .or. .not. s%spectrum%complete) return
+      if (.not. turn_over(tests_of(a%eta), tests_of(b%eta))) return
+      call look_between(s%curve, s%spectrum, s%chord, a, b, root)
+      if (root%n_growing < 0) return
+      call explain(s, a, root, depth + 1, cancel)
+      call explain(s, root, b, depth + 1, cancel)
+      return
+    end if
     lo = a
     hi = b
     located = .false.
@@ -356,6 +367,12 @@ contains
     end if
     call explain(s, hi, b, depth + 1, cancel)
   end subroutine explain
+
+  !> True if the test functions of both multipliers 1 and -1 change their signs.
+  pure logical function turn_over(one, other)
+    real(wp), intent(in) :: one(:), other(:)
+    turn_over = all(one(:2)*other(:2) < 0.0_wp)
+  end function turn_over
 
   !> Nodes close to a location on both sides.
   subroutine search_nearby(s, a, b, sigma, lo, hi)

@@ -12,7 +12,7 @@ module viscovib_curve_events
   implicit none
   private
 
-  public :: special_points, empty, locate_fold, locate_branch_point, locate_value, turn_at, &
+  public :: special_points, empty_points, locate_fold, locate_branch_point, locate_value, turn_at, &
             drop_last_near
 
   !> Marks that nothing was found.
@@ -67,14 +67,15 @@ module viscovib_curve_events
 
 contains
 
-  subroutine empty(points, n, blocks)
+  !> No points yet.
+  subroutine empty_points(points, n, blocks)
     type(special_points), intent(out) :: points
     !> Largest number of unknowns, and number of blocks.
     integer, intent(in) :: n, blocks
     points%blocks = blocks
     allocate (points%p(0), points%error(0), points%error_x(0), points%x(n, 0), &
               points%across(n + 1, 0), points%before(0))
-  end subroutine empty
+  end subroutine empty_points
 
   !> Locate a zero of dp/ds.
   subroutine locate_fold(curve, c, here, step, folds, at)

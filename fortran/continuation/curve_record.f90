@@ -2,7 +2,7 @@
 !> The result of following a curve: the points of the branch, and how it ended.
 module viscovib_curve_record
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-  use viscovib_curve_events, only: empty, special_points
+  use viscovib_curve_events, only: empty_points, special_points
   use viscovib_curve_point, only: curve_point
   use viscovib_kinds, only: wp
   use viscovib_sized_curve, only: refitted, sized_curve_type
@@ -77,8 +77,8 @@ contains
     allocate (self%parameter(max_points), self%direction(max_points), &
               self%iterations(max_points), self%error(max_points), self%off(max_points), &
               self%x(most, max_points), self%stops(0))
-    call empty(self%folds, most, self%blocks)
-    call empty(self%branch_points, most, self%blocks)
+    call empty_points(self%folds, most, self%blocks)
+    call empty_points(self%branch_points, most, self%blocks)
   end subroutine allocate_arrays
 
   !> Add a point.

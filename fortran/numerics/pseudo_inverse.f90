@@ -1,4 +1,5 @@
-!> Inverses of matrices that may be singular within rounding error, null vectors and determinants.
+!> Inverses of matrices that may be singular within rounding error, null vectors and signs of
+!! determinants.
 !!
 !! The singular value decomposition uses one-sided Jacobi rotations (M. R. Hestenes, J. SIAM
 !! 6, 1958; Golub and Van Loan, Matrix Computations, 4th ed., 8.6.3).
@@ -8,7 +9,7 @@ module viscovib_pseudo_inverse
   implicit none
   private
 
-  public :: pseudo_inverse, null_vector, determinant, sign_of_determinant
+  public :: pseudo_inverse, null_vector, sign_of_determinant
 
   !> Singular values below this part of the largest count as 0.
   real(wp), parameter :: smallest = epsilon(1.0_wp)
@@ -116,39 +117,22 @@ contains
     end do
   end subroutine decompose
 
-  !> The determinant of a square matrix.
-  pure real(wp) function determinant(matrix)
-    real(wp), intent(in) :: matrix(:, :)
-    real(wp), allocatable :: diagonal(:)
-    call find_pivots(matrix, diagonal)
-    determinant = product(diagonal)
-  end function determinant
-
   !> Sign of the determinant, without overflow: -1, 0 or 1.
   pure real(wp) function sign_of_determinant(matrix)
     real(wp), intent(in) :: matrix(:, :)
-    real(wp), allocatable :: diagonal(:)
-    call find_pivots(matrix, diagonal)
-    sign_of_determinant = product(sign(1.0_wp, diagonal))
-    if (any(abs(diagonal) <= 0.0_wp)) sign_of_determinant = 0.0_wp
-  end function sign_of_determinant
-
-  !> Pivots of elimination, with the signs of the exchanges; zeros for a singular matrix.
-  pure subroutine find_pivots(matrix, diagonal)
-    real(wp), intent(in) :: matrix(:, :)
-    real(wp), allocatable, intent(out) :: diagonal(:)
     real(wp), allocatable :: factors(:, :)
     integer :: i, pivots(size(matrix, 1))
     logical :: singular
 
     allocate (factors, source=matrix)
-    allocate (diagonal(size(pivots)), source=0.0_wp)
+    sign_of_determinant = 0.0_wp
     call factorize(size(pivots), factors, pivots, singular)
     if (singular) return
+    sign_of_determinant = 1.0_wp
     do i = 1, size(pivots)
-      diagonal(i) = factors(i, i)
-      if (pivots(i) /= i) diagonal(i) = -diagonal(i)
+      if (abs(factors(i, i)) <= 0.0_wp) sign_of_determinant = 0.0_wp
+      if (factors(i, i) < 0.0_wp .neqv. pivots(i) /= i) sign_of_determinant = -sign_of_determinant
     end do
-  end subroutine find_pivots
+  end function sign_of_determinant
 
 end module viscovib_pseudo_inverse

@@ -2,10 +2,9 @@
 !> Branches of periodic motions: pseudo-arclength continuation (Keller 1977) of the map of a
 !! period, with errors by another step size, bifurcation points and extremes.
 module viscovib_motion_branch
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_positive_inf, ieee_quiet_nan, &
-    ieee_value
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_kinds, only: wp
-  use viscovib_motion_events, only: event_grazing, find_event_errors, find_events, motion_event
+  use viscovib_motion_events, only: event_grazing, find_events, motion_event
   use viscovib_motion_path, only: map_family, motion_path, motion_point
   use viscovib_outcomes, only: outcome_converged
   use viscovib_period_map, only: period_map
@@ -308,7 +307,7 @@ contains
         branch%repeats_after(i) = find_shortest_period(map, branch%motions(i))
         branch%allowed(i) = accuracy%allowed(map, path%state_of(z))
       end associate
-      call path%extremes(points(i), low, high)
+      call path%extremes(points(i)%z, low, high)
       if (i == 1) then
         deallocate (branch%low, branch%high)
         allocate (branch%low(size(low), n), branch%high(size(low), n))
@@ -325,38 +324,27 @@ contains
     type(motion_point), intent(in) :: points(:)
     type(motion_branch), intent(inout) :: branch
     type(motion_event), allocatable :: found(:)
-    real(wp), allocatable :: errors(:), low(:), high(:)
-    real(wp) :: blur, place, error
-    logical :: sure
-    integer :: i, k
+    real(wp), allocatable :: low(:), high(:)
+    integer :: i, k, n
 
-    allocate (branch%kind(0), branch%before(0), branch%place(0), branch%place_error(0))
-    allocate (branch%is_sure(0), branch%largest(size(branch%low, 1), 0))
-    do i = 1, branch%n_points - 1
-      if (given_up()) return
-      call begin_piece()
-      blur = max(branch%motions(i)%multiplier_error, branch%motions(i + 1)%multiplier_error)
-      sure = min(branch%motions(i)%stability(), branch%motions(i + 1)%stability()) >= 0
-      call find_events(path, points(i), points(i + 1), blur, found)
-      call find_event_errors(path, points(i), points(i + 1), blur, found, errors)
-      do k = 1, size(found)
-        place = ieee_value(place, ieee_quiet_nan)
-        error = place
-        allocate (high(size(branch%low, 1)), source=place)
-        if (found(k)%has_point) then
-          place = path%parameter_of(found(k)%point%z)
-          error = errors(k)*path%units(size(path%units))
-          if (errors(k) >= huge(error)) error = ieee_value(error, ieee_positive_inf)
-          call path%extremes(found(k)%point, low, high)
-        end if
-        branch%kind = [branch%kind, found(k)%kind]
-        branch%before = [branch%before, i]
-        branch%place = [branch%place, place]
-        branch%place_error = [branch%place_error, error]
-        branch%is_sure = [branch%is_sure, sure .or. found(k)%kind == event_grazing]
-        branch%largest = reshape([branch%largest, high], [size(high), size(branch%kind)])
-        deallocate (high)
-      end do
+    n = branch%n_points
+    call find_events(path, points(:n), branch%motions(:n)%multiplier_error, found)
+    branch%kind = found%kind
+    branch%before = found%before
+    allocate (branch%is_sure(size(found)))
+    allocate (branch%place(size(found)), source=ieee_value(0.0_wp, ieee_quiet_nan))
+    branch%place_error = branch%place
+    allocate (branch%largest(size(branch%low, 1), size(found)), &
+              source=ieee_value(0.0_wp, ieee_quiet_nan))
+    do k = 1, size(found)
+      i = found(k)%before
+      branch%is_sure(k) = min(branch%motions(i)%stability(), branch%motions(i + 1)%stability()) &
+                          >= 0 .or. found(k)%kind == event_grazing
+      if (.not. allocated(found(k)%z)) cycle
+      branch%place(k) = path%parameter_of(found(k)%z)
+      branch%place_error(k) = found(k)%error*path%units(size(path%units))
+      call path%extremes(found(k)%z, low, high)
+      branch%largest(:, k) = high
     end do
   end subroutine check_events
 

@@ -1,223 +1,325 @@
-!> Bifurcation points between two points of a branch of periodic motions in time.
+!> Bifurcation points of a branch of periodic motions in time, and its grazings.
 !!
-!! Test functions (Kuznetsov, Elements of Applied Bifurcation Theory, 10.2): for a fold the
-!! component of the tangent along the parameter, for a branch point the determinant of the
-!! derivatives with the tangent, for a period doubling det(P' + 1), for a Neimark-Sacker point the
-!! product of m_i m_j - 1 over the multipliers, for grazing the number of switches.
+!! Multipliers that cross the unit circle are located as on every other curve
+!! (`viscovib_crossing_search`), with errors by another step size. At a grazing the number of
+!! switches changes. There the branch may have a corner, with no motions across the chord between
+!! the points on both sides of it; events without a location are then at the corner.
 module viscovib_motion_events
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use viscovib_polynomial_zeros, only: interpolated, interpolated_roots
+  use, intrinsic :: ieee_arithmetic, only: ieee_positive_inf, ieee_quiet_nan, ieee_value
+  use viscovib_crossing_nodes, only: spectrum_type
+  use viscovib_crossing_search, only: crossing_type, find_changes
+  use viscovib_curve, only: curve_type
+  use viscovib_curve_corrector, only: corrector_type, new_corrector
+  use viscovib_curve_events, only: empty_points, locate_branch_point, locate_fold, nowhere, &
+    special_points, turn_at
+  use viscovib_curve_point, only: curve_point, metric, new_point, normalize
   use viscovib_kinds, only: wp
-  use viscovib_motion_path, only: motion_path, motion_point
-  use viscovib_pseudo_inverse, only: determinant
-  use viscovib_stopping, only: given_up
+  use viscovib_motion_path, only: difference, motion_path, motion_point
+  use viscovib_orbit_multipliers, only: count_larger, logarithm, multipliers_of
+  use viscovib_period_map, only: period_run
+  use viscovib_stopping, only: begin_piece, given_up
   implicit none
   private
 
-  public :: find_event_errors, find_events, motion_event
+  public :: find_events, motion_event
 
   integer, parameter, public :: event_fold = 1, event_branch = 2, event_doubling = 3, &
                                 event_pair = 4, event_grazing = 5
   character(len=*), parameter, public :: event_names(5) = &
     [character(len=15) :: 'fold', 'branch point', 'period doubling', 'Neimark-Sacker', 'grazing']
-  !> Number of multipliers that cross the unit circle, for each kind.
-  integer, parameter :: n_crossing(event_fold:event_pair) = [1, 1, 1, 2]
-  !> Distance of the ends between which a crossing is located, relative to the chord.
+  !> The events of the types of crossings; without half-wave symmetry no symmetry is broken.
+  integer, parameter :: of_crossing(5) = &
+    [event_fold, event_branch, event_branch, event_doubling, event_pair]
+  !> Multipliers this close to the unit circle count as on it.
+  real(wp), parameter :: circle = 1.0e-9_wp
+  !> Relative tolerance of motions at folds and branch points.
+  real(wp), parameter :: solved = 1.0e-12_wp
+  !> Distance of the ends between which a grazing is located, relative to the chord.
   real(wp), parameter :: near = 1.0e-13_wp
-  !> Distance of motions on both sides, and the remaining part of the test function: a location with
-  !! larger values is a corner of the branch.
-  real(wp), parameter :: close = 1.0e-10_wp, jump = 1.0e-3_wp
-  !> Bisections of the chord between two points whose events do not explain the change of stability.
-  integer, parameter :: max_halvings = 6
-  !> Iterations of Brent's method.
-  integer, parameter :: max_iterations = 100
-  !> Points around a location at which Newton's equations are singular, and the allowed difference
-  !! of its positions from different numbers of points.
-  integer, parameter :: n_nodes = 8
-  real(wp), parameter :: agreement = 1.0e-7_wp
+  !> Distance of motions on both sides of a grazing: a larger one is a corner of the branch.
+  real(wp), parameter :: close = 1.0e-10_wp
+  !> Distance of a multiplier from the unit circle: a larger one is that of a corner.
+  real(wp), parameter :: jump = 1.0e-3_wp
 
-  !> An event between two points. It is not located if `has_point` is false.
+  !> An event between the point `before` and the next one.
   type :: motion_event
-    integer :: kind = 0
+    integer :: kind = 0, before = 0
     !> Position on the chord, 0 to 1.
     real(wp) :: part = 0.5_wp
-    logical :: has_point = .false.
-    type(motion_point) :: point
+    !> The point, and the error of its parameter in units of z; not allocated: not located.
+    real(wp), allocatable :: z(:)
+    real(wp) :: error = 0.0_wp
   end type motion_event
 
-  !> The last points with a test function below, at and above 0.
-  type :: seen_points
-    type(motion_point) :: points(-1:1)
-    real(wp) :: parts(-1:1) = 0.0_wp
-    !> Signs in the order of their first points, and their number.
-    integer :: order(3) = 0, n = 0
-    type(motion_point) :: last
+  !> The branch as a curve: states in units of z.
+  type, extends(curve_type) :: motion_curve
+    type(motion_path) :: path
   contains
-    procedure :: see
-  end type seen_points
+    procedure :: equations
+    procedure :: residual
+    procedure :: raise_terms
+  end type motion_curve
+
+  !> Logarithms of the multipliers.
+  type, extends(spectrum_type) :: motion_spectrum
+  contains
+    procedure :: look
+  end type motion_spectrum
 
 contains
 
-  !> The test function of a kind. For grazing it is 1 if there are as many switches as at the end of
-  !! the chord, else -1.
-  real(wp) function test_function(kind, point, n_passed) result(value)
-    integer, intent(in) :: kind, n_passed
-    type(motion_point), intent(in) :: point
-    real(wp), allocatable :: matrix(:, :)
-    logical :: is_pair
-    integer :: i
-
-    select case (kind)
-    case (event_fold)
-      value = point%tangent(size(point%tangent))
-    case (event_branch)
-      value = determinant(point%bordered())
-    case (event_doubling)
-      allocate (matrix, source=point%by_start)
-      do i = 1, size(matrix, 1)
-        matrix(i, i) = matrix(i, i) + 1.0_wp
-      end do
-      value = determinant(matrix)
-    case (event_pair)
-      call find_nearest_pair(point, value, is_pair)
-    case default
-      value = merge(1.0_wp, -1.0_wp, point%n_passed == n_passed)
-    end select
-  end function test_function
-
-  !> The sign of the product of all m_i m_j - 1, i < j, times the smallest of their sizes; `is_pair`
-  !! is true if the smallest factor belongs to a complex pair.
-  !!
-  !! The value is continuous where a pair of multipliers becomes real, and does not mix pairs.
-  subroutine find_nearest_pair(point, value, is_pair)
-    type(motion_point), intent(in) :: point
-    real(wp), intent(out) :: value
-    logical, intent(out) :: is_pair
-    complex(wp), allocatable :: m(:)
-    complex(wp) :: factor, sign_of
-    real(wp) :: least
-    integer :: i, j
-
-    allocate (m, source=point%multipliers())
-    least = huge(least)
-    sign_of = 1.0_wp
-    is_pair = .false.
-    do i = 1, size(m)
-      do j = i + 1, size(m)
-        factor = m(i)*m(j) - 1.0_wp
-        sign_of = sign_of*(factor/max(abs(factor), tiny(1.0_wp)))
-        if (abs(factor) >= least) cycle
-        least = abs(factor)
-        is_pair = abs(aimag(m(i))) > 0.0_wp .and. abs(m(i) - conjg(m(j))) <= 0.0_wp
-      end do
-    end do
-    value = sign(min(least, huge(1.0_wp)), real(sign_of))
-    if (.not. abs(real(sign_of)) > 0.0_wp .or. least <= 0.0_wp) value = 0.0_wp
-  end subroutine find_nearest_pair
-
-  !> Errors of the locations of events, relative to the range, from a run with another step size:
-  !! huge if that run does not find the event, NaN if an event is not located.
-  subroutine find_event_errors(path, one, other, blur, found, errors)
+  !> Events between adjacent points, in their order.
+  subroutine find_events(path, points, blur, found)
     type(motion_path), intent(in) :: path
-    type(motion_point), intent(in) :: one, other
-    real(wp), intent(in) :: blur
-    type(motion_event), intent(in) :: found(:)
-    real(wp), allocatable, intent(out) :: errors(:)
-    type(motion_path) :: finer
-    type(motion_point) :: ends(2)
+    type(motion_point), intent(in) :: points(:)
+    !> Errors of the multipliers at the points.
+    real(wp), intent(in) :: blur(:)
+    type(motion_event), allocatable, intent(out) :: found(:)
     type(motion_event), allocatable :: events(:)
-    logical :: begins, finishes
-    integer :: i, k
+    complex(wp), allocatable :: eta(:, :)
+    integer :: first, i, last
 
-    allocate (errors(size(found)), source=ieee_value(0.0_wp, ieee_quiet_nan))
-    if (size(found) == 0) return
-    finer = path
-    finer%n_steps = 2*path%n_steps + 1
-    call finer%correct(one%z, one%tangent, ends(1), begins)
-    call finer%correct(other%z, other%tangent, ends(2), finishes)
-    allocate (events(0))
-    if (begins .and. finishes) call find_events(finer, ends(1), ends(2), blur, events)
-    do i = 1, size(found)
-      if (.not. found(i)%has_point) cycle
-      associate (place => found(i)%point%z(size(one%z)))
-        errors(i) = huge(1.0_wp)
-        do k = 1, size(events)
-          if (events(k)%kind /= found(i)%kind .or. .not. events(k)%has_point) cycle
-          errors(i) = min(errors(i), abs(events(k)%point%z(size(one%z)) - place))
-        end do
-        ! The ends differ by rounding, and by the remainder of Newton's method.
-        if (errors(i) < huge(1.0_wp)) then
-          errors(i) = errors(i) + max(found(i)%point%correction, epsilon(1.0_wp)*abs(place))
-        end if
-      end associate
+    allocate (found(0))
+    if (size(points) == 0) return
+    allocate (eta(size(points(1)%z) - 1, size(points)))
+    do i = 1, size(points)
+      eta(:, i) = logarithm(points(i)%multipliers())
     end do
-  end subroutine find_event_errors
+    do i = 1, size(points) - 1
+      if (given_up()) return
+      call begin_piece()
+      ! The neighbours only show where two crossings may lie between the points.
+      first = max(1, i - 1)
+      last = min(size(points), i + 2)
+      associate (near => points(first:last), at => i - first + 1)
+        call find_between(path, near, eta(:, first:last), at, maxval(blur(i:i + 1)), events)
+        call find_errors(path, near, eta(:, first:last), at, maxval(blur(i:i + 1)), events)
+      end associate
+      events%before = i
+      call append(found, events)
+    end do
+  end subroutine find_events
 
-  !> Events between two points, in their order.
-  !!
-  !! If they do not explain the number of multipliers that cross the unit circle, some events occur
-  !! twice. Then both halves of the chord are searched.
-  recursive subroutine find_events(path, one, other, blur, found, halvings)
+  !> Events between the point `at` and the next one.
+  subroutine find_between(path, points, eta, at, blur, events)
     type(motion_path), intent(in) :: path
-    type(motion_point), intent(in) :: one, other
+    type(motion_point), intent(in) :: points(:)
+    !> Logarithms of the multipliers at the points.
+    complex(wp), intent(in) :: eta(:, :)
+    integer, intent(in) :: at
     !> Error of the multipliers.
     real(wp), intent(in) :: blur
-    type(motion_event), allocatable, intent(inout) :: found(:)
-    !> Remaining number of bisections; absent in the first call.
-    integer, intent(in), optional :: halvings
-    type(motion_event), allocatable :: first(:), second(:), grazings(:)
-    type(motion_event) :: event
-    type(motion_point) :: middle
-    real(wp) :: value_one, value_other
-    integer :: i, kind, left
-    logical :: is_pair, made
+    type(motion_event), allocatable, intent(out) :: events(:)
+    type(motion_event), allocatable :: grazings(:)
+    integer :: k
 
-    left = max_halvings
-    if (present(halvings)) left = halvings
-    allocate (first(0))
-    do kind = event_fold, event_pair
-      value_one = test_function(kind, one, 0)
-      value_other = test_function(kind, other, 0)
-      if (.not. value_one*value_other < 0.0_wp) cycle
-      if (kind == event_pair .and. max(abs(value_one), abs(value_other)) <= 2.0_wp*blur) cycle
-      call locate(path, one, other, kind, event)
-      ! Two real multipliers whose product crosses 1 are on both sides of the circle.
-      if (kind == event_pair .and. event%has_point) then
-        call find_nearest_pair(event%point, value_one, is_pair)
-        if (.not. is_pair) cycle
+    associate (one => points(at), other => points(at + 1))
+      call find_crossings(path, points, eta, at, blur, events)
+      call find_grazings(path, one, other, grazings)
+      ! Behind a corner multipliers may differ without a bifurcation.
+      if (size(grazings) > 0) then
+        events = pack(events, [(allocated(events(k)%z) .or. events(k)%kind /= event_branch &
+                                .or. crosses(one, other), k=1, size(events))])
       end if
-      call append(first, [event])
-    end do
-    if (left > 0 .and. .not. given_up()) then
-      if (.not. explains(first%kind, one, other, blur)) then
-        call path%between(one, other, 0.5_wp, middle, made)
-        if (made) then
-          deallocate (first)
-          call find_events(path, one, middle, blur, first, left - 1)
-          call find_events(path, middle, other, blur, second, left - 1)
-          first%part = 0.5_wp*first%part
-          second%part = 0.5_wp*(1.0_wp + second%part)
-          call append(first, second)
-          call move_alloc(first, found)
-          return
-        end if
-      end if
-    end if
-    call find_grazings(path, one, other, grazings)
-    if (size(grazings) == 1) then
-      ! At a corner of the branch there are no motions between the two points: events without a
-      ! location are at the corner.
-      do i = 1, size(first)
-        if (first(i)%has_point) cycle
-        kind = first(i)%kind
-        first(i) = grazings(1)
-        first(i)%kind = kind
+      do k = 1, size(events)
+        if (allocated(events(k)%z) .or. size(grazings) /= 1) cycle
+        events(k)%part = grazings(1)%part
+        if (allocated(grazings(1)%z)) events(k)%z = grazings(1)%z
+        events(k)%error = grazings(1)%error
       end do
+      call append(events, grazings)
+      call sort_events(events)
+    end associate
+  end subroutine find_between
+
+  !> Errors of the locations of events, from a run with another step size: infinite if that run does
+  !! not find the event.
+  subroutine find_errors(path, points, eta, at, blur, events)
+    type(motion_path), intent(in) :: path
+    type(motion_point), intent(in) :: points(:)
+    complex(wp), intent(in) :: eta(:, :)
+    integer, intent(in) :: at
+    real(wp), intent(in) :: blur
+    type(motion_event), intent(inout) :: events(:)
+    type(motion_path) :: finer
+    type(motion_point) :: near(size(points))
+    type(motion_event), allocatable :: others(:)
+    complex(wp) :: also(size(eta, 1), size(points))
+    real(wp) :: apart
+    integer :: i, k, n
+    logical :: made
+
+    if (size(events) == 0) return
+    n = size(points(at)%z)
+    finer = path
+    finer%n_steps = 2*path%n_steps + 1
+    near = points
+    also = eta
+    allocate (others(0))
+    do k = at, at + 1
+      call finer%correct(points(k)%z, points(k)%tangent, near(k), made)
+      if (.not. made) exit
+      also(:, k) = logarithm(near(k)%multipliers())
+    end do
+    if (made) call find_between(finer, near, also, at, blur, others)
+    do i = 1, size(events)
+      if (.not. allocated(events(i)%z)) cycle
+      apart = ieee_value(apart, ieee_positive_inf)
+      do k = 1, size(others)
+        if (others(k)%kind /= events(i)%kind .or. .not. allocated(others(k)%z)) cycle
+        apart = min(apart, abs(others(k)%z(n) - events(i)%z(n)))
+      end do
+      ! The ends differ by rounding, and by the remainder of Newton's method.
+      events(i)%error = apart + max(events(i)%error, epsilon(1.0_wp)*abs(events(i)%z(n)))
+    end do
+  end subroutine find_errors
+
+  !> Crossings of the unit circle between the point `at` and the next one, folds and branch points.
+  subroutine find_crossings(path, points, eta, at, blur, events)
+    type(motion_path), intent(in) :: path
+    type(motion_point), intent(in) :: points(:)
+    complex(wp), intent(in) :: eta(:, :)
+    integer, intent(in) :: at
+    real(wp), intent(in) :: blur
+    type(motion_event), allocatable, intent(out) :: events(:)
+    type(motion_curve) :: curve
+    type(motion_spectrum) :: spectrum
+    type(special_points) :: folds, branch_points
+    type(crossing_type), allocatable :: crossings(:)
+    type(motion_event) :: event
+    real(wp) :: p(size(points)), x(size(eta, 1), size(points))
+    integer :: n_growing(size(points)), k, n
+
+    n = size(eta, 1)
+    curve%n = n
+    curve%path = path
+    spectrum%n = n
+    spectrum%threshold = log(1.0_wp + max(circle, 2.0_wp*blur))
+    n_growing = -1
+    do k = 1, size(points)
+      p(k) = points(k)%z(n + 1)
+      x(:, k) = points(k)%z(:n)
+      if (k == at .or. k == at + 1) then
+        n_growing(k) = count_larger(exp(eta(:, k)), exp(spectrum%threshold))
+      end if
+    end do
+    call locate(curve, points(at), points(at + 1), folds, branch_points)
+    folds%before = folds%before + at
+    branch_points%before = branch_points%before + at
+    call find_changes(curve, spectrum, p, x, eta, n_growing, folds, branch_points, crossings)
+    allocate (events(0))
+    do k = 1, size(crossings)
+      associate (c => crossings(k))
+        event = motion_event(of_crossing(c%kind))
+        ! The derivatives locate folds and branch points more accurately.
+        if (folds%n + branch_points%n > 0 .and. event%kind <= event_branch) cycle
+        if (is_on_circle(spectrum, curve, c)) call put_at(c%x, c%p)
+        call append(events, [event])
+      end associate
+    end do
+    do k = 1, folds%n
+      event = motion_event(event_fold)
+      call put_at(folds%x(:, k), folds%p(k))
+      call append(events, [event])
+    end do
+    do k = 1, branch_points%n
+      event = motion_event(event_branch)
+      call put_at(branch_points%x(:, k), branch_points%p(k))
+      call append(events, [event])
+    end do
+    call match_folds(turns_back(points(at), points(at + 1)), events)
+
+  contains
+
+    subroutine put_at(at_x, at_p)
+      real(wp), intent(in) :: at_x(:), at_p
+      event%z = [at_x, at_p]
+      associate (chord => points(at + 1)%z - points(at)%z)
+        event%part = dot_product(chord, event%z - points(at)%z)/dot_product(chord, chord)
+      end associate
+    end subroutine put_at
+
+  end subroutine find_crossings
+
+  !> Fold and branch point between two points, by the derivatives of the branch.
+  subroutine locate(curve, one, other, folds, branch_points)
+    type(motion_curve), intent(inout) :: curve
+    type(motion_point), intent(in) :: one, other
+    type(special_points), intent(out) :: folds, branch_points
+    type(corrector_type) :: corrector
+    type(curve_point) :: here
+    real(wp) :: at, step, weight_x, weight_p
+    integer :: n
+    logical :: turned
+
+    n = curve%n
+    call empty_points(folds, n, 1)
+    call empty_points(branch_points, n, 1)
+    if (.not. (crosses(one, other) .or. turns_back(one, other))) return
+    call new_corrector(corrector, curve, solved, 1.0_wp, one%z(:n))
+    call new_point(here, n)
+    here%x(:) = one%z(:n)
+    here%p = one%z(n + 1)
+    here%slope_x(:) = one%tangent(:n)
+    here%slope_p = one%tangent(n + 1)
+    call normalize(corrector, here)
+    call metric(corrector, here, weight_x, weight_p)
+    step = weight_x*dot_product(here%slope_x, other%z(:n) - here%x) &
+           + weight_p*here%slope_p*(other%z(n + 1) - here%p)
+    turned = .false.
+    if (crosses(one, other)) then
+      call locate_branch_point(curve, corrector, here, step, branch_points, at)
+      if (at < nowhere) call turn_at(curve, corrector, here, step, at, branch_points%p(1), &
+                                     branch_points%x(:, 1), folds, turned)
     end if
-    call append(first, grazings)
-    call move_alloc(first, found)
-    call sort_events(found)
-  end subroutine find_events
+    if (turned .or. .not. turns_back(one, other)) return
+    call locate_fold(curve, corrector, here, step, folds, at)
+  end subroutine locate
+
+  !> True if the parameter turns back between two points.
+  pure logical function turns_back(one, other)
+    type(motion_point), intent(in) :: one, other
+    turns_back = one%tangent(size(one%z))*other%tangent(size(one%z)) < 0.0_wp
+  end function turns_back
+
+  !> True if the determinant of the derivatives with the tangent changes its sign.
+  logical function crosses(one, other)
+    type(motion_point), intent(in) :: one, other
+    crosses = one%orientation()*other%orientation() < 0.0_wp
+  end function crosses
+
+  !> True if a crossing is located, and a multiplier there is on the unit circle: at a corner
+  !! multipliers jump.
+  logical function is_on_circle(spectrum, curve, crossing)
+    type(motion_spectrum), intent(inout) :: spectrum
+    type(motion_curve), intent(inout) :: curve
+    type(crossing_type), intent(in) :: crossing
+    complex(wp) :: eta(spectrum%n)
+    integer :: n_growing
+
+    is_on_circle = crossing%located
+    if (.not. is_on_circle) return
+    call spectrum%look(curve, crossing%p, crossing%x, [crossing%eta], eta, n_growing)
+    is_on_circle = n_growing >= 0
+    if (is_on_circle) is_on_circle = any(abs(exp(eta) - exp(crossing%eta)) <= jump)
+  end function is_on_circle
+
+  !> A branch that turns back between two points has a fold there, also at a corner; one that does
+  !! not turn back has none, or two.
+  subroutine match_folds(turns, events)
+    logical, intent(in) :: turns
+    type(motion_event), allocatable, intent(inout) :: events(:)
+    integer :: k
+
+    if (turns .eqv. modulo(count(events%kind == event_fold), 2) == 1) return
+    do k = 1, size(events)
+      if (turns .and. (events(k)%kind /= event_branch .or. allocated(events(k)%z))) cycle
+      if (.not. turns .and. events(k)%kind /= event_fold) cycle
+      events(k)%kind = merge(event_fold, event_branch, turns)
+      return
+    end do
+    call append(events, [motion_event(event_fold)])
+  end subroutine match_folds
 
   subroutine append(events, more)
     type(motion_event), allocatable, intent(inout) :: events(:)
@@ -248,78 +350,69 @@ contains
     end do
   end subroutine sort_events
 
-  !> True if the events can cause the change in the number of multipliers outside the unit circle;
-  !! also if a multiplier is too near to the circle.
-  logical function explains(kinds, one, other, blur)
-    integer, intent(in) :: kinds(:)
-    type(motion_point), intent(in) :: one, other
-    real(wp), intent(in) :: blur
-    integer :: at_one, at_other, i, sums
-    logical, allocatable :: possible(:), next(:)
-
-    at_one = n_outside(one, blur)
-    at_other = n_outside(other, blur)
-    explains = .true.
-    if (at_one < 0 .or. at_other < 0) return
-    sums = max(sum(n_crossing(kinds)), abs(at_other - at_one))
-    allocate (possible(-sums:sums), source=.false.)
-    possible(0) = .true.
-    do i = 1, size(kinds)
-      next = eoshift(possible, n_crossing(kinds(i)), .false.) &
-             .or. eoshift(possible, -n_crossing(kinds(i)), .false.)
-      possible = next
-    end do
-    explains = possible(at_other - at_one)
-  end function explains
-
-  !> Number of multipliers outside the unit circle; -1 if one is too near to it.
-  integer function n_outside(point, blur)
-    type(motion_point), intent(in) :: point
-    real(wp), intent(in) :: blur
-    real(wp), allocatable :: sizes(:)
-    allocate (sizes, source=abs(point%multipliers()))
-    n_outside = count(sizes > 1.0_wp)
-    if (any(abs(sizes - 1.0_wp) <= 2.0_wp*blur)) n_outside = -1
-  end function n_outside
-
   !> Locations where the number of switches changes, in descending order.
   subroutine find_grazings(path, one, other, found)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
     type(motion_event), allocatable, intent(out) :: found(:)
     type(motion_event) :: event
-    type(motion_point) :: ahead
-    type(seen_points) :: seen
-    real(wp) :: part
-    logical :: located
+    type(motion_point) :: ahead, before
+    real(wp) :: low, part
 
     allocate (found(0))
     ahead = other
     part = 1.0_wp
     do while (one%n_passed /= ahead%n_passed)
-      call locate(path, one, ahead, event_grazing, event, seen)
-      located = event%has_point
-      if (.not. located) then
-        call find_last_before_corner(path, one, ahead, event%point, event%has_point)
-      end if
+      call bisect(path, one, ahead, event, before, low)
+      if (.not. allocated(event%z)) call find_last_before_corner(path, one, ahead, event)
       event%part = event%part*part
       call append(found, [event])
-      if (.not. event%has_point .or. all(seen%order(:seen%n) /= -1) .or. given_up()) return
-      part = part*seen%parts(-1)
-      ahead = seen%points(-1)
+      if (.not. allocated(event%z) .or. given_up()) return
+      part = part*low
+      ahead = before
     end do
   end subroutine find_grazings
+
+  !> Locate the first motion on a chord that has as many switches as those behind it.
+  subroutine bisect(path, one, other, event, before, low)
+    type(motion_path), intent(in) :: path
+    type(motion_point), intent(in) :: one, other
+    type(motion_event), intent(out) :: event
+    !> The last motion before it, and its position.
+    type(motion_point), intent(out) :: before
+    real(wp), intent(out) :: low
+    type(motion_point) :: after, point
+    logical :: made
+
+    event%kind = event_grazing
+    before = one
+    after = other
+    low = 0.0_wp
+    event%part = 1.0_wp
+    do while (event%part - low > near)
+      call path%between(one, other, 0.5_wp*(low + event%part), point, made)
+      if (.not. made) return
+      if (point%n_passed == other%n_passed) then
+        after = point
+        event%part = 0.5_wp*(low + event%part)
+      else
+        before = point
+        low = 0.5_wp*(low + event%part)
+      end if
+    end do
+    if (maxval(abs(before%z - after%z)) <= close) event%z = after%z
+    event%error = after%correction
+  end subroutine bisect
 
   !> The last motion with the same switches, from one of two points towards the other.
   !!
   !! Where an impact begins, the branch has a corner, and there are no motions across the chord
   !! between points on both sides of it. From the side without impact the branch is smooth up to it.
-  subroutine find_last_before_corner(path, one, other, last, found)
+  subroutine find_last_before_corner(path, one, other, event)
     type(motion_path), intent(in) :: path
     type(motion_point), intent(in) :: one, other
-    type(motion_point), intent(out) :: last
-    logical, intent(out) :: found
-    type(motion_point) :: begin, point
+    type(motion_event), intent(inout) :: event
+    type(motion_point) :: begin, last, point
     real(wp) :: ahead(size(one%z)), beyond, middle, reach, there
     logical :: same
 
@@ -331,7 +424,6 @@ contains
       begin = other
       ahead = -other%tangent
     end if
-    last = begin
     there = 0.0_wp
     beyond = 2.0_wp*reach
     do while (beyond - there > near*max(1.0_wp, maxval(abs(begin%z))))
@@ -346,189 +438,73 @@ contains
         beyond = middle
       end if
     end do
-    found = there > 0.0_wp .and. beyond < 2.0_wp*reach
+    if (.not. (there > 0.0_wp .and. beyond < 2.0_wp*reach)) return
+    event%z = last%z
+    event%error = last%correction
   end subroutine find_last_before_corner
 
-  !> Store a point and the sign of its test function.
-  subroutine see(self, part, point, value)
-    class(seen_points), intent(inout) :: self
-    real(wp), intent(in) :: part, value
-    type(motion_point), intent(in) :: point
-    integer :: s
-    s = 0
-    if (abs(value) > 0.0_wp) s = nint(sign(1.0_wp, value))
-    self%last = point
-    self%points(s) = point
-    self%parts(s) = part
-    if (any(self%order(:self%n) == s)) return
-    self%n = self%n + 1
-    self%order(self%n) = s
-  end subroutine see
+  subroutine equations(self, x, p, r, jacobian, slope, inside)
+    class(motion_curve), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    real(wp), intent(inout) :: jacobian(:, :)
+    real(wp), intent(out) :: slope(:)
+    logical, intent(out) :: inside
+    type(period_run) :: ran
+    real(wp), allocatable :: by_p(:), slopes(:, :)
+    real(wp) :: distance
 
-  !> Locate the zero of a test function on the chord, by Brent's method.
-  subroutine locate(path, one, other, kind, event, points)
-    type(motion_path), intent(in) :: path
-    type(motion_point), intent(in) :: one, other
-    integer, intent(in) :: kind
-    type(motion_event), intent(out) :: event
-    !> The last points of either sign.
-    type(seen_points), intent(out), optional :: points
-    type(seen_points) :: seen
-    real(wp) :: left
-    logical :: corner, lost
-    integer :: i
+    distance = difference
+    call self%path%find_slopes([x, p], .false., by_p, distance, ran, slopes, inside)
+    if (.not. inside) return
+    r = ran%last/self%path%units(:self%n) - x
+    jacobian(:self%n, :self%n) = slopes(:, :self%n)
+    slope = slopes(:, self%n + 1)
+  end subroutine equations
 
-    event%kind = kind
-    call find_root(path, one, other, kind, event%part, seen, lost)
-    if (present(points)) points = seen
-    if (lost) then
-      call interpolate_event(path, one, other, kind, event)
-      return
-    end if
-    associate (first => seen%points(seen%order(1)), last => seen%points(seen%order(seen%n)))
-      corner = maxval(abs(first%z - last%z)) > close
+  subroutine residual(self, x, p, r, inside)
+    class(motion_curve), intent(inout) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(out) :: r(:)
+    logical, intent(out) :: inside
+    type(period_run) :: ran
+    call self%path%run_at(self%path%state_of([x, p]), self%path%parameter_of([x, p]), ran, .false.)
+    inside = ran%is_complete()
+    if (inside) r = ran%last/self%path%units(:self%n) - x
+  end subroutine residual
+
+  subroutine raise_terms(self, x, p, terms)
+    class(motion_curve), intent(in) :: self
+    real(wp), intent(in) :: x(:), p
+    real(wp), intent(inout) :: terms(:)
+    associate (unused => self, unused_too => p)
     end associate
-    if (kind /= event_grazing) then
-      left = minval([(abs(test_function(kind, seen%points(seen%order(i)), 0)), i=1, seen%n)])
-      corner = corner .or. left > jump*max(abs(test_function(kind, one, 0)), &
-                                           abs(test_function(kind, other, 0)))
-    end if
-    event%has_point = .not. corner
-    if (event%has_point) event%point = seen%last
-  end subroutine locate
+    terms = max(terms, abs(x))
+  end subroutine raise_terms
 
-  !> Brent's method (R. P. Brent, Algorithms for Minimization without Derivatives, 1973, 4). `lost`
-  !! is true if Newton's method fails at some position.
-  subroutine find_root(path, one, other, kind, root, seen, lost)
-    type(motion_path), intent(in) :: path
-    type(motion_point), intent(in) :: one, other
-    integer, intent(in) :: kind
-    real(wp), intent(out) :: root
-    type(seen_points), intent(inout) :: seen
-    logical, intent(out) :: lost
-    real(wp) :: before, f_before, f_root, f_opposite, half, opposite, slack, step, step_before
-    real(wp) :: trial
-    integer :: k
+  subroutine look(self, curve, p, x, near, eta, n_growing)
+    class(motion_spectrum), intent(inout) :: self
+    class(curve_type), intent(inout) :: curve
+    real(wp), intent(in) :: p, x(:)
+    complex(wp), intent(in) :: near(:)
+    complex(wp), intent(out) :: eta(:)
+    integer, intent(out) :: n_growing
+    complex(wp) :: multipliers(self%n)
+    type(period_run) :: ran
 
-    lost = .false.
-    before = 0.0_wp
-    root = 1.0_wp
-    f_before = test_function(kind, one, other%n_passed)
-    call seen%see(0.0_wp, one, f_before)
-    f_root = test_function(kind, other, other%n_passed)
-    call seen%see(1.0_wp, other, f_root)
-    opposite = 0.0_wp
-    f_opposite = 0.0_wp
-    step = 0.0_wp
-    step_before = 0.0_wp
-    do k = 1, max_iterations
-      if (abs(f_before) > 0.0_wp .and. (f_before > 0.0_wp .neqv. f_root > 0.0_wp)) then
-        opposite = before
-        f_opposite = f_before
-        step = root - before
-        step_before = step
-      end if
-      if (abs(f_opposite) < abs(f_root)) then
-        before = root
-        root = opposite
-        opposite = before
-        f_before = f_root
-        f_root = f_opposite
-        f_opposite = f_before
-      end if
-      slack = 0.5_wp*(near + 4.0_wp*epsilon(1.0_wp)*abs(root))
-      half = 0.5_wp*(opposite - root)
-      if (abs(f_root) <= 0.0_wp .or. abs(half) < slack) return
-      if (abs(step_before) > slack .and. abs(f_root) < abs(f_before)) then
-        trial = interpolated_step()
-        if (2.0_wp*abs(trial) < min(abs(step_before), 3.0_wp*abs(half) - slack)) then
-          step_before = step
-          step = trial
-        else
-          step_before = half
-          step = half
-        end if
-      else
-        step_before = half
-        step = half
-      end if
-      before = root
-      f_before = f_root
-      if (abs(step) > slack) then
-        root = root + step
-      else
-        root = root + sign(slack, half)
-      end if
-      call evaluate()
-      if (lost) return
-    end do
-
-  contains
-
-    !> By a secant, or by inverse quadratic interpolation.
-    real(wp) function interpolated_step() result(step)
-      real(wp) :: slope_before, slope_opposite
-      if (abs(before - opposite) <= 0.0_wp) then
-        step = -f_root*(root - before)/(f_root - f_before)
-        return
-      end if
-      slope_before = (f_before - f_root)/(before - root)
-      slope_opposite = (f_opposite - f_root)/(opposite - root)
-      step = -f_root*(f_opposite*slope_opposite - f_before*slope_before) &
-             /(slope_opposite*slope_before*(f_opposite - f_before))
-    end function interpolated_step
-
-    subroutine evaluate()
-      type(motion_point) :: point
-      logical :: made
-      call path%between(one, other, root, point, made)
-      lost = .not. made
-      if (lost) return
-      f_root = test_function(kind, point, other%n_passed)
-      call seen%see(root, point, f_root)
-    end subroutine evaluate
-
-  end subroutine find_root
-
-  !> The zero of a test function by its polynomial through points around it: at a branch point
-  !! Newton's equations are singular, and no motion is found next to it.
-  subroutine interpolate_event(path, one, other, kind, event)
-    type(motion_path), intent(in) :: path
-    type(motion_point), intent(in) :: one, other
-    integer, intent(in) :: kind
-    type(motion_event), intent(inout) :: event
-    real(wp), parameter :: quarter = acos(-1.0_wp)/n_nodes
-    type(motion_point) :: points(n_nodes), point
-    real(wp) :: x(n_nodes), values(n_nodes), z(n_nodes, size(one%z)), at(2), part
-    real(wp), allocatable :: roots(:), others(:)
-    integer :: i, k, n
-    logical :: made
-
-    event%part = 0.5_wp
-    n = 0
-    do i = 1, n_nodes
-      part = 0.5_wp - 0.5_wp*cos(quarter*(i - 0.5_wp))
-      call path%between(one, other, part, point, made)
-      if (.not. made) cycle
-      n = n + 1
-      points(n) = point
-      x(n) = part
-      values(n) = test_function(kind, point, other%n_passed)
-      z(n, :) = point%z
-    end do
-    if (n < n_nodes - 2) return
-    ! With all points, and without the first point: the difference is the error.
-    call interpolated_roots(x(:n), values(:n), roots)
-    call interpolated_roots(x(2:n), values(2:n), others)
-    roots = [roots, others]
-    if (size(roots) /= 2) return
-    k = size(one%z)
-    at = [(interpolated(x(:n), z(:n, k), roots(i)), i=1, 2)]
-    if (abs(at(1) - at(2)) > agreement) return
-    event%part = roots(1)
-    event%has_point = .true.
-    event%point = points(minloc(abs(x(:n) - roots(1)), 1))
-    event%point%z = [(interpolated(x(:n), z(:n, i), roots(1)), i=1, k)]
-  end subroutine interpolate_event
+    associate (unused => near)
+    end associate
+    eta = cmplx(ieee_value(p, ieee_quiet_nan), 0.0_wp, wp)
+    n_growing = -1
+    select type (curve)
+    class is (motion_curve)
+      call curve%path%run_at(curve%path%state_of([x, p]), curve%path%parameter_of([x, p]), ran, &
+                             .true.)
+      if (.not. ran%is_complete()) return
+      call multipliers_of(ran%by_start, multipliers)
+      eta = logarithm(multipliers)
+      n_growing = count_larger(multipliers, exp(self%threshold))
+    end select
+  end subroutine look
 
 end module viscovib_motion_events

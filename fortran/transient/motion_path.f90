@@ -6,14 +6,15 @@ module viscovib_motion_path
   use viscovib_dense, only: factorize, solve_columns
   use viscovib_kinds, only: i8, wp
   use viscovib_motion_extremes, only: find_extremes, timed_motion
+  use viscovib_orbit_multipliers, only: multipliers_of
   use viscovib_period_map, only: period_map, period_run
   use viscovib_pseudo_inverse, only: null_vector, sign_of_determinant
-  use viscovib_shooting, only: multipliers_of, n_shown
+  use viscovib_shooting, only: n_shown
   use viscovib_status, only: show
   implicit none
   private
 
-  public :: map_family, map_motion, motion_path, motion_point, plain_family
+  public :: difference, map_family, map_motion, motion_path, motion_point, plain_family
 
   !> Relative step of differences by the parameter; correction below which the derivative by the
   !! parameter is kept.
@@ -92,7 +93,7 @@ module viscovib_motion_path
     procedure :: round_corner
     procedure :: switches_ahead
     procedure :: extremes
-    procedure, private :: find_slopes
+    procedure :: find_slopes
     procedure, private :: by_parameter
   end type motion_path
 
@@ -125,7 +126,7 @@ contains
   !> Floquet multipliers, the largest first.
   function multipliers(self)
     class(motion_point), intent(in) :: self
-    complex(wp), allocatable :: multipliers(:)
+    complex(wp) :: multipliers(size(self%z) - 1)
     call multipliers_of(self%by_start, multipliers)
   end function multipliers
 
@@ -359,17 +360,17 @@ contains
   end function switches_ahead
 
   !> Smallest and largest displacements of the motion at a point.
-  subroutine extremes(self, point, low, high)
+  subroutine extremes(self, z, low, high)
     class(motion_path), intent(in) :: self
-    type(motion_point), intent(in) :: point
+    real(wp), intent(in) :: z(:)
     real(wp), allocatable, intent(out) :: low(:), high(:)
     type(map_motion) :: motion
     real(wp), allocatable :: t(:)
     integer :: i, n
     logical :: made
 
-    call self%family%map_at(self%parameter_of(point%z), motion%map, made)
-    motion%state = self%state_of(point%z)
+    call self%family%map_at(self%parameter_of(z), motion%map, made)
+    motion%state = self%state_of(z)
     motion%n_steps = self%n_steps
     n = int(max(int(n_shown, i8), self%n_steps))
     allocate (t, source=[(i*(motion%map%period()/n), i=0, n)])

@@ -3,8 +3,8 @@
 module viscovib_shooting
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use viscovib_eigenvalue_conditions, only: eigenvalue_conditions
-  use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: i8, wp
+  use viscovib_orbit_multipliers, only: multipliers_of
   use viscovib_outcomes, only: outcome_converged, outcome_diverged, outcome_stalled, &
     outcome_stopped
   use viscovib_period_map, only: period_map, period_run
@@ -15,7 +15,7 @@ module viscovib_shooting
   private
 
   public :: check_repeating, find_repeating, find_shortest_period, check_periodic, &
-    multipliers_of, show_repeating, steady_doubt, steady_from_rest
+    show_repeating, steady_doubt, steady_from_rest
   public :: accuracy_type, repeating_type, steady_type
 
   !> Rounding error of a state at the end of a period, relative to its largest entry.
@@ -288,6 +288,7 @@ contains
     steady%found = found
     steady%n_steps = n_steps
     steady%iterations = iterations
+    allocate (steady%multipliers(size(found%by_start, 1)))
     call multipliers_of(found%by_start, steady%multipliers)
     steady%error = ieee_value(0.0_wp, ieee_quiet_nan)
     steady%multiplier_error = steady%error
@@ -297,16 +298,6 @@ contains
     steady%multiplier_error = error_of_multipliers(map, found%by_start, other%by_start, &
                                                    steady%multipliers)
   end subroutine estimate
-
-  !> Floquet multipliers, the largest first; NaN if none are found.
-  subroutine multipliers_of(by_start, multipliers)
-    real(wp), intent(in) :: by_start(:, :)
-    complex(wp), allocatable, intent(out) :: multipliers(:)
-    logical :: found
-    allocate (multipliers(size(by_start, 1)))
-    call eigenvalues(by_start, multipliers, found)
-    if (.not. found) multipliers = ieee_value(0.0_wp, ieee_quiet_nan)
-  end subroutine multipliers_of
 
   !> Error of the leading multipliers, from the difference of two derivatives and rounding,
   !! amplified by the condition of the eigenvalues.
