@@ -134,7 +134,8 @@ def whole_system(structure: Structure) -> PolynomialSystem:
 
 def all_roots(structure: Structure) -> CharacteristicRoots | None:
     """Return all roots of a structure of few coordinates; None if it lacks whole equations."""
-    if structure.n_coordinates > _MOST_WITH_ALL_ROOTS or structure._fixed:
+    fixed: tuple[str, ...] = structure._fixed  # type: ignore[attr-defined]
+    if structure.n_coordinates > _MOST_WITH_ALL_ROOTS or fixed:
         return None
     modal = structure._uncoupled
     if lacks_wholeness(structure) is not None or (modal is not None and np.any(modal.loss)):
