@@ -16,7 +16,7 @@ module viscovib_binding_tools
   use viscovib_polynomial, only: polynomial_type
   use viscovib_static_form, only: new_static_form
   use viscovib_status, only: clipped, fail, one_line, set_ok, status_input_error, status_type
-  use viscovib_structure, only: structure_type
+  use viscovib_structure, only: new_few_coordinates, structure_type
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_turning_body, only: turning_body
   implicit none
@@ -221,13 +221,13 @@ contains
   !
   !   coordinates q, real modes m, complex modes p, load harmonics; squares (m); rates (m); losses
   !   (m); seen (m q); pushed (m q); poles (p); left (p q); right (p q); flexibility and
-  !   flexibility_rate (q^2 each); number n of uncondensed coordinates (0: none), their damping and
-  !   stiffness (n^2 each), pushed and seen (n q each); for each harmonic: order; for forces and
-  !   base: push on real modes (m), on complex modes (p), flexible deflections (q) and their rates
-  !   (q); number of forces that depend on the frequency, and of each the push, and the length,
-  !   instructions and numbers of its law; then laws, linear
-  !   stiffness of elements with a kernel, and kernels as a polynomial system
-  !   (`viscovib_system_vector`), whose mass is a weight.
+  !   flexibility_rate (q^2 each); number n of uncondensed coordinates (0: none), their mass,
+  !   damping and stiffness (n^2 each), and directions of the coordinates (n q); for each harmonic:
+  !   order; for forces and base: push on real modes (m), on complex modes (p), flexible deflections
+  !   (q) and their rates (q); number of forces that depend on the frequency, and of each the push,
+  !   and the length, instructions and numbers of its law; then laws, linear stiffness of elements
+  !   with a kernel, and kernels as a polynomial system (`viscovib_system_vector`), whose mass is a
+  !   weight.
   !
   ! Poles, left, right and loads are complex: two numbers each. Arrays are in column-major order.
 
@@ -236,6 +236,7 @@ contains
     real(wp), intent(in) :: vector(:)
     type(status_type), intent(out) :: status
     type(number_reader) :: next
+    real(wp), allocatable :: matrices(:, :, :)
     logical :: singular
     integer :: i, j, m, n, p, q
 
@@ -267,10 +268,12 @@ contains
     end if
     n = next%whole()
     if (n > 0) then
-      system%few%damping = next%matrix(n, n)
-      system%few%stiffness = next%matrix(n, n)
-      system%few%pushed = next%matrix(n, q)
-      system%few%seen = next%matrix(n, q)
+      allocate (matrices(n, n, 3))
+      do i = 1, 3
+        matrices(:, :, i) = next%matrix(n, n)
+      end do
+      call new_few_coordinates(system%few, matrices(:, :, 1), matrices(:, :, 2), &
+                               matrices(:, :, 3), next%matrix(n, q))
     end if
     do j = 1, size(system%loads)
       associate (load => system%loads(j))

@@ -2,7 +2,6 @@
 !! deflections of its elements.
 module viscovib_structure_model
   use viscovib_compliance, only: push_type
-  use viscovib_dense, only: invert
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: wp
   use viscovib_load, only: load_type, new_load
@@ -10,7 +9,7 @@ module viscovib_structure_model
   use viscovib_speed_matrices, only: speed_matrices
   use viscovib_static_form, only: new_static_form
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
-  use viscovib_structure, only: few_coordinates, structure_type, varying_push
+  use viscovib_structure, only: new_few_coordinates, structure_type, varying_push
   use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
     put_laws
   use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
@@ -279,36 +278,10 @@ contains
     end if
     if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few &
         .and. .not. any(model%rest%idle)) then
-      call keep_matrices(model, model%all_damping(), stiffness, system%few)
+      call new_few_coordinates(system%few, model%mass, model%all_damping(), stiffness, &
+                               matmul(transpose(model%places), model%directions))
     end if
   end subroutine set_rest
-
-  !> Keep the uncondensed matrices, scaled to unit masses.
-  subroutine keep_matrices(model, damping, stiffness, few)
-    type(structure_model), intent(in) :: model
-    real(wp), intent(in) :: damping(:, :), stiffness(:, :)
-    type(few_coordinates), intent(out) :: few
-    complex(wp) :: inverse(size(damping, 1), size(damping, 1))
-    real(wp) :: left(size(damping, 1), size(damping, 1)), unit(size(damping, 1))
-    logical :: singular
-    integer :: a
-
-    call invert(cmplx(model%mass, 0.0_wp, wp), inverse, singular)
-    if (singular) return
-    unit = [(sqrt(model%mass(a, a)), a=1, size(unit))]
-    do a = 1, size(unit)
-      left(a, :) = unit(a)*real(inverse(a, :))
-    end do
-    few%damping = matmul(left, damping)
-    few%stiffness = matmul(left, stiffness)
-    few%seen = matmul(transpose(model%places), model%directions)
-    few%pushed = matmul(left, few%seen)
-    do a = 1, size(unit)
-      few%damping(:, a) = few%damping(:, a)/unit(a)
-      few%stiffness(:, a) = few%stiffness(:, a)/unit(a)
-      few%seen(a, :) = few%seen(a, :)/unit(a)
-    end do
-  end subroutine keep_matrices
 
   !> Check that squares and products of all numbers do not overflow.
   subroutine check_sizes(model, status)

@@ -80,17 +80,13 @@ class Condensation:
             *self._matrix_vector,
         ]  # fmt: skip
 
-    @cached_property
+    @property
     def _matrix_vector(self) -> list[Any]:
-        """M^-1 C, M^-1 K, M^-1 Q and Q in units with masses 1, for few coordinates."""
+        """M, C, K and Q, for few coordinates."""
         if self.rest.matrices is None or self.rest.matrices[0].shape[0] > _FEW:
             return [[0]]
-        mass, damping, stiffness = self.rest.matrices
-        unit = np.sqrt(np.diag(mass))
-        left, right = np.diag(unit) @ np.linalg.inv(mass), np.diag(1 / unit)
-        q = self.laws.directions
-        parts = left @ damping @ right, left @ stiffness @ right, left @ q, right @ q
-        return [[unit.size], *(part.ravel(order="F") for part in parts)]
+        parts = (*self.rest.matrices, self.laws.directions)
+        return [[parts[0].shape[0]], *(part.ravel(order="F") for part in parts)]
 
     def law_vector(self, direction: FloatArray) -> FloatArray:
         """The laws as numbers of a polynomial system in the condensed coordinates.
