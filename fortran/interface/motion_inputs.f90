@@ -1,8 +1,11 @@
 ! Optimize: -O1
 !> Input and output of tasks about solutions in time.
 module viscovib_motion_inputs
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_binding_tools, only: make_load
   use viscovib_kinds, only: wp
+  use viscovib_known_motion, only: known_motion
   use viscovib_load, only: load_type
   use viscovib_memory_pieces, only: make_base, oscillator_equations, structure_equations
   use viscovib_motion_choice, only: nodes, without_memory
@@ -12,10 +15,12 @@ module viscovib_motion_inputs
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: fail, status_input_error
   use viscovib_task, only: task_type
+  use viscovib_time_load, only: time_load_type
   implicit none
   private
 
-  public :: load_of, polynomial_of, read_equations, read_past, read_piece, read_tables
+  public :: load_of, polynomial_of, read_equations, read_known, read_known_load, read_past, &
+    read_piece, read_tables
 
 contains
 
@@ -320,6 +325,98 @@ contains
     call make_base(own%base, direction, frequencies, spread(base_waves, 1, 1), base_breaks, &
                    spread(base_pieces, 2, 1))
   end subroutine read_sections
+
+  !> A motion that is known: `states` (2 n, m) at ascending `times` (m), the first coordinates of
+  !! which are wanted, and loads as of `read_known_load`. Forces of laws that are known are the last
+  !! rows of `accelerations`; `laws` gives the row of each among these, 0: not known. With memory
+  !! the motion until then, as of `set_panels`: `panel_ends`, `panel_states`, `panel_accelerations`,
+  !! `before` and `moved`.
+  subroutine read_known(task, n_dof, motion)
+    type(task_type), intent(inout) :: task
+    integer, intent(in) :: n_dof
+    type(known_motion), intent(out) :: motion
+    type(time_load_type) :: loads
+    type(base_motion_type) :: base
+    real(wp), pointer, contiguous :: times(:), states(:, :), moved(:, :)
+    real(wp), allocatable :: laws(:, :)
+    integer :: n
+
+    call read_known_load(task, loads, base)
+    times => task%get_reals('times')
+    states => task%get_matrix('states')
+    if (task%failed()) return
+    n = size(loads%amplitudes, 1)
+    call task%check_extents('states', shape(states), [max(size(states, 1), 2*n), size(times)])
+    if (task%failed()) return
+    if (base%moves()) base%amplitudes = base%amplitudes(:n_dof, :)
+    if (base%has_corners()) base%pieces = base%pieces(:, :n_dof, :)
+    call motion%set_states(times, states, base, n_dof)
+    if (task%has('accelerations')) call read_laws('accelerations', motion%laws)
+    if (.not. task%has('panel_ends')) return
+    if (task%has('panel_accelerations')) call read_laws('panel_accelerations', laws)
+    moved => task%get_matrix('moved')
+    call motion%set_panels(task%get_reals('panel_ends'), task%get_matrix('panel_states'), laws, &
+                           base, task%get_reals('before'), moved(:n_dof, :))
+
+  contains
+
+    subroutine read_laws(name, found)
+      character(len=*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: found(:, :)
+      integer, allocatable :: places(:)
+      integer :: j
+      if (.not. task%has('laws')) return
+      allocate (places, source=task%get_integers('laws'))
+      associate (given => task%get_matrix(name))
+        allocate (found(size(given, 2), size(places)), &
+                  source=ieee_value(0.0_wp, ieee_quiet_nan))
+        do j = 1, size(places)
+          if (places(j) > 0) found(:, j) = given(n + places(j), :)
+        end do
+      end associate
+    end subroutine read_laws
+
+  end subroutine read_known
+
+  !> Loads on n coordinates relative to the base, `amplitudes` (n, k) with `frequencies` (k), and if
+  !! there is a table `pieces` (n, p, m) between `breaks` (m). The base moves by `waves` (n, k), and
+  !! by a table `base_pieces` (p, n, m), or (p, 1, m) with a `direction` (n), and `base_breaks` (m).
+  subroutine read_known_load(task, load, base)
+    type(task_type), intent(inout) :: task
+    type(time_load_type), intent(out) :: load
+    type(base_motion_type), intent(out) :: base
+    real(wp), pointer, contiguous :: base_pieces(:, :, :), direction(:)
+    integer :: n
+
+    allocate (load%frequencies, source=task%get_reals('frequencies'))
+    allocate (load%amplitudes, source=task%get_complex_matrix('amplitudes'))
+    n = size(load%amplitudes, 1)
+    call task%check_extents('amplitudes', shape(load%amplitudes), [n, size(load%frequencies)])
+    if (task%has('breaks')) then
+      allocate (load%breaks, source=task%get_reals('breaks'))
+      allocate (load%pieces, source=task%get_cube('pieces'))
+    else
+      allocate (load%breaks(0), load%pieces(n, 0, 0))
+    end if
+    call task%check_extents('pieces', shape(load%pieces), &
+                            [n, size(load%pieces, 2), size(load%breaks)])
+    if (.not. task%has('waves')) return
+    base%frequencies = load%frequencies
+    allocate (base%amplitudes, source=task%get_complex_matrix('waves'))
+    call task%check_extents('waves', shape(base%amplitudes), shape(load%amplitudes))
+    if (.not. task%has('base_breaks')) return
+    base_pieces => task%get_cube('base_pieces')
+    if (task%has('direction')) then
+      direction => task%get_reals('direction')
+      call task%check_extents('direction', shape(direction), [n])
+      if (task%failed()) return
+      call base%add_polynomials(n, direction, task%get_reals('base_breaks'), base_pieces)
+    else
+      call base%add_polynomials(n, [real(wp) ::], task%get_reals('base_breaks'), base_pieces)
+    end if
+    call task%check_extents('base_pieces', shape(base%pieces), &
+                            [size(base_pieces, 1), n, size(base%breaks)])
+  end subroutine read_known_load
 
   !> The polynomial system of a task; fails for another kind of system.
   function polynomial_of(task) result(it)

@@ -1,9 +1,10 @@
 ! Optimize: -O1
 !> Tasks about solutions in time: runs, their preparation, and plans.
 module viscovib_motion_tasks
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_body_vector, only: mounted_from_vector
   use viscovib_element_forces, only: element_forces_type, find_element_forces, &
-    find_forces_by_kernel, find_mount_springs, sampled_motion
+    find_forces_by_kernel, find_mount_springs
   use viscovib_system_vector, only: elements_from_vector
   use viscovib_constants, only: pi
   use viscovib_fitted_memory, only: bound_hidden, fit_memory, needs_fit
@@ -12,6 +13,7 @@ module viscovib_motion_tasks
   use viscovib_hidden_memory, only: count_hidden
   use viscovib_kernel_holder, only: kernel_holder
   use viscovib_kinds, only: i8, wp
+  use viscovib_known_motion, only: known_motion
   use viscovib_load, only: load_type
   use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
   use viscovib_memory_pieces, only: oscillator_equations
@@ -20,8 +22,10 @@ module viscovib_motion_tasks
   use viscovib_lanes, only: max_dof
   use viscovib_motion_choice, only: by_modes, choose_equations, driven_coordinates, fastest_rate, &
     hereditary_methods, is_on_shaft, motion_wish, per_period, switches_in_time, without_memory
-  use viscovib_motion_inputs, only: load_of, polynomial_of, read_past, read_tables
+  use viscovib_motion_inputs, only: load_of, polynomial_of, read_known, read_known_load, &
+    read_past, read_tables
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
+  use viscovib_motion_panels, only: panel_ends, panel_times, states_on_panels
   use viscovib_motion_search, only: run_motion
   use viscovib_mount, only: mount_type
   use viscovib_mount_forces, only: find_mount_forces, find_spring_memory, mount_forces_type
@@ -35,14 +39,16 @@ module viscovib_motion_tasks
   use viscovib_polynomial_motion, only: polynomial_motion_type
   use viscovib_reduction, only: moved_coordinates
   use viscovib_shock_shapes, only: find_turn, new_shock, shock_names, shock_type
+  use viscovib_search_reason, only: max_kept
   use viscovib_steady_motion_tasks, only: find_motion_extremes, run_period, &
     steady_motion, trace_branch
   use viscovib_spline_integral, only: spline_integral
-  use viscovib_status, only: show
+  use viscovib_status, only: fail, show, status_input_error
   use viscovib_structure_elements, only: element_type
   use viscovib_structure_supports, only: support_rows
   use viscovib_step_search, only: max_steps
   use viscovib_task, only: task_type
+  use viscovib_time_load, only: time_load_type
   use viscovib_timed_polynomials, only: timed_polynomials
   use viscovib_turning_body, only: row_of
   implicit none
@@ -103,6 +109,10 @@ contains
       call find_equations(task)
     case ('loads')
       call find_loads(task)
+    case ('loads at')
+      call find_loads_at(task)
+    case ('panels')
+      call find_panels(task)
     case ('hidden coordinates')
       call count_hidden_coordinates(task)
     case ('plan of pendulum', 'plan of oscillator')
@@ -112,68 +122,112 @@ contains
     end select
   end subroutine motion_task
 
-  !> Accelerations (n, n_dof) by the equations, of states that are known: `u`, `rate` and `load`
-  !! (n, n_dof), relative to the base. With kernels also the motion until then: ends of panels
-  !! `ends` (p + 1), `panel_u` and `panel_rate` at their points (see `recalled_along`), `held`
-  !! before them (n_dof), and the `times` of the states (n), ascending; or `is_remembered`: `load`
-  !! contains what they remember. `singular`: masses are.
+  !> Absolute `accelerations` (n, n_dof) by the equations, of a motion as of `read_known`.
   subroutine find_accelerations(task)
     type(task_type), intent(inout) :: task
+    type(known_motion) :: motion
     class(oscillator_type), pointer :: system
-    real(wp), pointer, contiguous :: u(:, :), rate(:, :), load(:, :), ends(:), panel_u(:, :), &
-                                     panel_rate(:, :), held(:), times(:)
-    real(wp), allocatable :: recalled(:, :), a(:, :)
-    logical :: singular
+    real(wp), allocatable :: a(:, :)
 
-    system => task%system()
-    u => task%get_matrix('u')
-    rate => task%get_matrix('rate')
-    load => task%get_matrix('load')
-    call task%check_extents('rate', shape(rate), shape(u))
-    call task%check_extents('load', shape(load), shape(u))
+    system => task%system(with_shaft=.true.)
     if (task%failed()) return
-    call task%check_extents('u', shape(u), [size(u, 1), system%n_dof()])
+    call read_known(task, system%n_dof(), motion)
+    if (.not. task%failed()) call accelerate(task, system, motion, a)
     if (task%failed()) return
-    allocate (recalled(size(u, 1), system%n_memory()), source=0.0_wp)
-    allocate (a(size(u, 1), size(u, 2)))
-    if (any(system%kernel_of > 0) .and. .not. task%get_flag('is_remembered', .false.)) then
-      call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
-      if (task%failed()) return
-      call recalled_along(system, ends, panel_u, panel_rate, held, times, recalled)
-    end if
-    call accelerations_of(system, u, rate, load, recalled, a, singular)
+    a = a + motion%moved(:, :, 3)
     call task%found%put_reals('accelerations', a, shape(a))
-    call task%found%put_integer('singular', merge(1_i8, 0_i8, singular))
   end subroutine find_accelerations
 
-  !> The motion until states of the shape `wanted`, as of `recalled_along`.
-  subroutine get_panels(task, wanted, ends, u, rate, held, times)
+  !> Accelerations relative to the base, a row for each time: `accelerations` (n_dof + k, m) that
+  !! the equations gave along the motion, or those of its states. `remembered` (n, n_dof): forces
+  !! -R * g on the coordinates, if these are known.
+  subroutine accelerate(task, system, motion, a)
     type(task_type), intent(inout) :: task
-    integer, intent(in) :: wanted(2)
-    real(wp), pointer, contiguous, intent(out) :: ends(:), u(:, :), rate(:, :), held(:), times(:)
+    class(oscillator_type), intent(in) :: system
+    type(known_motion), intent(in) :: motion
+    real(wp), allocatable, intent(out) :: a(:, :)
+    type(time_load_type) :: loads
+    type(base_motion_type) :: base
+    real(wp), allocatable :: recalled(:, :), load(:, :)
+    logical :: singular
 
-    ends => task%get_reals('ends')
-    u => task%get_matrix('panel_u')
-    rate => task%get_matrix('panel_rate')
-    held => task%get_reals('held')
+    if (task%has('accelerations')) then
+      associate (given => task%get_matrix('accelerations'))
+        a = transpose(given(:system%n_dof(), :size(motion%times)))
+      end associate
+      return
+    end if
+    call read_known_load(task, loads, base)
+    load = loads%at_times(motion%times)
+    allocate (recalled(size(motion%times), system%n_memory()), source=0.0_wp)
+    if (task%has('remembered')) then
+      associate (remembered => task%get_matrix('remembered'))
+        call task%check_extents('remembered', shape(remembered), shape(load))
+        if (task%failed()) return
+        load = load - remembered
+      end associate
+    else if (allocated(motion%ends)) then
+      call recalled_along(system, motion%ends, motion%panel_u, motion%panel_rate, motion%held, &
+                          motion%times, recalled)
+    end if
+    allocate (a(size(load, 1), size(load, 2)))
+    call accelerations_of(system, motion%u, motion%rate, load, recalled, a, singular)
+    if (.not. singular) return
+    call fail(task%status, status_input_error, 'mass', 'mass: is singular, so the equations of ' &
+              //'motion give no accelerations')
+  end subroutine accelerate
+
+  !> Panels of a run until a time: `panel_ends` and the `panel_times` of their points, as of
+  !! `panel_times`; `panel_states` there if the `states` kept at `times` give them. Input: `h` and
+  !! `until`; ends of unequal steps, `ends` and `made_by`; `repeats`: states do not give them.
+  subroutine find_panels(task)
+    type(task_type), intent(inout) :: task
+    real(wp), pointer, contiguous :: times(:), states(:, :)
+    integer(i8), allocatable :: made_by(:)
+    real(wp), allocatable :: step_ends(:), ends(:), found(:, :)
+    real(wp) :: h, until
+    integer(i8) :: n
+
     times => task%get_reals('times')
-    call task%check_extents('times', shape(times), wanted(:1))
-    call task%check_extents('held', shape(held), wanted(2:))
-    call task%check_extents('panel_u', shape(u), [(size(ends) - 1)*(panel_points + 2), wanted(2)])
-    call task%check_extents('panel_rate', shape(rate), shape(u))
-  end subroutine get_panels
+    states => task%get_matrix('states')
+    if (task%has('ends')) then
+      allocate (step_ends, source=task%get_reals('ends'))
+      allocate (made_by, source=task%get_longs('made_by'))
+    end if
+    until = task%get_real('until')
+    h = task%get_real('h')
+    if (task%failed()) return
+    n = ceiling(until/h, i8)
+    if (allocated(made_by)) n = made_by(size(made_by))
+    if (real(n, wp)*size(states, 1)*(panel_points + 2) > max_kept) then
+      call fail(task%status, status_input_error, 'motion', 'a motion of ' &
+                //show(int(min(n, int(huge(1), i8))))//' steps with memory and ' &
+                //show(size(states, 1)/2)//' coordinates: is too long for its ' &
+                //'accelerations and forces: use a shorter run')
+      return
+    end if
+    ends = panel_ends(h, until, step_ends, made_by)
+    call task%found%put_reals('panel_ends', ends, shape(ends))
+    if (.not. task%get_flag('repeats')) call states_on_panels(ends, times, states, found)
+    if (allocated(found)) then
+      call task%found%put_reals('panel_states', found, shape(found))
+    else
+      associate (all_times => panel_times(ends))
+        call task%found%put_reals('panel_times', all_times, shape(all_times))
+      end associate
+    end if
+  end subroutine find_panels
 
   !> Forces of the mounts of a body, `flat` as of `mounted_from_vector` about its static
-  !! equilibrium, `exact` (finite rotations), `mount_of` (n_springs) and `center` (3), at states
-  !! `u` and `rate` (n, n_dof) relative to the base. With kernels also the motion until then, as of
-  !! `find_accelerations`. Returns what `mount_forces_type` contains, and the forces -R * g on the
-  !! coordinates, `remembered` (n, n_dof), of small rotations.
+  !! equilibrium, `exact` (finite rotations), `mount_of` (n_springs) and `center` (3), along a
+  !! motion as of `read_known`. Returns what `mount_forces_type` contains, and the forces -R * g on
+  !! the coordinates, `remembered` (n, n_dof), of small rotations.
   subroutine find_forces_of_mounts(task)
     type(task_type), intent(inout) :: task
     type(mounted_body) :: body
     type(kernel_holder), allocatable :: kernels(:)
     type(mount_forces_type) :: forces
-    type(sampled_motion) :: motion
+    type(known_motion) :: motion
     real(wp), pointer, contiguous :: center(:)
     real(wp), allocatable :: memory(:, :), rows(:, :)
     integer, allocatable :: mount_of(:)
@@ -185,7 +239,7 @@ contains
     body%exact = task%get_flag('exact')
     center => task%get_reals('center')
     mount_of = task%get_integers('mount_of')
-    call read_samples(task, n, motion)
+    call read_known(task, n, motion)
     call task%check_extents('center', shape(center), [3])
     call task%check_extents('mount_of', shape(mount_of), shape(body%springs))
     if (task%failed()) return
@@ -210,13 +264,11 @@ contains
   end subroutine find_forces_of_mounts
 
   !> Forces of the `elements` of a structure (`elements_from_vector`), or else of the springs of the
-  !! system, at states `u` and `rate` (n, n_dof) relative to the base. With kernels also the motion
-  !! until then, as of `find_accelerations`. Forces of laws that are known: `laws` and `panel_laws`,
-  !! as of `sampled_motion`. Motions `apart` (n, n_held, 3) of supports, with their `weights`
-  !! (n_held, m) in the deflections. Returns what `element_forces_type` contains.
+  !! system, along a motion as of `read_known`. Motions `apart` (n, n_held, 3) of supports, with
+  !! their `weights` (n_held, m) in the deflections. Returns what `element_forces_type` contains.
   subroutine find_forces_of_elements(task)
     type(task_type), intent(inout) :: task
-    type(sampled_motion) :: motion
+    type(known_motion) :: motion
     type(element_forces_type) :: forces
     class(oscillator_type), pointer :: system
 
@@ -225,13 +277,13 @@ contains
     else
       system => task%system()
       if (task%failed()) return
-      call read_samples(task, system%n_dof(), motion)
+      call read_known(task, system%n_dof(), motion)
       if (task%failed()) return
       select type (system)
       type is (mount_type)
-        call find_mount_springs(system, motion, forces)
+        call find_mount_springs(system, motion%sampled_motion, forces)
       type is (polynomial_type)
-        call find_forces_by_kernel(system, motion, forces)
+        call find_forces_by_kernel(system, motion%sampled_motion, forces)
       class default
         call task%refuse_kind()
       end select
@@ -256,17 +308,17 @@ contains
     type(element_forces_type), intent(out) :: forces
     type(element_type), allocatable :: elements(:)
     type(kernel_holder), allocatable :: kernels(:)
-    type(sampled_motion) :: motion
+    type(known_motion) :: motion
     real(wp), pointer, contiguous :: apart(:, :, :), weights(:, :), flat(:)
     integer :: j
 
     flat => task%get_reals('elements')
     call elements_from_vector(elements, kernels, flat, task%status)
     if (task%failed()) return
-    call read_samples(task, nint(flat(1)), motion)
+    call read_known(task, nint(flat(1)), motion)
     if (task%failed()) return
     if (.not. task%has('apart')) then
-      call find_element_forces(elements, kernels, motion, forces)
+      call find_element_forces(elements, kernels, motion%sampled_motion, forces)
       return
     end if
     apart => task%get_cube('apart')
@@ -277,60 +329,41 @@ contains
     do j = 1, size(elements)
       elements(j)%ends = weights(:, j)
     end do
-    call find_element_forces(elements, kernels, motion, forces, apart)
+    call find_element_forces(elements, kernels, motion%sampled_motion, forces, apart)
   end subroutine find_forces_in_structure
 
-  !> A motion relative to the base, as of `find_forces_of_elements`.
-  subroutine read_samples(task, n_dof, motion)
-    type(task_type), intent(inout) :: task
-    integer, intent(in) :: n_dof
-    type(sampled_motion), intent(out) :: motion
-    real(wp), pointer, contiguous :: u(:, :), rate(:, :), ends(:), panel_u(:, :), &
-                                     panel_rate(:, :), held(:), times(:)
-    u => task%get_matrix('u')
-    rate => task%get_matrix('rate')
-    call task%check_extents('rate', shape(rate), shape(u))
-    if (.not. task%failed()) call task%check_extents('u', shape(u), [size(u, 1), n_dof])
-    if (task%failed()) return
-    motion%u = u
-    motion%rate = rate
-    if (task%has('laws')) allocate (motion%laws, source=task%get_matrix('laws'))
-    if (.not. task%has('ends')) return
-    call get_panels(task, shape(u), ends, panel_u, panel_rate, held, times)
-    if (task%failed()) return
-    motion%times = times
-    motion%ends = ends
-    motion%panel_u = panel_u
-    motion%panel_rate = panel_rate
-    motion%held = held
-    if (task%has('panel_laws')) allocate (motion%panel_laws, source=task%get_matrix('panel_laws'))
-  end subroutine read_samples
-
-  !> Forces `force` (n, n_held) that hold supports, without those of elements, as of `reactions`:
-  !! `moved` (n, n_free, 3), `base` (n, 3), `apart` (n, n_held, 3), and the rows `free`
+  !> Forces `force` (n, n_held) that hold supports, without those of elements, as of `reactions`,
+  !! along a motion as of `read_known`: `base` (n, 3), `apart` (n, n_held, 3), and the rows `free`
   !! (n_held, n_free, 3), `held` (n_held, n_held, 3) and `based` (n_held, 3).
   subroutine find_support_reactions(task)
     type(task_type), intent(inout) :: task
+    type(known_motion) :: motion
     type(support_rows) :: rows
-    real(wp), pointer, contiguous :: moved(:, :, :), base(:, :), apart(:, :, :)
-    real(wp), allocatable :: force(:, :)
-    integer :: n_held
+    class(oscillator_type), pointer :: system
+    real(wp), pointer, contiguous :: base(:, :), apart(:, :, :)
+    real(wp), allocatable :: a(:, :), force(:, :), moved(:, :, :)
+    integer :: n, n_held
 
-    moved => task%get_cube('moved')
     base => task%get_matrix('base')
     apart => task%get_cube('apart')
     allocate (rows%free, source=task%get_cube('free'))
     allocate (rows%held, source=task%get_cube('held'))
     allocate (rows%based, source=task%get_matrix('based'))
+    system => task%system(with_shaft=.true.)
     if (task%failed()) return
+    call read_known(task, system%n_dof(), motion)
+    if (task%failed()) return
+    n = size(motion%times)
     n_held = size(rows%based, 1)
-    call task%check_extents('base', shape(base), [size(moved, 1), 3])
-    call task%check_extents('apart', shape(apart), [size(moved, 1), n_held, 3])
-    call task%check_extents('moved', shape(moved), [size(moved, 1), size(rows%free, 2), 3])
-    call task%check_extents('free', shape(rows%free), [n_held, size(rows%free, 2), 3])
+    call task%check_extents('base', shape(base), [n, 3])
+    call task%check_extents('apart', shape(apart), [n, n_held, 3])
+    call task%check_extents('free', shape(rows%free), [n_held, size(motion%u, 2), 3])
     call task%check_extents('held', shape(rows%held), [n_held, n_held, 3])
     call task%check_extents('based', shape(rows%based), [n_held, 3])
     if (task%failed()) return
+    call accelerate(task, system, motion, a)
+    if (task%failed()) return
+    allocate (moved, source=reshape([motion%u, motion%rate, a], [shape(a), 3]))
     force = rows%reactions(moved, base, apart)
     call task%found%put_reals('force', force, shape(force))
   end subroutine find_support_reactions
@@ -639,6 +672,25 @@ contains
     call task%found%put_complexes('amplitudes', equations%amplitudes, shape(equations%amplitudes))
     call task%found%put_complexes('waves', equations%waves, shape(equations%waves))
   end subroutine find_loads
+
+  !> Loads as of `read_known_load` at `times` (m): the `load` on coordinates relative to the base,
+  !! and `place`, `speed` and `push` by the base, each (m, n).
+  subroutine find_loads_at(task)
+    type(task_type), intent(inout) :: task
+    type(time_load_type) :: loads
+    type(base_motion_type) :: base
+    real(wp), pointer, contiguous :: times(:)
+    real(wp), allocatable :: load(:, :), moved(:, :, :)
+    times => task%get_reals('times')
+    call read_known_load(task, loads, base)
+    if (task%failed()) return
+    load = loads%at_times(times)
+    moved = base%at_times(size(load, 2), times)
+    call task%found%put_reals('load', load, shape(load))
+    call task%found%put_reals('place', moved(:, :, 1), shape(load))
+    call task%found%put_reals('speed', moved(:, :, 2), shape(load))
+    call task%found%put_reals('push', moved(:, :, 3), shape(load))
+  end subroutine find_loads_at
 
   !> Number of memory coordinates `n_hidden` of a system for steps `h` up to the time `reach`;
   !! h = 0: upper bound; -1: a kernel is not, and cannot be fitted by, a sum of exponentials.

@@ -1,28 +1,30 @@
 !> A motion in time relative to its base, with all coordinates, at the states kept and before.
 module viscovib_known_motion
-  use viscovib_collocation, only: collocation_type, new_collocation
-  use viscovib_constants, only: imaginary_unit
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use viscovib_base_motion, only: base_motion_type
   use viscovib_element_forces, only: sampled_motion
   use viscovib_hereditary_job, only: hereditary_job
-  use viscovib_kinds, only: i8, wp
+  use viscovib_kinds, only: wp
   use viscovib_load, only: load_type
-  use viscovib_mesh, only: mesh_type, new_mesh
-  use viscovib_motion_balance, only: panel_points
+  use viscovib_motion_panels, only: add_past, panel_ends, panel_rows, panel_times, states_on_panels
   use viscovib_oscillator, only: oscillator_type
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   use viscovib_subject, only: subject_type
   use viscovib_subject_motion, only: move_subject
-  use viscovib_timed_polynomials, only: timed_polynomials
+  use viscovib_time_load, only: time_load_type
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: max_kept, transient_job
   implicit none
   private
 
-  public :: add_wave, base_at, know_motion, known_motion, load_at, own_forces, repeat_motion
+  public :: base_at, know_motion, known_motion, load_at, own_forces, repeat_motion, waves_at
 
   type, extends(sampled_motion) :: known_motion
-    !> Displacements, velocities and accelerations by the base, shape (n_dof, n, 3).
+    !> Displacements, velocities and accelerations by the base, shape (n, n_dof, 3).
     real(wp), allocatable :: moved(:, :, :)
+  contains
+    procedure :: set_states
+    procedure :: set_panels
   end type known_motion
 
 contains
@@ -37,35 +39,83 @@ contains
     type(known_motion), intent(out) :: known
     type(status_type), intent(out) :: status
     type(trajectory_type) :: again
-    real(wp), allocatable :: times(:)
-    integer, allocatable :: points(:)
+    type(base_motion_type) :: base
+    real(wp), allocatable :: ends(:), states(:, :), laws(:, :), held(:)
     logical :: has_laws
     integer :: i, n
 
     call set_ok(status)
     n = size(motion%initial)/2
-    known%times = trajectory%t
     has_laws = own_forces(motion, subject)
-    if (subject%has_kernels()) then
-      call find_panels(trajectory, known%ends, times, points)
-      call repeat_motion(motion, subject, nu, trajectory, times, has_laws, again, status)
-      if (status%failed()) return
-      call relative(subject, nu, again, points, known%panel_u, known%panel_rate)
-      if (has_laws) known%panel_laws = transpose(again%accelerations(n + 1:, points))
-      known%held = [(0.0_wp, i=1, n)]
-      if (allocated(motion%held)) known%held = motion%held
-    end if
-    points = [(i, i=1, size(trajectory%t))]
+    base = base_of(subject, nu)
     if (subject%is_structure .or. has_laws) then
       call repeat_motion(motion, subject, nu, trajectory, trajectory%t, has_laws, again, status)
       if (status%failed()) return
-      call relative(subject, nu, again, points, known%u, known%rate)
+      call known%set_states(trajectory%t, again%states, base, n)
       if (has_laws) known%laws = transpose(again%accelerations(n + 1:, :))
     else
-      call relative(subject, nu, trajectory, points, known%u, known%rate)
+      call known%set_states(trajectory%t, trajectory%states, base, n)
     end if
-    call base_at(subject, nu, trajectory%t, known%moved)
+    known%moved = known%moved + floors_at(subject, trajectory%t)
+    if (.not. subject%has_kernels()) return
+    ends = panel_ends(trajectory%h, &
+                      max(trajectory%t(size(trajectory%t)), 1.0e-3_wp*trajectory%h), &
+                      trajectory%ends, trajectory%made_by)
+    if (.not. (subject%is_structure .or. has_laws)) then
+      call states_on_panels(ends, trajectory%t, trajectory%states, states)
+    end if
+    if (.not. allocated(states)) then
+      call repeat_motion(motion, subject, nu, trajectory, panel_times(ends), has_laws, again, &
+                         status)
+      if (status%failed()) return
+      call move_alloc(again%states, states)
+      if (has_laws) laws = transpose(again%accelerations(n + 1:, :))
+    end if
+    held = [(0.0_wp, i=1, n)]
+    if (allocated(motion%held)) held = motion%held
+    call known%set_panels(ends, states, laws, base, [0.0_wp], reshape(held, [n, 1]))
   end subroutine know_motion
+
+  !> States at times relative to the base.
+  subroutine set_states(self, t, states, base, n)
+    class(known_motion), intent(inout) :: self
+    !> Ascending times, and states (u, u') of n coordinates and then others, a column for each.
+    real(wp), intent(in) :: t(:), states(:, :)
+    type(base_motion_type), intent(in) :: base
+    integer, intent(in) :: n
+    self%times = t
+    self%moved = base%at_times(n, t)
+    self%u = transpose(states(1:2*n:2, :)) - self%moved(:, :, 1)
+    self%rate = transpose(states(2:2*n:2, :)) - self%moved(:, :, 2)
+  end subroutine set_states
+
+  !> The motion on panels, with the motion before t = 0.
+  subroutine set_panels(self, ends, states, laws, base, before, moved)
+    class(known_motion), intent(inout) :: self
+    !> States as of `set_states` at `panel_times`; forces of laws there, a row for each time; not
+    !! allocated: states give them.
+    real(wp), intent(in) :: ends(:), states(:, :)
+    real(wp), allocatable, intent(in) :: laws(:, :)
+    type(base_motion_type), intent(in) :: base
+    !> Times, ascending to 0, shape (m), and displacements at them, shape (n, m).
+    real(wp), intent(in) :: before(:), moved(:, :)
+    type(known_motion) :: once
+    integer :: rows(size(panel_rows(size(ends) - 1)))
+    integer :: n_old
+
+    call once%set_states(panel_times(ends), states, base, size(moved, 1))
+    rows = panel_rows(size(ends) - 1)
+    self%ends = ends
+    self%panel_u = once%u(rows, :)
+    self%panel_rate = once%rate(rows, :)
+    self%held = moved(:, 1)
+    call add_past(before, moved, self%ends, self%panel_u, self%panel_rate)
+    if (.not. allocated(laws)) return
+    n_old = size(self%panel_u, 1) - size(rows)
+    allocate (self%panel_laws(size(self%panel_u, 1), size(laws, 2)), &
+              source=ieee_value(0.0_wp, ieee_quiet_nan))
+    self%panel_laws(n_old + 1:, :) = laws(rows, :)
+  end subroutine set_panels
 
   !> True if a state does not give the forces, because laws have surfaces, elements have states or
   !! forces remember by coordinates: the equations then give them along the motion.
@@ -123,90 +173,64 @@ contains
               //'last state when it was repeated for accelerations and forces')
   end subroutine repeat_motion
 
-  !> Ends of panels until the last state; times at their points, each once, and the place among
-  !! these of every point.
-  subroutine find_panels(trajectory, ends, times, points)
-    type(trajectory_type), intent(in) :: trajectory
-    real(wp), allocatable, intent(out) :: ends(:), times(:)
-    integer, allocatable, intent(out) :: points(:)
-    type(collocation_type) :: table
-    type(mesh_type) :: mesh
-    real(wp) :: until
-    integer :: i, j, k, n
-
-    call new_collocation(table, panel_points)
-    until = max(trajectory%t(size(trajectory%t)), 1.0e-3_wp*trajectory%h)
-    if (allocated(trajectory%ends)) then
-      call new_mesh(mesh, trajectory%h, trajectory%ends, trajectory%made_by)
-      n = int(trajectory%made_by(size(trajectory%made_by)))
-      ends = [(mesh%start_of(int(i, i8)), i=0, n)]
-      ends = [pack(ends, ends < until*(1.0_wp - 1.0e-14_wp)), until]
-    else
-      n = max(1, ceiling(until/trajectory%h*(1.0_wp - 1.0e-12_wp)))
-      ends = [0.0_wp, (i*trajectory%h, i=1, n - 1), until]
-    end if
-    n = size(ends) - 1
-    k = panel_points + 1
-    allocate (times(n*k + 1), points(n*(k + 1)))
-    do i = 1, n
-      times((i - 1)*k + 1:i*k) = ends(i) + (ends(i + 1) - ends(i))*table%points(:panel_points)
-      points((i - 1)*(k + 1) + 1:i*(k + 1)) = [((i - 1)*k + 1 + j, j=0, k)]
-    end do
-    times(n*k + 1) = until
-  end subroutine find_panels
-
-  !> Coordinates and rates relative to the base, a row for each of some states.
-  subroutine relative(subject, nu, trajectory, points, u, rate)
-    type(subject_type), intent(in) :: subject
-    real(wp), intent(in) :: nu
-    type(trajectory_type), intent(in) :: trajectory
-    integer, intent(in) :: points(:)
-    real(wp), allocatable, intent(out) :: u(:, :), rate(:, :)
-    real(wp), allocatable :: moved(:, :, :)
-    call base_at(subject, nu, trajectory%t, moved)
-    allocate (u, source=transpose(trajectory%states(1::2, points) - moved(:, points, 1)))
-    allocate (rate, source=transpose(trajectory%states(2::2, points) - moved(:, points, 2)))
-  end subroutine relative
-
-  !> What the base moves the coordinates by, their velocities and accelerations, (n_dof, n, 3).
-  subroutine base_at(subject, nu, t, moved)
+  !> The motion of a base by the harmonics of the load.
+  function base_of(subject, nu) result(base)
     type(subject_type), intent(in), target :: subject
-    real(wp), intent(in) :: nu, t(:)
-    real(wp), allocatable, intent(out) :: moved(:, :, :)
+    real(wp), intent(in) :: nu
+    type(base_motion_type) :: base
     type(load_type), pointer :: load
-    integer :: i, k
+    integer :: k
 
-    load => subject%load
-    if (subject%is_structure) load => subject%model%load
+    load => subject%whole_load()
+    if (.not. load%moves_base()) return
     associate (direction => subject%base_direction())
-      allocate (moved(size(direction), size(t), 3), source=0.0_wp)
-      if (load%has_table()) then
-        ! States are relative to a base whose acceleration is given.
-        do i = 1, size(t)
-          moved(:, i, 3) = matmul(load%floors, load%table%at(t(i)))
-        end do
-      end if
-      if (.not. load%moves_base()) return
+      base%frequencies = load%orders*nu
+      allocate (base%amplitudes(size(direction), size(load%orders)))
       do k = 1, size(load%orders)
-        call add_wave(load%orders(k)*nu, load%moved(:, k) + direction*load%base(k), t, moved)
+        base%amplitudes(:, k) = load%moved(:, k) + direction*load%base(k)
       end do
     end associate
-  end subroutine base_at
+  end function base_of
 
-  !> Add Im a exp(i w t), its derivative and its second derivative, shape (size(a), size(t), 3).
-  pure subroutine add_wave(w, a, t, moved)
-    real(wp), intent(in) :: w, t(:)
-    complex(wp), intent(in) :: a(:)
-    real(wp), intent(inout) :: moved(:, :, :)
-    complex(wp) :: wave
+  !> What a base whose acceleration is given moves the coordinates by, shape (size(t), n_dof, 3):
+  !! states are relative to such a base.
+  function floors_at(subject, t) result(moved)
+    type(subject_type), intent(in), target :: subject
+    real(wp), intent(in) :: t(:)
+    real(wp), allocatable :: moved(:, :, :)
+    type(load_type), pointer :: load
     integer :: i
+
+    load => subject%whole_load()
+    allocate (moved(size(t), size(subject%base_direction()), 3), source=0.0_wp)
+    if (.not. load%has_table()) return
     do i = 1, size(t)
-      wave = exp(imaginary_unit*(w*t(i)))
-      moved(:, i, 1) = moved(:, i, 1) + aimag(a*wave)
-      moved(:, i, 2) = moved(:, i, 2) + w*real(a*wave)
-      moved(:, i, 3) = moved(:, i, 3) - w**2*aimag(a*wave)
+      moved(i, :, 3) = matmul(load%floors, load%table%at(t(i)))
     end do
-  end subroutine add_wave
+  end function floors_at
+
+  !> What the base moves the coordinates by, their velocities and accelerations, shape
+  !! (size(t), n_dof, 3).
+  function base_at(subject, nu, t) result(moved)
+    type(subject_type), intent(in) :: subject
+    real(wp), intent(in) :: nu, t(:)
+    real(wp), allocatable :: moved(:, :, :)
+    type(base_motion_type) :: base
+    base = base_of(subject, nu)
+    moved = floors_at(subject, t)
+    moved = moved + base%at_times(size(moved, 2), t)
+  end function base_at
+
+  !> Im sum_k a(:, k) exp(i w(k) t) and its derivatives, shape (size(t), size(a, 1), 3).
+  pure function waves_at(w, a, t) result(moved)
+    real(wp), intent(in) :: w(:), t(:)
+    complex(wp), intent(in) :: a(:, :)
+    real(wp) :: moved(size(t), size(a, 1), 3)
+    type(base_motion_type) :: base
+    base%frequencies = w
+    base%amplitudes = a
+    moved = base%at_times(size(a, 1), t)
+  end function waves_at
 
   !> The load on coordinates relative to the base, a row for each time.
   function load_at(system, load, nu, t) result(force)
@@ -214,23 +238,15 @@ contains
     type(load_type), intent(in) :: load
     real(wp), intent(in) :: nu, t(:)
     real(wp) :: force(size(t), system%n_dof())
-    complex(wp) :: amplitude(system%n_dof())
-    type(timed_polynomials) :: table
-    integer :: i, k
-    force = 0.0_wp
-    if (load%has_table()) then
-      call load%forces_in_time(table%breaks, table%pieces)
-      do i = 1, size(t)
-        force(i, :) = table%at(t(i))
-      end do
-    end if
+    type(time_load_type) :: loads
+    integer :: k
+    loads%frequencies = load%orders*nu
+    allocate (loads%amplitudes(system%n_dof(), size(load%orders)))
     do k = 1, size(load%orders)
-      amplitude = load%coefficient(system, load%orders(k), nu)
-      do i = 1, size(t)
-        force(i, :) = force(i, :) &
-                      + aimag(amplitude*exp(imaginary_unit*(load%orders(k)*nu*t(i))))
-      end do
+      loads%amplitudes(:, k) = load%coefficient(system, load%orders(k), nu)
     end do
+    call load%forces_in_time(loads%breaks, loads%pieces)
+    force = loads%at_times(t)
   end function load_at
 
 end module viscovib_known_motion

@@ -4,7 +4,7 @@ module viscovib_motion_forces
     find_forces_by_kernel, find_mount_springs
   use viscovib_job, only: table_sink
   use viscovib_kinds, only: wp
-  use viscovib_known_motion, only: add_wave, known_motion
+  use viscovib_known_motion, only: known_motion, waves_at
   use viscovib_load, only: load_type
   use viscovib_mount_forces, only: find_mount_forces, find_spring_memory, mount_forces_type
   use viscovib_mounted_body, only: springs_at_rest
@@ -187,7 +187,7 @@ contains
     moved(:, :, 2) = known%rate
     moved(:, :, 3) = 0.0_wp
     if (allocated(accelerations)) then
-      moved(:, :, 3) = transpose(accelerations - known%moved(:, :, 3))
+      moved(:, :, 3) = transpose(accelerations) - known%moved(:, :, 3)
     end if
     call find_base(subject, nu, known%times, base)
     self%reactions = subject%model%supports%rows%reactions(moved, base, &
@@ -207,16 +207,11 @@ contains
     real(wp), intent(in) :: nu, t(:)
     real(wp), intent(out) :: base(:, :)
     type(load_type), pointer :: load
-    real(wp) :: waves(1, size(t), 3)
-    integer :: i, k
+    integer :: i
 
-    load => subject%load
-    if (subject%is_structure) load => subject%model%load
-    waves = 0.0_wp
-    do k = 1, size(load%orders)
-      call add_wave(load%orders(k)*nu, load%base(k:k), t, waves)
-    end do
-    base = waves(1, :, :)
+    load => subject%whole_load()
+    base = reshape(waves_at(load%orders*nu, reshape(load%base, [1, size(load%base)]), t), &
+                   shape(base))
     if (.not. load%has_table()) return
     do i = 1, size(t)
       associate (moves => any(abs(load%floors) > 0.0_wp, 1), &
@@ -234,18 +229,9 @@ contains
     type(subject_type), intent(in) :: subject
     real(wp), intent(in) :: nu, t(:)
     real(wp) :: apart(size(t), size(subject%model%supports%names), 3)
-    real(wp) :: waves(size(apart, 2), size(t), 3)
-    integer :: k
-
-    waves = 0.0_wp
     associate (supports => subject%model%supports)
-      do k = 1, size(supports%orders)
-        call add_wave(supports%orders(k)*nu, supports%waves(:, k), t, waves)
-      end do
+      apart = waves_at(supports%orders*nu, supports%waves, t)
     end associate
-    do k = 1, 3
-      apart(:, :, k) = transpose(waves(:, :, k))
-    end do
   end function apart_at
 
   !> Names and values, shape (n, size(names)), of the forces, the force on the floor and the

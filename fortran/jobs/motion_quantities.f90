@@ -164,6 +164,7 @@ contains
     type(status_type), intent(out) :: status
     type(trajectory_type) :: fine
     type(motion_quantities) :: more
+    type(load_type), pointer :: load
     character(len=quantity_length), allocatable :: names(:)
     real(wp), allocatable :: breaks(:), times(:), ends(:), all_times(:), closer(:, :), some(:, :)
     integer, allocatable :: rows(:)
@@ -171,10 +172,9 @@ contains
 
     call set_ok(status)
     allocate (breaks(0), all_times(0))
-    if (subject%is_structure) then
-      breaks = subject%model%load%corners()
-    else if (.not. subject%is_pendulum) then
-      breaks = subject%load%corners()
+    if (.not. subject%is_pendulum) then
+      load => subject%whole_load()
+      breaks = load%corners()
     end if
     call locate_peaks(trajectory%t, values, breaks, peak, at, error)
     if (.not. any(is_loose(peak, error))) return
@@ -303,9 +303,9 @@ contains
     call repeat_motion(motion, subject, nu, trajectory, trajectory%t, .true., again, status)
     if (status%failed()) return
     n = size(motion%initial)/2
-    call base_at(subject, nu, trajectory%t, moved)
+    moved = base_at(subject, nu, trajectory%t)
     allocate (accelerations(n, size(trajectory%t)))
-    accelerations = again%accelerations(:n, :) + moved(:, :, 3)
+    accelerations = again%accelerations(:n, :) + transpose(moved(:, :, 3))
   end subroutine along_once_more
 
   !> By the balance of forces in all coordinates.
@@ -324,12 +324,11 @@ contains
     real(wp), allocatable :: recalled(:, :), a(:, :)
     logical :: singular
 
-    load => subject%load
+    load => subject%whole_load()
     call set_ok(status)
     if (.not. subject%is_structure) then
       system => subject%oscillator()
     else if (may_be_whole(subject%model)) then
-      load => subject%model%load
       call whole_polynomial(subject%model, subject%structure%kernels, whole, status)
       system => whole
     else
@@ -346,8 +345,7 @@ contains
     allocate (a(size(known%u, 1), size(known%u, 2)))
     call accelerations_of(system, known%u, known%rate, load_at(system, load, nu, trajectory%t), &
                           recalled, a, singular)
-    allocate (accelerations, source=transpose(a))
-    accelerations = accelerations + known%moved(:, :, 3)
+    allocate (accelerations, source=transpose(a + known%moved(:, :, 3)))
   end subroutine by_balance
 
 end module viscovib_motion_quantities

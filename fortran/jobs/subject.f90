@@ -59,6 +59,7 @@ module viscovib_subject
     real(wp), allocatable :: shaft_start(:)
   contains
     procedure :: oscillator
+    procedure :: whole_load
     procedure :: base_direction
     procedure :: usual_tolerance
     procedure :: remembers
@@ -94,6 +95,14 @@ contains
     class(subject_type), intent(in) :: self
     usual_tolerance = merge(corner_tolerance, smooth_tolerance, has_kinks(self%oscillator()))
   end function usual_tolerance
+
+  !> The load on all coordinates.
+  function whole_load(self) result(load)
+    class(subject_type), intent(in), target :: self
+    type(load_type), pointer :: load
+    load => self%load
+    if (self%is_structure) load => self%model%load
+  end function whole_load
 
   !> Motion of the coordinates with the base.
   pure function base_direction(self)

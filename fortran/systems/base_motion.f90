@@ -31,6 +31,7 @@ module viscovib_base_motion
     procedure :: enter
     procedure :: n_displacements
     procedure :: along
+    procedure :: at_times
     procedure :: of_coordinates
     procedure :: add_to
     procedure :: add_polynomials
@@ -78,25 +79,31 @@ contains
     if (self%moves()) n_displacements = size(self%amplitudes, 1)
   end function n_displacements
 
-  !> Base displacements and their velocities at time t.
-  pure subroutine along(self, t, displacement, velocity)
+  !> Base displacements, their velocities and accelerations at time t.
+  pure subroutine along(self, t, displacement, velocity, acceleration)
     class(base_motion_type), intent(in) :: self
     real(wp), intent(in) :: t
     !> Shape (q).
     real(wp), intent(out) :: displacement(:), velocity(:)
+    real(wp), intent(out), optional :: acceleration(:)
     complex(wp) :: wave(size(displacement))
-    real(wp) :: place(size(displacement)), speed(size(displacement)), x
+    real(wp), dimension(size(displacement)) :: place, speed, half, push
+    real(wp) :: x
     integer :: k, m
 
     displacement = 0.0_wp
     velocity = 0.0_wp
+    push = 0.0_wp
+    if (present(acceleration)) acceleration = 0.0_wp
     if (.not. self%moves()) return
     do k = 1, size(self%frequencies)
       if (.not. any(abs(self%amplitudes(:, k)) > 0.0_wp)) cycle
       wave = self%amplitudes(:, k)*exp(imaginary_unit*(self%frequencies(k)*t))
       displacement = displacement + aimag(wave)
       velocity = velocity + self%frequencies(k)*real(wave)
+      push = push - self%frequencies(k)**2*aimag(wave)
     end do
+    if (present(acceleration)) acceleration = push
     if (.not. self%has_corners()) return
     m = size(self%pieces, 1)
     if (self%present == 0) then
@@ -106,13 +113,39 @@ contains
     x = t - self%breaks(self%present)
     place = 0.0_wp
     speed = 0.0_wp
+    half = 0.0_wp
     do k = 1, m
+      half = half*x + speed
       speed = speed*x + place
       place = place*x + self%pieces(k, :, self%present)
     end do
     displacement = displacement + place
     velocity = velocity + speed
+    if (present(acceleration)) acceleration = acceleration + 2.0_wp*half
   end subroutine along
+
+  !> Displacements, velocities and accelerations of n coordinates at times, shape (size(t), n, 3);
+  !! at a corner those after it.
+  pure function at_times(self, n, t) result(moved)
+    class(base_motion_type), intent(in) :: self
+    integer, intent(in) :: n
+    real(wp), intent(in) :: t(:)
+    real(wp) :: moved(size(t), n, 3)
+    type(base_motion_type) :: base
+    real(wp), dimension(self%n_displacements()) :: displacement, velocity, acceleration
+    integer :: i
+
+    moved = 0.0_wp
+    if (.not. self%moves()) return
+    base = self
+    do i = 1, size(t)
+      call base%enter(t(i), t(i))
+      call base%along(t(i), displacement, velocity, acceleration)
+      moved(i, :, 1) = self%of_coordinates(displacement)
+      moved(i, :, 2) = self%of_coordinates(velocity)
+      moved(i, :, 3) = self%of_coordinates(acceleration)
+    end do
+  end function at_times
 
   !> Map base displacements or velocities to the coordinates.
   pure function of_coordinates(self, values) result(moved)

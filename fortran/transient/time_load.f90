@@ -20,6 +20,7 @@ module viscovib_time_load
     real(wp), allocatable :: breaks(:), pieces(:, :, :)
   contains
     procedure :: at
+    procedure :: at_times
     procedure, private :: add_table
   end type time_load_type
 
@@ -40,23 +41,38 @@ module viscovib_time_load
 
 contains
 
-  !> Load at one time, shape (n_dof).
-  subroutine at(self, t, f)
+  !> Load at one time, shape (n_dof); `piece` as of `add_table`.
+  pure subroutine at(self, t, f, piece)
     class(time_load_type), intent(in) :: self
     real(wp), intent(in) :: t
     real(wp), intent(out) :: f(:)
-    integer :: k, piece
+    integer, intent(inout), optional :: piece
+    integer :: k, guess
 
     f = 0.0_wp
     do k = 1, size(self%frequencies)
       f = f + aimag(self%amplitudes(:, k)*exp(imaginary_unit*(self%frequencies(k)*t)))
     end do
-    piece = 1
-    call self%add_table(t, piece, f)
+    guess = 1
+    if (present(piece)) guess = piece
+    call self%add_table(t, guess, f)
+    if (present(piece)) piece = guess
   end subroutine at
 
+  !> Load at ascending times, shape (size(t), n_dof).
+  pure function at_times(self, t) result(loads)
+    class(time_load_type), intent(in) :: self
+    real(wp), intent(in) :: t(:)
+    real(wp) :: loads(size(t), size(self%amplitudes, 1))
+    integer :: i, piece
+    piece = 1
+    do i = 1, size(t)
+      call self%at(t(i), loads(i, :), piece)
+    end do
+  end function at_times
+
   !> Add the polynomial at t; `piece` is the first guess of its interval and returns the interval.
-  subroutine add_table(self, t, piece, f)
+  pure subroutine add_table(self, t, piece, f)
     class(time_load_type), intent(in) :: self
     real(wp), intent(in) :: t
     integer, intent(inout) :: piece

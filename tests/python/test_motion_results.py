@@ -135,6 +135,14 @@ def test_accelerations_are_the_slopes_of_velocities(case):
     assert np.quantile(off, 0.9) < 2e-8 * np.abs(run.acceleration).max()
 
 
+@pytest.mark.parametrize("parts", [5, 8, 11, 32])
+def test_accelerations_with_memory_do_not_depend_on_the_states_of_a_step(parts):
+    given = {"load": 0.5, "nu": 1.5, "dt": 0.1}
+    few = vv.simulate(mount(kernel=STEEP), 4, **given)
+    many = vv.simulate(mount(kernel=STEEP), 4, times=np.linspace(0, 4, 40 * parts + 1), **given)
+    np.testing.assert_allclose(many.acceleration[::parts], few.acceleration, atol=1e-12)
+
+
 def test_accelerations_of_runs_that_go_on():
     """With other loads, from a pickle and for a last state, they equal those of one run."""
     system = mount(kernel=STEEP)

@@ -9,7 +9,7 @@ import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import KnownMotion, accelerations
+from viscovib.analyses.acting import KnownMotion
 from viscovib.bodies.body import Body
 from viscovib.errors import InputError
 from viscovib.results.motion_forces import ElementForces, MountForcesInTime, SupportReactions
@@ -38,12 +38,9 @@ def _of_mounts(body: Body, motion: KnownMotion) -> dict[str, Any]:
     """What the core finds about the mounts of a body, made once."""
     if not motion.mounts:
         sag = 0.0 if body._sag is None or not body._turns else body._sag.displacement[:3]
-        panels = motion.panels
-        given = {} if panels is None else panels.given | {"times": motion.t}
-        found = _native.run_either(
-            panels is not None, "motion mount forces", flat=body._placed, exact=body._turns,
+        found = motion.find(
+            "motion mount forces", flat=body._placed, exact=body._turns,
             mount_of=body._mount_springs.mount_of, center=body.center + sag,
-            u=np.asfortranarray(motion.u), rate=np.asfortranarray(motion.rate), **given,
         )  # fmt: skip
         motion.mounts.append(found)
     return motion.mounts[0]
@@ -51,7 +48,7 @@ def _of_mounts(body: Body, motion: KnownMotion) -> dict[str, Any]:
 
 def remembered_by_body(system: object, motion: KnownMotion) -> FloatArray | None:
     """Return the forces -R * g on the coordinates of a body of small rotations, or None."""
-    if not isinstance(system, Body) or system._turns or motion.push is not None:
+    if not isinstance(system, Body) or system._turns or motion.has_accelerations:
         return None
     if motion.make_panels is None:
         return None
@@ -73,7 +70,7 @@ def element_forces(system: Any, motion: KnownMotion) -> ElementForces:
         names = _distinct(_name(end.direction, system.dof_names) for end in ends)
         return ElementForces(motion.t, names, **_of_elements(system, motion, chosen))
     if isinstance(system, Mount):
-        found = _in_core(motion, (motion.system,))
+        found = motion.find("motion element forces")
         return ElementForces(motion.t, ("x", "phi"), **found, units=("N", "N m"))
     if isinstance(system, PolynomialSystem):
         return _of_groups(system, motion)
@@ -87,52 +84,23 @@ def support_reactions(
     held = structure._held
     assert held is not None
     weights, rows = held.rows("support_reactions")
-    own = motion.u, motion.rate, accelerations(motion) - motion.acting.push
     still = np.zeros((motion.t.size, held.held.size))
     matrices = np.moveaxis(rows, 0, 2)
     along = np.zeros(rows.shape[2]) if held.motion is None else held.motion
     arrays = {
-        "moved": np.stack(own, axis=2), "base": np.stack(base, axis=1),
-        "apart": np.stack(motion.supports or (still,) * 3, axis=2),
+        "base": np.stack(base, axis=1), "apart": np.stack(motion.supports or (still,) * 3, axis=2),
         "free": matrices[:, held.free], "held": matrices[:, held.held], "based": (rows @ along).T,
     }  # fmt: skip
     given = {name: np.asfortranarray(array) for name, array in arrays.items()}
-    force = np.asarray(_native.run("motion support reactions", **given)["force"])
+    remembers = not motion.has_accelerations
+    found = motion.find("motion support reactions", remembers=remembers, **given)
+    force = np.asarray(found["force"])
     if held.touched:
         # A coupling has one entry for each of its deflections.
         first = np.cumsum([0, *(len(one) for one in held.ends)])[held.touched].tolist()
         found = _of_elements(structure, motion, first)
         force = force + (found["elastic"] + found["damping"] + found["memory"]) @ weights
     return SupportReactions(motion.t, held.names, force, held.units)
-
-
-def _in_core(
-    motion: KnownMotion,
-    system: tuple[_native.Handle, ...] = (),
-    laws: Sequence[int | None] = (),
-    **given: FloatArray,
-) -> dict[str, Any]:
-    """Forces by the core; ``laws``: columns of the forces of laws that the run has."""
-    values = {"u": motion.u, "rate": motion.rate} | given
-    panels = motion.panels
-    if panels is not None:
-        values |= panels.given | {"times": motion.t}
-    if motion.laws is not None and motion.laws.shape[1]:
-        values["laws"] = _columns(motion.laws, laws)
-        if panels is not None:
-            values["panel_laws"] = _columns(panels.laws, laws)
-    return _native.run_either(
-        panels is not None, "motion element forces", *system,
-        **{name: np.asfortranarray(value) for name, value in values.items()},
-    )  # fmt: skip
-
-
-def _columns(laws: FloatArray, places: Sequence[int | None]) -> FloatArray:
-    found = np.full((laws.shape[0], len(places)), np.nan)
-    for column, place in enumerate(places):
-        if place is not None:
-            found[:, column] = laws[:, place]
-    return found
 
 
 def _of_elements(
@@ -152,7 +120,9 @@ def _of_elements(
         given["weights"] = rows[chosen].T
     places = law_places(structure)
     laws = [places[i] for i in chosen if structure._all_elements[i].law is not None]
-    return _in_core(motion, laws=laws, **given)
+    # Rows of the forces that the equations gave; 0: an element without a place among them.
+    given["laws"] = np.array([0 if one is None else one + 1 for one in laws], dtype=np.int32)
+    return motion.find("motion element forces", **given)
 
 
 def _of_groups(system: PolynomialSystem, motion: KnownMotion) -> ElementForces:
@@ -162,7 +132,8 @@ def _of_groups(system: PolynomialSystem, motion: KnownMotion) -> ElementForces:
     found = []
     for g in range(len(groups)):
         handle = _native.polynomial_object(system._numbers(g))
-        found.append(_in_core(motion, (handle,), range(first[g], first[g + 1])))
+        laws = np.arange(first[g], first[g + 1], dtype=np.int32) + 1
+        found.append(motion.find("motion element forces", handle, laws=laws))
     parts: dict[str, Any] = {name: np.hstack([one[name] for one in found]) for name in found[0]}
     shown = [
         name if g == 0 else f"springs[{g - 1}].{name}" for g in range(len(groups)) for name in names

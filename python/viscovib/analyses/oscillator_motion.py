@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
+from viscovib.analyses.acting import KnownMotion, base_along, loads_at
 from viscovib.analyses.mount_loads import inertia_of
 from viscovib.analyses.runs import Run, nothing, starting_state
 from viscovib.common.parameters import no_frequency
@@ -171,49 +171,45 @@ class OscillatorMotion:
         """Motion of the coordinates per unit displacement of the base, shape (n, 1)."""
         return np.asarray(self.system._base_direction)[:, np.newaxis]
 
-    @cached_property
-    def _base_of_all(self) -> FloatArray:
-        """Polynomials of the displacements of all coordinates by the table, shape (n, p, k)."""
-        pieces = np.moveaxis(self.base_pieces, 1, 0)
-        if pieces.shape[0] == len(self.system.dof_names):
-            return pieces
-        return np.asarray(np.einsum("dq,qpt->dpt", self._direction, pieces))
-
     @property
     def travel(self) -> float:
         """Upper bound of the displacement of the base."""
         table = 0.0 if self.table is None else float(np.abs(np.asarray(self.table.values)).max())
-        waves = self.acting.base
-        return table + (0.0 if waves is None else float(np.abs(waves).sum()))
+        return table + float(np.abs(self.acting.get("waves", 0.0)).sum())
 
     def base_at(self, t: float) -> FloatArray:
         """Displacements of the coordinates by the base, shape (n,)."""
         if self.table is not None:
             t = float(np.clip(t, self.base_breaks[0], self.base_breaks[-1]))
-        return np.asarray(self.acting.moved(np.array([t]))[0][0])
+        return np.asarray(loads_at(self.acting, np.array([t]))["place"][0])
 
     @cached_property
-    def acting(self) -> Loads:
+    def acting(self) -> dict[str, Any]:
         """The loads, with the inertia of what is relative to the base, and its motion."""
         found = _native.run(
             "motion loads", self.system._handle, orders=self.orders, series=self.series, nu=self.nu
         )
-        w, amplitudes = found["frequencies"], found["amplitudes"]
         if not self.moves_base:
-            return Loads(w, amplitudes, self.breaks, self.pieces)
-        breaks, moved = np.zeros(0), np.zeros((0, 4, 0))
+            del found["waves"]
+        if self.breaks.size > 1:
+            found |= {"breaks": self.breaks, "pieces": self.pieces}
         if self.table is not None:
-            breaks, moved = self.base_breaks, self._base_of_all
-        return Loads(w, amplitudes, self.breaks, self.pieces, found["waves"], breaks, moved)
+            found |= self._on_base
+            if self.base_pieces.shape[1] != len(self.system.dof_names):
+                found["direction"] = self._direction[:, 0]
+        return found
+
+    @property
+    def _on_base(self) -> dict[str, Any]:
+        """The table of the base."""
+        if self.table is None:
+            return {}
+        return {"base_breaks": self.base_breaks, "base_pieces": self.base_pieces}
 
     def base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
         """Displacement, velocity and acceleration of a base with one direction, each (n,)."""
-        breaks, pieces = np.zeros(0), np.zeros((1, 4, 0))
-        if self.table is not None:
-            breaks, pieces = self.base_breaks, np.moveaxis(self.base_pieces, 1, 0)
-        w, none = np.asarray(self.orders * self.nu), np.zeros((1, self.orders.size), complex)
-        now = Loads(w, none, np.zeros(0), pieces, self.series[-1:], breaks, pieces).at(t)
-        return now.place[:, 0], now.speed[:, 0], now.push[:, 0]
+        frequencies = np.asarray(self.orders * self.nu)
+        return base_along(frequencies, self.series[-1], self._on_base, t)
 
     @property
     def remembers_all(self) -> bool:
@@ -221,11 +217,9 @@ class OscillatorMotion:
         return bool(self.chosen["equations"] == WITH_MEMORY)
 
     @property
-    def past(self) -> EarlierMotion | None:
+    def past(self) -> dict[str, Any] | None:
         """What came before t = 0; None: nothing remembers it."""
-        if not self.remembers:
-            return None
-        return EarlierMotion(self.moved[:, 0], self.before, self.moved)
+        return {"before": self.before, "moved": self.moved} if self.remembers else None
 
     @property
     def remembers(self) -> bool:
@@ -242,8 +236,7 @@ class OscillatorMotion:
         given: dict[str, Any] = {"orders": self.orders, "series": self.series, "nu": self.nu}
         if self.breaks.size > 1:
             given |= {"breaks": self.breaks, "pieces": self.pieces}
-        if self.table is not None:
-            given |= {"base_breaks": self.base_breaks, "base_pieces": self.base_pieces}
+        given |= self._on_base
         if self.is_held:
             given |= {"held": self.moved[:, 0], "before": self.before, "moved": self.moved}
         return given
@@ -335,30 +328,17 @@ class OscillatorRun(Run):
         """States of elements and signs of surfaces, stored by the core after the method's data."""
         return np.empty(0) if self.memory is None else self.memory[int(self.memory[-1]) : -3]
 
-    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+    def acting(self) -> tuple[_native.Handle, dict[str, Any], dict[str, Any] | None]:
         """The oscillator, its loads and its past."""
         motion = self.motion
         return motion.system._handle, motion.acting, motion.past
 
     def along(self, kept: Trajectory) -> KnownMotion:
         """As of other runs; on surfaces of laws by the equations of the side that it is on."""
-        system, loads, past = self.acting()
-        if self.by_nodes or not (self.always_repeats or self.switched.size or past is not None):
+        remembers = self.motion.past is not None
+        if self.by_nodes or not (self.always_repeats or self.switched.size or remembers):
             return super().along(kept)
-        n = self.moves.size
-
-        def states(t: FloatArray) -> tuple[FloatArray, ...]:
-            found, moved = self.repeat(t, kept, accelerates=True), loads.moved(t)
-            state = found["states"].T
-            gathered.append(found["accelerations"].T[: state.shape[0]])
-            return state[:, ::2] - moved[0], state[:, 1::2] - moved[1], gathered[-1][:, n:]
-
-        gathered: list[FloatArray] = []
-        u, rate, laws = states(kept.t)
-        push, make = gathered[0][:, :n], None
-        if past is not None and kept.t.size:
-            make = partial(self._panels, kept, past, states)
-        return KnownMotion(system, kept.t, u, rate, loads.at(kept.t), make, push, laws)
+        return self._along(kept, self.repeat(kept.t, kept, accelerates=True))
 
     @property
     def power(self) -> Callable[[FloatArray, FloatArray], FloatArray] | None:
@@ -367,7 +347,7 @@ class OscillatorRun(Run):
 
     def _power(self, t: FloatArray, state: FloatArray) -> FloatArray:
         v = state[:, 1::2]
-        force, system = self.motion.acting.at(t).load, self.motion.system
+        force, system = loads_at(self.motion.acting, t)["load"], self.motion.system
         return np.asarray(np.einsum("ta,ta->t", v, force - v @ system._damping.T))
 
     def _plan(self, **steps: Any) -> str:

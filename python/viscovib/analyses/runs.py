@@ -16,16 +16,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
-from viscovib.analyses.acting import (
-    PANEL_POINTS,
-    EarlierMotion,
-    KnownMotion,
-    Loads,
-    Panels,
-    accelerations,
-    at_panels,
-    panel_ends,
-)
+from viscovib.analyses.acting import KnownMotion, accelerations, loads_at
 from viscovib.analyses.events import Watch
 from viscovib.analyses.forces_in_time import (
     element_forces,
@@ -196,7 +187,7 @@ class Run(ABC):
         #: Thin layers of laws that steps may miss; other runs of a call may share them.
         self.layers = ThinLayers()
         #: The motion on panels until a time, as what springs remember needs it.
-        self.on_panels: tuple[float, Panels] | None = None
+        self.on_panels: tuple[float, dict[str, Any]] | None = None
 
     def __copy__(self) -> Run:
         """Return a run with the same data."""
@@ -410,7 +401,7 @@ class Run(ABC):
         """Values of a run of this kind besides those of its equations."""
         return {}
 
-    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+    def acting(self) -> tuple[_native.Handle, dict[str, Any], dict[str, Any] | None]:
         """The system, its loads, and its past; None: it has no memory."""
         raise InputError(f"{type(self.system).__name__}: a motion of it has no accelerations")
 
@@ -420,7 +411,8 @@ class Run(ABC):
 
     def floor(self, kept: Trajectory) -> tuple[FloatArray, ...]:
         """Displacements, velocities and accelerations that the base gives the coordinates."""
-        return tuple(self.acting()[1].moved(kept.t))
+        found = loads_at(self.acting()[1], kept.t)
+        return found["place"], found["speed"], found["push"]
 
     def mount_forces(self, kept: Trajectory) -> MountForcesInTime:
         """Forces of the mounts of a body."""
@@ -450,35 +442,24 @@ class Run(ABC):
 
     def along(self, kept: Trajectory) -> KnownMotion:
         """What acts along the states that ``kept`` holds."""
-        return self._along(kept, kept.state)
+        return self._along(kept, {"states": kept.state.T})
 
-    def _along(self, kept: Trajectory, state: FloatArray) -> KnownMotion:
-        """The same of states of all coordinates."""
+    def _along(self, kept: Trajectory, found: dict[str, Any]) -> KnownMotion:
+        """The same of states of all coordinates, with accelerations if states do not give them."""
         system, loads, past = self.acting()
-        none = nothing(0)
-
-        def relative(t: FloatArray) -> tuple[FloatArray, ...]:
-            own = at_panels(t[:: PANEL_POINTS + 1], kept.t, state)
-            if own is None:
-                own = self.states_at(t, kept)[:, : state.shape[1]]
-            place, speed, _ = loads.moved(t)
-            laws = none.reshape(1, 0).repeat(t.size, axis=0)
-            return own[:, ::2] - place, own[:, 1::2] - speed, laws
-
+        given = loads | {"times": kept.t, "states": found["states"]}
+        own = "accelerations" in found
+        if own:
+            given["accelerations"] = found["accelerations"]
         make = None
         if past is not None and kept.t.size:
-            make = partial(self._panels, kept, past, relative)
-        now = loads.at(kept.t)
-        u, rate = state[:, ::2] - now.place, state[:, 1::2] - now.speed
-        return KnownMotion(system, kept.t, u, rate, now, make)
+            make = partial(self._panels, kept, past, found["states"], own)
+        return KnownMotion(system, kept.t, given, make)
 
     def _panels(
-        self,
-        kept: Trajectory,
-        past: EarlierMotion,
-        states: Callable[[FloatArray], tuple[FloatArray, ...]],
-    ) -> Panels:
-        """The whole motion on panels, made once."""
+        self, kept: Trajectory, past: dict[str, Any], states: FloatArray, repeats: bool
+    ) -> dict[str, Any]:
+        """The whole motion on panels, made once; ``repeats``: states do not give forces of laws."""
         # A run that failed has no states inside its last step.
         ended = kept.outcome in ("completed", "event", "stopped")
         if not ended and kept.t.size < 2:
@@ -488,8 +469,18 @@ class Run(ABC):
             )
         until = max(kept.t_reached if ended else kept.t[-1], 1e-3 * self.h)
         if self.on_panels is None or self.on_panels[0] != until:
-            ends = panel_ends(self.mesh, self.h, until)
-            self.on_panels = until, Panels.of(ends, past, states)
+            steps: dict[str, Any] = {"h": float(self.h), "until": float(until)}
+            if self.mesh is not None:
+                steps |= {"ends": self.mesh.ends, "made_by": self.mesh.made_by}
+            found = _native.run(
+                "motion panels", times=kept.t, states=states, repeats=repeats, **steps
+            )
+            if "panel_times" in found:
+                again = self.repeat(found.pop("panel_times"), kept, accelerates=repeats)
+                found["panel_states"] = again["states"]
+                if repeats:
+                    found["panel_accelerations"] = again["accelerations"]
+            self.on_panels = until, past | found
         return self.on_panels[1]
 
     def states_at(self, times: FloatArray, kept: Trajectory) -> FloatArray:

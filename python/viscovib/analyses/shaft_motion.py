@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
-from viscovib.analyses.acting import KnownMotion
 from viscovib.analyses.forces_in_time import element_forces
 from viscovib.analyses.memoryless import MAX_DOF
 from viscovib.analyses.oscillator_motion import (
@@ -104,7 +102,7 @@ class _ShaftRun(OscillatorRun):
     def element_forces(self, kept: Trajectory) -> ElementForces:
         """Forces of elements or springs, none of which acts on the angle."""
         system: Any = self.system
-        return element_forces(system.given, _without_angle(kept._known))
+        return element_forces(system.given, kept._known)
 
 
 class _SystemRun(_ShaftRun):
@@ -113,16 +111,3 @@ class _SystemRun(_ShaftRun):
 
 class _StructureRun(_ShaftRun, WholeRun):
     """A run of a structure."""
-
-
-def _without_angle(motion: KnownMotion) -> KnownMotion:
-    """The motion of the coordinates of the system."""
-    panels = motion.panels
-    if panels is not None:
-        panels = replace(
-            panels, u=panels.u[:, :-1], rate=panels.rate[:, :-1], held=panels.held[:-1]
-        )
-    return replace(
-        motion, u=motion.u[:, :-1], rate=motion.rate[:, :-1],
-        make_panels=None if panels is None else lambda: panels,
-    )  # fmt: skip

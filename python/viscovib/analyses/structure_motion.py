@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import EarlierMotion, KnownMotion, Loads
+from viscovib.analyses.acting import KnownMotion, base_along
 from viscovib.analyses.oscillator_motion import (
     FIRST,
     NODES,
@@ -35,7 +35,7 @@ from viscovib.systems.condensed import LoadedStructure
 from viscovib.systems.law_ends import law_end as end_of_law
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable, added
-from viscovib.systems.piecewise import derivative, values_at
+from viscovib.systems.piecewise import derivative
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure_loads import (
     Condensed,
@@ -253,13 +253,8 @@ class StructureMotion:
 
     def base_state(self, t: float) -> tuple[float, float]:
         """Displacement and velocity of the base, after a corner."""
-        wave = self.loaded.base * np.exp(1j * t * self.frequencies)
-        place = float(wave.imag.sum())
-        speed = float((self.frequencies * wave.real).sum())
-        if self.table is not None:
-            moved = values_at(self.base_breaks, self.base_pieces[np.newaxis], np.array([t]))
-            place, speed = place + float(moved[0][0, 0]), speed + float(moved[1][0, 0])
-        return place, speed
+        place, speed, _ = self.base_motion(np.array([t]))
+        return float(place[0]), float(speed[0])
 
     @cached_property
     def modal(self) -> dict[str, Any]:
@@ -376,36 +371,35 @@ class StructureMotion:
         return bool(self.mount._all_kernels)
 
     @cached_property
-    def acting(self) -> Loads:
+    def acting(self) -> dict[str, Any]:
         """The loads on all coordinates, with the inertia of what is relative to the base."""
         loaded, w = self.loaded, self.frequencies
-        b = self.mount._base_direction
         forces = loaded.forces + np.outer(loaded._inertia, w**2 * loaded.base)
-        pieces = np.einsum("nk,kpb->npb", self.patterns, self.pieces)
+        found: dict[str, Any] = {"frequencies": w, "amplitudes": np.asfortranarray(forces)}
+        if self.breaks.size > 1:
+            pieces = np.einsum("nk,kpb->npb", self.patterns, self.pieces)
+            found |= {"breaks": self.breaks, "pieces": np.asfortranarray(pieces)}
+        b = self.mount._base_direction
         if b is None or not self.moves_base:
-            return Loads(w, forces, self.breaks, pieces)
-        breaks, moved = np.zeros(0), np.zeros((0, 4, 0))
-        if self.table is not None:
-            breaks, moved = self.base_breaks, np.multiply.outer(b, self.base_pieces)
-        base = np.outer(b, loaded.base)
-        return Loads(w, forces, self.breaks, pieces, base, breaks, moved)
+            return found
+        found["waves"] = np.asfortranarray(np.outer(b, loaded.base))
+        return found | ({"direction": b} | self._on_base if self.table is not None else {})
+
+    @property
+    def _on_base(self) -> dict[str, Any]:
+        """The table of the base."""
+        if self.table is None:
+            return {}
+        return {"base_breaks": self.base_breaks, "base_pieces": self.base_pieces[:, np.newaxis]}
 
     def base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
         """Displacement, velocity and acceleration of the base, each (n,), after corners."""
-        breaks, pieces = np.zeros(0), np.zeros((1, 4, 0))
-        if self.table is not None:
-            breaks, pieces = self.base_breaks, self.base_pieces[np.newaxis]
-        none = np.zeros((1, self.frequencies.size), complex)
-        base = self.loaded.base[np.newaxis]
-        now = Loads(self.frequencies, none, np.zeros(0), pieces, base, breaks, pieces).at(t)
-        return now.place[:, 0], now.speed[:, 0], now.push[:, 0]
+        return base_along(self.frequencies, self.loaded.base, self._on_base, t)
 
     @property
-    def past(self) -> EarlierMotion | None:
+    def past(self) -> dict[str, Any] | None:
         """What came before t = 0; None: nothing remembers it."""
-        if not self.remembers:
-            return None
-        return EarlierMotion(self.whole_past[:, 0], self.before, self.whole_past)
+        return {"before": self.before, "moved": self.whole_past} if self.remembers else None
 
     @property
     def whole(self) -> PolynomialSystem:
@@ -455,7 +449,7 @@ class StructureRun(OscillatorRun):
             run.state[:, own + 1 :: 2],
         )  # fmt: skip
 
-    def acting(self) -> tuple[_native.Handle, Loads, EarlierMotion | None]:
+    def acting(self) -> tuple[_native.Handle, dict[str, Any], dict[str, Any] | None]:
         """The structure in all its coordinates, its loads and its past."""
         motion = self.motion
         return _native.polynomial_object(motion.whole._vector), motion.acting, motion.past
@@ -470,8 +464,8 @@ class StructureRun(OscillatorRun):
     def along(self, kept: Trajectory) -> KnownMotion:
         """As of other runs, of all coordinates."""
         whole = self._of_all()
-        state = kept.state if whole is self else whole.states_at(kept.t, kept)
-        return whole._along(kept, state)
+        states = kept.state.T if whole is self else whole.repeat(kept.t, kept)["states"]
+        return whole._along(kept, {"states": states})
 
     def _of_all(self) -> StructureRun:
         """The same run, which keeps all coordinates."""

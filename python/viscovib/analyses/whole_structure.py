@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.analyses.acting import loads_at
 from viscovib.analyses.oscillator_motion import OscillatorMotion, OscillatorRun
 from viscovib.analyses.runs import Run
 from viscovib.analyses.structure_motion import with_deflections
@@ -185,10 +186,10 @@ class WholeRun(OscillatorRun):
         if self.motion.moves_base:
             # At a corner of its table the base has the velocity before it.
             at = run.t if self.motion.table is None else np.nextafter(run.t, -np.inf)
-            place, speed, _ = self.motion.acting.moved(at)
+            moved = loads_at(self.motion.acting, at)
             relative = run.state.copy()
-            relative[:, ::2] -= place
-            relative[:, 1::2] -= speed
+            relative[:, ::2] -= moved["place"]
+            relative[:, 1::2] -= moved["speed"]
         count = self._n_stops
         assert self.memory is not None
         # Times since which the motion rests against each side of each stop.
