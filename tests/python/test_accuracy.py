@@ -203,6 +203,8 @@ LAWS = {
     "exp(3*x) - 1": lambda x: np.exp(3 * x) - 1,
     "0.5*max(x - 0.1, 0)": lambda x: 0.5 * np.maximum(x - 0.1, 0),
 }
+
+
 WEIGHTS, RATES = np.array([0.3, 1.5]), np.array([0.8, 5.0])
 
 
@@ -345,3 +347,58 @@ def test_growth_of_roundings_is_in_the_error():
         vv.InputError, match="amplifies rounding errors of the numbers of the system"
     ):
         vv.simulate(near_chaos, 183, initial=start, tolerance=3e-8, keep="last")
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_errors_hold_what_kernels_leave():
+    """Against runs with 1e-12, which use other sums of exponentials for singular kernels."""
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        draw = rng.uniform((0.02, 0.2, 0, 0.1, -1, -1, 10), (0.2, 0.8, 0.1, 1, 1, 1, 20))
+        amplitude, alpha, damping, cubic, x, v, end = draw.tolist()
+        system = vv.PolynomialSystem(
+            mass=1, damping=damping, stiffness=1, forces=f"{cubic!r}*x^3",
+            kernel=vv.AbelKernel(amplitude=amplitude, alpha=alpha),
+        )  # fmt: skip
+        given = {"initial": [x, v], "load": 0.5, "nu": 1.1}
+        run = vv.simulate(system, end, tolerance=10 ** rng.uniform(-7, -3), **given)
+        exact = vv.simulate(system, end, tolerance=1e-12, times=run.t, **given)
+        assert np.abs(run.state - exact.state).max() <= run.error + exact.error
+
+
+#: A body in two wells: first chaos, finally a periodic motion in either well.
+WELLS = vv.PolynomialSystem(mass=1, stiffness=-1, damping=0.1, forces="x^3")
+
+
+LOAD = {"load": 0.4, "nu": 1.2}
+
+
+@pytest.mark.parametrize(
+    "kept", [{"keep": "last"}, {"keep": "tail", "tail": 5.0}, {"times": [1e3]}]
+)
+def test_what_is_kept_is_not_all_that_is_compared(kept):
+    """A reported final state is also reached by neighbouring starts."""
+    draw, refused = np.random.default_rng(3), 0
+    for _ in range(12):
+        start = np.array([draw.uniform(-0.3, 0.3), 0.0])
+        ends = []
+        for nearby in (0, 4e-11):
+            try:
+                run = vv.simulate(WELLS, 1000, initial=start + nearby, **LOAD, **kept)
+            except vv.InputError as error:
+                refused += "differ before the end" in str(error) or "chaotic" in str(error)
+                continue
+            ends.append(run.state[-1])
+        if len(ends) == 2:
+            assert np.abs(ends[1] - ends[0]).max() < 1e-5
+    assert refused > 6
+
+
+def test_motions_that_stay_together_are_reported():
+    """Large motions that decay keep the tolerance relative to their final size."""
+    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="x^3")
+    whole = vv.simulate(system, 400, initial=[50.0, 0.0], load=0.1, nu=0.7, tolerance=1e-8)
+    last = vv.simulate(
+        system, 400, initial=[50.0, 0.0], load=0.1, nu=0.7, keep="last", tolerance=1e-10
+    )
+    assert np.abs(last.state[-1] - whole.state[-1]).max() < 2e-8

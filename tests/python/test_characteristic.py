@@ -8,10 +8,15 @@ import mpmath
 import numpy as np
 import pytest
 import viscovib as vv
+from polynomial_examples import chain
 from tables import DATA
 
 BODY = {"mass": 1, "inertia": 0.1, "offset": 0.5, "stiffness_x": 10, "stiffness_phi": 2}
+
+
 REFERENCE = json.loads((DATA / "mount_memory_reference.json").read_text())["characteristic_roots"]
+
+
 pytestmark = pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
 
 
@@ -358,3 +363,24 @@ def test_all_roots_of_a_structure_contain_those_of_its_modes(name, n):
     some = system.characteristic_roots(n).oscillatory
     off = np.abs(roots.oscillatory[:, None] - some).min(axis=0)
     assert (off < 1e-11 * np.abs(some)).all()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_roots_where_rest_is_unstable():
+    """A double well: a real root for leaving the saddle; no natural frequency there."""
+    system = vv.PolynomialSystem(mass=2, stiffness=-1, damping=0.1, forces="x^3")
+    roots = system.characteristic_roots()
+    assert roots.real == pytest.approx(np.sort(np.roots([2, 0.1, -1]))[::-1], rel=1e-13)
+    assert (roots.n_unstable, roots.complete) == (1, True)
+    with pytest.raises(vv.InputError, match="rest is unstable"):
+        system.natural_frequencies()
+    # With a mean load, in one of the wells.
+    r = vv.forced_response(system, 3.0, load={0: 0.1j, 1: 0.05}, method="newton")
+    assert r.converged.all()
+    gyroscopic = vv.PolynomialSystem(
+        mass=[1, 1], stiffness=[[1, 0.05], [-0.05, 1.2]], damping=[[0, 0.3], [-0.3, 0]]
+    )
+    assert gyroscopic.natural_frequencies().size == 2
+    creeping = chain(3, kernel=vv.PronyKernel(weights=[1.1], rates=[1]))
+    assert creeping.characteristic_roots().n_unstable == 3
+    assert creeping.characteristic_roots().complete

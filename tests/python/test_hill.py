@@ -281,3 +281,16 @@ def test_no_exponent_is_found_near_the_divisors():
     # By integration of the ordinary equations.
     assert found[:4] == pytest.approx([0.675050, 0.675050, 0.529377, 0.529377], abs=2e-6)
     assert (found[4:] < 1e-5).all()
+
+
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_a_multiplier_that_was_counted_but_not_found_is_not_the_slowest():
+    """A fast growing exponent of a softening spring with memory: counted but not located."""
+    spring = vv.PolynomialSystem(
+        mass=1.69, damping=0.017369, stiffness=1.579, forces="-1.072*x^3 + 0.129*x^2",
+        kernel=vv.RzhanitsynKernel(amplitude=0.0258, alpha=0.651, beta=0.927),
+    )  # fmt: skip
+    branch = vv.trace_response(spring, (0.58, 1.74), load=0.75, max_points=40)
+    reported = np.isfinite(np.abs(branch.multipliers)).any(axis=1)
+    assert (branch.growing > 0).any()
+    assert not (branch.slowest & ~reported).any()
