@@ -50,35 +50,6 @@ def test_random_floor_is_the_mean_over_random_motions_in_time():
     np.testing.assert_allclose(np.sqrt(found), np.tile(expected, (3, 1)), rtol=1e-4)
 
 
-def test_random_floor_of_a_few_points_counts_resonances_between_them():
-    """Random spectra of breakpoints; reference: Gauss quadrature on graded intervals."""
-    rng = np.random.default_rng(0)
-    x, w = np.polynomial.legendre.leggauss(40)
-    for case in range(9):
-        rubber = vv.RzhanitsynKernel(amplitude=0.6, alpha=0.4, beta=20.0) if case % 3 == 0 else None
-        share = 10 ** rng.uniform(-5, 0)
-        feet = [
-            vv.MountPoint(
-                name=name, position=place, stiffness=STIFFNESS * rng.uniform(0.3, 3),
-                damping=DAMPING * share, kernel=rubber,
-            )
-            for name, place in PLACES.items()
-        ]  # fmt: skip
-        shaken = body(mounts=feet)
-        hz = np.sort(10 ** rng.uniform(-1, 2.5, int(rng.integers(2, 9))))
-        density = rng.uniform(0, 1, hz.size)
-        _, rms = shaken.random_floor(hz, density, "z")
-        steps = np.r_[0, 10.0 ** np.arange(-1, 8)]
-        roots = shaken.characteristic_roots().oscillatory / (2 * math.pi)
-        places = [s.imag + sign * s.real * steps for s in roots for sign in (-1, 1)]
-        edges = np.unique(np.clip(np.concatenate([hz, *places]), hz[0], hz[-1]))
-        half = np.diff(edges)[:, np.newaxis] / 2
-        at = (edges[1:] + edges[:-1])[:, np.newaxis] / 2 + half * x
-        gain = np.abs(shaken.base_transmissibility(2 * math.pi * at, "z")) ** 2
-        whole = np.einsum("ij,ijk->k", half * w * np.interp(at, hz, density), gain)
-        np.testing.assert_allclose(rms**2, whole, rtol=1e-9)
-
-
 def test_random_floor_has_no_mean_at_a_resonance_without_damping():
     feet = [
         vv.MountPoint(name=name, position=place, stiffness=STIFFNESS)

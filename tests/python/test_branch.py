@@ -497,18 +497,6 @@ def test_what_may_not_vary_is_said():
         vv.trace_response(damped(), vary="mass", vary_range=(1, 2), load=0.5)
 
 
-def test_points_in_passing_are_good_to_rounding():
-    """Points of a branch with the default tolerance, against fully converged Newton iterations."""
-    branch = vv.trace_response(damped(), (0.5, 10), load=0.5, harmonics=9, stability=False)
-    alone = (branch.nu < 2.2) | (branch.nu > 2.7)
-    for i in np.flatnonzero(alone)[::9]:
-        single = vv.forced_response(
-            damped(), branch.nu[i], load=0.5, method="newton", harmonics=9, tolerance=1e-14
-        )
-        size = np.abs(single.coefficients).max()
-        assert np.abs(branch.coefficients[i] - single.coefficients[0]).max() < 1e-12 * size
-
-
 @pytest.mark.parametrize("max_step", [0.042, 0.092])
 def test_a_branch_point_is_found_from_the_side_branch_too(max_step):
     """Newton's method may converge to the main branch where both branches are close."""

@@ -59,22 +59,6 @@ def test_two_crossings_within_a_step_have_their_places_whatever_the_step():
     assert np.array(places) == pytest.approx(np.tile([0.516402, 0.519724], (3, 1)), abs=1e-6)
 
 
-def test_a_change_far_from_a_fold_is_no_fold():
-    # With 13 harmonics the exponent vanishes at a distance of 1e-8 from the fold, already reported.
-    kernel = vv.PronyKernel(weights=[0.0155], rates=[0.181])
-    system = vv.PolynomialSystem(
-        mass=1, damping=0.044, stiffness=1, forces="0.46*x^2 + 0.47*x^3", kernel=kernel
-    )
-    branch = vv.trace_response(
-        system, (0.5, 1.7), load={2: [0.43]}, harmonics=13, symmetric=False, max_points=600
-    )
-    for claim in reported_by_crossings(branch):
-        assert claim.ratio() == 0, str(claim)
-    assert [c.kind for c in branch.crossings] == ["fold"] * 2 + ["branch point"] * 2
-    got = [c.parameter for c in branch.crossings if c.kind == "fold"]
-    np.testing.assert_allclose(got, branch.folds, rtol=1e-14)
-
-
 @pytest.mark.parametrize("index", [34, 84])
 def test_pairs_of_condensed_systems_with_memory_have_places(index):
     # Followed exponents may return as their conjugates.
@@ -141,22 +125,3 @@ def test_places_of_truncated_motions_are_reported_as_such():
     assert [c.kind for c in few.crossings] == [c.kind for c in whole.crossings] == ["fold"] * 2
     assert 1e-8 < off < 10 * few.truncation.max()
     assert whole.truncation.max() < 1e-10
-
-
-def test_errors_of_branch_points_of_a_machine_on_gap_mounts():
-    """Determinants that vary strongly near a branch point do not estimate its error."""
-    gap = (None, None, "2e6*max(d - 0.004, 0) + 2e6*min(d + 0.004, 0)")
-    mounts = [
-        vv.MountPoint(
-            name=f"m{2 * x + y + 3}", position=(0.3 * x, 0.2 * y, -0.15), stiffness=(1e5, 1e5, 3e5),
-            damping=(100, 100, 300), law=gap,
-        )
-        for x in (1, -1) for y in (1, -1)
-    ]  # fmt: skip
-    machine = vv.Body(mass=150, inertia=(8, 6, 9), mounts=mounts, gravity=9.81)
-    branch = vv.trace_response(
-        machine, (16 * np.pi, 40 * np.pi), load=machine.load(force=(0, 0, 800)), tolerance=1e-4
-    )
-    assert len(branch.branch_points) >= 5
-    for point in branch.branch_points:
-        assert 0 < point.error < 2e-4 * point.parameter

@@ -154,40 +154,6 @@ def test_branch_with_a_gap():
     assert abs(np.linalg.solve(d, [0, 0.1])[0]) == pytest.approx(1, abs=1e-3)
 
 
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-@pytest.mark.parametrize(
-    ("force", "damping", "load", "orders"),
-    [
-        ("299.5*(max(x1 - 0.3303, 0) - max(-x1 - 0.3303, 0))", 0.0183, 0.1175, 6),
-        ("42.04*max(x1 - 0.4876, 0)", 0.00873, 1.761, 24),
-    ],
-)
-def test_branches_pass_grazing(force, damping, load, orders):
-    """A contact shorter than a sample, if missed, would make the equations jump."""
-    stiffness = np.array([[1.0, -1], [-1, 2]])
-    system = vv.PolynomialSystem(
-        mass=[1, 1], stiffness=stiffness, damping=damping * stiffness, forces={"x1": force}
-    )
-    branch = vv.trace_response(
-        system, (0.3, 0.7), load=[0, load], harmonics=orders, stability=False, tolerance=1e-7
-    )
-    assert branch.outcome == "completed"
-
-
-@pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
-def test_a_branch_that_turns_back_on_itself_ends_soon():
-    """Where a law with a jump is grazed, steps must not go to and fro."""
-    system = vv.PolynomialSystem(
-        mass=[1, 1], stiffness=[[2, -1], [-1, 2]], damping=[[0.06, -0.02], [-0.02, 0.06]],
-        names=["x", "y"], forces={"x": "where(x < -0.3714, 5.8204*(x + 0.1)^3, 0)"},
-    )  # fmt: skip
-    branch = vv.trace_response(system, (1.5, 2), load=[0.3, 0], harmonics=41, stability=False,
-                               tolerance=1e-10)  # fmt: skip
-    assert branch.outcome == "stuck"
-    there = np.abs(branch.nu - branch.nu[-1]) < 1e-6
-    assert 10 < there.sum() < 70
-
-
 def test_parameters_of_laws_vary():
     """A branch over a parameter of a law passes through motions of systems with that value."""
 

@@ -1,7 +1,6 @@
 """Accelerations, forces and peaks along motions in time."""
 
 import pickle
-import warnings
 
 import numpy as np
 import pytest
@@ -438,17 +437,3 @@ def test_pictures_and_tables_of_forces():
     assert data.force.sel(mount="foot1", axis="z").shape == (run.t.size,)
     assert data.force.attrs["units"] == "N"
     assert forces.to_dataset().elastic.dims == ("t", "element")
-
-
-@pytest.mark.parametrize(("speed", "options"), [(3.0, {}), (10.0, {"dt": 0.03})])
-def test_a_motion_with_memory_that_diverges_has_accelerations(speed, options):
-    kernel = vv.PronyKernel(weights=[0.3, 0.2], rates=[1.0, 5.0])
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1, forces="-x^3", kernel=kernel)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        run = vv.simulate(system, 50, initial=[0.5, speed], **options)
-        last = vv.simulate(system, 50, initial=[0.5, speed], keep="last")
-    assert run.outcome == "diverged"
-    assert run.acceleration.shape == (run.t.size, 1)
-    with pytest.raises(vv.InputError, match="a single state; use keep='all'"):
-        assert last.acceleration is None

@@ -434,17 +434,6 @@ def test_extremes_along_a_branch():
             assert 0 <= dense[:, d].min() - low < 1e-4
 
 
-def test_two_turns_between_two_times():
-    """Extremes are found if the velocity changes its sign twice between two times."""
-    system = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.1)
-    motion = vv.steady_motion(system, 1.0, load={1: 0.1, 5: 4.0}, tolerance=1e-12)
-    few = np.linspace(0, motion.period, 8)
-    low, high = motion._map.extremes(motion.state[0], round(motion.period / motion.step), few, 1e-9)
-    dense = motion(np.linspace(0, motion.period, 20001))[:, 0]
-    assert dense.min() - 1e-7 < low[0] <= dense.min() + 1e-12
-    assert dense.max() - 1e-12 <= high[0] < dense.max() + 1e-7
-
-
 def test_contact_begins():
     """Grazing: the linear motion reaches the gap, at a known frequency."""
     stop = vv.PolynomialSystem(mass=1, stiffness=1, damping=0.2, forces="20*max(x - 0.5, 0)")

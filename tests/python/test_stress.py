@@ -58,50 +58,6 @@ def test_a_kernel_of_amplitude_0_is_none(kernel):
     assert run(kernel) == pytest.approx(run(None), abs=1e-14)
 
 
-def in_units(length, time):
-    """A damped mount with memory in other units; its frequencies times the unit of time."""
-    stiffness = np.array([[10, -5 * length], [-5 * length, 4.5 * length**2]]) / time**2
-    kernel = vv.RzhanitsynKernel(amplitude=0.03 * time**-0.25, alpha=0.25, beta=0.05 / time)
-    return vv.Mount(
-        mass=1, inertia=0.1 * length**2, offset=0.5 * length, stiffness_x=10 / time**2,
-        stiffness_phi=2 * length**2 / time**2, kernel=kernel, damping=0.02 * time * stiffness,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("length", [1e-9, 1e-3, 1e3, 1e9])
-def test_multiple_scales_in_other_units(length):
-    """Mixed metres and radians: modes must keep their digits in small units of length."""
-    there = vv.MultipleScales(in_units(length, 1), load=0.03 * length, nu=1.5)
-    here = vv.MultipleScales(in_units(1, 1), load=0.03, nu=1.5)
-    assert there.frequencies == pytest.approx(here.frequencies, rel=1e-14)
-    assert there.decay == pytest.approx(here.decay, rel=1e-14)
-    # Per square of phi, so that units of length cancel.
-    gamma = [ms.interaction / np.abs(ms.mode_shapes[1]) ** 2 for ms in (there, here)]
-    assert gamma[0] == pytest.approx(gamma[1], rel=1e-7)
-
-
-@pytest.mark.parametrize("time", [1e-9, 1e-3, 1e3, 1e9, 1e12])
-def test_branch_in_other_units(time):
-    """Points of a branch do not depend on the unit of time; its end is exact."""
-
-    def trace(time):
-        c = np.array([[0.2, -0.1], [-0.1, 0.09]]) / time
-        body = vv.Mount(
-            mass=1, inertia=0.1, offset=0.5, stiffness_x=10 / time**2,
-            stiffness_phi=2 / time**2, damping=c,
-        )  # fmt: skip
-        branch = vv.trace_response(body, (0.5 / time, 4 / time), load=0.45 / time**2)
-        last = vv.forced_response(
-            body, [branch.nu[-1]], load=0.45 / time**2, method="newton", tolerance=1e-12
-        )
-        assert branch.amplitude("x")[-1] == pytest.approx(last.amplitude("x")[0], rel=1e-10)
-        return branch
-
-    there, here = trace(time), trace(1)
-    assert there.nu * time == pytest.approx(here.nu, rel=1e-10)
-    assert there.folds * time == pytest.approx(here.folds, rel=1e-12)
-
-
 def test_quick_form(tmp_path):
     """The quick sweeps run without a finding, and write both tables."""
     done = subprocess.run(
