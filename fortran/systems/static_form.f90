@@ -39,9 +39,10 @@ contains
     type(compliance_type), intent(inout) :: rest
     !> True if the coordinates depend on each other in all modes.
     logical, intent(out) :: singular
-    real(wp), allocatable :: seen(:, :), pushed(:, :), border(:, :), rows(:), columns(:)
+    real(wp), allocatable :: seen(:, :), pushed(:, :), border(:, :), rows(:), columns(:), bend(:)
+    complex(wp), allocatable :: turning(:)
     integer, allocatable :: pivots(:)
-    integer :: a, b, i, m, n, q
+    integer :: a, i, m, n, q
 
     q = rest%n_seen
     static%bodies = pack([(i, i=1, rest%n_modes)], &
@@ -64,16 +65,15 @@ contains
     static%moving = row_space(seen)
     m = q + size(static%moving, 2)
     allocate (border(m, m), static%inverse(m, m), rows(m), columns(m), pivots(m))
+    allocate (bend(size(rest%squares)), turning(size(rest%poles)))
+    bend = 0.0_wp
+    where (abs(rest%squares) > 0.0_wp) bend = 1.0_wp/rest%squares
+    turning = (0.0_wp, 0.0_wp)
+    where (abs(rest%poles) > 0.0_wp) turning = 1.0_wp/rest%poles
     border = 0.0_wp
-    do b = 1, q
-      do a = 1, q
-        border(a, b) = rest%flexibility(a, b) &
-                       + sum(rest%seen(:, a)*rest%pushed(:, b)/rest%squares, &
-                             abs(rest%squares) > 0.0_wp) &
-                       - real(sum(rest%left(:, a)*rest%right(:, b)/rest%poles, &
-                                  abs(rest%poles) > 0.0_wp))
-      end do
-    end do
+    border(:q, :q) = rest%flexibility &
+                     + matmul(transpose(rest%seen), spread(bend, 2, q)*rest%pushed) &
+                     - real(matmul(transpose(rest%left), spread(turning, 2, q)*rest%right))
     border(:q, q + 1:) = matmul(seen, static%moving)
     border(q + 1:, :q) = transpose(matmul(pushed, static%moving))
     call equilibrate(abs(border), rows, columns)
