@@ -15,6 +15,7 @@ module viscovib_steady_states
   use viscovib_polynomial_zeros, only: cubic_roots
   use viscovib_slow_flow, only: flow_term_type, slow_flow_type
   use viscovib_solution_paths, only: infinite, size_of
+  use viscovib_sorting, only: order_of
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -68,7 +69,7 @@ contains
       call shifts(flow, active, 1.0_wp, sigma, gamma, load)
       if (abs(load(1)) > 0.0_wp) call solve_cubic(sigma(1), gamma(1, 1), load(1), active(1), &
                                                   1.0_wp, a, n_found)
-      call sort_by_size(a, n_found)
+      a(:, :n_found) = a(:, order_of(sum(abs(a(:, :n_found))**2, 1)))
       return
     end if
     unit = natural_unit(flow, active)
@@ -89,7 +90,7 @@ contains
       end associate
       call from_conjugates(active, unit, x(:, :n_solutions), a, n_found)
     end if
-    call sort_by_size(a, n_found)
+    a(:, :n_found) = a(:, order_of(sum(abs(a(:, :n_found))**2, 1)))
   end subroutine solve
 
   !> The index of the family with these terms.
@@ -266,23 +267,6 @@ contains
       a(active, n_found) = 0.5_wp*(x(:m, i) + conjg(x(m + 1:, i)))*unit
     end do
   end subroutine from_conjugates
-
-  pure subroutine sort_by_size(a, n)
-    complex(wp), intent(inout) :: a(:, :)
-    integer, intent(in) :: n
-    complex(wp) :: column(size(a, 1))
-    integer :: i, k
-    do i = 2, n
-      column = a(:, i)
-      k = i - 1
-      do while (k >= 1)
-        if (sum(abs(a(:, k))**2) <= sum(abs(column)**2)) exit
-        a(:, k + 1) = a(:, k)
-        k = k - 1
-      end do
-      a(:, k + 1) = column
-    end do
-  end subroutine sort_by_size
 
   !> Find the active modes, and whether their terms only shift exponents.
   pure subroutine find_moving(flow, active, shifts_only)

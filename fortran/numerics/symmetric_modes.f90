@@ -5,6 +5,7 @@ module viscovib_symmetric_modes
   use viscovib_exact_products, only: add_products, exact_product
   use viscovib_kinds, only: wp
   use viscovib_quadrature, only: nodes_of_recurrence
+  use viscovib_sorting, only: order_of
   implicit none
   private
 
@@ -31,8 +32,7 @@ contains
     !> Rounding errors of the stiffness entries; absent: 0.
     real(wp), intent(in), optional :: low(:, :)
     real(wp) :: l(size(mass, 1), size(mass, 1)), a(size(mass, 1), size(mass, 1))
-    real(wp) :: column(size(mass, 1)), value
-    integer :: n, i, j, k
+    integer :: order(size(mass, 1)), n, i, j, k
 
     n = size(mass, 1)
     l = 0.0_wp
@@ -59,19 +59,9 @@ contains
       end do
     end do
     call refine(mass, stiffness, squares, shapes, low)
-    do j = 2, n
-      value = squares(j)
-      column = shapes(:, j)
-      k = j - 1
-      do while (k >= 1)
-        if (squares(k) <= value) exit
-        squares(k + 1) = squares(k)
-        shapes(:, k + 1) = shapes(:, k)
-        k = k - 1
-      end do
-      squares(k + 1) = value
-      shapes(:, k + 1) = column
-    end do
+    order = order_of(squares)
+    squares = squares(order)
+    shapes = shapes(:, order)
   end subroutine find_symmetric_modes
 
   pure subroutine rotate_to_diagonal(a, vectors)

@@ -14,7 +14,7 @@ module viscovib_characteristic_roots
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_kinds, only: wp
   use viscovib_real_roots, only: find_real_roots
-  use viscovib_sorting, only: sort_reals
+  use viscovib_sorting, only: order_of, sort_reals
   use viscovib_stopping, only: given_up
   implicit none
   private
@@ -505,20 +505,8 @@ contains
   !> Sort by frequency; roots near the imaginary axis are placed exactly on it.
   pure subroutine order_roots(roots)
     complex(wp), intent(inout) :: roots(:)
-    complex(wp) :: one
-    integer :: i, k
-
     where (abs(real(roots)) < on_axis*abs(roots)) roots = cmplx(0.0_wp, aimag(roots), wp)
-    do i = 2, size(roots)
-      one = roots(i)
-      k = i - 1
-      do while (k >= 1)
-        if (aimag(roots(k)) <= aimag(one)) exit
-        roots(k + 1) = roots(k)
-        k = k - 1
-      end do
-      roots(k + 1) = one
-    end do
+    roots = roots(order_of(aimag(roots)))
   end subroutine order_roots
 
 end module viscovib_characteristic_roots

@@ -10,6 +10,7 @@ module viscovib_condensed_poles
   use viscovib_constants, only: pi
   use viscovib_hill_determinant, only: gap, gap_list, into_strip, new_gaps
   use viscovib_kinds, only: wp
+  use viscovib_sorting, only: order_of
   implicit none
   private
 
@@ -205,16 +206,7 @@ contains
     end do
     call new_gaps(self%multiplied, multiplied(:n), period)
     self%order = pack([(i, i=1, size(kept))], kept)
-    do i = 2, size(self%order)
-      n = self%order(i)
-      j = i - 1
-      do while (j > 0)
-        if (weight(self%order(j)) >= weight(n)) exit
-        self%order(j + 1) = self%order(j)
-        j = j - 1
-      end do
-      self%order(j + 1) = n
-    end do
+    self%order = self%order(order_of(-weight(self%order)))
   end subroutine weigh
 
   !> Exponents right of this line are counted (1/s).

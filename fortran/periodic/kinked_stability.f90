@@ -19,6 +19,7 @@ module viscovib_kinked_stability
                                    panel_type, wave_sum
   use viscovib_phase_roots, only: phase_list
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_sorting, only: sort_falling
   implicit none
   private
 
@@ -374,8 +375,7 @@ contains
     logical, intent(out) :: found
     integer, allocatable :: places(:)
     logical :: counts(size(y, 1))
-    complex(wp) :: next
-    integer :: i, j, at
+    integer :: i, at
 
     counts = .true.
     at = n
@@ -386,16 +386,7 @@ contains
     allocate (places(count(counts)), roots(count(counts)))
     places(:) = pack([(i, i=1, size(y, 1))], counts)
     call eigenvalues(merge(-1.0_wp, 1.0_wp, half_wave)*y(places, places), roots, found)
-    do i = 2, size(roots)
-      next = roots(i)
-      j = i - 1
-      do while (j > 0)
-        if (abs(roots(j)) >= abs(next)) exit
-        roots(j + 1) = roots(j)
-        j = j - 1
-      end do
-      roots(j + 1) = next
-    end do
+    call sort_falling(roots, abs(roots))
   end subroutine take_roots
 
 end module viscovib_kinked_stability

@@ -13,6 +13,7 @@ module viscovib_torus_growth
   use viscovib_explicit_tables, only: explicit_table_type, max_stages, new_explicit_table
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof, n_lanes
+  use viscovib_sorting, only: order_of
   use viscovib_stage_kernels, only: stage_states, stage_sums
   use viscovib_stopping, only: is_set
   use viscovib_torus_balance, only: torus_balance_type
@@ -65,7 +66,7 @@ contains
     real(wp) :: f(n_lanes, max_dof, max_stages), h(n_lanes)
     real(wp) :: needed, time, total(3), stretch(2*balance%system%n_dof)
     real(wp) :: sums(2*balance%system%n_dof, 3), swings
-    integer :: d, i, n, n_steps, s, half
+    integer :: d, i, n, n_steps, order(size(rates)), s, half
 
     n = balance%system%n_dof
     rates = ieee_value(0.0_wp, ieee_quiet_nan)
@@ -125,13 +126,9 @@ contains
           + of_steps*needed/duration
     ! Within a few periods the means over the halves agree: lengths still vary as at the start.
     off = off + swings*exp(-needed*phase_a_step/(2.0_wp*pi))
-    do s = 2, 2*n
-      do i = s, 2, -1
-        if (.not. rates(i) > rates(i - 1)) cycle
-        rates(i - 1:i) = rates(i:i - 1:-1)
-        off(i - 1:i) = off(i:i - 1:-1)
-      end do
-    end do
+    order = order_of(-rates)
+    rates = rates(order)
+    off = off(order)
   end subroutine growth_rates
 
   !> Add to a mean over a time span; `part` is the elapsed fraction.

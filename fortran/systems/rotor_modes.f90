@@ -11,6 +11,7 @@ module viscovib_rotor_modes
   use viscovib_hidden_memory, only: count_hidden, unfold_memory
   use viscovib_kinds, only: wp
   use viscovib_polynomial, only: polynomial_type
+  use viscovib_sorting, only: order_of
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type
   implicit none
   private
@@ -182,7 +183,7 @@ contains
     modes%growth = maxval(real(values))
     modes%is_unstable = any(real(values) > errors)
     up = pack([(i, i=1, size(values))], aimag(values) > errors)
-    call sort_by_frequency(values, up)
+    up = up(order_of(aimag(values(up))))
     modes%roots = values(up)
     allocate (modes%alone(size(up)), modes%shapes(n_dof, size(up)))
     do i = 1, size(up)
@@ -191,23 +192,6 @@ contains
       modes%shapes(:, i) = modes%shapes(:, i)/units(:n_dof)
     end do
   end subroutine find_modes
-
-  pure subroutine sort_by_frequency(values, places)
-    complex(wp), intent(in) :: values(:)
-    integer, intent(inout) :: places(:)
-    integer :: i, k, one
-
-    do i = 2, size(places)
-      one = places(i)
-      k = i - 1
-      do while (k >= 1)
-        if (.not. aimag(values(places(k))) > aimag(values(one))) exit
-        places(k + 1) = places(k)
-        k = k - 1
-      end do
-      places(k + 1) = one
-    end do
-  end subroutine sort_by_frequency
 
   !> A vector by inverse iteration.
   pure subroutine find_shape(m, c, k, root, shape_of)

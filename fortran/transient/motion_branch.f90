@@ -325,10 +325,12 @@ contains
     type(motion_branch), intent(inout) :: branch
     type(motion_event), allocatable :: found(:)
     real(wp), allocatable :: low(:), high(:)
+    real(wp) :: blur(branch%n_points)
     integer :: i, k, n
 
     n = branch%n_points
-    call find_events(path, points(:n), branch%motions(:n)%multiplier_error, found)
+    blur = [(branch%motions(i)%multiplier_error, i=1, n)]
+    call find_events(path, points(:n), blur, found)
     branch%kind = found%kind
     branch%before = found%before
     allocate (branch%is_sure(size(found)))

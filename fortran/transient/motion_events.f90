@@ -17,6 +17,7 @@ module viscovib_motion_events
   use viscovib_motion_path, only: difference, motion_path, motion_point
   use viscovib_orbit_multipliers, only: count_larger, logarithm, multipliers_of
   use viscovib_period_map, only: period_run
+  use viscovib_sorting, only: order_of
   use viscovib_stopping, only: begin_piece, given_up
   implicit none
   private
@@ -128,7 +129,7 @@ contains
         events(k)%error = grazings(1)%error
       end do
       call append(events, grazings)
-      call sort_events(events)
+      events = events(order_of([(events(k)%part, k=1, size(events))]))
     end associate
   end subroutine find_between
 
@@ -332,23 +333,6 @@ contains
     all_events(n + 1:) = more
     call move_alloc(all_events, events)
   end subroutine append
-
-  !> Sort by position; equal positions keep their order.
-  subroutine sort_events(events)
-    type(motion_event), intent(inout) :: events(:)
-    type(motion_event) :: next
-    integer :: i, k
-    do i = 2, size(events)
-      next = events(i)
-      k = i - 1
-      do while (k > 0)
-        if (events(k)%part <= next%part) exit
-        events(k + 1) = events(k)
-        k = k - 1
-      end do
-      events(k + 1) = next
-    end do
-  end subroutine sort_events
 
   !> Locations where the number of switches changes, in descending order.
   subroutine find_grazings(path, one, other, found)
