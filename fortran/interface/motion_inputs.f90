@@ -11,6 +11,7 @@ module viscovib_motion_inputs
   use viscovib_motion_choice, only: nodes, without_memory
   use viscovib_motion_piece, only: motion_equations, nothing, piece_type
   use viscovib_oscillator, only: oscillator_type
+  use viscovib_pendulum_spring, only: swings
   use viscovib_plain_pieces, only: part_of_numbers, pendulum_equations, polynomial_equations
   use viscovib_polynomial, only: polynomial_type
   use viscovib_status, only: fail, status_input_error
@@ -20,7 +21,7 @@ module viscovib_motion_inputs
   private
 
   public :: load_of, polynomial_of, read_equations, read_known, read_known_load, read_past, &
-    read_piece, read_tables
+    read_piece, read_sections, read_tables
 
 contains
 
@@ -79,18 +80,22 @@ contains
     end select
   end subroutine read_equations
 
-  !> `method`: index in `transient_methods`; `swings` = false: only the spring.
+  !> `method`: index in `transient_methods`.
   subroutine read_pendulum(task, piece, equations)
     type(task_type), intent(inout) :: task
     type(piece_type), intent(in) :: piece
     class(motion_equations), allocatable, intent(out) :: equations
     type(pendulum_equations), allocatable :: own
+    real(wp), pointer, contiguous :: start(:)
     allocate (own)
     own%system => task%pendulum()
     own%method = task%get_integer('method')
-    own%swings = task%get_flag('swings')
     own%change = part_of_numbers
-    call task%check_extents('initial', shape(piece%initial), [6])
+    start => piece%initial
+    if (task%has('begun')) start => task%get_reals('begun')
+    call task%check_extents('initial', shape(start), [6])
+    if (task%failed()) return
+    own%swings = swings(own%system, start) .or. piece%is_watched
     call move_alloc(own, equations)
   end subroutine read_pendulum
 
@@ -212,15 +217,13 @@ contains
     class(motion_equations), allocatable, intent(out) :: equations
     type(structure_equations), allocatable :: own
     real(wp), pointer, contiguous :: start(:), start_rates(:), kick(:)
-    complex(wp), pointer, contiguous :: shown_left(:, :), start_others(:)
-    integer :: n, used
+    complex(wp), pointer, contiguous :: start_others(:)
+    integer :: used
 
     allocate (own)
     own%system => polynomial_of(task)
-    allocate (own%shown, source=task%get_matrix('shown'))
-    n = size(own%shown, 2)
-    call task%check_extents('initial', shape(piece%initial), [2*n])
-    shown_left => task%get_complex_matrix('shown_left')
+    call read_sections(task, own)
+    call task%check_extents('initial', shape(piece%initial), [2*size(own%shown, 2)])
     call read_past(task, 0, own)
     start => task%get_reals('start')
     start_rates => task%get_reals('start_rates')
@@ -228,14 +231,12 @@ contains
     kick => task%get_reals('kick')
     call own%set_nodes(task%get_integer('nodes'))
     own%t_end = task%get_real('t_end')
-    call read_sections(task, n, own)
     call task%check_extents('kick', shape(kick), [2])
     call task%check_extents('start', shape(start), shape(own%sections%squares))
     call task%check_extents('start_rates', shape(start_rates), shape(own%sections%squares))
     if (task%failed()) return
     own%kick = kick
     used = size(own%sections%others%poles)
-    allocate (own%shown_left, source=shown_left(:used, :))
     allocate (own%q, source=[start, real(start_others(:used))])
     allocate (own%v, source=[start_rates, aimag(start_others(:used))])
     own%damps_modes = .true.
@@ -243,19 +244,21 @@ contains
     call move_alloc(own, equations)
   end subroutine read_structure
 
-  !> The linear subsystem of a structure, and its loads.
-  subroutine read_sections(task, n_shown, own)
+  !> The linear subsystem of a structure, its loads and results.
+  subroutine read_sections(task, own)
     type(task_type), intent(inout) :: task
-    integer, intent(in) :: n_shown
     type(structure_equations), intent(inout) :: own
     real(wp), pointer, contiguous :: frequencies(:), pushed(:, :), patterns(:, :), breaks(:), &
                                      pieces(:, :, :), direction(:), base_breaks(:), &
                                      base_pieces(:, :)
     complex(wp), pointer, contiguous :: waves(:, :), poles(:), left(:, :), right(:, :), &
-                                        sine(:, :), cosine(:, :), by_base(:, :), base_waves(:)
+                                        sine(:, :), cosine(:, :), by_base(:, :), base_waves(:), &
+                                        shown_left(:, :)
     integer, allocatable :: some(:)
     integer :: columns, k, n, q, used
 
+    allocate (own%shown, source=task%get_matrix('shown'))
+    shown_left => task%get_complex_matrix('shown_left')
     associate (sections => own%sections)
       allocate (sections%squares, source=task%get_reals('squares'))
       allocate (sections%rates, source=task%get_reals('rates'))
@@ -291,7 +294,7 @@ contains
       call task%check_extents('sine', shape(sine), [size(poles), size(frequencies)])
       call task%check_extents('cosine', shape(cosine), [size(poles), size(frequencies)])
       call task%check_extents('by_base', shape(by_base), [size(poles), 2])
-      call task%check_extents('direction', shape(direction), [n_shown])
+      call task%check_extents('direction', shape(direction), [size(own%shown, 2)])
       call task%check_extents('base_pieces', shape(base_pieces), &
                               [size(base_pieces, 1), size(base_breaks)])
       if (task%failed()) return
@@ -310,6 +313,7 @@ contains
         ! A single pole of 0 means no poles.
         if (used == 1 .and. others%n_at_once == 0) used = count(abs(poles) > 0.0_wp)
         others%poles = poles(:used)
+        allocate (own%shown_left, source=shown_left(:used, :))
         others%left = left(:used, :)
         others%right = right(:used, :q + columns)
         others%sine = sine(:used, some)

@@ -16,14 +16,15 @@ module viscovib_motion_tasks
   use viscovib_known_motion, only: known_motion
   use viscovib_load, only: load_type
   use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
-  use viscovib_memory_pieces, only: oscillator_equations
+  use viscovib_memory_pieces, only: oscillator_equations, structure_equations
   use viscovib_mesh, only: extend_ends
   use viscovib_method_catalogue, only: transient_methods
   use viscovib_lanes, only: max_dof
   use viscovib_motion_choice, only: by_modes, choose_equations, driven_coordinates, fastest_rate, &
-    hereditary_methods, is_on_shaft, motion_wish, per_period, switches_in_time, without_memory
+    hereditary_methods, is_on_shaft, motion_wish, nodes, per_period, switches_in_time, &
+    without_memory
   use viscovib_motion_inputs, only: load_of, polynomial_of, read_known, read_known_load, &
-    read_past, read_tables
+    read_past, read_sections, read_tables
   use viscovib_motion_balance, only: accelerations_of, panel_points, recalled_along
   use viscovib_motion_panels, only: panel_ends, panel_times, states_on_panels
   use viscovib_motion_search, only: run_motion
@@ -45,6 +46,7 @@ module viscovib_motion_tasks
   use viscovib_spline_integral, only: spline_integral
   use viscovib_status, only: fail, show, status_input_error
   use viscovib_structure_elements, only: element_type
+  use viscovib_structure_job, only: rate_seen
   use viscovib_structure_supports, only: support_rows
   use viscovib_step_search, only: max_steps
   use viscovib_task, only: task_type
@@ -107,6 +109,8 @@ contains
       call extend_mesh(task)
     case ('equations')
       call find_equations(task)
+    case ('first steps')
+      call find_first_steps(task)
     case ('loads')
       call find_loads(task)
     case ('loads at')
@@ -639,6 +643,19 @@ contains
     call task%found%put_integer('fitted', merge(1_i8, 0_i8, fitted))
     call task%found%put_integer('n_phases', size(load%orders, kind=i8))
   end subroutine find_equations
+
+  !> The `first` number of steps of a search for a structure, as of 'motion of structure', with
+  !! `nodes` per step to the time `end`.
+  subroutine find_first_steps(task)
+    type(task_type), intent(inout) :: task
+    type(structure_equations) :: equations
+    real(wp) :: first
+    call read_sections(task, equations)
+    if (task%failed()) return
+    first = task%get_real('end')*rate_seen(equations)/(2.0_wp*pi) &
+            *per_period(findloc(nodes, task%get_integer('nodes'), 1))
+    call task%found%put_integer('first', ceiling(min(max(4.0_wp, first), 2.0_wp*max_steps), i8))
+  end subroutine find_first_steps
 
   !> Upper bound of the rates of a system without memory (rad/s).
   real(wp) function rate_of_motion(task, load) result(fastest)

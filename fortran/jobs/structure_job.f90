@@ -20,7 +20,7 @@ module viscovib_structure_job
   implicit none
   private
 
-  public :: run_structure_job, plan_structure, rate_of_structure
+  public :: run_structure_job, plan_structure, rate_of_structure, rate_seen
 
 contains
 
@@ -238,17 +238,24 @@ contains
     subroutine add(seen, left)
       real(wp), intent(in) :: seen(:, :)
       complex(wp), intent(in) :: left(:, :)
-      real(wp) :: bends(size(seen, 1)), others(size(left, 1))
-      integer :: k
-
-      bends = abs(equations%sections%squares)
-      bends = merge(1.0_wp, 0.0_wp, bends > 0.0_wp)/merge(bends, 1.0_wp, bends > 0.0_wp)
-      others = 1.0_wp/abs(equations%sections%others%poles)**2
-      do k = 1, size(seen, 2)
-        soft = max(soft, sum(seen(:, k)**2*bends) + sum(abs(left(:, k))**2*others))
-        heavy = max(heavy, sum(seen(:, k)**2) + sum(abs(left(:, k))**2))
-      end do
+      integer :: k, m
+      ! Instantaneous variables, the last ones, do not swing.
+      m = size(left, 1) - equations%sections%others%n_at_once
+      associate (bends => inverse(abs(equations%sections%squares)), &
+                 others => inverse(abs(equations%sections%others%poles(:m))**2))
+        do k = 1, size(seen, 2)
+          soft = max(soft, sum(seen(:, k)**2*bends) + sum(abs(left(:m, k))**2*others))
+          heavy = max(heavy, sum(seen(:, k)**2) + sum(abs(left(:m, k))**2))
+        end do
+      end associate
     end subroutine add
+
+    !> 1/x, or 0.
+    elemental real(wp) function inverse(x)
+      real(wp), intent(in) :: x
+      inverse = 0.0_wp
+      if (x > 0.0_wp) inverse = 1.0_wp/x
+    end function inverse
 
   end function rate_seen
 

@@ -84,11 +84,6 @@ class _PendulumRun(Run):
         """By the equations of motion."""
         return self.system.rhs(kept.t, kept.state)[:, 1::2]
 
-    @property
-    def swings(self) -> int:
-        """1 if phi or psi move; 0: only the spring is integrated."""
-        return int(any(self.begin[2:].tolist()) or self.system.m01 != 0 or self.system.m02 != 0)
-
     def _plan(self, **steps: Any) -> str:
         text: str = _native.run(
             "motion plan of pendulum", self.system._handle, initial=self.begin,
@@ -98,6 +93,4 @@ class _PendulumRun(Run):
 
     def _given(self) -> tuple[str, tuple[_native.Handle, ...], dict[str, Any]]:
         """Task, handles and values for a pendulum."""
-        swings = self.watch is not None or bool(self.swings)
-        values = {"method": METHODS[self.method], "swings": swings}
-        return "motion of pendulum", (self.system._handle,), values
+        return "motion of pendulum", (self.system._handle,), {"method": METHODS[self.method]}

@@ -27,10 +27,8 @@ from viscovib.systems.load import (
 from viscovib.systems.load_table import LoadTable, added
 from viscovib.systems.oscillators import Oscillator, check_oscillator
 
-#: Methods of equations with memory: nodes per step, and steps per fastest period at the start of
-#: the step size search.
+#: Methods of equations with memory: nodes per step.
 NODES = {"gauss2": 2, "gauss3": 3, "gauss4": 4, "gauss6": 6, "gauss8": 8}
-FIRST = {"gauss2": 12, "gauss3": 8, "gauss4": 6, "gauss6": 3, "gauss8": 2}
 #: Methods of equations without memory by their index in the core.
 METHODS = {
     name: place

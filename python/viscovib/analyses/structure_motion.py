@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -17,14 +16,13 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.acting import KnownMotion, base_along
 from viscovib.analyses.oscillator_motion import (
-    FIRST,
     NODES,
     PASTS,
     REACH,
     OscillatorRun,
     history_of,
 )
-from viscovib.analyses.runs import MAX_STEPS, ONE_RUN, Run, Wanted, starting_state
+from viscovib.analyses.runs import ONE_RUN, Run, Wanted, starting_state
 from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.parameters import no_frequency
@@ -339,18 +337,11 @@ class StructureMotion:
         The modes are exact, so the steps resolve the loads, and the frequency at which stiffness
         and inertia of the deflections are equal.
         """
-        modal = self.modal
-        swinging = modal["poles"].size - modal["n_at_once"]
-        others = modal["poles"][:swinging], modal["shown_left"][:swinging]
-        squares = np.concatenate([np.abs(modal["squares"]), np.abs(others[0]) ** 2])
-        seen = np.concatenate([modal["shown"] ** 2, np.abs(others[1]) ** 2])
-        bends = np.divide(1, squares, out=np.zeros_like(squares), where=squares > 0)
-        soft = float((seen.T @ bends).max(initial=0.0))
-        heavy = float(seen.sum(axis=0).max(initial=0.0))
-        natural = math.sqrt(heavy / soft) if soft > 0 else 0.0
-        fastest = max(natural, float(self.frequencies.max(initial=0.0)))
-        wanted = float(self.end) * fastest * FIRST[self.method] / (2 * math.pi)
-        return max(4, math.ceil(min(wanted, 2.0 * MAX_STEPS)))
+        found = _native.run(
+            "motion first steps", *self._modes, self._given, nodes=NODES[self.method],
+            end=float(self.end),
+        )  # fmt: skip
+        return int(found["first"])
 
     #: The equations are those with memory, of modes.
     remembers_all: ClassVar[bool] = True
