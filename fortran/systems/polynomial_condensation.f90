@@ -2,7 +2,8 @@
 module viscovib_polynomial_condensation
   use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
-  use viscovib_law_program, only: branches
+  use viscovib_law_program, only: branches, wall
+  use viscovib_law_term, only: law_term
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce
@@ -61,8 +62,8 @@ contains
     if (allocated(system%space_damping) .or. .not. any(touched(system))) return
     do i = 1, size(system%laws)
       if (system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))) return
-      ! A rate-dependent law may be stiff in a thin layer.
-      if (any(abs(system%laws(i)%rates) > 0.0_wp)) return
+      ! Another law may be stiff in a thin layer of rates.
+      if (.not. is_linear_in_rates(system%laws(i), maxval(abs(system%damping)))) return
     end do
     mass = system%mass
     pull = matmul(system%spread, system%gather)
@@ -77,6 +78,36 @@ contains
     is_overdamped = fastest*t_end > many_decays &
                     .and. fastest > much_faster*sqrt(maxval(sum(abs(pull), 2)))
   end function is_overdamped
+
+  !> True if the slopes of a law by rates are constant: they are then part of `damping`, whose
+  !! largest entry is given, and the slopes of what is left are 0 at all rates.
+  logical function is_linear_in_rates(law, damping) result(is_linear)
+    type(law_term), intent(in) :: law
+    real(wp), intent(in) :: damping
+    real(wp), parameter :: places(3) = [0.0_wp, 0.7_wp, -2.3_wp], &
+                           speeds(5) = [0.0_wp, 1.0e-3_wp, -0.7_wp, 11.0_wp, -1.0e4_wp], &
+                           rounding = 1.0e-12_wp
+    real(wp) :: at(size(places)*size(speeds), size(law%arguments, 1)), values(size(at, 1))
+    real(wp) :: slopes(size(at, 1), size(at, 2))
+    logical :: is_rate(size(at, 2))
+    integer :: k
+
+    is_rate = any(abs(law%rates) > 0.0_wp, 2)
+    is_linear = .not. any(is_rate)
+    if (is_linear) return
+    do k = 1, size(at, 2)
+      if (is_rate(k)) then
+        at(:, k) = [spread(speeds, 1, size(places))]
+      else
+        at(:, k) = [spread(places, 2, size(speeds))]
+      end if
+    end do
+    call law%program%differentiate(at, values, slopes)
+    do k = 1, size(at, 2)
+      if (.not. is_rate(k)) slopes(:, k) = 0.0_wp
+    end do
+    is_linear = all(abs(values) < wall) .and. all(abs(slopes) <= rounding*damping)
+  end function is_linear_in_rates
 
   !> Mask of the coordinates with nonlinear forces or memory.
   pure function touched(system)

@@ -55,9 +55,13 @@ def retained(mass, damping, stiffness, power, terms):
     return slope
 
 
-@pytest.mark.parametrize("terms", [[], [(0.2, 1.0), (0.1, 9.0)]], ids=["none", "prony"])
-def test_strong_dampers_cost_nothing(terms):
-    """Fast decay needs no short steps, for any number of coordinates."""
+@pytest.mark.parametrize(
+    ("terms", "in_law"),
+    [([], False), ([], True), ([(0.2, 1.0), (0.1, 9.0)], False)],
+    ids=["none", "in a law", "prony"],
+)
+def test_strong_dampers_cost_nothing(terms, in_law):
+    """Fast decay needs no short steps, for any number of coordinates, wherever a damper stands."""
     rng = np.random.default_rng(9)
     kernel = None
     if terms:
@@ -70,9 +74,13 @@ def test_strong_dampers_cost_nothing(terms):
         mass = np.diag(rng.uniform(0.5, 2, n))
         power = float(rng.uniform(0.1, 1))
         names = [f"x{i + 1}" for i in range(n)]
+        own, force = damping.copy(), f"{power!r}*x1^3"
+        if in_law:
+            force += f" + {float(own[0, 0])!r}*x1_dot"
+            own[0, 0] = 0.0
         system = vv.PolynomialSystem(
-            mass=mass, stiffness=stiffness, damping=damping, forces={"x1": f"{power!r}*x1^3"},
-            kernel=kernel, names=names,
+            mass=mass, stiffness=stiffness, damping=own, forces={"x1": force}, kernel=kernel,
+            names=names,
         )  # fmt: skip
         start = np.zeros(2 * n)
         start[::2] = rng.uniform(-0.5, 0.5, n)

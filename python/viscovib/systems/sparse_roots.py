@@ -28,14 +28,19 @@ from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.characteristic import CharacteristicRoots
 from viscovib.systems.layers import matrices_of
 from viscovib.systems.linear_model import LinearModel, damping_and_layers, modal_rates
+from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.sparse_pencil import Modes, Pencil, check_memory, factored
-from viscovib.systems.structure_matrices import linear_model
+from viscovib.systems.spring_groups import Springs, is_definite
+from viscovib.systems.structure_matrices import dense_of, linear_model
+from viscovib.systems.structure_rest import matrix_of_modal
 
 #: Largest number of steps of Newton's method, and of the search for a starting frequency.
 _NEWTON, _BEGINNING = 30, 40
 #: Newton's method has converged if a step is below the first fraction of s, or if it is below the
 #: second fraction and no longer decreases.
 _CONVERGED, _ROUNDING = 1e-13, 1e-10
+#: Largest number of coordinates for all roots by default.
+_FEW = 20
 #: Largest number of coordinates for all eigenvalues, if some roots were not found.
 _SMALL = 200
 #: Largest number of coordinates for the search of growing real roots.
@@ -124,12 +129,15 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
     own = matrices_of(structure._layers.whole, n, sparse=True)
     more = matrices_of(layers, n, sparse=True)
     relaxing = [*model.layers, *own, *more]
+    modal = structure._uncoupled
     if structure._reduced is not None and np.any(model.ratio):
-        model = _in_modes(structure, relaxing, len(more), model.dampers)
+        model, modal = _in_modes(structure, relaxing, len(more), model.dampers), None
     else:
         model = model._replace(layers=relaxing)
     if structure._fixed:
         model = _without(model, [structure._places[name] for name in structure._fixed])
+    if count is None and _has_all(model):
+        return _all_roots(model, modal)
     roots, _ = sparse_roots(model, wanted)
     real = _growing(model)
     growing = 2 * int((roots.real > 0).sum()) + (0 if real is None else real.size)
@@ -137,6 +145,27 @@ def structure_roots(structure: Any, count: Any, layers: Any) -> CharacteristicRo
         " and Im s = 0, Re s > 0" if real is not None else ""
     )
     return CharacteristicRoots(roots, np.zeros(0) if real is None else real, growing, False, region)
+
+
+def _has_all(model: LinearModel) -> bool:
+    """True if all roots of the model are those of a polynomial system of few coordinates."""
+    small = model.mass.shape[0] <= _FEW and is_definite(dense_of(model.mass))
+    return small and not (model.dampers or np.any(model.loss))
+
+
+def _all_roots(model: LinearModel, modal: Any) -> CharacteristicRoots:
+    """All roots of a model of few coordinates, as those of a polynomial system.
+
+    ``modal``: damping by modes; None if the matrices contain it.
+    """
+    mass, stiffness = (dense_of(matrix) for matrix in (model.mass, model.stiffness))
+    damping = np.zeros_like(mass) if model.damping is None else dense_of(model.damping)
+    if modal is not None:
+        damping = damping + matrix_of_modal(modal, mass, dense_of(model.at_rest))
+    layers = [Springs(stiffness=dense_of(matrix), kernel=kernel) for matrix, kernel in model.layers]
+    return PolynomialSystem(
+        mass=mass, damping=damping, springs=[Springs(stiffness=stiffness), *layers]
+    ).characteristic_roots()
 
 
 def _growing(model: LinearModel) -> FloatArray | None:

@@ -789,8 +789,8 @@ class Structure(WithSpeed):
 
         c_j is the linear part of the law of an element with a kernel in the rate. Up to 20
         coordinates, all roots are found as those of `PolynomialSystem.characteristic_roots`. Beyond
-        20 coordinates, and with ``count`` or ``layers``, Newton's method works on the full
-        matrices, dense or sparse. Each root starts from a mode of the stiffness at its frequency.
+        20 coordinates, and with ``count``, Newton's method works on the full matrices, dense or
+        sparse. Each root starts from a mode of the stiffness at its frequency.
         ``real`` then lists the positive real roots (up to 500 coordinates, symmetric matrices),
         ``n_unstable`` counts the growing roots in the list, ``complete`` is False, and ``region``
         states the searched part of the plane.
@@ -805,11 +805,8 @@ class Structure(WithSpeed):
             structure.
         """
         from viscovib.systems.sparse_roots import structure_roots
-        from viscovib.systems.whole import all_roots
 
-        here = self._turned()
-        found = None if count is not None or len(layers) else all_roots(here)
-        return structure_roots(here, count, layers) if found is None else found
+        return structure_roots(self._turned(), count, layers)
 
     @property
     def _base_direction(self) -> FloatArray | None:

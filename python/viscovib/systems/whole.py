@@ -13,7 +13,6 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import CORNER_TOLERANCE, SMOOTH_TOLERANCE
 from viscovib.errors import InputError
-from viscovib.systems.characteristic import CharacteristicRoots
 from viscovib.systems.element_laws import laws_along, n_products
 from viscovib.systems.layers import Layers
 from viscovib.systems.polynomial_system import PolynomialSystem
@@ -29,8 +28,6 @@ _Note = TypeVar("_Note")
 MOST_IN_FRAME = 512
 #: The same together with the coordinates of the core for exponentials of memory.
 MOST_WITH_MEMORY = 1024
-#: Largest number of coordinates whose characteristic roots are all found by default.
-_MOST_WITH_ALL_ROOTS = 20
 #: Products of coordinates that a power of deflections may become; beyond them it is a law of these.
 _MOST_PRODUCTS = 500
 
@@ -130,17 +127,6 @@ def whole_system(structure: Structure) -> PolynomialSystem:
         _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units
     )
     return whole
-
-
-def all_roots(structure: Structure) -> CharacteristicRoots | None:
-    """Return all roots of a structure of few coordinates; None if it lacks whole equations."""
-    fixed: tuple[str, ...] = structure._fixed  # type: ignore[attr-defined]
-    if structure.n_coordinates > _MOST_WITH_ALL_ROOTS or fixed:
-        return None
-    modal = structure._uncoupled
-    if lacks_wholeness(structure) is not None or (modal is not None and np.any(modal.loss)):
-        return None
-    return whole_system(structure).characteristic_roots()
 
 
 def in_all_coordinates(system: Any, base: object = None, *, always: bool = False) -> Any:
