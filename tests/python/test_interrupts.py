@@ -255,14 +255,14 @@ SHORT = {
 #: Plans, readers and systems, which take microseconds, and retrieval of results.
 QUICK = {
     "branch plan", "end_call", "free_object", "law compile", "law values",
-    "response plan", "system lost modes", "system oscillator",
+    "response modes", "response plan", "system lost modes", "system oscillator",
 }  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", SHORT)
 def test_what_may_take_long_is_called_apart(monkeypatch, name):
-    """Only plans run in the main thread, where native calls do not end after signals."""
+    """Only plans, and parts of a result, run in the main thread, where native calls do not end."""
     monkeypatch.setattr(_native, "_HEARS", False)
     here, apart = set(), set()
 
