@@ -29,13 +29,13 @@ SCALE = 3.0
 
 #: A sweep in a separate process; every started point is recorded.
 CHILD = """
-import sys, time, pathlib
+import os, sys, time
 import numpy as np, viscovib as vv
 notes, checkpoint = sys.argv[1:3]
 def slow(a, b):
     with open(notes, "a") as file:
         file.write(f"{a} {b}\\n")
-    time.sleep(0.03)
+    time.sleep(float(os.environ["PAUSE"]))
     return {"y": a * b, "v": np.array([a, b]), "w": f"{a:g}"}
 data = vv.sweep(slow, {"a": np.arange(30.0), "b": np.arange(4)}, checkpoint=checkpoint,
                 chunk=4, n_threads=2, progress=False)
@@ -108,6 +108,8 @@ def test_a_killed_sweep_goes_on_where_it_was(start, tmp_path, monkeypatch, how):
     script.write_text(CHILD)
     notes, folder = tmp_path / "notes", tmp_path / "c"
     command = [sys.executable, str(script), str(notes), str(folder)]
+    # Longer than a busy machine needs to hear the signal.
+    monkeypatch.setenv("PAUSE", "0.15")
     child = start(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while len(finished(folder)) < 6 and child.poll() is None:
@@ -129,6 +131,7 @@ def test_a_killed_sweep_goes_on_where_it_was(start, tmp_path, monkeypatch, how):
     assert 6 <= len(safe) < 30
     notes.rename(tmp_path / "first")
     monkeypatch.setattr(sys, "argv", command[1:])
+    monkeypatch.setenv("PAUSE", "0")
     runpy.run_path(str(script), run_name="__main__")
     repeated = [line.split() for line in notes.read_text().splitlines()]
     assert {float(a) for a, _ in repeated} == {float(a) for a in range(30)} - safe
