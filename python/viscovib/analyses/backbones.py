@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from viscovib.common.motion_stability import stability_columns
 from viscovib.common.parameters import MAX_HARMONICS, CurveOptions, Interval
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.results import Dataset, Number, Panel, Result, as_dataset, named, span
 from viscovib.common.tables import Table, listed, listed_units
 from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -33,9 +33,6 @@ from viscovib.results.curves import (
 from viscovib.results.structure_view import View
 from viscovib.systems.law_ends import edges_text
 from viscovib.systems.oscillators import check_steady, refuse_turning
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -216,10 +213,8 @@ class Backbone(PeriodicMotions, Result):
         """u(0), shape (n, n_dof): with zero velocity the motion from there is periodic."""
         return np.asarray(self.coefficients.imag.sum(axis=2))
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the points."""
-        import xarray as xr
-
         data: dict[str, Any] = {
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "coefficients": (("point", "dof", "harmonic"), self.coefficients),
@@ -232,7 +227,7 @@ class Backbone(PeriodicMotions, Result):
             data["stable"] = ("point", self.stable)
             data["growing"] = ("point", self.growing)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
-        return xr.Dataset(
+        return as_dataset(
             data,
             coords={
                 "dof": list(self.dof_names),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from viscovib._native import FloatArray
 from viscovib.analyses.ensemble import simulate_ensemble
 from viscovib.analyses.transient import Acting, runs_of
 from viscovib.common.counts import things
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
 from viscovib.systems.mount import Mount
@@ -23,9 +23,6 @@ from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.system import System, turned
 from viscovib.systems.whole import in_all_coordinates
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Label of motions that have not settled.
 UNSETTLED = -1
@@ -109,15 +106,13 @@ class Basins(Result):
         parts = [f"{self.names[0]} {span(self.x)}", f"{self.names[1]} {span(self.y)}", periods]
         return ["; ".join(part for part in parts if part)]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return the labels over both starts."""
-        import xarray as xr
-
         x, y = self.names
         data: dict[str, Any] = {"label": ((y, x), self.labels), "moved": ((y, x), self.moved)}
         for i, states in enumerate(self.attractors):
             data[f"attractor{i}"] = ((f"period{i}", "quantity"), states)
-        return xr.Dataset(data, coords={x: self.x, y: self.y})
+        return as_dataset(data, coords={x: self.x, y: self.y})
 
 
 def basins(

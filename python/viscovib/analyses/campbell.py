@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +12,11 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.errors import InputError
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.whole import in_all_coordinates
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Numbers of shapes, and coordinates, up to which the modes take a few milliseconds.
 _FEW = 200
@@ -115,10 +112,8 @@ class Campbell(Result):
             lines.append(f"unstable from {self.threshold:.6g} rad/s on")
         return lines
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over speed and mode."""
-        import xarray as xr
-
         over = ("speed", "mode")
         data: dict[str, Any] = {
             "frequency": (over, self.frequencies, {"units": "rad/s"}),
@@ -133,7 +128,7 @@ class Campbell(Result):
             data[f"critical_{name}"] = (
                 "critical", getattr(self, f"critical_{name}"), {"units": units},
             )  # fmt: skip
-        return xr.Dataset(
+        return as_dataset(
             data,
             coords={
                 "speed": ("speed", self.speeds, {"units": "rad/s"}),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,14 +32,11 @@ from viscovib.common.counts import things
 from viscovib.common.motion_stability import three_valued, whole_or_codes
 from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.common.stability import stability_by_rates, warn_of_unknown
 from viscovib.common.tables import Table
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.systems.pendulum import Pendulum
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _DOFS = Pendulum.dof_names
 #: Largest array size of a result: 400 MB.
@@ -213,10 +210,8 @@ class DrivenResponse(Result):
         n = self.parameter.size
         return _native.integer("i", i, -n, n - 1) % n
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the rows."""
-        import xarray as xr
-
         data: dict[str, Any] = {
             "parameter": ("point", self.parameter),
             "base": (("point", "axis"), self.base),
@@ -236,7 +231,7 @@ class DrivenResponse(Result):
             data["stable"] = ("point", whole_or_codes(self.stable))
         if self.growth_error is not None:
             data["growth_error"] = (("point", "multiplier"), self.growth_error)
-        return xr.Dataset(
+        return as_dataset(
             data,
             coords={
                 "dof": list(_DOFS),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +47,7 @@ from viscovib.common.parameters import (
 )
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Panel
+from viscovib.common.results import Dataset, Panel, as_dataset
 from viscovib.common.stability import stability_by_rates, warn_of_unknown
 from viscovib.common.tables import Table, listed
 from viscovib.errors import ConvergenceWarning, InputError, caller
@@ -68,9 +68,6 @@ from viscovib.results.curves import (
     warn_of_rounding,
 )
 from viscovib.systems.pendulum import Pendulum
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -219,10 +216,8 @@ class DrivenBranch(PeriodicMotions, Curve):
         )  # fmt: skip
         return (found["at"] * unit, found["size"]) if found["enclosed"] else None
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the points."""
-        import xarray as xr
-
         data: dict[str, Any] = {
             "parameter": ("point", self.parameter),
             "base": (("point", "axis"), self.base),
@@ -241,7 +236,7 @@ class DrivenBranch(PeriodicMotions, Curve):
         if self.growth is not None:
             data["growth"] = (("point", "multiplier"), self.growth)
             data["growth_error"] = (("point", "multiplier"), self.growth_error)
-        return xr.Dataset(
+        return as_dataset(
             data,
             coords={
                 "dof": list(self.dof_names),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +14,9 @@ from viscovib._native import FloatArray
 from viscovib.analyses.line_fit import ROUGH, LineFit
 from viscovib.analyses.signals import read_signal
 from viscovib.common.counts import things
-from viscovib.common.results import Result
+from viscovib.common.results import Dataset, Result, as_dataset
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _MAX_LINES = 50
 #: Probability that noise causes such a residual near a line.
@@ -94,12 +90,10 @@ class Lines(Result):
         ]
         return [*lines[:8], *([f"and {len(lines) - 8} more"] if len(lines) > 8 else [])]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the lines."""
-        import xarray as xr
-
         names = ("omega", "amplitude", "phase", "decay", "resolved")
-        return xr.Dataset(
+        return as_dataset(
             {name: ("line", getattr(self, name)) for name in names},
             attrs={"mean": self.mean, "residual": self.residual, "start": self.start},
         )

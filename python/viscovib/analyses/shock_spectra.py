@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -14,16 +13,13 @@ from viscovib import _native, units
 from viscovib._native import FloatArray
 from viscovib.common.counts import things
 from viscovib.common.parameters import Number, Word
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory, spacing
 from viscovib.systems.base_acceleration import warn_of_record
 from viscovib.systems.load_table import FormulaLoad, LoadTable
 from viscovib.systems.piecewise import values_at
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 KINDS = ("absolute_acceleration", "relative_displacement", "pseudo_velocity")
 _KIND, _UNIT = Word("kind", KINDS), Word("unit", ("m/s^2", "g"))
@@ -133,15 +129,13 @@ class ShockResponseSpectrum(Result):
         ]
         return Table(notes, super()._table(coordinates).columns)
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all extremes as an xarray Dataset over the frequency."""
-        import xarray as xr
-
         names = (
             "maximax", "positive", "negative", "primary", "residual", "primary_positive",
             "primary_negative", "residual_positive", "residual_negative",
         )  # fmt: skip
-        return xr.Dataset(
+        return as_dataset(
             {name: ("frequency", getattr(self, name), {"units": self.unit}) for name in names},
             coords={"frequency": ("frequency", self.frequencies, {"units": "Hz"})},
             attrs={"quantity": self.quantity, "damping": self.damping},

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,13 +16,10 @@ from viscovib.analyses.signals import read_signal, windowed
 from viscovib.common.counts import things
 from viscovib.common.parameters import Names
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 WINDOWS = ("rectangular", "hann", "blackman_harris", "flat_top")
 
@@ -100,12 +96,10 @@ class Spectrum(Result):
         """Phase of each coefficient (rad), at the first sample."""
         return np.angle(self.coefficients)
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return amplitude and phase as an xarray Dataset over omega."""
-        import xarray as xr
-
         dimensions = ("omega", "signal")[: self.coefficients.ndim]
-        return xr.Dataset(
+        return as_dataset(
             {"amplitude": (dimensions, self.amplitude), "phase": (dimensions, self.phase)},
             coords={"omega": self.omega},
             attrs={

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from viscovib.analyses.structure_modal import modal_arrays
 from viscovib.common.counts import things
 from viscovib.common.parameters import no_frequency
 from viscovib.common.past import Past
+from viscovib.common.results import Dataset
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.condensed import LoadedStructure
@@ -42,9 +43,6 @@ from viscovib.systems.structure_loads import (
     warn_of_creeping,
 )
 from viscovib.systems.whole import lacks_wholeness, whole_system
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Largest part of a start outside the modes without a warning.
 _LEFT_OUT = 1e-6
@@ -95,7 +93,7 @@ class StructureTrajectory(Trajectory):
     def _read_by_laws(self, rows: slice) -> tuple[FloatArray, FloatArray]:
         return self.deflections[rows], self.rates[rows]
 
-    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+    def to_dataset(self, *, physical: bool = False) -> Dataset:
         """Coordinates and velocities over t, and ``deflections`` and ``rates`` of the elements."""
         data = super().to_dataset(physical=physical)
         names = [f"y{i + 1}" for i in range(self.deflections.shape[1])]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +14,9 @@ from viscovib.bodies.mount_point import MountPoint
 from viscovib.bodies.springs import MountSprings
 from viscovib.bodies.turning import further_moved
 from viscovib.common.counts import things
-from viscovib.common.results import Panel, Result, span
+from viscovib.common.results import Dataset, Panel, Result, as_dataset, span
 from viscovib.kernels.relaxation import Kernel
 from viscovib.systems.laws import Law
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Local axes of a mount.
 _AXES = ("x", "y", "z")
@@ -89,12 +86,10 @@ class MountForces(Result):
             )
         return found
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
         over = ("nu", "mount", "axis", "harmonic")
-        return xr.Dataset(
+        return as_dataset(
             {
                 "deflection": (over, self.deflection, {"units": "m"}),
                 "force": (over, self.force, {"units": "N"}),

@@ -6,19 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
-from viscovib.common.results import Number, Panel, Result
+from viscovib.common.results import Dataset, Number, Panel, Result, as_dataset
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: A squared frequency below this part of the highest is a rigid-body mode.
 _RIGID = 1e-12
@@ -114,11 +111,9 @@ class BodyModes(Result):
         """Draw the table of energies by `plot_energy`; return axes."""
         return import_module("viscovib.plots.bodies").plot_energy(self, *args, **options)
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
-        return xr.Dataset(
+        return as_dataset(
             {
                 "frequency": ("mode", self.hz, {"units": "Hz"}),
                 "loss_factor": ("mode", self.loss_factor, {"units": "1"}),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +19,12 @@ from viscovib.common.values import Value
 from viscovib.errors import InputError
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+    from xarray import Dataset as Dataset
+else:
+    # These packages are imported when a plot or a dataset is made.
+    Axes = Figure = Dataset = Any
 
 
 class Number(NamedTuple):
@@ -108,7 +113,7 @@ class Result(Value):
         """Plot the result by the function for its kind (`plot_response`, ...) and return axes."""
         return _pictures().plot(self, *args, **options)
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
         raise NotImplementedError
 
@@ -150,16 +155,14 @@ class Result(Value):
 
         The format has no complex numbers: each complex array becomes two, NAME_re and NAME_im.
         """
-        import xarray as xr
-
         data = self.to_dataset()
-        parts: dict[str, xr.DataArray] = {}
+        parts: dict[str, Any] = {}
         for name, array in data.data_vars.items():
             if np.iscomplexobj(array):
                 parts |= {f"{name}_re": array.real, f"{name}_im": array.imag}
             else:
                 parts[f"{name}"] = array.astype("int8") if array.dtype == bool else array
-        content = xr.Dataset(parts, coords=data.coords, attrs=data.attrs).to_netcdf(engine="scipy")
+        content = as_dataset(parts, data.coords, data.attrs).to_netcdf(engine="scipy")
         with whole_file(path, "wb") as file:
             file.write(bytes(content))  # type: ignore[arg-type]
 
@@ -179,6 +182,16 @@ class Result(Value):
             # A result without a plot is described as text.
             return text
         return f"{text}{picture.getvalue()[picture.getvalue().index('<svg') :]}"
+
+
+def as_dataset(
+    data: Mapping[str, Any], coords: Mapping[Any, Any] | None = None,
+    attrs: Mapping[Any, Any] | None = None,
+) -> Dataset:  # fmt: skip
+    """Return data as an xarray Dataset; the arguments are those of its constructor."""
+    import xarray as xr
+
+    return xr.Dataset(data, coords, attrs)
 
 
 def span(values: FloatArray, unit: str = "") -> str:

@@ -15,13 +15,13 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath, Number, Whole
+from viscovib.common.results import Figure
 from viscovib.errors import InputError
 from viscovib.plots.outlines import Drawing, drawing_of
 from viscovib.plots.style import COLOURS, in_brackets, plain
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
-    from matplotlib.figure import Figure
 
 _FRAMES, _RATE = Whole("frames", 2, 5000), Number("fps", lowest=1e-3, highest=200)
 #: Number of frames of one period, and largest number of a motion in time.

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Number, Word
+from viscovib.common.results import Axes
 from viscovib.plots.style import plain
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _X, _Y = Word("x", ("rad/s", "hz")), Word("y", ("linear", "log", "db", "phase"))
 _REFERENCE = Number("reference", above=0)

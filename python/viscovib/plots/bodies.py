@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,14 +14,12 @@ from viscovib._native import FloatArray
 from viscovib.bodies.body import Body
 from viscovib.bodies.forces import MountForces
 from viscovib.bodies.modes import BodyModes
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
 from viscovib.plots.axes import Shown, plain_hertz
 from viscovib.plots.panels import panel, panels
 from viscovib.plots.style import COLOURS, STYLES, bare, plain
 from viscovib.results.motion_forces import MountForcesInTime
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Edges of a box: pairs of corners, whose numbers contain x, y and z as bits.
 EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib.analyses.campbell import Campbell
+from viscovib.common.results import Axes
 from viscovib.plots.panels import panel
 from viscovib.plots.style import COLOURS, bare
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Whirl below which a motion is nearly on a line.
 _FLAT = 0.05

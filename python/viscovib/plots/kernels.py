@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import Kernel
 from viscovib.plots.panels import panels
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _DARK = "#0b1d51"
 #: Smallest drawn value, relative to the largest.

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
 from viscovib.plots.panels import panel
 from viscovib.results.dissipation import _loss_of, _sampled
 from viscovib.systems.contacts import Contact
 from viscovib.systems.elements import Coupling, element_terms
 from viscovib.systems.series_dampers import Maxwell
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def plot_loop(element: Any, amplitude: float, *, nu: float, ax: Axes | None = None) -> Axes:

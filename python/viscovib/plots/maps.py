@@ -11,13 +11,13 @@ import numpy as np
 from viscovib import _native
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import Flag, Optional, Text, checked
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
 from viscovib.plots.panels import panel
 from viscovib.plots.style import COLOURS, bare, plain
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
 
 _LOOKS = (Flag("log"), Optional.or_none(Text("label")))
 #: Largest number of integer values that have one colour each.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.spectral import Spectrum, name_frequencies
+from viscovib.common.results import Axes, Figure
 from viscovib.errors import InputError
 from viscovib.plots.axes import Shown, logarithmic
 from viscovib.plots.panels import Labels, panel, panels
@@ -18,10 +19,6 @@ from viscovib.results.ensemble import Ensemble
 from viscovib.results.motion_forces import ElementForces, FloorForce, PointMotion
 from viscovib.results.steady_motion import SteadyMotion
 from viscovib.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _LABELS = Labels("labels")
 _DOTS: dict[str, Any] = {

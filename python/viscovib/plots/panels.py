@@ -1,16 +1,14 @@
 """Axes of plots: given ones, or those of a new figure."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib.common.parameters import Parameter
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def panels(ax: Any, n: int, each: str = "one per coordinate") -> list[Any]:
@@ -38,7 +36,7 @@ def chosen_panels(
     return names, panels(ax, len(names))
 
 
-def panel(ax: Any, figsize: tuple[float, float] = (7, 5)) -> "Axes":
+def panel(ax: Any, figsize: tuple[float, float] = (7, 5)) -> Axes:
     """Return the given axes, or those of a new figure."""
     if ax is None:
         import matplotlib.pyplot as plt

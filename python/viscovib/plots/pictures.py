@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from viscovib.analyses.shock_spectra import ShockResponseSpectrum
 from viscovib.analyses.spectral import Spectrum
 from viscovib.bodies.forces import MountForces
 from viscovib.common.files import whole_file
-from viscovib.common.results import Result
+from viscovib.common.results import Axes, Figure, Result
 from viscovib.errors import InputError, near_name
 from viscovib.plots.axes import moving
 from viscovib.plots.bodies import plot_mount_forces, plot_mount_forces_in_time
@@ -49,10 +49,6 @@ from viscovib.results.steady_motion import SteadyMotion
 from viscovib.results.trajectory import Trajectory
 from viscovib.scene.table import TableResult
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 class Drawn(NamedTuple):
     """Additions to the plot of a result: base frequencies with names, other branches."""
@@ -73,7 +69,7 @@ def _largest_order(branches: Sequence[DrivenBranch], d: int) -> int | tuple[int,
     return int(order[0]) if order.size == 1 else tuple(order.tolist())
 
 
-def _rows(figure: "Figure", results: Sequence[Any]) -> Any:
+def _rows(figure: Figure, results: Sequence[Any]) -> Any:
     """Return a panel for each coordinate that moves in at least one result."""
     return figure.subplots(_moving(results), 1, sharex=True, squeeze=False)[:, 0]
 
@@ -84,17 +80,17 @@ def _moving(results: Sequence[Any]) -> int:
     return len(moving(results[0].dof_names, np.concatenate(sizes)))
 
 
-def _draw_response(result: Response, figure: "Figure", _: Drawn) -> None:
+def _draw_response(result: Response, figure: Figure, _: Drawn) -> None:
     axes = _rows(figure, [result])
     plot_response(result, axes, harmonic=lowest_order(result.harmonics))
 
 
-def _draw_driven(result: DrivenResponse, figure: "Figure", _: Drawn) -> None:
+def _draw_driven(result: DrivenResponse, figure: Figure, _: Drawn) -> None:
     axes = _rows(figure, [result])
     plot_response(result, axes, harmonic=lowest_order(result.harmonics))
 
 
-def _draw_branch(result: Branch, figure: "Figure", _: Drawn) -> None:
+def _draw_branch(result: Branch, figure: Figure, _: Drawn) -> None:
     plot_branch(result, _rows(figure, [result]))
 
 
@@ -102,11 +98,11 @@ def _moving_in_time(result: MotionBranch) -> tuple[str, ...]:
     return moving(result.dof_names, result.largest)
 
 
-def _draw_motion_branch(result: MotionBranch, figure: "Figure", _: Drawn) -> None:
+def _draw_motion_branch(result: MotionBranch, figure: Figure, _: Drawn) -> None:
     plot_motion_branch(result, figure.subplots(len(_moving_in_time(result)), 1, sharex=True))
 
 
-def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> None:
+def _draw_driven_branch(result: DrivenBranch, figure: Figure, more: Drawn) -> None:
     branches: list[DrivenBranch] = [result, *more.switched]
     # A coordinate at rest on one branch may move on another.
     several = bool(more.switched)
@@ -120,31 +116,31 @@ def _draw_driven_branch(result: DrivenBranch, figure: "Figure", more: Drawn) -> 
         plot_branch(branch, axes, harmonic=orders)
 
 
-def _draw_backbone(result: Backbone, figure: "Figure", more: Drawn) -> None:
+def _draw_backbone(result: Backbone, figure: Figure, more: Drawn) -> None:
     names = result.dof_names
     curves: list[Backbone] = [result, *more.switched]
     most = {name: int(result.harmonics[_largest_place(curves, d)]) for d, name in enumerate(names)}
     plot_backbone(curves, _rows(figure, curves), harmonic=most)
 
 
-def _draw_scales(result: ScalesResponse, figure: "Figure", _: Drawn) -> None:
+def _draw_scales(result: ScalesResponse, figure: Figure, _: Drawn) -> None:
     plot_scales_response(result, figure.subplots(len(moving_steadily(result)), 1, sharex=True))
 
 
-def _draw_trajectory(result: Trajectory | SteadyMotion, figure: "Figure", _: Drawn) -> None:
+def _draw_trajectory(result: Trajectory | SteadyMotion, figure: Figure, _: Drawn) -> None:
     plot_trajectory(result, motion_axes(figure, len(result.dof_names)))
 
 
-def _draw_spectrum(result: Spectrum, figure: "Figure", more: Drawn) -> None:
+def _draw_spectrum(result: Spectrum, figure: Figure, more: Drawn) -> None:
     highest = 5 * max(more.bases.values()) if more.bases else None
     plot_spectrum(result, figure.subplots(), bases=more.bases, highest=highest)
 
 
-def _draw_shock(result: ShockResponseSpectrum, figure: "Figure", _: Drawn) -> None:
+def _draw_shock(result: ShockResponseSpectrum, figure: Figure, _: Drawn) -> None:
     plot_shock_spectrum(result, figure.subplots())
 
 
-def _draw_campbell(result: Campbell, figure: "Figure", _: Drawn) -> None:
+def _draw_campbell(result: Campbell, figure: Figure, _: Drawn) -> None:
     plot_campbell(result, figure.subplots())
 
 
@@ -152,7 +148,7 @@ def _table_size(result: TableResult) -> tuple[float, float]:
     return 7, 1.6 * (len(result.columns) - 1) + 1
 
 
-def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Axes]":
+def _draw_table(result: TableResult, figure: Figure, _: Drawn) -> Sequence[Axes]:
     panels = result.panels()
     axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0])
     for axis, panel in zip(axes, panels, strict=True):
@@ -166,7 +162,7 @@ def _draw_table(result: TableResult, figure: "Figure", _: Drawn) -> "Sequence[Ax
     return axes
 
 
-def _plot_table(result: TableResult) -> "Sequence[Axes]":
+def _plot_table(result: TableResult) -> Sequence[Axes]:
     """Draw each column over the first in a new figure."""
     import matplotlib.pyplot as plt
 

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from viscovib import _native
 from viscovib.bodies.body import Body
 from viscovib.common.files import whole_file
 from viscovib.common.parameters import FilePath, Text
+from viscovib.common.results import Axes, Figure
 from viscovib.errors import InputError
 from viscovib.kernels.relaxation import (
     AbelKernel,
@@ -37,10 +38,6 @@ from viscovib.plots.bodies import (
 )
 from viscovib.plots.style import COLOURS, STYLES, plain
 from viscovib.systems.laws import Law
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 64em; margin: 2em auto; padding: 0 1em }

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
 from viscovib.common.parameters import Text, Word
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
 from viscovib.kernels.time_temperature import ShiftLaw
 from viscovib.plots.panels import panel, panels
@@ -18,9 +19,6 @@ from viscovib.rubber.fit import KernelFit, Profile
 from viscovib.rubber.kramers_kronig_pair import KramersKronig
 from viscovib.rubber.master import MasterCurve
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 _DARK, _BRIGHT, _WARM = "#0b1d51", "#c8452e", "#e08e1b"
 _MARKS = ("o", "s", "^", "D", "v")
 _X = Word("x", ("rad/s", "hz"))
@@ -28,7 +26,7 @@ _X = Word("x", ("rad/s", "hz"))
 
 def plot_modulus(
     data: ModulusData, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw storage and loss over frequency, and the loss factor below them.
 
     Parameters
@@ -69,7 +67,7 @@ def plot_modulus(
     return [upper, lower]
 
 
-def plot_cole_cole(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
+def plot_cole_cole(data: ModulusData, ax: "Axes | None" = None) -> Axes:
     """Draw loss over storage (Cole-Cole plot): one arc for a material at all temperatures.
 
     Examples
@@ -80,7 +78,7 @@ def plot_cole_cole(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
     return _without_frequency(data, ax, log=False)
 
 
-def plot_van_gurp(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
+def plot_van_gurp(data: ModulusData, ax: "Axes | None" = None) -> Axes:
     """Draw the loss angle over |M*| (van Gurp-Palmen plot): one curve for sets that superpose.
 
     Examples
@@ -91,7 +89,7 @@ def plot_van_gurp(data: ModulusData, ax: "Axes | None" = None) -> "Axes":
     return _without_frequency(data, ax, log=True)
 
 
-def _without_frequency(data: ModulusData, ax: "Axes | None", log: bool) -> "Axes":
+def _without_frequency(data: ModulusData, ax: "Axes | None", log: bool) -> Axes:
     _native.check_instance("data", data, ModulusData)
     axes = panel(ax)
     sets = data.sets()
@@ -109,7 +107,7 @@ def _without_frequency(data: ModulusData, ax: "Axes | None", log: bool) -> "Axes
     return axes
 
 
-def plot_ratio(check: KramersKronig, ax: "Axes | None" = None, *, x: str = "rad/s") -> "Axes":
+def plot_ratio(check: KramersKronig, ax: "Axes | None" = None, *, x: str = "rad/s") -> Axes:
     """Draw the ratio of measured loss to the loss that follows from the storage."""
     per, label = _frequency(x)
     axes = panel(ax, (7, 3.5))
@@ -127,7 +125,7 @@ def plot_master(
     *,
     law: ShiftLaw | None = None,
     x: str = "rad/s",
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw the master curve and, below it, the factors with 95 % intervals and a law."""
     _native.check_instance("master", master, MasterCurve)
     per, label = _frequency(x)
@@ -169,7 +167,7 @@ def plot_nomogram(
     ax: "Axes | None" = None,
     *,
     x: str = "rad/s",
-) -> "Axes":
+) -> Axes:
     """Draw the reduced-frequency nomogram (Jones, 1978).
 
     The moduli are drawn over reduced frequency, with the frequency on the right axis: a horizontal
@@ -230,7 +228,7 @@ def plot_nomogram(
 
 def plot_fit(
     fit: KernelFit, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
-) -> "Sequence[Axes]":
+) -> Sequence[Axes]:
     """Draw measurements and fit, with the 95 % band of the curve, and the residuals below.
 
     The band contains the uncertainty of the parameters only.
@@ -292,7 +290,7 @@ def _axes_of_fit(ax: "Axes | Sequence[Axes] | None") -> "list[Axes]":
     return [panel(ax)] if isinstance(ax, Axes) else panels(ax, 2, "curve and residuals")
 
 
-def plot_profile(profile: Profile, ax: "Axes | None" = None) -> "Axes":
+def plot_profile(profile: Profile, ax: "Axes | None" = None) -> Axes:
     """Draw the rise of the sum of squares over the parameter, with its interval."""
     axes = panel(ax, (6, 3.6))
     inside = np.isfinite(profile.rise)
@@ -306,7 +304,7 @@ def plot_profile(profile: Profile, ax: "Axes | None" = None) -> "Axes":
     return axes
 
 
-def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
+def plot_band(band: Band, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> Axes:
     """Draw the band and the nominal result over x."""
     place, title = _native.real_array("x", x, ndim=1), Text("label").check(label)
     if band.nominal.shape != place.shape:
@@ -347,7 +345,7 @@ def _shades(sets: Sequence[ModulusData]) -> list[Any]:
     return [_colours()(part) for part in (values - values.min()) / (span if span > 0 else 1.0)]
 
 
-def _add_temperatures(sets: Sequence[ModulusData], axes: "Sequence[Axes]") -> None:
+def _add_temperatures(sets: Sequence[ModulusData], axes: Sequence[Axes]) -> None:
     """Add a colour bar if the sets have different temperatures."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
 from viscovib.common.parameters import Names
+from viscovib.common.results import Axes
 from viscovib.errors import InputError
 from viscovib.plots.axes import Shown
 from viscovib.plots.panels import panels
 from viscovib.plots.style import BY_STABILITY
 from viscovib.results.scales import ScalesMotion, ScalesResponse
 from viscovib.results.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Neighbours differ by less than this part of their size.
 _NEAR = 1 / 3

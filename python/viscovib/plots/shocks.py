@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from viscovib import _native
 from viscovib.analyses.shock_spectra import ShockResponseSpectrum
+from viscovib.common.results import Axes
 from viscovib.plots.axes import logarithmic, plain_hertz
 from viscovib.plots.panels import panel
 from viscovib.plots.style import COLOURS, STYLES, bare
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Curves of a picture.
 CURVES = ("maximax", "positive", "negative", "primary", "residual")

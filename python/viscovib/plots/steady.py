@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from viscovib._native import FloatArray
 from viscovib.analyses.backbones import Backbone
 from viscovib.analyses.driven import DrivenResponse
 from viscovib.analyses.driven_branch import DrivenBranch
+from viscovib.common.results import Axes
 from viscovib.plots.axes import Shown, jumps_of, moving, torn
 from viscovib.plots.panels import Labels, chosen_panels, order_of
 from viscovib.plots.style import (
@@ -27,9 +28,6 @@ from viscovib.plots.style import (
 from viscovib.results.branch import Branch
 from viscovib.results.motion_branch import MotionBranch
 from viscovib.results.response import Response
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Markers of changes of stability other than folds.
 _CROSSING_MARKERS = {

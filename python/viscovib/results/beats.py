@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +12,7 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
-from viscovib.common.results import Result
-
-if TYPE_CHECKING:
-    import xarray as xr
+from viscovib.common.results import Dataset, Result, as_dataset
 
 #: Highest multiple of a load frequency in the search of line orders, by the number of loads.
 _HIGHEST = {1: 24, 2: 24, 3: 16, 4: 6, 5: 3, 6: 2}
@@ -153,11 +149,9 @@ class BeatingMotion(Result):
             if sizes[k] > 0
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return the lines and the derived values as an xarray Dataset."""
-        import xarray as xr
-
-        return xr.Dataset(
+        return as_dataset(
             {
                 "frequency": ("line", self.frequencies, {"units": "rad/s"}),
                 "multiple": (("line", "load"), self.orders),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from viscovib.common.counts import things
 from viscovib.common.motion_stability import stability_columns, whole_or_codes
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
+from viscovib.common.results import Dataset, as_dataset
 from viscovib.common.tables import Table, listed_units
 from viscovib.errors import InputError
 from viscovib.results.curves import (
@@ -30,9 +31,6 @@ from viscovib.results.dissipation import Parts
 from viscovib.results.response import MAX_SEARCH, find_peak
 from viscovib.results.sampling import add_requested, lost_energy, sampling_errors, sampling_text
 from viscovib.systems.load import Job
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -285,10 +283,8 @@ class Branch(PeriodicMotions, Curve):
         """X_k of all coordinates."""
         return self.coefficients
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the points."""
-        import xarray as xr
-
         data: dict[str, Any] = {
             "nu": ("point", self.nu, {"units": "rad/s"}),
             "load_factor": ("point", self.load_factor),
@@ -306,7 +302,7 @@ class Branch(PeriodicMotions, Curve):
             data["exponents"] = (("point", "multiplier"), self.exponents)
             data["multipliers"] = (("point", "multiplier"), self.multipliers)
             data["slowest"] = ("point", self.slowest)
-        return xr.Dataset(
+        return as_dataset(
             data,
             coords={
                 "dof": list(self.dof_names),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,15 +12,12 @@ import numpy.typing as npt
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.results.located_peaks import LocatedPeaks
 from viscovib.systems.mount import Mount
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,10 +148,8 @@ class Ensemble(Result):
             sure += "" if error is None else f", of {name} {error:.1e}"
         return [f"t_end: {span(self.t_end)}; varied: {varied}; {self.method}, {sure}"]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all results over the runs."""
-        import xarray as xr
-
         names = [f"{d}{dot}" for d in self.dof_names for dot in ("", "_dot")]
         time = {"units": self.system.time_unit}
         data: dict[str, Any] = {
@@ -194,4 +189,4 @@ class Ensemble(Result):
         for name in ("error", "section_error", "amplitude_error"):
             if (value := getattr(self, name)) is not None:
                 attributes[name] = value
-        return xr.Dataset(data, coords=coordinates, attrs=attributes)
+        return as_dataset(data, coords=coordinates, attrs=attributes)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan
-from viscovib.common.results import Result, span
-
-if TYPE_CHECKING:
-    import xarray as xr
+from viscovib.common.results import Dataset, Result, as_dataset, span
 
 
 class Resonance(NamedTuple):
@@ -119,12 +116,10 @@ class Modulation(Result):
         worst = f"largest error of the integration {self.error.max(initial=0.0):.1e}"
         return [f"t: {span(self.t)}; {things(self.frame.size, 'mode')}, {worst}"]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return amplitudes and phases as an xarray Dataset over t."""
-        import xarray as xr
-
         dims = ("t", "mode")
-        return xr.Dataset(
+        return as_dataset(
             {
                 "amplitude": (dims, self.amplitude),
                 "phase": (dims, self.phase, {"units": "rad"}),

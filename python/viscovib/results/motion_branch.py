@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +13,9 @@ from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import codes_of
-from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.results import Dataset, Number, Panel, Result, as_dataset, named, span
 from viscovib.results.curves import Crossing, crossing_variables
 from viscovib.results.steady_motion import SteadyMotion
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,12 +161,10 @@ class MotionBranch(Result):
             for d, (name, unit) in enumerate(zip(self.dof_names, units, strict=True))
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the points."""
-        import xarray as xr
-
         columns = [f"{name}{dot}" for name in self.dof_names for dot in ("", "_dot")]
-        return xr.Dataset(
+        return as_dataset(
             {
                 "nu": ("point", self.nu),
                 "state": (("point", "column"), self.state),

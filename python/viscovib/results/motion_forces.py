@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.counts import things
-from viscovib.common.results import Panel, Result, span
-
-if TYPE_CHECKING:
-    import xarray as xr
+from viscovib.common.results import Dataset, Panel, Result, as_dataset, span
 
 #: Local axes of a mount.
 _AXES = ("x", "y", "z")
@@ -110,12 +106,10 @@ class ElementForces(_ForcesInTime):
             for name, unit, column in zip(self.names, units, self.force.T, strict=True)
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
         parts = ("deflection", "rate", "elastic", "damping", "memory", "force")
-        return xr.Dataset(
+        return as_dataset(
             {part: (("t", "element"), getattr(self, part)) for part in parts},
             coords={"t": ("t", self.t, {"units": "s"}), "element": list(self.names)},
         )
@@ -166,11 +160,9 @@ class SupportReactions(Result):
             for name, unit, column in zip(self.names, self.units, self.force.T, strict=True)
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
-        return xr.Dataset(
+        return as_dataset(
             {"force": (("t", "support"), self.force)},
             coords={"t": ("t", self.t, {"units": "s"}), "support": list(self.names)},
         )
@@ -235,16 +227,14 @@ class MountForcesInTime(_ForcesInTime):
             found.append(Panel(self.t, force[:, axis], "$t$ (s)", f"{name} {_AXES[axis]}", "N"))
         return found
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
         over = ("t", "mount", "axis")
         units = {
             "deflection": "m", "rate": "m/s", "elastic": "N", "damping": "N", "memory": "N",
             "force": "N", "moment": "N m",
         }  # fmt: skip
-        return xr.Dataset(
+        return as_dataset(
             {name: (over, getattr(self, name), {"units": unit}) for name, unit in units.items()},
             coords={
                 "t": ("t", self.t, {"units": "s"}),
@@ -292,12 +282,10 @@ class PointMotion(Result):
             for axis, column in zip(_AXES, self.acceleration.T, strict=True)
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
         units = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
-        return xr.Dataset(
+        return as_dataset(
             {n: (("t", "axis"), getattr(self, n), {"units": unit}) for n, unit in units.items()},
             coords={"t": ("t", self.t, {"units": "s"}), "axis": list(_AXES)},
         )
@@ -347,11 +335,9 @@ class FloorForce(Result):
             for axis, column in zip(_AXES, columns.T, strict=True)
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset."""
-        import xarray as xr
-
-        return xr.Dataset(
+        return as_dataset(
             {
                 "force": (("t", "axis"), self.force, {"units": "N"}),
                 "moment": (("t", "axis"), self.moment, {"units": "N m"}),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from viscovib.common.counts import things
 from viscovib.common.motion_stability import codes_of
 from viscovib.common.periodic_motions import PeriodicMotions
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.results import Dataset, Number, Panel, Result, as_dataset, named, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.dissipation import Parts
@@ -30,9 +30,6 @@ from viscovib.results.sampling import (
     sampling_text,
 )
 from viscovib.systems.load import Job
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Largest number of multiplications for the search of peaks between all frequencies.
 MAX_SEARCH = 3e9
@@ -496,12 +493,10 @@ class Response(PeriodicMotions, Result):
         n = self.nu.size
         return n, f"{things(n, 'point')} of {things(self.harmonics.size, 'harmonic')}", "point"
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset with units."""
-        import xarray as xr
-
         dims = ("nu", "dof", "harmonic")
-        return xr.Dataset(
+        return as_dataset(
             {
                 "coefficients": (dims, self.coefficients, {"long_name": "X_k, m or rad"}),
                 "amplitude": (dims, np.abs(self.coefficients), {"long_name": "|X_k|, m or rad"}),

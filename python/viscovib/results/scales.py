@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +15,11 @@ from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Result, span
+from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.common.tables import Table
 from viscovib.errors import InputError
 from viscovib.results.beats import BeatingMotion
 from viscovib.results.modulation import Modulation
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Growth below this part of the frequency counts as 0.
 _NEUTRAL = 1e-9
@@ -109,12 +106,10 @@ class ScalesMotion(Result):
         error = (self.coordinate_errors / self._units).max(axis=1)
         return np.asarray(fall & (error <= LEAST_FALL * largest))
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over t."""
-        import xarray as xr
-
         names = [text for name in self.dof_names for text in (name, f"{name}'")]
-        return xr.Dataset(
+        return as_dataset(
             {
                 "state": (("t", "component"), self.state),
                 "amplitude": (("t", "mode"), self.modulation.amplitude),
@@ -373,11 +368,9 @@ class ScalesResponse(Result):
             rows = np.array([rows[1], np.append(below[1:], 0.0)])
         return column
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the points."""
-        import xarray as xr
-
-        return xr.Dataset(
+        return as_dataset(
             {
                 self.parameter: ("point", self.at),
                 "amplitudes": (("point", "mode"), self.amplitudes),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,8 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.counts import things
-from viscovib.common.results import Number, Panel, Result, named
+from viscovib.common.results import Dataset, Number, Panel, Result, as_dataset, named
 from viscovib.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Relative error of a displacement at a zero of the velocity.
 _LEFT = 1e-15
@@ -183,12 +180,10 @@ class SteadyMotion(Result):
             for d, (name, unit) in enumerate(zip(self.dof_names, self.dof_units, strict=True))
         ]
 
-    def to_dataset(self) -> xr.Dataset:
+    def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset: states over t, and multipliers."""
-        import xarray as xr
-
         columns = [f"{name}{dot}" for name in self.dof_names for dot in ("", "_dot")]
-        return xr.Dataset(
+        return as_dataset(
             {
                 "state": (("t", "column"), self.state),
                 "multiplier": ("disturbance", self.multipliers),

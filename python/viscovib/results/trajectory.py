@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from viscovib.bodies.checks import checked_vector
 from viscovib.common.counts import things
 from viscovib.common.parameters import Flag
 from viscovib.common.plan import Plan, wanted_places
-from viscovib.common.results import Number, Panel, Result, named, span
+from viscovib.common.results import Dataset, Number, Panel, Result, as_dataset, named, span
 from viscovib.common.tables import Table, listed_units
 from viscovib.common.values import Value
 from viscovib.errors import InputError
@@ -43,9 +43,6 @@ from viscovib.systems.mount import Mount
 from viscovib.systems.own_supports import SupportMotion
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 OUTCOMES = ("completed", "diverged", "unphysical", "stopped", "step too large", "event")
 
@@ -710,14 +707,12 @@ class Trajectory(Result):
         loads = {"p1": (body.f0, body.p1), "p2": (body.m01, body.p2), "p3": (body.m02, body.p3)}
         return {name: p for name, (size, p) in loads.items() if size and p} or None
 
-    def to_dataset(self, *, physical: bool = False) -> xr.Dataset:
+    def to_dataset(self, *, physical: bool = False) -> Dataset:
         """Return coordinates and velocities as an xarray Dataset over t.
 
         With ``physical=True`` units are s, m and rad: always for a mount, for a pendulum if it was
         created from physical units. z is then the extension beyond the static one.
         """
-        import xarray as xr
-
         Flag("physical").check(physical)
         time, length = 1.0, 1.0
         system = self.system
@@ -746,7 +741,7 @@ class Trajectory(Result):
         if self.relative_to_base:
             attributes["relative_to"] = "base"
         coordinates = {"t": ("t", self.t * time, {"units": time_unit})}
-        return xr.Dataset(variables, coords=coordinates, attrs=attributes)
+        return as_dataset(variables, coords=coordinates, attrs=attributes)
 
     def _table(self, coordinates: Sequence[str] | None) -> Table:
         sure = "" if self.error is None else f", estimated error {self.error:.16e}"

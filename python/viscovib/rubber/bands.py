@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +12,10 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import Number, Whole
+from viscovib.common.results import Axes
 from viscovib.common.values import Value
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.rubber.fit import KernelFit, Sample
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _SAMPLES, _SEED, _LEVEL = (
     Whole("samples", 2, 10**6),
@@ -82,7 +80,7 @@ class Band(Value):
             f"{self.missing.sum()} missing)"
         )
 
-    def plot(self, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> "Axes":
+    def plot(self, x: npt.ArrayLike, ax: "Axes | None" = None, *, label: str = "") -> Axes:
         """Draw the band and the nominal result over x, shape (n,)."""
         # Import by name: the modules depend on each other.
         return import_module("viscovib.plots.rubber").plot_band(self, x, ax, label=label)  # type: ignore[no-any-return]

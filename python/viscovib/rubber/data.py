@@ -8,7 +8,7 @@ Poisson ratio.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,10 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Number
+from viscovib.common.results import Axes
 from viscovib.common.values import Value
 from viscovib.errors import InputError
 from viscovib.kernels.time_temperature import KELVIN
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Measured quantities: E or G (Pa), K (N/m or N m/rad).
 QUANTITIES = ("E", "G", "K")
@@ -136,7 +134,7 @@ class ModulusData(Value):
 
     def plot(
         self, ax: "Axes | Sequence[Axes] | None" = None, *, x: str = "rad/s"
-    ) -> "Sequence[Axes]":
+    ) -> Sequence[Axes]:
         """Draw storage and loss over frequency: see `plot_modulus`."""
         # Import by name: that module imports this one.
         return import_module("viscovib.plots.rubber").plot_modulus(self, ax, x=x)  # type: ignore[no-any-return]

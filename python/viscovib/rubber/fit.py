@@ -7,23 +7,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import Whole
-from viscovib.common.results import Result
+from viscovib.common.results import Axes, Dataset, Result, as_dataset
 from viscovib.common.values import Value
 from viscovib.kernels.relaxation import Kernel
 from viscovib.kernels.time_temperature import ShiftLaw, ThermalKernel
 from viscovib.rubber.data import ModulusData, RelaxationData
 from viscovib.rubber.measured import Measured
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 #: Number of samples, and their seeds.
 _COUNT, _SEED = Whole("n", 1, 10**6), Whole("seed", 0, 2**31)
@@ -106,7 +102,7 @@ class Profile(Value):
     interval: tuple[float, float]
     level: float
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
+    def plot(self, ax: "Axes | None" = None) -> Axes:
         """Draw the rise over the values, with the interval."""
         # Import by name, because that module imports this one.
         return import_module("viscovib.plots.rubber").plot_profile(self, ax)  # type: ignore[no-any-return]
@@ -271,17 +267,15 @@ class KernelFit(Result, ABC):
         name = "modulus" if isinstance(data, RelaxationData) else "compliance"
         return {"time": np.asarray(data.times), name: target, f"fitted_{name}": fitted}
 
-    def to_dataset(self) -> "xr.Dataset":
+    def to_dataset(self) -> Dataset:
         """Return data and fit over frequencies or times, and parameters with their intervals."""
-        import xarray as xr
-
         columns, found, bounds = self._columns(), self.parameters, self.interval
         values: dict[str, Any] = {name: ("row", column) for name, column in columns.items()}
         values["value"] = ("parameter", [found[name] for name in bounds])
         values["low"] = ("parameter", [low for low, _ in bounds.values()])
         values["high"] = ("parameter", [high for _, high in bounds.values()])
         attrs = {"kind": self.kind, "quantity": self.quantity, "weights": self.weights}
-        return xr.Dataset(values, coords={"parameter": list(bounds)}, attrs=attrs)
+        return as_dataset(values, coords={"parameter": list(bounds)}, attrs=attrs)
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write the fit and its data, for `read_fit` and for scenes (``kind = 'fitted'``)."""

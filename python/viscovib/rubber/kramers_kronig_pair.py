@@ -9,20 +9,15 @@ their relative errors.
 import math
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.results import Result
+from viscovib.common.results import Axes, Dataset, Result, as_dataset
 from viscovib.errors import InputError
 from viscovib.rubber.data import ModulusData
 from viscovib.rubber.prony_spectrum import dynamic_design, grid_of_times, nonnegative, rms
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 #: Terms per decade, and decades beyond the data.
 _PER_DECADE, _BEYOND = 4.0, 1.0
@@ -118,11 +113,9 @@ class KramersKronig(Result):
         ]
         return "; ".join([f"storage and loss contradict each other: {both}", *places])
 
-    def to_dataset(self) -> "xr.Dataset":
+    def to_dataset(self) -> Dataset:
         """Return the expected loss, and the measured loss divided by it."""
-        import xarray as xr
-
-        return xr.Dataset(
+        return as_dataset(
             {
                 "expected_loss": ("frequency", self.expected_loss),
                 "ratio": ("frequency", self.ratio),
@@ -137,7 +130,7 @@ class KramersKronig(Result):
             },
         )
 
-    def plot(self, ax: "Axes | None" = None, *, x: str = "rad/s") -> "Axes":
+    def plot(self, ax: "Axes | None" = None, *, x: str = "rad/s") -> Axes:
         """Draw the measured loss divided by the loss expected from the storage."""
         # Import by name: that module imports this one.
         return import_module("viscovib.plots.rubber").plot_ratio(self, ax, x=x)  # type: ignore[no-any-return]

@@ -7,17 +7,17 @@ uncertainty: if neighbouring sets hardly overlap, it is large.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.common.results import Result
+from viscovib.common.results import Axes, Dataset, Result, as_dataset
 from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.kernels.time_temperature import KELVIN, ShiftLaw
 from viscovib.rubber.data import ModulusData, RelaxationData
@@ -31,12 +31,6 @@ from viscovib.rubber.superposition import (
     scatter_of,
     superpose,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 _BY = ("storage", "loss", "both")
 _VERTICAL = ("none", "density", "free")
@@ -103,13 +97,11 @@ class MasterCurve(Result):
             f"+-{1.96 * self.uncertainty.max():.2g}; scatter {self.scatter:.2g} decades"
         )
 
-    def to_dataset(self) -> "xr.Dataset":
+    def to_dataset(self) -> Dataset:
         """Return the factors of the sets, and all rows at reduced frequencies (times)."""
-        import xarray as xr
-
         over = "frequencies" if isinstance(self.data, ModulusData) else "times"
         names = (over, "storage", "loss") if over == "frequencies" else (over, "modulus")
-        return xr.Dataset(
+        return as_dataset(
             {
                 "decades": ("temperature", self.decades),
                 "uncertainty": ("temperature", self.uncertainty),
@@ -144,7 +136,7 @@ class MasterCurve(Result):
         *,
         law: ShiftLaw | None = None,
         x: str = "rad/s",
-    ) -> "Sequence[Axes]":
+    ) -> Sequence[Axes]:
         """Draw the curve and the factors, with a law; ``x``: "rad/s" or "hz"."""
         # Import by name, because that module imports this one.
         return import_module("viscovib.plots.rubber").plot_master(self, ax, law=law, x=x)  # type: ignore[no-any-return]
