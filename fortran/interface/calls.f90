@@ -17,7 +17,6 @@ module viscovib_calls
   use viscovib_handles, only: add_object, find_objects, release, remove_object
   use viscovib_kernel_tasks, only: kernel_task
   use viscovib_kinds, only: i8, wp
-  use viscovib_lattice_tasks, only: lattice_task
   use viscovib_law_tasks, only: law_task
   use viscovib_locks, only: lock_texts, unlock_texts
   use viscovib_motion_tasks, only: motion_task
@@ -238,8 +237,6 @@ contains
       call ensemble_task(task, name)
     case ('kernel')
       call kernel_task(task, name)
-    case ('lattice')
-      call lattice_task(task, name)
     case ('law')
       call law_task(task, name)
     case ('motion')

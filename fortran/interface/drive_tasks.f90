@@ -1,14 +1,15 @@
-!> Tasks about periodic and quasi-periodic solutions of a pendulum with its loads. `orders`
-!! (n_axes, m), `drive_orders` (n_axes, 3), base frequencies `omega` (n_axes) and `amplitude` (3) of
-!! the loads are as in torus and torus_balance; `kept` (m, 3) is 1 if an order of a coordinate is an
-!! unknown. The parameter is a base frequency (`vary` = 1) or an amplitude (2), with the index
-!! `which` of the axis or load.
+!> Tasks about periodic and quasi-periodic solutions of a pendulum with its loads. The loads are
+!! sorted by `varies` (from 1, see `varied_names`; 0: nothing), `subharmonic` and `max_denominator`
+!! as in `sort_drives`; solutions have orders up to `harmonics`, or as many as they need
+!! (`choose`); `symmetric`: only those with the symmetry of system and loads.
 module viscovib_drive_tasks
   use viscovib_branch_tasks, only: given_curve, put_crossings, put_curve
   use viscovib_crossings, only: crossing_type
   use viscovib_curve_branch, only: curve_branch_type
   use viscovib_curve_peak, only: climb, harmonic_measure
-  use viscovib_drive_torus, only: lattice, sort_drives
+  use viscovib_drive_torus, only: checking_shells, default_bound, drive_torus_type, largest_bound, &
+    lattice, lowest_bound, max_unknowns, max_without_matrix, n_drives, n_unknowns, sort_drives, &
+    varied_names
   use viscovib_driven_job, only: driven_job, follow_with_enough, leaving_type, tracing_type
   use viscovib_kinds, only: i8, wp
   use viscovib_orbit_floquet, only: orbit_floquet_type
@@ -16,10 +17,10 @@ module viscovib_drive_tasks
   use viscovib_orbit_stability, only: check_orbits, orbit_circle
   use viscovib_outcomes, only: outcome_converged
   use viscovib_pendulum, only: pendulum_type
+  use viscovib_status, only: fail, show, status_input_error
   use viscovib_stopping, only: is_set
   use viscovib_task, only: task_type
-  use viscovib_torus, only: new_torus, torus_type
-  use viscovib_torus_balance, only: new_torus_balance, torus_balance_type, vary_frequency
+  use viscovib_torus_balance, only: torus_balance_type, vary_frequency
   use viscovib_torus_growth, only: growth_rates
   use viscovib_torus_orders, only: new_ladder, torus_ladder, torus_responses
   implicit none
@@ -27,13 +28,10 @@ module viscovib_drive_tasks
 
   public :: drive_task
 
-  !> Input about the loads and the orders.
-  type :: drive_type
-    integer, allocatable :: orders(:, :), drive_orders(:, :)
-    logical, allocatable :: kept(:, :)
-    real(wp), allocatable :: omega(:), amplitude(:)
-    integer :: vary = 1, which = 1
-  end type drive_type
+  !> Largest number of numbers of a result.
+  integer, parameter :: max_numbers = 50000000
+  !> Orders that a response has at first, by the number of axes.
+  integer, parameter :: first_bounds(3) = [9, 5, 4]
 
 contains
 
@@ -52,62 +50,111 @@ contains
     end select
   end subroutine drive_task
 
-  subroutine given_drive(task, system, drive)
+  subroutine given_job(task, job, system)
     type(task_type), intent(inout) :: task
+    type(driven_job), intent(out) :: job
     type(pendulum_type), pointer, intent(out) :: system
-    type(drive_type), intent(out) :: drive
-    real(wp), pointer, contiguous :: omega(:), amplitude(:)
+    real(wp) :: frequency(n_drives)
 
     system => task%pendulum()
-    allocate (drive%orders, source=task%get_integer_matrix('orders'))
-    allocate (drive%drive_orders, source=task%get_integer_matrix('drive_orders'))
-    allocate (drive%kept, source=task%get_integer_matrix('kept') /= 0)
-    omega => task%get_reals('omega')
-    amplitude => task%get_reals('amplitude')
-    drive%omega = omega
-    drive%amplitude = amplitude
-    drive%vary = task%get_integer('vary')
-    drive%which = task%get_integer('which')
-    associate (n_axes => size(drive%orders, 1), n => size(drive%orders, 2))
-      call task%check_extents('drive_orders', shape(drive%drive_orders), [n_axes, 3])
-      call task%check_extents('kept', shape(drive%kept), [n, 3])
-      call task%check_extents('omega', shape(omega), [n_axes])
+    job%parameter = task%get_integer('varies')
+    job%harmonics = task%get_integer('harmonics')
+    job%choose_harmonics = task%get_flag('choose')
+    job%symmetric = task%get_flag('symmetric')
+    job%subharmonic = task%get_integer('subharmonic')
+    job%max_denominator = task%get_integer('max_denominator')
+    if (task%failed()) return
+    frequency = system%parameters%frequency
+    ! A varied frequency has a separate axis, so any value is sufficient.
+    if (job%parameter >= 1 .and. job%parameter <= n_drives) then
+      frequency(job%parameter) = task%get_real('start', 1.0_wp)
+    end if
+    call sort_drives(job%torus, frequency, system%parameters%load, job%parameter, &
+                     job%subharmonic, job%max_denominator, task%status)
+  end subroutine given_job
+
+  !> Fail unless the orders up to a bound contain the loads and are at most `most`.
+  subroutine check_bound(task, torus, bound, most)
+    type(task_type), intent(inout) :: task
+    type(drive_torus_type), intent(in) :: torus
+    integer, intent(in) :: bound, most
+    integer :: least
+
+    least = lowest_bound(torus)
+    if (task%failed()) return
+    if (least > most) then
+      call fail(task%status, status_input_error, 'max_denominator', 'max_denominator: the loads ' &
+                //'are up to '//show(least)//' times their base frequencies, must be at most ' &
+                //show(most))
+    else if (bound < least .or. bound > most) then
+      call fail(task%status, status_input_error, 'harmonics', 'harmonics = '//show(bound) &
+                //': must be '//show(least)//' to '//show(most))
+    end if
+  end subroutine check_bound
+
+  !> Fail if n solutions with orders up to a bound exceed the memory.
+  subroutine check_size(task, name, n, torus, bound)
+    type(task_type), intent(inout) :: task
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: n, bound
+    type(drive_torus_type), intent(in) :: torus
+    integer :: most
+
+    most = max_numbers/n_unknowns(torus%n_axes, bound)
+    if (n <= most .or. task%failed()) return
+    call fail(task%status, status_input_error, name, trim(name)//': '//show(n)//' points, must ' &
+              //'be at most '//show(most)//' with so many harmonics')
+  end subroutine check_size
+
+  !> Orders that n solutions have at first and at most.
+  subroutine choose_bounds(task, job, load, n, first, last)
+    type(task_type), intent(inout) :: task
+    type(driven_job), intent(in) :: job
+    real(wp), intent(in) :: load(n_drives)
+    integer, intent(in) :: n
+    integer, intent(out) :: first, last
+    integer, allocatable :: orders(:, :)
+    integer :: least
+
+    first = job%harmonics
+    associate (torus => job%torus)
+      allocate (orders, source=lattice(torus%n_axes, 3))
+      last = largest_bound(torus%n_axes, real(count(job%kept_of(orders, load)), wp) &
+                           /(3*size(orders, 2)), max_without_matrix)
+      least = lowest_bound(torus)
+      if (job%choose_harmonics) first = max(least, min(max(first_bounds(torus%n_axes), &
+                                                           2*least + 1), last))
+      call check_bound(task, torus, first, last)
+      if (.not. job%choose_harmonics) last = first
+      ! Most of the unknowns may not be needed: they may take a part of the memory.
+      do while (last > first .and. int(n, i8)*n_unknowns(torus%n_axes, last) > max_numbers/4)
+        last = last - 1
+      end do
+      call check_size(task, merge('nu ', varied_names(max(job%parameter, 1)), &
+                                  job%parameter == 0), n, torus, last)
     end associate
-    call task%check_extents('amplitude', shape(amplitude), [3])
-  end subroutine given_drive
+  end subroutine choose_bounds
 
-  subroutine given_balance(task, torus, balance)
+  !> Base frequencies (n_axes, n) at values of the varied quantity, which load each of them equals
+  !! (`named`, 0: several), the orders (n_axes, k) and which of them are unknowns, `kept` (k, 3).
+  subroutine put_lattice(task, job, tracing, p, orders)
     type(task_type), intent(inout) :: task
-    type(torus_type), intent(out) :: torus
-    type(torus_balance_type), intent(out) :: balance
-    type(pendulum_type), pointer :: system
-    type(drive_type) :: drive
+    type(driven_job), intent(in) :: job
+    type(tracing_type), intent(in) :: tracing
+    real(wp), intent(in) :: p(:)
+    integer, intent(in) :: orders(:, :)
+    real(wp) :: base(job%torus%n_axes, size(p))
 
-    call given_drive(task, system, drive)
-    if (.not. task%failed()) call new_torus(torus, drive%orders, task%status)
-    if (task%failed()) return
-    call new_torus_balance(balance, system, torus, drive%drive_orders, drive%omega, &
-                           drive%amplitude, drive%kept)
-    balance%vary = drive%vary
-    balance%which = drive%which
-    if (drive%vary == vary_frequency) balance%lowest = 0.0_wp
-  end subroutine given_balance
-
-  !> Balances with orders up to |k_1| + ... = `first`, up to `last`, and `step` more shells.
-  subroutine given_ladder(task, first, last, drive, ladder)
-    type(task_type), intent(inout) :: task
-    integer, intent(in) :: first, last
-    type(drive_type), intent(out) :: drive
-    type(torus_ladder), intent(out) :: ladder
-    type(pendulum_type), pointer :: system
-    integer :: step
-
-    call given_drive(task, system, drive)
-    step = task%get_integer('step')
-    if (task%failed()) return
-    call new_ladder(ladder, system, drive%orders, drive%kept, drive%drive_orders, drive%omega, &
-                    drive%amplitude, drive%vary, drive%which, first, last, step)
-  end subroutine given_ladder
+    base = spread(job%torus%base, 2, size(p))
+    if (tracing%vary == vary_frequency) base(tracing%which, :) = p
+    associate (found => task%found)
+      call found%put_reals('base', base, shape(base))
+      call found%put_integers('named', job%torus%named, shape(job%torus%named))
+      call found%put_integers('orders', orders, shape(orders))
+      call found%put_integers('kept', merge(1, 0, job%kept_of(orders, tracing%load)), &
+                              [size(orders, 2), 3])
+    end associate
+  end subroutine put_lattice
 
   !> X_k (m, 3, n) from unknowns; the mean is the imaginary part.
   subroutine put_harmonics(task, name, x)
@@ -130,36 +177,49 @@ contains
     call task%found%put_complexes(name, harmonics, shape(harmonics))
   end subroutine put_harmonics
 
-  !> Solutions at parameter values `p` (n), with orders up to |k_1| + ... = `first`, increased up to
-  !! `last` until the tolerance is met. The truncation error is estimated with `step` more shells,
-  !! whose orders are also given (0: no estimate). With a `duration` > 0 for stability: for one axis
-  !! Floquet `multipliers` (6, n), NaN if unknown, and the number outside of the unit circle (-1:
-  !! unknown); otherwise growth `rates` (6, n) and their errors.
+  !> Solutions at parameter values `p` (n); if nothing varies, at the base frequency. With a
+  !! `duration` > 0 for stability: for one axis Floquet `multipliers` (6, n), NaN if unknown, and
+  !! the number outside of the unit circle (-1: unknown); otherwise growth `rates` (6, n) and their
+  !! errors. `grows`: 1 if orders may have been added.
   subroutine solve_rows(task)
     type(task_type), intent(inout) :: task
-    type(drive_type) :: drive
+    type(driven_job) :: job
+    type(tracing_type), target :: tracing
     type(torus_ladder) :: ladder
-    real(wp), pointer, contiguous :: p(:)
-    real(wp), allocatable :: x(:, :), truncation(:), error(:), guess(:)
-    integer, allocatable :: outcome(:), iterations(:), highest(:)
+    type(pendulum_type), pointer :: system
+    real(wp), allocatable :: p(:), x(:, :), truncation(:), error(:), guess(:)
+    integer, allocatable :: orders(:, :), outcome(:), iterations(:), highest(:), used(:)
     real(wp) :: duration, tolerance
-    integer :: first, last, n
+    integer :: first, i, last, n
 
-    p => task%get_reals('p')
+    call given_job(task, job, system)
+    allocate (p, source=task%get_reals('p'))
     tolerance = task%get_real('tolerance')
     duration = task%get_real('duration', 0.0_wp)
-    first = task%get_integer('first')
-    last = task%get_integer('last')
-    call given_ladder(task, first, last, drive, ladder)
     if (task%failed()) return
+    if (job%parameter == 0) p = job%torus%base(:1)
+    call tracing%begin(job, system, task%status)
+    if (task%failed()) return
+    call choose_bounds(task, job, tracing%load, size(p), first, last)
+    if (task%failed()) return
+    p = p/tracing%unit
+    associate (step => checking_shells(job%torus))
+      allocate (orders, source=lattice(job%torus%n_axes, last + step))
+      call new_ladder(ladder, tracing%system, orders, job%kept_of(orders, tracing%load), &
+                      job%torus%orders, job%torus%base, tracing%load, tracing%vary, &
+                      tracing%which, first, last, step)
+    end associate
     n = size(p)
-    allocate (guess(3*(2*count(sum(abs(drive%orders), 1) <= last) - 1)), source=0.0_wp)
+    allocate (guess(n_unknowns(job%torus%n_axes, last)), source=0.0_wp)
     allocate (x(size(guess), n), truncation(n), error(n), outcome(n), iterations(n), highest(n))
     call torus_responses(ladder, p, tolerance, guess, x, outcome, iterations, highest, &
                          truncation, error, task%status, task%cancel)
     if (task%failed()) return
+    used = pack([(i, i=1, size(orders, 2))], sum(abs(orders), 1) <= max(maxval(highest), first))
+    call put_lattice(task, job, tracing, p, orders(:, used))
     associate (found => task%found)
       call put_harmonics(task, 'coefficients', x)
+      call found%put_integer('grows', merge(1_i8, 0_i8, first < last))
       call found%put_integers('outcomes', outcome, [n])
       call found%put_integers('iterations', iterations, [n])
       call found%put_integers('highest', highest, [n])
@@ -167,7 +227,8 @@ contains
       call found%put_reals('error', error, [n])
     end associate
     if (duration > 0.0_wp) then
-      call check_rows(task, ladder, p, x, outcome, maxval(highest), duration, size(drive%omega))
+      call check_rows(task, ladder, p, x, outcome, maxval(highest), duration, &
+                      job%torus%n_axes)
     end if
   end subroutine solve_rows
 
@@ -220,15 +281,12 @@ contains
     call task%found%put_reals('rates_off', rates_off, shape(rates_off))
   end subroutine put_rates
 
-  !> Branch in the parameter `varies` (from 1, see `varied_names`), with orders up to `harmonics`,
-  !! or more if they are to `choose`, of loads as of `sort_drives` with `subharmonic` and
-  !! `max_denominator`; `symmetric`: only motions with the symmetry of system and loads. It starts
-  !! at a motion found at `start`, or leaves another branch at `begin` (m) and `begin_p` in the
-  !! direction `along` (m + 1). Stability over a `duration` > 0 as above.
+  !> Branch in the parameter that varies. It starts at a motion found at `start`, or leaves another
+  !! branch at `begin` (m) and `begin_p` in the direction `along` (m + 1). With `stability`, for one
+  !! axis multipliers as above; over a `duration` > 0, for several axes, rates.
   !!
-  !! Also returns the highest order, `bound`, the estimated `truncation`, `base` frequencies
-  !! (n_axes, n), the `orders` (n_axes, k) and which of them are `kept` (k, 3), and the `unit` of
-  !! the parameter.
+  !! Also returns the highest order, `bound`, the estimated `truncation`, and the `unit` of the
+  !! parameter.
   subroutine follow_branch(task)
     type(task_type), intent(inout) :: task
     type(driven_job) :: job
@@ -236,51 +294,57 @@ contains
     type(curve_branch_type) :: branch
     type(leaving_type), allocatable :: leave
     type(pendulum_type), pointer :: system
-    real(wp), allocatable :: base(:, :)
-    real(wp) :: duration, truncation
-    integer :: n
+    real(wp) :: truncation
 
-    system => task%pendulum()
+    call given_job(task, job, system)
     job%options = given_curve(task)
-    job%parameter = task%get_integer('varies')
-    job%harmonics = task%get_integer('harmonics')
-    job%choose_harmonics = task%get_flag('choose')
-    job%symmetric = task%get_flag('symmetric')
-    duration = task%get_real('duration', 0.0_wp)
+    job%stability = task%get_flag('stability')
     if (task%has('begin')) then
       allocate (leave)
       allocate (leave%begin, source=task%get_reals('begin'))
       allocate (leave%along, source=task%get_reals('along'))
       leave%parameter = task%get_real('begin_p')
-      call task%check_extents('along', shape(leave%along), [size(leave%begin) + 1])
     end if
     if (task%failed()) return
-    call sort_drives(job%torus, system%parameters%frequency, system%parameters%load, &
-                     job%parameter, task%get_integer('subharmonic'), &
-                     task%get_integer('max_denominator'), task%status)
+    if (job%choose_harmonics) job%harmonics = default_bound(job%torus)
+    if (job%choose_harmonics .and. allocated(leave)) then
+      job%choose_harmonics = .false.
+      job%harmonics = lowest_bound(job%torus)
+      do while (n_unknowns(job%torus%n_axes, job%harmonics) < size(leave%begin))
+        job%harmonics = job%harmonics + 1
+      end do
+    end if
+    call check_bound(task, job%torus, job%harmonics, &
+                     largest_bound(job%torus%n_axes, 1.0_wp, max_unknowns))
+    call check_size(task, 'max_points', job%options%max_points, job%torus, job%harmonics)
+    if (allocated(leave)) call check_leave(task, leave, &
+                                           n_unknowns(job%torus%n_axes, job%harmonics))
     if (task%failed()) return
-    if (allocated(leave)) call task%check_extents('begin', shape(leave%begin), &
-                               [3*(2*size(lattice(job%torus%n_axes, job%harmonics), 2) - 1)])
-    if (.not. task%failed()) call follow_with_enough(job, system, tracing, branch, truncation, &
-                                                     task%status, leave, task%cancel)
+    call follow_with_enough(job, system, tracing, branch, truncation, task%status, leave, &
+                            task%cancel)
+    if (.not. task%failed()) call check_branch(task, job, tracing, branch, &
+                                               task%get_real('duration', 0.0_wp))
     if (task%failed()) return
-    n = branch%n_points
-    if (duration > 0.0_wp) call check_branch(task, job, tracing, branch, duration)
-    if (task%failed()) return
-    allocate (base, source=spread(job%torus%base, 2, n))
-    if (tracing%balance%vary == vary_frequency) base(tracing%balance%which, :) = &
-      branch%parameter(:n)
-    associate (found => task%found, orders => tracing%torus%orders)
-      call found%put_reals('base', base, shape(base))
+    associate (found => task%found)
       call found%put_integer('bound', int(tracing%bound, i8))
       call found%put_real('truncation', truncation)
       call found%put_real('unit', tracing%unit)
-      call found%put_integers('orders', orders, shape(orders))
-      call found%put_integers('kept', merge(1, 0, job%kept_of(orders, tracing%load)), &
-                              [size(orders, 2), 3])
     end associate
+    call put_lattice(task, job, tracing, branch%parameter(:branch%n_points), tracing%torus%orders)
     call put_branch(task, tracing%balance, branch)
   end subroutine follow_branch
+
+  subroutine check_leave(task, leave, n)
+    type(task_type), intent(inout) :: task
+    type(leaving_type), intent(in) :: leave
+    integer, intent(in) :: n
+    if (size(leave%begin) /= n .and. .not. task%failed()) then
+      call fail(task%status, status_input_error, 'leave', 'leave: has '//show(size(leave%begin)) &
+                //' unknowns, must have as many as this curve ('//show(n)//'): use the same ' &
+                //'harmonics, loads and symmetry')
+    end if
+    call task%check_extents('along', shape(leave%along), [n + 1])
+  end subroutine check_leave
 
   subroutine put_branch(task, balance, branch)
     type(task_type), intent(inout) :: task
@@ -341,6 +405,7 @@ contains
 
     n = branch%n_points
     if (job%torus%n_axes > 1) then
+      if (.not. duration > 0.0_wp) return
       allocate (rates(6, n), rates_off(6, n), source=0.0_wp)
       associate (p => branch%parameter, x => branch%x, balance => tracing%balance)
         do i = 1, n
@@ -352,6 +417,7 @@ contains
       call put_rates(task, rates, rates_off)
       return
     end if
+    if (.not. job%stability) return
     multipliers = (0.0_wp, 0.0_wp)
     call tracing%find_stability(job, branch, multipliers, changes, task%status, task%cancel)
     if (task%failed()) return
@@ -366,11 +432,12 @@ contains
   end subroutine check_branch
 
   !> Peak of order `place` (from 1) of coordinate `dof` that follows on the branch from the solution
-  !! `x` (m), with `p` between `low` and `high`.
+  !! `x` (m) at the parameter `p`, between `low` and `high`.
   subroutine find_peak(task)
     type(task_type), intent(inout) :: task
-    type(torus_type) :: torus
-    type(torus_balance_type) :: balance
+    type(driven_job) :: job
+    type(tracing_type), target :: tracing
+    type(pendulum_type), pointer :: system
     type(harmonic_measure) :: measure
     real(wp), pointer, contiguous :: x(:)
     real(wp), allocatable :: at(:)
@@ -378,26 +445,29 @@ contains
     integer :: dof, place, first
     logical :: summit
 
-    call given_balance(task, torus, balance)
+    call given_job(task, job, system)
+    if (.not. task%failed()) call tracing%begin(job, system, task%status)
+    if (.not. task%failed()) call tracing%set_balance(job, task%status)
     x => task%get_reals('x')
-    p = task%get_real('p')
+    p = task%get_real('p')/tracing%unit
     dof = task%get_integer('dof')
     place = task%get_integer('place')
     if (task%failed()) return
-    call task%check_extents('x', shape(x), [3*torus%n])
+    call task%check_extents('x', shape(x), [3*tracing%torus%n])
     if (task%failed()) return
-    at = balance%reduced(x)
+    at = tracing%balance%reduced(x)
     ! The mean has one unknown, other orders two.
-    first = (dof - 1)*torus%n + max(1, 2*place - 2)
-    measure%place = [row_of(first), row_of(min(first + 1, dof*torus%n))]
+    first = (dof - 1)*tracing%torus%n + max(1, 2*place - 2)
+    measure%place = [row_of(first), row_of(min(first + 1, dof*tracing%torus%n))]
     peak_size = -1.0_wp
     summit = .false.
     if (place > 1 .and. all(measure%place > 0)) then
-      call climb(balance, measure, task%get_real('tolerance'), task%get_real('low'), &
-                 task%get_real('high'), at, p, summit, task%cancel)
+      call climb(tracing%balance, measure, task%get_real('tolerance'), &
+                 task%get_real('low')/tracing%unit, task%get_real('high')/tracing%unit, at, p, &
+                 summit, task%cancel)
       peak_size = measure%size_at(at, p)
     end if
-    call task%found%put_real('at', p)
+    call task%found%put_real('at', p*tracing%unit)
     call task%found%put_real('size', peak_size)
     call task%found%put_integer('enclosed', merge(1_i8, 0_i8, summit))
 
@@ -409,7 +479,7 @@ contains
       real(wp) :: one(size(x))
       one = 0.0_wp
       one(j) = 1.0_wp
-      row_of = findloc(balance%reduced(one) > 0.5_wp, .true., 1)
+      row_of = findloc(tracing%balance%reduced(one) > 0.5_wp, .true., 1)
     end function row_of
 
   end subroutine find_peak

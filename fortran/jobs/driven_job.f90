@@ -94,10 +94,13 @@ module viscovib_driven_job
     type(curve_options) :: options
     real(wp) :: unit = 1.0_wp
     integer :: bound = 0
+    !> The varied quantity of the balance, as of `torus_balance_type`.
+    integer :: vary = vary_frequency, which = 1
   contains
     procedure :: in_full
     procedure :: find_stability
-    procedure, private :: begin
+    procedure :: begin
+    procedure :: set_balance
     procedure, private :: follow_first
     procedure, private :: solve_first
     procedure, private :: check_truncation
@@ -274,8 +277,31 @@ contains
     self%load = parameters%load
     parameters%load = 1.0_wp
     self%bound = job%harmonics
+    if (job%parameter > n_drives .and. job%parameter < varies_nu) then
+      self%vary = vary_amplitude
+      self%which = job%parameter - n_drives
+    else
+      self%vary = vary_frequency
+      self%which = job%torus%axis
+      self%unit = real(job%torus%multiple, wp)
+    end if
     call new_pendulum(self%system, parameters, status)
   end subroutine begin
+
+  !> The balance with orders up to the bound.
+  subroutine set_balance(self, job, status)
+    class(tracing_type), intent(inout), target :: self
+    type(driven_job), intent(in) :: job
+    type(status_type), intent(out) :: status
+
+    call new_torus(self%torus, lattice(job%torus%n_axes, self%bound), status)
+    if (status%failed()) return
+    call new_torus_balance(self%balance, self%system, self%torus, job%torus%orders, &
+                           job%torus%base, self%load, job%kept_of(self%torus%orders, self%load))
+    self%balance%vary = self%vary
+    self%balance%which = self%which
+    if (self%vary == vary_frequency) self%balance%lowest = 0.0_wp
+  end subroutine set_balance
 
   !> The branch from its beginning, or where it leaves another one.
   subroutine follow_first(self, job, branch, status, leave, cancel)
@@ -288,20 +314,8 @@ contains
     real(wp), allocatable :: x(:), along(:)
     integer :: m
 
-    call new_torus(self%torus, lattice(job%torus%n_axes, self%bound), status)
+    call self%set_balance(job, status)
     if (status%failed()) return
-    call new_torus_balance(self%balance, self%system, self%torus, job%torus%orders, &
-                           job%torus%base, self%load, job%kept_of(self%torus%orders, self%load))
-    self%unit = 1.0_wp
-    if (job%parameter > n_drives .and. job%parameter < varies_nu) then
-      self%balance%vary = vary_amplitude
-      self%balance%which = job%parameter - n_drives
-    else
-      self%balance%vary = vary_frequency
-      self%balance%which = job%torus%axis
-      self%balance%lowest = 0.0_wp
-      self%unit = real(job%torus%multiple, wp)
-    end if
     self%options = job%options
     self%options%start = job%options%start/self%unit
     self%options%finish = job%options%finish/self%unit

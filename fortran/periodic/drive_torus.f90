@@ -9,7 +9,7 @@ module viscovib_drive_torus
   private
 
   public :: drive_torus_type, sort_drives, lattice, largest_bound, lowest_bound, default_bound, &
-            checking_shells, kept_by_symmetry
+            checking_shells, kept_by_symmetry, n_unknowns
 
   integer, parameter, public :: n_drives = 3
   character(len=*), parameter, public :: frequency_names(n_drives) = ['p1', 'p2', 'p3'], &

@@ -13,7 +13,6 @@ import pytest
 import viscovib as vv
 from referee.integration import solve_ivp
 from referee.models import Swinging
-from viscovib.analyses.torus import Torus, make_torus
 
 # Few harmonics are intended here; test_truncation.py tests the warning.
 pytestmark = pytest.mark.filterwarnings("ignore:.*estimated relative error")
@@ -160,33 +159,41 @@ def test_orders_and_their_negatives():
     ],
 )  # fmt: skip
 def test_frequencies_are_sorted(loads, axes, base, drives):
-    pend = vv.Pendulum(**(BODY | {"f0": 1.0, "m01": 1.0} | loads))
-    torus = make_torus(pend, None, 1, 12)
-    assert torus.names == axes
-    assert torus.base == pytest.approx(base, rel=1e-15)
-    assert torus.drive_orders.tolist() == drives
+    pend = vv.Pendulum(**(BODY | {"f0": 0.001, "m01": 0.001} | loads))
+    r = vv.forced_response(pend, stability=False)
+    assert r.axes == axes
+    assert r.base[0] == pytest.approx(base, rel=1e-15)
+    assert np.dot(drives, r.base[0]) == pytest.approx([pend.p1, pend.p2, pend.p3], rel=1e-15)
+    lowest = np.abs(drives).sum(axis=1).max()
+    with pytest.raises(vv.InputError, match=rf"harmonics = 0: must be {lowest} to"):
+        vv.forced_response(pend, harmonics=0)
+
+
+def _cross_polytope(n_axes, bound):
+    sides = itertools.product(range(-bound, bound + 1), repeat=n_axes)
+    return {k for k in sides if sum(map(abs, k)) <= bound}
 
 
 def test_lattices_are_complete():
     """Half of the points of a cross polytope, shell by shell, 0 first, up to the capacity."""
+    loads = {"f0": 1e-4, "m01": 1e-4, "m02": 1e-4}
     for n_axes in (1, 2, 3):
-        torus = Torus(("nu",) * n_axes, np.ones(n_axes), np.eye(3, n_axes, dtype=int), (1, 1))
+        acting = dict(list(loads.items())[:n_axes])
+        pend = vv.Pendulum(**BODY, **acting, p1=0.93, p2=0.37, p3=0.71)
         for bound in (1, 2, 5):
-            orders = torus.lattice(bound)
-            sides = itertools.product(range(-bound, bound + 1), repeat=n_axes)
-            whole = {k for k in sides if sum(map(abs, k)) <= bound}
+            orders = vv.forced_response(pend, harmonics=bound, stability=False).orders
+            whole = _cross_polytope(n_axes, bound)
             half = {tuple(k) for k in orders.tolist()}
             assert half | {tuple(-i for i in k) for k in half} == whole
             assert len(half) == len(orders) == (len(whole) + 1) // 2
             shells = np.abs(orders).sum(axis=1)
             assert shells[0] == 0
             assert (np.diff(shells) >= 0).all()
-        for share in (1.0, 0.5):
-            largest = torus.largest(share)
-            size = 3 * (2 * len(torus.lattice(largest)) - 1)
-            more = 3 * (2 * len(torus.lattice(largest + 1)) - 1)
-            assert share * size <= 4000
-            assert share * more > 4000 or largest == 399
+        with pytest.raises(vv.InputError, match="harmonics = 0: must be 1 to") as caught:
+            vv.trace_response(pend, f0=(1e-4, 2e-4), harmonics=0)
+        largest = int(str(caught.value).split()[-1])
+        assert 3 * len(_cross_polytope(n_axes, largest)) <= 4000
+        assert 3 * len(_cross_polytope(n_axes, largest + 1)) > 4000 or largest == 399
 
 
 def test_a_static_load_shifts_the_rest():

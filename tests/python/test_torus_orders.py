@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viscovib as vv
-from viscovib.analyses.torus import make_torus
 
 BODY = {"e": 0.1, "w2": 0.4, "w3": 0.8, "alpha": 0.5, "c1": 0.1, "c2": 0.1, "c3": 0.1}
 ONE = vv.Pendulum(**BODY, f0=0.01, m01=0.02, p1=0.74, p2=0.37)
@@ -210,12 +209,13 @@ def test_loads_must_fit_in_their_orders():
 def test_a_small_common_base_is_no_axis_of_three_loads():
     """12 : 11 and 11 : 12 give 144 and 121 times their base: two axes, unless requested."""
     three = replace(THREE, p1=0.4, p2=0.4 * 12 / 11, p3=0.4 * 11 / 12)
-    torus = make_torus(three, None, 1, 12)
-    assert torus.names == ("nu", "p3")
-    assert torus.drive_orders.tolist() == [[11, 0], [12, 0], [0, 1]]
-    together = make_torus(three, "nu", 1, 12)
-    assert together.names == ("nu",)
-    assert together.drive_orders.ravel().tolist() == [132, 144, 121]
+    apart = vv.forced_response(three, harmonics=12, stability=False)
+    assert apart.axes == ("nu", "p3")
+    assert apart.base[0] == pytest.approx([0.4 / 11, three.p3], rel=1e-14)
+    together = vv.forced_response(three, nu=[0.4 / 132], harmonics=144, stability=False)
+    assert together.axes == ("nu",)
+    with pytest.raises(vv.InputError, match=r"harmonics = 143: must be 144 to"):
+        vv.forced_response(three, nu=[0.4 / 132], harmonics=143)
     far = replace(THREE, p1=0.4, p2=0.4 * 97 / 96, p3=0.4 * 89 / 91)
     with pytest.raises(vv.InputError, match=r"max_denominator = 99: the loads are up to 8827 times "
                        r"their base frequency, must be at most 399"):  # fmt: skip

@@ -16,21 +16,17 @@ from viscovib.analyses.steady import OUTCOMES
 from viscovib.analyses.torus import (
     FREQUENCIES,
     IntArray,
-    Torus,
-    TorusJob,
-    bound_of,
+    axes_of,
     chosen,
-    kept_by_symmetry,
-    make_torus,
-    moved,
+    loads_of,
     order_name,
     place_of,
+    torus_plan,
 )
-from viscovib.analyses.torus_plan import torus_plan
 from viscovib.common.column_notes import NOTES
 from viscovib.common.counts import things
 from viscovib.common.motion_stability import three_valued, whole_or_codes
-from viscovib.common.parameters import DURATION, MAX_DENOMINATOR, STABILITY, SUBHARMONIC, TOLERANCE
+from viscovib.common.parameters import DURATION, STABILITY, TOLERANCE
 from viscovib.common.plan import Plan, wanted_places
 from viscovib.common.results import Dataset, Result, as_dataset, span
 from viscovib.common.stability import stability_by_rates, warn_of_unknown
@@ -39,11 +35,8 @@ from viscovib.errors import ConvergenceWarning, InputError, caller
 from viscovib.systems.pendulum import Pendulum
 
 _DOFS = Pendulum.dof_names
-#: Largest array size of a result: 400 MB.
-_MAX_NUMBERS = 50_000_000
 #: Default averaging time of rates.
 _AVERAGED = 3000.0
-_FIRST = {1: 9, 2: 5, 3: 4}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -276,7 +269,6 @@ def pendulum_response(
     max_denominator: int,
 ) -> DrivenResponse:
     """`forced_response` of a pendulum."""
-    pend = system
     varies, values = chosen(
         {"p1": p1, "p2": p2, "p3": p3, "f0": f0, "m01": m01, "m02": m02, "nu": nu}
     )
@@ -285,33 +277,16 @@ def pendulum_response(
         raise InputError(f"duration = {_native.shown(duration)}: needs stability=True")
     averaged = DURATION.check(_AVERAGED if duration is None else duration)
     span = averaged if stability else 0.0
-    multiple = SUBHARMONIC.check(subharmonic)
-    denominator = MAX_DENOMINATOR.check(max_denominator)
-    if varies in FREQUENCIES:
-        # Any value is sufficient to sort the loads: a varied frequency has a separate axis.
-        pend = moved(pend, varies, 1.0)
-    torus = make_torus(pend, varies, multiple, denominator)
-    if varies is None:
-        values = torus.base[:1]
-    rows = _native.real_array(varies or "nu", values)
+    given = loads_of(varies, harmonics, True, subharmonic, max_denominator)
+    rows = _native.real_array(varies or "nu", 0.0 if varies is None else values)
     if rows.ndim > 1 or not rows.size:
         raise InputError(f"{varies}: must have 0 or 1 dimension(s) and not be empty, got shape "
                          f"{rows.shape}")  # fmt: skip
     rows = rows.reshape(-1)
     if (varies in FREQUENCIES or varies == "nu") and rows.min() <= 0:
         raise InputError(f"{varies} = {rows.min():g}: must be greater than 0")
-    share = float(kept_by_symmetry(pend, torus, torus.lattice(3), varies).mean())
-    limit = torus.largest(share, matrix=False)
-    auto = _native.is_auto(harmonics)
-    if auto:
-        wanted_first = max(_FIRST[torus.n_axes], 2 * torus.lowest + 1)
-        first = bound_of(torus, max(torus.lowest, min(wanted_first, limit)), limit)
-        while limit > first and not _fits(rows.size, torus, limit):
-            limit -= 1
-    else:
-        first = limit = bound_of(torus, harmonics, limit)
-    result = _solve(pend, torus, varies, rows, (first, limit), wanted, span)
-    if auto and result.truncation[result.converged].max(initial=0.0) > wanted:
+    result = _solve(system, varies, rows, given, wanted, span)
+    if given["choose"] and result.truncation[result.converged].max(initial=0.0) > wanted:
         worst = int(np.nanargmax(result.truncation))
         warnings.warn(
             f"{result.highest[worst]} harmonics: the estimated relative error is "
@@ -323,8 +298,8 @@ def pendulum_response(
     if unsolved.any():
         warnings.warn(
             f"{unsolved.sum()} of {things(unsolved.size, 'motion')} not found, at "
-            f"{varies or torus.names[0]} = {rows[unsolved].min():.6g} to "
-            f"{rows[unsolved].max():.6g}; "
+            f"{varies or result.axes[0]} = {result.parameter[unsolved].min():.6g} to "
+            f"{result.parameter[unsolved].max():.6g}; "
             "their values are NaN",
             ConvergenceWarning,
             stacklevel=caller(),
@@ -332,40 +307,26 @@ def pendulum_response(
     return result
 
 
-def _fits(points: int, torus: Torus, bound: int) -> bool:
-    """True if all unknowns, most of which may not be needed, fit into a part of the memory."""
-    return points * 3 * (2 * torus.count(bound) - 1) <= _MAX_NUMBERS // 4
-
-
 def _solve(
     pend: Pendulum,
-    torus: Torus,
     varies: str | None,
     rows: FloatArray,
-    bounds: tuple[int, int],
+    given: dict[str, Any],
     tolerance: float,
     duration: float,
 ) -> DrivenResponse:
-    """Solve with orders up to the first bound, or up to the last if the tolerance needs it."""
-    n = 3 * (2 * torus.count(bounds[1]) - 1)
-    check_size(varies or "nu", rows.size, n)
-    # The orders for the error estimate are included.
-    orders = torus.lattice(bounds[1] + torus.shells)
-    kept = kept_by_symmetry(pend, torus, orders, varies)
-    job = TorusJob.of(pend, torus, orders, varies, kept)
-    values = rows / job.unit
-    solved = job.run_apart(
-        "drive solve", p=values, tolerance=tolerance, duration=float(duration), first=bounds[0],
-        last=bounds[1], step=torus.shells,
+    solved = _native.apart(
+        lambda: _native.run(
+            "drive solve", pend._handle, p=rows, tolerance=tolerance, duration=float(duration),
+            **given,
+        )
     )  # fmt: skip
-    highest, codes = solved["highest"], solved["outcomes"]
-    used = np.abs(orders).sum(axis=1) <= max(int(highest.max()), bounds[0])
-    orders, kept = orders[used], kept[used]
+    codes, axes, base = solved["outcomes"], axes_of(solved), solved["base"].T
+    orders = np.ascontiguousarray(solved["orders"].T, dtype=np.int32)
     found = codes == 0
     coefficients = solved["coefficients"].T[:, :, : len(orders)]
     coefficients[~found] = np.nan
     truncation, error = (np.where(found, solved[name], np.nan) for name in ("truncation", "error"))
-    base = job.base(torus, values)
     multipliers, stable, growth, growth_error = None, None, None, None
     if "multipliers" in solved:
         growing = solved["growing"]
@@ -380,13 +341,13 @@ def _solve(
     return DrivenResponse(
         varies=varies,
         parameter=rows if varies else base[:, 0],
-        axes=torus.names,
+        axes=axes,
         base=base,
         orders=orders,
         coefficients=coefficients,
         outcome=OUTCOMES[codes],
         iterations=solved["iterations"],
-        highest=highest,
+        highest=solved["highest"],
         truncation=truncation,
         error=error,
         multipliers=multipliers,
@@ -394,17 +355,9 @@ def _solve(
         growth=growth,
         growth_error=growth_error,
         plan=torus_plan(
-            f"computes: steady motions at {things(rows.size, 'value')} of "
-            + (varies or torus.names[0])
-            + (", each with as many harmonics as it needs" if bounds[0] < bounds[1] else ""),
-            pend, torus, kept, varies,
-            "not requested" if not duration else "multipliers" if torus.n_axes == 1 else "rates",
+            f"computes: steady motions at {things(rows.size, 'value')} of {varies or axes[0]}"
+            + (", each with as many harmonics as it needs" if solved["grows"] else ""),
+            pend, solved, varies,
+            "not requested" if not duration else "multipliers" if len(axes) == 1 else "rates",
         ),
     )  # fmt: skip
-
-
-def check_size(name: str, points: int, unknowns_each: int) -> None:
-    """Refuse a problem that exceeds the memory."""
-    most = _MAX_NUMBERS // unknowns_each
-    if points > most:
-        raise InputError(f"{name}: {points} points, must be at most {most} with so many harmonics")

@@ -12,23 +12,18 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
-from viscovib.analyses.driven import check_size
 from viscovib.analyses.torus import (
     FREQUENCIES,
     IntArray,
-    Torus,
-    TorusJob,
-    bound_of,
+    axes_of,
     chosen,
-    code_of,
-    make_torus,
-    moved,
+    loads_of,
     order_name,
     place_of,
     tail,
+    torus_plan,
     unknowns_of,
 )
-from viscovib.analyses.torus_plan import torus_plan
 from viscovib.common.column_notes import NOTES
 from viscovib.common.motion_stability import (
     stability_columns,
@@ -37,10 +32,8 @@ from viscovib.common.motion_stability import (
 )
 from viscovib.common.parameters import (
     DURATION,
-    MAX_DENOMINATOR,
     OPPOSITE,
     STABILITY,
-    SUBHARMONIC,
     SYMMETRIC,
     CurveOptions,
     checked,
@@ -146,9 +139,10 @@ class DrivenBranch(PeriodicMotions, Curve):
     iterations: IntArray
     error: FloatArray
     plan: Plan
-    #: The job for the core with the unit of the parameter, the relative tolerance, and the largest
+    #: The pendulum, its loads and harmonics for the core, the relative tolerance, and the largest
     #: estimated error by neglected orders.
-    _job: TorusJob = field(repr=False)
+    _system: Pendulum = field(repr=False)
+    _given: dict[str, Any] = field(repr=False)
     _tolerance: float = field(repr=False)
     _worst: float = field(repr=False)
     #: Rounding error of each point.
@@ -209,12 +203,14 @@ class DrivenBranch(PeriodicMotions, Curve):
         self, i: int, d: int, j: int, low: float, high: float
     ) -> tuple[float, float] | None:
         x = unknowns_of(self.coefficients[i])
-        unit = self._job.unit
-        found = self._job.run_apart(
-            "drive peak", p=self.parameter[i] / unit, x=x, tolerance=self._tolerance, dof=d + 1,
-            place=j + 1, low=float(low / unit), high=float(high / unit),
+        found = _native.apart(
+            lambda: _native.run(
+                "drive peak", self._system._handle, p=float(self.parameter[i]), x=x,
+                tolerance=self._tolerance, dof=d + 1, place=j + 1, low=float(low),
+                high=float(high), **self._given,
+            )
         )  # fmt: skip
-        return (found["at"] * unit, found["size"]) if found["enclosed"] else None
+        return (found["at"], found["size"]) if found["enclosed"] else None
 
     def to_dataset(self) -> Dataset:
         """Return all data as an xarray Dataset over the points."""
@@ -282,14 +278,6 @@ class DrivenBranch(PeriodicMotions, Curve):
         return table
 
 
-def _bound_left(torus: Torus, leave: BranchPoint) -> int:
-    """Highest order of the branch that contains ``leave``."""
-    bound = torus.lowest
-    while 3 * (2 * torus.count(bound) - 1) < leave._unknowns.size:
-        bound += 1
-    return bound
-
-
 def trace_pendulum(
     system: Pendulum,
     *,
@@ -323,32 +311,19 @@ def trace_pendulum(
     curve = CurveOptions.checked(options)
     checked((STABILITY, OPPOSITE), locals())
     keeps = symmetric is not None and SYMMETRIC.check(symmetric)
-    denominator = MAX_DENOMINATOR.check(max_denominator)
-    pend = moved(system, varies, start) if varies in FREQUENCIES else system
-    torus = make_torus(pend, varies, SUBHARMONIC.check(subharmonic), denominator)
-    auto = _native.is_auto(harmonics)
+    given = loads_of(varies, harmonics, keeps, subharmonic, max_denominator)
     if leave is not None:
         check_departure(leave)
-    wanted_bound: object = torus.usual if auto else harmonics
-    if auto and leave is not None:
-        auto, wanted_bound = False, _bound_left(torus, leave)
-    bound = bound_of(torus, wanted_bound, torus.largest())
-    span = 1.0 if stability and torus.n_axes == 1 else 0.0
-    averaged = None if duration is None else DURATION.check(duration)
-    if averaged is not None and torus.n_axes > 1:
-        span = averaged
+    averaged = 0.0 if duration is None else DURATION.check(duration)
     stops = checked_stops(at, varies, start, finish)
-    n = 3 * (2 * torus.count(bound) - 1)
-    check_size("max_points", curve.max_points, n)
     begin: dict[str, Any] = {}
     if leave is not None:
-        unknowns, along = leave.departure(n, opposite)
+        unknowns, along = leave.departure(leave._unknowns.size, opposite)
         begin = {"begin": unknowns, "begin_p": leave.parameter, "along": along}
     found = _native.apart(
         lambda: _native.run(
-            "drive branch", pend._handle, varies=code_of(varies), harmonics=bound, choose=auto,
-            symmetric=keeps, duration=span, subharmonic=subharmonic, max_denominator=denominator,
-            **begin, **curve.along(start, finish, stops=stops),
+            "drive branch", system._handle, stability=bool(stability), duration=float(averaged),
+            **given, **begin, **curve.along(start, finish, stops=stops),
         )
     )  # fmt: skip
     worst = found["truncation"]
@@ -360,22 +335,24 @@ def trace_pendulum(
             stacklevel=caller(),
         )
     warn_of_rounding(found["off"], curve.tolerance)
-    assessed = ("rates" if torus.n_axes > 1 else "multipliers") if span else (
-        "not requested" if torus.n_axes == 1 or not stability
-        else "of quasi-periodic motions: only over a duration"
-    )  # fmt: skip
+    several = found["named"].size > 1
+    assessed = "rates" if several else "multipliers"
+    if "rates" not in found and "multipliers" not in found:
+        assessed = "not requested"
+        if several and stability:
+            assessed = "of quasi-periodic motions: only over a duration"
     plan = torus_plan(
         f"computes: the branch from {varies} = {start:g} to {finish:g}",
-        pend, torus, found["kept"], varies, assessed,
+        system, found, varies, assessed,
     )  # fmt: skip
-    orders = np.ascontiguousarray(found["orders"].T, dtype=np.int32)
-    job = TorusJob.of(pend, torus, orders, varies, found["kept"])
-    return _branch(varies, torus, job, curve.tolerance, found, plan)
+    given |= {"choose": False, "harmonics": found["bound"]}
+    return _branch(varies, system, given, curve.tolerance, found, plan)
 
 
 def _branch(
-    varies: str, torus: Torus, job: TorusJob, tolerance: float, found: dict[str, Any], plan: Plan
-) -> DrivenBranch:
+    varies: str, system: Pendulum, given: dict[str, Any], tolerance: float,
+    found: dict[str, Any], plan: Plan,
+) -> DrivenBranch:  # fmt: skip
     """Create the result with names and units."""
     unit, n = found["unit"], found["p"].size
     places = (
@@ -396,9 +373,9 @@ def _branch(
     return DrivenBranch(
         varies=varies,
         parameter=found["p"] * unit,
-        axes=torus.names,
+        axes=axes_of(found),
         base=found["base"].T,
-        orders=job.given["orders"].T,
+        orders=np.ascontiguousarray(found["orders"].T, dtype=np.int32),
         coefficients=found["coefficients"].T,
         stable=stable,
         multipliers=multipliers,
@@ -417,7 +394,8 @@ def _branch(
         iterations=found["iterations"],
         error=found["error"],
         _off=found["off"],
-        _job=job,
+        _system=system,
+        _given=given,
         _tolerance=tolerance,
         _worst=found["truncation"],
         plan=plan,

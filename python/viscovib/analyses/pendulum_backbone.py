@@ -6,7 +6,6 @@ import numpy as np
 
 from viscovib import _native
 from viscovib.analyses.backbones import Backbone, BackbonePoint, imaginary, warn_of_doubts
-from viscovib.analyses.driven import check_size
 from viscovib.common.parameters import (
     FIRST_FREE,
     MAX_HARMONICS,
@@ -24,6 +23,9 @@ from viscovib.common.stability import warn_of_unknown
 from viscovib.errors import InputError
 from viscovib.results.curves import OUTCOMES, allowed_nearby
 from viscovib.systems.pendulum import Pendulum
+
+#: Largest array size of a result: 400 MB.
+_MAX_NUMBERS = 50_000_000
 
 
 def pendulum_backbone(
@@ -60,7 +62,12 @@ def pendulum_backbone(
     varies = "amplitude" if energy_range is None else "energy"
     start, finish = _ends(amplitude_range, energy_range)
     curve = CurveOptions.checked(options)
-    check_size("max_points", curve.max_points, 3 * (multiple * most + 1))
+    largest = _MAX_NUMBERS // (3 * (multiple * most + 1))
+    if curve.max_points > largest:
+        raise InputError(
+            f"max_points: {curve.max_points} points, must be at most {largest} with so many "
+            "harmonics"
+        )
     given = checked((SYMMETRIC, OPPOSITE), locals())
     assessed = stability is None or STABILITY.check(stability)
     departure = {} if leave is None else _departure(leave, multiple * first, given["opposite"])
