@@ -17,11 +17,13 @@ module viscovib_known_motion
   implicit none
   private
 
-  public :: base_at, know_motion, known_motion, load_at, own_forces, repeat_motion, waves_at
+  public :: know_motion, known_motion, load_at, repeat_motion, waves_at
 
   type, extends(sampled_motion) :: known_motion
     !> Displacements, velocities and accelerations by the base, shape (n, n_dof, 3).
     real(wp), allocatable :: moved(:, :, :)
+    !> Relative to the base, a row for each time; not allocated: a balance of forces gives them.
+    real(wp), allocatable :: accelerations(:, :)
   contains
     procedure :: set_states
     procedure :: set_panels
@@ -52,12 +54,16 @@ contains
       call repeat_motion(motion, subject, nu, trajectory, trajectory%t, has_laws, again, status)
       if (status%failed()) return
       call known%set_states(trajectory%t, again%states, base, n)
-      if (has_laws) known%laws = transpose(again%accelerations(n + 1:, :))
+      if (has_laws) then
+        known%laws = transpose(again%accelerations(n + 1:, :))
+        known%accelerations = transpose(again%accelerations(:n, :))
+      end if
     else
       call known%set_states(trajectory%t, trajectory%states, base, n)
     end if
     known%moved = known%moved + floors_at(subject, trajectory%t)
-    if (.not. subject%has_kernels()) return
+    ! Forces need the memory of each part, accelerations of the equations do not.
+    if (.not. subject%has_kernels() .or. (has_laws .and. .not. motion%wants_forces)) return
     ends = panel_ends(trajectory%h, &
                       max(trajectory%t(size(trajectory%t)), 1.0e-3_wp*trajectory%h), &
                       trajectory%ends, trajectory%made_by)
@@ -208,18 +214,6 @@ contains
       moved(i, :, 3) = matmul(load%floors, load%table%at(t(i)))
     end do
   end function floors_at
-
-  !> What the base moves the coordinates by, their velocities and accelerations, shape
-  !! (size(t), n_dof, 3).
-  function base_at(subject, nu, t) result(moved)
-    type(subject_type), intent(in) :: subject
-    real(wp), intent(in) :: nu, t(:)
-    real(wp), allocatable :: moved(:, :, :)
-    type(base_motion_type) :: base
-    base = base_of(subject, nu)
-    moved = floors_at(subject, t)
-    moved = moved + base%at_times(size(moved, 2), t)
-  end function base_at
 
   !> Im sum_k a(:, k) exp(i w(k) t) and its derivatives, shape (size(t), size(a, 1), 3).
   pure function waves_at(w, a, t) result(moved)

@@ -8,8 +8,7 @@ module viscovib_motion_quantities
   use viscovib_hereditary_job, only: hereditary_job
   use viscovib_job, only: table_sink
   use viscovib_kinds, only: wp
-  use viscovib_known_motion, only: base_at, know_motion, known_motion, load_at, own_forces, &
-    repeat_motion
+  use viscovib_known_motion, only: know_motion, known_motion, load_at, repeat_motion
   use viscovib_load, only: load_type
   use viscovib_located_peaks, only: is_loose, locate_peaks, peak_windows
   use viscovib_motion_balance, only: accelerations_of, recalled_along
@@ -23,7 +22,7 @@ module viscovib_motion_quantities
   use viscovib_table, only: table_type
   use viscovib_trajectory, only: trajectory_type
   use viscovib_transient_job, only: transient_job
-  use viscovib_whole_structure, only: may_be_whole, whole_polynomial
+  use viscovib_whole_structure, only: may_be_whole, whole_only, whole_polynomial
   implicit none
   private
 
@@ -61,6 +60,7 @@ contains
     real(wp), allocatable :: accelerations(:, :)
     integer, allocatable :: rows(:)
     real(wp) :: frequency
+    logical :: shown, pushed
     integer :: i
 
     call set_ok(status)
@@ -69,11 +69,22 @@ contains
     type is (hereditary_job)
       frequency = motion%nu
     end select
-    if (accelerates .or. allocated(motion%point)) then
-      call find_accelerations(motion, subject, frequency, trajectory, quantities%accelerations, &
-                              status)
+    shown = accelerates .or. allocated(motion%point)
+    ! Reactions contain the inertia of free coordinates.
+    pushed = motion%wants_forces .and. allocated(subject%model%supports%names)
+    if (pushed) pushed = any(abs(subject%model%supports%rows%free(:, :, 1)) > 0.0_wp)
+    if (subject%is_pendulum) then
+      if (shown) call of_pendulum(subject, trajectory, quantities%accelerations)
+      return
+    end if
+    if (.not. (shown .or. motion%wants_forces)) return
+    call know_motion(motion, subject, frequency, trajectory, known, status)
+    if (status%failed()) return
+    if (shown .or. pushed) then
+      call find_accelerations(subject, frequency, known, accelerations, status)
       if (status%failed()) return
     end if
+    if (shown) quantities%accelerations = accelerations
     if (allocated(motion%point)) then
       rows = [(trajectory%row_of(i), i=1, 6)]
       quantities%point = reshape(move_point(motion%point, subject%is_turning, &
@@ -83,19 +94,9 @@ contains
                                  [size(trajectory%t), 9])
     end if
     if (.not. motion%wants_forces) return
-    call know_motion(motion, subject, frequency, trajectory, known, status)
-    if (status%failed()) return
     allocate (quantities%forces)
     call quantities%forces%find(subject, frequency, known)
     if (.not. allocated(subject%model%supports%names)) return
-    if (any(abs(subject%model%supports%rows%free(:, :, 1)) > 0.0_wp)) then
-      if (allocated(quantities%accelerations)) then
-        accelerations = quantities%accelerations
-      else
-        call find_accelerations(motion, subject, frequency, trajectory, accelerations, status)
-        if (status%failed()) return
-      end if
-    end if
     call quantities%forces%find_reactions(subject, frequency, known, accelerations)
   end subroutine find_quantities
 
@@ -252,28 +253,6 @@ contains
 
   end subroutine gather
 
-  !> Accelerations of the body, a column for each time of the trajectory.
-  subroutine find_accelerations(motion, subject, nu, trajectory, accelerations, status)
-    class(transient_job), intent(in) :: motion
-    type(subject_type), intent(in), target :: subject
-    !> Frequency of the load (rad/s).
-    real(wp), intent(in) :: nu
-    type(trajectory_type), intent(in) :: trajectory
-    real(wp), allocatable, intent(out) :: accelerations(:, :)
-    type(status_type), intent(out) :: status
-
-    call set_ok(status)
-    if (subject%is_pendulum) then
-      call of_pendulum(subject, trajectory, accelerations)
-      return
-    end if
-    if (own_forces(motion, subject)) then
-      call along_once_more(motion, subject, nu, trajectory, accelerations, status)
-    else
-      call by_balance(motion, subject, nu, trajectory, accelerations, status)
-    end if
-  end subroutine find_accelerations
-
   subroutine of_pendulum(subject, trajectory, accelerations)
     type(subject_type), intent(in) :: subject
     type(trajectory_type), intent(in) :: trajectory
@@ -289,63 +268,43 @@ contains
     end associate
   end subroutine of_pendulum
 
-  subroutine along_once_more(motion, subject, nu, trajectory, accelerations, status)
-    class(transient_job), intent(in) :: motion
-    type(subject_type), intent(in), target :: subject
-    real(wp), intent(in) :: nu
-    type(trajectory_type), intent(in) :: trajectory
-    real(wp), allocatable, intent(out) :: accelerations(:, :)
-    type(status_type), intent(out) :: status
-    type(trajectory_type) :: again
-    real(wp), allocatable :: moved(:, :, :)
-    integer :: n
-
-    call repeat_motion(motion, subject, nu, trajectory, trajectory%t, .true., again, status)
-    if (status%failed()) return
-    n = size(motion%initial)/2
-    moved = base_at(subject, nu, trajectory%t)
-    allocate (accelerations(n, size(trajectory%t)))
-    accelerations = again%accelerations(:n, :) + transpose(moved(:, :, 3))
-  end subroutine along_once_more
-
-  !> By the balance of forces in all coordinates.
-  subroutine by_balance(motion, subject, nu, trajectory, accelerations, status)
-    class(transient_job), intent(in) :: motion
+  !> Accelerations of the body, a column for each time: those of the equations, or by the balance
+  !! of forces in all coordinates.
+  subroutine find_accelerations(subject, nu, known, accelerations, status)
     type(subject_type), intent(in), target :: subject
     !> Frequency of the load (rad/s).
     real(wp), intent(in) :: nu
-    type(trajectory_type), intent(in) :: trajectory
+    type(known_motion), intent(in) :: known
     real(wp), allocatable, intent(out) :: accelerations(:, :)
     type(status_type), intent(out) :: status
     type(polynomial_type), target :: whole
     class(oscillator_type), pointer :: system
     type(load_type), pointer :: load
-    type(known_motion) :: known
     real(wp), allocatable :: recalled(:, :), a(:, :)
     logical :: singular
 
-    load => subject%whole_load()
     call set_ok(status)
-    if (.not. subject%is_structure) then
-      system => subject%oscillator()
-    else if (may_be_whole(subject%model)) then
-      call whole_polynomial(subject%model, subject%structure%kernels, whole, status)
-      system => whole
-    else
-      call fail(status, status_input_error, 'acceleration', "acceleration = 'yes': is for " &
-                //'structures of at most 512 coordinates, all with mass, not reduced, without ' &
-                //'loss factors')
-    end if
-    if (status%failed()) return
-    call know_motion(motion, subject, nu, trajectory, known, status)
-    if (status%failed()) return
-    allocate (recalled(size(trajectory%t), system%n_memory()), source=0.0_wp)
-    if (allocated(known%ends)) call recalled_along(system, known%ends, known%panel_u, &
-      known%panel_rate, known%held, trajectory%t, recalled)
     allocate (a(size(known%u, 1), size(known%u, 2)))
-    call accelerations_of(system, known%u, known%rate, load_at(system, load, nu, trajectory%t), &
-                          recalled, a, singular)
+    if (allocated(known%accelerations)) then
+      a = known%accelerations
+    else
+      load => subject%whole_load()
+      if (.not. subject%is_structure) then
+        system => subject%oscillator()
+      else if (may_be_whole(subject%model)) then
+        call whole_polynomial(subject%model, subject%structure%kernels, whole, status)
+        system => whole
+      else
+        call fail(status, status_input_error, 'acceleration', "acceleration = 'yes': "//whole_only)
+      end if
+      if (status%failed()) return
+      allocate (recalled(size(known%times), system%n_memory()), source=0.0_wp)
+      if (allocated(known%ends)) call recalled_along(system, known%ends, known%panel_u, &
+        known%panel_rate, known%held, known%times, recalled)
+      call accelerations_of(system, known%u, known%rate, load_at(system, load, nu, known%times), &
+                            recalled, a, singular)
+    end if
     allocate (accelerations, source=transpose(a + known%moved(:, :, 3)))
-  end subroutine by_balance
+  end subroutine find_accelerations
 
 end module viscovib_motion_quantities

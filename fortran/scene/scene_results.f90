@@ -48,6 +48,7 @@ module viscovib_scene_results
   use viscovib_subject, only: subject_type
   use viscovib_trace_motion_job, only: trace_motion_job
   use viscovib_transient_job, only: transient_job
+  use viscovib_whole_structure, only: may_be_whole, whole_only
   implicit none
   private
 
@@ -259,6 +260,8 @@ contains
     else if (model%is_reduced .and. any(abs(job%initial) > 0.0_wp)) then
       call reader%complain('initial', 'initial: must be 0 of a structure with shapes, whose ' &
                            //'coordinates do not tell its state')
+    else if (job%wants_accelerations .and. .not. may_be_whole(model)) then
+      call reader%complain('acceleration', "acceleration = 'yes': "//whole_only)
     end if
   end subroutine check_structure
 

@@ -17,6 +17,10 @@ module viscovib_whole_structure
 
   public :: has_states, may_be_whole, switches, whole_polynomial
 
+  !> Message about models for which `may_be_whole` is false.
+  character(len=*), parameter, public :: whole_only = 'is for structures of at most 512 ' &
+    //'coordinates, all with mass, not reduced, without loss factors'
+
 contains
 
   !> True if the model is small, its mass matrix is positive definite and all damping is viscous.

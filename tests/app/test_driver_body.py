@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from driver import check_refused
+from scene_texts import columns_of
 from viscovib.bodies.varying_body import _changed, rebuilt
 
 MASSES = (
@@ -58,7 +59,7 @@ def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
     found = vv.forced_response(
         system, [30.0, 80.0], **loads, method="newton", harmonics=5, tolerance=5e-2
     )
-    columns = result.value.columns
+    columns = columns_of(result)
     table = np.array([
         [columns[f"{name}_{k}_re"] + 1j * columns[f"{name}_{k}_im"] for k in found.harmonics]
         for name in system.dof_names
@@ -71,7 +72,7 @@ def test_as_python_builds_it(solve, tmp_path, geometry, gravity):
         assert np.abs(columns["z_2_re"]).max() > 1e-6
     modes = run_both(solve, tmp_path, body(options, "") + "&modes /\n", "modes")
     undamped = system.modes(stiffness="instantaneous")
-    np.testing.assert_allclose(modes.value.columns["frequency"], undamped.hz, rtol=1e-10)
+    np.testing.assert_allclose(columns_of(modes)["frequency"], undamped.hz, rtol=1e-10)
 
 
 def test_in_time_on_a_moving_floor(solve, tmp_path):
@@ -81,7 +82,7 @@ def test_in_time_on_a_moving_floor(solve, tmp_path):
     result = run_both(solve, tmp_path, body(options, loads) + what, "transient")
     scene = result.scene
     found = vv.simulate(scene.body(), 0.2, nu=80.0, **scene.loads(), dt="auto", tolerance=1e-8)
-    columns = result.value.columns
+    columns = columns_of(result)
     for d, name in enumerate(found.dof_names):
         end = np.abs(found.state[-1, 2 * d] - columns[name][-1])
         assert end < 1e-8, name
@@ -98,7 +99,7 @@ def test_parts_that_spin(solve, tmp_path):
     )  # fmt: skip
     scene += "&load on='ry' amplitude=200 /\n"
     run = run_both(solve, tmp_path, scene + what, "response")
-    columns = run.value.columns
+    columns = columns_of(run)
     body_here = run.scene.body()
     plain = vv.Body(
         mass=body_here.body_mass, inertia=body_here.inertia, center=body_here.center,
@@ -129,7 +130,7 @@ def test_a_floor_that_moves_in_components(solve, tmp_path):
     text = body(options, FLOOR + "&load kind='base' amplitude=1 /\n")
     text += "&response nu=40 80 method='newton' harmonics=7 tolerance=0.1 /\n"
     result = run_both(solve, tmp_path, text, "response")
-    columns, scene = result.value.columns, result.scene
+    columns, scene = columns_of(result), result.scene
     system, loads = scene.body(), scene.loads()
     assert sorted(loads["base"]) == [1, 2]
     found = vv.forced_response(
@@ -161,7 +162,7 @@ def test_a_force_in_any_direction_at_a_point(solve, tmp_path):
     found = vv.forced_response(
         system, [30.0, 80.0], **given, method="newton", harmonics=5, tolerance=5e-2
     )
-    columns = result.value.columns
+    columns = columns_of(result)
     for d, name in enumerate(found.dof_names):
         table = columns[f"{name}_1_re"] + 1j * columns[f"{name}_1_im"]
         own = found.coefficients[:, d, list(found.harmonics).index(1)]
@@ -185,7 +186,7 @@ def test_a_number_that_varies(solve, tmp_path, name, ends):
         "  stability='no' /\n"
     )
     result = run_both(solve, tmp_path, body(more, load) + what, "branch")
-    columns, scene = result.value.columns, result.scene
+    columns, scene = columns_of(result), result.scene
     system = scene.body()
     np.testing.assert_allclose(columns[name][[0, -1]], ends, rtol=1e-9)
     for row, p in ((0, ends[0]), (-1, ends[1])):

@@ -14,3 +14,8 @@ def scene_of(tmp_path, text):
     path = tmp_path / "scene.nml"
     path.write_text(text)
     return vv.Scene.read(path)
+
+
+def columns_of(result):
+    """Columns of the first table that the core makes of a scene, as the driver does."""
+    return next(iter(result._tables.values())).columns

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from referee.integration import solve_ivp
+from scene_texts import columns_of
 from scipy.sparse import csc_array
 
 ROOT = Path(__file__).parents[2]
@@ -288,7 +289,7 @@ def test_damping_of_modes(seed, tmp_path):
     subprocess.run([SOLVE, path, "--out", tmp_path, "--quiet"], check=True)
     last = (tmp_path / "modal_transient.csv").read_text().splitlines()[-1].split(",")
     np.testing.assert_allclose(float(last[1]), own.state[-1, 0], atol=1e-10)
-    np.testing.assert_allclose(vv.run(path).value.columns["x1"][-1], own.state[-1, 0], atol=1e-10)
+    np.testing.assert_allclose(columns_of(vv.run(path))["x1"][-1], own.state[-1, 0], atol=1e-10)
 
 
 def test_loss_factors_are_refused():

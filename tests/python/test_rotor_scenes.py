@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scene_texts import numbers, scene_of
+from scene_texts import columns_of, numbers, scene_of
 
 OF_SPEED = ("gyroscopic", "circulatory", "centrifugal")
 
@@ -59,20 +59,18 @@ GRID = np.linspace(0.4, 2.2, 7)
 RESPONSE = "&response nu_from=0.4 nu_to=2.2 nu_count=7 method='newton' harmonics=15 /\n"
 
 
-def harmonics(table, names):
+def harmonics(columns, names):
     """Coefficients of a table in the order of those of a response."""
-    orders = sorted({int(name.split("_")[-2]) for name in table.columns if name.endswith("_re")})
+    orders = sorted({int(name.split("_")[-2]) for name in columns if name.endswith("_re")})
     return orders, np.array(
-        [
-            [table.columns[f"{name}_{k}_re"] + 1j * table.columns[f"{name}_{k}_im"] for k in orders]
-            for name in names
-        ]
-    ).transpose(2, 0, 1)
+        [[columns[f"{name}_{k}_re"] + 1j * columns[f"{name}_{k}_im"] for k in orders]
+         for name in names]
+    ).transpose(2, 0, 1)  # fmt: skip
 
 
 def check_response(scene, system, load, **given):
     """Compare a scene, the system in Python, and the system that the scene builds."""
-    table = vv.run(scene).value
+    table = columns_of(vv.run(scene))
     given = {"load": load, "method": "newton", "harmonics": 15} | given
     expected = vv.forced_response(system, GRID, **given)
     orders, found = harmonics(table, system.dof_names)
@@ -198,15 +196,16 @@ def test_branches_and_motions_in_time(tmp_path, speed):
     structure = vv.Structure(**matrices, elements=ELEMENTS["law"][1](), speed=speed)
     text = structure_text(matrices, "" if speed is None else f"speed={speed}", ELEMENTS["law"][0])
     text += "&load on='x1' amplitude=0.1 /\n"
-    branch = vv.run(scene_of(tmp_path, text + "&branch nu_from=0.5 nu_to=2 harmonics=9 /\n")).value
+    scene = scene_of(tmp_path, text + "&branch nu_from=0.5 nu_to=2 harmonics=9 /\n")
+    columns = columns_of(vv.run(scene))
     expected = vv.trace_response(structure, (0.5, 2), load={"x1": 0.1}, harmonics=9)
-    assert branch.columns["nu"][-1] == pytest.approx(expected.nu[-1])
-    peak = np.hypot(branch.columns["x1_1_re"], branch.columns["x1_1_im"]).max()
+    assert columns["nu"][-1] == pytest.approx(expected.nu[-1])
+    peak = np.hypot(columns["x1_1_re"], columns["x1_1_im"]).max()
     assert peak == pytest.approx(expected.amplitude("x1").max(), rel=1e-3)
     at_end = vv.run(scene_of(tmp_path, text + "&transient t_end=10 nu=0.9 rtol=1e-10 /\n"))
     fixed = structure if speed is not None else structure.at_speed(0.9)
     run = vv.simulate(fixed, 10, load={"x1": 0.1}, nu=0.9, rtol=1e-10)
-    end = [at_end.value.columns[f"x{i + 1}"][-1] for i in range(6)]
+    end = [columns_of(at_end)[f"x{i + 1}"][-1] for i in range(6)]
     assert end == pytest.approx(run.state[-1, ::2], abs=1e-9)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from scene_texts import numbers, scene_of
+from scene_texts import columns_of, numbers, scene_of
 
 NAMES = ["x1", "x2", "x3", "x4", "x5", "x6"]
 FREE = ["x1", "x3", "x4", "x6"]
@@ -75,7 +75,7 @@ def test_responses_are_those_of_python(tmp_path, base, elements):
     groups = "".join(GROUPS[one] for one in elements)
     text = text_of(matrices, more, groups) + "&load on='x3' amplitude=0.1 /\n" + loads
     scene = scene_of(tmp_path, text + RESPONSE)
-    table = vv.run(scene).value.columns
+    table = columns_of(vv.run(scene))
     expected = vv.forced_response(
         structure, np.linspace(0.3, 2.1, 5), load={"x3": 0.1}, base=moved, method="newton",
         harmonics=27,
@@ -104,7 +104,7 @@ def test_motions_in_time_are_those_of_python(tmp_path, base, law):
     more = "" if direction is None else f"base_direction = {numbers(direction)}"
     text = text_of(matrices, more, GROUPS[LINEAR] + GROUPS[law]) + loads
     scene = scene_of(tmp_path, text + "&transient t_end=8 nu=0.8 rtol=1e-11 /\n")
-    table = vv.run(scene).value.columns
+    table = columns_of(vv.run(scene))
     run = vv.simulate(structure, 8, base=moved, nu=0.8, rtol=1e-11)
     found = [table[name][-1] for name in FREE]
     assert found == pytest.approx(run.state[-1, ::2], abs=1e-9)

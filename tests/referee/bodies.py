@@ -503,8 +503,8 @@ def _scene(rng, index):
 text = {text!r}
 path = pathlib.Path(tempfile.mkdtemp()) / "scene.nml"
 path.write_text(text)
-table = vv.run(path).value.columns
-found = np.array([table[f"{{n}}_1_re"][0] + 1j * table[f"{{n}}_1_im"][0] for n in "x y z rx ry rz".split()])
+response = vv.run(path).response
+found = np.array([response.coefficient(n, 1)[0] for n in "x y z rx ry rz".split()])
 masses = [[m.stiffness, m.rotation @ np.ones(3)] for m in vv.Scene.read(path).body().mounts]
 """
 

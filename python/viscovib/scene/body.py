@@ -21,7 +21,10 @@ def body_of(
 ) -> Body:
     """Build the body; ``kernels`` are in the order of their numbers, None first."""
     inertia = np.asarray(given["inertia"], dtype=float)
-    found = Body(
+    spin, rotor = np.array([given["spin"], given["rotor"]], dtype=float)
+    if "speed" in given:
+        spin, rotor = spin + given["speed"] * rotor, 0 * rotor
+    return Body(
         mass=given["mass"],
         inertia=inertia if inertia.size == 3 else inertia.reshape(3, 3),
         mounts=[_mount_point(group, kernels) for group in mount_points],
@@ -30,10 +33,9 @@ def body_of(
         geometry=given["geometry"],
         load_axes=given["load_axes"],
         base_direction=given["base_direction"] if any(given["base_direction"]) else None,
-        spin=given["spin"],
-        rotor=given["rotor"],
+        spin=spin,
+        rotor=rotor,
     )
-    return found.at_speed(given["speed"]) if "speed" in given else found
 
 
 def _mount_point(group: Mapping[str, Any], kernels: Sequence[Kernel | None]) -> MountPoint:

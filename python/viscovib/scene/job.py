@@ -7,7 +7,7 @@ import math
 import os
 import warnings
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
@@ -34,16 +34,8 @@ if TYPE_CHECKING:
 
 _R = TypeVar("_R", bound=Result)
 
-#: Groups of a scene that request no computation.
-_SUBJECTS = (
-    "scene", "parameters", "mount", "system", "pendulum", "kernel", "spring", "force", "structure",
-    "element", "layer", "body", "mount_point", "load", "drive_torque", "sweep",
-)  # fmt: skip
-
-#: Groups whose tables are additions to that of another group.
-_FURTHER = ("spectrum", "event", "free_decay", "shock_spectrum")
-#: Keys of &transient that request tables of their own.
-_TABLES = ("forces", "peaks")
+#: Groups whose analyses have a result class.
+_WITH_CLASS = ("response", "branch", "backbone", "multiple_scales", "transient")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,9 +44,13 @@ class SceneResult:
 
     ``value`` is the result that the Python function of the analysis returns: a `Response`, a
     `Branch`, a `Backbone`, a `Trajectory` with its ``spectrum``, ``shock_spectrum`` and ``events``,
-    or a `ScalesResponse`; `switched` are the branches that bifurcate from it. Structures and
-    bodies, motions with &free_decay, and analyses without a result class have a `TableResult` (see
-    `Scene.structure` and `Scene.body`); a scene with &sweep has a Dataset.
+    or a `ScalesResponse`; `switched` are the branches that bifurcate from it. Results of a
+    structure have the coordinates that the scene names. Analyses without a result class, reduced
+    structures, and branches over a number of a body have a `TableResult`; a scene with &sweep has a
+    Dataset.
+
+    The tables of structures and bodies, and those of ``decay``, ``forces``, ``reactions`` and
+    ``peaks``, are computed by the compiled core at first use, as by the driver.
 
     Examples
     --------
@@ -73,21 +69,40 @@ class SceneResult:
     spectrum: Spectrum | TableResult | None = None
     events: TableResult | None = None
     switched: tuple[DrivenBranch, ...] | tuple[Backbone, ...] | tuple[TableResult, ...] = ()
-    #: The table of &free_decay; the motion itself is then a table too.
-    decay: TableResult | None = None
-    shock_spectrum: ShockResponseSpectrum | None = None
-    #: The tables of ``forces = 'yes'`` and ``peaks = 'yes'`` in &transient, of peaks in &ensemble.
-    forces: TableResult | None = None
-    reactions: TableResult | None = None
-    peaks: TableResult | None = None
+    shock_spectrum: ShockResponseSpectrum | TableResult | None = None
 
     def __repr__(self) -> str:
-        parts = (
-            self.spectrum, self.events, self.decay, self.shock_spectrum, self.forces,
-            self.reactions, self.peaks, *self.switched,
-        )  # fmt: skip
+        parts = (self.value, self.spectrum, self.events, self.shock_spectrum, *self.switched)
         more = [repr(one) for one in parts if one is not None]
-        return "\n".join([f"<SceneResult of {self.scene.path.name}>", repr(self.value), *more])
+        return "\n".join([f"<SceneResult of {self.scene.path.name}>", *more])
+
+    @cached_property
+    def _tables(self) -> dict[str, TableResult]:
+        """The tables of the driver by name, computed in the core."""
+        return run_tables(self.scene, self.plan)
+
+    def _further(self, name: str) -> TableResult | None:
+        return self._tables.get(name) if name in _further_tables(self.scene) else None
+
+    @property
+    def decay(self) -> TableResult | None:
+        """The table of &free_decay."""
+        return self._further("free_decay")
+
+    @property
+    def forces(self) -> TableResult | None:
+        """The table of ``forces = 'yes'`` in &transient."""
+        return self._further("forces")
+
+    @property
+    def reactions(self) -> TableResult | None:
+        """The table of ``forces = 'yes'`` at the supports of a structure."""
+        return self._further("reactions")
+
+    @property
+    def peaks(self) -> TableResult | None:
+        """The table of ``peaks = 'yes'`` in &transient or &ensemble."""
+        return self._further("peaks")
 
     @property
     def _result(self) -> Result | None:
@@ -122,37 +137,38 @@ class SceneResult:
         """
         place = _native.integer("which", which, 0, len(self.switched))
         value = self._single("to_csv: is for single results, a sweep has points")
-        self._write(self.switched[place - 1] if place else value, path)
+        name = f"{self.kind}_{place}" if place else self.kind
+        self._write(self.switched[place - 1] if place else value, path, name)
 
     def spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of the spectrum."""
         if self.spectrum is None:
             raise InputError("spectrum_to_csv: this scene computed no spectrum")
-        self._write(self.spectrum, path)
+        self._write(self.spectrum, path, "spectrum")
 
     def events_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of events: for each event its number, from 1, the time and the state."""
         if self.events is None:
             raise InputError("events_to_csv: this scene has no &event")
-        self._write(self.events, path)
+        self._write(self.events, path, "event")
 
     def decay_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of decaying oscillations."""
         if self.decay is None:
             raise InputError("decay_to_csv: this scene has no &free_decay")
-        self._write(self.decay, path)
+        self._write(self.decay, path, "free_decay")
 
     def shock_spectrum_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of the shock response spectrum."""
         if self.shock_spectrum is None:
             raise InputError("shock_spectrum_to_csv: this scene has no &shock_spectrum")
-        self._write(self.shock_spectrum, path)
+        self._write(self.shock_spectrum, path, "shock_spectrum")
 
     def forces_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of forces of mounts, elements or springs."""
         if self.forces is None:
             raise InputError("forces_to_csv: this scene has no forces = 'yes'")
-        self._write(self.forces, path)
+        self._write(self.forces, path, "forces")
 
     def reactions_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of reactions at supports."""
@@ -160,20 +176,21 @@ class SceneResult:
             raise InputError(
                 "reactions_to_csv: this scene has no forces = 'yes' of a structure with supports"
             )
-        self._write(self.reactions, path)
+        self._write(self.reactions, path, "reactions")
 
     def peaks_to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the table of peaks."""
         if self.peaks is None:
             raise InputError("peaks_to_csv: this scene has no peaks = 'yes'")
-        self._write(self.peaks, path)
+        self._write(self.peaks, path, "peaks")
 
-    def _write(self, value: Result, path: str | os.PathLike[str]) -> None:
-        group = value.kind
-        if group in ("event", "reactions", *_TABLES):
-            group = "ensemble" if "ensemble" in self.scene.groups else "transient"
-        group = group.replace("shock_response", "shock")
-        wanted = self.scene.groups[group].get("coordinates")
+    def _write(self, value: Result, path: str | os.PathLike[str], name: str) -> None:
+        """Write a table; ``name``: as in the names of files of the driver."""
+        if _has_core_tables(self.scene):
+            value = self._tables[name]
+        # Tables of the core have the coordinates of the scene already.
+        groups = {} if value._form == "table" else self.scene.groups
+        wanted = groups.get(name.rstrip("_0123456789"), {}).get("coordinates")
         title = self.scene.groups.get("scene", {}).get("title", "")
         table = value._table(None if wanted is None else texts(wanted))
         table.write(path, str(self.plan), f", scene {self.scene.path}\n{title}".rstrip())
@@ -220,12 +237,12 @@ class SceneResult:
 def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
     """Compute a scene without &sweep."""
     planned = plan(scene)
-    by_core = not scene.groups.keys().isdisjoint(("structure", "body", "free_decay"))
-    if by_core or _tables_of(scene):
-        return _by_core(scene, planned)
-    if "multiple_scales" in scene.groups:
+    kind = next((name for name in _WITH_CLASS if name in scene.groups), None)
+    if kind is None or scene._is_reduced or ("body" in scene.groups and _varies_number(scene)):
+        return _of_tables(scene, planned)
+    if kind == "multiple_scales":
         return SceneResult(scene, replace(scene._steady(), plan=planned))
-    if "transient" in scene.groups:
+    if kind == "transient":
         from viscovib.analyses.transient import simulate
 
         found = simulate(**scene._motion(), progress=progress)
@@ -239,31 +256,30 @@ def run_one(scene: Scene, *, progress: bool = False) -> SceneResult:
             _events(scene, run),
             shock_spectrum=_shock_spectrum(scene, run),
         )
-    if "backbone" in scene.groups:
+    if kind == "backbone":
         free, families = scene._backbones()
         note = tuple(replace(family, plan=planned) for family in families)
         return SceneResult(scene, replace(free, plan=planned), switched=note)
-    if "branch" in scene.groups and scene.is_pendulum:
+    if kind == "branch" and scene.is_pendulum:
         first, bifurcating = scene._driven()
         return SceneResult(scene, first, switched=bifurcating)
-    if "branch" in scene.groups:
+    extra = _extra_columns(scene, kind)
+    if kind == "branch":
         from viscovib.analyses.periodic import trace_response
 
         branch = trace_response(**scene._branch())
-        return SceneResult(
-            scene, _with(branch, plan=planned, _extra_columns=_extra_columns(scene, "branch"))
-        )
-    if "response" not in scene.groups:
-        return _by_core(scene, planned)
+        return SceneResult(scene, _with(branch, plan=planned, _extra_columns=extra))
     from viscovib.analyses.forced import forced_response
 
     response = forced_response(**scene._job(), progress=progress)
-    shown = _with(
-        response,
-        _planned=partial(given_plan, planned),
-        _extra_columns=_extra_columns(scene, "response"),
-    )
-    return SceneResult(scene, shown)
+    given = {"_planned": partial(given_plan, planned), "_extra_columns": extra}
+    return SceneResult(scene, _with(response, **given))
+
+
+def _varies_number(scene: Scene) -> bool:
+    """True for a branch over a number of the system; Python does not follow all of a body."""
+    varied = scene.groups.get("branch", {}).get("vary", "nu")
+    return varied not in ("nu", "load_factor")
 
 
 def _with(result: _R, **values: Any) -> _R:
@@ -278,43 +294,31 @@ def _extra_columns(scene: Scene, name: str) -> tuple[str, ...]:
     return tuple(key for key in ("sampling", "dissipation") if scene.groups[name].get(key) == "yes")
 
 
-def _tables_of(scene: Scene) -> list[str]:
-    """Tables that keys of &transient or &ensemble request."""
-    if "ensemble" in scene.groups:
-        return ["peaks"] if scene.groups["ensemble"]["peaks"] == "yes" else []
-    group = scene.groups.get("transient", {})
-    found = [key for key in _TABLES if group.get(key) == "yes"]
+def _further_tables(scene: Scene) -> list[str]:
+    """Names of the tables that only the core makes, in addition to those of results."""
+    found = ["free_decay"] if "free_decay" in scene.groups else []
+    group = scene.groups.get("transient", scene.groups.get("ensemble", {}))
+    found += [key for key in ("forces", "peaks") if group.get(key) == "yes"]
     if "forces" in found and texts(scene.groups.get("structure", {}).get("supports", ())):
         found.append("reactions")
     return found
 
 
-def _by_core(scene: Scene, planned: Plan) -> SceneResult:
-    """Compute everything in the core; the result has the tables of the standalone driver."""
-    kinds = [name for name, group in scene.groups.items() if name not in _SUBJECTS and group != []]
-    kinds.sort(key=_FURTHER.count)
-    several = ("basins", "ensemble", "steady_motion")
-    many = next((name for name in several if name in scene.groups), None)
-    if many and (many != "ensemble" or scene.groups[many]["sections"]):
-        kinds = [many, f"{many}_1", *_tables_of(scene)]
-        first, *more = run_tables(scene, kinds, planned)
-        peaks = next((table for table in more if table.kind == "peaks"), None)
-        points = tuple(replace(table, kind=many) for table in more if table is not peaks)
-        return SceneResult(scene, first, switched=points, peaks=peaks)
-    first, *further_tables = run_tables(scene, kinds + _tables_of(scene), planned)
-    further = {table.kind: table for table in further_tables}
-    spectra, located, decay, shock = map(further.get, _FURTHER)
-    extremes = None
-    if shock is not None:
-        from viscovib.scene.shocks import spectrum_of_table
+def _has_core_tables(scene: Scene) -> bool:
+    """True if the core makes all tables: Python rounds the numbers of such systems differently."""
+    return not scene.groups.keys().isdisjoint(("structure", "body")) or bool(_further_tables(scene))
 
-        group = scene.groups["shock_spectrum"]
-        extremes = spectrum_of_table(shock.notes, shock.columns, group)
-    return SceneResult(
-        scene, first, spectra, located, decay=decay, shock_spectrum=extremes,
-        forces=further.get("forces"), reactions=further.get("reactions"),
-        peaks=further.get("peaks"),
+
+def _of_tables(scene: Scene, planned: Plan) -> SceneResult:
+    """Compute everything in the core; the result has the tables of the standalone driver."""
+    tables = run_tables(scene, planned)
+    value, *more = tables.values()
+    result = SceneResult(
+        scene, value, tables.get("spectrum"), tables.get("event"),
+        tuple(one for one in more if one.kind == value.kind), tables.get("shock_spectrum"),
     )  # fmt: skip
+    vars(result)["_tables"] = tables
+    return result
 
 
 def _events(scene: Scene, run: Trajectory) -> TableResult | None:

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +36,7 @@ from viscovib.systems.elements import Spring
 from viscovib.systems.frequency_formulas import ONE, KnownTerms
 from viscovib.systems.friction import BoucWen, Dahl, Iwan
 from viscovib.systems.mount import Mount
-from viscovib.systems.oscillators import Oscillator
+from viscovib.systems.oscillators import Steady
 from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.series_dampers import Maxwell
@@ -61,6 +62,10 @@ _KERNELS: dict[str, type[Kernel]] = {
 #: Groups that a scene may contain several times.
 _REPEATABLE = (
     "kernel", "load", "spring", "force", "element", "layer", "mount_point", "event", "sweep",
+)  # fmt: skip
+#: Groups that name coordinates of results.
+_SHOWN = (
+    "response", "branch", "backbone", "transient", "spectrum", "free_decay", "shock_spectrum",
 )  # fmt: skip
 _LISTS = ("weights", "rates", "times", "values")
 
@@ -152,12 +157,19 @@ class Scene:
         """True if the system is a pendulum."""
         return "pendulum" in self.groups
 
+    @property
+    def _is_reduced(self) -> bool:
+        """True if the system is a reduced structure, with coordinates by ``shapes``."""
+        return "shapes" in self.groups.get("structure", {})
+
     def pendulum(self) -> Pendulum:
         """Build the pendulum."""
         return Pendulum(**self._group("pendulum"))
 
-    def oscillator(self) -> Oscillator:
-        """Build the mount, the polynomial system or the body."""
+    def oscillator(self) -> Steady:
+        """Build the mount, the polynomial system, the structure or the body."""
+        if "structure" in self.groups:
+            return self.structure()
         if "body" in self.groups:
             return self.body()
         return self.polynomial_system() if "system" in self.groups else self.mount()
@@ -281,7 +293,7 @@ class Scene:
             return Mount(**given, kernel=kernels["both"])
         return Mount(**given, kernel=kernels.get("x"), kernel_phi=kernels.get("phi", False))
 
-    def loads(self) -> dict[str, dict[int, Any]]:
+    def loads(self) -> dict[str, Any]:
         """Fourier series of the force and the base motion, for `forced_response`."""
         force: dict[int, Any] = {}
         base: dict[int, Any] = {}
@@ -305,7 +317,7 @@ class Scene:
                     base[order] = base.get(order, 0.0) + terms[ONE]
                 continue
             if "force" in group:
-                on = self.body().load(group["force"], group["torque"], group["at"])
+                on = self._built.load(group["force"], group["torque"], group["at"])
             else:
                 on = np.array([group["on"] == name for name in names])
                 on = on if shapes is None else shapes.T @ on
@@ -320,10 +332,10 @@ class Scene:
         for order, moved in apart.items():
             along = 0.0
             if order in base:
-                direction = self.oscillator()._base_direction
+                direction = self._built._base_direction
                 along = base[order] * np.asarray(direction)[: moved.size]
             base[order] = moved + along
-        return {"load": force, "base": base}
+        return {"load": force, "base": base or None}
 
     def _base_names(self) -> tuple[str, ...]:
         if "body" in self.groups:
@@ -362,16 +374,14 @@ class Scene:
         return grid
 
     def _names(self) -> tuple[str, ...]:
-        for name in ("system", "structure"):
-            if name in self.groups:
-                held = texts(self.groups[name].get("supports", ()))
-                names = texts(self.groups[name]["coordinates"])
-                return tuple(one for one in names if one not in map(str.lower, held))
-        if "body" in self.groups:
-            from viscovib.scene.body import coordinates_of
+        if self._is_reduced:
+            return texts(self.groups["structure"]["coordinates"])
+        return tuple(self._built.dof_names)
 
-            return coordinates_of(self.groups["mount_point"])
-        return ("z", "phi", "psi") if self.is_pendulum else ("x", "phi")
+    @cached_property
+    def _built(self) -> Any:
+        """The system."""
+        return self.pendulum() if self.is_pendulum else self.oscillator()
 
     def _group(self, name: str) -> Mapping[str, Any]:
         if name not in self.groups:
@@ -402,14 +412,16 @@ class Scene:
         if "drive_torque" in self.groups:
             group_of_motor = with_numbers(self._group("drive_torque"), self._parameters)
             in_time["force"] = _motor(group_of_motor)
-        system = self.pendulum() if self.is_pendulum else self.oscillator()
-        if turns_shaft(system, in_time.get("force")):
+        chosen = self._chosen()
+        if turns_shaft(self._built, in_time.get("force")):
             # Its whole history is 0.
             more.pop("held", None)
+            chosen = {name: [*names, "angle"] for name, names in chosen.items()}
         return {
-            "system": system,
+            "system": self._built,
             **more,
             **in_time,
+            **chosen,
             "t_end": group["t_end"],
             "initial": np.atleast_1d(group["initial"]),
             "dt": group["dt"] or "auto",
@@ -421,6 +433,22 @@ class Scene:
             "times": np.atleast_1d(group["times"]) if "times" in group else None,
             "events": self.events() or None,
         }
+
+    def _chosen(self) -> dict[str, Any]:
+        """The coordinates that the result of a structure has: all that the scene mentions."""
+        # Steady motions of rotors at changing speeds have all coordinates.
+        if not self._built._is_condensed or (
+            self._built._depends_on_speed and "transient" not in self.groups
+        ):
+            return {}
+        words: set[str] = set()
+        for group in (self.groups.get(name, {}) for name in _SHOWN):
+            words.update(texts(group.get("coordinates", ())), texts(group.get("coordinate", ())))
+        for event in self.groups["event"]:
+            words.update(re.findall(r"\w+", event["function"]))
+        words = {word.lower() for word in words}
+        named = ((name, f"{name}_dot", f"{name}_ddot") for name in self._names())
+        return {"coordinates": [one[0] for one in named if not words.isdisjoint(one)]}
 
     def events(self) -> list[Event]:
         """Build the events of a motion in time."""
@@ -446,12 +474,10 @@ class Scene:
         group = self._group("multiple_scales")
         values = _grid(group["from"], group["to"], group["count"], False)
         if self.is_pendulum:
-            system = MultipleScales(
-                self.pendulum(), tolerance=_band(group), ordering=group["ordering"]
-            )
+            system = MultipleScales(self._built, tolerance=_band(group), ordering=group["ordering"])
         else:
             system = MultipleScales(
-                self.oscillator(),
+                self._built,
                 load=np.real(self.loads()["load"][1]),
                 nu=group.get("nu"),
                 tolerance=_band(group),
@@ -464,7 +490,7 @@ class Scene:
 
         group = self._group("branch")
         same = {
-            "system": self.pendulum(),
+            "system": self._built,
             group["parameter"]: (group["from"], group["to"]),
             "stability": group["stability"] == "yes",
             "symmetric": group["symmetry"] == "kept",
@@ -483,13 +509,14 @@ class Scene:
         group = self._group("backbone")
         ends = (group["from"], group["to"])
         same = {
+            "system": self._built,
             **{key: group[key] for key in ("mode", "harmonics")},
             **{key: group[key] for key in (*CURVE_DEFAULTS, "dof") if key in group},
+            **self._chosen(),
         }
         if not self.is_pendulum:
-            return backbone(self.oscillator(), amplitude_range=ends, **same), ()
+            return backbone(**same, amplitude_range=ends), ()
         same |= {
-            "system": self.pendulum(),
             f"{group['parameter']}_range": ends,
             "stability": group["stability"] == "yes",
             "symmetric": group["symmetry"] == "kept",
@@ -523,9 +550,10 @@ class Scene:
             else:
                 where |= {"vary": group["vary"], "vary_range": ends}
         return {
-            "system": self.oscillator(),
+            "system": self._built,
             **where,
             **self.loads(),
+            **self._chosen(),
             **{key: group[key] for key in ("harmonics", *CURVE_DEFAULTS)},
             "stability": group["stability"] == "yes",
         }
@@ -534,9 +562,10 @@ class Scene:
         group = self._group("response")
         relaxation = group["relaxation"]
         return {
-            "system": self.oscillator(),
+            "system": self._built,
             "nu": self.nu(),
             **self.loads(),
+            **self._chosen(),
             **{
                 key: group[key]
                 for key in ("method", "harmonics", "tolerance", "atol", "max_iterations")

@@ -109,22 +109,3 @@ def shock_spectrum(
         record, hz, coordinate=group.get("coordinate"), damping=group["damping"],
         kind=group["kind"],
     )  # fmt: skip
-
-
-def spectrum_of_table(
-    notes: Sequence[str], found: Mapping[str, Any], group: Mapping[str, Any]
-) -> ShockResponseSpectrum:
-    """Return the spectrum in a table of the core, with its notes and columns."""
-    words = notes[1].split()
-    return ShockResponseSpectrum(
-        quantity=group["kind"],
-        frequencies=found["frequency"],
-        damping=group["damping"],
-        primary_positive=found["primary_positive"],
-        primary_negative=found["primary_negative"],
-        residual_positive=found["residual_positive"],
-        residual_negative=found["residual_negative"],
-        unit=notes[0].split()[-1],
-        peak=float(words[5]),
-        duration=float(words[2]),
-    )

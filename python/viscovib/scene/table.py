@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,12 @@ from viscovib.scene.scene import Scene
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+#: Tables that a scene may have in addition to its result.
+_FURTHER = (
+    "spectrum", "event", "free_decay", "shock_spectrum", "forces", "reactions", "peaks",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,27 +98,27 @@ class TableResult(Result):
         return Table(list(self.notes), dict(self.columns))
 
 
-def run_tables(scene: Scene, kinds: Sequence[str], plan: Plan) -> list[TableResult]:
+def run_tables(scene: Scene, plan: Plan) -> dict[str, TableResult]:
     """Compute a scene in the core, like the standalone driver.
 
-    ``kinds``: names of the tables, as in the file names of the driver.
+    Returns the tables by name, as in the names of files of the driver, the result first.
     """
     given = {"path": os.fsencode(scene.path), "text": scene.canonical.encode()}
     found = _native.interruptible(lambda: _native.run("scene run", **given))
-    complete, note = bool(found["complete"]), found["summary"]
-    tables = {found[f"name_{i}"]: i for i in range(1, found["n_tables"] + 1)}
-    return [
-        TableResult(
-            kind=kind,
-            columns=_columns(found, tables[kind]),
-            notes=tuple(found[f"notes_{tables[kind]}"].splitlines()),
+    numbers = {found[f"name_{i}"]: i for i in range(1, found["n_tables"] + 1)}
+    names = sorted(numbers, key=_FURTHER.__contains__)
+    return {
+        name: TableResult(
+            # Further branches, NAME_1, are of the same kind.
+            kind=names[0] if name.startswith(f"{names[0]}_") else name,
+            columns=_columns(found, numbers[name]),
+            notes=tuple(found[f"notes_{numbers[name]}"].splitlines()),
             plan=plan,
-            complete=complete,
-            _note=note,
+            complete=bool(found["complete"]),
+            _note=found["summary"],
         )
-        for kind in kinds
-        if complete or kind in tables
-    ]
+        for name in names
+    }
 
 
 def _columns(found: Mapping[str, Any], i: int) -> dict[str, npt.NDArray[Any]]:
