@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import viscovib as vv
-from viscovib.systems.many_numbers import systems_of_parameters
+from viscovib.systems.many_numbers import scaled_parts, systems_of_parameters
+from viscovib.systems.whole import whole_system, whole_with_parameters
 
 TERMS = (
     "{p}*tanh({v}/{q})", "{p}*sin({q}*{x})", "{p}*{x}^3", "{p}*{x}^2*{y}", "{p}*{v}^3",
@@ -138,6 +139,11 @@ def test_numbers_of_elements_side_by_side():
         parameters=dict(zip(names, of.values(), strict=True)),
     )  # fmt: skip
     assert "side by side" in str(many.plan)
+    for cubic in (0.0, 0.7):  # the matrices of the structure do not change
+        flat, own = whole_with_parameters(made(), {"elements[1].k3": cubic})
+        whole = whole_system(made(cubic=cubic))
+        assert np.array_equal(flat, whole._flat)
+        assert np.array_equal(own, scaled_parts(whole))
     for i, state in enumerate(many.state):
         alone = made(**{name: x[i] for name, x in of.items()})
         one = vv.simulate(alone, initial=[1, 0, 0.5, 0], t_end=8.0, tolerance=1e-11)

@@ -19,7 +19,6 @@ from viscovib.systems.load import LoadLike, at_frequency
 from viscovib.systems.many_numbers import (
     ManySystems,
     joined,
-    scaled_parts,
     systems_of_parameters,
 )
 from viscovib.systems.mount import Mount
@@ -27,7 +26,7 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.structure import Structure
 from viscovib.systems.varying import varied
-from viscovib.systems.whole import in_all_coordinates, whole_system
+from viscovib.systems.whole import whole_system, whole_with_parameters
 
 #: Largest number of coordinates in the vector unit, without and with perturbations.
 _MOST, _MOST_DISTURBED = 6, 3
@@ -83,12 +82,10 @@ def members_of(
         if type(system) is PolynomialSystem:
             return systems_of_parameters(system, values)
 
-        made = []
-        for numbers in zip(*(x.tolist() for x in values.values()), strict=True):
-            one: Any = system._with_parameters(dict(zip(values, numbers, strict=True)))
-            one = in_all_coordinates(one, always=True)
-            made.append((one._flat, scaled_parts(one)))
-        return joined(made)
+        rows = zip(*(x.tolist() for x in values.values()), strict=True)
+        return joined(
+            [whole_with_parameters(system, dict(zip(values, row, strict=True))) for row in rows]
+        )
 
     return PolynomialMembers(few, initial, given, load, nu, method, alone, with_parameters)
 

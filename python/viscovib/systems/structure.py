@@ -470,6 +470,9 @@ class Structure(WithSpeed):
         return tuple(names)
 
     def _with_parameters(self, numbers: Mapping[str, float]) -> "Structure":
+        return replace(self, elements=self._elements_with(numbers), **self._given)
+
+    def _elements_with(self, numbers: Mapping[str, float]) -> list[Any]:
         elements = list(self.elements)
         for name, value in numbers.items():
             place, key = name.removeprefix("elements[").split("].")
@@ -479,7 +482,7 @@ class Structure(WithSpeed):
             if key in inner:
                 change = {"parameters": {**inner, key: value}}
             elements[int(place)] = replace(element, **change)
-        return replace(self, elements=elements, **self._given)
+        return elements
 
     @property
     def _given(self) -> dict[str, Any]:

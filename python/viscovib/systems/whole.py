@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -13,8 +13,11 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.common.parameters import CORNER_TOLERANCE, SMOOTH_TOLERANCE
 from viscovib.errors import InputError
-from viscovib.systems.element_laws import laws_along, n_products
+from viscovib.kernels.relaxation import Kernel
+from viscovib.systems.element_laws import Laws, laws_along, n_products
+from viscovib.systems.elements import ElementTerms, element_terms
 from viscovib.systems.layers import Layers
+from viscovib.systems.many_numbers import scaled_parts
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.speed_matrices import OF_SPEED
 from viscovib.systems.spring_groups import is_definite
@@ -105,13 +108,8 @@ def whole_system(structure: Structure) -> PolynomialSystem:
                 "kernel, or modal_damping)"
             )
         damping = damping + matrix_of_modal(modal, mass, stiffness)
-    couplings = structure._couplings
-    laws = laws_along(
-        np.eye(n), elements, [_mix(one.direction) for one in elements], couplings,
-        [[_mix(e) for e in one.directions] for one in couplings],
-        [(at_once, None), *((dense_of(matrix), kernel) for matrix, kernel in layers.whole)],
-        most=_MOST_PRODUCTS,
-    )  # fmt: skip
+    matrices = [(at_once, None), *((dense_of(matrix), kernel) for matrix, kernel in layers.whole)]
+    laws = _laws(structure, elements, matrices)
     turning: dict[str, Any] = {
         name: dense_of(matrix)
         for name in OF_SPEED
@@ -124,9 +122,55 @@ def whole_system(structure: Structure) -> PolynomialSystem:
     direction = np.zeros(n) if whole._base_direction is None else whole._base_direction
     vector = laws.vector(mass, damping, direction, whole._speed_matrices if turning else ())
     whole.__dict__.update(
-        _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units
-    )
+        _vector=vector, dof_names=structure.dof_names, dof_units=structure.dof_units,
+        _at_once=at_once,
+    )  # fmt: skip
     return whole
+
+
+def _laws(
+    structure: Structure,
+    elements: Sequence[ElementTerms],
+    matrices: Sequence[tuple[FloatArray, Kernel | None]],
+) -> Laws:
+    """Laws of elements in all coordinates."""
+    couplings = structure._couplings
+    return laws_along(
+        np.eye(structure.n_coordinates), elements, [_mix(one.direction) for one in elements],
+        couplings, [[_mix(e) for e in one.directions] for one in couplings], matrices,
+        most=_MOST_PRODUCTS,
+    )  # fmt: skip
+
+
+def whole_with_parameters(
+    system: Any, numbers: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Vector and `scaled_parts` of a system in all its coordinates with other parameters.
+
+    A structure of which only nonlinear terms of elements change keeps its matrices.
+    """
+    if system._is_condensed and _has_own_matrices(system):
+        elements = element_terms(system._elements_with(numbers), system.dof_names, system._places)
+        if all(map(_same_slopes, elements, system._all_elements)):
+            whole: Any = whole_system(system)
+            base = whole._base_direction
+            direction = np.zeros(len(whole.dof_names)) if base is None else base
+            laws = _laws(system, elements, [(whole._at_once, None)])
+            return laws.vector(whole.mass, whole.damping, direction), scaled_parts(whole)
+    one = in_all_coordinates(system._with_parameters(numbers), always=True)
+    return one._flat, scaled_parts(one)
+
+
+def _has_own_matrices(structure: Any) -> bool:
+    """True if elements, supports and speed do not change the matrices, and nothing has memory."""
+    changed = structure._plain or structure._held or structure._fixed
+    return not (
+        changed or structure._couplings or structure._all_kernels or structure._depends_on_speed
+    )
+
+
+def _same_slopes(one: ElementTerms, other: ElementTerms) -> bool:
+    return one.powers.get(1) == other.powers.get(1) and one.damping == other.damping
 
 
 def in_all_coordinates(system: Any, base: object = None, *, always: bool = False) -> Any:
