@@ -27,6 +27,8 @@ module viscovib_characteristic_matrix
 
   !> Frequencies below this fraction of the highest one count as 0.
   real(wp), parameter :: no_frequency = 1.0e-7_wp
+  !> Fractions of squared forces, and of forces, of springs and dampers that are rounding errors.
+  real(wp), parameter :: no_square = 1.0e-14_wp, no_force = 1.0e-12_wp
   !> Largest number of coordinates of a structure: the matrices are full.
   integer, parameter :: most_coordinates = 100
 
@@ -41,6 +43,9 @@ module viscovib_characteristic_matrix
     !> True if a kernel is a table: its transform has infinitely many zeros far to the left.
     logical :: has_table = .false.
     logical :: is_symmetric = .true.
+    !> Number of motions that no spring and no damper resists. With memory the matrices do not
+    !! contain them; each has the root 0 twice.
+    integer :: n_rigid = 0
     !> s = -cut is the branch point of Koltunov-Rzhanitsyn kernels (1/s); 0 for other kernels.
     real(wp) :: cut = 0.0_wp
   contains
@@ -192,7 +197,67 @@ contains
                           .and. is_symmetric(matrix%stiffness(:, :, 0))
     if (size(used) > 0) matrix%cut = minval([(cut_of(matrix%kernels(i)%kernel), i=1, size(used))])
     call find_rates(matrix, status)
+    if (matrix%remembers() .and. matrix%is_symmetric .and. .not. status%failed()) then
+      call remove_rigid_motions(matrix)
+    end if
   end subroutine new_characteristic_matrix
+
+  !> Remove the motions that no spring and no damper resists: rounding errors of det D near its root
+  !! 0 would hide the number of all roots.
+  subroutine remove_rigid_motions(matrix)
+    type(characteristic_matrix), intent(inout) :: matrix
+    real(wp), dimension(matrix%n_dof(), matrix%n_dof(), 0:2*size(matrix%stiffness, 3)) :: parts
+    real(wp), dimension(matrix%n_dof(), matrix%n_dof()) :: held, shapes
+    real(wp), allocatable :: left(:, :)
+    real(wp) :: squares(matrix%n_dof())
+    logical :: rigid(matrix%n_dof())
+    integer, allocatable :: kept(:)
+    integer :: g, i, last, n
+
+    n = matrix%n_dof()
+    last = ubound(parts, 3)
+    parts(:, :, 0) = matrix%damping
+    parts(:, :, 1:last:2) = matrix%stiffness
+    parts(:, :, 2:last:2) = matrix%dampers
+    held = 0.0_wp
+    do g = 0, last
+      associate (part => parts(:, :, g), largest => maxval(abs(parts(:, :, g))))
+        if (largest > 0.0_wp) held = held + matmul(part, part)/largest**2
+      end associate
+    end do
+    call find_symmetric_modes(matrix%mass, held, squares, shapes)
+    rigid = squares <= no_square*maxval(squares)
+    do g = 0, last
+      do i = 1, n
+        rigid(i) = rigid(i) .and. .not. any(abs(matmul(parts(:, :, g), shapes(:, i))) > no_force &
+                                            *maxval(abs(parts(:, :, g)))*maxval(abs(shapes(:, i))))
+      end do
+    end do
+    matrix%n_rigid = count(rigid)
+    if (matrix%n_rigid == 0 .or. matrix%n_rigid == n) return
+    kept = pack([(i, i=1, n)], .not. rigid)
+    left = shapes(:, kept)
+    matrix%mass = seen(matrix%mass)
+    matrix%damping = seen(matrix%damping)
+    deallocate (matrix%stiffness, matrix%dampers)
+    allocate (matrix%stiffness(size(kept), size(kept), 0:last/2 - 1))
+    allocate (matrix%dampers(size(kept), size(kept), 0:last/2 - 1))
+    do g = 0, last/2 - 1
+      matrix%stiffness(:, :, g) = seen(parts(:, :, 2*g + 1))
+      matrix%dampers(:, :, g) = seen(parts(:, :, 2*g + 2))
+    end do
+
+  contains
+
+    !> A matrix of the remaining motions.
+    pure function seen(part)
+      real(wp), intent(in) :: part(:, :)
+      real(wp) :: seen(size(left, 2), size(left, 2))
+      seen = matmul(transpose(left), matmul(part, left))
+      seen = 0.5_wp*(seen + transpose(seen))
+    end function seen
+
+  end subroutine remove_rigid_motions
 
   pure logical function is_symmetric(a)
     real(wp), intent(in) :: a(:, :)

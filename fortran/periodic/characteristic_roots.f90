@@ -81,8 +81,6 @@ contains
       roots%oscillatory = pack(free, aimag(free) > 1.0e-12_wp*abs(free))
       call order_roots(roots%oscillatory)
       roots%real = pack(real(free), .not. abs(aimag(free)) > 0.0_wp)
-      call sort_reals(roots%real)
-      roots%real = roots%real(size(roots%real):1:-1)
       roots%n_unstable = count(real(free) > 0.0_wp)
       roots%region = regions(1)
     else
@@ -95,7 +93,10 @@ contains
         call count_roots(matrix, roots, cancel)
       end if
       roots%region = merge(regions(2), regions(3), matrix%has_table)
+      roots%real = [roots%real, (0.0_wp, i=1, 2*matrix%n_rigid)]
     end if
+    call sort_reals(roots%real)
+    roots%real = roots%real(size(roots%real):1:-1)
     n_found = 2*count(real(roots%oscillatory) > 0.0_wp) + count(roots%real > 0.0_wp)
     if (.not. roots%is_counted) roots%n_unstable = n_found
     roots%complete = roots%is_counted .and. n_found == roots%n_unstable .and. roots%n_missing == 0

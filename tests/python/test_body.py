@@ -633,3 +633,17 @@ def test_a_free_body_keeps_its_momentum():
     assert r.amplitude("z")[0] == pytest.approx(4 / (2 * 9), rel=1e-12)
     with pytest.raises(vv.InputError, match="because a free body"):
         vv.Body(mass=2.0, inertia=(1.0, 2.0, 2.5), mounts=[], gravity=9.81)
+
+
+def test_modes_with_a_long_relaxation_table():
+    """The transform of a table to t = 1e5 s has no finite value at decaying motions."""
+    times = np.concatenate([[0], np.logspace(-3, 5, 60)])
+    kernel = vv.TabulatedKernel(times=times, values=0.005 * np.exp(-times / 1e4) / (0.01 + times))
+    foot = vv.MountPoint(
+        name="foot", position=(0, 0, 0), stiffness=(1e5, 1e5, 2e5),
+        rotational_stiffness=(1e3, 1e3, 1e3), kernel=kernel,
+    )  # fmt: skip
+    body = vv.Body(mass=5, inertia=(0.1, 0.2, 0.3), mounts=[foot], gravity=None)
+    with pytest.raises(vv.InputError, match=r"long .* \(pass kernel.sum_of_exponentials\(t_min="):
+        body.modes()
+    assert body.modes(stiffness="instantaneous").omega.size == 6

@@ -384,3 +384,31 @@ def test_roots_where_rest_is_unstable():
     creeping = chain(3, kernel=vv.PronyKernel(weights=[1.1], rates=[1]))
     assert creeping.characteristic_roots().n_unstable == 3
     assert creeping.characteristic_roots().complete
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_rigid_motions_hide_no_roots(held):
+    """A free chain, and one whose last mass is held by a soft spring without memory."""
+    weights, rates = np.array([0.1, 0.3]), np.array([1.0, 5.0])
+    mass, soft = np.diag([1.0, 2.0, 1.5]), np.diag([0.0, 0.0, 1e-6 if held else 0.0])
+    stiffness = np.array([[3.0, -3, 0], [-3, 5, -2], [0, -2, 2]])
+    damping = 0.02 * stiffness
+    kernel = vv.PronyKernel(weights=weights, rates=rates)
+    roots = vv.PolynomialSystem(
+        mass=mass, damping=damping, stiffness=soft,
+        springs=[vv.Springs(stiffness=stiffness, kernel=kernel)],
+    ).characteristic_roots()  # fmt: skip
+    one, none, inverse = np.eye(3), np.zeros((3, 3)), np.linalg.inv(mass)
+    states = np.block([
+        [none, one, none, none],
+        [-inverse @ (stiffness + soft), -inverse @ damping, inverse @ stiffness,
+         inverse @ stiffness],
+        [weights[0] * one, none, -rates[0] * one, none],
+        [weights[1] * one, none, none, -rates[1] * one],
+    ])  # fmt: skip
+    found = np.linalg.eigvals(states)
+    expected = sorted(found[found.imag > 1e-6], key=lambda s: s.imag)
+    assert roots.oscillatory == pytest.approx(expected, rel=1e-9)
+    assert roots.real.tolist() == ([] if held else [0.0, 0.0])
+    assert roots.n_unstable == 0
+    assert roots.complete

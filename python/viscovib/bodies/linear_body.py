@@ -20,7 +20,7 @@ from viscovib.bodies.checks import (
     checked_vector,
     inverse_of,
 )
-from viscovib.bodies.damped_modes import damped_roots, stiffness_at
+from viscovib.bodies.damped_modes import stiffness_at, with_shapes
 from viscovib.bodies.mean_square import mean_square
 from viscovib.bodies.modes import BodyModes, find_damped_modes, find_modes
 from viscovib.bodies.mount_point import MountPoint, crossing
@@ -123,7 +123,7 @@ class LinearBody(PolynomialSystem):
 
     @cached_property
     def _damped_roots(self) -> tuple[ComplexArray, ComplexArray]:
-        return damped_roots(self)
+        return with_shapes(self, self.characteristic_roots().oscillatory)
 
     def animate_mode(
         self,

@@ -167,7 +167,8 @@ def find_damped_modes(body: Any) -> BodyModes:
     roots, shapes = body._damped_roots
     if not roots.size and not free.any():
         raise InputError(
-            "mounts: no mode oscillates, all free motions creep; "
+            "mounts: no mode oscillates, all free motions creep, or the table of a kernel is too "
+            "long for decaying motions (pass kernel.sum_of_exponentials(t_min=, t_max=)); "
             "modes(stiffness='instantaneous') gives undamped modes"
         )
     omega = np.append(undamped.omega[free], roots.imag)
