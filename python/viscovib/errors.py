@@ -154,6 +154,16 @@ def _naming_near(function: _F) -> _F:
     return called  # type: ignore[return-value]
 
 
+class NearNames:
+    """Base of classes whose methods suggest similar names of misspelt keywords."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name, function in list(vars(cls).items()):
+            if isinstance(function, FunctionType) and not name.startswith("_"):
+                setattr(cls, name, _naming_near(function))
+
+
 def _unnamed(function: Callable[..., Any], given: Sequence[Any]) -> str:
     """Hint for too many positional arguments; empty if there are not too many."""
     import inspect
@@ -175,7 +185,7 @@ def _misspelt(function: Callable[..., Any], options: Iterable[str]) -> str:
         return ""
     wrong = [name for name in options if name not in parameters]
     known = [name for name in parameters if name != "self"]
-    return near_name(wrong[0], known) if wrong else ""
+    return near_name(wrong[0], known) if wrong and known else ""
 
 
 #: Python modules between a call and the package: cached properties, wrappers, contexts.

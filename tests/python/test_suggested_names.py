@@ -27,6 +27,9 @@ def system():
         (lambda: vv.PronyKernel(weigths=[0.1], rates=[1]), "did you mean weights?"),
         (lambda: vv.MultipleScales(system(), laod=1), "did you mean load?"),
         (lambda: vv.spectrum([1.0, 2.0], 0.1, qqq=1), "must be one of "),
+        (lambda: system().dynamic_stiffness(n=1), "must be one of nu"),
+        (lambda: vv.forced_response(system(), [1.0], load=1).peak("x", harmonc=1), "harmonic?"),
+        (lambda: vv.PronyKernel(weights=[0.1], rates=[1]).sum_of_exponentials(1, tmin=1), "t_min?"),
     ],
 )
 def test_of_calls(call, text):

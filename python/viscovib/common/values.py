@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from viscovib.errors import NearNames
+
 #: Largest array size for which all numbers are printed.
 _FEW = 6
 #: Largest depth of nested lists that are copied.
 _DEEPEST = 32
 
 
-class Value:
+class Value(NearNames):
     """Base of frozen dataclasses with results."""
 
     def __eq__(self, other: object) -> bool:

@@ -22,10 +22,10 @@ import numpy.typing as npt
 from viscovib import _native
 from viscovib._native import ComplexArray, FloatArray
 from viscovib.common.parameters import TOLERANCE, Number
-from viscovib.errors import ConvergenceWarning, InputError, caller
+from viscovib.errors import ConvergenceWarning, InputError, NearNames, caller
 
 
-class Kernel(ABC):
+class Kernel(NearNames, ABC):
     """A relaxation kernel R(t) (1/s).
 
     Examples

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from viscovib._native import FloatArray
+from viscovib.errors import NearNames
 
 if TYPE_CHECKING:
     from viscovib.kernels.relaxation import Kernel
@@ -24,7 +25,7 @@ SPEED_NEEDED = (
 _Any = TypeVar("_Any")
 
 
-class System:
+class System(NearNames):
     """Base class of all systems. Each kind overrides what it has."""
 
     #: True if the loads are parameters of the system itself.
