@@ -601,6 +601,9 @@ contains
       call task%check_extents('moved', shape(given%moved), [n, size(given%before)])
       if (task%failed()) return
       wish%moves_base = load%moves_base() .or. size(given%base_breaks) > 1
+      wish%initial = initial
+      wish%pushes = maxval(abs(given%pieces(:, 1, :)), 2)
+      call wish%take_load(load)
       call choose_equations(system, wish, kind, lack)
       kind = task%get_integer('equations', kind)
       call task%found%put_integer('equations', int(kind, i8))

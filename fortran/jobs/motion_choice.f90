@@ -12,15 +12,16 @@ module viscovib_motion_choice
   use viscovib_fitted_memory, only: bound_hidden
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: max_dof
-  use viscovib_law_program, only: branches
+  use viscovib_law_program, only: branches, wall
   use viscovib_law_term, only: law_term
   use viscovib_load, only: load_type
   use viscovib_method_catalogue, only: takes_sections, transient_methods
-  use viscovib_modal_frame, only: has_frame, most_in_frame, most_with_memory
+  use viscovib_modal_frame, only: has_frame, modal_frame, most_in_frame, most_with_memory, &
+    new_modal_frame
   use viscovib_mount, only: mount_type
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
-  use viscovib_polynomial_condensation, only: condenses, is_overdamped
+  use viscovib_polynomial_condensation, only: condenses, touched
   use viscovib_status, only: clipped, show
   implicit none
   private
@@ -42,7 +43,13 @@ module viscovib_motion_choice
   integer, parameter, public :: past_auto = 1, keep_exponentials = 2, keep_direct = 3
 
   !> Largest number of coordinates of a smooth system that is not condensed.
-  integer, parameter :: most_whole = 64
+  integer, parameter, public :: most_whole = 64
+  !> Smallest number of coordinates of which modes are faster, also per coordinate with forces or
+  !! memory (equal times measured with 1 to 16 of them).
+  integer, parameter :: fewest_by_modes = 12, each = 2
+  !> Ratio of the fastest rate of the linear subsystem to that of its forces above which modes are
+  !! faster (equal times measured at 20 to 70), and smallest number of radians of the fastest rate.
+  real(wp), parameter :: much_faster = 50.0_wp, many_radians = 3000.0_wp
   !> Smallest squared cosine of two directions that count as parallel.
   real(wp), parameter :: parallel = 1.0_wp - 1.0e-12_wp
 
@@ -55,6 +62,10 @@ module viscovib_motion_choice
     logical :: moves_base = .false., is_held = .false.
     !> False if modes are not available, for example because the base moves in several directions.
     logical :: may_have_modes = .true.
+    !> Start (q_1, v_1, q_2, v_2, ...), and largest loads on the coordinates; not allocated: 0.
+    real(wp), allocatable :: initial(:), pushes(:)
+  contains
+    procedure :: take_load
   end type motion_wish
 
 contains
@@ -92,6 +103,16 @@ contains
     end select
   end subroutine choose_equations
 
+  !> Add the sizes of the loads on the coordinates.
+  subroutine take_load(self, load)
+    class(motion_wish), intent(inout) :: self
+    type(load_type), intent(in) :: load
+    real(wp), allocatable :: breaks(:), pieces(:, :, :)
+    call load%forces_in_time(breaks, pieces)
+    if (.not. allocated(self%pushes)) self%pushes = 0.0_wp*pieces(:, 1, 1)
+    self%pushes = self%pushes + sum(abs(load%force), 2) + maxval(abs(pieces(:, 1, :)), 2)
+  end subroutine take_load
+
   !> Coordinates that the load, the start or the past moves, or all.
   pure function driven_coordinates(system, load, initial, held, all_move) result(driven)
     class(oscillator_type), intent(in) :: system
@@ -110,28 +131,36 @@ contains
   !! the root of the largest row sum of M^-1 K, plus the largest row sum of M^-1 C.
   real(wp) function fastest_rate(system) result(fastest)
     class(oscillator_type), intent(in) :: system
-    real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: mass, pull, drag
     real(wp) :: omega(2), shapes(2, 2)
-    integer :: pivots(size(system%mass, 1)), k, n
-    logical :: singular
 
     select type (system)
     class is (mount_type)
       call system%natural_modes(omega, shapes)
       fastest = omega(2)
     class default
-      n = size(mass, 1)
-      mass = system%mass
-      pull = matmul(system%spread, system%gather)
-      drag = system%damping
-      call factorize(n, mass, pivots, singular)
-      do k = 1, n
-        call solve(n, mass, pivots, pull(:, k))
-        call solve(n, mass, pivots, drag(:, k))
-      end do
-      fastest = sqrt(maxval(sum(abs(pull), 2))) + maxval(sum(abs(drag), 2))
+      fastest = fastest_of(system, system%damping)
     end select
   end function fastest_rate
+
+  !> The same with another damping matrix.
+  real(wp) function fastest_of(system, damping) result(fastest)
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: damping(:, :)
+    real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: mass, pull, drag
+    integer :: pivots(size(system%mass, 1)), k, n
+    logical :: singular
+
+    n = size(mass, 1)
+    mass = system%mass
+    pull = matmul(system%spread, system%gather)
+    drag = damping
+    call factorize(n, mass, pivots, singular)
+    do k = 1, n
+      call solve(n, mass, pivots, pull(:, k))
+      call solve(n, mass, pivots, drag(:, k))
+    end do
+    fastest = sqrt(maxval(sum(abs(pull), 2))) + maxval(sum(abs(drag), 2))
+  end function fastest_of
 
   !> True if a law has kinks or jumps, or an element has an internal state.
   pure logical function switches_in_time(system) result(switches)
@@ -157,20 +186,91 @@ contains
     end select
   end function is_on_shaft
 
-  !> True if a smooth system has strong dampers or so many coordinates that modes are faster.
+  !> True if modes are faster: few of many coordinates have forces, or a fast rate of the linear
+  !! subsystem, such as that of a strong damper, would require short steps.
   logical function goes_by_modes(system, wish) result(goes)
     type(polynomial_type), intent(in) :: system
     type(motion_wish), intent(in) :: wish
     goes = .false.
-    if (.not. wish%may_have_modes) return
+    if (.not. wish%may_have_modes .or. allocated(system%space_damping)) return
     if (wish%method /= 'auto' .and. all(hereditary_methods /= wish%method)) return
-    if (system%n_dof() <= most_whole) then
-      goes = is_overdamped(system, wish%t_end)
-    else if (condenses(system, .false.)) then
-      goes = .not. switches_in_time(system)
-      if (.not. goes) goes = lack_of_sections(system, wish) /= ''
-    end if
+    associate (n => system%n_dof(), q => count(touched(system)))
+      if (n > most_whole) then
+        goes = condenses(system, .false.)
+        if (goes .and. switches_in_time(system)) goes = lack_of_sections(system, wish) /= ''
+      else if (.not. switches_in_time(system)) then
+        goes = q > 0 .and. n >= fewest_by_modes + each*q
+        if (.not. goes) goes = is_stiff(system, wish)
+      end if
+    end associate
   end function goes_by_modes
+
+  !> True if the linear subsystem has a rate that is much faster than the motion, in a long run.
+  logical function is_stiff(system, wish)
+    type(polynomial_type), intent(in) :: system
+    type(motion_wish), intent(in) :: wish
+    type(modal_frame) :: frame
+    real(wp) :: fastest, none(0, size(system%mass, 1)), pace
+    logical :: found
+
+    fastest = fastest_of(system, lasting_damping(system, wish))
+    is_stiff = fastest*wish%t_end > many_radians
+    if (.not. is_stiff) return
+    associate (stiffness => matmul(system%spread, system%gather))
+      call new_modal_frame(frame, system%mass, system%damping, stiffness, 0, found)
+    end associate
+    pace = fastest_of(system, 0.0_wp*system%damping)
+    if (found) pace = frame%pace(none)
+    is_stiff = fastest > much_faster*pace
+  end function is_stiff
+
+  !> Damping matrix without the part that laws lose at the speeds of the motion, as dry friction
+  !! smoothed by tanh does.
+  function lasting_damping(system, wish) result(damping)
+    type(polynomial_type), intent(in) :: system
+    type(motion_wish), intent(in) :: wish
+    real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: damping, lost
+    real(wp), dimension(size(system%mass, 1)) :: places, speeds
+    real(wp) :: values(2), speed, pace
+    real(wp), allocatable :: at(:, :)
+    integer :: i, j, k
+
+    damping = system%damping
+    places = 0.0_wp
+    speeds = 0.0_wp
+    pace = fastest_of(system, 0.0_wp*damping)
+    if (allocated(wish%initial)) then
+      places = wish%initial(1::2)
+      speeds = abs(wish%initial(2::2)) + pace*maxval(abs(places))
+    end if
+    if (allocated(wish%pushes)) then
+      speeds = speeds + wish%pushes/max(pace, 1.0_wp/wish%t_end) &
+               /[(system%mass(i, i), i=1, size(speeds))]
+    end if
+    do i = 1, size(system%laws)
+      associate (law => system%laws(i))
+        lost = 0.0_wp
+        do k = 1, size(law%rates, 1)
+          speed = dot_product(abs(law%rates(k, :)), speeds)
+          if (.not. speed > 0.0_wp) cycle
+          at = spread(matmul(law%arguments, places), 1, 2)
+          at(2, k) = at(2, k) + speed
+          call law%program%evaluate(at, values)
+          if (any(abs(values) >= wall)) cycle
+          do j = 1, size(law%equations)
+            associate (row => lost(law%equations(j), :))
+              row = row + law%weights(j)*((values(2) - values(1))/speed)*law%rates(k, :)
+            end associate
+          end do
+        end do
+        if (sum([(lost(j, j), j=1, size(speeds))]) < 0.0_wp) damping = damping + lost
+      end associate
+    end do
+    do i = 1, size(speeds)
+      ! Self-excited coordinates leave this state.
+      if (damping(i, i) < 0.0_wp) damping(i, :) = 0.0_wp
+    end do
+  end function lasting_damping
 
   !> Reason why the method or the memory is that of other equations; empty: it is not.
   function lack_of_method(wish, methods) result(lack)

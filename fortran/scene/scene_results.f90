@@ -226,9 +226,10 @@ contains
         call new_fitted_motion(system, subject%polynomial, subject%load, own%nu, 1.0_wp, 1.0_wp, &
                                status)
         call reader%place(status)
-        ! Systems that switch may begin at rest, and so may systems that a shock moves.
+        ! Structures, systems that switch, and systems that a shock moves may begin at rest.
         if (.not. status%failed()) then
           call read_transient(reader, system, motion, switches_in_time(subject%polynomial) &
+                              .or. allocated(subject%model%mass) &
                               .or. allocated(subject%shaft_start), subject%load%has_table(), &
                               subject%shaft_start)
         end if

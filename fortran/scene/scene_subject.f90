@@ -10,7 +10,8 @@ module viscovib_scene_subject
   use viscovib_lanes, only: max_dof
   use viscovib_load, only: load_type
   use viscovib_load_groups, only: read_loads
-  use viscovib_motion_choice, only: by_modes, choose_equations, motion_wish, without_memory
+  use viscovib_motion_choice, only: by_modes, choose_equations, most_whole, motion_wish, &
+    without_memory
   use viscovib_mount, only: mount_parameters, mount_type, new_mount
   use viscovib_namelist, only: lower, namelist_type
   use viscovib_pendulum, only: new_pendulum, pendulum_parameters, pendulum_type
@@ -98,16 +99,17 @@ contains
     if (status%failed()) status%message = file%path//': '//status%message
   end subroutine read_subject
 
-  !> In time a small structure whose laws switch goes by its whole equations, where steps end at the
-  !! switches, unless the scene asks for what only the condensed ones have. So do periodic motions
-  !! by shooting, and ensembles whose motions go side by side.
+  !> In time a small structure goes by its whole equations if modes are not faster, or if its laws
+  !! switch, where steps end then; with a given step by its modes, which are exact. So do periodic
+  !! motions by shooting, and ensembles whose motions go side by side.
   subroutine go_whole(file, load, subject, status)
     type(namelist_type), intent(in) :: file
     type(load_type), intent(in) :: load
     type(subject_type), intent(inout) :: subject
     type(status_type), intent(inout) :: status
+    type(motion_wish) :: wish
     character(len=:), allocatable :: lack
-    logical :: is_always_whole
+    logical :: is_always_whole, may_have_modes
 
     is_always_whole = min(place_of(file, 'steady_motion'), place_of(file, 'trace_motion')) &
                       <= size(file%groups)
@@ -115,23 +117,40 @@ contains
       is_always_whole = size(subject%coordinates) <= max_dof .and. .not. switches(subject%model) &
                         .and. .not. any(subject%model%elements%kernel > 0)
     end if
-    if (is_always_whole) then
-      if (.not. may_be_whole(subject%model)) return
-    else
-      if (place_of_motion(file) > size(file%groups)) return
-      if (.not. switches(subject%model)) return
+    if (.not. may_be_whole(subject%model)) return
+    may_have_modes = .not. (is_always_whole .or. switches(subject%model))
+    if (.not. is_always_whole .and. place_of_motion(file) > size(file%groups)) return
+    if (may_have_modes) then
+      if (place_of(file, 'transient') > size(file%groups)) return
+      if (size(subject%coordinates) > most_whole .or. has_step(file)) return
     end if
     call whole_polynomial(subject%model, subject%structure%kernels, subject%polynomial, status)
     if (status%failed()) return
+    ! Modes of linear structures are exact.
+    if (may_have_modes .and. subject%polynomial%is_linear()) return
     if (place_of_motion(file) <= size(file%groups)) then
-      call choose_equations(subject%polynomial, wish_of(file, load, .false.), subject%equations, &
-                            lack)
-      if (subject%equations /= without_memory .and. .not. is_always_whole) return
+      wish = wish_of(file, load, size(subject%coordinates), may_have_modes)
+      call choose_equations(subject%polynomial, wish, subject%equations, lack)
+      if (subject%equations == by_modes) return
+      ! Only these steps end where laws switch.
+      if (switches(subject%model) .and. subject%equations /= without_memory) return
     end if
     subject%load = load
     subject%is_structure = .false.
     subject%is_polynomial = .true.
   end subroutine go_whole
+
+  !> True if the step size of a motion is given.
+  logical function has_step(file)
+    type(namelist_type), intent(in) :: file
+    type(group_reader) :: reader
+    associate (group => file%groups(place_of(file, 'transient')))
+      has_step = group%find('dt') > 0
+      if (.not. has_step) return
+      call reader%start(file%path, group)
+      has_step = reader%read_real('dt') > 0.0_wp
+    end associate
+  end function has_step
 
   !> Choose the equations of motions in time.
   subroutine choose(file, subject)
@@ -142,8 +161,8 @@ contains
 
     if (place_of_motion(file) > size(file%groups)) return
     ! Ensembles, and forces of mounts, are those of all coordinates.
-    wish = wish_of(file, subject%load, .not. subject%is_body .and. place_of(file, 'transient') &
-                   <= size(file%groups))
+    wish = wish_of(file, subject%load, size(subject%coordinates), &
+                   .not. subject%is_body .and. place_of(file, 'transient') <= size(file%groups))
     call choose_equations(subject%oscillator(), wish, subject%equations, lack)
     if (subject%equations /= by_modes) return
     call condense_in_time(subject)
@@ -153,22 +172,31 @@ contains
   end subroutine choose
 
   !> What the scene asks of its motion in time; the group is read completely later.
-  type(motion_wish) function wish_of(file, load, may_have_modes) result(wish)
+  type(motion_wish) function wish_of(file, load, n, may_have_modes) result(wish)
     type(namelist_type), intent(in) :: file
     type(load_type), intent(in) :: load
+    !> Number of coordinates.
+    integer, intent(in) :: n
     logical, intent(in) :: may_have_modes
+    real(wp) :: none(n)
     type(group_reader) :: reader
 
+    none = 0.0_wp
     associate (group => file%groups(place_of_motion(file)))
       wish%method = word_of('method')
       wish%memory = word_of('memory')
-      wish%is_held = group%find('held') > 0
+      call reader%start(file%path, group)
+      if (group%find('held') > 0) then
+        wish%is_held = any(abs(reader%read_reals('held', n, none)) > 0.0_wp)
+      end if
       wish%moves_base = load%moves_base()
       wish%may_have_modes = may_have_modes .and. group%find('t_end') > 0 &
                             .and. .not. any(abs(load%moved) > 0.0_wp)
       if (.not. wish%may_have_modes) return
-      call reader%start(file%path, group)
       wish%t_end = reader%read_real('t_end', 0.0_wp)
+      wish%initial = reader%read_reals('initial', 2*n, [none, none])
+      if (reader%status%failed()) wish%initial = [none, none]
+      if (allocated(load%force)) call wish%take_load(load)
     end associate
 
   contains

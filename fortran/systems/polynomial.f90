@@ -70,6 +70,7 @@ module viscovib_polynomial
     procedure :: force_slopes
     procedure :: coupling
     procedure :: stiffness_at_rest
+    procedure :: is_linear
   end type polynomial_type
 
 contains
@@ -121,6 +122,12 @@ contains
     call add_variables(system, parameters, size(kernels))
     call system%drop_zero_kernels()
   end subroutine new_polynomial
+
+  !> True if all forces are linear.
+  pure logical function is_linear(self)
+    class(polynomial_type), intent(in) :: self
+    is_linear = size(self%monomials) + size(self%laws) == 0
+  end function is_linear
 
   !> Change the capacity for monomials.
   pure subroutine resize_monomials(self, n)

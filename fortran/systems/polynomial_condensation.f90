@@ -1,9 +1,6 @@
 !> Condenses polynomial systems to the few coordinates with nonlinear forces or memory.
 module viscovib_polynomial_condensation
-  use viscovib_dense, only: factorize, solve
   use viscovib_kinds, only: wp
-  use viscovib_law_program, only: branches, wall
-  use viscovib_law_term, only: law_term
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial, only: polynomial_type
   use viscovib_reduction, only: reduce
@@ -14,7 +11,7 @@ module viscovib_polynomial_condensation
   implicit none
   private
 
-  public :: condense_polynomial, condenses, is_overdamped, turn_system
+  public :: condense_polynomial, condenses, touched, turn_system
 
   !> Smallest number of coordinates for condensation. At most half of them may have forces or
   !! memory. Smaller systems are as fast without condensation.
@@ -26,11 +23,6 @@ module viscovib_polynomial_condensation
   integer, parameter :: smallest_checked = 8, checked_each = 3
   !> Smallest number of coordinates for condensation at each speed, which needs all modes there.
   integer, parameter :: smallest_turned = 13
-  !> Ratio of damping rate to natural frequency above which integration in time uses modes. The full
-  !! equations need steps as short as the decay (equal times measured at ratios of 20 to 70).
-  real(wp), parameter :: much_faster = 50.0_wp
-  !> Minimum duration of the run in decay times for integration by modes.
-  real(wp), parameter :: many_decays = 3000.0_wp
 
 contains
 
@@ -47,67 +39,6 @@ contains
     if (.not. (condenses .and. stability) .or. any(system%kernel_of > 0)) return
     condenses = n >= max(smallest_checked, checked_each*q + 2)
   end function condenses
-
-  !> True if integration by modes, with exact fast decay, is faster: damping rates far exceed the
-  !! natural frequencies, the run is long and no law switches.
-  logical function is_overdamped(system, t_end)
-    type(polynomial_type), intent(in) :: system
-    real(wp), intent(in) :: t_end
-    real(wp) :: fastest
-    real(wp), dimension(size(system%mass, 1), size(system%mass, 1)) :: mass, pull, drag
-    integer :: pivots(size(system%mass, 1)), i
-    logical :: singular
-
-    is_overdamped = .false.
-    if (allocated(system%space_damping) .or. .not. any(touched(system))) return
-    do i = 1, size(system%laws)
-      if (system%laws(i)%state > 0 .or. any(branches(system%laws(i)%program%code))) return
-      ! Another law may be stiff in a thin layer of rates.
-      if (.not. is_linear_in_rates(system%laws(i), maxval(abs(system%damping)))) return
-    end do
-    mass = system%mass
-    pull = matmul(system%spread, system%gather)
-    drag = system%damping
-    call factorize(size(mass, 1), mass, pivots, singular)
-    if (singular) return
-    do i = 1, size(mass, 1)
-      call solve(size(mass, 1), mass, pivots, pull(:, i))
-      call solve(size(mass, 1), mass, pivots, drag(:, i))
-    end do
-    fastest = maxval(sum(abs(drag), 2))
-    is_overdamped = fastest*t_end > many_decays &
-                    .and. fastest > much_faster*sqrt(maxval(sum(abs(pull), 2)))
-  end function is_overdamped
-
-  !> True if the slopes of a law by rates are constant: they are then part of `damping`, whose
-  !! largest entry is given, and the slopes of what is left are 0 at all rates.
-  logical function is_linear_in_rates(law, damping) result(is_linear)
-    type(law_term), intent(in) :: law
-    real(wp), intent(in) :: damping
-    real(wp), parameter :: places(3) = [0.0_wp, 0.7_wp, -2.3_wp], &
-                           speeds(5) = [0.0_wp, 1.0e-3_wp, -0.7_wp, 11.0_wp, -1.0e4_wp], &
-                           rounding = 1.0e-12_wp
-    real(wp) :: at(size(places)*size(speeds), size(law%arguments, 1)), values(size(at, 1))
-    real(wp) :: slopes(size(at, 1), size(at, 2))
-    logical :: is_rate(size(at, 2))
-    integer :: k
-
-    is_rate = any(abs(law%rates) > 0.0_wp, 2)
-    is_linear = .not. any(is_rate)
-    if (is_linear) return
-    do k = 1, size(at, 2)
-      if (is_rate(k)) then
-        at(:, k) = [spread(speeds, 1, size(places))]
-      else
-        at(:, k) = [spread(places, 2, size(speeds))]
-      end if
-    end do
-    call law%program%differentiate(at, values, slopes)
-    do k = 1, size(at, 2)
-      if (.not. is_rate(k)) slopes(:, k) = 0.0_wp
-    end do
-    is_linear = all(abs(values) < wall) .and. all(abs(slopes) <= rounding*damping)
-  end function is_linear_in_rates
 
   !> Mask of the coordinates with nonlinear forces or memory.
   pure function touched(system)

@@ -1,6 +1,7 @@
 """Motions of structures in time, against the full systems and SciPy."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -333,3 +334,44 @@ def test_rayleigh_damping_of_an_unsymmetric_stiffness(seed):
     )  # fmt: skip
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-10)
     assert np.abs(one[2:4]).max() > 1e-3
+
+
+#: Laws of a mass on a deflection: smooth, steep, strong dampers, thin friction, self-excitation.
+LAWS = [
+    "0.5*d^3", "1.3*sin(d)", "0.8*tanh(d/0.05)", "0.3*tanh(v)", "0.2*tanh(v/0.001)", "300*v^3",
+    "1e4*tanh(v)", "(1 + d^2)*1e4*v", "2e4*v*sqrt(1 + v^2)", "20*(d^2 - 1)*v + 0.3*d^3",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("remembers", [False, True])
+def test_both_constructors_go_by_the_same_equations(law, remembers):
+    """A system costs as many steps as a polynomial system and as a structure."""
+    rng = np.random.default_rng([len(law), int(remembers)])
+    n = int(rng.integers(1, 4))
+    stiffness = chain(n) * rng.uniform(0.5, 2)
+    damping, mass = 0.05 * stiffness, rng.uniform(0.5, 2, n)
+    start = rng.uniform(-0.6, 0.6, 2 * n)
+    kernel = vv.PronyKernel(weights=[0.2], rates=[1.0]) if remembers else None
+    own = np.zeros((n, n))
+    own[0, 0] = 0.5
+    names = [f"x{i + 1}" for i in range(n)]
+    force = re.sub(r"\bv\b", "x1_dot", re.sub(r"\bd\b", "x1", law))
+    springs = [
+        vv.Springs(stiffness=stiffness, forces={"x1": force}),
+        vv.Springs(stiffness=own, kernel=kernel),
+    ]
+    polynomial = vv.PolynomialSystem(
+        mass=np.diag(mass), damping=damping, springs=springs, names=names
+    )
+    elements = [vv.Spring(on="x1", law=law), vv.Spring(on="x1", stiffness=0.5, kernel=kernel)]
+    structure = vv.Structure(
+        mass=np.diag(mass), stiffness=stiffness, damping=damping, elements=elements
+    )
+    given = {"load": rng.uniform(-0.4, 0.4, n), "nu": 1.3, "initial": start, "keep": "last"}
+    runs = [vv.simulate(one, 20.0, **given) for one in (polynomial, structure)]
+    one, other = runs
+    assert one.stats["steps"] == other.stats["steps"]
+    work = [max(value for name, value in run.stats.items() if name != "steps") for run in runs]
+    assert work[0] == pytest.approx(work[1], rel=0.05)
+    assert np.abs(one.state - other.state).max() <= 1e-9 * np.abs(one.state).max()

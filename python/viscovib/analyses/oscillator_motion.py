@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,8 @@ EVERY_METHOD = tuple(dict.fromkeys(("auto", *METHODS, *NODES)))
 PASTS = ("exponentials", "direct")
 #: Kinds of equations by their number in the core.
 WITHOUT_MEMORY, WITH_MEMORY, BY_MODES = 1, 2, 3
+#: Largest number of coordinates of smooth systems that are not condensed, as in the core.
+MOST_WHOLE = 64
 #: Largest number of steps for which the whole past is kept by default.
 _DIRECT_STEPS = 20_000
 #: Largest continued time of a run in units of its end; sums of exponentials are fitted for it.
@@ -95,7 +97,7 @@ class OscillatorMotion:
         force: LoadTable | None,
         held: npt.ArrayLike | Past | None,
         memory: str,
-    ) -> "OscillatorMotion":
+    ) -> Self:
         """Check the arguments of ``simulate`` for an oscillator; its equations are not chosen."""
         n = len(system.dof_names)
         before, moved = history_of(held, n)
@@ -120,7 +122,7 @@ class OscillatorMotion:
         )  # fmt: skip
         return motion if table is None else motion._on_table(table)
 
-    def with_equations(self, kind: int = 0, *, may_have_modes: bool = False) -> "OscillatorMotion":
+    def with_equations(self, kind: int = 0, *, may_have_modes: bool = False) -> Self:
         """Return the motion with the equations that the core chooses, or of the given kind."""
         more = {"equations": kind} if kind else {}
         chosen = _native.run(
@@ -131,7 +133,7 @@ class OscillatorMotion:
         self.chosen = chosen
         return self
 
-    def after(self, before: "OscillatorMotion") -> "OscillatorMotion":
+    def after(self, before: "OscillatorMotion") -> Self:
         """Return the motion with the history of an earlier motion under other loads."""
         chosen = self.chosen | {"reach": before.chosen["reach"]}
         if self.remembers_all:
@@ -140,7 +142,7 @@ class OscillatorMotion:
             self, before=before.before, moved=before.moved, is_held=before.is_held, chosen=chosen
         )
 
-    def _on_table(self, table: LoadTable) -> "OscillatorMotion":
+    def _on_table(self, table: LoadTable) -> Self:
         """Return the motion with a base table, whose acceleration is a load."""
         n = len(self.system.dof_names)
         names = getattr(self.system, "_base_names", ()) if table._columned else ()
@@ -247,9 +249,13 @@ class OscillatorMotion:
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return a function that creates a run with a step size."""
+        self._check_method()
+        return partial(OscillatorRun, self, tolerance)
+
+    def _check_method(self) -> None:
+        """Refuse a method of other equations."""
         if not self.chosen["method"]:
             _native.choice("method", self.method, ("auto", *NODES))
-        return partial(OscillatorRun, self, tolerance)
 
 
 def _periodic(

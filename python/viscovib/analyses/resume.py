@@ -19,7 +19,7 @@ from viscovib.analyses.oscillator_motion import (
 from viscovib.analyses.runs import Run, Wanted, nothing
 from viscovib.analyses.step_search import with_estimate
 from viscovib.analyses.structure_motion import StructureMotion, structure_motion_of
-from viscovib.analyses.whole_structure import WholeRun, whole_runs
+from viscovib.analyses.whole_structure import WholeRun, whole_motion
 from viscovib.common.counts import things
 from viscovib.common.mesh import Mesh
 from viscovib.errors import InputError
@@ -197,14 +197,15 @@ def _other_loads_of_structure(
     if isinstance(run, WholeRun):
         given: Any = run.system
         names = None if run.places is None else [given.dof_names[i] for i in run.places]
-        made = whole_runs(
-            given, end, None, run.method, load, nu, force, run.solved, names, base=base,
-            before=run.motion,
+        before = run.motion
+        begun = whole_motion(
+            given, before.end if run.by_nodes else end, None, run.method, load, nu, force, names,
+            base=base, memory=before.memory, before=before,
         )  # fmt: skip
-        assert made is not None
-        begun: Any = made[0](run.h)
-        _check_base(begun.motion, run.motion, run.time)
-        return known(made[0], breaks_of(force, base, len(given.dof_names)), force, base)
+        assert begun is not None
+        _check_base(begun, before, run.time)
+        breaks = breaks_of(force, base, len(given.dof_names))
+        return known(begun.runs(run.solved), breaks, force, base)
     before = structure_motion_of(run)
     assert before is not None
     system = before.mount

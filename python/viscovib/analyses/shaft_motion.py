@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,11 +15,10 @@ from viscovib.analyses.forces_in_time import element_forces
 from viscovib.analyses.memoryless import MAX_DOF
 from viscovib.analyses.oscillator_motion import (
     METHODS,
-    OscillatorMotion,
     OscillatorRun,
 )
 from viscovib.analyses.runs import Run
-from viscovib.analyses.whole_structure import WholeRun, check_outside
+from viscovib.analyses.whole_structure import WholeMotion, WholeRun, check_outside
 from viscovib.errors import InputError
 from viscovib.results.motion_forces import ElementForces
 from viscovib.results.trajectory import Trajectory
@@ -64,16 +64,15 @@ def shaft_runs(
             key: np.append(value, 0.0) if np.shape(value) == (n,) else value
             for key, value in given.items()
         }
-    motion = OscillatorMotion.checked(
+    motion = WholeMotion.checked(
         system, end, initial, method, load, nu, base, force, None, memory
     ).with_equations()
     first: int = motion.chosen["first"]
     if not isinstance(system.given, Structure):
         return partial(_SystemRun, motion, solved), first
     check_outside(system.given, motion.state[:-2])
-    places: Any = _places(system, coordinates, load)
-    structure: Any = system
-    return partial(_StructureRun, structure, places, motion, solved), first
+    motion = replace(motion, structure=system, places=_places(system, coordinates, load))
+    return partial(_StructureRun, motion, solved), first
 
 
 def _places(

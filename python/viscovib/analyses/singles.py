@@ -17,9 +17,10 @@ from viscovib import _native
 from viscovib._native import FloatArray
 from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.members import Members, Sections, shared_runs, side_by_side
+from viscovib.analyses.oscillator_motion import MOST_WHOLE
 from viscovib.analyses.resume import known
 from viscovib.analyses.runs import Run, ThinLayers
-from viscovib.analyses.transient import MOST_WHOLE, Acting, kept_by, observed, runs_of
+from viscovib.analyses.transient import Acting, kept_by, observed, runs_of
 from viscovib.errors import InputError
 from viscovib.systems.load import LoadLike
 from viscovib.systems.polynomial_system import PolynomialSystem

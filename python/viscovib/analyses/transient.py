@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +17,12 @@ from viscovib._native import FloatArray
 from viscovib.analyses.accuracy import Accuracy
 from viscovib.analyses.events import Event, Watch
 from viscovib.analyses.memoryless import pendulum_runs
-from viscovib.analyses.oscillator_motion import BY_MODES, OscillatorMotion
+from viscovib.analyses.oscillator_motion import (
+    BY_MODES,
+    MOST_WHOLE,
+    NODES,
+    OscillatorMotion,
+)
 from viscovib.analyses.resume import (
     Maker,
     breaks_of,
@@ -40,7 +46,7 @@ from viscovib.analyses.structure_motion import (
     StructureMotion,
     structure_motion_of,
 )
-from viscovib.analyses.whole_structure import whole_runs
+from viscovib.analyses.whole_structure import whole_motion
 from viscovib.common.mesh import Mesh
 from viscovib.common.past import Past
 from viscovib.errors import ConvergenceWarning, InputError, RangeWarning, caller
@@ -54,12 +60,10 @@ from viscovib.systems.pendulum import Pendulum
 from viscovib.systems.polynomial_system import PolynomialSystem
 from viscovib.systems.shaft import USUAL_RTOL, DriveTorque, OnShaft, turns_shaft, with_shaft
 from viscovib.systems.structure import Structure
-from viscovib.systems.whole import MOST_IN_FRAME
+from viscovib.systems.whole import MOST_IN_FRAME, lacks_wholeness
 
 #: Motion of the base by its acceleration, and of supports, each or None.
 _Moved = tuple[BaseMotion | None, SupportMotion | None]
-#: Largest number of coordinates of smooth systems that are not condensed, as in the core.
-MOST_WHOLE = 64
 #: Largest relative last coefficient of a step without a warning.
 _ROUGH = 1e-2
 #: Reduction of the tolerance of memory equations if no step size met the tolerance.
@@ -269,35 +273,19 @@ def simulate(
     breaks = breaks_of(table, base, len(system.dof_names))
     breaks = with_delayed_jumps(breaks, system, end, initial, held)
 
-    def prepared(sharper: float = 1.0) -> tuple[_Steps, int]:
-        make, n, at_first = runs_of(system, end, initial, method, loads, accuracy, auto, sharper)
+    def prepared(sharper: float = 1.0, by_modes: bool | None = None) -> tuple[_Steps, int]:
+        make, n, at_first = runs_of(
+            system, end, initial, method, loads, accuracy, auto, sharper, by_modes
+        )
         watch = None if events is None else _watch_of(events, make, system)
         made = known(make, breaks, table, base, watch)
         return _Steps(made, end, breaks, at_first, want, progress), n
 
-    steps, n = prepared()
     if auto:
         assert accuracy is not None
-        if n > MAX_FIRST_STEPS:
-            raise InputError(
-                f"t_end = {end:g}: takes {n:.1e} steps of the fastest motion or load, must be "
-                f"at most {MAX_FIRST_STEPS:g}: use a shorter run, slower loads or softer "
-                "springs, or give dt"
-            )
-        n = want.every * math.ceil(n / want.every)
-        first = steps.first(n)
-        try:
-            return _heard(by_tolerance(first, n, end, want, accuracy, progress), moved)
-        except NotMetError:
-            if steps.at_first == 1 and (first.layers.seen or not first.has_layers):
-                raise
-        # Steps may only be too large for layers of laws. An unstable motion with memory amplifies
-        # the errors of equations and kernels.
-        if first.has_layers:
-            first.layers.seen = True
-        else:
-            steps, _ = prepared(_SHARPER)
-        return _heard(by_tolerance(steps.first(n), n, end, want, accuracy, progress), moved)
+        others = _has_others(system, base, method)
+        return _heard(_with_search(prepared, accuracy, others), moved)
+    steps, _ = prepared()
     run = _with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated)
     return _heard(run, moved)
 
@@ -433,10 +421,12 @@ def runs_of(
     accuracy: Accuracy | None,
     auto: bool,
     sharper: float = 1.0,
+    by_modes: bool | None = None,
 ) -> tuple[Maker, int, int]:
     """Maker of runs, first number of steps, and kind of the first step.
 
-    ``sharper``: factor of the tolerance of memory equations.
+    ``sharper``: factor of the tolerance of memory equations; ``by_modes``: whether the equations
+    are those of modes, None: as the core chooses.
     """
     load, nu = given.load, given.nu
     if load is not None and type(load) is not float:
@@ -459,25 +449,25 @@ def runs_of(
             given.coordinates,
         )  # fmt: skip
         return *turning, 1
-    if system._is_condensed:
-        made = whole_runs(
-            system, end, initial, method, load, nu, force, solved, given.coordinates, base=base,
-            held=held, memory=given.memory,
+    motion: OscillatorMotion | None = None
+    if by_modes:
+        pass
+    elif system._is_condensed:
+        motion = whole_motion(
+            system, end, initial, method, load, nu, force, given.coordinates, base=base, held=held,
+            memory=given.memory, may_have_modes=by_modes is None, auto=auto,
         )  # fmt: skip
-        if made is not None:
-            return *made, 1
     elif not is_large(system):
         motion = OscillatorMotion.checked(
             system, end, initial, method, load, nu, base, force, held, given.memory
-        )
-        motion = motion.with_equations(may_have_modes=_may_have_modes(system, base))
-        if motion.chosen["equations"] == BY_MODES and system._modes_in_time is None:
-            motion = motion.with_equations()
-        if motion.chosen["equations"] != BY_MODES:
-            if not motion.remembers_all:
-                return motion.runs(solved), motion.chosen["first"], 1
-            make = motion.runs(far if motion.remembers or not auto else ROUNDING)
-            return make, motion.chosen["first"], 2 if motion.remembers else 1
+        ).with_equations(may_have_modes=by_modes is None and _may_have_modes(system, base))
+        if motion.chosen["equations"] == BY_MODES:
+            motion = None if system._modes_in_time else motion.with_equations()
+    if motion is not None:
+        if not motion.remembers_all:
+            return motion.runs(solved), motion.chosen["first"], 1
+        make = motion.runs(far if motion.remembers or not auto else ROUNDING)
+        return make, motion.chosen["first"], 2 if motion.remembers else 1
     shape = StructureMotion.checked(
         system, end, initial, method, load, nu, base, force, held, given.memory, given.coordinates
     )
@@ -489,6 +479,18 @@ def is_large(system: Any) -> bool:
     """True if the core does not take a system in all its coordinates for motions in time."""
     n = len(system.dof_names)
     return n > MOST_WHOLE and not (system._has_kinks and n <= MOST_IN_FRAME)
+
+
+def _has_others(system: Any, base: Any, method: object) -> bool:
+    """True if a smooth motion may be computed by modes and in all coordinates."""
+    if system._has_own_loads or isinstance(system, OnShaft) or system._has_kinks:
+        return False
+    if len(system.dof_names) > MOST_WHOLE or method not in ("auto", *NODES):
+        return False
+    if system._is_condensed:
+        return lacks_wholeness(system) is None
+    has_modes = isinstance(system, PolynomialSystem) and _may_have_modes(system, base)
+    return has_modes and system._modes_in_time is not None
 
 
 def _may_have_modes(system: Any, base: Any) -> bool:
@@ -530,6 +532,50 @@ class _Steps:
                 f"force, base: takes {mesh.count:.1e} steps, must be at most {MAX_STEPS:g}"
             )
         return mesh
+
+
+def _with_search(
+    prepared: Callable[..., tuple[_Steps, int]], accuracy: Accuracy, has_others: bool
+) -> Trajectory:
+    """Run with a step size that meets the tolerance.
+
+    ``has_others``: the motion may also be computed by modes, or in all coordinates.
+    """
+
+    def search(steps: _Steps, n: int, run: Run) -> Trajectory:
+        return by_tolerance(run, n, steps.end, steps.want, accuracy, steps.progress)
+
+    def first_of(steps: _Steps, n: int) -> tuple[_Steps, int, Run]:
+        if n > MAX_FIRST_STEPS:
+            raise InputError(
+                f"t_end = {steps.end:g}: takes {n:.1e} steps of the fastest motion or load, must "
+                f"be at most {MAX_FIRST_STEPS:g}: use a shorter run, slower loads or softer "
+                "springs, or give dt"
+            )
+        n = steps.want.every * math.ceil(n / steps.want.every)
+        return steps, n, steps.first(n)
+
+    steps, n, first = first_of(*prepared())
+    try:
+        return search(steps, n, first)
+    except NotMetError as error:
+        failed = error
+    if steps.at_first > 1 or (first.has_layers and not first.layers.seen):
+        # Steps may only be too large for layers of laws. An unstable motion with memory amplifies
+        # the errors of equations and kernels.
+        if first.has_layers:
+            first.layers.seen = True
+        else:
+            steps, _ = prepared(_SHARPER)
+        try:
+            return search(steps, n, steps.first(n))
+        except NotMetError as error:
+            failed = error
+    # Modes have smaller rounding errors. Steps in all coordinates follow self-excited motions.
+    if has_others:
+        with suppress(NotMetError):
+            return search(*first_of(*prepared(by_modes=structure_motion_of(first) is None)))
+    raise failed
 
 
 def _with_step(steps: _Steps, end: float, step: float, estimated: bool) -> Trajectory:

@@ -7,6 +7,7 @@ kernels are replaced by such sums, fitted for the steps of a run.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -15,8 +16,14 @@ import numpy.typing as npt
 
 from viscovib import _native
 from viscovib._native import FloatArray
-from viscovib.analyses.acting import loads_at
-from viscovib.analyses.oscillator_motion import OscillatorMotion, OscillatorRun
+from viscovib.analyses.acting import KnownMotion, loads_at
+from viscovib.analyses.oscillator_motion import (
+    BY_MODES,
+    MOST_WHOLE,
+    WITH_MEMORY,
+    OscillatorMotion,
+    OscillatorRun,
+)
 from viscovib.analyses.runs import Run
 from viscovib.analyses.structure_motion import with_deflections
 from viscovib.common.past import Past
@@ -25,6 +32,7 @@ from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
 from viscovib.systems.load_table import LoadTable
 from viscovib.systems.structure import ALL_GIVEN, Structure
+from viscovib.systems.structure_loads import warn_of_creeping
 from viscovib.systems.supports import with_base_loads
 from viscovib.systems.whole import (
     MOST_WITH_MEMORY,
@@ -71,7 +79,21 @@ def _lacks_exponentials(structure: Structure) -> str | None:
     return None
 
 
-def whole_runs(
+@dataclass(eq=False)
+class WholeMotion(OscillatorMotion):
+    """A requested motion of a structure by its full equations."""
+
+    structure: Any = None
+    #: Indices of the coordinates kept; None: all.
+    places: _Places = None
+
+    def runs(self, tolerance: float) -> Callable[[float], Run]:
+        """Return a function that creates a run with a step size."""
+        self._check_method()
+        return partial(WholeRun, self, tolerance)
+
+
+def whole_motion(
     structure: Structure,
     end: float,
     initial: npt.ArrayLike | None,
@@ -79,38 +101,54 @@ def whole_runs(
     load: LoadLike | None,
     nu: float | None,
     force: LoadTable | None,
-    solved: float,
     coordinates: Sequence[str] | None = None,
     *,
     base: LoadLike | LoadTable | None = None,
     held: npt.ArrayLike | Past | None = None,
     memory: str = "auto",
     before: OscillatorMotion | None = None,
-) -> tuple[Callable[[float], Run], int] | None:
-    """Return a function that creates a run with a step size, and the first number of steps.
+    may_have_modes: bool = True,
+    auto: bool = True,
+) -> WholeMotion | None:
+    """Return a motion by the full equations; None: modes are faster, or these do not exist.
 
-    None: steps cannot end where laws switch, or no law does. ``coordinates``: names of those kept;
-    None: all if few, else those with loads or elements. ``before``: earlier motion under other
-    loads.
+    ``coordinates``: names of those kept; None: all if few, else those with loads or elements.
+    ``before``: earlier motion by full equations under other loads; ``may_have_modes``: False if
+    these are wanted anyway; ``auto``: False if the step size is given, for which modes are exact.
     """
-    if not structure._has_kinks:
+    switches = structure._has_kinks
+    if not switches and not (auto and structure.n_coordinates <= MOST_WHOLE):
+        return None
+    if may_have_modes and _is_linear(structure):
         return None
     note = lacks_wholeness(structure)
     if note is None:
         frequency = 0.0 if nu is None else _native.number("nu", nu)
         own, table = with_base_loads(structure, end, load, frequency, base, force)
-        motion = OscillatorMotion.checked(
+        motion = WholeMotion.checked(
             whole_system(structure), end, initial, method, own, nu, base, table, held, memory
-        ).with_equations()
-        note = motion.chosen.get("lack")
+        )
+        kind = WITH_MEMORY if before is not None and before.remembers_all else 0
+        motion.with_equations(kind, may_have_modes=may_have_modes and not (switches or before))
+        note = motion.chosen.get("lack") if switches else None
+        if motion.chosen["equations"] == BY_MODES:
+            return None
         if not note:
-            motion = motion if before is None else motion.after(before)
             check_outside(structure, motion.state)
+            warn_of_creeping(structure)
+            motion = motion if before is None else motion.after(before)
             places = _places_of(structure, coordinates, load, base)
-            return partial(WholeRun, structure, places, motion, solved), motion.chosen["first"]
+            return replace(motion, structure=structure, places=places)
     if any(element.law is not None and element.law.state for element in structure._all_elements):
         raise InputError(f"elements: a motion in time with hysteresis or restitution {note}")
     return None
+
+
+def _is_linear(structure: Structure) -> bool:
+    """True if all forces are linear, so that modes are exact."""
+    elements = structure._all_elements
+    bent = any(one.law is not None or max(one.powers, default=0) > 1 for one in elements)
+    return not (bent or structure._couplings)
 
 
 def _places_of(
@@ -143,16 +181,19 @@ class WholeRun(OscillatorRun):
 
     power: ClassVar[Any] = None
 
-    def __init__(
-        self, structure: Structure, places: _Places, motion: OscillatorMotion, solved: float,
-        h: float,
-    ) -> None:  # fmt: skip
+    def __init__(self, motion: WholeMotion, solved: float, h: float) -> None:
         super().__init__(motion, solved, h)
-        self.places = places
-        self.system = structure  # type: ignore[assignment]
+        self.places = motion.places
+        self.system = motion.structure
 
     def _base_motion(self, t: FloatArray) -> tuple[FloatArray, ...]:
         return tuple(self.motion.base_motion(t))
+
+    def along(self, kept: Trajectory) -> KnownMotion:
+        """As of other runs, of all coordinates."""
+        if self.places is None:
+            return super().along(kept)
+        return self._along(kept, self.repeat(kept.t, kept, accelerates=not self.by_nodes))
 
     def accelerations(self, kept: Trajectory) -> FloatArray:
         """Of the coordinates that are kept."""
@@ -168,7 +209,8 @@ class WholeRun(OscillatorRun):
 
     def _run_values(self) -> dict[str, Any]:
         """Values as for other systems; a start on a rigid stop must stay on it."""
-        return {"holds_places": self._n_stops > 0, "rows": self._compared + 1}
+        values = super()._run_values()
+        return values | {"holds_places": self._n_stops > 0, "rows": self._compared + 1}
 
     @property
     def _n_stops(self) -> int:
@@ -191,10 +233,8 @@ class WholeRun(OscillatorRun):
             relative[:, ::2] -= moved["place"]
             relative[:, 1::2] -= moved["speed"]
         count = self._n_stops
-        assert self.memory is not None
         # Times since which the motion rests against each side of each stop.
-        begin = int(self.memory[-1])
-        since = self.memory[begin : begin + 2 * count].reshape(count, 2)
+        since = self.switched[: 2 * count].reshape(count, 2) if count else np.empty((0, 2))
         return with_deflections(
             run, structure, places, self._compared, relative[:, ::2] @ directions,
             relative[:, 1::2] @ directions, resting_since=np.where(since < 0, np.nan, since),
