@@ -208,8 +208,9 @@ def simulate(
     The modes of the linear subsystem of a structure are exact in each step, under periodic loads
     and tables too. The step size only resolves the forces of its elements, which are polynomials
     through the nodes of a step. The cost of a step is the number of modes times its nodes. Its
-    methods are those of a mount. A smooth polynomial system of more than 64 coordinates is treated
-    in the same way.
+    methods are those of a mount. With ``dt="auto"`` nonlinear structures of at most 64 coordinates
+    and polynomial systems are treated alike: by modes if few of many coordinates have forces or if
+    a strong damper or stiff spring would require short steps, else in all coordinates.
 
     If laws have kinks or internal states, steps end at their switches in structures and polynomial
     systems of at most 512 coordinates, except with ``memory="direct"``. The methods are those of a
