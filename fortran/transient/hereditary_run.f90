@@ -24,8 +24,8 @@ module viscovib_hereditary_run
     type(base_motion_type), pointer :: base => null()
     !> True if load and base have changed; the state is relative to the new base.
     logical :: anew = .false.
-    !> False if the steps of the present piece are too large; true before the first step of all.
-    logical :: entered = .true., starts = .false.
+    !> False if the steps of the present piece are too large.
+    logical :: entered = .true.
     type(run_history) :: past
     type(layer_watch) :: layers
   contains
@@ -80,7 +80,6 @@ contains
     call self%march%read_by_laws(w, w_rate)
     call self%layers%begin(layers, run%t_reached, w, w_rate)
     if (run%mesh%is_broken() .and. continues) call enter(self, run, piece)
-    self%starts = .not. run%t_reached > 0.0_wp
   end subroutine begin
 
   subroutine enter(self, run, piece)
@@ -104,12 +103,6 @@ contains
 
     from = run%t_reached
     made = self%entered
-    if (made .and. self%starts) call make_small_steps(self, run, piece, until, made)
-    if (self%starts) then
-      self%starts = .false.
-      if (made) return
-      made = self%entered
-    end if
     if (made) then
       if (self%past%is_due()) call self%past%note(from, self%march%save_memory())
       call self%march%step(until, made)
@@ -122,42 +115,6 @@ contains
     end if
     if (run%n_reached < size(run%times)) call keep_reached(self, run, until)
   end subroutine advance
-
-  !> Make the first step by small steps if strong dampers may stop a fast motion within a short part
-  !! of it. `made` is false if these are not needed or not possible.
-  subroutine make_small_steps(self, run, piece, until, made)
-    class(hereditary_motion), intent(inout) :: self
-    class(time_run), intent(inout) :: run
-    integer, intent(in) :: piece
-    real(wp), intent(in) :: until
-    logical, intent(out) :: made
-    type(stop_type) :: stop
-    real(wp), allocatable :: memory(:)
-    real(wp), dimension(self%march%n_read()) :: w, w_rate
-    real(wp) :: from
-    !> Rates below this part of the deflections per step are at rest, but for rounding errors.
-    real(wp), parameter :: at_rest = 1.0e-6_wp
-
-    made = .false.
-    if (.not. allocated(self%march%system%rates) .or. self%march%remembers()) return
-    call self%march%read_by_laws(w, w_rate)
-    w_rate = self%march%h*w_rate
-    if (all(abs(w_rate(self%march%system%rates)) <= at_rest*maxval(abs(w)))) return
-    from = run%t_reached
-    allocate (memory, source=self%march%save_memory())
-    call find_stop_of_march(self%march, from, until - from, stop)
-    made = stop%outcome == run_completed
-    if (made) then
-      if (allocated(run%watch) .or. run%n_reached < size(run%times)) then
-        call look_at_small_steps(self, run, from, memory, stop%lengths)
-        if (run%ended == run_event) return
-      end if
-      if (self%layers%on) call look_on(self, until, .true.)
-    else
-      call self%march%load_memory(memory, .false.)
-    end if
-    call self%march%change_step(merge(until, from, made), run%mesh%h(piece), self%entered)
-  end subroutine make_small_steps
 
   !> Handle a failed step.
   subroutine find_end(self, run, piece, until)
@@ -178,10 +135,6 @@ contains
       if (march%gives_up .and. .not. trusted) return
       allocate (memory, source=march%save_memory())
       call find_stop_of_march(march, from, until - from, stop)
-      if (stop%outcome == run_completed) then
-        stop%outcome = run_coarse
-        call march%load_memory(memory, .false.)
-      end if
       if (stop%outcome == run_coarse) then
         stop%ahead = 0.0_wp
         if (trusted) then

@@ -177,8 +177,8 @@ contains
     call make_small_steps(own, begin, h, last, stop, visitor)
   end subroutine find_stop
 
-  !> The same of a run with memory at time `start`. The run is set to the stop, or without memory to
-  !! the end of the step; if small steps reach neither, it remains at its state.
+  !> The same of a run with memory at time `start`. The run is set to the stop, or remains at its
+  !! state if the motion does not stop.
   subroutine find_stop_of_march(march, start, h, stop)
     class(march_type), intent(inout), target :: march
     real(wp), intent(in) :: start, h
@@ -193,7 +193,7 @@ contains
     call march%get_state(begin%q, begin%v)
     begin%n = size(begin%q)
     call make_small_steps(own, begin, h, last, stop)
-    if (stop%outcome == run_coarse) last = begin
+    if (stop%outcome == run_completed .or. stop%outcome == run_coarse) last = begin
     call march%load_memory(last%memory, .false.)
   end subroutine find_stop_of_march
 
@@ -234,11 +234,9 @@ contains
     type(scout_type) :: whole, half, rest, double
     real(wp) :: s, shortest, scale_of_motion
     real(wp), allocatable :: parts(:)
-    logical :: remembers
     integer :: i
 
     stop%outcome = run_coarse
-    remembers = own%march%remembers()
     s = 0.5_wp*h
     scale_of_motion = max(maxval(abs(at%q)), own%march%furthest())
     shortest = 4.0_wp*spacing(abs(at%start) + h)
@@ -246,9 +244,7 @@ contains
     do i = 1, max_steps
       s = min(s, h - at%ahead)
       if (s <= shortest) then
-        if (h - at%ahead <= shortest) then
-          if (.not. remembers) stop%outcome = run_completed
-        else if (maxval(abs(at%q)) > far*scale_of_motion) then
+        if (h - at%ahead > shortest .and. maxval(abs(at%q)) > far*scale_of_motion) then
           stop%outcome = run_diverged
         end if
         return
@@ -264,8 +260,7 @@ contains
         call step_from(own, rest, 0.25_wp*s, double)
         parts = [0.5_wp, 0.25_wp, 0.25_wp]
       end if
-      ! Without memory these steps may replace a step of the run.
-      if (apart(whole, double, merge(s, h, remembers), with_memory) <= 1.0_wp) then
+      if (apart(whole, double, s, with_memory) <= 1.0_wp) then
         at = double
         stop%lengths = [stop%lengths, s*parts]
         s = 2.0_wp*s
