@@ -8,6 +8,7 @@ module viscovib_quadrature
   private
 
   public :: gauss_nodes, gauss_power_nodes, legendre, lagrange, lagrange_factors
+  public :: legendre_of_nodes
   public :: recurrence_of, nodes_of_recurrence
 
 contains
@@ -80,6 +81,27 @@ contains
       product = product*(x - points(k))
     end do
   end function lagrange
+
+  !> Legendre coefficients on [0, 1] of l_i(x c), with l_i the polynomials that are 1 at one of the
+  !! Gauss nodes and 0 at the others, shape (0:s-1, s).
+  pure function legendre_of_nodes(nodes, weights, c) result(coefficients)
+    real(wp), intent(in) :: nodes(:), weights(:)
+    !> End of the interval, relative to that of the nodes.
+    real(wp), intent(in) :: c
+    real(wp) :: coefficients(0:size(nodes) - 1, size(nodes))
+    real(wp) :: factors(size(nodes)), orders(0:size(nodes)), values(size(nodes))
+    integer :: j, k
+
+    coefficients = 0.0_wp
+    factors = lagrange_factors(nodes)
+    do k = 1, size(nodes)
+      orders = legendre(size(nodes), nodes(k))
+      values = lagrange(nodes, factors, c*nodes(k))
+      do j = 0, size(nodes) - 1
+        coefficients(j, :) = coefficients(j, :) + (2*j + 1)*weights(k)*orders(j)*values
+      end do
+    end do
+  end function legendre_of_nodes
 
   !> Gauss nodes and weights for the integral of x^(alpha-1) f(x) over [0, 1],
   !! alpha > 0, by the recurrence of the Jacobi polynomials (Abramowitz and

@@ -72,18 +72,17 @@ contains
     type(floquet_type), intent(out) :: floquet
     class(oscillator_type), intent(in) :: system
     type(harmonic_set_type), intent(in) :: set
-    integer :: d, n
+    integer :: d
 
     floquet%half_wave = set%half_wave
     floquet%orders = set%orders
     call new_along(floquet%along, system)
     d = floquet%along%n_dof
-    n = floquet%along%n_seen
     floquet%n_dof = d
     call new_step_table(floquet%table)
     floquet%chunk = max(1, piece/(n_lanes*n_nodes*d**2))
     call floquet%along%allocate_arrays(system, n_nodes*floquet%chunk)
-    allocate (floquet%x(n_lanes, 2*size(set%orders), n), floquet%y(n_lanes, 2*d, 2*d), &
+    allocate (floquet%x(n_lanes, 2*size(set%orders), d), floquet%y(n_lanes, 2*d, 2*d), &
               floquet%drag(n_lanes, d, d), &
               floquet%g(n_lanes, n_nodes*d, (n_nodes + 2)*d), source=0.0_wp)
   end subroutine new_floquet

@@ -5,6 +5,7 @@ module viscovib_motion_stability
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
   use viscovib_condensed_stability, only: condensed_checker, new_condensed_checker
   use viscovib_constants, only: pi
+  use viscovib_cycle_terms, only: has_kinks
   use viscovib_eigenvalues, only: eigenvalues
   use viscovib_floquet, only: floquet_type, new_floquet
   use viscovib_harmonic_set, only: harmonic_set_type
@@ -18,7 +19,7 @@ module viscovib_motion_stability
   use viscovib_kinked_motion, only: is_kinked
   use viscovib_kinked_stability, only: kinked_multipliers
   use viscovib_lanes, only: n_lanes
-  use viscovib_linear_along, only: counts_first, few_modes_of
+  use viscovib_modal_floquet, only: modal_floquet, new_modal_floquet, states_of_modes
   use viscovib_orbit_multipliers, only: logarithm, distinguished
   use viscovib_oscillator, only: oscillator_type
   use viscovib_polynomial_condensation, only: turn_system
@@ -39,6 +40,10 @@ module viscovib_motion_stability
   real(wp), parameter :: jumping_circle = 2.0e-3_wp
   !> Beyond this logarithm a multiplier leaves the range of numbers.
   real(wp), parameter :: largest_log = 700.0_wp
+  !> Number of modes up to which integration is faster than counting; limit of squared frequencies
+  !! of rigid modes, relative to the largest.
+  integer, parameter :: quick_modes = 4
+  real(wp), parameter :: rigid = 1.0e-6_wp
   !> Exponents kept beyond two a coordinate: memory has slow ones of its own.
   integer, parameter :: more = 4
   !> How far left of the slowest exponent to count, of that and of d: for a neighbour, and for the
@@ -81,9 +86,10 @@ module viscovib_motion_stability
     complex(wp), allocatable, private :: roots(:)
     integer, private :: n_growing_roots = -1
     logical, private :: slowest_root = .false.
-    !> Of a condensed structure; its disturbances may be integrated where it has few modes, and are
-    !! counted first where these are more than a few.
+    !> Of a condensed structure; perturbations of one with few modes may be integrated, and are
+    !! counted first if these are more than a few.
     type(condensed_checker), allocatable, private :: condensed
+    type(modal_floquet), private :: modes
     logical, private :: modal = .false., counted = .false.
   contains
     procedure :: check
@@ -100,7 +106,7 @@ module viscovib_motion_stability
 
 contains
 
-  !> Exponents a solution at most.
+  !> Largest number of exponents of a solution.
   integer function stability_slots(system)
     class(oscillator_type), intent(in) :: system
     stability_slots = 2*system%n_dof() &
@@ -108,11 +114,23 @@ contains
     select type (system)
     class is (structure_type)
       stability_slots = 2*system%n_dof() + more
-      if (few_modes_of(system) > 0 .and. (is_kinked(system) .or. .not. counts_first(system))) then
-        stability_slots = 2*few_modes_of(system)
+      if (states_of_modes(system) > 0 .and. .not. counts_first(system)) then
+        stability_slots = states_of_modes(system)
       end if
     end select
   end function stability_slots
+
+  !> True if counting exponents is faster than integrating the modes of a structure: with one
+  !! deflection, without rigid modes and without kinks.
+  logical function counts_first(system)
+    class(structure_type), intent(in) :: system
+    counts_first = system%rest%n_modes > quick_modes .and. system%n_dof() == 1 &
+                   .and. .not. has_kinks(system)
+    if (.not. counts_first) return
+    associate (squares => system%rest%squares(:system%rest%n_modes))
+      counts_first = minval(abs(squares)) > rigid*maxval(abs(squares))
+    end associate
+  end function counts_first
 
   !> For solutions with the harmonics of `set`.
   subroutine new_stability_checker(checker, system, set)
@@ -132,12 +150,11 @@ contains
     class is (structure_type)
       allocate (checker%condensed)
       call new_condensed_checker(checker%condensed, system, set)
-      checker%modal = few_modes_of(system) > 0 .and. .not. checker%kinked
+      checker%modal = states_of_modes(system) > 0 .and. .not. checker%jumps
+      checker%kinked = checker%kinked .and. .not. checker%modal
       checker%counted = checker%modal .and. counts_first(system)
-      checker%complete = checker%modal .and. .not. checker%counted
-      ! Between kinks perturbations are integrated, which gives all exponents.
-      if (checker%kinked) checker%complete = few_modes_of(system) > 0
-      if (checker%modal) call new_floquet(checker%floquet, system, set)
+      checker%complete = states_of_modes(system) == checker%n_slots
+      if (checker%modal) call new_modal_floquet(checker%modes, system, set)
       return
     end select
     if (checker%remembers) then
@@ -437,25 +454,28 @@ contains
     !> Motions that are left alone.
     logical, intent(in) :: jumps(:)
     integer, intent(inout), optional :: cancel
-    real(wp) :: matrices(self%floquet%n_states(), self%floquet%n_states(), n_lanes)
-    complex(wp) :: roots(self%floquet%n_states()), logs(self%floquet%n_states())
+    real(wp), allocatable :: matrices(:, :, :)
+    complex(wp), allocatable :: roots(:), logs(:)
     integer, allocatable :: known(:)
-    integer :: first, i, k, n
+    integer :: first, i, k, n, m
     logical :: found
 
+    m = merge(self%modes%n_states, self%floquet%n_states(), self%modal)
+    allocate (matrices(m, m, n_lanes), roots(m), logs(m))
     known = pack([(i, i=1, size(nu))], stability%n_growing < 0 .and. &
                  .not. (jumps .or. ieee_is_nan(x(1, 1, :))))
     do first = 1, size(known), n_lanes
       n = min(n_lanes, size(known) - first + 1)
       associate (these => known(first:first + n - 1))
-        call self%floquet%monodromies(system, nu(these), x(:, :, these), matrices(:, :, :n), cancel)
+        call monodromies(self, system, nu(these), x(:, :, these), matrices(:, :, :n), cancel)
       end associate
       if (given_up(cancel)) return
       do k = 1, n
         i = known(first + k - 1)
         found = .not. ieee_is_nan(matrices(1, 1, k))
         if (found) call eigenvalues(matrices(:, :, k), roots, found)
-        if (found) found = distinguished(roots)
+        ! Those that results contain must be accurate.
+        if (found) found = distinguished(roots(:min(m, 2*size(x, 2) + more)))
         if (found) then
           logs = logarithm(roots)
         else
@@ -464,15 +484,40 @@ contains
           roots = exp(logs)
         end if
         ! The largest of them.
-        stability%exponents(:, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi &
-                                    *logs(:self%n_slots)
-        if (self%half_wave) roots = roots**2
-        stability%multipliers(:, i) = roots(:self%n_slots)
+        associate (kept => min(m, self%n_slots))
+          stability%exponents(:kept, i) = merge(1.0_wp, 0.5_wp, self%half_wave)*nu(i)/pi &
+                                          *logs(:kept)
+          if (self%half_wave) roots = roots**2
+          stability%multipliers(:kept, i) = roots(:kept)
+        end associate
         stability%n_growing(i) = count(abs(roots) > 1.0_wp + circle)
         stability%slowest(i) = .true.
       end do
     end do
   end subroutine by_floquet
+
+  !> Monodromy matrices; NaN where they are not found.
+  subroutine monodromies(self, system, nu, x, matrices, cancel)
+    type(stability_checker), intent(inout) :: self
+    class(oscillator_type), intent(in) :: system
+    real(wp), intent(in) :: nu(:), x(:, :, :)
+    real(wp), intent(out) :: matrices(:, :, :)
+    integer, intent(inout), optional :: cancel
+    integer :: i
+    logical :: found
+
+    if (.not. self%modal) then
+      call self%floquet%monodromies(system, nu, x, matrices, cancel)
+      return
+    end if
+    select type (system)
+    class is (structure_type)
+      do i = 1, size(nu)
+        call self%modes%monodromy(system, nu(i), x(:, :, i), matrices(:, :, i), found, cancel)
+        if (.not. found) matrices(:, :, i) = real(not_a_number())
+      end do
+    end select
+  end subroutine monodromies
 
   !> Logarithms of the same eigenvalues where those of the matrix are lost in the rounding error of
   !! its largest.
@@ -484,9 +529,18 @@ contains
     logical, intent(out) :: found
     integer, intent(inout), optional :: cancel
     type(product_type) :: product
+    real(wp) :: last(size(logs), size(logs))
 
     logs = not_a_number()
-    call self%floquet%factors(system, nu, x, product, found, cancel)
+    found = .false.
+    if (self%modal) then
+      select type (system)
+      class is (structure_type)
+        call self%modes%monodromy(system, nu, x, last, found, cancel, product)
+      end select
+    else
+      call self%floquet%factors(system, nu, x, product, found, cancel)
+    end if
     if (found) call product_eigenvalues(product, logs, found)
     if (found) found = maxval(real(logs)) <= merge(0.5_wp, 1.0_wp, self%half_wave)*largest_log
     if (.not. (found .and. self%half_wave)) return

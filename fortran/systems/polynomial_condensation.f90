@@ -16,11 +16,10 @@ module viscovib_polynomial_condensation
   !> Smallest number of coordinates for condensation. At most half of them may have forces or
   !! memory. Smaller systems are as fast without condensation.
   integer, parameter :: smallest = 4
-  !> Smallest number of coordinates for stability by the condensed equations without memory, also
-  !! per remaining coordinate (measured with 1 to 4 of them). For fewer coordinates monodromy
-  !! matrices are faster and give all multipliers. With memory the full determinant takes 10 to 200
-  !! times as long.
-  integer, parameter :: smallest_checked = 8, checked_each = 3
+  !> Smallest number of coordinates for stability by the condensed equations without memory, for up
+  !! to two coordinates with forces and for more of them (equal times measured). With memory the
+  !! full determinant takes 10 to 200 times as long.
+  integer, parameter :: smallest_checked(2) = [6, 8]
   !> Smallest number of coordinates for condensation at each speed, which needs all modes there.
   integer, parameter :: smallest_turned = 13
 
@@ -37,7 +36,7 @@ contains
     condenses = n >= smallest .and. q > 0 .and. 2*q <= n &
                 .and. .not. (allocated(system%space_damping) .or. system%depends_on_speed())
     if (.not. (condenses .and. stability) .or. any(system%kernel_of > 0)) return
-    condenses = n >= max(smallest_checked, checked_each*q + 2)
+    condenses = n >= smallest_checked(merge(1, 2, q <= 2))
   end function condenses
 
   !> Mask of the coordinates with nonlinear forces or memory.

@@ -21,8 +21,8 @@ module viscovib_modal_gauss
   use viscovib_kinds, only: wp
   use viscovib_lanes, only: n_lanes
   use viscovib_modal_frame, only: modal_frame
-  use viscovib_modal_maps, only: legendre_of_nodes
   use viscovib_phases, only: new_phases, phases_type, turn_phase
+  use viscovib_quadrature, only: legendre_of_nodes
   use viscovib_section_step, only: driven_section, free_section, relaxing_section
   use viscovib_steep_forces, only: solve_steep
   use viscovib_steep_laws, only: root_of_rate
@@ -121,7 +121,8 @@ contains
     call new_collocation(points, s)
     allocate (method%coefficients(s, s, s + 1))
     do i = 1, s + 1
-      method%coefficients(:, :, i) = legendre_of_nodes(points, points%points(i))
+      method%coefficients(:, :, i) = legendre_of_nodes(points%points(1:s), points%b, &
+                                                       points%points(i))
     end do
     method%tolerance = tolerance
     allocate (method%q(n), method%v(n), source=0.0_wp)

@@ -14,13 +14,13 @@ module viscovib_modal_maps
   use viscovib_collocation, only: collocation_type
   use viscovib_kinds, only: wp
   use viscovib_pole_maps, only: new_pole_map, pole_map_type, poles_type
-  use viscovib_quadrature, only: lagrange, lagrange_factors, legendre
+  use viscovib_quadrature, only: legendre_of_nodes
   use viscovib_section_step, only: driven_section, free_section, section_wave
   use viscovib_structure_kernels, only: mode_block
   implicit none
   private
 
-  public :: modal_map_type, sections_type, new_modal_map, legendre_of_nodes
+  public :: modal_map_type, sections_type, new_modal_map
 
   type :: sections_type
     !> Shape (n), in maps padded to whole blocks of modes: squares of frequencies (1/s^2), and
@@ -56,27 +56,6 @@ module viscovib_modal_maps
 
 contains
 
-  !> Legendre coefficients on [0, 1] of l_i(x c), l_i the polynomials through the nodes, shape
-  !! (0:s-1, s).
-  pure function legendre_of_nodes(table, c) result(coefficients)
-    type(collocation_type), intent(in) :: table
-    !> End of the time interval, relative to the step.
-    real(wp), intent(in) :: c
-    real(wp) :: coefficients(0:table%s - 1, table%s)
-    real(wp) :: factors(table%s), orders(0:table%s), values(table%s)
-    integer :: j, k
-
-    coefficients = 0.0_wp
-    factors = lagrange_factors(table%points(1:table%s))
-    do k = 1, table%s
-      orders = legendre(table%s, table%points(k))
-      values = lagrange(table%points(1:table%s), factors, c*table%points(k))
-      do j = 0, table%s - 1
-        coefficients(j, :) = coefficients(j, :) + (2*j + 1)*table%b(k)*orders(j)*values
-      end do
-    end do
-  end function legendre_of_nodes
-
   subroutine new_modal_map(map, sections, table, h)
     type(modal_map_type), intent(out) :: map
     type(sections_type), intent(in) :: sections
@@ -99,7 +78,7 @@ contains
     map%swing = (0.0_wp, 0.0_wp)
     do p = 1, s + 1
       now = table%points(p)*h
-      coefficients(:, :, p) = legendre_of_nodes(table, table%points(p))
+      coefficients(:, :, p) = legendre_of_nodes(table%points(1:s), table%b, table%points(p))
       do m = 1, n
         associate (square => sections%squares(m)*now**2, rate => sections%rates(m)*now)
           call free_section(square, rate, by_q, by_v)

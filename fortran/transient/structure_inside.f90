@@ -8,10 +8,11 @@
 module viscovib_structure_inside
   use viscovib_collocation, only: collocation_type, new_collocation
   use viscovib_kinds, only: wp
-  use viscovib_modal_maps, only: legendre_of_nodes, sections_type
+  use viscovib_modal_maps, only: sections_type
   use viscovib_phases, only: split_phase
   use viscovib_pole_maps, only: pole_gain, pole_rates, pole_wave, seen_of_poles, slopes_of_nodes, &
     wave_at_once
+  use viscovib_quadrature, only: legendre_of_nodes
   use viscovib_section_step, only: driven_section, free_section, grown, section_wave
   use viscovib_structure_kernels, only: mode_block, seen_of
   use viscovib_structure_step, only: part_type
@@ -179,7 +180,9 @@ contains
     allocate (place%by_z(n_poles), source=(0.0_wp, 0.0_wp))
     allocate (place%by_input(size(by_input), 2*n_shown), source=0.0_wp)
     associate (poles => sections%others, rows => place%by_input)
-      if (n_poles > 0 .or. now > 0.0_wp) orders = legendre_of_nodes(table, now/part%length)
+      if (n_poles > 0 .or. now > 0.0_wp) then
+        orders = legendre_of_nodes(table%points(1:table%s), table%b, now/part%length)
+      end if
       do m = 1, n
         if (.not. now > 0.0_wp) exit
         associate (square => sections%squares(m)*now**2, rate => sections%rates(m)*now)

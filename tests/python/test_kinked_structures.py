@@ -74,12 +74,11 @@ def _motion(rng, structure, stiffness, n):
     )  # fmt: skip
 
 
-# With many coordinates the determinant of the contact is used (harmonics of its slope).
-@pytest.mark.parametrize(("n", "allowed"), [(1, 1e-9), (3, 1e-9), (26, 2e-4)])
+@pytest.mark.parametrize("n", [1, 3, 26])
 @pytest.mark.parametrize("coupled", [True, False])
 @pytest.mark.filterwarnings("ignore::viscovib.ConvergenceWarning")
 @pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
-def test_multipliers_of_structures_with_a_stop(n, allowed, coupled):
+def test_multipliers_of_structures_with_a_stop(n, coupled):
     rng = np.random.default_rng([n, coupled])
     touching = 0
     for _ in range(4 if n < 20 else 3):
@@ -90,7 +89,7 @@ def test_multipliers_of_structures_with_a_stop(n, allowed, coupled):
         values, touches = _multipliers(response, *rest)
         touching += touches > 0
         largest = abs(values[0])
-        assert _nearest(response.multipliers[0], values) < allowed * max(1, largest)
+        assert _nearest(response.multipliers[0], values) < 1e-9 * max(1, largest)
         if abs(largest - 1) > 1e-3:
             assert response.stable[0] in (None, largest < 1)
     assert touching >= 2
