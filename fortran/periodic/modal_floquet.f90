@@ -30,9 +30,9 @@ module viscovib_modal_floquet
 
   public :: modal_floquet, new_modal_floquet, states_of_modes
 
-  !> Phase that the fastest mode turns in a step at first; smallest number of steps relative to
-  !! that.
-  real(wp), parameter :: phase_a_step = 1.5_wp, least_density = 0.5_wp
+  !> Phase that the fastest mode turns in a step at first; smallest and largest number of steps
+  !! relative to that.
+  real(wp), parameter :: phase_a_step = 1.5_wp, least_density = 0.5_wp, largest_density = 32.0_wp
   !> Relative error of a step, by its estimate, and the number of halvings after which a step is
   !! accepted with any error.
   real(wp), parameter :: wanted_error = 2.0e-14_wp
@@ -83,7 +83,7 @@ module viscovib_modal_floquet
     real(wp), private :: coefficients(n_nodes, n_nodes, n_nodes + 1) = 0.0_wp
     !> Points of a step before, between and after its nodes, and the values there of polynomials of
     !! unit value at one node.
-    real(wp), private :: between(n_nodes + 1) = 0.0_wp, to_between(n_nodes + 1, n_nodes) = 0.0_wp
+    real(wp), private :: others(n_nodes + 1) = 0.0_wp, to_others(n_nodes + 1, n_nodes) = 0.0_wp
     type(step_maps), private :: maps(0:most_halvings)
     !> Frequency, unit of time and step, harmonics, perturbations, shape (n_states, n_states) with
     !! one perturbation in each row, number of steps, and whether they went well.
@@ -144,11 +144,11 @@ contains
     end do
     self%coefficients(:, :, n_nodes + 1) = legendre_of_nodes(self%table%c, self%table%b, 1.0_wp)
     associate (c => self%table%c)
-      self%between = 0.5_wp*([c, 1.0_wp] + [0.0_wp, c])
-      self%between(1) = c(1)/3.0_wp
-      self%between(n_nodes + 1) = 1.0_wp - c(1)/3.0_wp
+      self%others = 0.5_wp*([c, 1.0_wp] + [0.0_wp, c])
+      self%others(1) = c(1)/3.0_wp
+      self%others(n_nodes + 1) = 1.0_wp - c(1)/3.0_wp
       do i = 1, n_nodes + 1
-        self%to_between(i, :) = lagrange(c, lagrange_factors(c), self%between(i))
+        self%to_others(i, :) = lagrange(c, lagrange_factors(c), self%others(i))
       end do
     end associate
     associate (rest => system%rest)
@@ -233,7 +233,7 @@ contains
     end do
     ! The next motion is often a neighbour.
     if (2*self%n_halved > nint(turn/nu/longest)) then
-      self%density = 1.5_wp*self%density
+      self%density = min(1.5_wp*self%density, largest_density)
     else if (self%n_halved == 0) then
       self%density = max(least_density, self%density*max(0.5_wp, min(1.0_wp, (2.0_wp*self%worst &
                                                             /wanted_error)**(0.5_wp/n_nodes))))
@@ -376,7 +376,7 @@ contains
 
     is_seen = .true.
     if (size(system%laws) == 0) return
-    call self%slopes_along(system, t, h, 1, self%between, springs, drags)
+    call self%slopes_along(system, t, h, 1, self%others, springs, drags)
     is_seen = follows(stiffness, springs) .and. follows(damping, drags)
 
   contains
@@ -388,7 +388,7 @@ contains
       off = 0.0_wp
       do j = 1, size(values, 2)
         do i = 1, size(values, 1)
-          off = max(off, maxval(abs(values(i, j, :) - matmul(self%to_between, at_nodes(i, j, :)))))
+          off = max(off, maxval(abs(values(i, j, :) - matmul(self%to_others, at_nodes(i, j, :)))))
         end do
       end do
       follows = off <= unseen*max(maxval(abs(values)), maxval(abs(at_nodes)))

@@ -3,7 +3,6 @@
 import pickle
 import resource
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -78,22 +77,6 @@ def test_large_results_stay_as_long_as_a_part_of_them_and_no_longer(kernel):
     for _ in range(60):  # 190 MB, if each stayed
         _native.run("kernel transform", kernel, mu=given)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak < 20_000
-
-
-def test_scalar_loops_after_a_call_are_as_fast_as_before(kernel):
-    """A call that leaves vector registers in use slows them down five times."""
-
-    def least_time(before):
-        times = []
-        for _ in range(50):
-            before()
-            begin = time.process_time()
-            np.arange(100_000.0)
-            times.append(time.process_time() - begin)
-        return min(times[1:])
-
-    alone = least_time(lambda: None)
-    assert least_time(lambda: _native.run("kernel transform", kernel, mu=MU)) < 2 * alone
 
 
 def test_an_object_keeps_a_copy_of_its_values():

@@ -197,6 +197,6 @@ def test_what_layers_do_not_have():
         creeping = body(slow)
     with (
         pytest.warns(vv.StabilityWarning),
-        pytest.raises(vv.InputError, match="held: a layer relaxes without end"),
+        pytest.raises(vv.InputError, match="held: must be None, because a kernel has no"),
     ):
         vv.simulate(creeping, 1.0, held=np.ones(N))

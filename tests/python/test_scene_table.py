@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import viscovib as vv
 from viscovib.explorer import numbers
-from viscovib.scene import job, scene as scene_file
+from viscovib.scene import scene as scene_file
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
@@ -347,12 +347,7 @@ def test_python_refuses_the_same_in_the_same_words(name, side):
 
 
 def test_lists_of_groups_in_python_are_those_of_the_table():
-    of_results = {name for name, group in GROUPS.items() if group["role"] == "result"}
-    in_time = {name for name, group in GROUPS.items() if group.get("needs") == "transient"}
-    in_time.remove("drive_torque")  # a part of the system
     assert set(scene_file._REPEATABLE) == {name for name in GROUPS if "repeats" in GROUPS[name]}
-    assert set(job._FURTHER) == in_time
-    assert set(job._SUBJECTS) == set(GROUPS) - of_results - in_time
     assert set(numbers._PHYSICS) <= set(GROUPS)
 
 

@@ -60,6 +60,8 @@ _FASTEST_BASE = 1e154
 class OscillatorMotion:
     """A requested motion of an oscillator: all data except the step size."""
 
+    #: Class of its runs.
+    run_type: ClassVar[Callable[..., Run]]
     system: Oscillator
     end: float
     state: FloatArray
@@ -249,13 +251,9 @@ class OscillatorMotion:
 
     def runs(self, tolerance: float) -> Callable[[float], Run]:
         """Return a function that creates a run with a step size."""
-        self._check_method()
-        return partial(OscillatorRun, self, tolerance)
-
-    def _check_method(self) -> None:
-        """Refuse a method of other equations."""
         if not self.chosen["method"]:
             _native.choice("method", self.method, ("auto", *NODES))
+        return partial(self.run_type, self, tolerance)
 
 
 def _periodic(
@@ -419,6 +417,9 @@ class OscillatorRun(Run):
             self.resolution, self.shortest = found["resolution"], found["shortest"]
             self.past = PASTS[found["past"] - 1]
         return super().take(found)
+
+
+OscillatorMotion.run_type = OscillatorRun
 
 
 @cache

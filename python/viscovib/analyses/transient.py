@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -284,7 +285,7 @@ def simulate(
 
     if auto:
         assert accuracy is not None
-        others = _has_others(system, base, method)
+        others = partial(_has_others, system, base, method)
         return _heard(_with_search(prepared, accuracy, others), moved)
     steps, _ = prepared()
     run = _with_step(steps, end, _native.number("dt", dt, " or 'auto'"), estimated)
@@ -536,7 +537,7 @@ class _Steps:
 
 
 def _with_search(
-    prepared: Callable[..., tuple[_Steps, int]], accuracy: Accuracy, has_others: bool
+    prepared: Callable[..., tuple[_Steps, int]], accuracy: Accuracy, has_others: Callable[[], bool]
 ) -> Trajectory:
     """Run with a step size that meets the tolerance.
 
@@ -558,7 +559,7 @@ def _with_search(
 
     steps, n, first = first_of(*prepared())
     try:
-        return search(steps, n, first)
+        return by_tolerance(first, n, steps.end, steps.want, accuracy, steps.progress)
     except NotMetError as error:
         failed = error
     if steps.at_first > 1 or (first.has_layers and not first.layers.seen):
@@ -573,7 +574,7 @@ def _with_search(
         except NotMetError as error:
             failed = error
     # Modes have smaller rounding errors. Steps in all coordinates follow self-excited motions.
-    if has_others:
+    if has_others():
         with suppress(NotMetError):
             return search(*first_of(*prepared(by_modes=structure_motion_of(first) is None)))
     raise failed

@@ -6,9 +6,8 @@ kernels are replaced by such sums, fitted for the steps of a run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,15 +23,14 @@ from viscovib.analyses.oscillator_motion import (
     OscillatorMotion,
     OscillatorRun,
 )
-from viscovib.analyses.runs import Run
 from viscovib.analyses.structure_motion import with_deflections
 from viscovib.common.past import Past
 from viscovib.errors import InputError
 from viscovib.results.trajectory import Trajectory
 from viscovib.systems.load import LoadLike
-from viscovib.systems.load_table import LoadTable
+from viscovib.systems.load_table import LoadTable, PiecewiseTable
 from viscovib.systems.structure import ALL_GIVEN, Structure
-from viscovib.systems.structure_loads import warn_of_creeping
+from viscovib.systems.structure_loads import table_columns, warn_of_creeping
 from viscovib.systems.supports import with_base_loads
 from viscovib.systems.whole import (
     MOST_WITH_MEMORY,
@@ -87,11 +85,6 @@ class WholeMotion(OscillatorMotion):
     #: Indices of the coordinates kept; None: all.
     places: _Places = None
 
-    def runs(self, tolerance: float) -> Callable[[float], Run]:
-        """Return a function that creates a run with a step size."""
-        self._check_method()
-        return partial(WholeRun, self, tolerance)
-
 
 def whole_motion(
     structure: Structure,
@@ -124,6 +117,9 @@ def whole_motion(
     note = lacks_wholeness(structure)
     if note is None:
         frequency = 0.0 if nu is None else _native.number("nu", nu)
+        if getattr(force, "on", None) is not None:
+            on, times, pieces = table_columns(force, structure)
+            force = PiecewiseTable.of(times, np.einsum("nc,cpt->npt", on, pieces))
         own, table = with_base_loads(structure, end, load, frequency, base, force)
         motion = WholeMotion.checked(
             whole_system(structure), end, initial, method, own, nu, base, table, held, memory
@@ -239,3 +235,6 @@ class WholeRun(OscillatorRun):
             run, structure, places, self._compared, relative[:, ::2] @ directions,
             relative[:, 1::2] @ directions, resting_since=np.where(since < 0, np.nan, since),
         )  # fmt: skip
+
+
+WholeMotion.run_type = WholeRun

@@ -16,11 +16,11 @@ from viscovib.systems.structure_rest import dense_rest
 #: Smallest number of coordinates for condensation, if at most half of them have forces or memory.
 #: For fewer coordinates the full equations are as fast.
 _SMALLEST = 4
-#: Smallest number of coordinates for which stability without memory uses the condensed equations:
-#: in general, and per condensed coordinate (measured with 1 to 4). For fewer coordinates monodromy
-#: matrices are faster and give all multipliers. With memory the determinant of the full equations
-#: takes 10 to 200 times as long, and with kinks of laws the balance of many harmonics 2 to 4 times.
-_SMALLEST_CHECKED, _CHECKED_EACH = 8, 3
+#: Smallest number of coordinates for which stability without memory uses the condensed equations,
+#: for up to two condensed coordinates and for more of them (equal times measured). With memory the
+#: determinant of the full equations takes 10 to 200 times as long, and with kinks of laws the
+#: balance of many harmonics 2 to 4 times.
+_SMALLEST_CHECKED = 6, 8
 
 
 def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> Laws | None:
@@ -53,7 +53,7 @@ def condensed_laws(groups: Sequence[Any], n: int, *, always: bool = False) -> La
 
 def checked_condensed(n: int, q: int, remembers: bool) -> bool:
     """True if stability is faster with the q condensed coordinates than with all n."""
-    return remembers or n >= max(_SMALLEST_CHECKED, _CHECKED_EACH * q + 2)
+    return remembers or n >= _SMALLEST_CHECKED[q > 2]
 
 
 def condensation_of(
