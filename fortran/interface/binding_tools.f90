@@ -16,7 +16,7 @@ module viscovib_binding_tools
   use viscovib_polynomial, only: polynomial_type
   use viscovib_static_form, only: new_static_form
   use viscovib_status, only: clipped, fail, one_line, set_ok, status_input_error, status_type
-  use viscovib_structure, only: new_few_coordinates, structure_type
+  use viscovib_structure, only: structure_type
   use viscovib_system_vector, only: polynomial_from_vector
   use viscovib_turning_body, only: turning_body
   implicit none
@@ -236,7 +236,6 @@ contains
     real(wp), intent(in) :: vector(:)
     type(status_type), intent(out) :: status
     type(number_reader) :: next
-    real(wp), allocatable :: matrices(:, :, :)
     logical :: singular
     integer :: i, j, m, n, p, q
 
@@ -265,15 +264,6 @@ contains
                 //'see too few modes of the structure to be independent (more elements than ' &
                 //'modes?)')
       return
-    end if
-    n = next%whole()
-    if (n > 0) then
-      allocate (matrices(n, n, 3))
-      do i = 1, 3
-        matrices(:, :, i) = next%matrix(n, n)
-      end do
-      call new_few_coordinates(system%few, matrices(:, :, 1), matrices(:, :, 2), &
-                               matrices(:, :, 3), next%matrix(n, q))
     end if
     do j = 1, size(system%loads)
       associate (load => system%loads(j))

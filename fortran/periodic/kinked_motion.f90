@@ -13,6 +13,7 @@
 !! perturbation, z_j = 0, so its multiplier is exactly 0. A slider that always sticks is a spring;
 !! its multiplier 1, for a different sticking position, is omitted.
 module viscovib_kinked_motion
+  use viscovib_compliance, only: compliance_type
   use viscovib_constants, only: pi
   use viscovib_cycle_terms, only: has_kinks
   use viscovib_dense, only: invert
@@ -97,72 +98,83 @@ contains
     end do
   end function fade
 
-  !> First-order form of the linear subsystem; `found` is false without a small set of real modes.
+  !> First-order form of the linear subsystem; `found` is false if it is large or has other terms
+  !! than modes.
   subroutine new_rest(rest, system, found)
     type(linear_rest), intent(out) :: rest
     class(oscillator_type), intent(in) :: system
     logical, intent(out) :: found
     complex(wp) :: inverse(size(system%mass, 1), size(system%mass, 1))
-    real(wp), allocatable :: stiffness(:, :), damping(:, :), spread(:, :), seen(:, :)
-    integer :: i, d, m
     logical :: singular
+    integer :: i, m
 
-    d = system%n_dof()
     select type (system)
     class is (structure_type)
-      if (allocated(system%few%stiffness)) then
-        ! Damping couples the modes: the matrices themselves.
-        m = size(system%few%stiffness, 1)
-        found = 2*m <= most_states
-        if (.not. found) return
-        allocate (stiffness(m, m), damping(m, m), seen(d, m), spread(m, d))
-        stiffness(:, :) = system%few%stiffness
-        damping(:, :) = system%few%damping
-        seen(:, :) = transpose(system%few%seen)
-        spread(:, :) = system%few%pushed
-      else
-        associate (own => system%rest)
-          m = own%n_modes
-          found = m > 0 .and. size(own%poles) == 0 .and. 2*m <= most_states &
-                  .and. .not. any(abs(own%flexibility) > 0.0_wp) &
-                  .and. .not. any(abs(own%losses(:m)) > 0.0_wp)
-          if (.not. found) return
-          allocate (stiffness(m, m), damping(m, m), seen(d, m), spread(m, d), source=0.0_wp)
-          do i = 1, m
-            stiffness(i, i) = own%squares(i)
-            damping(i, i) = own%rates(i)
-          end do
-          seen(:, :) = transpose(own%seen(:m, :d))
-          spread(:, :) = own%pushed(:m, :d)
-        end associate
-      end if
+      call take_modes(rest, system%rest, found)
     class default
-      m = d
+      m = system%n_dof()
       found = 2*m <= most_states
       if (.not. found) return
       call invert(cmplx(system%mass, 0.0_wp, wp), inverse, singular)
       found = .not. singular
-      allocate (stiffness(m, m), damping(m, m), seen(m, m), spread(m, m), source=0.0_wp)
-      stiffness(:, :) = matmul(real(inverse), matmul(system%spread, system%gather))
-      damping(:, :) = matmul(real(inverse), system%damping)
-      spread(:, :) = real(inverse)
+      associate (stiffness => matmul(real(inverse), matmul(system%spread, system%gather)), &
+                 damping => matmul(real(inverse), system%damping))
+        rest%fastest = max(sqrt(maxval(sum(abs(stiffness), 2))), maxval(sum(abs(damping), 2)), &
+                           tiny(1.0_wp))
+        allocate (rest%a(2*m, 2*m), rest%b(2*m, m), rest%y(m, 2*m), source=0.0_wp)
+        rest%a(m + 1:, :m) = -stiffness/rest%fastest
+        rest%a(m + 1:, m + 1:) = -damping
+      end associate
+      rest%b(m + 1:, :) = real(inverse)/rest%fastest
       do i = 1, m
-        seen(i, i) = 1.0_wp
+        rest%a(i, m + i) = rest%fastest
+        rest%y(i, i) = 1.0_wp
       end do
     end select
-    rest%fastest = max(sqrt(maxval(sum(abs(stiffness), 2))), maxval(sum(abs(damping), 2)), &
-                       tiny(1.0_wp))
-    allocate (rest%a(2*m, 2*m), rest%b(2*m, d), rest%y(d, 2*m), rest%rate(d, 2*m), source=0.0_wp)
-    do i = 1, m
-      rest%a(i, m + i) = rest%fastest
-    end do
-    rest%a(m + 1:, :m) = -stiffness/rest%fastest
-    rest%a(m + 1:, m + 1:) = -damping
-    rest%b(m + 1:, :) = spread/rest%fastest
-    rest%y(:, :m) = seen
-    rest%rate(:, m + 1:) = seen*rest%fastest
+    if (.not. found) return
+    rest%rate = matmul(rest%y, rest%a)
     call add_memory(rest, system, found)
   end subroutine new_rest
+
+  !> The same of a structure. A pair of complex modes has two states, Re z and Im z.
+  subroutine take_modes(rest, own, found)
+    type(linear_rest), intent(inout) :: rest
+    type(compliance_type), intent(in) :: own
+    logical, intent(out) :: found
+    integer :: i, m, n
+
+    m = own%n_modes
+    n = 2*m + size(own%poles)
+    found = n > 0 .and. n <= most_states .and. .not. any(abs(own%flexibility) > 0.0_wp) &
+            .and. .not. any(abs(own%losses(:m)) > 0.0_wp)
+    if (.not. found) return
+    rest%fastest = max(sqrt(maxval([0.0_wp, abs(own%squares(:m))])), &
+                       maxval([tiny(1.0_wp), abs(own%rates(:m)), abs(own%poles)]))
+    allocate (rest%a(n, n), rest%b(n, own%n_seen), rest%y(own%n_seen, n), source=0.0_wp)
+    do i = 1, m
+      rest%a(i, m + i) = rest%fastest
+      rest%a(m + i, i) = -own%squares(i)/rest%fastest
+      rest%a(m + i, m + i) = -own%rates(i)
+      rest%b(m + i, :) = own%pushed(i, :)/rest%fastest
+      rest%y(:, i) = own%seen(i, :)
+    end do
+    n = 2*m
+    do i = 1, size(own%poles)
+      if (aimag(own%poles(i)) < 0.0_wp) cycle
+      n = n + 1
+      rest%a(n, n) = real(own%poles(i))
+      rest%b(n, :) = real(own%right(i, :))
+      rest%y(:, n) = real(own%left(i, :))
+      if (.not. aimag(own%poles(i)) > 0.0_wp) cycle
+      rest%y(:, n) = 2.0_wp*rest%y(:, n)
+      n = n + 1
+      rest%a(n, n) = real(own%poles(i))
+      rest%a(n - 1, n) = -aimag(own%poles(i))
+      rest%a(n, n - 1) = aimag(own%poles(i))
+      rest%b(n, :) = aimag(own%right(i, :))
+      rest%y(:, n) = -2.0_wp*aimag(own%left(i, :))
+    end do
+  end subroutine take_modes
 
   !> Append the exponentials as states.
   subroutine add_memory(rest, system, found)

@@ -94,7 +94,7 @@ contains
     call new_rest(model%rest, model%mass, model%damping, model%stiffness, model%places, &
                   model%modal, status, none, roughly)
     if (status%failed()) return
-    call set_rest(model, condensed, model%stiffness, weights, status)
+    call set_rest(model, condensed, weights, status)
     if (status%failed()) return
     call reduce(system, touched(system), condensed%polynomial_type)
     condensed%mass = 0.0_wp

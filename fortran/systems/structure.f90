@@ -20,7 +20,7 @@ module viscovib_structure
   implicit none
   private
 
-  public :: structure_type, structure_load, varying_push, new_few_coordinates
+  public :: structure_type, structure_load, varying_push
 
   !> Finite value that represents an infinite dynamic stiffness.
   real(wp), parameter :: rigid = huge(1.0_wp)**0.25_wp
@@ -45,18 +45,10 @@ module viscovib_structure
     procedure :: find_at_rest
   end type structure_load
 
-  !> Uncondensed linear subsystem with nonlinear forces, y'' + C y' + K y + P g(S^T y) = 0.
-  !! Allocated only if it has few coordinates and no real modes.
-  type :: few_coordinates
-    !> C and K, shape (n, n); P and S, shape (n, n_dof). Masses are 1.
-    real(wp), allocatable :: damping(:, :), stiffness(:, :), pushed(:, :), seen(:, :)
-  end type few_coordinates
-
   !> Mass and damping of the coordinates do not enter the equations; the mass is only a weight.
   type, extends(polynomial_type) :: structure_type
     type(compliance_type) :: rest
     type(static_form) :: static
-    type(few_coordinates) :: few
     type(structure_load), allocatable :: loads(:)
   contains
     procedure :: dynamic_stiffness
@@ -66,33 +58,6 @@ module viscovib_structure
   end type structure_type
 
 contains
-
-  !> Scale the equations to unit masses; not allocated if the mass is singular.
-  pure subroutine new_few_coordinates(few, mass, damping, stiffness, seen)
-    type(few_coordinates), intent(out) :: few
-    !> M, C and K, shape (n, n), and the directions of the condensed coordinates, shape (n, n_dof).
-    real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :), seen(:, :)
-    complex(wp), dimension(size(mass, 1), size(mass, 1)) :: inverse
-    real(wp) :: left(size(mass, 1), size(mass, 1)), unit(size(mass, 1))
-    logical :: singular
-    integer :: a
-
-    call invert(cmplx(mass, 0.0_wp, wp), inverse, singular)
-    if (singular) return
-    unit = [(sqrt(mass(a, a)), a=1, size(unit))]
-    do a = 1, size(unit)
-      left(a, :) = unit(a)*real(inverse(a, :))
-    end do
-    few%damping = matmul(left, damping)
-    few%stiffness = matmul(left, stiffness)
-    few%pushed = matmul(left, seen)
-    few%seen = seen
-    do a = 1, size(unit)
-      few%damping(:, a) = few%damping(:, a)/unit(a)
-      few%stiffness(:, a) = few%stiffness(:, a)/unit(a)
-      few%seen(a, :) = few%seen(a, :)/unit(a)
-    end do
-  end subroutine new_few_coordinates
 
   !> The forces at mu = k nu. Its flexible motion contains the part with the rate.
   pure subroutine find_push(self, mu, push)

@@ -9,7 +9,7 @@ module viscovib_structure_model
   use viscovib_speed_matrices, only: speed_matrices
   use viscovib_static_form, only: new_static_form
   use viscovib_status, only: fail, set_ok, show, status_input_error, status_type, things
-  use viscovib_structure, only: new_few_coordinates, structure_type, varying_push
+  use viscovib_structure, only: structure_type, varying_push
   use viscovib_structure_elements, only: add_elements, element_type, find_directions, &
     put_laws
   use viscovib_structure_rest, only: modal_damping, new_rest, rest_type
@@ -24,8 +24,6 @@ module viscovib_structure_model
   integer, parameter :: most_terms = 20000
   !> Relative deflections by a rigid body that are rounding errors.
   real(wp), parameter :: unseen = 1.0e-10_wp
-  !> Largest number of coordinates for keeping the matrices if modes are complex.
-  integer, parameter :: most_few = 24
   !> Largest entry of matrices, and of factors and elements.
   real(wp), parameter :: largest = 1.0e40_wp, largest_factor = 1.0e20_wp
 
@@ -218,7 +216,7 @@ contains
                 //' monomials, must be at most '//show(most_terms))
       return
     end if
-    call set_rest(model, system, stiffness, weights, status)
+    call set_rest(model, system, weights, status)
     if (status%failed()) return
     allocate (p%mass(q, q), p%damping(q, q), source=0.0_wp)
     do a = 1, q
@@ -231,11 +229,9 @@ contains
   end subroutine condense
 
   !> Set the linear subsystem of the condensed system from the modes.
-  subroutine set_rest(model, system, stiffness, weights, status)
+  subroutine set_rest(model, system, weights, status)
     type(structure_model), intent(inout) :: model
     type(structure_type), intent(inout) :: system
-    !> Including the linear parts of elements, shape (n, n).
-    real(wp), intent(in) :: stiffness(:, :)
     !> H tends to 1/(weight s^2) at high frequency, shape (q).
     real(wp), allocatable, intent(out) :: weights(:)
     type(status_type), intent(out) :: status
@@ -275,11 +271,6 @@ contains
       call fail(status, status_input_error, 'element', '&element: the deflections see too few ' &
                 //'modes of the structure to be independent')
       return
-    end if
-    if (size(model%rest%poles) > 0 .and. size(model%mass, 1) <= most_few &
-        .and. .not. any(model%rest%idle)) then
-      call new_few_coordinates(system%few, model%mass, model%all_damping(), stiffness, &
-                               matmul(transpose(model%places), model%directions))
     end if
   end subroutine set_rest
 

@@ -22,8 +22,6 @@ STRUCTURE_IN_VECTOR = -3
 _UNSEEN = 1e-10
 #: Size of the array of one part of an expansion to all coordinates.
 _AT_ONCE = 2_000_000
-#: Largest number of coordinates for which the core gets the matrices of the complex modes.
-_FEW = 24
 
 
 class Condensation:
@@ -77,16 +75,7 @@ class Condensation:
             self.seen.ravel(order="F"), _pairs(rest.poles), _pairs(self.left), _pairs(self.right),
             (self.laws.directions.T @ self.flexible).ravel(order="F"),
             (self.laws.directions.T @ self.flexible_rate).ravel(order="F"),
-            *self._matrix_vector,
         ]  # fmt: skip
-
-    @property
-    def _matrix_vector(self) -> list[Any]:
-        """M, C, K and Q, for few coordinates."""
-        if self.rest.matrices is None or self.rest.matrices[0].shape[0] > _FEW:
-            return [[0]]
-        parts = (*self.rest.matrices, self.laws.directions)
-        return [[parts[0].shape[0]], *(part.ravel(order="F") for part in parts)]
 
     def law_vector(self, direction: FloatArray) -> FloatArray:
         """The laws as numbers of a polynomial system in the condensed coordinates.

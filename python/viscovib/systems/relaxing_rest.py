@@ -106,7 +106,7 @@ def relaxing_rest(
     given = None if flexible is None else partial(_flexed, flexible)
     return Rest(
         zero, zero, zero, found.bodies, found.poles, found.left, found.right, given,
-        found.remembered, None, exactly_by(damping), alone[0] if alone else stiffness,
+        found.remembered, exactly_by(damping), alone[0] if alone else stiffness,
         found.relaxing,
     )  # fmt: skip
 

@@ -71,8 +71,6 @@ class Rest(NamedTuple):
     flexibility: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
     #: Initial states of layers in the complex modes.
     remembered: tuple[Remembered, ...] = ()
-    #: M, C and K of the complex modes.
-    matrices: tuple[FloatArray, FloatArray, FloatArray] | None = None
     #: C u with all damping of the complex modes; None: no complex modes.
     resisting: Callable[[FloatArray], FloatArray] | None = None
     #: K and the parts added to it, for all modes; None: with coordinates without mass.
@@ -315,10 +313,9 @@ def _complex_rest(
     if not quiet:
         warn_of_lost_poles(poles, left, right, stiffness)
     none = np.zeros(0)
-    given = mass, damping, stiffness
     return Rest(
-        none, none, none, np.zeros((n, 0)), poles, left, right, matrices=given,
-        resisting=exactly_by(damping), springs=first, relaxing=elastic,
+        none, none, none, np.zeros((n, 0)), poles, left, right, resisting=exactly_by(damping),
+        springs=first, relaxing=elastic,
     )  # fmt: skip
 
 
