@@ -491,8 +491,7 @@ def _has_others(system: Any, base: Any, method: object) -> bool:
         return False
     if system._is_condensed:
         return lacks_wholeness(system) is None
-    has_modes = isinstance(system, PolynomialSystem) and _may_have_modes(system, base)
-    return has_modes and system._modes_in_time is not None
+    return _may_have_modes(system, base) and system._modes_in_time is not None
 
 
 def _may_have_modes(system: Any, base: Any) -> bool:

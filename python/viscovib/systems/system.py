@@ -32,6 +32,8 @@ class System(NearNames):
     _has_own_loads = False
     #: True if motions are computed in modes and deflections of elements.
     _is_condensed = False
+    #: The system in modes for motions in time; None: it has none of its own.
+    _modes_in_time: Any = None
     #: Factor of all kernels.
     _kernel_scale = 1.0
     #: True if matrices depend on the speed of a rotor, which is the frequency of the load.
