@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import viscovib as vv
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*do not reach the tolerance")
@@ -139,3 +140,47 @@ def test_the_slowest_of_many_modes_that_decay_alike_is_not_lost(seed):
         )  # fmt: skip
         largest = np.abs(np.linalg.eigvals(exact)).max()
         assert np.nanmax(np.abs(branch.multipliers[j])) == pytest.approx(largest, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.filterwarnings("ignore::viscovib.StabilityWarning")
+def test_multipliers_of_friction_in_thin_layers(seed):
+    """Friction smoothed by tanh on one coordinate, a hardening spring on another one."""
+    rng = np.random.default_rng(seed)
+    n, width = int(rng.integers(3, 8)), rng.choice([0.02, 0.1])
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    damping = 0.02 * stiffness + np.diag(rng.uniform(0, 0.1, n) * (seed % 2))
+    (slider, spring), sizes = rng.choice(n, 2, replace=False), rng.uniform(0.1, 0.8, 2)
+    force, cubic = sizes.tolist()
+    structure = vv.Structure(
+        mass=np.ones(n), stiffness=stiffness, damping=damping,
+        elements=[
+            vv.Spring(on=f"x{slider + 1}", law=f"{force!r}*tanh(v/{width})"),
+            vv.Spring(on=f"x{spring + 1}", law=f"{cubic!r}*d^3"),
+        ],
+    )  # fmt: skip
+    nu = 1.1 * np.sqrt(np.linalg.eigvalsh(stiffness)[1])
+    found = vv.forced_response(
+        structure, [nu], load={f"x{slider + 1}": 3 * force}, method="newton", harmonics=9,
+        stability=True, coordinates=structure.names,
+    )  # fmt: skip
+    motion, orders = found.coefficients[0], np.asarray(found.harmonics)
+
+    def slopes(t, y):
+        at, waves = y.reshape(2 * n, 2 * n), np.exp(1j * nu * orders * t)
+        springs, drags = stiffness.copy(), damping.copy()
+        speed = (motion[slider] @ (1j * nu * orders * waves)).imag
+        drags[slider, slider] += force / width / np.cosh(speed / width) ** 2
+        springs[spring, spring] += 3 * cubic * (motion[spring] @ waves).imag ** 2
+        return np.vstack([at[n:], -springs @ at[:n] - drags @ at[n:]]).ravel()
+
+    period = 2 * np.pi / nu
+    whole = solve_ivp(
+        slopes, (0, period), np.eye(2 * n).ravel(), method="DOP853", rtol=1e-10, atol=1e-12,
+        max_step=period / 300,
+    )  # fmt: skip
+    expected = np.linalg.eigvals(whole.y[:, -1].reshape(2 * n, 2 * n))
+    multipliers = found.multipliers[0][np.isfinite(found.multipliers[0])]
+    assert multipliers.size >= 8
+    for one in multipliers:
+        assert np.abs(expected - one).min() < 1e-8
